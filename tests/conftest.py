@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ctypes
+import functools
 import os
 import socket
 import subprocess
@@ -31,6 +33,8 @@ from tests.small_suite import rendered_into, small_suite
 from tests.studio.browser import FLAGS, chromium
 
 ROOT = Path(__file__).parent.parent
+CACHED = type(functools.cache(len))
+CACHING = ("mirrorcam.optics.", "mirrorcam.cad.", "mirrorcam.render_scenes.")
 
 settings.register_profile("few", parent=settings.default, max_examples=20, deadline=None)
 settings.load_profile("few")
@@ -44,6 +48,20 @@ def pytest_configure(config: pytest.Config) -> None:
     if config.getoption("dist", "no") != "no":
         for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "OPENCV_FOR_THREADS_NUM"):
             os.environ.setdefault(variable, "1")
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> None:
+    """After each module, drop what it has cached and return freed memory to the system, so that workers stay small."""
+    if nextitem is not None and nextitem.path == item.path:
+        return
+    for name, module in list(sys.modules.items()):
+        if module is getattr(item, "module", None) or name.startswith(CACHING):
+            for value in list(vars(module).values()):
+                if isinstance(value, CACHED):
+                    value.cache_clear()
+    if sys.platform == "linux":  # glibc keeps what threads have used; musl has no such call
+        getattr(ctypes.CDLL(None), "malloc_trim", int)(0)
 
 
 @pytest.fixture(scope="session")

@@ -1,14 +1,14 @@
-"""How each mirror is turned from its design, by edges of sub-images and, better, by points that views share.
+"""Measurement of each mirror's tilt from its design, by edges of sub-images or by points matched between views.
 
-Only frames of any scene and the nominal layout are needed. There are two sources:
+It needs only frames of any scene and the nominal layout. There are two sources:
 
-- edges: where each mirror's sub-image ends. Edges lie on the mirror and hardly move when it turns: a tilt of 0.4
-  degrees lifts an edge 10 mm from the middle by 0.07 mm, about a pixel, and a mirror that is cut 0.1 mm too large, or
-  is shifted by 0.2 mm, moves its edges as much. The Cramer-Rao bound of the default device is 0.15 to 0.3 degrees,
-  however sharp the edges are seen, and outer mirrors with two edges on the sensor determine one axis of the two at
-  most. Edges do show how the camera sits, and which mirror is far from its place.
-- scene: the image in a mirror moves by twice its turn. Points that several views share determine turns to hundredths of
-  a degree, where the scene has texture.
+- edges: the borders of each mirror's sub-image. Edges lie on the mirror and hardly move when it turns: a tilt of 0.4
+  degrees lifts an edge 10 mm from the centre by 0.07 mm, about a pixel. A mirror that is cut 0.1 mm too large or
+  shifted by 0.2 mm moves its edges as much. The Cramer-Rao bound for the default device is 0.15 to 0.3 degrees, however
+  sharp the edges are, and outer mirrors with two edges on the sensor determine at most one of two axes. Edges do show
+  the pose of the camera and misplaced mirrors.
+- scene: the image in a mirror rotates by twice the mirror's turn. Points matched between views of a textured scene
+  determine turns to hundredths of a degree.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ from numpy.typing import NDArray
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.alignment.build_errors import CAMERA, BuildErrors, BuiltDevice
-from mirrorcam.optics.alignment.edge_profiles import Stations, edges_light, profiles, stations
-from mirrorcam.optics.drift.drift import LEAST_POINTS, deflated, understood
+from mirrorcam.optics.alignment.edge_profiles import Stations, edge_residuals, profiles, stations
+from mirrorcam.optics.drift.drift import LEAST_POINTS, deflated, explained_matches
 from mirrorcam.optics.drift.matched_points import MatchedPoints, PointMatcher
 from mirrorcam.optics.drift.mirror_motions import (
     COMMON_DEG,
@@ -33,9 +33,9 @@ from mirrorcam.optics.drift.mirror_motions import (
     all_rows,
     common_covariance,
     common_motions,
+    mirror_covariance,
     mirror_rows,
     own_motion,
-    placed,
     turn_of_centre,
 )
 from mirrorcam.optics.drift.scene_fit import SceneFit, parameter_names
@@ -43,36 +43,36 @@ from mirrorcam.optics.geometry.layout import Layout
 
 Source = Literal["edges", "scene"]
 DETERMINED = 0.7
-"""A tilt is determined where its standard deviation is less than this part of the one before the measurement."""
+"""A tilt is determined if the measurement reduces its standard deviation to less than this fraction of the prior's."""
 SMOOTH_PX = (20.0, 10.0, 4.0, 0.0)
-"""The picture is smoothed so, to find edges that are far from where they were designed to be."""
+"""Smoothing of the picture in successive fits, to find edges far from their design positions."""
 ROUNDS = 6
 HEAVY = 2.0
-"""Stations whose squared residuals are more than that many times as large as their noise count less."""
+"""Reduced chi squared of a station above which its weight is reduced."""
 MOST_STEP_PX = 8.0
 FARTHEST_PX, SEARCH_PX = 40.0, 4.0
-"""How far all edges together may be from their places, and steps in which that is searched."""
+"""Range and step of the search for a common shift of all edges."""
 KNOWN_PX = 3.0
-"""A station that locates an edge less precisely by itself does not count."""
+"""Largest standard deviation of an edge's position from a single station that is reported."""
 DECENTRED = 1e-3
 """Standard deviation of the decentring terms of a lens."""
 
 
 @dataclass(frozen=True)
 class MirrorTilt:
-    """The tilt of one mirror as pictures show it.
+    """The measured tilt of one mirror.
 
     Attributes
     ----------
     index
-        Of the mirror.
+        Index of the mirror.
     right_deg, down_deg
-        Angles by which the mirror is turned from its design, about the axes of its plane: positive where its view turns
-        to the right and down, by about twice as much. NaN where the pictures do not determine it.
+        Angles between the mirror and its design about the axes of its plane, positive if its view turns right and down,
+        by about twice these angles. NaN if the pictures do not determine them.
     sigma_deg
         Standard deviations of both.
     estimate_deg
-        The most likely tilts, right and down, also where the pictures hardly determine them: near 0 then.
+        Most likely tilts, right and down; near 0 if the pictures hardly determine them.
     """
 
     index: int
@@ -88,7 +88,7 @@ class MirrorTilt:
 
     @property
     def words(self) -> str:
-        """The tilt in words: "0.40° left, 0.20° up"; a tilt below its standard deviation is left out."""
+        """The tilt in words: "0.40° left, 0.20° up", without tilts below their standard deviation."""
         parts = []
         for value, sigma, names in zip(
             (self.right_deg, self.down_deg), self.sigma_deg, (("left", "right"), ("up", "down")), strict=True
@@ -100,22 +100,22 @@ class MirrorTilt:
 
 @dataclass(frozen=True, eq=False)
 class Alignment:
-    """The errors of a device as pictures show them, by one source.
+    """The errors of a device measured with one source.
 
     Attributes
     ----------
     source
         The source.
     mirrors
-        The tilt of each mirror.
+        Tilt of each mirror.
     camera_shift_mm, camera_shift_sigma_mm
-        How the pupil is shifted (3,) from its place in the holder, in rig.
+        Shift (3,) of the pupil in the holder, in rig, and its standard deviations.
     camera_turn_deg, camera_turn_sigma_deg
-        How the camera is turned (3,) in the holder, a rotation vector in rig.
+        Rotation vector (3,) of the camera in the holder, in rig, and its standard deviations.
     edges
-        The fit to edges; None of the scene.
+        The fit to edges; None for the source "scene".
     points
-        Number of points of the scene; 0 of edges.
+        Number of points of the scene; 0 for the source "edges".
     """
 
     source: Source
@@ -129,27 +129,27 @@ class Alignment:
 
 
 def view_turns(layout: Layout, index: int) -> FloatArray:
-    """Signs (2,): of a view's turn to the right by a tilt about the mirror's own y, and of one down by one about x."""
+    """Signs (2,) of a view's turn right for a tilt about the mirror's y, and of its turn down for a tilt about x."""
     mirror = layout.mirrors[index].apparent
     frame, normal = mirror.rig_from_plane, mirror.normal_in_rig
     ray = frame[:3, 3] / np.linalg.norm(frame[:3, 3])
     signs = np.ones(2)
-    for place, (axis, which) in enumerate(((1, 0), (0, 1))):
+    for k, (axis, which) in enumerate(((1, 0), (0, 1))):
         change = np.cross(frame[:3, axis], normal)
         turned = -2.0 * ((change @ ray) * normal + (normal @ ray) * change)
-        signs[place] = 1.0 if (layout.view_from_rig @ turned)[which] >= 0.0 else -1.0
+        signs[k] = 1.0 if (layout.view_from_rig @ turned)[which] >= 0.0 else -1.0
     return signs
 
 
-def mirror_tilt(layout: Layout, index: int, tilts: FloatArray, covariance: FloatArray, before_deg: float) -> MirrorTilt:
-    """The tilt of a mirror by its turns (2,) about its own x and y, rad, with their covariance (2, 2).
+def mirror_tilt(layout: Layout, index: int, tilts: FloatArray, covariance: FloatArray, prior_deg: float) -> MirrorTilt:
+    """The tilt of a mirror from its turns (2,) about its own x and y, rad, and their covariance (2, 2).
 
-    `before_deg` is the standard deviation that was known before.
+    `prior_deg` is the standard deviation before the measurement.
     """
     right, down = view_turns(layout, index)
     sigma = np.degrees(np.sqrt(np.maximum(np.diag(covariance), 0.0)))[::-1]
     value = np.degrees(np.array([right * tilts[1], down * tilts[0]]))
-    known = np.where(sigma < DETERMINED * before_deg, value, np.nan)
+    known = np.where(sigma < DETERMINED * prior_deg, value, np.nan)
     deviation, estimate = (float(sigma[0]), float(sigma[1])), (float(value[0]), float(value[1]))
     return MirrorTilt(index, float(known[0]), float(known[1]), deviation, estimate)
 
@@ -157,7 +157,7 @@ def mirror_tilt(layout: Layout, index: int, tilts: FloatArray, covariance: Float
 def grey_light(frames: Sequence[NDArray[np.uint8]], layout: Layout) -> NDArray[np.float32]:
     """The mean (h, w) of frames (h, w, 3) in RGB or (h, w), grey levels.
 
-    Raises InputError where there is none, or one of another size than the layout's camera's.
+    Raises InputError without frames, and for frames whose size differs from the layout's camera.
     """
     if not frames:
         raise InputError("no frame is given, expected one or more")
@@ -172,14 +172,14 @@ def grey_light(frames: Sequence[NDArray[np.uint8]], layout: Layout) -> NDArray[n
 
 
 class EdgeAligner:
-    """Measures by the edges of sub-images how the mirrors of one layout are turned; keep one for all frames.
+    """Measures the tilts of a layout's mirrors by the edges of sub-images; reuse it for all frames.
 
     Parameters
     ----------
     layout
         The nominal layout.
     errors
-        What errors of building are expected; by default those of a device made by hand.
+        Expected build errors; by default of a device made by hand.
     """
 
     def __init__(self, layout: Layout, errors: BuildErrors | None = None) -> None:
@@ -187,12 +187,12 @@ class EdgeAligner:
         self._fitter = EdgeFitter(BuiltDevice(layout, self.errors))
 
     def align(self, frames: Sequence[NDArray[np.uint8]], near: Alignment | None = None) -> Alignment:
-        """The alignment by the mean of frames (h, w, 3) or (h, w); the more the scene changes between them, the better.
+        """The alignment measured in the mean of frames (h, w, 3) or (h, w).
 
-        A white sheet before the mirrors is best. With `near`, an earlier alignment of the same device, the search
-        starts there, ten times as fast.
+        A white sheet in front of the mirrors is best; otherwise, the scene should change between frames. `near` is an
+        earlier alignment of the same device; starting there is ten times as fast.
 
-        Raises InputError for no frames, or of another size than the layout's camera's.
+        Raises InputError without frames, and for frames whose size differs from the layout's camera.
         """
         start = None if near is None or near.edges is None else near.edges.errors
         fit = self._fitter.fit(grey_light(frames, self.layout), start)
@@ -216,20 +216,20 @@ class EdgeAligner:
 
 @dataclass(frozen=True, eq=False)
 class EdgeFit:
-    """The errors of a device as edges show them.
+    """The build errors of a device fitted to edges.
 
     Attributes
     ----------
     device, seen
         The device and the stations.
     errors, covariance
-        The errors (p,) of `BuiltDevice`, and their covariance (p, p).
+        Errors (p,) of `BuiltDevice`, and their covariance (p, p).
     offset_px
-        Offsets (n, 2) of the edges at the stations from where they were designed, along `out`.
+        Offsets (n, 2) of the edges at the stations from their design, along `out`.
     own_px, own_sigma_px
-        The offset (n, 2) by each station alone, and its standard deviation; NaN where it is not determined.
+        Offset (n, 2) from each station alone, and its standard deviation; NaN if it is not determined.
     cost
-        Mean absolute light, grey levels, that is left.
+        Median reduced chi squared of the stations.
     """
 
     device: BuiltDevice
@@ -243,7 +243,7 @@ class EdgeFit:
 
     @property
     def seen_points(self) -> tuple[FloatArray, FloatArray]:
-        """Points (n, 2) of edges as designed, and where they are seen, of all stations that locate their edge, px."""
+        """Pixels (n, 2) of edges as designed and as measured, for all stations that locate their edge."""
         designed, seen = [], []
         for edge, apart in enumerate((np.zeros_like(self.seen.apart_px), self.seen.apart_px)):
             known = np.isfinite(self.own_px[:, edge])
@@ -254,16 +254,16 @@ class EdgeFit:
 
 
 class EdgeFitter:
-    """Fits the errors of building of one layout to pictures; keep one for all pictures."""
+    """Fits the build errors of a layout to pictures; reuse it for all pictures."""
 
     def __init__(self, device: BuiltDevice) -> None:
         self.device = device
         self.seen = stations(device)
 
     def fit(self, picture: NDArray[np.float32], start: FloatArray | None = None) -> EdgeFit:
-        """Fit to a picture (h, w) of light, from the smoothest picture to the sharpest.
+        """Fit to a picture (h, w) of light, first smoothed strongly, then less.
 
-        With `start`, errors (p,) that were found before, only the sharpest.
+        `start` are errors (p,) from an earlier fit; then only the sharp picture is used.
         """
         errors = self._started(picture) if start is None else start
         for smooth in SMOOTH_PX if start is None else SMOOTH_PX[-1:]:
@@ -275,7 +275,7 @@ class EdgeFitter:
         return self._result(picture, errors)
 
     def _started(self, image: NDArray[np.float32]) -> FloatArray:
-        """Errors (p,) of the camera's seat that move all edges together to where it is darkest."""
+        """Errors (p,) of the camera's pose that shift all edges together to the darkest positions."""
         seen = self.seen
         smoothed: Any = cv2.GaussianBlur(image, (0, 0), SEARCH_PX)
         middle = np.where(seen.paired, seen.apart_px / 2.0, seen.blur_px[:, 0])
@@ -283,11 +283,12 @@ class EdgeFitter:
         best, chosen = np.inf, np.zeros(2)
         for right in np.arange(-FARTHEST_PX, FARTHEST_PX + 1.0, SEARCH_PX):
             for down in np.arange(-FARTHEST_PX, FARTHEST_PX + 1.0, SEARCH_PX):
-                lit = [self._light_at(smoothed, each, np.array([right, down])) for each in (middle, inner, outer)]
-                beside = np.where(seen.paired, np.minimum(lit[1], lit[2]), lit[1])
-                part = float(np.nanmean(lit[0] / (beside + 4.0))) + 0.1 * (right**2 + down**2) / FARTHEST_PX**2
-                if part < best:
-                    best, chosen = part, np.array([right, down])
+                shift = np.array([right, down])
+                dark, inside, outside = (self._light_at(smoothed, each, shift) for each in (middle, inner, outer))
+                bright = np.where(seen.paired, np.minimum(inside, outside), inside)
+                cost = float(np.nanmean(dark / (bright + 4.0))) + 0.1 * (right**2 + down**2) / FARTHEST_PX**2
+                if cost < best:
+                    best, chosen = cost, shift
         _, jacobian = self._offsets(np.zeros(self.device.count))
         by, wanted = jacobian[:, 0, :CAMERA], seen.out @ chosen
         errors = np.zeros(self.device.count)
@@ -295,7 +296,7 @@ class EdgeFitter:
         return errors
 
     def _light_at(self, image: Any, out_px: FloatArray, shift_px: FloatArray) -> FloatArray:
-        """Light (n,) at distances out of the stations, all shifted; NaN off the picture."""
+        """Light (n,) at distances along `out` from the shifted stations; NaN outside the picture."""
         at = np.rint(self.seen.place + out_px[:, None] * self.seen.out + shift_px).astype(np.int64)
         height, width = image.shape
         inside = ((at >= 0) & (at < [width, height])).all(axis=1)
@@ -303,7 +304,7 @@ class EdgeFitter:
         return np.where(inside, image[at[:, 1], at[:, 0]], np.nan)
 
     def _offsets(self, errors: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Offsets (n, 2) of both edges along `out`, and their derivatives (n, 2, p)."""
+        """Offsets (n, 2) of both edges along `out`, and their derivatives (n, 2, p) by the errors."""
         seen, offsets, jacobians = self.seen, [], []
         for points, designed in ((seen.own, 0.0), (seen.other, seen.apart_px)):
             at, jacobian = self.device.pixels_with_jacobian(points, errors)
@@ -313,41 +314,41 @@ class EdgeFitter:
         return np.where(np.isfinite(offset), offset, 0.0), np.nan_to_num(jacobian)
 
     def _linear(self, image: NDArray[np.float32], errors: FloatArray, smooth: float) -> tuple[FloatArray, ...]:
-        """Offsets and their derivatives, and of each station the information (n, 2, 2) and pull (n, 2) on them."""
+        """Offsets with derivatives, and each station's information (n, 2, 2), score (n, 2) and reduced chi squared."""
         offset, jacobian = self._offsets(errors)
-        given = profiles(image, self.seen, offset, smooth)
-        rest, change = edges_light(given, self.seen, offset, smooth)
-        count = np.maximum(given.weight.sum(axis=1) - 3.0, 1.0)
-        squares = (rest**2).sum(axis=1) / count
-        # Stations that the model does not explain count less.
+        measured = profiles(image, self.seen, offset, smooth)
+        residual, by_offset = edge_residuals(measured, self.seen, offset, smooth)
+        count = np.maximum(measured.weight.sum(axis=1) - 3.0, 1.0)
+        squares = (residual**2).sum(axis=1) / count
+        # Stations that the model does not explain have less weight.
         weight = 1.0 / np.maximum(squares, 1.0) / (1.0 + np.maximum(squares - HEAVY, 0.0))
-        by = change @ np.swapaxes(change, 1, 2) * weight[:, None, None]
-        pull = (change @ rest[..., None])[..., 0] * weight[:, None]
-        return offset, jacobian, by, pull, squares
+        information = by_offset @ np.swapaxes(by_offset, 1, 2) * weight[:, None, None]
+        score = (by_offset @ residual[..., None])[..., 0] * weight[:, None]
+        return offset, jacobian, information, score, squares
 
     def _step(self, image: NDArray[np.float32], errors: FloatArray, smooth: float) -> FloatArray:
-        _, jacobian, by, pull, _ = self._linear(image, errors, smooth)
-        hessian = np.einsum("nap,nab,nbq->pq", jacobian, by, jacobian, optimize=True) + np.eye(len(errors))
-        gradient = np.einsum("nap,na->p", jacobian, pull) - errors
+        _, jacobian, information, score, _ = self._linear(image, errors, smooth)
+        hessian = np.einsum("nap,nab,nbq->pq", jacobian, information, jacobian, optimize=True) + np.eye(len(errors))
+        gradient = np.einsum("nap,na->p", jacobian, score) - errors
         step = np.linalg.solve(hessian, gradient)
         shift = np.abs(jacobian @ step).max()
         return np.asarray(step * min(1.0, MOST_STEP_PX / max(float(shift), 1e-12)))
 
     def _result(self, image: NDArray[np.float32], errors: FloatArray) -> EdgeFit:
-        offset, jacobian, by, pull, squares = self._linear(image, errors, 0.0)
-        information = np.einsum("nap,nab,nbq->pq", jacobian, by, jacobian, optimize=True)
-        # The offset by each station alone: the scatter of these shows how well the model explains them.
-        inverse = np.linalg.inv(information + np.eye(len(errors)))
+        offset, jacobian, information, score, squares = self._linear(image, errors, 0.0)
+        total = np.einsum("nap,nab,nbq->pq", jacobian, information, jacobian, optimize=True)
+        covariance = np.linalg.inv(total + np.eye(len(errors)))
+        # The scatter of the offsets from single stations shows how well the model explains them.
         with np.errstate(divide="ignore", invalid="ignore"):
-            alone = np.diagonal(by, axis1=1, axis2=2)
-            own, sigma = offset + pull / alone, 1.0 / np.sqrt(alone)
+            alone = np.diagonal(information, axis1=1, axis2=2)
+            own, sigma = offset + score / alone, 1.0 / np.sqrt(alone)
         known = sigma < KNOWN_PX
         known[:, 1] &= self.seen.paired
         return EdgeFit(
             self.device,
             self.seen,
             errors,
-            inverse,
+            covariance,
             offset,
             np.where(known, own, np.nan),
             np.where(known, sigma, np.nan),
@@ -356,16 +357,19 @@ class EdgeFitter:
 
 
 class SceneAligner:
-    """Measures how the mirrors of one layout are turned by points that its views share; keep one for all frames.
+    """Measures the tilts of a layout's mirrors by points matched between views; reuse it for all frames.
 
     Parameters
     ----------
     layout
-        The nominal layout, of three mirrors or more.
+        The nominal layout, with at least three mirrors.
     errors
-        What errors of building are expected; by default those of a device made by hand.
+        Expected build errors; by default of a device made by hand.
 
-    Raises InputError where the views have no common field.
+    Raises
+    ------
+    InputError
+        If the views have no common field.
     """
 
     def __init__(self, layout: Layout, errors: BuildErrors | None = None) -> None:
@@ -374,34 +378,34 @@ class SceneAligner:
         self._names = parameter_names(layout)
 
     def align(self, frames: Sequence[NDArray[np.uint8]]) -> Alignment:
-        """The alignment by frames (h, w, 3) in RGB; nothing is determined where the views share too few points."""
+        """The alignment measured in frames (h, w, 3) in RGB; nothing is determined if too few points are matched."""
         layout, names, mirrors = self.layout, self._names, self.layout.mirrors
         own = {k: own_motion(mirror, self.errors.tilt_deg, self.errors.lift_mm) for k, mirror in enumerate(mirrors)}
-        prior = placed(own, names) + common_covariance(layout, names) + self._lens()
+        prior = mirror_covariance(own, names) + common_covariance(layout, names) + self._lens()
         matches = MatchedPoints.joined([self._matcher.match(frame) for frame in frames])
         shown = np.bincount(matches.view, minlength=len(mirrors))
         if (shown >= LEAST_POINTS).sum() < 2:
-            return self._nothing()
-        matches = understood(layout, matches, prior)
+            return self._undetermined()
+        matches = explained_matches(layout, matches, prior)
         shown = np.bincount(matches.view, minlength=len(mirrors))
         if (shown >= LEAST_POINTS).sum() < 2:
-            return self._nothing()
+            return self._undetermined()
         information, gradient = deflated(SceneFit(layout, matches, prior).solve())
         inside = np.eye(len(prior)) + information @ prior
-        found = np.linalg.solve(inside, np.column_stack([gradient, information]))
-        pull, stiffness = found[:, 0], found[:, 1:]
+        solution = np.linalg.solve(inside, np.column_stack([gradient, information]))
+        score, marginal = solution[:, 0], solution[:, 1:]
         tilts = []
         for k, block in own.items():
             rows, plane = mirror_rows(names, k), mirrors[k].rig_from_plane[:3, :2]
-            by = plane.T @ turn_of_centre(layout, names, k)[:, rows]
-            spread = by @ (block - block @ stiffness[np.ix_(rows, rows)] @ block) @ by.T
-            tilts.append(mirror_tilt(layout, k, by @ block @ pull[rows], spread, self.errors.tilt_deg))
+            by_centre = plane.T @ turn_of_centre(layout, names, k)[:, rows]
+            covariance = by_centre @ (block - block @ marginal[np.ix_(rows, rows)] @ block) @ by_centre.T
+            tilts.append(mirror_tilt(layout, k, by_centre @ block @ score[rows], covariance, self.errors.tilt_deg))
         motions, rows = common_motions(layout)[:, :6], all_rows(layout, names)
         size = np.array([COMMON_DEG] * 3 + [COMMON_MM] * 3)
-        common = size * (motions.T @ pull[rows])
-        left = np.eye(6) - motions.T @ stiffness[np.ix_(rows, rows)] @ motions
-        sigma = size * np.sqrt(np.maximum(np.diag(left), 0.0))
-        # Mirrors that all turn together before the camera are a camera that turns the other way.
+        common = size * (motions.T @ score[rows])
+        covariance = np.eye(6) - motions.T @ marginal[np.ix_(rows, rows)] @ motions
+        sigma = size * np.sqrt(np.maximum(np.diag(covariance), 0.0))
+        # A common turn of all mirrors is equivalent to the opposite turn of the camera.
         return Alignment(
             "scene", tuple(tilts), -common[3:], sigma[3:], -common[:3], sigma[:3], points=len(matches.frame)
         )
@@ -414,13 +418,13 @@ class SceneAligner:
         sigma |= dict.fromkeys(("cx_px", "cy_px"), errors.centre_px)
         sigma |= dict(zip(camera.intrinsic_names[4:], (*errors.lens, DECENTRED, DECENTRED), strict=False))
         covariance = np.diag([sigma.get(name, 0.0) ** 2 for name in names])
-        # Pixels are square: both focal lengths are off together.
+        # Pixels are square: both focal lengths have the same error.
         fx, fy = names.index("fx_px"), names.index("fy_px")
         covariance[fx, fy] = covariance[fy, fx] = 0.9999 * covariance[fx, fx]
         return covariance
 
-    def _nothing(self) -> Alignment:
-        nan, before = float("nan"), self.errors.tilt_deg
-        mirrors = tuple(MirrorTilt(k, nan, nan, (before, before)) for k in range(len(self.layout.mirrors)))
+    def _undetermined(self) -> Alignment:
+        nan, prior = float("nan"), self.errors.tilt_deg
+        mirrors = tuple(MirrorTilt(k, nan, nan, (prior, prior)) for k in range(len(self.layout.mirrors)))
         unknown = np.full(3, np.nan)
         return Alignment("scene", mirrors, unknown, np.full(3, COMMON_MM), unknown, np.full(3, COMMON_DEG))

@@ -1,4 +1,4 @@
-"""Errors of building that move the edges of sub-images: of the camera's seat and lens, of mirrors and of their cut."""
+"""Build errors that move the edges of sub-images: in the camera's pose and lens, and in the mirrors' poses and cuts."""
 
 from __future__ import annotations
 
@@ -17,31 +17,31 @@ from mirrorcam.optics.geometry.layout import Layout
 IntArray = NDArray[np.int64]
 
 CAMERA = 11
-"""Errors of the camera: shift (3), turn (3), focal length (1), principal point (2), the first terms of the lens (2)."""
+"""Number of camera errors: shift (3), turn (3), focal length (1), principal point (2), first terms of the lens (2)."""
 RIGID = 6
-"""Errors of a mirror as a rigid body, in its own frame: turns about x, y and the normal (3), and shifts (3)."""
+"""Number of a mirror's rigid-body errors, in its own frame: turns about x, y and the normal (3), and shifts (3)."""
 STEP = 1e-3
-"""Step of derivatives, in standard deviations."""
+"""Step of finite differences, in standard deviations."""
 
 
 @dataclass(frozen=True)
 class BuildErrors:
-    """Standard deviations of errors of building before any picture is taken.
+    """Prior standard deviations of build errors.
 
     Attributes
     ----------
     tilt_deg, twist_deg
-        Turns of a mirror about either axis of its plane, and about its normal.
+        Turns of a mirror about each axis of its plane, and about its normal.
     lift_mm, slide_mm
-        Shifts of a mirror along its normal, and along either axis of its plane.
+        Shifts of a mirror along its normal, and along each axis of its plane.
     cut_mm
-        How far each edge is from where it should be cut.
+        Shift of each cut edge.
     camera_mm, camera_deg
-        Shifts of the camera along each axis, and its turns about each.
+        Shifts of the camera along each axis, and its turns about each axis.
     focal_percent, centre_px
         Focal length and principal point.
     lens
-        First two terms of the lens's distortion.
+        First two terms of the distortion.
     """
 
     tilt_deg: float = 0.5
@@ -57,14 +57,14 @@ class BuildErrors:
 
     @classmethod
     def of(cls, layout: Layout) -> Self:
-        """What is known of a layout: of a calibrated one the camera is, but not its seat and mirrors since then."""
+        """Errors for a layout: after a calibration, the lens is known, but poses may have changed since."""
         if layout.kind == "calibrated":
             return cls(focal_percent=0.1, centre_px=1.0, lens=(0.005, 0.01))
         return cls()
 
     @property
     def camera(self) -> FloatArray:
-        """Standard deviations (CAMERA,) in mm, rad, parts and px."""
+        """Standard deviations (CAMERA,) in mm, rad, fractions and px."""
         turn = np.deg2rad(self.camera_deg)
         seat = [self.camera_mm] * 3 + [turn] * 3
         return np.array([*seat, self.focal_percent / 100.0, self.centre_px, self.centre_px, *self.lens])
@@ -78,7 +78,7 @@ class BuildErrors:
 
 @dataclass(frozen=True, eq=False)
 class EdgePoints:
-    """Points of edges: numbers (n,) of their mirrors and edges, and how far (n,) along the edge they are, 0 to 1."""
+    """Points on edges: indices (n,) of mirror and edge, and the position (n,) along the edge, 0 to 1."""
 
     mirror: IntArray
     edge: IntArray
@@ -86,9 +86,9 @@ class EdgePoints:
 
 
 class BuiltDevice:
-    """A layout with errors of building, as numbers (p,) in units of their standard deviations.
+    """A layout with build errors (p,) in units of their standard deviations.
 
-    First those of the camera, then those of each mirror: as a rigid body, and of each of its edges.
+    The camera's errors come first, then each mirror's: its rigid-body errors and the errors of its edges.
     """
 
     def __init__(self, layout: Layout, errors: BuildErrors) -> None:
@@ -111,24 +111,24 @@ class BuiltDevice:
         return len(self.sigma)
 
     def tilts(self, mirror: int) -> slice:
-        """Places of the two tilts of a mirror among the errors."""
+        """Indices of a mirror's two tilts among the errors."""
         return slice(int(self.starts[mirror]), int(self.starts[mirror]) + 2)
 
     @cached_property
     def _by_mirror(self) -> list[IntArray]:
-        """The errors that may be changed at once, as none moves what another does: one of each mirror."""
+        """Groups of errors with disjoint effects, one per mirror, for which one finite difference suffices."""
         most = RIGID + max(self.edges)
         starts, ends = self.starts[:-1], self.starts[1:]
         return [(starts + place)[starts + place < ends] for place in range(most)]
 
     def pixels(self, points: EdgePoints, errors: FloatArray) -> FloatArray:
-        """Where points of edges appear (n, 2), with errors (p,)."""
+        """Pixels (n, 2) of points on edges, with errors (p,)."""
         sized = errors * self.sigma
-        seen = self._in_camera(self._in_holder(points, sized), sized)
-        return _with_lens(self.layout.camera, sized[6:CAMERA]).project(seen)
+        in_camera = (self._in_holder(points, sized) - sized[:3]) @ Rotation.from_rotvec(sized[3:6]).as_matrix()
+        return _with_lens(self.layout.camera, sized[6:CAMERA]).project(in_camera)
 
     def depths_mm(self, points: EdgePoints) -> FloatArray:
-        """Depths (n,) of points of edges along the camera's axis, without errors."""
+        """Depths (n,) of points on edges along the camera's axis, without errors."""
         return self._in_holder(points, np.zeros(self.count))[:, 2]
 
     def pixels_with_jacobian(self, points: EdgePoints, errors: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -146,7 +146,7 @@ class BuiltDevice:
         return at, jacobian
 
     def _in_holder(self, points: EdgePoints, sized: FloatArray) -> FloatArray:
-        """Points (n, 3) of edges in the rig as designed, mm."""
+        """Points (n, 3) on edges in the nominal rig frame, mm."""
         mirror, edge = points.mirror, points.edge
         following = (edge + 1) % np.array(self.edges)[mirror]
         start, end = self._corners[mirror, edge], self._corners[mirror, following]
@@ -162,10 +162,6 @@ class BuiltDevice:
         frames = self._frames[mirror]
         return np.asarray(np.einsum("nij,nj->ni", frames[:, :3, :3], moved) + frames[:, :3, 3])
 
-    def _in_camera(self, points: FloatArray, sized: FloatArray) -> FloatArray:
-        """Points (n, 3) in the frame of the camera as it sits."""
-        return np.asarray((points - sized[:3]) @ Rotation.from_rotvec(sized[3:6]).as_matrix())
-
 
 def _moved(errors: FloatArray, places: IntArray) -> FloatArray:
     moved = errors.copy()
@@ -174,7 +170,7 @@ def _moved(errors: FloatArray, places: IntArray) -> FloatArray:
 
 
 def _with_lens(camera: Camera, change: FloatArray) -> Camera:
-    """A camera with another focal length (a part), principal point (px) and first terms of its distortion."""
+    """A camera with changed focal length (relative), principal point (px) and first terms of distortion."""
     intrinsics = camera.intrinsics.copy()
     intrinsics[:2] *= 1.0 + change[0]
     intrinsics[2:4] += change[1:3]

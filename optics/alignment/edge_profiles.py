@@ -1,9 +1,9 @@
-"""Brightness across the edges of sub-images, and the light that mirrors with blurred edges give there.
+"""Brightness profiles across the edges of sub-images, and the model of the light there.
 
-A lens sees the edge of a mirror, which is far nearer than what is in focus, blurred over the circle of confusion: the
-part of the pupil that the mirror serves falls from all to nothing over it. A profile across an edge is the light of the
-mirror times that part, the same of the neighbour where its edge is near, and stray light. What the mirrors show is
-taken for even but for a slope.
+The edge of a mirror is far nearer than the focus, so the lens blurs it over the circle of confusion, across which the
+unvignetted fraction of the pupil falls from one to zero. The model of a profile is the mirror's light times this
+fraction, plus the same for a neighbour whose edge is near, plus stray light. The light of the scene in each mirror is
+constant up to a random texture.
 """
 
 from __future__ import annotations
@@ -21,46 +21,46 @@ from mirrorcam.optics.alignment.build_errors import BuiltDevice, EdgePoints
 from mirrorcam.optics.geometry.camera import Camera
 
 STATIONS = 7
-"""Profiles across an edge, each the mean over its part of it: what the mirror shows there becomes more even."""
+"""Number of profiles across an edge; each averages its section of the edge, which evens out the scene."""
 LINES = 16
-"""Lines that a profile is the mean of."""
+"""Number of lines averaged for a profile."""
 ENDS = 0.12
-"""Part of an edge, at either end, that is left out: the next edge is near."""
+"""Fraction of an edge, at each end, to skip because the next edge is near."""
 REACH_PX = 64.0
 STEP_PX = 2.0
 LEAST_REACH_PX = 14.0
-"""To either side of an edge, beyond its blur."""
+"""Reach of a profile on each side of an edge, beyond its blur."""
 MIN_LENGTH_PX = 60.0
 TEXTURE_PX = (4.0, 12.0, 40.0)
-"""Lengths over which textures are alike."""
+"""Correlation lengths of textures."""
 LEAST_TEXTURE = 0.05
-"""Texture of what mirrors show, as a part of its light, at least."""
+"""Least standard deviation of a texture, relative to its light."""
 DARK = 0.02
 NOISE_GREY = 0.5
-"""Of a profile, a mean of pixels."""
+"""Noise of a profile, which averages pixels."""
 LENS_PX = 0.9
-"""Sigma of the blur of a lens in focus, and of a pixel."""
+"""Sigma of the combined blur of a lens in focus and a pixel."""
 NODES = 12
 _ANGLES = np.pi * np.arange(1, NODES + 1) / (NODES + 1)
 _CHORD, _WEIGHT = np.cos(_ANGLES), 2.0 * np.sin(_ANGLES) ** 2 / (NODES + 1)
-"""Gauss-Chebyshev rule of the second kind: of the light across a disc."""
+"""Gauss-Chebyshev rule of the second kind, for integrals across a disc."""
 
 
 @dataclass(frozen=True, eq=False)
 class Stations:
-    """Places across the edges of sub-images on the sensor.
+    """Positions of profiles across the edges of sub-images.
 
     Attributes
     ----------
     place, out
         Pixel (n, 2) of each station, and the unit vector (n, 2) out of its mirror.
     own, other
-        The points of the edge there, and of the neighbour's edge that the profile meets; where there is none, `other`
-        is the same as `own`.
+        Points of the edge, and of the neighbour's edge that the profile meets; without a neighbour, `other` equals
+        `own`.
     wide_px
-        Lengths (n,) of the edge that profiles are means over.
+        Lengths (n,) of the edge's sections that profiles average.
     paired
-        Whether (n,) there is a neighbour.
+        Mask (n,) of stations with a neighbour.
     apart_px
         Distance (n,) of the neighbour's edge along `out`.
     blur_px
@@ -78,7 +78,7 @@ class Stations:
 
 
 def stations(device: BuiltDevice) -> Stations:
-    """The stations of a device as designed, of all edges that lie well inside the sensor; each pair of edges once."""
+    """The stations of a nominal device on all edges well inside the sensor; each pair of edges is used once."""
     layout, camera = device.layout, device.layout.camera
     outlines = [layout.outline_px(k, usable=True) for k in range(len(layout.mirrors))]
     rows: list[tuple[Any, ...]] = []
@@ -96,31 +96,18 @@ def stations(device: BuiltDevice) -> Stations:
             if facing is not None:
                 done.add((int(facing[0]), int(facing[1])))
             mirror, other, at, apart = facing if facing is not None else (k, edge, part, np.zeros(STATIONS))
-            rows.append((place, out, k, edge, part, mirror, other, at, facing is not None, apart, _wide_px(place)))
+            wide_px = float(np.linalg.norm(place[-1] - place[0])) / (STATIONS - 1)
+            rows.append((place, out, k, edge, part, mirror, other, at, facing is not None, apart, wide_px))
     if not rows:
-        empty = EdgePoints(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0))
-        return Stations(
-            np.zeros((0, 2)),
-            np.zeros((0, 2)),
-            empty,
-            empty,
-            np.zeros(0),
-            np.zeros(0, bool),
-            np.zeros(0),
-            np.zeros((0, 2)),
-        )
-    columns = [np.concatenate([np.broadcast_to(row[i], _shape(row[i])) for row in rows]) for i in range(11)]
+        none, pairs, index = np.zeros(0), np.zeros((0, 2)), np.zeros(0, np.int64)
+        empty = EdgePoints(index, index, none)
+        return Stations(pairs, pairs, empty, empty, none, np.zeros(0, bool), none, pairs)
+    columns = [
+        np.concatenate([np.broadcast_to(row[i], np.shape(row[i]) or STATIONS) for row in rows]) for i in range(11)
+    ]
     edges = [EdgePoints(columns[at], columns[at + 1], columns[at + 2]) for at in (2, 5)]
     blur = np.column_stack([_blur_px(camera, device.depths_mm(each)) for each in edges])
     return Stations(columns[0], columns[1], edges[0], edges[1], columns[10], columns[8], columns[9], blur)
-
-
-def _shape(column: Any) -> tuple[int, ...]:
-    return np.shape(column) if np.ndim(column) else (STATIONS,)
-
-
-def _wide_px(place: FloatArray) -> float:
-    return float(np.linalg.norm(place[-1] - place[0])) / (STATIONS - 1)
 
 
 def _is_seen(place: FloatArray, camera: Camera) -> bool:
@@ -130,7 +117,7 @@ def _is_seen(place: FloatArray, camera: Camera) -> bool:
 
 
 def _placed(device: BuiltDevice, points: EdgePoints, middle: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Where points of an edge appear (n, 2) as designed, and unit vectors (n, 2) out of the sub-image."""
+    """Nominal pixels (n, 2) of points on an edge, and unit vectors (n, 2) out of the sub-image."""
     place = device.pixels(points, np.zeros(device.count))
     along = np.gradient(place, axis=0)
     out = np.column_stack([along[:, 1], -along[:, 0]]) / np.linalg.norm(along, axis=1, keepdims=True)
@@ -140,7 +127,7 @@ def _placed(device: BuiltDevice, points: EdgePoints, middle: FloatArray) -> tupl
 def _facing(
     device: BuiltDevice, own: int, place: FloatArray, out: FloatArray
 ) -> tuple[int, int, FloatArray, FloatArray] | None:
-    """The neighbour's edge that profiles meet first: mirror, edge, parts (n,) along it, and distances (n,)."""
+    """The neighbour's edge that profiles meet first: mirror, edge, positions (n,) along it, and distances (n,)."""
     none = np.zeros(device.count)
     best: tuple[int, int, FloatArray, FloatArray] | None = None
     for k, count in enumerate(device.edges):
@@ -160,27 +147,27 @@ def _facing(
 
 
 def _blur_px(camera: Camera, depth_mm: FloatArray) -> FloatArray:
-    """Radii (n,) of the circles of confusion at depths."""
+    """Radii (n,) of the circles of confusion at depths (n,), px."""
     nearness = np.abs(1.0 / depth_mm - 1.0 / camera.focus_mm)
     return np.asarray(camera.pupil.radius_mm * max(camera.fx_px, camera.fy_px) * nearness)
 
 
 @dataclass(frozen=True, eq=False)
 class Profiles:
-    """Brightness across edges.
+    """Brightness profiles across edges, in grey levels.
 
     Attributes
     ----------
     out_px, light
-        Light (n, d) at distances (d,) out of edges, grey levels.
+        Light (n, d) at distances (d,) along `out` from the nominal edges.
     weight
-        0 (n, d) off the sensor and too far away, else 1.
+        Weights (n, d): 0 outside the sensor and beyond the reach, else 1.
     texture
-        Standard deviations (n, 2) of the light that the mirror and its neighbour show.
+        Standard deviations (n, 2) of the light in the mirror and in its neighbour.
     stray, stray_sigma
         Stray light, and its standard deviation.
     noise
-        Standard deviation of noise.
+        Standard deviation of the noise.
     """
 
     out_px: FloatArray
@@ -193,7 +180,7 @@ class Profiles:
 
 
 def profiles(picture: NDArray[np.float32], seen: Stations, offset_px: FloatArray, smooth_px: float) -> Profiles:
-    """Profiles across all stations of a picture (h, w), smoothed by a Gaussian, about edges at offsets (n, 2)."""
+    """Profiles at all stations of a picture (h, w), smoothed by a Gaussian, around edges with offsets (n, 2)."""
     image: Any = picture if smooth_px == 0.0 else cv2.GaussianBlur(picture, (0, 0), smooth_px)
     out_px = np.arange(-1.5 * REACH_PX, 2.0 * REACH_PX + STEP_PX / 2.0, STEP_PX)
     height, width = picture.shape
@@ -213,24 +200,24 @@ def profiles(picture: NDArray[np.float32], seen: Stations, offset_px: FloatArray
 
 
 def _sides(out_px: FloatArray, seen: Stations, offset_px: FloatArray) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Which places (n, d) lie entirely inside the mirror, and entirely inside its neighbour."""
+    """Masks (n, d) of positions well inside the mirror, and well inside its neighbour."""
     one = out_px < offset_px[:, :1] - 0.7 * seen.blur_px[:, :1]
     two = out_px > seen.apart_px[:, None] + offset_px[:, 1:] + 0.7 * seen.blur_px[:, 1:]
     return one & (out_px > -REACH_PX), two & (out_px < 1.5 * REACH_PX)
 
 
 def _texture(light: FloatArray, inside: NDArray[np.bool_]) -> FloatArray:
-    """Standard deviations (n,) of light (n, d) in some places, and a part of its mean."""
+    """Standard deviations (n,) of the masked light (n, d), plus a fraction of its mean."""
     count = np.maximum(inside.sum(axis=1), 1)
     mean = (light * inside).sum(axis=1) / count
     variance = ((light - mean[:, None]) ** 2 * inside).sum(axis=1) / count
     return np.asarray(np.sqrt(1.5 * variance) + LEAST_TEXTURE * mean)
 
 
-def served(inside_px: FloatArray, radius_px: FloatArray, sigma_px: float) -> tuple[FloatArray, FloatArray]:
-    """The part (n, d) of the light that an edge lets through at distances (n, d) inside, and its slope.
+def edge_response(inside_px: FloatArray, radius_px: FloatArray, sigma_px: float) -> tuple[FloatArray, FloatArray]:
+    """Fraction (n, d) of the light that passes an edge at distances (n, d) inside it, and its slope.
 
-    The light of a disc of radii (n,), blurred by a Gaussian.
+    The blur is a disc with radii (n,), convolved with a Gaussian.
     """
     radius, sigma = radius_px[:, None], np.maximum(sigma_px, radius_px / 8.0)[:, None]
     total, slope = np.zeros_like(inside_px), np.zeros_like(inside_px)
@@ -241,52 +228,52 @@ def served(inside_px: FloatArray, radius_px: FloatArray, sigma_px: float) -> tup
     return total, slope
 
 
-def edges_light(
-    given: Profiles, seen: Stations, offset_px: FloatArray, smooth_px: float
+def edge_residuals(
+    measured: Profiles, seen: Stations, offset_px: FloatArray, smooth_px: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Light that the best fit leaves (n, d), and its derivatives (n, 2, d) by the offsets (n, 2) of both edges, white.
+    """Whitened residuals (n, d) of the best fit, and derivatives (n, 2, d) of the model by both edges' offsets (n, 2).
 
-    Offsets count along `out`, from the edges as designed. What mirrors show is an even light, which is solved for, with
-    a random texture: it is noise in proportion to the part of the light that the edge lets through, alike over some
-    pixels. So the dark gap between edges shows where they are. The part that the light explains is taken out of the
-    derivatives (Kaufman's variable projection).
+    Offsets count along `out` from the nominal edges. The light of each mirror is a constant, which is solved for, and a
+    random texture: correlated noise proportional to the fraction of light that passes the edge. So the dark gap between
+    edges determines their positions. The derivatives are projected on the complement of the constants (Kaufman's
+    variable projection).
     """
     sigma = float(np.hypot(LENS_PX, smooth_px))
-    t = given.out_px[None]
-    one, one_slope = served(offset_px[:, :1] - t, seen.blur_px[:, 0], sigma)
-    two, two_slope = served(t - seen.apart_px[:, None] - offset_px[:, 1:], seen.blur_px[:, 1], sigma)
-    there = seen.paired[:, None].astype(np.float64)
-    two, two_slope = two * there, two_slope * there
-    lower = np.linalg.cholesky(_covariance(given, (one, two), smooth_px))
-    kept = given.weight > 0.0
-    columns = np.stack([np.ones_like(one), one, two], axis=-1) * kept[..., None]
+    t = measured.out_px[None]
+    own, own_slope = edge_response(offset_px[:, :1] - t, seen.blur_px[:, 0], sigma)
+    other, other_slope = edge_response(t - seen.apart_px[:, None] - offset_px[:, 1:], seen.blur_px[:, 1], sigma)
+    paired = seen.paired[:, None].astype(np.float64)
+    other, other_slope = other * paired, other_slope * paired
+    lower = np.linalg.cholesky(_covariance(measured, (own, other), smooth_px))
+    kept = measured.weight > 0.0
+    columns = np.stack([np.ones_like(own), own, other], axis=-1) * kept[..., None]
     design = np.linalg.solve(lower, columns)
-    wanted = np.linalg.solve(lower, ((given.light - given.stray) * kept)[..., None])
-    # Stray light is known about; so is that what is not there is dark.
-    prior = np.diag([1.0 / given.stray_sigma**2, 1e-6, 1e-6])
+    light = np.linalg.solve(lower, ((measured.light - measured.stray) * kept)[..., None])
+    # Priors: stray light is roughly known, and absent light is dark.
+    prior = np.diag([1.0 / measured.stray_sigma**2, 1e-6, 1e-6])
     normal = np.swapaxes(design, 1, 2) @ design + prior
-    solved = np.linalg.solve(normal, np.swapaxes(design, 1, 2) @ wanted)
-    rest = (wanted - design @ solved)[..., 0]
-    steps = np.maximum(solved[:, 1:, 0], 0.0)
-    change = np.stack([one_slope * steps[:, :1], -two_slope * steps[:, 1:]], axis=-1) * kept[..., None]
-    change = np.linalg.solve(lower, change)
-    change = change - design @ np.linalg.solve(normal, np.swapaxes(design, 1, 2) @ change)
-    return rest, np.swapaxes(change, 1, 2)
+    levels = np.linalg.solve(normal, np.swapaxes(design, 1, 2) @ light)
+    residual = (light - design @ levels)[..., 0]
+    steps = np.maximum(levels[:, 1:, 0], 0.0)
+    by_offset = np.stack([own_slope * steps[:, :1], -other_slope * steps[:, 1:]], axis=-1) * kept[..., None]
+    by_offset = np.linalg.solve(lower, by_offset)
+    by_offset = by_offset - design @ np.linalg.solve(normal, np.swapaxes(design, 1, 2) @ by_offset)
+    return residual, np.swapaxes(by_offset, 1, 2)
 
 
-def _covariance(given: Profiles, shares: tuple[FloatArray, FloatArray], smooth_px: float) -> FloatArray:
-    """Covariance (n, d, d) of the light: noise, and texture where edges let light through; 1 where nothing counts."""
-    apart = given.out_px[:, None] - given.out_px[None]
-    alike = np.zeros(apart.shape)
+def _covariance(measured: Profiles, fractions: tuple[FloatArray, FloatArray], smooth_px: float) -> FloatArray:
+    """Covariance (n, d, d) of the light: noise, and texture where light passes edges; 1 where the weight is 0."""
+    apart = measured.out_px[:, None] - measured.out_px[None]
+    correlation = np.zeros(apart.shape)
     for length in TEXTURE_PX:
-        alike += np.exp(-0.5 * apart**2 / (length**2 + 2.0 * smooth_px**2)) / len(TEXTURE_PX)
-    total = np.zeros((len(given.light), *apart.shape))
-    for share, texture in zip(shares, given.texture.T, strict=True):
-        # An edge that is a little off lets a little through.
-        let = (share + DARK) * texture[:, None]
-        total += let[:, :, None] * let[:, None, :] * alike
-    kept = given.weight > 0.0
+        correlation += np.exp(-0.5 * apart**2 / (length**2 + 2.0 * smooth_px**2)) / len(TEXTURE_PX)
+    total = np.zeros((len(measured.light), *apart.shape))
+    for fraction, texture in zip(fractions, measured.texture.T, strict=True):
+        # A misplaced edge passes a little more light.
+        sigma = (fraction + DARK) * texture[:, None]
+        total += sigma[:, :, None] * sigma[:, None, :] * correlation
+    kept = measured.weight > 0.0
     total *= kept[:, :, None] & kept[:, None, :]
-    noise = np.where(kept, given.noise**2, 1.0)
+    noise = np.where(kept, measured.noise**2, 1.0)
     total[:, np.arange(len(apart)), np.arange(len(apart))] += noise
     return total

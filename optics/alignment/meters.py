@@ -1,4 +1,4 @@
-"""Exposure and sharpness of a live frame inside each sub-image: aids to set the camera by hand."""
+"""Exposure and sharpness of a live frame in each sub-image, to adjust the camera by hand."""
 
 from __future__ import annotations
 
@@ -14,35 +14,35 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 
 MARGIN_PX = 24
-"""Inside an outline: beyond the blur of the edge of a mirror, and as far as it may be off its place."""
+"""Margin inside an outline that covers the blur of the mirror's edge and errors of its position."""
 CLIPPED, BLACK = 250, 8
-"""Grey levels from which on a channel is clipped, and below which it is black."""
+"""Grey levels from which a channel counts as clipped, and below which it counts as black."""
 MOST_CLIPPED, MUCH_CLIPPED = 0.005, 0.05
 MOST_BLACK = 0.25
 DARK_GREY, BRIGHT_GREY = 40.0, 200.0
-"""99 % of the pixels below, or half of them above: too dark, or too bright."""
+"""A frame is too dark if 99 % of its pixels are below the first, too bright if half are above the second."""
 BINS = 32
 LEAST_GREY = 4.0
-"""Mean grey level below which a sub-image is too dark to be judged."""
+"""Mean grey level below which a sub-image is too dark for a measurement."""
 NOISE = 0.25
-"""Part of the quarter of pixels with the least detail that counts as noise."""
+"""Quantile of the energy of detail that counts as noise."""
 
 
 @dataclass(frozen=True, eq=False)
 class SubImage:
-    """Window (rows, columns) of a frame, and which of its pixels (h, w) belong to the sub-image, 255 or 0."""
+    """Window (rows, columns) of a frame, and its mask (h, w): 255 for pixels of the sub-image, else 0."""
 
     window: tuple[slice, slice]
     mask: NDArray[np.uint8]
 
     @property
     def pixels(self) -> int:
-        """Number of its pixels."""
+        """Number of pixels of the sub-image."""
         return int(np.count_nonzero(self.mask))
 
 
 def sub_image_masks(layout: Layout, margin_px: int = MARGIN_PX) -> list[SubImage | None]:
-    """The pixels of each mirror's sub-image on the sensor, without a margin; None of one that shows nothing."""
+    """The pixels of each mirror's sub-image on the sensor, without a margin; None for an empty one."""
     camera = layout.camera
     found: list[SubImage | None] = []
     for k in range(len(layout.mirrors)):
@@ -63,18 +63,18 @@ def sub_image_masks(layout: Layout, margin_px: int = MARGIN_PX) -> list[SubImage
 
 @dataclass(frozen=True)
 class Exposure:
-    """Exposure inside the sub-images.
+    """Exposure in the sub-images, measured in the brightest channel of each pixel.
 
     Attributes
     ----------
     histogram
-        Parts of the pixels in BINS ranges of the brightest channel, from dark to bright.
+        Fractions of the pixels in BINS ranges, from dark to bright.
     clipped, black
-        Fractions of the pixels that are clipped and black.
+        Fractions of clipped and black pixels.
     median, high
-        Grey levels that half and 99 % of the pixels are below.
+        Median and 99th percentile, grey levels.
     advice
-        What to do, in a few words.
+        Advice in a few words.
     """
 
     histogram: tuple[float, ...]
@@ -86,7 +86,7 @@ class Exposure:
 
 
 def measure_exposure(frame: NDArray[np.uint8], sub_images: Sequence[SubImage | None]) -> Exposure:
-    """The exposure of a frame (h, w, 3) in RGB, or (h, w), inside its sub-images; every fourth pixel is counted."""
+    """Measure the exposure of a frame (h, w, 3) in RGB, or (h, w), in its sub-images, from every fourth pixel."""
     total = np.zeros(256)
     for each in sub_images:
         if each is None:
@@ -95,16 +95,15 @@ def measure_exposure(frame: NDArray[np.uint8], sub_images: Sequence[SubImage | N
         brightest = np.ascontiguousarray(part.max(axis=2) if part.ndim == 3 else part)
         mask = np.ascontiguousarray(each.mask[::2, ::2])
         total += np.asarray(cv2.calcHist([brightest], [0], mask, [256], [0, 256]), dtype=np.float64).ravel()
-    parts = total / max(total.sum(), 1.0)
-    below = np.cumsum(parts)
-    clipped, black = float(parts[CLIPPED:].sum()), float(parts[:BLACK].sum())
-    median, high = float(np.searchsorted(below, 0.5)), float(np.searchsorted(below, 0.99))
-    histogram = tuple(float(value) for value in parts.reshape(BINS, -1).sum(axis=1))
+    fractions = total / max(total.sum(), 1.0)
+    cumulative = np.cumsum(fractions)
+    clipped, black = float(fractions[CLIPPED:].sum()), float(fractions[:BLACK].sum())
+    median, high = float(np.searchsorted(cumulative, 0.5)), float(np.searchsorted(cumulative, 0.99))
+    histogram = tuple(float(value) for value in fractions.reshape(BINS, -1).sum(axis=1))
     return Exposure(histogram, clipped, black, median, high, _advice(clipped, black, median, high))
 
 
 def _advice(clipped: float, black: float, median: float, high: float) -> str:
-    """What to do."""
     if clipped > MUCH_CLIPPED:
         return f"too bright: {100 * clipped:.0f} % is clipped, halve the exposure"
     if clipped > MOST_CLIPPED:
@@ -119,10 +118,10 @@ def _advice(clipped: float, black: float, median: float, high: float) -> str:
 
 
 def sharpness(grey: NDArray[np.uint8], sub_images: Sequence[SubImage | None]) -> FloatArray:
-    """Sharpness (mirrors,) of a picture (h, w): the RMS of the Laplacian over the mean grey level.
+    """Sharpness (mirrors,) of a picture (h, w): the RMS of the Laplacian divided by the mean grey level.
 
-    A change of exposure leaves it as it is, and noise, as the quarter of the area with the least detail has it, is
-    taken off. NaN where a sub-image is dark or shows nothing. It depends on the scene: compare it with itself.
+    It does not depend on exposure. The noise level of the quarter of the area with the least detail is subtracted. NaN
+    for a dark or empty sub-image. The value depends on the scene: compare only values of the same scene.
     """
     found = np.full(len(sub_images), np.nan)
     for k, each in enumerate(sub_images):
@@ -140,7 +139,7 @@ def sharpness(grey: NDArray[np.uint8], sub_images: Sequence[SubImage | None]) ->
 
 
 class FocusMeter:
-    """Sharpness of each sub-image relative to the best so far, 0 to 1; `reset` when the scene has changed."""
+    """Sharpness of each sub-image relative to the best so far, 0 to 1; call `reset` when the scene has changed."""
 
     def __init__(self, mirrors: int) -> None:
         self.best = np.zeros(mirrors)
@@ -150,7 +149,7 @@ class FocusMeter:
         self.best[:] = 0.0
 
     def measure(self, sharp: FloatArray) -> FloatArray:
-        """The sharpness (mirrors,) relative to the best so far, itself included; NaN where there is none."""
+        """The sharpness (mirrors,) relative to the best so far, including this one; NaN if none was measured."""
         self.best = np.fmax(self.best, sharp)
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.asarray(np.where(self.best > 0.0, sharp / self.best, np.nan))

@@ -48,7 +48,7 @@ from mirrorcam.optics.calibration.solver.parameterisation import PAIR_DEG, pair_
 from mirrorcam.optics.calibration.solver.residuals import Estimate
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.lenses.families import LensName
-from mirrorcam.optics.geometry.nearest_lens import nearest_lens, whole_picture
+from mirrorcam.optics.geometry.nearest_lens import nearest_lens
 
 NO_UNKNOWN_MIRRORS = UnknownMirrors()
 
@@ -248,7 +248,7 @@ def _concluded(
 
 
 def _with_lens(layout: Layout, lens: LensName) -> Layout:
-    camera, _ = nearest_lens(layout.camera, lens, whole_picture(layout.camera))
+    camera, _ = nearest_lens(layout.camera, lens)
     return layout.replaced(camera=camera)
 
 

@@ -26,7 +26,7 @@ from mirrorcam.optics.calibration.solver.observations import MIN_CORNERS, Observ
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
-from mirrorcam.optics.geometry.pupil import Pupil, segment_share, served_by, served_through
+from mirrorcam.optics.geometry.pupil import Pupil, clear_aperture, outline_aperture, segment_share
 from mirrorcam.optics.geometry.targets import Target
 
 MARGIN_PX = 9.0
@@ -170,7 +170,7 @@ def _beyond_px(camera: Camera, mirror: Mirror, pixels: FloatArray) -> FloatArray
     """Distance (n,) of pixels from where the mirror begins to serve the whole pupil, inwards."""
 
     def inside_mm(at: FloatArray) -> FloatArray:
-        return served_through(mirror, camera.normalized_from_pixels(at), camera.focus_mm).distance
+        return clear_aperture(mirror, camera.normalized_from_pixels(at), camera.focus_mm).distance
 
     here = inside_mm(pixels)
     slope = np.hypot(*(inside_mm(pixels + step) - here for step in np.eye(2)))
@@ -192,7 +192,7 @@ class BorderBlur:
 
     def px_per_mm(self, nearness: float) -> float:
         """Half the width of the blur by the pupil, px, per mm of its radius, for 1 / focus."""
-        inside, outside = served_by(self.aperture, self.ends, 1.0 / nearness).distance.min(axis=1)
+        inside, outside = outline_aperture(self.aperture, self.ends, 1.0 / nearness).distance.min(axis=1)
         return self.apart_px / float(inside - outside)
 
 
@@ -257,7 +257,7 @@ class _Profile:
         border, pupil = seen.border, layout.camera.pupil
         normalized = border.normalized(layout)
         shape = normalized.shape[:2]
-        planes = served_by(border.aperture, normalized.reshape(-1, 2), pupil.focus_mm)
+        planes = outline_aperture(border.aperture, normalized.reshape(-1, 2), pupil.focus_mm)
         nearest, second = (each.reshape(shape) for each in np.partition(planes.distance, 1, axis=1)[:, :2].T)
         faces = np.isfinite(nearest)
         slope = -np.gradient(np.where(faces, nearest, 0.0), STEP_PX, axis=1)

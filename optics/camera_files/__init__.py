@@ -1,1 +1,1 @@
-"""Calibrations in the files of other tools, read and written."""
+"""Readers and writers of calibrations in the formats of other tools."""

@@ -1,12 +1,12 @@
-"""Cameras of a rig as a calibration file states them: lenses, those that look from a sphere too, and poses.
+"""Cameras of a rig as a calibration file states them: lenses, including sphere models, and poses.
 
-A sphere lens takes a ray (x, y, z) of length d to normalized coordinates, which a lens then distorts:
+A sphere model maps a ray (x, y, z) of length d to normalized coordinates, which a lens then distorts:
 
     unified (Mei and Rives, 2007)              (x, y) / (z + xi d)
     extended unified (Khomutenko, 2016)        (x, y) / (alpha sqrt(beta (x^2 + y^2) + z^2) + (1 - alpha) z)
     double sphere (Usenko, 2018)               (x, y) / (alpha sqrt(x^2 + y^2 + w^2) + (1 - alpha) w),  w = xi d + z
 
-Usenko gives for each the rays that have an image of their own.
+Usenko states for each model which rays have a unique image.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from mirrorcam.optics.geometry.layout import Layout, Uncertainty
 from mirrorcam.optics.geometry.mirror import Mirror
 
 UNSIZED_PX = 65_535
-"""Size of the picture that stands for one of a size that a file does not state."""
+"""Picture size assumed for a camera whose file states none."""
 ORTHOGONAL = 1e-4
 """Largest error of a rotation matrix in a file; files have six digits or more."""
 PictureFlip = Literal["flipped", "left-right", "top-bottom", "as-is"]
-"""How the pictures that a calibrator was given came from frames: flipped upright, as named, or not flipped."""
+"""Flip of frames that gave the calibrator's pictures: to upright, as named, or none."""
 SphereName = Literal["unified", "extended_unified", "double_sphere"]
 NAMES: dict[SphereName, tuple[str, ...]] = {
     "unified": ("xi",),
@@ -37,15 +37,15 @@ NAMES: dict[SphereName, tuple[str, ...]] = {
 
 
 class Projection(Protocol):
-    """A lens: what `Camera`, the sphere models, and a mirror with its camera have in common."""
+    """The interface of `Camera`, the sphere models, and a mirror with its camera."""
 
     def project(self, points_in_camera: FloatArray) -> FloatArray:
-        """Pixels (n, 2) of points (n, 3) in the frame of the camera; NaN where it does not show them."""
+        """Pixels (n, 2) of points (n, 3) in the frame of the camera; NaN for invisible points."""
 
 
 @runtime_checkable
 class ParametricProjection(Projection, Protocol):
-    """A lens with parameters that a covariance can be of."""
+    """A lens with parameters, which may have a covariance."""
 
     @property
     def intrinsic_names(self) -> tuple[str, ...]:
@@ -56,7 +56,7 @@ class ParametricProjection(Projection, Protocol):
         """Their values (k,)."""
 
     def with_intrinsics(self, intrinsics: FloatArray) -> ParametricProjection:
-        """The lens with other values (k,)."""
+        """The lens with other parameter values (k,)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,14 +66,14 @@ class RigCamera:
     Attributes
     ----------
     name
-        As the file names it.
+        Name in the file.
     lens
-        Its projection, in pixels whose (0, 0) is the centre of the top-left one.
+        Projection to pixels; pixel (0, 0) is the centre of the top-left pixel.
     camera_from_rig
-        Orthogonal transform (4, 4) in the unit of the rig; None where the file has no poses. Its determinant is
-        negative where a calibrator describes mirrored pictures so.
+        Orthogonal transform (4, 4) in the unit of the rig; None if the file has no poses. Its determinant is negative
+        if the calibrator describes mirrored pictures this way.
     size_px
-        Width and height of its pictures; None where the file does not state them.
+        Width and height of its pictures; None if the file does not state them.
     """
 
     name: str
@@ -89,19 +89,19 @@ class CameraRig:
     Attributes
     ----------
     format
-        The format that they were read from.
+        Format of the file.
     cameras
-        In the order of the file.
+        Cameras in the order of the file.
     unit_mm
-        Length of the unit of poses in mm; None where poses have no scale.
+        Length of the unit of poses in mm; None if poses have no scale.
     pictures
-        How pictures came from frames, where the file itself says so.
+        Flip of the pictures relative to frames, if the file states it.
     uncertainty
-        Covariance of its parameters, where there is one; `stated_covariance` explains their names.
+        Covariance of the parameters, if the file has one; `stated_covariance` explains their names.
     layout
-        The layout that the cameras are the mirrors of, of our own format.
+        The layout whose mirrors are the cameras, for MirrorCam's own format.
     notes
-        Lines for the user: what was assumed.
+        Assumptions to report to the user, a line each.
     """
 
     format: str
@@ -119,29 +119,29 @@ class CameraRig:
 
 
 def orthogonal(matrix: object, where: str) -> FloatArray:
-    """A rotation or reflection (3, 3) of a file, made exactly orthogonal; raises InputError where it is none."""
+    """Make a rotation or reflection (3, 3) from a file exactly orthogonal; raises InputError for other matrices."""
     turn = np.asarray(matrix, dtype=np.float64)
     if turn.shape != (3, 3) or not np.isfinite(turn).all():
         raise InputError(f"{where}: expected a rotation of 3 x 3 numbers")
-    left, sizes, right = np.linalg.svd(turn)
-    if np.abs(sizes - 1.0).max() > ORTHOGONAL:
-        raise InputError(f"{where}: is no rotation: it stretches by {sizes.max():.6g} and {sizes.min():.6g}")
-    return np.asarray(left @ right)
+    u, scales, vt = np.linalg.svd(turn)
+    if np.abs(scales - 1.0).max() > ORTHOGONAL:
+        raise InputError(f"{where}: is no rotation: it stretches by {scales.max():.6g} and {scales.min():.6g}")
+    return np.asarray(u @ vt)
 
 
 @dataclass(frozen=True, eq=False)
 class MirrorProjection:
-    """What a mirror and its camera show, as a lens in the frame that the apparent mirror reflects the rig to.
+    """A mirror and its camera as a lens, in the reflection of the rig frame at the apparent mirror.
 
-    Points in that frame are the apparent mirror's images of points in rig, so that the camera's pose is the
-    reflection; of a plate or a bent mirror, projection is exact.
+    Points in that frame are the apparent mirror's images of points in rig, so the camera's pose is the reflection.
+    Projection is exact, also for second-surface and bent mirrors.
     """
 
     camera: Camera
     mirror: Mirror
 
     def project(self, points_in_camera: FloatArray) -> FloatArray:
-        """Pixels (n, 2) of the frame of images (n, 3), mm."""
+        """Pixels (n, 2) of images (n, 3), mm."""
         return self.camera.project(self.mirror.image_of(self.mirror.apparent.reflect(points_in_camera)))
 
 
@@ -152,7 +152,7 @@ def camera_of(
     distortion: object,
     size_px: tuple[int, int] | None,
 ) -> Camera:
-    """A pinhole with a lens from the numbers of a file; raises InputError in one line where they are none."""
+    """A pinhole camera with a lens from the numbers in a file; raises InputError for invalid ones."""
     width, height = (UNSIZED_PX, 1) if size_px is None else size_px
     fields = dict(zip(PINHOLE_NAMES, numbers_of(intrinsics, where, 4), strict=True))
     try:
@@ -170,18 +170,18 @@ def camera_of(
 
 
 def numbers_of(value: object, where: str, count: int | None = None) -> list[float]:
-    """Finite numbers of a list in a file; a text such as 1e-05, which YAML 1.1 takes for one, is a number too."""
+    """Finite numbers of a list in a file; also accepts text such as 1e-05, which YAML 1.1 does not read as a number."""
     expected = "numbers" if count is None else f"{count} numbers"
     if not isinstance(value, list | tuple | np.ndarray):
         raise InputError(f"{where}: {str(value)[:40]!r}, expected {expected}")
-    found = [number_of(each, where) for each in value]
-    if count is not None and len(found) != count:
-        raise InputError(f"{where}: {len(found)} numbers, expected {count}")
-    return found
+    numbers = [number_of(each, where) for each in value]
+    if count is not None and len(numbers) != count:
+        raise InputError(f"{where}: {len(numbers)} numbers, expected {count}")
+    return numbers
 
 
 def number_of(value: object, where: str) -> float:
-    """A finite number of a file; raises InputError for anything else."""
+    """A finite number from a file; raises InputError for anything else."""
     try:
         if isinstance(value, bool) or not isinstance(value, str | int | float | np.number):
             raise ValueError
@@ -194,7 +194,7 @@ def number_of(value: object, where: str) -> float:
 
 
 def size_of(value: object, where: str) -> tuple[int, int]:
-    """Width and height in px."""
+    """Width and height of a picture, px, from a file; raises InputError for anything else."""
     width, height = numbers_of(value, where, 2)
     if not (width.is_integer() and height.is_integer() and 1 <= width <= UNSIZED_PX and 1 <= height <= UNSIZED_PX):
         raise InputError(f"{where}: {width:g} x {height:g}, expected the size of a picture in px")
@@ -203,14 +203,14 @@ def size_of(value: object, where: str) -> tuple[int, int]:
 
 @dataclass(frozen=True, eq=False)
 class SphereLens:
-    """A camera whose rays go through a sphere before its lens; `sphere` (1 or 2,) has the numbers of `NAMES`."""
+    """A sphere model followed by a lens; `sphere` (1 or 2,) holds the parameters in `NAMES`."""
 
     model: SphereName
     sphere: FloatArray
     camera: Camera
 
     def project(self, points_in_camera: FloatArray) -> FloatArray:
-        """Pixels (n, 2) of points (n, 3); NaN where the model does not show them."""
+        """Pixels (n, 2) of points (n, 3); NaN for points without an image in the model."""
         x, y, z = points_in_camera.T
         r2 = x * x + y * y
         d = np.sqrt(r2 + z * z)
@@ -236,20 +236,20 @@ class SphereLens:
 
     @property
     def intrinsics(self) -> FloatArray:
-        """The numbers of the sphere, then those of the camera (k,)."""
+        """Parameters (k,) of the sphere, then of the camera."""
         return np.concatenate([self.sphere, self.camera.intrinsics])
 
     def with_intrinsics(self, intrinsics: FloatArray) -> SphereLens:
-        """The same model with other numbers (k,)."""
+        """The same model with other parameters (k,)."""
         count = len(self.sphere)
         return replace(self, sphere=intrinsics[:count], camera=self.camera.with_intrinsics(intrinsics[count:]))
 
 
 def _as_xi(alpha: float) -> float:
-    """The xi of the unified model that has the same sphere; infinite of an orthographic one."""
+    """The xi of the unified model with the same sphere; infinite for the orthographic model."""
     return alpha / (1.0 - alpha) if alpha < 1.0 else np.inf
 
 
 def _inverted(xi: float) -> float:
-    """Sine of the largest angle behind the camera at which a ray still has a picture of its own."""
+    """Sine of the largest angle behind the camera at which rays still have a unique image."""
     return xi if xi <= 1.0 else 1.0 / xi

@@ -1,4 +1,4 @@
-"""Where mirrors violate a spec that no layout meets: the mirrors concerned, and places to draw."""
+"""Violations of a spec that no layout meets: the mirrors involved, and the segments to draw."""
 
 from __future__ import annotations
 
@@ -18,43 +18,47 @@ from mirrorcam.optics.geometry.mirror_gaps import area_mm2, closest_points, edge
 from mirrorcam.optics.geometry.violation import LeastViolation, Violation
 
 MET_MM = 1e-3
-"""Violations up to this are none."""
+"""Violations up to this count as met."""
 
 BEAM = 5.0
-"""Length of the beams that are looked at, in distances from a virtual centre to the corner of its mirror."""
+"""Length of beams, in distances from a virtual centre to the corner of its mirror."""
 
 
 def least_violation(
     spec: DesignSpec, constraint: str, mirrors: tuple[FloatArray, FloatArray], regions: FloatArray | None = None
 ) -> LeastViolation | None:
-    """The violations of a constraint by mirrors that violate a spec least.
+    """The violations of a constraint by the mirrors that violate a spec least.
 
     Parameters
     ----------
+    spec
+        The spec.
+    constraint
+        The constraint, as named by `InfeasibleDesign`.
     mirrors
         Virtual centres (n, 3) in view axes, in scales, and corners (n, sides, 2) of the sub-images, normalized.
     regions
-        Corners (depths, k, 2) in view axes, in scales, of the regions that all views are to show.
+        Corners (depths, k, 2) in view axes, in scales, of the regions that all views must show.
 
     Returns
     -------
-    LeastViolation
-        None where these are no mirrors: a plate that reaches past the pupil.
+    LeastViolation or None
+        None if the mirrors are impossible because a plate reaches past the pupil.
     """
     centres, corners = mirrors
     try:
         solids = mirrors_of(spec, centres * spec.scale_mm, corners)
     except InfeasibleDesign:
         return None
-    found = _overlap(spec, solids, regions) if constraint == "overlap" else FINDERS[constraint](spec, solids)
-    worst_first = sorted(found, key=lambda violation: -violation.missing_mm)
+    violations = _overlap(spec, solids, regions) if constraint == "overlap" else FINDERS[constraint](spec, solids)
+    worst_first = sorted(violations, key=lambda violation: -violation.missing_mm)
     return LeastViolation(constraint=constraint, mirrors=solids, violations=tuple(worst_first))
 
 
 def past_the_pupil(spec: DesignSpec, seed: Seed, past_mm: float) -> LeastViolation:
-    """The violation of plates so thick that they reach past the pupil, by thin mirrors to start from.
+    """The violation by plates that are so thick that they reach past the pupil, shown with a seed's thin mirrors.
 
-    From the pupil to where its axis meets the mirror that it is folded by.
+    The segment runs from the pupil along its axis to the central mirror.
     """
     centre = spec.arrangement.central_index
     thin = mirrors_of(spec.replaced(surface="first"), seed.centres * spec.scale_mm, seed.corners)
@@ -74,7 +78,7 @@ def _violation(mirrors: tuple[int, ...], missing_mm: float, place: FloatArray | 
 
 
 def _spacing(spec: DesignSpec, mirrors: tuple[Mirror, ...]) -> list[Violation]:
-    """Mirrors too close to each other, where they are nearest."""
+    """Pairs of mirrors that are too close, with their closest points."""
     found = []
     for i, j in _pairs(mirrors):
         first, second = (mirrors[k].solid.corners_in_rig_mm for k in (i, j))
@@ -83,7 +87,7 @@ def _spacing(spec: DesignSpec, mirrors: tuple[Mirror, ...]) -> list[Violation]:
 
 
 def _seen_gap(spec: DesignSpec, mirrors: tuple[Mirror, ...]) -> list[Violation]:
-    """Sub-images too close to each other, from mirror to mirror where they are nearest as seen."""
+    """Pairs of sub-images that are too close, with the points on the mirrors where they are closest in the image."""
     found = []
     for i, j in _pairs(mirrors):
         faces = [mirrors[k].apparent for k in (i, j)]
@@ -94,7 +98,7 @@ def _seen_gap(spec: DesignSpec, mirrors: tuple[Mirror, ...]) -> list[Violation]:
 
 
 def _size(spec: DesignSpec, mirrors: tuple[Mirror, ...]) -> list[Violation]:
-    """Shortest edges of mirrors with too short an edge, or too small an area, by the square roots of areas."""
+    """Mirrors with too short an edge or too small an area (compared by square root), with their shortest edge."""
     found = []
     for k, mirror in enumerate(mirrors):
         lengths, outline = edges_mm(mirror), mirror.outline_in_rig_mm
@@ -107,7 +111,7 @@ def _size(spec: DesignSpec, mirrors: tuple[Mirror, ...]) -> list[Violation]:
 
 
 def _depth(spec: DesignSpec, mirrors: tuple[Mirror, ...]) -> list[Violation]:
-    """Mirrors that reach past the nearest depth, from their farthest corners back to it."""
+    """Mirrors that reach past the nearest depth, with the line from their farthest corner back to it."""
     found, along = [], spec.view_from_rig[2]
     for k, mirror in enumerate(mirrors):
         corners = mirror.solid.corners_in_rig_mm
@@ -118,7 +122,7 @@ def _depth(spec: DesignSpec, mirrors: tuple[Mirror, ...]) -> list[Violation]:
 
 
 def _occlusion(spec: DesignSpec, mirrors: tuple[Mirror, ...]) -> list[Violation]:
-    """Mirrors in the light of others, where their solids meet it; by the lengths of the light's shadow."""
+    """Mirrors that block light of others, with the closest points of solid and light; sized by the shadow's length."""
     found = []
     light = blocked_light(mirrors, max(spec.depths_mm), view_axis=spec.view_from_rig[2], pupil=spec.camera.pupil)
     for part in light:
@@ -132,13 +136,13 @@ def _occlusion(spec: DesignSpec, mirrors: tuple[Mirror, ...]) -> list[Violation]
 
 
 def _beam(face: Mirror) -> FloatArray:
-    """Ends (n, 3) of the beam that leaves a mirror through the corners of its face."""
+    """Ends (n, 3) of the rays that leave a mirror through the corners of its face."""
     outline = face.outline_in_rig_mm
     return outline + BEAM * (outline - face.virtual_centre_in_rig_mm)
 
 
 def _body(spec: DesignSpec, mirrors: tuple[Mirror, ...]) -> list[Violation]:
-    """Mirrors, or beams that leave them, in the box around the camera's body and its clip, where they meet it."""
+    """Mirrors, or beams leaving them, inside the box around the camera's body and its clip, with closest points."""
     found, box = [], spec.kept_free_in_rig_mm
     for k, mirror in enumerate(mirrors):
         face = mirror.apparent
@@ -151,7 +155,7 @@ def _body(spec: DesignSpec, mirrors: tuple[Mirror, ...]) -> list[Violation]:
 
 
 def _depth_in_box_mm(points: FloatArray, normals: FloatArray, box: FloatArray) -> float:
-    """Least shift along an axis or a normal (k, 3) that takes the points' hull out of a box; 0 where they are apart."""
+    """Smallest shift along an axis or a normal (k, 3) that moves the points' hull out of a box; 0 if it is outside."""
     if hull_distance(points, box) > MET_MM:
         return 0.0
     directions = np.concatenate([np.eye(3), normals / np.linalg.norm(normals, axis=1, keepdims=True)])
@@ -160,7 +164,7 @@ def _depth_in_box_mm(points: FloatArray, normals: FloatArray, box: FloatArray) -
 
 
 def _overlap(spec: DesignSpec, mirrors: tuple[Mirror, ...], regions: FloatArray | None) -> list[Violation]:
-    """Mirrors that do not show the whole region of a depth: from the edge to where its farthest corner is reflected."""
+    """Mirrors that do not show the entire region, with the line from the edge to its farthest corner's reflection."""
     found = []
     for depth_mm, region in zip(spec.depths_mm, regions if regions is not None else [], strict=False):
         points = np.column_stack([region * spec.scale_mm, np.full(len(region), depth_mm)]) @ spec.view_from_rig
@@ -183,4 +187,4 @@ FINDERS = {
     "occlusion": _occlusion,
     "body": _body,
 }
-"""By constraint, what finds its violations; that of overlap takes regions, too."""
+"""Functions that find the violations of each constraint; `_overlap` also takes regions."""

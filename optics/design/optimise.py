@@ -1,4 +1,4 @@
-"""Design of a layout: optimal virtual cameras and buildable mirrors for a spec, verified independently."""
+"""Design of a layout: optimal virtual cameras and manufacturable mirrors for a spec, verified independently."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ from mirrorcam.optics.design.program.seeds import faceted_parabola, layout_of, m
 from mirrorcam.optics.design.program.separation import PairConstraint, neighbour_pairs
 from mirrorcam.optics.design.search import (
     MEETINGS,
+    best_of,
     by_detours,
     check_at_once,
     from_seeds,
-    least_of,
     seed_meeting,
 )
 from mirrorcam.optics.geometry.design_spec import FIRST_FOLD_DEG, GAVE_UP, DesignSpec, InfeasibleDesign
@@ -34,12 +34,12 @@ from mirrorcam.optics.geometry.mirror_gaps import pairs_closer_than, seen_closer
 from mirrorcam.optics.geometry.sub_images import fields_of_view
 
 NEAR = 120
-"""Iterations in which an optimum near given values is found, or not at all."""
+"""Iteration limit of a search for an optimum near given values."""
 
 
 @dataclass(frozen=True)
-class _Found:
-    """An optimum: the spec with its fold, its program, the constraints on pairs, the values of all unknowns."""
+class _Optimum:
+    """An optimum: the spec with its fold, the program, its constraints on pairs, and the values of all unknowns."""
 
     spec: DesignSpec
     problem: Problem
@@ -60,47 +60,47 @@ class _Found:
 def design(spec: DesignSpec, calls: Calls = in_turn) -> Layout:
     """Optimise a nominal layout, and verify it with code that shares nothing with the optimiser.
 
-    Minimises tradeoff * (grid error / 0.25)^2 + (1 - tradeoff) * (1 - pixel efficiency), with the efficiency averaged
-    over the depths (and over devices as built, where the spec has a tolerance), under the constraints of the spec
-    (docs/design.md). Where the objective is depth, then minimises
-    the standard deviation of depth, with the pixels and the field of view of this design. The search starts from
-    faceted ellipsoids and keeps the best optimum; where they lead to none, it first looks for any feasible layout, then
-    continues from easier specs. Neighbours are kept apart from the start, other pairs of mirrors once they have come
-    too close.
+    Minimises tradeoff * (grid error / 0.25)^2 + (1 - tradeoff) * (1 - pixel efficiency) under the constraints of the
+    spec (docs/design.md). The efficiency is averaged over the depths and, if the spec has a tolerance, over devices as
+    built. For the objective "depth", a second optimisation minimises the standard deviation of depth while keeping the
+    pixels and the field of view of the first design.
+
+    The search starts from faceted ellipsoids and keeps the best optimum. If they lead to none, it looks for any
+    feasible layout, then continues from easier specs. Neighbouring mirrors are kept apart from the start, other pairs
+    once they come too close.
 
     Parameters
     ----------
     spec
         The requested design; lengths in mm, depths from the pupil along view z.
     calls
-        How searches that do not depend on each other are made; with `beside` a worker, in two processes. The layout is
-        the same.
+        Runs independent searches, in this process or, with `beside` a worker, in two. The layout is the same.
 
     Returns
     -------
     Layout
-        Nominal layout with `metrics` (its figures) and `verdict` (its checks with their limits); its spec states the
-        fold that was found.
+        Nominal layout with `metrics` (its figures) and `verdict` (its checks with their limits). Its spec states the
+        fold found by the search.
 
     Raises
     ------
     InfeasibleDesign
-        Names the constraint that cannot hold and by how much it is missed, or "every" where the search found no layout
-        for an unknown reason.
+        Names the constraint that cannot be met and the violation, or "every" if the search found no layout for an
+        unknown reason.
     """
     check_type("spec", spec, DesignSpec)
     check_at_once(spec)
-    found = _for_overlap(spec, calls)
+    optimum = _for_overlap(spec, calls)
     if spec.objective == "depth":
-        found = _for_depth(spec, found, calls)
-    return _verified(found)
+        optimum = _for_depth(spec, optimum, calls)
+    return _verified(optimum)
 
 
 def design_near(spec: DesignSpec, start: FloatArray) -> Layout | None:
-    """The design for overlap near values of the unknowns of another one of the same counts; None where it is not found.
+    """The design for overlap near the values of all unknowns of another design with the same counts.
 
-    Of the design alone, as without tolerances, and with figures and verdict. Where its fold is to be chosen, it is
-    searched for as by `design`.
+    Ignores the spec's tolerances; optimises the fold if it is "auto". Returns a layout with figures and verdict, or
+    None if the search finds no optimum or the layout fails a check.
     """
     pairs, values = neighbour_pairs(spec.arrangement), start
     if spec.fold_deg == "auto":
@@ -112,57 +112,57 @@ def design_near(spec: DesignSpec, start: FloatArray) -> Layout | None:
         outcome = problem.solver.optimise(values)
         if not outcome.solved:
             return None
-        found = _Found(spec, problem, pairs, outcome.values)
-        pairs, values = _stricter(found), outcome.values
-        if pairs == found.pairs:
+        optimum = _Optimum(spec, problem, pairs, outcome.values)
+        pairs, values = _stricter(optimum), outcome.values
+        if pairs == optimum.pairs:
             try:
-                return _verified(found)
+                return _verified(optimum)
             except InfeasibleDesign:
                 return None
 
 
-def _verified(found: _Found) -> Layout:
-    """The layout with its figures and its verdict. Raises InfeasibleDesign where it fails a check."""
-    spec, layout = found.spec, found.layout
+def _verified(optimum: _Optimum) -> Layout:
+    """The layout with its figures and its verdict. Raises InfeasibleDesign if it fails a check."""
+    spec, layout = optimum.spec, optimum.layout
     verdict = verify(layout, spec)
     try:
         require_passed(verdict)
     except InfeasibleDesign as refusal:
-        raise InfeasibleDesign(GAVE_UP, f"the layout found fails its check, {refusal.finding}") from None
+        raise InfeasibleDesign(GAVE_UP, f"the layout found fails verification: {refusal.finding}") from None
     return layout.replaced(metrics=evaluate(layout, spec.depths_mm), verdict=verdict)
 
 
-def _for_overlap(spec: DesignSpec, calls: Calls) -> _Found:
+def _for_overlap(spec: DesignSpec, calls: Calls) -> _Optimum:
     pairs = neighbour_pairs(spec.arrangement)
     values: FloatArray | None = None
     if spec.fold_deg == "auto":
         spec, values = _with_best_fold(spec, pairs, calls)
     while True:
-        found = _optimum(spec, pairs, values, calls)
-        stricter, values = _stricter(found), found.values
+        optimum = _optimum(spec, pairs, values, calls)
+        stricter, values = _stricter(optimum), optimum.values
         if stricter == pairs and spec.robust_tilt_deg > 0.0:
-            found = _as_built(found)
-            stricter = _stricter(found)
+            optimum = _as_built(optimum)
+            stricter = _stricter(optimum)
         if stricter == pairs:
-            return found
+            return optimum
         pairs = stricter
 
 
-def _optimum(spec: DesignSpec, pairs: tuple[PairConstraint, ...], values: FloatArray | None, calls: Calls) -> _Found:
-    """The optimum under constraints on pairs, from earlier values, if any, then from the seeds, then by detours."""
+def _optimum(spec: DesignSpec, pairs: tuple[PairConstraint, ...], values: FloatArray | None, calls: Calls) -> _Optimum:
+    """The optimum under constraints on pairs: from earlier values if there are any, else from seeds or by detours."""
     problem = overlap_problem(spec, seed_meeting(spec), pairs)
-    outcome = None if values is None else least_of([problem.solver.optimise(values)])
+    outcome = None if values is None else best_of([problem.solver.optimise(values)])
     if outcome is None:
         outcome = from_seeds(spec, pairs, calls) or by_detours(spec, pairs, calls)
-    return _Found(spec, problem, pairs, outcome.values)
+    return _Optimum(spec, problem, pairs, outcome.values)
 
 
 def _with_best_fold(
     spec: DesignSpec, pairs: tuple[PairConstraint, ...], calls: Calls
 ) -> tuple[DesignSpec, FloatArray | None]:
-    """The spec with the fold at the optimum, in whole degrees, and the values of all unknowns there.
+    """The spec with the optimal fold, rounded to degrees, and the values of all unknowns at the optimum.
 
-    Where no optimum with an unknown fold is found, that from which the search starts, and no values.
+    Without an optimum, the spec gets the fold from which the search starts, and there are no values.
     """
     problem = overlap_problem(spec, seed_meeting(spec), pairs)
     outcome = from_seeds(spec, pairs, calls)
@@ -175,48 +175,48 @@ def _fold_deg(problem: Problem, values: FloatArray) -> float:
     return float(np.rad2deg(values[problem.fold[0]]).round())
 
 
-def _stricter(found: _Found) -> tuple[PairConstraint, ...]:
-    """The constraints on pairs, followed by those that the mirrors violate."""
-    spec, mirrors = found.spec, found.mirrors
+def _stricter(optimum: _Optimum) -> tuple[PairConstraint, ...]:
+    """The constraints on pairs, extended by those that the mirrors violate."""
+    spec, mirrors = optimum.spec, optimum.mirrors
     violated = {PairConstraint("gap", i, j) for i, j in pairs_closer_than(mirrors, spec.spacing_mm)}
     violated |= {PairConstraint("seen", i, j) for i, j in seen_closer_than(mirrors, spec.seen_gap_mm / spec.scale_mm)}
     light = blocked_light(mirrors, max(spec.depths_mm), view_axis=spec.view_from_rig[2], pupil=spec.camera.pupil)
     violated |= {PairConstraint(part.leg, part.mirror, part.occluder) for part in light}
-    return found.pairs + tuple(sorted(violated - set(found.pairs)))
+    return optimum.pairs + tuple(sorted(violated - set(optimum.pairs)))
 
 
-def _as_built(nominal: _Found) -> _Found:
-    """The optimum over devices as built, from that of the design alone."""
+def _as_built(nominal: _Optimum) -> _Optimum:
+    """The optimum over devices as built, started from the optimum for the exact device."""
     spec = nominal.spec
     problem = overlap_problem(spec, seed_meeting(spec), nominal.pairs, DEVICES)
     outcome = problem.solver.optimise(nominal.values)
     if not outcome.solved:
         tilted = f"mirrors tilted by {spec.robust_tilt_deg:g}°"
-        raise InfeasibleDesign(GAVE_UP, f"the search found no optimum over devices as built, {tilted}")
-    return _Found(spec, problem, nominal.pairs, outcome.values)
+        raise InfeasibleDesign(GAVE_UP, f"the search found no optimum over devices with {tilted}")
+    return _Optimum(spec, problem, nominal.pairs, outcome.values)
 
 
-def _for_depth(spec: DesignSpec, overlap: _Found, calls: Calls) -> _Found:
-    """The optimum for depth from the design for overlap and from the seeds; `spec` may leave the fold open.
+def _for_depth(spec: DesignSpec, overlap: _Optimum, calls: Calls) -> _Optimum:
+    """The optimum for depth, started from the design for overlap and from the seeds; the fold may be "auto".
 
-    Raises InfeasibleDesign where no start leads to one.
+    Raises InfeasibleDesign if no start leads to an optimum.
     """
     target, pairs = _target(overlap), overlap.pairs
     starts: list[tuple[float, FloatArray | None]] = [(meeting, None) for meeting in MEETINGS]
     starts.append((MEETINGS[0], overlap.values))
     while True:
-        outcome = least_of(calls([(_depth_optimum, (spec, start, pairs, target)) for start in starts]))
+        outcome = best_of(calls([(_depth_optimum, (spec, start, pairs, target)) for start in starts]))
         if outcome is None:
             raise InfeasibleDesign(GAVE_UP, "the search for the least standard deviation of depth found no optimum")
         problem = depth_problem(spec, seed_meeting(spec), pairs, target)
-        found = _Found(spec, problem, pairs, outcome.values)
+        optimum = _Optimum(spec, problem, pairs, outcome.values)
         starts = [(MEETINGS[0], outcome.values)]
         if spec.fold_deg == "auto":
-            spec = spec.replaced(fold_deg=_fold_deg(found.problem, outcome.values))
+            spec = spec.replaced(fold_deg=_fold_deg(optimum.problem, outcome.values))
             continue
-        stricter = _stricter(found)
+        stricter = _stricter(optimum)
         if stricter == pairs:
-            return found
+            return optimum
         pairs = stricter
 
 
@@ -226,13 +226,13 @@ def _depth_optimum(
     pairs: tuple[PairConstraint, ...],
     target: OverlapDesign,
 ) -> SolverOutcome:
-    """The optimum for depth near a seed or, where there are any, near earlier values."""
+    """The optimum for depth near earlier values if there are any, else near a seed."""
     meeting, values = start
     return depth_problem(spec, seed_meeting(spec, meeting), pairs, target).solver.optimise(values)
 
 
-def _target(overlap: _Found) -> OverlapDesign:
-    """What a design for depth is measured against."""
+def _target(overlap: _Optimum) -> OverlapDesign:
+    """The properties of the design for overlap that a design for depth must keep."""
     spec, layout = overlap.spec, overlap.layout
     views = fields_of_view(layout, spec.camera.pupil)
     regions = overlap.problem.outlines(spec, overlap.values) * spec.scale_mm
@@ -249,9 +249,9 @@ def _target(overlap: _Found) -> OverlapDesign:
 
 
 def assessed_parabola(spec: DesignSpec) -> Layout:
-    """The faceted parabola of a specification, with its metrics and the verdict on it, which may fail.
+    """The faceted parabola of a specification, with its metrics and its verdict, which may fail.
 
-    Raises InputError where the specification has none, or a working depth is nearer than its mirrors.
+    Raises InputError if there is none for the specification, or a working depth is nearer than its mirrors.
     """
     layout = faceted_parabola(spec)
     return layout.replaced(spec=spec, metrics=evaluate(layout, spec.depths_mm), verdict=verify(layout, spec))

@@ -1,4 +1,4 @@
-"""Previews of designs: layouts at once, between those that were solved for specifications near by."""
+"""Previews of designs: immediate layouts, interpolated between solved designs for similar specifications."""
 
 from __future__ import annotations
 
@@ -34,30 +34,30 @@ CHANGES = {
     "robust_tilt_deg": 0.1,
     "robust_offset_mm": 0.002,
 }
-"""Changes that cost about 0.01 of the sensor where mirrors do not follow: relative ones of scale, depths and sensor,
-of fold and tilts in degrees, of lengths in scales, of areas in squared scales."""
+"""Changes that cost about 0.01 of the sensor if mirrors do not adapt: relative for scale, depths and sensor, degrees
+for fold and tilts, scales for lengths, squared scales for areas."""
 
 SIDES = ("left", "top", "right", "bottom")
 
 LOCAL = 0.03
-"""Weight of the distances of the designs that are mixed, relative to the distance between mixture and specification."""
+"""Weight of the distances of the mixed designs, relative to the distance between mixture and specification."""
 
 LEAST_WEIGHT = 0.02
-"""Relative weight below which a design does not count."""
+"""Relative weight below which a design is dropped."""
 
 WORSE = 0.03
-"""By how much the objective of a mixture may be worse than that of its parts, which have optima of one kind then."""
+"""Largest increase of a mixture's objective over its parts' mean; a larger one shows optima of different kinds."""
 
 MOST_ROUNDS, SHRINKING, ON_SENSOR = 10, 0.99, 1e-6
-"""Rounds in which sub-images that overlap or leave the sensor shrink by this factor; what is no leaving, normalized."""
+"""Rounds in which sub-images that overlap or leave the sensor shrink, the factor, and the sensor's tolerance."""
 
 
 def differences(spec: DesignSpec, other: DesignSpec) -> dict[str, float] | None:
-    """How far `other` is from `spec` in each parameter, in multiples of `CHANGES`, with signs; only what differs.
+    """Signed differences of `other` from `spec`, in multiples of `CHANGES`, for parameters that differ.
 
-    Each depth counts on its own, as "depths_mm 0", and so does each border of the sensor in normalized coordinates, as
-    "camera left". A fold to be chosen differs from none. Returns None where counts, pattern, sides, surface, the number
-    of depths, objective or lens model differ: no design of one is a preview of the other.
+    Depths count separately ("depths_mm 0"), as do the sensor's borders in normalized coordinates ("camera left"). The
+    fold "auto" differs from none. Returns None if counts, pattern, sides, surface, the number of depths, objective or
+    lens model differ, because neither design can then preview the other.
     """
     if _structure(spec) != _structure(other):
         return None
@@ -86,28 +86,29 @@ def _structure(spec: DesignSpec) -> tuple[object, ...]:
 
 
 def preview(spec: DesignSpec, solved: Sequence[Layout]) -> Layout | None:
-    """What the design of a spec is about to look like, in milliseconds, from designs of other specs.
+    """Predict the design of a spec from designs for other specs, in milliseconds.
 
-    Virtual centres and corners of sub-images are those of the mixture of designs whose spec comes nearest: where the
-    spec lies between two of them, linear interpolation; beyond all, the nearest. The nearest design alone is taken
-    where optima of two kinds do not mix. Scale, fold and sensor are those of the spec, and
-    virtual centres follow the seed of the search with scale, depths and camera. Sub-images that would overlap or leave
-    the sensor shrink. Nothing is optimised; gaps and light are not checked.
+    Virtual centres and corners of sub-images are a weighted mean over the designs whose mean spec comes nearest: linear
+    interpolation between two designs, the nearest design beyond all. The nearest design alone is used if the optima are
+    of different kinds. Scale, fold and sensor are the spec's, and virtual centres follow the search's seed with scale,
+    depths and camera. Sub-images that would overlap or leave the sensor shrink. Nothing is optimised; gaps and light
+    are not checked.
 
     Parameters
     ----------
     spec
-        The requested design. A fold to be chosen is that of the nearest design.
+        The requested design. The fold "auto" becomes the fold of the nearest design.
     solved
-        Designs with their specs; those of another structure (see `differences`) do not count.
+        Designs with their specs; those with another structure (see `differences`) are ignored.
 
     Returns
     -------
-    Layout
-        Nominal, without figures and verdict; its provenance states that it is a preview. None where no design counts,
-        or where shrinking does not keep the sub-images apart.
+    Layout or None
+        Nominal, without figures and verdict; its provenance states that it is a preview. None if no design is
+        comparable, or shrinking does not separate the sub-images.
     """
-    near = [(layout, apart) for layout in solved if (apart := _apart(layout, spec)) is not None]
+    specs = ((layout, layout.spec) for layout in solved if layout.spec is not None and layout.spec.fold_deg != "auto")
+    near = [(layout, apart) for layout, other in specs if (apart := differences(spec, other)) is not None]
     near.sort(key=lambda pair: _length(pair[1]))
     if not near:
         return None
@@ -123,13 +124,9 @@ def preview(spec: DesignSpec, solved: Sequence[Layout]) -> Layout | None:
     return _mixed(spec, [(near[0][0], 1.0)])
 
 
-def _apart(layout: Layout, spec: DesignSpec) -> dict[str, float] | None:
-    return None if layout.spec is None or layout.spec.fold_deg == "auto" else differences(spec, layout.spec)
-
-
 def _spec_of(layout: Layout) -> DesignSpec:
     if layout.spec is None:
-        raise ValueError("a layout without a spec, expected a design")
+        raise ValueError("the layout has no spec, expected a design")
     return layout.spec
 
 
@@ -138,9 +135,9 @@ def _length(apart: dict[str, float]) -> float:
 
 
 def _mixture(apart: Sequence[dict[str, float]]) -> FloatArray:
-    """Weights (n), of the sum 1, of designs so far from a spec whose mixture is nearest to it; nearest first.
+    """Weights (n,) with sum 1 of the mixture nearest to a spec, for designs sorted by their differences from it.
 
-    The w >= 0 with the least |sum w_k x_k|^2 + (LOCAL |w_k x_k|)^2: near designs before far ones.
+    They minimise |sum w_k x_k|^2 + (LOCAL |w_k x_k|)^2 for w >= 0, which prefers near designs.
     """
     names = sorted({name for each in apart for name in each})
     places = np.array([[each.get(name, 0.0) for name in names] for each in apart]).reshape(len(apart), -1)
@@ -148,19 +145,19 @@ def _mixture(apart: Sequence[dict[str, float]]) -> FloatArray:
     if lengths[0] == 0.0:
         return np.eye(len(apart))[0]
     kept, weights = np.arange(len(apart)), np.zeros(len(apart))
-    whole = 1e3 * lengths[0]
+    penalty = 1e3 * lengths[0]
     while True:
-        system = np.vstack([places[kept].T, LOCAL * np.diag(lengths[kept]), np.full((1, len(kept)), whole)])
-        found, _ = nnls(system, np.append(np.zeros(len(system) - 1), whole))
-        counts = found >= LEAST_WEIGHT * found.max()
+        system = np.vstack([places[kept].T, LOCAL * np.diag(lengths[kept]), np.full((1, len(kept)), penalty)])
+        solution, _ = nnls(system, np.append(np.zeros(len(system) - 1), penalty))
+        counts = solution >= LEAST_WEIGHT * solution.max()
         if counts.all():
-            weights[kept] = found / found.sum()
+            weights[kept] = solution / solution.sum()
             return weights
         kept = kept[counts]
 
 
 def _mixed(spec: DesignSpec, parts: Sequence[tuple[Layout, float]]) -> Layout | None:
-    """The layout of a spec with the weighted mean of designs; None where that has no mirrors."""
+    """The layout of a spec from the weighted mean of designs; None if its mirrors are impossible."""
     low, high = sensor_rectangle(spec.camera)
     centres, corners = np.zeros((len(parts[0][0].mirrors), 3)), np.zeros(())
     for layout, weight in parts:
@@ -185,9 +182,9 @@ def _mixed(spec: DesignSpec, parts: Sequence[tuple[Layout, float]]) -> Layout | 
 
 
 def _apart_on_sensor(spec: DesignSpec, corners: FloatArray) -> FloatArray:
-    """Corners (n, sides, 2) of sub-images, of which those shrink that leave the sensor or meet another.
+    """Shrink sub-images (n, sides, 2) that leave the sensor or meet another.
 
-    Raises InfeasibleDesign where that is not enough.
+    Raises InfeasibleDesign if that is not enough.
     """
     sensor = sensor_polygon(spec.camera).buffer(ON_SENSOR)
     for _ in range(MOST_ROUNDS):
@@ -199,11 +196,11 @@ def _apart_on_sensor(spec: DesignSpec, corners: FloatArray) -> FloatArray:
             return corners
         middles = corners.mean(axis=1, keepdims=True)
         corners = middles + np.where(wrong, SHRINKING, 1.0)[:, None, None] * (corners - middles)
-    raise InfeasibleDesign("spacing", "sub-images between those of designs near by overlap")
+    raise InfeasibleDesign("spacing", "interpolated sub-images overlap")
 
 
 def _cost(layout: Layout) -> float:
-    """The objective of a layout, with pixels as a pinhole sees them; from its figures, where it has them."""
+    """The objective of a layout, for a pinhole camera; from its figures if it has them."""
     spec = _spec_of(layout)
     if layout.metrics:
         shares = [layout.metrics[f"pixel_efficiency_{depth_mm:g}mm"].value for depth_mm in spec.depths_mm]

@@ -1,4 +1,4 @@
-"""The search for the optimum of a design's program: starts, easier specs on the way, and why there is none."""
+"""The search for the optimum of a design's program: starts, continuation from easier specs, and reasons for failure."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from mirrorcam.optics.design.program.terms import ELASTIC
 from mirrorcam.optics.geometry.design_spec import GAVE_UP, DesignSpec, InfeasibleDesign
 
 MISSED, CLEARLY_MISSED = 1e-5, 1e-3
-"""Violations, in scales, up to which a search for feasibility meets a limit and from which on it clearly misses it."""
+"""Violations, in scales, up to which a limit counts as met, and beyond which it counts as clearly missed."""
 
 MEETINGS = (1.0, 3.0)
-"""Depths where chief rays of the seeds meet, in multiples of the working depth; the best optimum is kept."""
+"""Depths where the chief rays of the seeds meet, relative to the working depth; the best optimum is kept."""
 
 EASIER = (0.0, 0.3, 0.6, 0.8, 1.0)
 """Fractions of a spec's demands in the steps of a continuation."""
@@ -35,7 +35,7 @@ def _refusal(
     mirrors: tuple[FloatArray, FloatArray],
     regions: FloatArray | None = None,
 ) -> InfeasibleDesign:
-    """The error that names the constraint missed most, and where mirrors (see `least_violation`) do."""
+    """The error that names the constraint with the largest violation and, by `least_violation`, its location."""
     worst = max(ELASTIC, key=lambda family: missed[family] * SLACK_WEIGHTS[family])
     by_mm = missed[worst] * spec.scale_mm
     depths = ", ".join(f"{depth:g}" for depth in spec.depths_mm)
@@ -43,11 +43,11 @@ def _refusal(
         "spacing": f"mirrors cannot be {spec.spacing_mm:g} mm apart, they come {by_mm:.3g} mm too close",
         "seen gap": f"sub-images cannot be {_seen_gap_text(spec)} apart, they come {by_mm:.3g} mm too close",
         "occlusion": f"mirrors of {spec.thickness_mm:g} mm reach {by_mm:.3g} mm into the light between pupil and scene",
-        "body": f"mirrors or their light come {by_mm:.3g} mm too close to the camera, of whose body they are to stay "
-        f"{spec.body_clearance_mm:g} mm clear",
+        "body": f"mirrors or their light come {by_mm:.3g} mm too close to the camera's body, which needs a clearance "
+        f"of {spec.body_clearance_mm:g} mm",
         "depth": f"{min(spec.depths_mm):g} mm is nearer than the mirrors, they reach {by_mm:.3g} mm past it",
-        "overlap": f"no region at {depths} mm that {LEAST_EFFICIENCY:.0%} of the sensor could see lies in all views, "
-        f"it leaves some by {missed['overlap']:.0%} of a sub-image",
+        "overlap": f"the views share no region at {depths} mm that {LEAST_EFFICIENCY:.0%} of the sensor sees, "
+        f"the best region exceeds some views by {missed['overlap']:.0%} of a sub-image",
         "size": f"mirrors cannot have edges of {spec.min_edge_mm:g} mm and {spec.min_area_mm2:g} mm² on this sensor",
     }[worst]
     return InfeasibleDesign(worst, finding, least_violation(spec, worst, mirrors, regions))
@@ -61,15 +61,15 @@ def _seen_gap_text(spec: DesignSpec) -> str:
 
 
 def _working_depth_mm(spec: DesignSpec) -> float:
-    """The harmonic mean of the depths: the middle of their disparities."""
+    """Harmonic mean of the depths, the depth of the mean disparity."""
     return len(spec.depths_mm) / sum(1.0 / depth for depth in spec.depths_mm)
 
 
 def check_at_once(spec: DesignSpec) -> None:
-    """Refuse what needs no search.
+    """Raise InfeasibleDesign for specs that are infeasible without a search.
 
-    A depth nearer than the middles of the seed's mirrors, gaps wider than the sensor, and mirrors so thick that they
-    reach the pupil.
+    These have a depth nearer than the centres of the seed's mirrors, gaps wider than the sensor, or mirrors so thick
+    that they reach the pupil.
     """
     seed = seed_of(spec, max(_working_depth_mm(spec), 2.0 * spec.scale_mm))
     start = (seed.centres, seed.corners)
@@ -81,7 +81,7 @@ def check_at_once(spec: DesignSpec) -> None:
     beyond = spec.seen_gap_mm / spec.scale_mm - float(np.linalg.norm(high - low))
     if beyond >= 0:
         raise _refusal(spec, dict.fromkeys(ELASTIC, 0.0) | {"seen gap": beyond}, start)
-    # The optical axis meets its mirror at 90 degrees less half the fold: its cosine is the sine of half the fold.
+    # The angle of incidence of the optical axis is 90 degrees minus half the fold.
     cosine = float(np.sqrt((1.0 - spec.view_from_rig[2, 2]) / 2.0))
     before_mm = 0.0
     if spec.is_second_surface:
@@ -95,7 +95,7 @@ def check_at_once(spec: DesignSpec) -> None:
 
 
 def _easier(spec: DesignSpec, part: float) -> DesignSpec:
-    """A spec with `part` of the demands of this one: gaps, thickness, sizes, nearness, trade-off and tolerances."""
+    """An easier spec: scales gaps, thickness, sizes, nearness, trade-off and tolerances by `part`, from 0 to 1."""
     return spec.replaced(
         spacing_mm=part * spec.spacing_mm,
         seen_gap_mm=part * spec.seen_gap_mm,
@@ -115,8 +115,8 @@ def seed_meeting(spec: DesignSpec, meeting: float = MEETINGS[0]) -> Seed:
     return seed_of(spec, meeting * _working_depth_mm(spec))
 
 
-def least_of(outcomes: Iterable[SolverOutcome]) -> SolverOutcome | None:
-    """The best of those that are optima, the first of equals."""
+def best_of(outcomes: Iterable[SolverOutcome]) -> SolverOutcome | None:
+    """The best of the outcomes that are optima; None if there is none."""
     return min((outcome for outcome in outcomes if outcome.solved), key=lambda outcome: outcome.objective, default=None)
 
 
@@ -126,15 +126,15 @@ def optimum_from(spec: DesignSpec, meeting: float, pairs: tuple[PairConstraint, 
 
 
 def from_seeds(spec: DesignSpec, pairs: tuple[PairConstraint, ...], calls: Calls) -> SolverOutcome | None:
-    """The best of the optima near the seeds; where the first has none, those near the others are not wanted."""
+    """The best of the optima near the seeds; None without trying the others if the first seed leads to none."""
     with closing(calls([(optimum_from, (spec, meeting, pairs)) for meeting in MEETINGS])) as outcomes:
         first: SolverOutcome = next(outcomes)
-        return least_of([first, *outcomes]) if first.solved else None
+        return best_of([first, *outcomes]) if first.solved else None
 
 
 @dataclass(frozen=True)
 class _Detour:
-    """The values with the least violation of each family near a start; with none, also the optimum near them."""
+    """The values with the least violation near a start, by family; without violation, also the optimum near them."""
 
     feasible: SolverOutcome
     missed: dict[str, float]
@@ -146,7 +146,7 @@ class _Detour:
 def detour_from(
     spec: DesignSpec, meeting: float, pairs: tuple[PairConstraint, ...], start: FloatArray | None = None
 ) -> _Detour:
-    """The least violation near the seed whose chief rays meet at a multiple of the working depth, or near values."""
+    """Minimise the violation near given values, or near the seed whose chief rays meet at a relative depth."""
     problem = overlap_problem(spec, seed_meeting(spec, meeting), pairs)
     feasible, missed = problem.solver.find_feasible(start)
     met = feasible.solved and max(missed.values()) <= MISSED
@@ -156,9 +156,9 @@ def detour_from(
 
 
 def by_detours(spec: DesignSpec, pairs: tuple[PairConstraint, ...], calls: Calls) -> SolverOutcome:
-    """The optimum near the nearest feasible points or, where there seem to be none, after a continuation.
+    """The optimum near the nearest feasible points or, if there seem to be none, after a continuation.
 
-    Raises InfeasibleDesign where both seeds lead to points that clearly violate a constraint, or no start leads to an
+    Raises InfeasibleDesign if both seeds lead to points that clearly violate a constraint, or no start leads to an
     optimum.
     """
     least: list[_Detour] = []
@@ -172,25 +172,25 @@ def by_detours(spec: DesignSpec, pairs: tuple[PairConstraint, ...], calls: Calls
             if len(least) == len(MEETINGS) and _violated(least) > CLEARLY_MISSED:
                 break
     if not least or _violated(least) <= MISSED:
-        raise InfeasibleDesign(GAVE_UP, "the search found no layout that meets them all")
+        raise InfeasibleDesign(GAVE_UP, "the search found no layout that meets all constraints")
     best = min(least, key=lambda detour: sum(detour.missed[name] * SLACK_WEIGHTS[name] for name in ELASTIC))
     raise _refusal(spec, best.missed, best.mirrors, best.regions)
 
 
 def _violated(detours: Iterable[_Detour]) -> float:
-    """The least of the largest violations."""
+    """The largest violation of the best of the detours."""
     return min(max(detour.missed.values()) for detour in detours)
 
 
 def _detours(spec: DesignSpec, pairs: tuple[PairConstraint, ...], calls: Calls) -> Generator[_Detour, None, None]:
-    """Searches for a feasible point from each seed and then, which takes long, from the end of a continuation."""
+    """Search for feasible points from each seed, then from the end of a continuation, which takes long."""
     with closing(calls([(detour_from, (spec, meeting, pairs)) for meeting in MEETINGS])) as near_seeds:
         yield from near_seeds
     yield detour_from(spec, MEETINGS[0], pairs, _continued(spec, pairs))
 
 
 def _continued(spec: DesignSpec, pairs: tuple[PairConstraint, ...]) -> FloatArray | None:
-    """Values of all unknowns at the last optimum of the continuation from an easy spec to this one."""
+    """Values of all unknowns at the last optimum of a continuation from an easy spec to this one."""
     values: FloatArray | None = None
     for part in EASIER:
         easier = _easier(spec, part)

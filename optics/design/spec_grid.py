@@ -1,4 +1,4 @@
-"""Many designs: the grid of specs of a sweep, the outcome of each, and all of them as rows of a table."""
+"""Sweeps over designs: a grid of specs, the outcome for each, and the rows of their table."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Cell = str | int | float | list[float] | None
 
 
 class Outcome(Value):
-    """The outcome of one spec: its figures, the constraint that cannot hold, or the error."""
+    """The outcome for one spec: its figures, the constraint that cannot be met, or the error."""
 
     spec: DesignSpec
     status: Status
@@ -40,7 +40,7 @@ def grid(
 ) -> tuple[DesignSpec, ...]:
     """All combinations of counts (rows, cols), depths, scales and tradeoffs, in this order, the last varying fastest.
 
-    Everything else is as in `common`. Raises InputError for an invalid value and for one that is given twice.
+    All other fields are taken from `common`. Raises InputError for an invalid or duplicate value.
     """
     axes: dict[str, list[dict[str, Any]]] = {
         "counts": [{"rows": rows, "cols": cols} for rows, cols in counts],
@@ -55,7 +55,7 @@ def grid(
         for choice in choices:
             text = "x".join(str(value) for value in choice.values())
             if choices.count(choice) > 1:
-                raise InputError(f"{axis}: {text} is named twice")
+                raise InputError(f"{axis}: {text} is given twice")
             try:
                 DesignSpec(**(fields | choice))
             except InvalidValue as error:
@@ -67,12 +67,12 @@ def grid(
 
 
 def structure(spec: DesignSpec) -> tuple[int, int, int, int, str]:
-    """The key of the structure of a spec's nonlinear program."""
+    """Key that identifies the structure of a spec's nonlinear program."""
     return spec.rows, spec.cols, len(spec.depths_mm), spec.sides, spec.surface
 
 
 def solve(spec: DesignSpec) -> tuple[Outcome, Layout | None]:
-    """Design one spec; the layout where there is one. Any error becomes the outcome, so that it stops no sweep."""
+    """Design one spec; returns the layout if there is one. Any error becomes the outcome and does not stop a sweep."""
     from mirrorcam.optics.design.optimise import design
 
     try:
@@ -87,11 +87,11 @@ def solve(spec: DesignSpec) -> tuple[Outcome, Layout | None]:
 
 
 def summary_figures(outcome: Outcome) -> dict[str, float | None]:
-    """Figures by which designs of any count and depths compare; None where there is none.
+    """Figures that compare designs with any counts and depths; None for an unknown figure.
 
-    `pixel_efficiency_mean` is that of the depths of the spec, `fov_diagonal_deg` the diagonal of the field of view, and
-    `depth_of_field_per_m` the depth range in which views overlap as 1/nearest - 1/farthest, which is what disparities
-    are proportional to, and stays finite where the range does not.
+    `pixel_efficiency_mean` is the mean over the depths of the spec, `fov_diagonal_deg` the diagonal field of view.
+    `depth_of_field_per_m` is the depth range in which views overlap as 1/nearest - 1/farthest: it is proportional to
+    disparity and finite for an infinite range.
     """
     values = {name: metric.value for name, metric in outcome.metrics.items() if metric.known}
     shares = [values.get(f"pixel_efficiency_{depth_mm:g}mm") for depth_mm in outcome.spec.depths_mm]
@@ -112,9 +112,9 @@ def summary_figures(outcome: Outcome) -> dict[str, float | None]:
 
 
 def pareto_front(points: Sequence[tuple[float, float]]) -> list[int]:
-    """Indices of the Pareto-optimal points, of which greater coordinates are better, by increasing first coordinate.
+    """Indices of the Pareto-optimal points (greater coordinates are better), by increasing first coordinate.
 
-    Of equal points, only the first is among them.
+    Only the first of equal points is included.
     """
     front: list[int] = []
     for number in sorted(range(len(points)), key=lambda k: (-points[k][0], -points[k][1], k)):
@@ -124,10 +124,10 @@ def pareto_front(points: Sequence[tuple[float, float]]) -> list[int]:
 
 
 def rows_of(outcomes: Sequence[Outcome]) -> list[dict[str, Cell]]:
-    """A row for each outcome, all of the same columns: spec, outcome and every figure; None where there is none.
+    """A row for each outcome with the same columns: spec, outcome and figures; None for an unknown figure.
 
-    Names of figures hold their units. The camera is given by its name. `none` has the reasons of figures that a solved
-    design has none of.
+    Names of figures contain their units. `camera` is the camera's name. `none` lists the reasons for figures that a
+    solved design does not have.
     """
     names = list(dict.fromkeys(name for outcome in outcomes for name in outcome.metrics))
     rows: list[dict[str, Cell]] = []

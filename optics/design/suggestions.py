@@ -1,4 +1,4 @@
-"""Changes that make an infeasible spec feasible: the nearest value of each parameter with which a design exists."""
+"""Changes that make an infeasible spec feasible: the nearest value of each parameter for which a design exists."""
 
 from __future__ import annotations
 
@@ -24,31 +24,31 @@ DIGITS = 3
 """Significant digits of a suggested value."""
 
 INTERIOR = 2e-3
-"""By how much, in scales, the nearest value meets all constraints: an optimum that has no space around is not found."""
+"""Margin, in scales, of the nearest value in all constraints: the solver needs some space around an optimum."""
 
 BEYOND = (0.002, 0.1, 0.3)
-"""By which parts of the change a suggestion goes beyond the nearest value, until its design is found."""
+"""Fractions of the change by which to exceed the nearest value, tried in order until a design is found."""
 
 FIRST_CHANGE = 0.9
-"""The change from which the nearest is searched for, where a design is likely."""
+"""Start of the search for the smallest change, where a design is likely."""
 
 EASY_FOLD_DEG = 100.0
 LARGER, FARTHER, ROOM = 4.0, 4.0, 4.0
-"""Largest factors of scale and of depths that are tried; the nearest depth, in scales, that leaves room."""
+"""Largest factors of scale and depths to try; nearest depth, in scales, that leaves enough room."""
 
 THIN, SMALL = 0.02, 60.0
-"""Part of a thickness that hardly counts; scales, in gaps and thicknesses, at which these are small."""
+"""Negligible fraction of a thickness; scale, in gaps and thicknesses, at which these are small."""
 
 MOST_ITERATIONS = 220
-"""Iterations in which the nearest value is found, or not at all."""
+"""Iteration limit of the search for the nearest value."""
 
 
 @dataclass(frozen=True)
 class Suggestion:
-    """A spec that differs in one parameter from one that no layout meets, and its design.
+    """A feasible spec that differs in one parameter from an infeasible one, and its design.
 
-    `change` is the relative size of the change: of lengths to the larger of both, of the fold to its range, of mirrors
-    to their number.
+    `change` is the relative size of the change: relative to the larger value for lengths, to its range for the fold,
+    and to their number for rows and columns.
     """
 
     parameter: str
@@ -59,26 +59,31 @@ class Suggestion:
 
 @dataclass(frozen=True)
 class _Parameter:
-    """A parameter that may change up to a `limit`, on which the numbers of a design's program depend linearly.
+    """A parameter that may change up to a limit.
 
-    Or on its inverse. `relieves` are the constraints that it relieves.
+    Attributes
+    ----------
+    name : field of the spec.
+    relieves : constraints that it relieves.
+    limit : its limit for a spec.
+    inverse : whether the numbers of a design's program depend linearly on its inverse, instead of on its value.
     """
 
-    parameter: str
+    name: str
     relieves: frozenset[str]
     limit: Callable[[DesignSpec], float | tuple[float, ...]]
     inverse: bool = False
 
     def changed(self, spec: DesignSpec, change: float) -> FloatArray:
-        """The value, or values, of the parameter between that of a spec (0) and the limit (1)."""
-        now, limit = np.atleast_1d(getattr(spec, self.parameter)), np.atleast_1d(self.limit(spec))
+        """The value or values of the parameter between the spec's (change 0) and the limit (change 1)."""
+        now, limit = np.atleast_1d(getattr(spec, self.name)), np.atleast_1d(self.limit(spec))
         if self.inverse:
             return np.asarray(1.0 / ((1.0 - change) / now + change / limit))
         return np.asarray((1.0 - change) * now + change * limit)
 
 
 def _larger_scale_mm(spec: DesignSpec) -> float:
-    """Also that at which gaps and glass are small."""
+    """Largest scale to try; it makes gaps and glass small in comparison."""
     return max(LARGER * spec.scale_mm, SMALL * max(spec.spacing_mm, spec.seen_gap_mm, spec.thickness_mm))
 
 
@@ -104,42 +109,42 @@ PARAMETERS = (
     _Parameter("scale_mm", frozenset({"depth"}), _smaller_scale_mm, inverse=True),
     _Parameter("thickness_mm", frozenset({"spacing", "occlusion"}), lambda spec: THIN * spec.thickness_mm),
 )
-"""Those that relieve a constraint most directly come first."""
+"""Parameters, sorted by how directly they relieve a constraint."""
 
 FOLD_RELIEVES = frozenset({"spacing", "occlusion", "body", "overlap"})
 FEWER_RELIEVES = ALL - {"depth"}
 
 
 def nearest_feasible(spec: DesignSpec, refusal: InfeasibleDesign, calls: Calls = in_turn) -> list[Suggestion]:
-    """The `suggestions` for a spec, by increasing size of their changes."""
+    """The `suggestions` for a spec, sorted by increasing change."""
     return sorted(suggestions(spec, refusal, calls), key=lambda suggestion: suggestion.change)
 
 
 def suggestions(
     spec: DesignSpec, refusal: InfeasibleDesign, calls: Calls = in_turn
 ) -> Generator[Suggestion, None, None]:
-    """Yield, for each parameter that alone makes a spec feasible, the spec with the nearest value that has a design.
+    """Yield, for each single parameter that can make a spec feasible, the spec with the nearest value and its design.
 
-    The nearest value is an unknown of the design's program, which minimises its change under all constraints; the
-    design with that value, rounded to three digits away from what it was, is then solved and verified. Parameters that
-    do not relieve the violated constraint are not tried. The search is local: a nearer value may exist, or one where
-    none is found. Devices as built do not count.
+    The value is an unknown of the design's program, which minimises its change under all constraints. It is rounded
+    to three digits, away from the original value, and the design with it is solved and verified. Only parameters that
+    relieve the violated constraint are tried. The search is local: a nearer value may exist, or a value may exist
+    where none is found. Tolerances of devices as built are ignored.
 
     Parameters
     ----------
     spec
-        That `design` has refused.
+        The infeasible spec.
     refusal
-        With which it did.
+        The error that `design` raised for it.
     calls
-        How parameters are tried, which do not depend on each other.
+        Runs the independent searches, one per parameter.
     """
     violated = ALL if refusal.constraint == GAVE_UP else {refusal.constraint}
     tried: list[Call] = [
-        (_with_one_changed, (spec, number)) for number, freed in enumerate(PARAMETERS) if violated & freed.relieves
+        (_with_one_changed, (spec, number)) for number, each in enumerate(PARAMETERS) if violated & each.relieves
     ]
     if violated & FEWER_RELIEVES:
-        tried += [(_with_fewer, (spec, name)) for name in _that_can_be_fewer(spec)]
+        tried += [(_with_fewer, (spec, name)) for name in _reducible_counts(spec)]
     if spec.fold_deg != "auto" and violated & FOLD_RELIEVES:
         tried.append((_with_fold, (spec,)))
     with closing(calls(tried)) as found:
@@ -148,7 +153,7 @@ def suggestions(
                 yield suggestion
 
 
-def _that_can_be_fewer(spec: DesignSpec) -> Iterator[str]:
+def _reducible_counts(spec: DesignSpec) -> Iterator[str]:
     if spec.pattern is None:
         for name, count, other in (("rows", spec.rows, spec.cols), ("cols", spec.cols, spec.rows)):
             if count > MIRRORS.least and (count - 1) * other > 1:
@@ -156,7 +161,7 @@ def _that_can_be_fewer(spec: DesignSpec) -> Iterator[str]:
 
 
 def _with_fewer(spec: DesignSpec, name: str) -> Suggestion | None:
-    """The suggestion of one row, or column, less."""
+    """The suggestion of one row or column fewer."""
     fewer = spec.replaced(**{name: getattr(spec, name) - 1})
     outcome = optimum_from(fewer, MEETINGS[0], neighbour_pairs(fewer.arrangement))
     layout = design_near(fewer, outcome.values) if outcome.solved else None
@@ -164,29 +169,29 @@ def _with_fewer(spec: DesignSpec, name: str) -> Suggestion | None:
 
 
 def _with_one_changed(spec: DesignSpec, number: int) -> Suggestion | None:
-    """The suggestion of one of the `PARAMETERS`; None where it alone makes nothing feasible."""
-    freed, now = PARAMETERS[number], np.atleast_1d(getattr(spec, PARAMETERS[number].parameter))
-    limit = freed.changed(spec, 1.0)
+    """The suggestion for one of the `PARAMETERS`; None if changing it alone does not help."""
+    parameter, now = PARAMETERS[number], np.atleast_1d(getattr(spec, PARAMETERS[number].name))
+    limit = parameter.changed(spec, 1.0)
     if (limit == now).all():
         return None
-    easy = _with_value(spec, freed.parameter, limit)
+    easy = _with_value(spec, parameter.name, limit)
     seed, pairs = seed_meeting(easy), neighbour_pairs(spec.arrangement)
     program, changed = (overlap_draft(each, seed, pairs)[0].program for each in (spec, easy))
     outcome = _nearest(Solver(relaxed_program(program, changed, FIRST_CHANGE), SLACK_WEIGHTS, MOST_ITERATIONS))
     if outcome is None:
         return None
     for beyond in BEYOND:
-        value = _rounded(now, freed.changed(spec, min(float(outcome.values[-1]) * (1.0 + beyond), 1.0)))
-        relaxed = _with_value(spec, freed.parameter, value)
+        value = _rounded(now, parameter.changed(spec, min(float(outcome.values[-1]) * (1.0 + beyond), 1.0)))
+        relaxed = _with_value(spec, parameter.name, value)
         layout = _designed(relaxed, outcome.values[:-1])
         if layout is not None:
             change = float((np.abs(value - now) / np.maximum(value, now)).max())
-            return Suggestion(freed.parameter, relaxed, layout, change)
+            return Suggestion(parameter.name, relaxed, layout, change)
     return None
 
 
 def _with_fold(spec: DesignSpec) -> Suggestion | None:
-    """The suggestion of another fold, to a tenth of a degree."""
+    """The suggestion of another fold, to a tenth of a degree; None if changing it alone does not help."""
     requested = float(spec.fold_deg)
     easy = spec.replaced(fold_deg=EASY_FOLD_DEG)
     draft, _ = overlap_draft(easy, seed_meeting(easy), neighbour_pairs(spec.arrangement))
@@ -207,7 +212,7 @@ def _with_fold(spec: DesignSpec) -> Suggestion | None:
 
 
 def _designed(spec: DesignSpec, values: FloatArray) -> Layout | None:
-    """The design near values; None where there is none, or `design` would not even search for it."""
+    """The design near given values; None if there is none, or `design` would refuse the spec at once."""
     try:
         check_at_once(spec)
     except InfeasibleDesign:
@@ -216,19 +221,19 @@ def _designed(spec: DesignSpec, values: FloatArray) -> Layout | None:
 
 
 def _nearest(solver: Solver) -> SolverOutcome | None:
-    """The smallest change with which all constraints are met; None where there seems to be none."""
+    """The smallest change that meets all constraints; None if the search finds none."""
     outcome, missed = solver.find_relaxed(INTERIOR)
     return outcome if outcome.solved and max(missed.values()) <= MISSED else None
 
 
 def _with_value(spec: DesignSpec, parameter: str, value: FloatArray) -> DesignSpec:
-    """The spec with a value of a parameter, or several, in an array."""
+    """The spec with the value or values (k,) of a parameter replaced."""
     numbers = tuple(float(number) for number in value)
     return spec.replaced(**{parameter: numbers if isinstance(getattr(spec, parameter), tuple) else numbers[0]})
 
 
 def _rounded(now: FloatArray, values: FloatArray) -> FloatArray:
-    """Values with three significant digits, rounded away from what they are now."""
+    """Round values to three significant digits, away from the current ones."""
     rounded = []
     for before, value in zip(now, values, strict=True):
         unit = 10.0 ** (floor(log10(value)) + 1 - DIGITS) if value > 0.0 else 1.0

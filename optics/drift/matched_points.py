@@ -1,8 +1,8 @@
-"""Points of a scene as the views of one frame see them: corners of the reference view, followed into all others.
+"""Scene points matched between the views of a frame: corners of the reference view, tracked into all others.
 
-Views are decoded with the calibrated layout, made alike in brightness and contrast, and compared by the optical flow of
-Lucas and Kanade, there and back. Nothing assumes that a point lies where the layout expects it: a mirror that moved by
-several pixels is followed all the same.
+Views are decoded with the calibrated layout, equalised in brightness and contrast, and matched by Lucas and Kanade's
+optical flow with a forward-backward check. Matching does not assume that points lie where the layout expects them, so
+a mirror that moved by several pixels is tracked, too.
 """
 
 from __future__ import annotations
@@ -27,40 +27,40 @@ from mirrorcam.optics.light_field.light_field import Views
 IntArray = NDArray[np.int64]
 
 CORNERS = 500
-"""Corners of a frame at most; they are spread over the view."""
+"""Largest number of corners of a frame; they are spread over the view."""
 LEAST_QUALITY = 0.005
 WINDOW_PX = 15
 LEVELS = 4
 PATCH_SCALE = 4.0
 LEAST_ALIKE = 0.9
 RETURNS_PX = 0.5
-"""A corner that is followed there and back and ends farther from where it began was not followed."""
-ALIKE_PX, FLAT_GREY = 15.0, 4.0
-"""Brightness and contrast are equalised over this scale; less contrast than this is noise, and stays low."""
+"""Largest error of forward-backward tracking."""
+EQUALISED_PX, FLAT_GREY = 15.0, 4.0
+"""Scale over which brightness and contrast are equalised; contrast below which noise is not amplified."""
 CLEAR_GREY = 8.0
-"""Contrast around a corner, RMS, beyond which it is no noise."""
+"""RMS contrast around a corner above which it is not noise."""
 CELLS = 5
-"""Cells along either side of the reference view; errors of points in one cell may be alike, in all frames."""
+"""Cells along each side of the reference view; errors of points in one cell may be correlated, across all frames."""
 
 
 @dataclass(frozen=True)
 class MatchedPoints:
-    """Points of scenes as views see them, a row for each sight.
+    """n observations of p scene points in f frames.
 
     Attributes
     ----------
     point
-        Numbers (n,) of the points, ascending from 0.
+        Index (n,) of the observed point, ascending from 0.
     view
-        Mirrors (n,) that show them.
+        Index (n,) of the mirror that shows it.
     pixels
-        Where, on the sensor (n, 2).
+        Pixels (n, 2) on the sensor.
     frame
-        Frames (p,) of the points, from 0.
+        Frame (p,) of each point, from 0.
     cell
-        Cells (p,) of the reference view that they are in.
+        Cell (p,) of the reference view that contains each point.
     clear
-        Corners (f,) with contrast in the reference view of each frame, matched or not.
+        Number (f,) of corners with contrast in the reference view, matched or not.
     """
 
     point: IntArray
@@ -72,7 +72,7 @@ class MatchedPoints:
 
     @classmethod
     def joined(cls, parts: list[Self]) -> Self:
-        """The points of several frames, each a frame of its own."""
+        """Concatenate the points of separate frames."""
         starts = np.cumsum([0, *(len(part.frame) for part in parts)])
         return cls(
             point=np.concatenate([part.point + start for part, start in zip(parts, starts[:-1], strict=True)]),
@@ -84,7 +84,7 @@ class MatchedPoints:
         )
 
     def where(self, kept: NDArray[np.bool_]) -> Self:
-        """The sights of a mask (n,), of points that at least two views still see."""
+        """The observations selected by a mask (n,), for points that at least two views still see."""
         seen = np.bincount(self.point[kept], minlength=len(self.frame)) >= 2
         rows = kept & seen[self.point]
         numbers = np.cumsum(seen) - 1
@@ -94,21 +94,21 @@ class MatchedPoints:
 
 
 class PointMatcher:
-    """Matches points between the views of a layout's frames; keep one for all frames.
+    """Matches points between the views of a layout's frames; reuse it for all frames.
 
-    Raises InputError where the views have no common field at the reference depth, as `Decoder` does.
+    Raises InputError if the views have no common field at the reference depth, as `Decoder` does.
     """
 
     def __init__(self, layout: Layout, reference_depth_mm: float | None = None) -> None:
         self.layout = layout
-        # Where the whole pupil is served, a lens sees what a pinhole does, whose tables take a quarter of the time.
+        # Unvignetted pixels are the same for a pinhole, whose tables take a quarter of the time.
         pinhole = layout.replaced(camera=layout.camera.replaced(aperture_mm=0.0))
         self.decoder = Decoder(pinhole, reference_depth_mm=reference_depth_mm, field="union")
         views = self.decoder.views
         self.reference = int(np.flatnonzero((views.positions_mm.reshape(-1, 3) == 0).all(axis=1))[0])
-        whole = (self.decoder.weights > 0.0).astype(np.uint8).reshape(-1, views.height_px, views.width_px)
-        whole *= _whole_pupil(layout, views)
-        framed = [cv2.copyMakeBorder(each, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=[0]) for each in whole]
+        clear = (self.decoder.weights > 0.0).astype(np.uint8).reshape(-1, views.height_px, views.width_px)
+        clear *= _unvignetted(layout, views)
+        framed = [cv2.copyMakeBorder(each, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=[0]) for each in clear]
         kernel = np.ones((WINDOW_PX + 2,) * 2, np.uint8)
         self.inner = np.stack([cv2.erode(each, kernel)[1:-1, 1:-1] for each in framed]) > 0
         self.geometry = Geometry.of(views)
@@ -118,40 +118,40 @@ class PointMatcher:
     def match(self, frame: NDArray[np.uint8]) -> MatchedPoints:
         """The points of one frame of the layout's camera that at least two views see."""
         grey = grey_views(self.decoder.decode(frame))
-        images = [_even(image) for image in grey]
+        images = [_equalised(image) for image in grey]
         start = self._corners(images[self.reference])
         seen = np.full((len(images), len(start), 2), np.nan)
         if len(start):
             for view, image in enumerate(images):
                 if view != self.reference:
-                    seen[view] = _followed(images[self.reference], image, start)
+                    seen[view] = _tracked(images[self.reference], image, start)
             seen = self._aligned(grey, start, seen)
         return replace(self._on_sensor(seen, start), clear=np.array([_clear(grey[self.reference], start)]))
 
-    def _aligned(self, grey: NDArray[np.uint8], start: FloatArray, followed: FloatArray) -> FloatArray:
-        """Where views (views, n, 2) see the patches around corners (n, 2), allowing for slanted surfaces.
+    def _aligned(self, grey: NDArray[np.uint8], start: FloatArray, tracked: FloatArray) -> FloatArray:
+        """Refine the pixels (views, n, 2) of the patches around corners (n, 2), allowing for slanted surfaces.
 
-        It begins where corners were followed to; where they were not, at the place that the other views predict.
+        Starts from the tracked pixels or, for corners that were lost, from the prediction of the other views.
         """
         geometry, views = self.geometry, self.decoder.views
         directions, others = geometry.directions(start), np.delete(np.arange(len(grey)), self.reference)
-        inverse = _inverse_mm(geometry, directions, followed)
+        inverse = _inverse_mm(geometry, directions, tracked)
         known = np.isfinite(inverse)
         where = np.stack([geometry.predict(int(view), directions, inverse) for view in others])
-        where = np.where(np.isfinite(followed[others]), followed[others], where)
+        where = np.where(np.isfinite(tracked[others]), tracked[others], where)
         where[:, ~known] = np.nan
         where[~_within(where, self.inner[others])] = np.nan
         pyramid = ImagePyramid(grey.reshape(views.rows, views.cols, *grey.shape[1:]))
         given = templates(pyramid, self.reference, start, np.full(len(start), PATCH_SCALE))
         distance = 1.0 / np.clip(np.where(known, inverse, 1e-3), 1e-6, None)
         found = align(pyramid, given, others, where, geometry.across_mm[others], distance)
-        seen = np.full(followed.shape, np.nan)
+        seen = np.full(tracked.shape, np.nan)
         seen[others] = np.where((found.alike >= LEAST_ALIKE)[..., None], found.pixels, np.nan)
         seen[self.reference] = start
         return seen
 
     def _corners(self, image: NDArray[np.uint8]) -> FloatArray:
-        """Corners (n, 2) of the reference view, away from what it does not show."""
+        """Corners (n, 2) of the reference view, inside its unvignetted part."""
         height, width = image.shape
         apart = max(np.sqrt(height * width / (4.0 * CORNERS)), 4.0)
         mask = self.inner[self.reference].astype(np.uint8)
@@ -159,7 +159,7 @@ class PointMatcher:
         return np.zeros((0, 2)) if found is None else np.asarray(found, dtype=np.float64).reshape(-1, 2)
 
     def _on_sensor(self, seen: FloatArray, start: FloatArray) -> MatchedPoints:
-        """The sights that are well inside their views, as pixels of the sensor."""
+        """Convert the pixels of views that are well inside to observations on the sensor."""
         views = self.decoder.views
         inside = _within(seen, self.inner)
         point, view = np.nonzero(inside.T)
@@ -171,12 +171,12 @@ class PointMatcher:
             pixels[rows] = self.layout.project(plane, each)
         low, high = self.extent
         column, row = np.clip(np.floor((start - low) * CELLS / (high - low)).astype(np.int64), 0, CELLS - 1).T
-        everything = MatchedPoints(point, view, pixels, np.zeros(len(start), np.int64), row * CELLS + column)
-        return everything.where(np.array(np.isfinite(pixels).all(axis=1)))
+        matches = MatchedPoints(point, view, pixels, np.zeros(len(start), np.int64), row * CELLS + column)
+        return matches.where(np.array(np.isfinite(pixels).all(axis=1)))
 
 
-def _whole_pupil(layout: Layout, views: Views) -> NDArray[np.uint8]:
-    """Masks (views, v, u), 1 where the mirror serves the whole pupil of the lens, on the reference plane."""
+def _unvignetted(layout: Layout, views: Views) -> NDArray[np.uint8]:
+    """Masks (views, v, u) of the unvignetted pixels of views, on the reference plane."""
     masks = np.zeros((len(layout.mirrors), views.height_px, views.width_px), np.uint8)
     for k, mirror in enumerate(layout.mirrors):
         outline = unvignetted_outline(mirror, layout.camera.pupil)
@@ -192,7 +192,7 @@ def _whole_pupil(layout: Layout, views: Views) -> NDArray[np.uint8]:
 
 
 def _within(pixels: FloatArray, inner: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Which of pixels (views, n, 2) are in the inner parts (views, v, u); False at NaN."""
+    """Mask (views, n) of pixels (views, n, 2) in the inner parts (views, v, u); False for NaN."""
     height, width = inner.shape[1:]
     near = np.rint(np.where(np.isfinite(pixels), np.clip(pixels, -1.0, 1e6), -1.0)).astype(np.int64)
     inside = ((near >= 0) & (near < [width, height])).all(axis=2)
@@ -201,29 +201,29 @@ def _within(pixels: FloatArray, inner: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def _inverse_mm(geometry: Geometry, directions: FloatArray, seen: FloatArray) -> FloatArray:
-    """Inverse distances (n,) by the median over the views that corners were followed to (views, n, 2); NaN without."""
+    """Inverse distances (n,) of tracked corners (views, n, 2), the median over views; NaN for untracked corners."""
     each = np.full(seen.shape[:2], np.nan)
     for view in range(len(seen)):
         if view != geometry.reference:
             along, off = geometry.terms(view, seen[view])
-            rest = off - geometry.focal_px[view] * directions
-            each[view] = (along * rest).sum(axis=1) / (along**2).sum(axis=1)
+            residual = off - geometry.focal_px[view] * directions
+            each[view] = (along * residual).sum(axis=1) / (along**2).sum(axis=1)
     known = np.isfinite(each).any(axis=0)
     inverse = np.full(len(directions), np.nan)
     inverse[known] = np.nanmedian(each[:, known], axis=0)
     return inverse
 
 
-def _even(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """A grey picture with the same brightness and contrast everywhere."""
+def _equalised(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Equalise the local brightness and contrast of a grey picture."""
     values: Any = np.float32(image)
-    rest = values - cv2.GaussianBlur(values, (0, 0), ALIKE_PX)
-    contrast = np.sqrt(cv2.GaussianBlur(rest**2, (0, 0), ALIKE_PX)) + np.float32(FLAT_GREY)
-    return np.clip(128.0 + 45.0 * rest / contrast, 0.0, 255.0).round().astype(np.uint8)
+    detail = values - cv2.GaussianBlur(values, (0, 0), EQUALISED_PX)
+    contrast = np.sqrt(cv2.GaussianBlur(detail**2, (0, 0), EQUALISED_PX)) + np.float32(FLAT_GREY)
+    return np.clip(128.0 + 45.0 * detail / contrast, 0.0, 255.0).round().astype(np.uint8)
 
 
 def _clear(image: NDArray[np.uint8], corners: FloatArray) -> int:
-    """How many corners (n, 2) differ from their surroundings by more than noise."""
+    """Number of corners (n, 2) whose surroundings have more contrast than noise."""
     values: Any = np.float32(image)
     window = (WINDOW_PX, WINDOW_PX)
     variance = cv2.blur(values**2, window) - cv2.blur(values, window) ** 2
@@ -231,17 +231,17 @@ def _clear(image: NDArray[np.uint8], corners: FloatArray) -> int:
     return int((variance[v, u] > CLEAR_GREY**2).sum())
 
 
-def _followed(image: NDArray[np.uint8], other: NDArray[np.uint8], start: FloatArray) -> FloatArray:
-    """Where another view shows the corners (n, 2); NaN where they were not followed there and back."""
-    how: dict[str, Any] = {
+def _tracked(image: NDArray[np.uint8], other: NDArray[np.uint8], start: FloatArray) -> FloatArray:
+    """Pixels (n, 2) of the corners in another view; NaN for corners that fail the forward-backward check."""
+    options: dict[str, Any] = {
         "winSize": (WINDOW_PX, WINDOW_PX),
         "maxLevel": LEVELS,
         "criteria": (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 30, 0.003),
     }
     points: Any = start.astype(np.float32)[:, None]
     nowhere: Any = None
-    there, found, _ = cv2.calcOpticalFlowPyrLK(image, other, points, nowhere, **how)
-    back, returned, _ = cv2.calcOpticalFlowPyrLK(other, image, there, nowhere, **how)
+    there, found, _ = cv2.calcOpticalFlowPyrLK(image, other, points, nowhere, **options)
+    back, returned, _ = cv2.calcOpticalFlowPyrLK(other, image, there, nowhere, **options)
     off = np.linalg.norm(back[:, 0] - points[:, 0], axis=1)
     ok = (found[:, 0] > 0) & (returned[:, 0] > 0) & (off < RETURNS_PX)
     return np.where(ok[:, None], there[:, 0].astype(np.float64), np.nan)

@@ -1,8 +1,8 @@
-"""The mirrors by matched points: a robust bundle adjustment with the calibration as its prior.
+"""Estimation of mirrors from matched points: a robust bundle adjustment with the calibration as prior.
 
-Unknown are the changes of the calibrated parameters, a direction and an inverse distance of every point, and how the
-scene moved across the camera while each frame was read row by row, a twist. The points are eliminated by the Schur
-complement; what is left is a quadratic form in the changes.
+The unknowns are the changes of the calibrated parameters, the direction and inverse distance of each point, and for
+each frame a twist, the motion of the scene relative to the camera during the row-by-row readout. The Schur complement
+eliminates the points and leaves a quadratic form in the changes.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ STEPS = 8
 STEADY_PX = 1e-3
 FARTHEST_MM = 1e6
 HEAVY = 4.0
-"""Residuals beyond this many standard deviations hardly count (Geman and McClure's loss)."""
+"""Scale of Geman and McClure's loss in standard deviations; larger residuals have little weight."""
 LEAST_SIGMA_PX = 0.02
-"""Matching is never better: pictures are interpolated, and surfaces slanted."""
+"""Lower limit of the standard deviation of a match, due to interpolation and slanted surfaces."""
 SPEED = 0.05
-"""Standard deviation of the rotation, rad, and of the shift over the distance, of a scene while a frame is read."""
+"""Standard deviation of the scene's rotation, rad, and relative shift during the readout of a frame."""
 TWIST = 6
 
 
@@ -36,19 +36,19 @@ class SceneInformation:
     Attributes
     ----------
     names
-        Of the parameters: those of the camera, then x, y and z of each mirror's virtual centre, then others.
+        Names (g,) of the parameters: the camera's, then x, y and z of each mirror's virtual centre, then others.
     information
-        H (g, g), as if all errors were independent.
+        H (g, g), for independent errors.
     gradient
         h (g,).
     scatter
-        Sum over cells (g, g) of the outer products of what each cell's errors contribute to h.
+        Sum (g, g) of the outer products of the cells' contributions to h.
     sigma_px
         Standard deviation of a match, per axis.
     seen
-        Number of points (m,) that each mirror shows.
+        Number (m,) of points that each mirror shows.
     frames, points
-        Numbers of frames and of points.
+        Number of frames and points.
     """
 
     names: tuple[str, ...]
@@ -63,7 +63,7 @@ class SceneInformation:
 
 @dataclass(frozen=True)
 class _State:
-    """An estimate of the changes (g,), twists (f, 6), and of the points: unit rays (p, 3), inverse distances (p,)."""
+    """Estimates of the changes (g,), the twists (f, 6), and the points' unit rays (p, 3) and inverse distances (p,)."""
 
     change: FloatArray
     twist: FloatArray
@@ -78,9 +78,9 @@ class _State:
 
 @dataclass(frozen=True)
 class _Linear:
-    """Residuals (n, 2) and derivatives by the changes and twists (n, 2, g + 6 f) and by the own point (n, 2, 3).
+    """Residuals (n, 2), derivatives by the changes and twists (n, 2, g + 6 f) and by the observed point (n, 2, 3).
 
-    Where a point is behind its mirror, the residual is NaN, and the derivatives are 0.
+    For a point behind its mirror, the residual is NaN and the derivatives are 0.
     """
 
     residual: FloatArray
@@ -100,7 +100,7 @@ class SceneFit:
         self.height_px = layout.camera.height_px
 
     def solve(self) -> SceneInformation:
-        """Fit by Gauss and Newton, with weights that follow the residuals."""
+        """Fit by iteratively reweighted Gauss-Newton steps."""
         state = self._start()
         for _ in range(STEPS):
             linear = self._linear(state)
@@ -111,7 +111,7 @@ class SceneFit:
         return self._information(state)
 
     def _start(self) -> _State:
-        """Points where the rays of all views pass nearest to each other."""
+        """Initial points, nearest to the rays of all views."""
         m, layout = self.matches, self.layout
         rays = layout.camera.unproject(m.pixels)
         start, turn = np.empty_like(rays), np.empty_like(rays)
@@ -122,10 +122,10 @@ class SceneFit:
         turn /= np.linalg.norm(turn, axis=1, keepdims=True)
         across = np.eye(3) - turn[:, :, None] * turn[:, None, :]
         count = len(m.frame)
-        left, right = np.zeros((count, 3, 3)), np.zeros((count, 3))
-        np.add.at(left, m.point, across)
+        normal, right = np.zeros((count, 3, 3)), np.zeros((count, 3))
+        np.add.at(normal, m.point, across)
         np.add.at(right, m.point, np.einsum("nij,nj->ni", across, start))
-        points = np.linalg.solve(left + 1e-12 * np.eye(3), right[..., None])[..., 0]
+        points = np.linalg.solve(normal + 1e-12 * np.eye(3), right[..., None])[..., 0]
         first = np.unique(m.point, return_index=True)[1]
         origin = start.mean(axis=0)
         off = points - origin
@@ -159,7 +159,7 @@ class SceneFit:
         return _Linear(residual, by_shared, by_point)
 
     def _weights(self, residual: FloatArray) -> tuple[float, FloatArray]:
-        """Standard deviation of a match per axis, and the weights (n,) of sights, of each view by its own scatter."""
+        """Standard deviation of a match per axis, and weights (n,) of the observations by each view's scatter."""
         m = self.matches
         lost = np.isnan(residual[:, 0])
         squares = np.where(lost, 1e6, (residual**2).sum(axis=1))
@@ -173,7 +173,7 @@ class SceneFit:
         return overall, np.where(lost, 0.0, 1.0 / (sigma * (1.0 + squares / (HEAVY * sigma) ** 2)) ** 2)
 
     def _reduced(self, linear: _Linear, weight: FloatArray) -> tuple[FloatArray, ...]:
-        """The Schur complement: H, the gradient of each point, and what the points themselves follow from."""
+        """The Schur complement: H, each point's contribution to the gradient, and factors that recover the points."""
         m, count, residual = self.matches, len(self.matches.frame), np.nan_to_num(linear.residual)
         weighted = linear.by_point * weight[:, None, None]
         own, cross = np.zeros((count, 3, 3)), np.zeros((count, 3, linear.by_shared.shape[2]))
@@ -192,7 +192,7 @@ class SceneFit:
         return (information + information.T) / 2.0, gradients, follows
 
     def _step(self, state: _State, linear: _Linear, weight: FloatArray) -> tuple[_State, float]:
-        """One step of Gauss and Newton, and how far it moves the pixels, at most of nine in ten."""
+        """A Gauss-Newton step, and the 90th percentile of its shifts of pixels."""
         known = len(self.columns)
         information, gradients, follows = self._reduced(linear, weight)
         prior = np.zeros_like(information)
@@ -241,11 +241,11 @@ class SceneFit:
 
 
 MEAN_MM = 400.0
-"""Shifts of the scene while a frame is read are counted in this length."""
+"""Unit length of the scene's shift during the readout of a frame."""
 
 
 def parameter_names(layout: Layout) -> tuple[str, ...]:
-    """The parameters whose changes are estimated: of the lens, of the mirrors, and others that were calibrated."""
+    """The parameters whose changes are estimated: the lens, the mirrors, and others that were calibrated."""
     every = global_names(layout.camera.intrinsic_names, len(layout.mirrors), 0)
     known = () if layout.uncertainty is None else layout.uncertainty.parameters
     return tuple(
@@ -265,13 +265,13 @@ def _changed(layout: Layout, names: tuple[str, ...], columns: IntArray, change: 
 
 
 def _basis(ray: FloatArray) -> FloatArray:
-    """Orthonormal vectors (p, 3, 3): two across each unit ray (p, 3), and the ray."""
-    help_ = np.where(np.abs(ray[:, :1]) < 0.7, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])
-    first = np.cross(ray, help_)
+    """Orthonormal bases (p, 3, 3): two vectors normal to each unit ray (p, 3), then the ray."""
+    auxiliary = np.where(np.abs(ray[:, :1]) < 0.7, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])
+    first = np.cross(ray, auxiliary)
     first /= np.linalg.norm(first, axis=1, keepdims=True)
     return np.stack([first, np.cross(ray, first), ray], axis=1)
 
 
 def _sigma(squares: FloatArray) -> float:
-    """Standard deviation per axis of normal errors of two axes with the median of these squared lengths."""
+    """Robust standard deviation per axis of two-dimensional normal errors, from the median of their squared lengths."""
     return max(float(np.sqrt(np.median(squares) / (2.0 * np.log(2.0)))), LEAST_SIGMA_PX)

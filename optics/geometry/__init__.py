@@ -1,1 +1,1 @@
-"""Camera, mirrors and layout, and where light goes between them."""
+"""Camera, mirrors and layout, and the paths of light between them."""

@@ -1,4 +1,4 @@
-"""How the views of a layout are arranged: as a rectangular grid, or in another pattern of positions."""
+"""The arrangement of a layout's views: a rectangular grid, or another pattern of positions."""
 
 from __future__ import annotations
 
@@ -17,26 +17,26 @@ from mirrorcam.core.values import FloatArray, Shaped, Value
 
 MOST_VIEWS = 144
 RINGS = Bounds(1, 6)
-"""Rings of views round the middle of a hexagonal pattern."""
+"""Rings of views around the centre of a hexagonal pattern."""
 RING_VIEWS = Bounds(3, MOST_VIEWS)
 CLOSEST = 1e-3
-"""Smallest distance of two positions of a pattern, relative to its size."""
+"""Smallest distance between two positions of a pattern, relative to its size."""
 SAME_DISTANCE = 1e-6
 NEIGHBOURS = 1.2
-"""Distance of neighbours, in steps, at most."""
+"""Largest distance between neighbours, in steps."""
 
 
 class Pattern(Value):
-    """Positions of views that are no rectangular grid, in any unit: only their shape matters.
+    """Positions of views that form no rectangular grid, in any unit: only their shape matters.
 
-    Designs keep the shape but for one factor each across and down, as the two spacings of a grid.
+    Designs keep the shape, but scale it across and down independently, as with the two spacings of a grid.
 
     Attributes
     ----------
     name : str
-        Name for people.
+        Name for display.
     positions : ndarray
-        Positions (n, 2) of the views: x right, y down, as the views look. Mirrors are listed in this order.
+        Positions (n, 2) of the views in view axes: x right, y down. Mirrors are listed in this order.
     """
 
     name: Name = Field(default="pattern", min_length=1)
@@ -47,15 +47,15 @@ class Pattern(Value):
         count = len(self.positions)
         if not 2 <= count <= MOST_VIEWS:
             raise ValueError(f"pattern {self.name} has {count} positions, expected 2 to {MOST_VIEWS}")
-        apart = _distances(self.positions)
-        i, j = np.unravel_index(int(apart.argmin()), apart.shape)
-        if apart[i, j] <= CLOSEST * np.ptp(self.positions, axis=0).max():
-            raise ValueError(f"pattern {self.name} has positions {i} and {j} at one place, expected them apart")
+        distances = _distances(self.positions)
+        i, j = np.unravel_index(int(distances.argmin()), distances.shape)
+        if distances[i, j] <= CLOSEST * np.ptp(self.positions, axis=0).max():
+            raise ValueError(f"pattern {self.name} has positions {i} and {j} in the same place, expected them apart")
         return self
 
     @classmethod
     def hexagonal(cls, rings: int) -> Self:
-        """Rings of hexagons round a middle, row by row: 7 views with one ring, 19 with two."""
+        """Hexagonal rings around a centre, row by row: 7 views with one ring, 19 with two."""
         rows = range(-rings, rings + 1)
         places = [
             (column - (2 * rings - abs(row)) / 2.0, row * np.sqrt(0.75))
@@ -66,21 +66,21 @@ class Pattern(Value):
 
     @classmethod
     def ring(cls, count: int) -> Self:
-        """Views evenly on a circle, clockwise from the highest."""
+        """Views evenly spaced on a circle, clockwise from the highest."""
         angle = 2.0 * np.pi * np.arange(count) / count
         return cls(name=f"ring{count}", positions=np.column_stack([np.sin(angle), -np.cos(angle)]).round(15) + 0.0)
 
     @classmethod
     def named(cls, name: str) -> Self | None:
-        """The pattern that a name like hex7 or ring8 stands for; None where it is of neither form.
+        """The pattern with a name like hex7 or ring8; None for any other name.
 
-        Raises InputError for a count that such a pattern cannot have.
+        Raises InputError for a number of views that the pattern cannot have.
         """
-        found = re.fullmatch(r"(hex|ring)(\d{1,6})", name)
-        if found is None:
+        match = re.fullmatch(r"(hex|ring)(\d{1,6})", name)
+        if match is None:
             return None
-        count = int(found[2])
-        if found[1] == "ring":
+        count = int(match[2])
+        if match[1] == "ring":
             if not RING_VIEWS.least <= count <= RING_VIEWS.most:
                 raise InputError(f"pattern {name}: expected a ring of {RING_VIEWS} views")
             return cls.ring(count)
@@ -91,15 +91,15 @@ class Pattern(Value):
 
 
 def _distances(positions: FloatArray) -> FloatArray:
-    """Distances (n, n) between positions (n, 2), infinite of each to itself."""
-    apart = np.linalg.norm(positions[:, None] - positions, axis=-1)
-    np.fill_diagonal(apart, np.inf)
-    return apart
+    """Distances (n, n) between positions (n, 2); infinite on the diagonal."""
+    distances = np.linalg.norm(positions[:, None] - positions, axis=-1)
+    np.fill_diagonal(distances, np.inf)
+    return distances
 
 
 @dataclass(frozen=True)
 class Arrangement:
-    """The order and the places of views: `rows` x `cols` of a grid or, with a pattern, one row of its views."""
+    """Order and positions of views: a grid of `rows` x `cols` or, with a pattern, a single row of its views."""
 
     rows: int
     cols: int
@@ -114,21 +114,21 @@ class Arrangement:
 
     @property
     def text(self) -> str:
-        """What people call it: "3 x 3" or "hex7"."""
+        """Name for display: "3 x 3" or "hex7"."""
         return f"{self.rows} x {self.cols}" if self.pattern is None else self.pattern.name
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What people call each mirror: by row and column, "0-2", in a grid, else by its number, "2"."""
+        """Name of each mirror for display: row and column ("0-2") in a grid, else its number ("2")."""
         if self.pattern is None:
             return tuple(f"{t}-{s}" for t in range(self.rows) for s in range(self.cols))
         return tuple(str(number) for number in range(self.cols))
 
     @cached_property
     def steps(self) -> FloatArray:
-        """Places (n, 2) of the views from the middle of all: x right, y down, in mean distances to the nearest other.
+        """Positions (n, 2) of the views about their mean: x right, y down, in steps.
 
-        Those of a grid are 1 apart along its rows and columns.
+        A step is the mean distance to the nearest view: adjacent views of a grid are 1 apart.
         """
         if self.pattern is None:
             across = np.tile(np.arange(self.cols) - (self.cols - 1) / 2.0, self.rows)
@@ -139,18 +139,18 @@ class Arrangement:
 
     @property
     def neighbours(self) -> list[tuple[int, int]]:
-        """Pairs of views that lie one step apart, or nearly: those beside and above each other in a grid."""
+        """Pairs of views that lie about one step apart: horizontal and vertical neighbours in a grid."""
         near = np.triu(_distances(self.steps) <= NEIGHBOURS)
         return [(int(i), int(j)) for i, j in np.argwhere(near)]
 
     @cached_property
     def extent(self) -> FloatArray:
-        """Size (2,) of the whole, in steps across and down."""
+        """Size (2,) of the arrangement, in steps across and down."""
         return np.asarray(np.ptp(self.steps, axis=0))
 
     @property
     def central_index(self) -> int:
-        """Index of the central mirror: in a grid of even count the one after the centre, of equals the first."""
+        """Index of the central mirror: in a grid with an even count the one after the centre; the first of equals."""
         if self.pattern is None:
             return (self.rows // 2) * self.cols + self.cols // 2
         return self._innermost[0]
@@ -162,27 +162,28 @@ class Arrangement:
 
     @property
     def inner(self) -> list[int]:
-        """Indices of the mirrors nearest to the middle of all; all of them where those do not balance about it."""
+        """Indices of the mirrors nearest to the centre; all mirrors if their mean is not the centre."""
         nearest = self._innermost
         balanced = np.abs(self.steps[nearest].mean(axis=0)).max() <= SAME_DISTANCE
         return nearest if balanced else list(range(len(self.steps)))
 
     def fitted(self, centres: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """The places nearest to virtual centres (..., n, 3), view axes, that keep the arrangement, and its spacings.
+        """Fit the arrangement to virtual centres (..., n, 3), in view axes, by least squares.
 
-        They lie across the views; their origin and one spacing along x and one along y are those of least squares.
+        The fitted positions lie in a plane normal to the view axis. Their origin and one spacing each along x and y
+        are fitted.
 
         Returns
         -------
         tuple of ndarray
-            Places (..., n, 3) and spacings (..., 2) of one step along x and y, 0 along an axis that has no steps.
+            Positions (..., n, 3) and spacings (..., 2) of one step along x and y; 0 along an axis without steps.
         """
         middle = centres.mean(axis=-2, keepdims=True)
         places = np.broadcast_to(middle, centres.shape).copy()
         spacings = np.zeros((*centres.shape[:-2], 2))
         for axis, steps in enumerate(self.steps.T):
             if steps.any():
-                # Line by line, so that a grid's lines weigh exactly 1.
+                # Sum line by line, so that the lines of a grid weigh exactly 1.
                 lines, members, counts = np.unique(steps, return_inverse=True, return_counts=True)
                 along = np.stack(
                     [centres[..., members == line, axis].mean(axis=-1) for line in range(len(lines))], axis=-1

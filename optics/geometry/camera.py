@@ -36,13 +36,13 @@ Corner = tuple[Annotated[float, OFFSET_MM.each], Annotated[float, OFFSET_MM.each
 class Camera(Value):
     """Pinhole camera at the origin of its frame, looking along +z, x to image right, y to image down.
 
-    A ray has the coordinates x/z and y/z, called normalized. The lens takes them to distorted ones (xd, yd), and a
+    A ray has the normalized coordinates x/z and y/z. The lens maps them to distorted coordinates (xd, yd), and the
     pixel is (fx xd + cx, fy yd + cy).
 
     Attributes
     ----------
     name : str
-        Name for people.
+        Name for display.
     width_px, height_px : int
         Size of the sensor.
     fx_px, fy_px, cx_px, cy_px : float
@@ -52,13 +52,13 @@ class Camera(Value):
     lens_grid : LensGrid, optional
         Control points of a spline lens.
     distortion : ndarray
-        Coefficients of the lens: (k1, k2, p1, p2, k3) of a Brown-Conrady one, in the order of OpenCV.
+        Coefficients of the lens, in OpenCV's order: (k1, k2, p1, p2, k3) for a Brown-Conrady lens.
     aperture_mm : float
-        Diameter of the entrance pupil, 0 of a pinhole.
+        Diameter of the entrance pupil; 0 for a pinhole.
     focus_mm : float
         Distance in focus, along the axis from the pupil.
     body_mm : tuple, optional
-        Box around the body: its least and its greatest corner, (x, y, z) each, with the pupil at the origin.
+        Bounding box of the body: least and greatest corner, (x, y, z) each, with the pupil at the origin.
     """
 
     name: Name = "camera"
@@ -96,9 +96,9 @@ class Camera(Value):
 
     @classmethod
     def c920(cls) -> Self:
-        """Logitech C920 at 1920x1080: 70.42 deg x 43.3 deg field of view, so 1360.38 px of focal length.
+        """Logitech C920 at 1920x1080: a field of view of 70.42 deg x 43.3 deg, so a focal length of 1360.38 px.
 
-        Its lens is f/2 of 3.67 mm, in focus at half a metre. Its body is that of `cameras/c920.toml`.
+        Its 3.67 mm f/2 lens is in focus at half a metre. Its body is described in `cameras/c920.toml`.
         """
         return cls(
             name="Logitech C920",
@@ -115,17 +115,17 @@ class Camera(Value):
 
     @property
     def pupil(self) -> Pupil:
-        """Pupil of its lens."""
+        """Entrance pupil of the lens."""
         return Pupil(self.aperture_mm, self.focus_mm)
 
     def with_pupil(self, pupil: Pupil) -> Self:
-        """The same camera with the diameter and the focus of another pupil; how that walks is not the camera's."""
+        """The same camera with the diameter and the focus of another pupil; pupil walk is not part of a camera."""
         return self.replaced(aperture_mm=pupil.aperture_mm, focus_mm=pupil.focus_mm)
 
     def binned(self, factor: float) -> Self:
-        """The same camera with its pixels binned to `factor` of their number along an axis.
+        """The same camera with its number of pixels along each axis scaled by `factor`.
 
-        Pixel (0, 0) is a centre, so that the corner (-0.5, -0.5) stays.
+        Integer coordinates are pixel centres, so the image corner stays at (-0.5, -0.5).
         """
         return self.replaced(
             name=f"{self.name[:80]}, scaled by {factor:g}",
@@ -158,18 +158,18 @@ class Camera(Value):
         return np.array([self.fx_px, self.fy_px, self.cx_px, self.cy_px, *self.distortion])
 
     def with_intrinsics(self, intrinsics: FloatArray) -> Self:
-        """The same sensor and family of lenses with other parameters (k,), in the order of `intrinsic_names`."""
+        """The same sensor and lens family with other parameters (k,), in the order of `intrinsic_names`."""
         fx, fy, cx, cy, *distortion = (float(v) for v in intrinsics)
         return self.replaced(fx_px=fx, fy_px=fy, cx_px=cx, cy_px=cy, distortion=distortion)
 
     @property
     def is_undistorted(self) -> bool:
-        """Whether straight lines appear straight everywhere."""
+        """Whether the lens images straight lines as straight lines."""
         return self.lens.is_identity
 
     @cached_property
     def valid_radius(self) -> float:
-        """Normalized radius up to which the lens is defined (infinite where it never folds)."""
+        """Normalized radius up to which the lens is defined (infinite if it never folds)."""
         return self.lens.valid_radius
 
     def pixels_from_normalized(self, normalized: FloatArray) -> FloatArray:
@@ -182,7 +182,7 @@ class Camera(Value):
         return pixels
 
     def project(self, points_in_rig: FloatArray) -> FloatArray:
-        """Pixels (..., 2) of points (..., 3) in mm; NaN for points behind the camera or past the lens model."""
+        """Pixels (..., 2) of points (..., 3) in mm; NaN for points behind the camera or beyond the lens model."""
         points = np.asarray(points_in_rig, dtype=np.float64)
         depth = points[..., 2:]
         normalized = np.divide(points[..., :2], depth, out=np.full(points[..., :2].shape, np.nan), where=depth > 0)
@@ -192,7 +192,7 @@ class Camera(Value):
         """Pixels (n, 2), d pixels / d points (n, 2, 3) and d pixels / d intrinsics (n, 2, k) of points (n, 3) in mm."""
         x, y, z = np.asarray(points_in_rig, dtype=np.float64).T
         x, y = x / z, y / z
-        # Stored component first: each assignment below then runs through memory once.
+        # Component-first storage: each assignment below then runs through memory once.
         d_intrinsics = np.zeros((2, len(self.intrinsics), x.size)).transpose(2, 0, 1)
         at = self.lens.linearized(x, y, (self.fx_px, self.fy_px), d_intrinsics[:, :, 4:])
         d_points = np.empty((2, 3, x.size)).transpose(2, 0, 1)
@@ -233,11 +233,11 @@ class Camera(Value):
 
 
 def _newton_step(by_point: FloatArray, error: FloatArray) -> FloatArray:
-    """Steps (n, 2) of Newton's method for errors (n, 2) with their derivatives (n, 2, 2); NaN where one is singular."""
+    """Newton steps (n, 2) for errors (n, 2) with derivatives (n, 2, 2); NaN where a derivative is singular."""
     try:
         return np.asarray(np.linalg.solve(by_point, error[:, :, None])[:, :, 0])
     except np.linalg.LinAlgError:
-        with np.errstate(invalid="ignore"):  # of those that are not finite
+        with np.errstate(invalid="ignore"):  # some are not finite
             singular = np.linalg.det(by_point) == 0.0
         regular = np.where(singular[:, None, None], np.eye(2), by_point)
         steps = np.linalg.solve(regular, error[:, :, None])[:, :, 0]

@@ -1,7 +1,7 @@
-"""The library of cameras: optics and body of cameras that people own, as published, with their sources.
+"""The camera library: optics and bodies of common cameras as published, with their sources.
 
-Each is a TOML file in `optics/geometry/cameras/`. What is published is kept beside what the optics make of it, so that
-the two can be compared, and what nobody publishes is listed as guessed.
+Each camera is a TOML file in `optics/geometry/cameras/`. It holds the published figures next to the optics that follow
+from them, so that the two can be compared, and lists unpublished figures as guessed.
 """
 
 from __future__ import annotations
@@ -24,23 +24,23 @@ from mirrorcam.optics.geometry.camera_body import CameraBody, ViewAngle
 
 CAMERAS = Path(__file__).parent / "cameras"
 AGREE = 0.03
-"""Largest relative difference between a published figure and that of the optics."""
+"""Largest relative difference between a published figure and the figure of the optics."""
 _PIXEL_UM = Bounds(0.1, 100.0)
 
 
 class Source(Value):
-    """Where figures come from."""
+    """A source of figures."""
 
     title: Line
     url: Annotated[Line, Field(pattern=r"^https?://\S+$")]
-    gives: Line = Field(description="which figures it gives")
+    gives: Line = Field(description="the figures that it states")
     from_memory: bool = Field(
-        default=False, description="figures were written down from memory, and not read there again"
+        default=False, description="figures were written down from memory and not checked against the source"
     )
 
 
 class PublishedFigures(Value):
-    """Figures of a camera as its maker states them; those that are not published are left out."""
+    """Figures of a camera as its maker states them; unpublished ones are omitted."""
 
     focal_mm: float | None = Bounds(0.01, 1e4).field(None, "focal length")
     f_number: float | None = Bounds(0.1, 100.0).field(None, "f-number")
@@ -49,9 +49,9 @@ class PublishedFigures(Value):
     vertical_deg: ViewAngle | None = Field(default=None, description="field of view along the image's y")
     diagonal_deg: ViewAngle | None = Field(default=None, description="field of view along the diagonal")
     view_px: tuple[Annotated[int, SENSOR_PX.each], Annotated[int, SENSOR_PX.each]] | None = Field(
-        default=None, description="pixels of the sensor over which it states this field; left out, those of the picture"
+        default=None, description="sensor pixels to which the stated field of view refers; default: the picture's"
     )
-    nearest_mm: float | None = Bounds(DEPTH_OR_INF_MM.least, 1e5).field(None, "nearest distance that it focuses on")
+    nearest_mm: float | None = Bounds(DEPTH_OR_INF_MM.least, 1e5).field(None, "closest focus distance")
 
 
 class CameraProfile(Value):
@@ -60,25 +60,25 @@ class CameraProfile(Value):
     Attributes
     ----------
     name : str
-        Maker and model, the name of optics and body.
+        Maker and model; name of optics and body.
     mode : str
-        The mode that the optics are of: how a picture comes from the sensor.
+        Video mode of the optics: how the picture is read from the sensor.
     sensor_px_per_px : float
         Pixels of the sensor per pixel of the picture along an axis, for binned or scaled pictures.
     optics : Camera, optional
-        Its optics without body; none of a board for lenses of any focal length.
+        Optics without body; None for a board that takes lenses of any focal length.
     body : CameraBody
-        Its body, with the field of view that the optics have.
+        Body, with the field of view of the optics.
     sources : tuple of Source
-        Where all this comes from; none of a camera that its owner measured.
-    published : Published
-        What makers state of the optics.
+        Sources of the figures; empty for a camera that its owner measured.
+    published : PublishedFigures
+        The maker's figures for the optics.
     set_aside : dict
         Figures of `published` that the optics do not follow, each with the reason.
     guessed : tuple of str
-        Fields of `optics` that nobody publishes; `body.guessed` has those of the body.
+        Unpublished fields of `optics`; `body.guessed` lists those of the body.
     notes : str
-        What else a user should know.
+        Further notes for users.
     """
 
     name: Name
@@ -94,8 +94,8 @@ class CameraProfile(Value):
 
     @model_validator(mode="before")
     @classmethod
-    def _whole(cls, data: Any) -> Any:
-        """Name, principal point in the middle, square pixels and field of view are written once."""
+    def _complete(cls, data: Any) -> Any:
+        """Fill in what a file may omit: names, a centred principal point, square pixels and the field of view."""
         if not isinstance(data, dict):
             return data
         data = with_tuples(data)
@@ -117,23 +117,23 @@ class CameraProfile(Value):
     @model_validator(mode="after")
     def _check(self) -> Self:
         if self.optics is not None and self.optics.body_mm is not None:
-            raise ValueError("optics.body_mm is given, expected it to follow from the body alone")
+            raise ValueError("optics.body_mm is given, expected only [body], from which it follows")
         if unknown := [name for name in self.guessed if self.optics is None or name not in Camera.model_fields]:
-            raise ValueError(f"guessed: {unknown[0]} is no figure of the optics")
+            raise ValueError(f"guessed: {unknown[0]} is not a field of the optics")
         if unknown := [name for name in self.set_aside if getattr(self.published, name, None) is None]:
             raise ValueError(f"set_aside: {unknown[0]} is not published")
         return self
 
     @property
     def camera(self) -> Camera:
-        """The camera that a layout is designed for, with the box around its body; InputError without optics."""
+        """The camera to design a layout for, with the box around its body; raises InputError without optics."""
         if self.optics is None:
-            raise InputError(f"camera {self.name}: its lens has any focal length, expected a camera with [optics]")
+            raise InputError(f"camera {self.name}: the focal length is unknown, expected a camera with [optics]")
         return self.optics.replaced(body_mm=self.body.box_mm)
 
     @property
     def disagreements(self) -> dict[str, float]:
-        """Relative difference of the optics from each published figure that they can be compared with."""
+        """Relative difference of the optics from each published figure that can be compared."""
         if self.optics is None:
             return {}
         published, optics = self.published, self.optics
@@ -143,13 +143,13 @@ class CameraProfile(Value):
             optics.height_px * self.sensor_px_per_px,
         )
         sides = {"horizontal_deg": width, "vertical_deg": height, "diagonal_deg": math.hypot(width, height)}
-        seen = {name: math.degrees(2.0 * math.atan(side / focal / 2.0)) for name, side in sides.items()}
+        computed = {name: math.degrees(2.0 * math.atan(side / focal / 2.0)) for name, side in sides.items()}
         if published.pixel_um is not None:
-            seen["focal_mm"] = focal * published.pixel_um / 1000.0
+            computed["focal_mm"] = focal * published.pixel_um / 1000.0
         if published.focal_mm is not None and optics.aperture_mm > 0.0:
-            seen["f_number"] = published.focal_mm / optics.aperture_mm
-        stated = {name: getattr(published, name) for name in seen}
-        return {name: seen[name] / value - 1.0 for name, value in stated.items() if value is not None}
+            computed["f_number"] = published.focal_mm / optics.aperture_mm
+        stated = {name: getattr(published, name) for name in computed}
+        return {name: computed[name] / value - 1.0 for name, value in stated.items() if value is not None}
 
 
 _AXES = (("x", "width_px"), ("y", "height_px"))
@@ -160,7 +160,7 @@ def _is_size(optics: dict[str, Any], name: str) -> bool:
 
 
 def _view_of(optics: Any) -> dict[str, Any]:
-    """The field of view along x and y that a table of optics has, to a tenth of a degree; nothing of a faulty one."""
+    """Field of view along x and y of a table of optics, to a tenth of a degree; empty for an invalid table."""
     if not isinstance(optics, dict) or not all(_is_size(optics, size) for _, size in _AXES):
         return {}
     focal = [optics.get(f"f{axis}_px") for axis, _ in _AXES]
@@ -173,7 +173,7 @@ def _view_of(optics: Any) -> dict[str, Any]:
 
 @cache
 def library() -> dict[str, CameraProfile]:
-    """All cameras of the library by their names, in the order of these."""
+    """All cameras of the library by name, sorted."""
     return {path.stem: _profile(path) for path in sorted(CAMERAS.glob("*.toml"))}
 
 
@@ -187,9 +187,9 @@ def camera_names() -> tuple[str, ...]:
 
 
 def read_profile(name: str) -> CameraProfile:
-    """A camera of the library by its name, or of a TOML file with `[optics]` and `[body]` by its path.
+    """Read a camera from the library by name, or from a TOML file with `[optics]` and `[body]` by path.
 
-    Raises InputError for a name that is not known, and a file that is not valid.
+    Raises InputError for an unknown name and an invalid file.
     """
     if name in camera_names():
         return library()[name]
@@ -197,9 +197,9 @@ def read_profile(name: str) -> CameraProfile:
 
 
 def named_camera(name: str) -> Camera:
-    """Optics of a camera of the library by its name; no other file is read, whatever the name.
+    """Optics of a library camera by name; never reads another file, whatever the name.
 
-    Raises InputError for a name that is not known, and a camera without optics.
+    Raises InputError for an unknown name and a camera without optics.
     """
     if name not in camera_names():
         known = ", ".join(camera_names())
@@ -208,9 +208,9 @@ def named_camera(name: str) -> Camera:
 
 
 def read_camera(name: str) -> Camera:
-    """Optics of a camera of the library by its name, or of a TOML or JSON file: of a camera's profile or a `Camera`.
+    """Optics of a library camera by name, or from a TOML or JSON file of a `CameraProfile` or a `Camera`.
 
-    Raises InputError for a name that is not known, a file that is not valid, and a camera without optics.
+    Raises InputError for an unknown name, an invalid file, and a camera without optics.
     """
     if name in camera_names():
         return named_camera(name)
@@ -220,9 +220,9 @@ def read_camera(name: str) -> Camera:
 
 
 def read_body(name: str) -> CameraBody:
-    """Body of a camera of the library by its name, or of a TOML file: of a camera's profile or a `CameraBody`.
+    """Body of a library camera by name, or from a TOML file of a `CameraProfile` or a `CameraBody`.
 
-    Raises InputError for a name that is not known, and a file that is not valid.
+    Raises InputError for an unknown name and an invalid file.
     """
     if name in camera_names():
         return library()[name].body
@@ -232,7 +232,7 @@ def read_body(name: str) -> CameraBody:
 
 
 def profile_of(camera: Camera) -> CameraProfile | None:
-    """The camera of the library that a layout's camera is, by its name: as it is, calibrated, or binned."""
+    """The library camera with the name of a layout's camera, which may be calibrated or binned."""
     for profile in library().values():
         if profile.optics and (camera.name == profile.name or camera.name.startswith(f"{profile.name}, scaled by ")):
             return profile
@@ -247,5 +247,5 @@ def _path(name: str, *suffixes: str) -> Path:
 
 
 def _is_profile(path: Path, raw: bytes) -> bool:
-    """Whether a file has optics and body in tables of their own."""
+    """Whether a file has separate tables for optics and body."""
     return not keys_of(path, raw).isdisjoint({"body", "optics"})

@@ -1,4 +1,4 @@
-"""The request for a design."""
+"""The specification of a design, and the error for one that no layout meets."""
 
 from __future__ import annotations
 
@@ -32,17 +32,17 @@ if TYPE_CHECKING:
 
 MOST_DEPTHS = 10
 FIRST_FOLD_DEG = 110.0
-"""The fold from which the best one is searched."""
+"""Start of the search for the best fold."""
 
 
 def box_corners(low: ArrayLike, high: ArrayLike) -> FloatArray:
-    """Corners (8, 3) of the box between its least and its greatest corner (3,)."""
+    """Corners (8, 3) of the box with the given least and greatest corners (3,)."""
     (a, b, c), (d, e, f) = np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64)
     return np.array([[x, y, z] for x in (a, d) for y in (b, e) for z in (c, f)])
 
 
 def _camera_or_name(camera: object) -> object:
-    # A request may come from a page or another's file: a name, but no path, is followed.
+    # A request may come from a web page or another user's file: accept a name, but no path.
     return named_camera(camera) if isinstance(camera, str) else with_tuples(camera)
 
 
@@ -54,7 +54,7 @@ class DesignSpec(Value):
 
     camera: Annotated[Camera, BeforeValidator(_camera_or_name, json_schema_input_type=Camera | str)] = Field(
         default_factory=Camera.c920,
-        description="the base camera: a name that `mirrorcam camera list` shows, or a JSON or TOML file",
+        description="base camera: a name that `mirrorcam camera list` shows, or a JSON or TOML file",
     )
     rows: int = MIRRORS.field(3, "rows of mirrors, one row of views each")
     cols: int = MIRRORS.field(3, "columns of mirrors")
@@ -70,7 +70,7 @@ class DesignSpec(Value):
         f"{FOLD_DEG}",
     )
     body_clearance_mm: float = GAP_MM.field(
-        8.0, "space around the camera's body, for its clip, that mirrors and their light leave free"
+        8.0, "clearance around the camera's body, for its clip, from mirrors and their light"
     )
     depths_mm: tuple[Annotated[float, DEPTH_MM.each], ...] = Field(
         default=(300.0, 500.0),
@@ -93,13 +93,13 @@ class DesignSpec(Value):
     )
     robust_tilt_deg: float = TOLERANCE_DEG.field(
         0.0,
-        "standard deviation of mirrors' tilts, about each of two axes, in the devices as built whose mean usable "
-        "efficiency is optimised; 0: that of the design alone",
+        "standard deviation of mirror tilts about each of two axes: the design optimises the mean usable efficiency "
+        "of devices with these errors; 0: of the exact device alone",
     )
     robust_offset_mm: float = TOLERANCE_MM.field(
         0.0,
-        "standard deviation of mirrors' shifts along their normals, in the devices as built in which none is to "
-        "hide a part of another",
+        "standard deviation of mirror shifts along their normals: no mirror may hide part of another in devices with "
+        "these errors",
     )
     surface: Literal["first", "second"] = Field(default="first", description="which face of the mirrors reflects")
     thickness_mm: float = LENGTH_MM.field(1.0, "thickness of the mirrors")
@@ -107,14 +107,14 @@ class DesignSpec(Value):
 
     @property
     def is_second_surface(self) -> bool:
-        """True if second-surface mirrors are requested, see `Mirror.is_second_surface`."""
+        """True if the mirrors are second-surface mirrors, see `Mirror.is_second_surface`."""
         return self.surface == "second"
 
     @cached_property
     def view_from_rig(self) -> FloatArray:
-        """The rotation (3, 3) to view axes: the views look along (0, sin fold, cos fold) of the rig, x stays x.
+        """The rotation (3, 3) from rig to view axes: the views look along (0, sin fold, cos fold) in rig, x stays x.
 
-        Where the fold is to be chosen, that of `FIRST_FOLD_DEG`.
+        The fold "auto" stands for `FIRST_FOLD_DEG` here.
         """
         fold = np.deg2rad(FIRST_FOLD_DEG if self.fold_deg == "auto" else self.fold_deg)
         cosine, sine = np.cos(fold).round(15) + 0.0, np.sin(fold)
@@ -122,20 +122,20 @@ class DesignSpec(Value):
 
     @cached_property
     def arrangement(self) -> Arrangement:
-        """How the views are arranged: in rows and columns or, where there is a pattern, in it."""
+        """The arrangement of the views: the pattern if there is one, else rows and columns."""
         if self.pattern is None:
             return Arrangement(self.rows, self.cols)
         return Arrangement(1, len(self.pattern.positions), self.pattern)
 
     @model_serializer(mode="wrap")
     def _written(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """All fields; rows and columns only where they are requested."""
+        """All fields, without rows and columns if there is a pattern."""
         written: dict[str, Any] = write(self)
         return written if self.pattern is None else {k: v for k, v in written.items() if k not in ("rows", "cols")}
 
     @cached_property
     def kept_free_in_rig_mm(self) -> FloatArray:
-        """Corners (8, 3) of the box around the camera and its clip; (0, 3) where the camera's body is unknown."""
+        """Corners (8, 3) of the box around the camera and its clip; (0, 3) if the camera's body is unknown."""
         if self.camera.body_mm is None:
             return np.zeros((0, 3))
         low, high = np.array(self.camera.body_mm) + np.array([[-1.0], [1.0]]) * self.body_clearance_mm
@@ -144,24 +144,24 @@ class DesignSpec(Value):
     @model_validator(mode="after")
     def _check(self) -> Self:
         if self.pattern is not None and (self.rows, self.cols) != (3, 3):
-            raise ValueError("rows or cols are given with a pattern, expected one of the two")
+            raise ValueError("rows or cols are given with a pattern, expected either a grid or a pattern")
         if self.rows * self.cols < 2:
             raise ValueError("rows x cols is 1, expected at least two mirrors")
         if len(set(self.depths_mm)) != len(self.depths_mm):
-            raise ValueError(f"depths_mm {self.depths_mm} names a depth twice")
+            raise ValueError(f"depths_mm {self.depths_mm} contains a depth twice")
         if self.objective == "depth" and self.robust_tilt_deg > 0.0:
-            raise ValueError("robust_tilt_deg is given with the objective depth, expected it with overlap alone")
+            raise ValueError("robust_tilt_deg is given with the objective depth, expected it only with overlap")
         return self
 
 
 GAVE_UP = "every"
-"""The constraint named where the search found no layout for unknown reasons, which proves nothing about the spec."""
+"""Constraint name for a search that failed for an unknown reason, which proves nothing about the spec."""
 
 
 class InfeasibleDesign(InputError):
-    """No layout meets the spec; the message names the constraint that cannot hold and by how much it is missed.
+    """No layout meets the spec; the message names the constraint that cannot be met and the violation.
 
-    `where` holds the mirrors that violate the spec least, where the search has found any, and the places of violations.
+    `where` holds the mirrors that violate the spec least, if the search found any, and where they violate it.
     """
 
     def __init__(self, constraint: str, finding: str, where: LeastViolation | None = None) -> None:

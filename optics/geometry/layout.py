@@ -21,7 +21,7 @@ from mirrorcam.optics.geometry.mirror import Mirror
 
 FOLD_90_VIEW_FROM_RIG = ((1.0, 0.0, 0.0), (0.0, 0.0, -1.0), (0.0, 1.0, 0.0))
 SLIVER = 0.02
-"""Part of a sub-image that another may hide in a device as built; more means that the mirrors are wrong."""
+"""Fraction of a sub-image that another may hide in a device as built; a larger overlap means wrong mirrors."""
 METRIC = "working_distance_mm"
 """Median distance of the calibration's corners from the views, in the metrics of a calibrated layout."""
 VOLUME = (0.7, 1.0, 1.4)
@@ -29,7 +29,7 @@ VOLUME = (0.7, 1.0, 1.4)
 
 
 class Uncertainty(Value):
-    """Covariance of calibrated parameters, named like "mirror 4 x_mm" or "fx_px"; units are those of the names."""
+    """Covariance of calibrated parameters with names like "mirror 4 x_mm" or "fx_px", which state the units."""
 
     parameters: tuple[str, ...]
     covariance: SquareMatrix
@@ -43,9 +43,9 @@ class Uncertainty(Value):
 
 
 class Layout(Value):
-    """A base camera and its flat mirrors, row by row: t down (view y), s right (view x); one row of a pattern's.
+    """A base camera and its mirrors, row by row: t down (view y), s right (view x); a pattern is a single row.
 
-    Nominal (designed), as-built (perturbed) and calibrated layouts are this same type. All lengths are mm in the rig
+    Nominal (designed), as-built (perturbed) and calibrated layouts share this type. All lengths are mm in the rig
     frame: origin at the entrance pupil, +x image right, +y image down, +z along the optical axis.
 
     Attributes
@@ -53,9 +53,9 @@ class Layout(Value):
     kind : str
         `nominal`, `as-built` or `calibrated`.
     rows, cols : int
-        Number of mirrors along t and s; 1 and all of those in a pattern.
+        Number of mirrors along t and s; for a pattern, 1 and the number of mirrors.
     pattern : Pattern or None
-        Where the views lie that are no rectangular grid, in the order of the mirrors.
+        Positions of views that form no rectangular grid, in the order of the mirrors.
     camera : Camera
         The base camera, at the origin of rig.
     mirrors : tuple of Mirror
@@ -63,15 +63,15 @@ class Layout(Value):
     view_from_rig : ndarray
         Rotation (3, 3) from rig to view axes: x right, y down, z forward to the scene.
     spec : DesignSpec or None
-        What the layout was designed for.
+        The specification that the layout was designed for.
     metrics : dict of str to Metric
-        Figures of these very mirrors: a layout whose mirrors moved has none until it is evaluated again.
+        Figures of merit of these mirrors. A layout whose mirrors moved has none until it is evaluated again.
     verdict : dict of str to Metric
-        Figures that a design must keep, with their limits, as `verify` measured them.
+        Figures that a specification limits, with their limits, as `verify` measured them.
     provenance : dict of str to str
-        What made the layout, and of which other layout.
+        The function that made the layout, and the layout that it was made from.
     uncertainty : Uncertainty or None
-        Covariance of what was calibrated.
+        Covariance of the calibrated parameters.
     """
 
     schema_id: Literal["mirrorcam.layout/1"] = Field(default="mirrorcam.layout/1", alias="schema")
@@ -100,28 +100,25 @@ class Layout(Value):
         touching = STRtree(polygons).query(polygons, predicate="intersects").T
         for i, j in sorted(pair for pair in touching.tolist() if pair[0] < pair[1]):
             shared = polygons[i].intersection(polygons[j]).area
-            if shared > self._overlap_allowed(polygons[i].area, polygons[j].area):
+            allowed = 1e-12 if self.kind == "nominal" else SLIVER * min(polygons[i].area, polygons[j].area)
+            if shared > allowed:
                 pair = f"{self.mirror_names[i]} and {self.mirror_names[j]}"
                 raise ValueError(f"outlines of mirrors {pair} overlap in the image, expected a gap")
         return self
 
-    def _overlap_allowed(self, *areas: float) -> float:
-        """Largest area that two sub-images may share: none in a design, a sliver in a device as built."""
-        return 1e-12 if self.kind == "nominal" else SLIVER * min(areas)
-
     @cached_property
     def identity(self) -> str:
         """Hash (16 hexadecimal digits) of camera, mirrors and view axes. Nothing else changes it, not even names."""
-        light = self.model_dump(
+        hashed = self.model_dump(
             mode="json",
             include={"rows", "cols", "camera", "mirrors", "view_from_rig"},
             exclude={"camera": {"name"}},
         )
-        return value_digest(light)[:16]
+        return value_digest(hashed)[:16]
 
     @cached_property
     def virtual_centres_in_rig_mm(self) -> FloatArray:
-        """Virtual camera centres (rows*cols, 3); for second-surface mirrors, those of the apparent mirrors."""
+        """Virtual camera centres (rows*cols, 3) of the apparent mirrors (see `Mirror.apparent`)."""
         return np.array([mirror.apparent.virtual_centre_in_rig_mm for mirror in self.mirrors])
 
     @cached_property
@@ -131,12 +128,12 @@ class Layout(Value):
 
     @cached_property
     def arrangement(self) -> Arrangement:
-        """How the views are arranged: in a grid or a pattern."""
+        """The arrangement of the views: a grid or a pattern."""
         return Arrangement(self.rows, self.cols, self.pattern)
 
     @property
     def mirror_names(self) -> tuple[str, ...]:
-        """What people call each mirror: "0-2" for row 0, column 2 of a grid, "2" in a pattern."""
+        """Name of each mirror for display: "0-2" for row 0, column 2 of a grid, "2" in a pattern."""
         return self.arrangement.names
 
     @property
@@ -145,7 +142,7 @@ class Layout(Value):
         return self.arrangement.central_index
 
     def project(self, points_in_rig: FloatArray, mirror_index: int) -> FloatArray:
-        """Pixels (..., 2) at which points (..., 3) in rig appear in one mirror, whether or not the outline shows them.
+        """Pixels (..., 2) at which points (..., 3) in rig appear in one mirror, as if its outline had no limits.
 
         Exact, also for second-surface and bent mirrors (`Mirror.image_of`).
         """
@@ -154,7 +151,7 @@ class Layout(Value):
     def outline_px(self, mirror_index: int, points_per_edge: int = 16, *, usable: bool = False) -> FloatArray:
         """The sub-image's outline (n, 2) on the distorted sensor; edges are sampled because distortion bends them.
 
-        With `usable`, that of the part that shows the scene, see `Mirror.usable_normalized`.
+        `usable` selects the part that shows the scene, see `Mirror.usable_normalized`.
         """
         mirror = self.mirrors[mirror_index].apparent
         corners = self.mirrors[mirror_index].usable_normalized if usable else mirror.outline_normalized
@@ -166,9 +163,9 @@ class Layout(Value):
         return self.camera.project(on_plane + mirror.sag_mm(on_plane)[:, None] * mirror.normal_in_rig)
 
     def with_surface(self, surface: Literal["first", "second"], thickness_mm: float | None = None) -> Self:
-        """The layout with mirrors of one kind that look the same along their chief rays; one of that kind is itself.
+        """The layout with all mirrors first- or second-surface, and the same images along their chief rays.
 
-        Plates of second-surface mirrors are `thickness_mm` thick, or as thick as the mirrors are now.
+        `thickness_mm` is the thickness of the plates of second-surface mirrors; None keeps the mirrors' own.
         """
         if all(mirror.surface == surface for mirror in self.mirrors):
             return self
@@ -191,17 +188,17 @@ class Layout(Value):
 
 
 def working_distance_mm(layout: Layout) -> float | None:
-    """Where the calibration's boards were, or the middle of the depths that the device was designed for."""
-    found = layout.metrics.get(METRIC)
-    if found is not None and found.known:
-        return found.value
+    """Distance of the calibration's boards or, without a calibration, the mean of the depths of the design."""
+    measured = layout.metrics.get(METRIC)
+    if measured is not None and measured.known:
+        return measured.value
     return None if layout.spec is None else float(np.mean(layout.spec.depths_mm))
 
 
 def working_range_mm(layout: Layout) -> tuple[float, float] | None:
-    """Least and greatest distance of the working volume around the boards and of the depths of the design."""
+    """Least and greatest distance of the working volume around the boards and the depths of the design."""
     depths = [] if layout.spec is None else list(layout.spec.depths_mm)
-    found = layout.metrics.get(METRIC)
-    if found is not None and found.known:
-        depths += [factor * found.value for factor in VOLUME]
+    measured = layout.metrics.get(METRIC)
+    if measured is not None and measured.known:
+        depths += [factor * measured.value for factor in VOLUME]
     return (min(depths), max(depths)) if depths else None

@@ -1,4 +1,4 @@
-"""A layout as gravity bends its device: which way down is in the camera's frame, and what each mirror does then."""
+"""Layouts of devices that gravity deforms: the motion of each mirror for gravity in the camera's frame."""
 
 from __future__ import annotations
 
@@ -15,15 +15,17 @@ from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray, Shaped, Value
 from mirrorcam.optics.geometry.layout import Layout
 
-# Gravity of 1 g is a unit vector; a robot that moves may have a little more, one in free fall none.
-MOST_G = 3.0
+MOST_G = 3.0  # 1 g is a unit vector; a robot that accelerates may exceed it
 
 
 class MirrorMotion(Value):
-    """Motion of one mirror against the camera per gravity: matrices (3, 3) on its direction in rig, of 1 g.
+    """Motion of one mirror relative to the camera: matrices (3, 3) to multiply gravity by, in g, in rig.
 
-    `shift_mm` is that of the mean of its outline, `turn_rad` its turn about that as a rotation vector. `plane_mm` is
-    what the two do to the mirror's three numbers, its virtual centre, of a first-surface mirror.
+    Attributes
+    ----------
+    shift_mm : shift of the mean of the mirror's outline.
+    turn_rad : rotation vector of the mirror about that point.
+    plane_mm : resulting shift of the virtual centre of a first-surface mirror.
     """
 
     shift_mm: Annotated[FloatArray, Shaped((3, 3))]
@@ -32,9 +34,9 @@ class MirrorMotion(Value):
 
 
 class GravityTable(Value):
-    """How gravity moves the mirrors of a device against its camera, to correct its layout for a robot's pose.
+    """Motions of a device's mirrors relative to its camera under gravity, to correct its layout for a robot's pose.
 
-    Read from `robot/gravity.json`. `mirrors` are by name, as in `Layout.mirror_names`; motions are linear in gravity.
+    The content of `robot/gravity.json`. Keys of `mirrors` are `Layout.mirror_names`; motions are linear in gravity.
     """
 
     schema_id: Literal["mirrorcam.gravity/1"] = Field(default="mirrorcam.gravity/1", alias="schema")
@@ -44,7 +46,7 @@ class GravityTable(Value):
 
     @classmethod
     def load(cls, path: Path) -> Self:
-        """Read a table; raises InputError where the file is none."""
+        """Read a table; raises InputError for an invalid file."""
         return read_model(cls, path, LARGEST_LAYOUT_BYTES)
 
     def save(self, path: Path) -> None:
@@ -59,33 +61,33 @@ class GravityTable(Value):
 def layout_in_pose(
     layout: Layout, table: GravityTable, gravity_in_rig: FloatArray, calibrated_in_rig: FloatArray | None = None
 ) -> Layout:
-    """The layout as gravity bends it.
+    """Correct a layout for the deformation of its device under gravity.
 
     Parameters
     ----------
     layout : Layout
-        Of the device, calibrated or nominal.
+        The device's layout, calibrated or nominal.
     table : GravityTable
-        What gravity does to its mirrors.
+        Motions of its mirrors under gravity.
     gravity_in_rig : (3,) array
-        Gravity in the pose, in g, in rig: (0, 1, 0) where the image's down is down.
+        Gravity in the pose, in g, in rig: (0, 1, 0) if the image is upright.
     calibrated_in_rig : (3,) array or None
-        Gravity when it was calibrated; none for a nominal layout, which is that without gravity.
+        Gravity during the calibration; None for a nominal layout, which describes the device without gravity.
 
     Returns
     -------
     Layout
-        With every mirror moved by the difference, its metrics left out.
+        The layout with each mirror moved by the difference, without metrics.
 
     Raises
     ------
     InputError
-        If the table is of other mirrors, or a gravity no vector of 3 g at most.
+        If the table is for other mirrors, or a gravity is not a vector of at most 3 g.
     """
     if set(table.mirrors) != set(layout.mirror_names):
         raise InputError(
             f"gravity table: mirrors {', '.join(sorted(table.mirrors))}, "
-            f"expected those of the layout, {', '.join(layout.mirror_names)}"
+            f"expected the layout's mirrors {', '.join(layout.mirror_names)}"
         )
     change = _gravity(gravity_in_rig) - (_gravity(calibrated_in_rig) if calibrated_in_rig is not None else 0.0)
     mirrors = []
@@ -99,17 +101,17 @@ def layout_in_pose(
 
 
 def _gravity(vector: FloatArray) -> FloatArray:
-    found = np.asarray(vector, dtype=np.float64)
-    if found.shape != (3,) or not np.isfinite(found).all() or np.linalg.norm(found) > MOST_G:
-        raise InputError(f"gravity {found.tolist()}, expected 3 numbers in g, {MOST_G:g} g long at most")
-    return found
+    gravity = np.asarray(vector, dtype=np.float64)
+    if gravity.shape != (3,) or not np.isfinite(gravity).all() or np.linalg.norm(gravity) > MOST_G:
+        raise InputError(f"gravity {gravity.tolist()}, expected a vector of 3 numbers, at most {MOST_G:g} g long")
+    return gravity
 
 
 def image_shifts_px(layout: Layout, moved: Layout, depth_mm: float) -> list[FloatArray]:
-    """How far images of the scene move in each sub-image, (n, 2) in px, from a layout to one whose mirrors moved.
+    """Shifts (n, 2), px, of the scene's image in each sub-image between a layout and one with moved mirrors.
 
-    Of points of the scene at a depth in view axes, in mm: those that the layout shows at the corners and in the middle
-    of each mirror.
+    The scene points lie at `depth_mm` in view axes, where the layout shows them at the corners and in the middle of
+    each mirror.
     """
     shifts = []
     forward = layout.view_from_rig[2]

@@ -19,11 +19,11 @@ from mirrorcam.optics.geometry.transforms import rigid
 
 ON_PLANE_TOLERANCE_MM = 1e-6
 NEARLY_FLAT = 0.1
-"""Largest ratio of distance to radius of curvature at which a bent mirror's image is single and near its plane's."""
+"""Largest ratio of distance to radius of curvature for which the image in a bent mirror is single and nearly flat."""
 
 
 def reflect(points_in_rig: FloatArray, virtual_centre: FloatArray) -> FloatArray:
-    """Reflect points (..., 3) at the plane of a virtual centre c: x - 2 (x.c / |c|^2 - 1/2) c. Broadcasts."""
+    """Reflect points (..., 3) at the plane of a virtual centre c, by x - 2 (x.c / |c|^2 - 1/2) c; broadcasts."""
     squared = np.sum(virtual_centre * virtual_centre, axis=-1, keepdims=True)
     along = np.sum(points_in_rig * virtual_centre, axis=-1, keepdims=True) / squared
     return points_in_rig - 2.0 * (along - 0.5) * virtual_centre
@@ -38,18 +38,18 @@ def cut(normalized: FloatArray, virtual_centre: FloatArray) -> FloatArray:
 class Mirror(Value):
     """One mirror of a layout, flat or nearly so, in the rig frame (origin at the pupil of the base camera), mm.
 
-    The plane is the *reflecting* surface: the front of a first-surface mirror, the back of a second-surface mirror,
-    which the camera sees through a plane-parallel plate of glass, about as it would see the first-surface mirror
-    `apparent`. A bent mirror stands off its plane, towards the pupil, by (k_xx x^2 + k_yy y^2) / 2 + k_xy x y at (x, y)
-    of its own frame: the plane is tangent to it in the middle of the outline.
+    The plane is the *reflecting* surface: the front of a first-surface mirror, the back of a second-surface mirror.
+    The camera sees a second-surface mirror through a plane-parallel plate of glass, nearly as it would see the
+    first-surface mirror `apparent`. A bent mirror rises from its plane, towards the pupil, by
+    (k_xx x^2 + k_yy y^2) / 2 + k_xy x y at (x, y) in its own frame; the plane is tangent to it at the outline's centre.
 
     Attributes
     ----------
     virtual_centre_in_rig_mm : the pupil reflected at the plane (3,).
     outline_in_rig_mm : corners (n, 3) of the reflecting surface, a convex polygon on the plane.
-    surface : which face reflects, see `is_second_surface`.
-    thickness_mm : of the glass.
-    refractive_index : of the glass.
+    surface : the face that reflects, see `is_second_surface`.
+    thickness_mm : thickness of the glass.
+    refractive_index : refractive index of the glass.
     curvature_per_m : (k_xx, k_yy, k_xy), 1/m.
     """
 
@@ -72,7 +72,7 @@ class Mirror(Value):
         curvature, limit = float(np.abs(self.curvature_per_m).max()), 1e3 * NEARLY_FLAT / self.distance_mm
         if curvature > limit:
             raise ValueError(
-                f"curvature_per_m reaches {curvature:.3g}, expected a mirror nearly flat: {limit:.3g} at most"
+                f"curvature_per_m reaches {curvature:.3g}, expected a nearly flat mirror: {limit:.3g} at most"
             )
         outline = self.outline_in_rig_mm
         if len(outline) < 3:
@@ -97,7 +97,7 @@ class Mirror(Value):
 
     @classmethod
     def from_plane(cls, point_in_rig: FloatArray, normal_in_rig: FloatArray, **fields: object) -> Self:
-        """The mirror through a point (3,) in mm with a normal (3,) of any length and sign."""
+        """The mirror whose plane contains a point (3,), mm, and has a normal (3,) of any length and sign."""
         normal = normal_in_rig / np.linalg.norm(normal_in_rig)
         return cls(virtual_centre_in_rig_mm=2.0 * (normal @ point_in_rig) * normal, **fields)
 
@@ -126,7 +126,7 @@ class Mirror(Value):
 
     @cached_property
     def _chief(self) -> tuple[FloatArray, float]:
-        """Vector (3,) from the pupil's foot on the plane to the outline's middle, mm, and the chief ray's tangent."""
+        """Vector (3,), mm, on the plane from the pupil's foot to the outline's centre; tangent of the chief ray."""
         across = self.outline_in_rig_mm.mean(axis=0) + self.distance_mm * self.normal_in_rig
         across_mm = float(np.linalg.norm(across))
         if not self.is_second_surface:
@@ -136,11 +136,11 @@ class Mirror(Value):
 
     @cached_property
     def apparent(self) -> Mirror:
-        """The first-surface mirror that this one looks like at its chief ray, through the middle of the outline.
+        """The first-surface mirror that images the chief ray, through the centre of the outline, as this one does.
 
-        A first-surface mirror is its own. Otherwise the plane and the outline are moved towards the pupil by
-        t (1 - tan' / tan), where the incoming and the outgoing chief ray, extended, meet; rays of another incidence
-        deviate a little from it.
+        A first-surface mirror is its own apparent mirror. For a second-surface mirror, plane and outline move towards
+        the pupil by t (1 - tan' / tan), to where the extended incoming and outgoing chief rays meet. Rays at other
+        angles of incidence deviate slightly from the apparent mirror's.
         """
         if not self.is_second_surface:
             return self
@@ -153,7 +153,7 @@ class Mirror(Value):
         )
 
     def with_surface(self, surface: Literal["first", "second"], thickness_mm: float | None = None) -> Mirror:
-        """The mirror of that kind that looks the same along its chief ray, of another thickness where one is given."""
+        """The first- or second-surface mirror with the same image along its chief ray; `thickness_mm` None keeps it."""
         if surface == "first":
             return self.apparent
         thick = self.thickness_mm if thickness_mm is None else thickness_mm
@@ -164,10 +164,11 @@ class Mirror(Value):
 
     @cached_property
     def usable_normalized(self) -> FloatArray:
-        """The part (n, 2) of the outline that shows the scene, in normalized coordinates; (0, 2) where there is none.
+        """The part (n, 2) of the outline that shows the scene, in normalized coordinates; (0, 2) if there is none.
 
-        A first-surface mirror shows it all over. Light enters the front of a second-surface mirror t tan' before the
-        point of reflection and leaves it as far behind, and both must lie within the front, whose outline is the same.
+        A first-surface mirror shows the scene across its full outline. Light enters the front of a second-surface
+        mirror t tan' before the point of reflection and leaves it t tan' beyond. Both points must lie within the
+        front, which has the same outline as the back.
         """
         if not self.is_second_surface:
             return self.outline_normalized
@@ -185,17 +186,17 @@ class Mirror(Value):
 
     @property
     def is_second_surface(self) -> bool:
-        """True if the back reflects, which light reaches through the glass."""
+        """True if the back reflects, so that light passes through the glass."""
         return self.surface == "second"
 
     @property
     def front_mm(self) -> float:
-        """Height of the front over the reflecting surface, towards the pupil: 0 or, of a second-surface mirror, t."""
+        """Height of the front above the reflecting surface, towards the pupil: 0, or t for a second-surface mirror."""
         return self.thickness_mm if self.is_second_surface else 0.0
 
     @property
     def back_mm(self) -> float:
-        """Height of the back over the reflecting surface, towards the pupil: -t or, of a second-surface mirror, 0."""
+        """Height of the back above the reflecting surface, towards the pupil: -t, or 0 for a second-surface mirror."""
         return self.front_mm - self.thickness_mm
 
     @cached_property
@@ -225,9 +226,9 @@ class Mirror(Value):
         return reflect(points_in_rig, self.virtual_centre_in_rig_mm)
 
     def image_of(self, points_in_rig: FloatArray) -> FloatArray:
-        """Images in rig, mm, of points (..., 3) before the mirror, as they appear to the pupil; exact in direction.
+        """Images (..., 3) in rig, mm, of points in front of the mirror, as seen from the pupil; exact in direction.
 
-        NaN for points that are not before a second-surface or a bent mirror; see `optics.geometry.mirror_imaging`.
+        NaN for points that are not in front of a second-surface or bent mirror; see `optics.geometry.mirror_imaging`.
         """
         if not self.is_second_surface and not self.curvature_per_m.any():
             return self.reflect(points_in_rig)
@@ -241,13 +242,13 @@ class Mirror(Value):
         return images(points_in_rig.reshape(-1, 3).T, mirrors).image_mm.T.reshape(points_in_rig.shape)
 
     def sag_mm(self, points_in_rig: FloatArray) -> FloatArray:
-        """Heights (...) of the reflecting surface over its plane, towards the pupil, at points (..., 3) of it."""
+        """Heights (...) of the reflecting surface above its plane, towards the pupil, at points (..., 3) on it."""
         x, y = np.moveaxis((points_in_rig - self.rig_from_plane[:3, 3]) @ self.rig_from_plane[:3, :2], -1, 0)
         xx, yy, xy = self.curvature_per_m / 1e3
         return np.asarray((xx * x**2 + yy * y**2) / 2.0 + xy * x * y)
 
     def cut(self, normalized: FloatArray) -> FloatArray:
-        """Points (..., 3) in rig, mm, where viewing rays with normalized image coordinates (..., 2) meet the plane."""
+        """Points (..., 3) in rig, mm, where viewing rays (normalized coordinates (..., 2)) meet the plane."""
         return cut(normalized, self.virtual_centre_in_rig_mm)
 
     @cached_property
@@ -259,8 +260,8 @@ class Mirror(Value):
     def rig_from_plane(self) -> FloatArray:
         """Rigid 4x4 of the mirror's own frame.
 
-        Origin at the mean of the outline's corners, x along the rig's x as far as the plane allows (for a mirror that
-        faces along the rig's x: along the rig's z), z out of the reflecting side.
+        The origin is the mean of the outline's corners. x is the projection of the rig's x on the plane (of the rig's
+        z, if the mirror faces along the rig's x); z points out of the reflecting side.
         """
         axes = np.column_stack([*plane_axes(self.normal_in_rig[:, None]), self.normal_in_rig])
         return rigid(axes, self.outline_in_rig_mm.mean(axis=0))
@@ -272,7 +273,7 @@ class Mirror(Value):
         return (self.outline_in_rig_mm - matrix[:3, 3]) @ matrix[:3, :2]
 
     def moved(self, rotation: FloatArray, translation_mm: FloatArray) -> Self:
-        """The mirror as a rigid body: turned by a 3x3 rotation about its outline mean, then shifted by (3,) in rig."""
+        """The mirror moved as a rigid body: rotated (3, 3) about its outline's mean, then shifted by (3,), in rig."""
         centre = self.outline_in_rig_mm.mean(axis=0)
         normal = rotation @ self.normal_in_rig
         # The frame's x axis stays along the rig's, so the mirror turns within its frame.
@@ -297,7 +298,7 @@ class MirrorSolid:
     Attributes
     ----------
     corners_in_rig_mm
-        Corners (2n, 3): those of the reflecting face, then those of the opposite face, alike.
+        Corners (2n, 3): first of the reflecting face, then of the opposite face, in the same order.
     normal_in_rig
         Unit normal (3,) of the reflecting face, towards the pupil.
     """

@@ -1,4 +1,4 @@
-"""Distances between mirrors, of their solids in space and of their sub-images, and their edges and areas."""
+"""Gaps between mirrors, in space and between their sub-images, and the mirrors' edges and areas."""
 
 from __future__ import annotations
 
@@ -17,17 +17,18 @@ from mirrorcam.optics.geometry.mirror import Mirror
 
 
 def hull_distance(first: FloatArray, second: FloatArray) -> float:
-    """Distance between the convex hulls of two point sets (n, 3) and (m, 3); 0 where they meet.
+    """Distance between the convex hulls of two point sets (n, 3) and (m, 3); 0 if they meet.
 
-    Lawson and Hanson's least-distance programming: with D all pairwise differences, the w >= 0 that minimises
-    |D w|^2 + (1 - sum w)^2 points at the point of hull(D) nearest to the origin, and leaves d^2 / (1 + d^2).
+    Lawson and Hanson's least-distance programming: let D hold all pairwise differences. The w >= 0 that minimises
+    |D w|^2 + (1 - sum w)^2 gives the point D w / sum w of hull(D) nearest to the origin; the minimum is
+    d^2 / (1 + d^2).
     """
     differences, weights = _least_distance(first, second)
     return float(np.linalg.norm(differences @ weights) / weights.sum())
 
 
 def closest_points(first: FloatArray, second: FloatArray) -> FloatArray:
-    """Points (2, 3) of the convex hulls of point sets (n, 3) and (m, 3) nearest to each other; equal where they meet.
+    """Closest points (2, 3) of the convex hulls of point sets (n, 3) and (m, 3); equal if the hulls meet.
 
     See `hull_distance`.
     """
@@ -37,7 +38,7 @@ def closest_points(first: FloatArray, second: FloatArray) -> FloatArray:
 
 
 def _least_distance(first: FloatArray, second: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """All differences (3, n m) of two point sets; their weights at the point of their hull nearest to the origin."""
+    """All differences (3, n m) of two point sets, and their weights for the point of their hull nearest the origin."""
     differences = (first[:, None] - second[None, :]).reshape(-1, 3).T
     size = float(np.abs(differences).max())
     system = np.vstack([differences / size, np.ones(differences.shape[1])])
@@ -46,13 +47,13 @@ def _least_distance(first: FloatArray, second: FloatArray) -> tuple[FloatArray, 
 
 
 def stacked(arrays: Sequence[FloatArray]) -> FloatArray:
-    """Arrays (k_i, ...) as one (n, max k, ...); shorter ones repeat their last row, which changes no extremum."""
+    """Stack arrays (k_i, ...) to (n, max k, ...); shorter ones repeat their last row, which changes no extremum."""
     longest = max(len(array) for array in arrays)
     return np.stack([np.concatenate([a, np.repeat(a[-1:], longest - len(a), axis=0)]) for a in arrays])
 
 
 def _least_gaps_mm(mirrors: Sequence[Mirror]) -> FloatArray:
-    """Lower bounds (n, n) of the distances between solids, mm: the largest of those along a face's normal."""
+    """Lower bounds (n, n) of the distances between solids, mm: the largest distance along the normal of a face."""
     corners = stacked([mirror.solid.corners_in_rig_mm for mirror in mirrors])
     faces = [mirror.solid.half_spaces for mirror in mirrors]
     normals, offsets = stacked([normals for normals, _ in faces]), stacked([offsets for _, offsets in faces])
@@ -69,7 +70,7 @@ def pairs_closer_than(mirrors: Sequence[Mirror], gap_mm: float) -> list[tuple[in
 
 
 def smallest_gap_mm(layout: Layout) -> float:
-    """Smallest distance between the solids of any two mirrors, mm; 0 where two meet, infinite for a single mirror."""
+    """Smallest distance between the solids of any two mirrors, mm; 0 if two meet, infinite for a single mirror."""
     corners = [mirror.solid.corners_in_rig_mm for mirror in layout.mirrors]
     first, second = np.triu_indices(len(corners), 1)
     least = _least_gaps_mm(layout.mirrors)[first, second]
@@ -88,13 +89,13 @@ def edges_mm(mirror: Mirror) -> FloatArray:
 
 
 def area_mm2(mirror: Mirror) -> float:
-    """Area of the outline (shoelace in the mirror's own plane)."""
+    """Area of the outline, by the shoelace formula in the mirror's plane."""
     x, y = mirror.outline_in_plane_mm.T
     return float(abs(x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2.0)
 
 
 def _seen_gaps(mirrors: Sequence[Mirror]) -> tuple[NDArray[np.int64], NDArray[np.int64], FloatArray]:
-    """All pairs i < j and the distances of their sub-images, in normalized coordinates."""
+    """All pairs i < j and the distances between their sub-images, in normalized coordinates."""
     seen = np.array([Polygon(mirror.apparent.outline_normalized) for mirror in mirrors])
     first, second = np.triu_indices(len(seen), 1)
     return first, second, shapely.distance(seen[first], seen[second])

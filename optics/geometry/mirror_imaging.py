@@ -1,15 +1,17 @@
-"""Images of points in mirrors as they appear to the pupil, with derivatives: of flat, bent and second-surface mirrors.
+"""Images of points in flat, bent and second-surface mirrors as seen from the pupil, with derivatives.
 
-One formula serves `Mirror.image_of` and the calibration. Arrays are as in `mirror_arrays`: component first, a column
-for each point.
+`Mirror.image_of` and the calibration share this code. Arrays are as in `mirror_arrays`: component first, a column for
+each point.
 
 The surface of a bent mirror is n.x + d = h(u, v), h = (k_xx u^2 + k_yy v^2) / 2 + k_xy u v, in the mirror's own frame,
-whose origin is the foot of the outline's middle on the plane. Light is reflected as by the tangent plane where it meets
-the reflecting surface, (u, v) = E(u, v): solved by the chord method, differentiated implicitly, (I - E') d(u, v) = dE.
-The front of a bent plate is everywhere as far from its reflecting surface; where light enters and leaves it counts as
-parallel to the reflecting surface where light meets that. It leans there by as much one way as the other, which costs
-no direction, only a shift: 0.004 px of a C920 at most for 2 mm of acrylic with 0.3 / m (0.1 mm over a mirror of 50 mm),
-growing with t^2 k.
+whose origin is the foot of the outline's centre on the plane. Light is reflected as if by the tangent plane at the
+point (u, v) = E(u, v) where it meets the reflecting surface. The chord method solves this fixed-point equation;
+its derivative is implicit, (I - E') d(u, v) = dE.
+
+A bent plate has the same thickness everywhere. Where light enters and leaves its front, the front is taken as parallel
+to the tangent plane. The true slopes at the two points deviate by the same amount in opposite directions, so the
+direction is exact and only a shift is neglected: at most 0.004 px of a C920 for 2 mm of acrylic with 0.3 / m (0.1 mm
+over a mirror of 50 mm), growing with t^2 k.
 """
 
 from __future__ import annotations
@@ -32,7 +34,7 @@ from mirrorcam.optics.geometry.plate import PlaneDerivatives, PlateImages, Plate
 
 CHORD_STEPS = 40
 MET_MM = 1e-9
-"""Tolerance between the point where light was assumed to meet the reflecting surface and where it does."""
+"""Tolerance between the assumed and the computed point of reflection."""
 Pair = tuple[FloatArray, FloatArray]
 
 
@@ -42,13 +44,12 @@ def images(points_mm: FloatArray, mirrors: MirrorArrays, *, bent: bool = False) 
     Parameters
     ----------
     points_mm : points (3, n) in rig.
-    mirrors : the mirror that each point is seen in.
-    bent : whether derivatives by the curvature are requested where mirrors are flat, too.
+    mirrors : the mirror in which each point is seen.
+    bent : whether to return derivatives by the curvature also for flat mirrors.
 
     Returns
     -------
-    Images (3, n) in rig and their derivatives. They are NaN for a point that is not before a second-surface or a bent
-    mirror.
+    Images (3, n) in rig and their derivatives; NaN for a point that is not in front of a second-surface or bent mirror.
     """
     if bent or np.any(mirrors.curvature_per_m):
         return BentImages.of(points_mm, mirrors)
@@ -73,7 +74,7 @@ class PlainImages:
         return cls(points_mm - (2.0 * along - 1.0) * centre, points_mm, centre, squared, along)
 
     def vjp(self, by_image: FloatArray) -> ImageDerivatives:
-        """See `MirrorImages.vjp`: x' = x - (2 x.c / |c|^2 - 1) c; zeros by the thickness, none by the curvature."""
+        """See `MirrorImages.vjp`; x' = x - (2 x.c / |c|^2 - 1) c depends on neither thickness nor curvature."""
         to_centre = 2.0 * dot(by_image, self._centre_mm) / self._squared_mm2
         point = by_image - to_centre[:, None] * self._centre_mm
         centre = (1.0 - 2.0 * self._along) * by_image - to_centre[:, None] * (
@@ -85,7 +86,7 @@ class PlainImages:
 
 @dataclass(frozen=True)
 class _Base:
-    """The planes that bent mirrors stand off from.
+    """The reference planes of bent mirrors.
 
     Attributes
     ----------
@@ -98,7 +99,7 @@ class _Base:
     middle_mm
         Means (3, n) of the outlines' corners, with the coordinates `middle_uv_mm` along the axes.
     bend_per_mm
-        The curvature (3, n).
+        Curvatures (3, n).
     """
 
     normal: FloatArray
@@ -123,17 +124,17 @@ class _TangentPlanes:
     Attributes
     ----------
     base
-        The planes that the surfaces stand off from.
+        The reference planes of the surfaces.
     uv_mm
-        The places (n,), (n,) where they touch.
+        Coordinates (n,), (n,) of the points of contact.
     normal
         Unit normals (3, n).
     distance_mm
         Distances (n,) of the planes from the pupil.
     length
-        Lengths (n,) of the normals before they are scaled to 1.
+        Lengths (n,) of the normals before normalization.
     reach_mm
-        The same places along the axes, from the foot of the pupil (n,), (n,).
+        Coordinates (n,), (n,) of the points of contact from the foot of the pupil.
     slope
         Slopes dh/du, dh/dv (n,), (n,).
     """
@@ -163,7 +164,7 @@ class _TangentPlanes:
         return self.normal, self.distance_mm
 
     def _slopes_vjp(self, by_normal: FloatArray, by_distance: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Derivatives (a, 3, n) by the unscaled normal n - h_u e1 - h_v e2, and (a, n) by its slopes h_u and h_v."""
+        """Derivatives (a, 3, n) by the unnormalized normal n - h_u e1 - h_v e2, and (a, n) by its slopes h_u, h_v."""
         scaled = by_distance / self.length
         across = by_normal - dot(by_normal, self.normal)[:, None] * self.normal
         by_leaning = across / self.length - (scaled * self.distance_mm)[:, None] * self.normal
@@ -173,7 +174,7 @@ class _TangentPlanes:
         return by_leaning, by_u, by_v
 
     def uv_vjp(self, by_normal: FloatArray, by_distance: FloatArray) -> Pair:
-        """Derivatives (a, n) by u and by v from those by the tangent plane."""
+        """Pull derivatives by the tangent plane back to u and v (a, n)."""
         xx, yy, xy = self.base.bend_per_mm
         _, by_u, by_v = self._slopes_vjp(by_normal, by_distance)
         return by_u * xx + by_v * xy, by_u * xy + by_v * yy
@@ -184,9 +185,9 @@ class _TangentPlanes:
         return np.array([[1.0 - by_u[0], -by_v[0]], [-by_u[1], 1.0 - by_v[1]]])
 
     def mirror_vjp(self, by_normal: FloatArray, by_distance: FloatArray, by_axes: Pair) -> Pair:
-        """Derivatives by the virtual centre (a, 3, n) and by the curvature (a, 3, n), with (u, v) held.
+        """Derivatives by the virtual centre (a, 3, n) and by the curvature (a, 3, n) at constant (u, v).
 
-        `by_axes` are those by the axes beyond what the tangent plane makes of them. The axes follow the normal:
+        `by_axes` are derivatives by the axes other than through the tangent plane. The axes follow the normal:
         de1 = q e2 - (dn.e1) n, de2 = -q e1 - (dn.e2) n, q = -n_x (e2.dn) / sqrt(1 - n_x^2).
         """
         (u, v), (e1, e2), n = self.uv_mm, self.base.axes, self.base.normal
@@ -247,10 +248,10 @@ class BentImages:
         by_uv = tangent.uv_vjp(direct.normal, direct.distance)
         by_u, by_v = _solved(np.swapaxes(tangent.implicit_matrix(meets), 0, 1), *by_uv)
 
-        def total(held: FloatArray, moved: FloatArray) -> FloatArray:
-            """Derivatives with (u, v) held and those via (u, v), whose derivatives are `moved` (2, ..., n)."""
-            u, v = (by_u, by_v) if moved.ndim == 2 else (by_u[:, None], by_v[:, None])
-            return np.asarray(held + u * moved[0] + v * moved[1])
+        def total(partial: FloatArray, uv_by_input: FloatArray) -> FloatArray:
+            """Total derivatives from the partial ones at constant (u, v) and the derivatives (2, ..., n) of (u, v)."""
+            u, v = (by_u, by_v) if uv_by_input.ndim == 2 else (by_u[:, None], by_v[:, None])
+            return np.asarray(partial + u * uv_by_input[0] + v * uv_by_input[1])
 
         offset = path.reflection_point_mm() - tangent.base.middle_mm
         by_axes = by_u[:, None] * offset, by_v[:, None] * offset
@@ -262,7 +263,7 @@ class BentImages:
 
 
 def _solved(matrix: FloatArray, a: FloatArray, b: FloatArray) -> Pair:
-    """Solution (..., n) of 2 x 2 equations (2, 2, n) with the right-hand sides a and b (..., n)."""
+    """Solutions (..., n) of 2 x 2 systems (2, 2, n) with right-hand sides a and b (..., n)."""
     (aa, ab), (ba, bb) = matrix
     determinant = aa * bb - ab * ba
     return (bb * a - ab * b) / determinant, (aa * b - ba * a) / determinant

@@ -1,4 +1,4 @@
-"""A camera in another lens model: exact where the model holds its lens, else fitted to it, with the largest error."""
+"""Conversion of a camera to another lens model: exact where the model contains its lens, else a fit with its error."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from mirrorcam.optics.geometry.lenses.spline import LensGrid, Spline
 
 SAMPLES = 40  # across and down the fitted part of the picture
 EXACT_PX = 1e-9
-LEAST_PX = 1e-3  # error that a coefficient is worth which has the size of its prior
+LEAST_PX = 1e-3  # residual of the prior for a coefficient of one prior sigma
 
 
 def with_lens(camera: Camera, model: LensName) -> Camera:
-    """The camera in another model, with the coefficients that both name and the others zero.
+    """The camera in another model: it keeps the coefficients that both models have; the others are zero.
 
-    Where the other model has all coefficients that are not zero, it is the same camera. Those of a fisheye lens mean
-    something else: none is kept. A spline lens gets a grid over the whole sensor.
+    The result is equivalent if the other model has all nonzero coefficients. A fisheye's coefficients have another
+    meaning, so none is kept. A spline lens gets a grid over the entire sensor.
     """
     if model == camera.lens_model:
         return camera
@@ -35,7 +35,7 @@ def with_lens(camera: Camera, model: LensName) -> Camera:
 
 
 def _border(camera: Camera) -> FloatArray:
-    """Normalized coordinates (n, 2) of the border of the sensor, as far as the lens is defined there."""
+    """Normalized coordinates (n, 2) of the sensor's border, where the lens is defined."""
     along = np.linspace(-0.5, 0.5, SAMPLES)
     x, y = along * camera.width_px, along * camera.height_px
     edges = [np.column_stack(np.broadcast_arrays(*edge)) for edge in ((x[0], y), (x[-1], y), (x, y[0]), (x, y[-1]))]
@@ -48,29 +48,30 @@ def _border(camera: Camera) -> FloatArray:
 
 
 def nearest_lens(
-    camera: Camera, model: LensName, part: tuple[FloatArray, FloatArray], held: Collection[str] = ()
+    camera: Camera, model: LensName, part: tuple[FloatArray, FloatArray] | None = None, zero: Collection[str] = ()
 ) -> tuple[Camera, float]:
-    """The camera of another model that is nearest to one over a part of its picture, and its largest error there, px.
+    """The nearest camera with another lens model over a part of the picture, and its largest error there, px.
 
-    Focal lengths, principal point and coefficients are fitted by least squares: they describe this part and nothing
-    beyond it.
+    Focal lengths, principal point and coefficients are fitted by least squares. They are valid only within this part.
 
     Parameters
     ----------
     camera
-        The camera to describe.
+        The camera to approximate.
     model
         The other lens model.
     part
-        First and last pixel (2,) of the part.
-    held
-        Coefficients that are zero.
+        First and last pixel (2,) of the part; by default of the picture.
+    zero
+        Coefficients to fix at zero.
 
     Raises
     ------
     InputError
-        Where the camera's own lens is not defined in the part, or nothing of the other model is near it.
+        If the camera's own lens is not defined in the part, or the fit to the other model fails.
     """
+    if part is None:
+        part = np.zeros(2), np.array([camera.width_px - 1.0, camera.height_px - 1.0])
     pixels = np.stack(np.meshgrid(*np.linspace(*part, SAMPLES).T), axis=-1).reshape(-1, 2)
     normalized = camera.normalized_from_pixels(pixels)
     known = np.isfinite(normalized).all(axis=1)
@@ -79,14 +80,14 @@ def nearest_lens(
     rays, pixels = np.column_stack([normalized[known], np.ones(known.sum())]), pixels[known]
     fitted = with_lens(camera, model)
     names = fitted.intrinsic_names
-    fitted = fitted.with_intrinsics(np.where([name in held for name in names], 0.0, fitted.intrinsics))
-    free = [place for place, name in enumerate(names) if name not in held]
+    fitted = fitted.with_intrinsics(np.where([name in zero for name in names], 0.0, fitted.intrinsics))
+    free = [index for index, name in enumerate(names) if name not in zero]
     if _worst(fitted, rays, pixels) < EXACT_PX:
         return fitted, 0.0
-    with np.errstate(all="ignore"):  # of lenses far from any that is made
+    with np.errstate(all="ignore"):  # intermediate lenses may be absurd
         try:
             best = fitted.with_intrinsics(_least_squares(fitted, free, rays, pixels))
-        except (ValueError, np.linalg.LinAlgError):  # numbers that are not finite, or of no camera
+        except (ValueError, np.linalg.LinAlgError):  # not finite, or not a valid camera
             raise InputError(f"camera {camera.name}: no {model} lens is near its own, expected another lens") from None
         error_px = _worst(best, rays, pixels)
     if not np.isfinite(error_px):
@@ -95,14 +96,14 @@ def nearest_lens(
 
 
 def _least_squares(start: Camera, free: Sequence[int], rays: FloatArray, pixels: FloatArray) -> FloatArray:
-    """The intrinsics (k,), of which those at the places `free` are changed, that meet pixels of rays best."""
+    """The intrinsics (k,) that fit the pixels of rays best; only those at the indices `free` vary."""
 
     def camera(values: FloatArray) -> Camera:
         intrinsics = start.intrinsics.copy()
         intrinsics[free] = values
         return start.with_intrinsics(intrinsics)
 
-    # Of coefficients that hardly matter, the smallest are taken.
+    # The prior selects the smallest values of coefficients that hardly matter.
     sigmas = np.array([*[np.inf] * len(PINHOLE_NAMES), *start.lens.prior_sigmas])[free]
     least = np.diag(LEAST_PX / sigmas)[np.isfinite(sigmas)]
 
@@ -123,8 +124,3 @@ def _least_squares(start: Camera, free: Sequence[int], rays: FloatArray, pixels:
 
 def _worst(camera: Camera, rays: FloatArray, pixels: FloatArray) -> float:
     return float(np.linalg.norm(camera.project_with_jacobians(rays)[0] - pixels, axis=1).max())
-
-
-def whole_picture(camera: Camera) -> tuple[FloatArray, FloatArray]:
-    """First and last pixel of a camera's picture."""
-    return np.zeros(2), np.array([camera.width_px - 1.0, camera.height_px - 1.0])

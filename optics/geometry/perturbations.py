@@ -16,12 +16,12 @@ from mirrorcam.optics.geometry.mirror_gaps import stacked
 from mirrorcam.optics.geometry.sub_images import covers_sensor, sub_image_polygons
 from mirrorcam.optics.geometry.tolerances import WORKMANSHIP, Tolerances
 
-DRAWS = 20  # attempts at mirrors that do not overlap in the image and a lens that covers the sensor
+DRAWS = 20  # attempts to draw mirrors that do not overlap in the image and a lens that covers the sensor
 
 
 @dataclass(frozen=True)
 class Perturbations:
-    """Deviations of n devices of m mirrors from their design.
+    """Deviations of n devices with m mirrors from their design.
 
     Attributes
     ----------
@@ -36,7 +36,7 @@ class Perturbations:
     shifts_mm
         Shift (n, m) of each mirror along its normal.
     thickness_mm
-        Error (n,) of the thickness of the stock sheet that all mirrors of a device are cut from.
+        Error (n,) of the thickness of the sheet from which all mirrors of a device are cut.
     camera_shifts_mm
         Position (n, 3) of the pupil in the frame of the holder (the rig as designed).
     camera_turns_rad
@@ -58,10 +58,10 @@ def draw_perturbations(
 ) -> Perturbations:
     """Draw devices from normal distributions.
 
-    With the same generator, tolerances of another size give the same draws, scaled, and the first devices do not depend
-    on the number of devices.
+    For one state of the generator, scaled tolerances give scaled draws, and the first devices do not depend on the
+    number of devices.
     """
-    # Thickness and camera have a separate generator, so that the other draws do not depend on them.
+    # Thickness and camera have their own generator, so that the other draws do not depend on them.
     placed = random.spawn(1)[0].standard_normal((devices, 7))
     drawn = random.standard_normal((devices, 8 + 3 * mirrors))
     by_mirror = drawn[:, 8:].reshape(devices, mirrors, 3)
@@ -78,7 +78,7 @@ def draw_perturbations(
 
 
 def perturbed_camera(camera: Camera, perturbations: Perturbations, device: int) -> Camera:
-    """The camera of one device; the same object where it is not perturbed."""
+    """The camera of one device; the same object if it is not perturbed."""
     focal, centre, lens = 1.0 + perturbations.focal[device], perturbations.centre_px[device], perturbations.lens[device]
     if focal == 1.0 and not centre.any() and not lens.any():
         return camera
@@ -93,18 +93,18 @@ def perturbed_camera(camera: Camera, perturbations: Perturbations, device: int) 
 
 @dataclass(frozen=True)
 class Devices:
-    """The mirrors and the pupils of n devices in the frame of their holder, which is the rig frame as designed.
+    """Mirrors and pupils of n devices in the frame of their holder, which is the rig frame as designed.
 
     Attributes
     ----------
     normals
         Unit normals (n, m, 3) on the reflecting side.
     middles_mm
-        Means (n, m, 3) of the outlines' corners, which lie on the reflecting planes.
+        Means (n, m, 3) of the outlines' corners, on the reflecting planes.
     axes
         The x and y axis (n, m, 3, 2) of each mirror's own frame.
     outlines_mm
-        Corners (n, m, k, 3); those of mirrors with fewer than k repeat their last.
+        Corners (n, m, k, 3); mirrors with fewer than k repeat the last.
     thicknesses_mm
         Thicknesses (n, m) of the mirrors.
     pupils_mm
@@ -123,10 +123,10 @@ class Devices:
 
 
 def perturbed_mirrors(layout: Layout, perturbations: Perturbations) -> Devices:
-    """The devices built from a layout: each mirror is tilted about its middle, then shifted along its nominal normal.
+    """Perturb the mirrors: tilt each about the centre of its outline, then shift it along its nominal normal.
 
     The back of a mirror rests on its seat. A thicker first-surface mirror therefore reflects nearer to the pupil; a
-    second-surface mirror at the same place, behind more glass.
+    thicker second-surface mirror reflects at the same place, behind more glass.
     """
     shape = perturbations.shifts_mm.shape
     designed = np.array([mirror.normal_in_rig for mirror in layout.mirrors])
@@ -150,7 +150,7 @@ def perturbed_mirrors(layout: Layout, perturbations: Perturbations) -> Devices:
 
 
 def _built(layout: Layout, perturbations: Perturbations) -> Layout:
-    """The first device as a layout in its own rig frame, which is that of its camera."""
+    """The first device as a layout in its own rig frame, the frame of its camera."""
     devices = perturbed_mirrors(layout, perturbations)
     turn, pupil = devices.holder_from_camera[0], devices.pupils_mm[0]
     mirrors = tuple(
@@ -176,32 +176,27 @@ def _built(layout: Layout, perturbations: Perturbations) -> Layout:
     )
 
 
-def _off_sensor(layout: Layout) -> int | None:
-    """The first mirror that does not appear on the sensor."""
-    return next((index for index, shown in enumerate(sub_image_polygons(layout)) if shown.is_empty), None)
-
-
 def draw_as_built(layout: Layout, tolerances: Tolerances, random: np.random.Generator) -> Layout:
-    """A device built from a layout, drawn at random; drawn again (up to 20 times) when it could not exist.
+    """Draw a device built from a layout at random; draw again (up to 20 times) if it is physically impossible.
 
     Parameters
     ----------
-    layout : the design, of flat mirrors.
+    layout : design with flat mirrors.
     tolerances : standard deviations.
-    random : the generator to draw from.
+    random : generator to draw from.
 
     Returns
     -------
-    A layout of kind "as-built" in the rig frame of the camera as it sits in the holder; its view axes stay those of the
-    holder.
+    A layout of kind "as-built" in the rig frame of the camera as it sits in the holder; the view axes remain the
+    holder's.
 
     Raises
     ------
-    InputError : no draw can exist (it names the tolerance), or a mirror is bent.
+    InputError : all draws are impossible (the message names the tolerance), or a mirror is bent.
     """
     named = zip(layout.mirror_names, layout.mirrors, strict=True)
     if bent := [name for name, mirror in named if mirror.curvature_per_m.any()]:
-        raise InputError(f"mirror {bent[0]} has a curvature_per_m, expected flat mirrors to draw a device around")
+        raise InputError(f"mirror {bent[0]} has a curvature_per_m, expected a design with flat mirrors")
     for _ in range(DRAWS):
         perturbations = draw_perturbations(tolerances, len(layout.mirrors), 1, random)
         try:
@@ -213,10 +208,10 @@ def draw_as_built(layout: Layout, tolerances: Tolerances, random: np.random.Gene
             continue
         if not covers_sensor(built.camera):
             blame = f"distortion_mean {list(tolerances.distortion_mean)}: the lens model folds before the sensor ends"
-        elif (lost := _off_sensor(built)) is not None:
+        elif lost := [k for k, shown in enumerate(sub_image_polygons(built)) if shown.is_empty]:
             blame = (
                 f"{workmanship(tolerances)}, focal_percent {tolerances.focal_percent}, "
-                f"centre_px {tolerances.centre_px}: mirror {built.mirror_names[lost]} lies outside the sensor"
+                f"centre_px {tolerances.centre_px}: mirror {built.mirror_names[lost[0]]} lies outside the sensor"
             )
         else:
             return built
@@ -224,5 +219,5 @@ def draw_as_built(layout: Layout, tolerances: Tolerances, random: np.random.Gene
 
 
 def workmanship(tolerances: Tolerances) -> str:
-    """The tolerances of printing and assembling that are not zero, for an error message."""
+    """The nonzero tolerances of printing and assembly, for an error message."""
     return ", ".join(f"{name} {value}" for name in WORKMANSHIP if (value := getattr(tolerances, name)) > 0)

@@ -1,10 +1,11 @@
 """Refraction in the plane-parallel plate of a flat second-surface mirror, and images of points in it, with derivatives.
 
-Tangents are those of angles to the plate's normal, in air unless stated otherwise. Snell's law: sin = n sin'.
+Angles are measured from the plate's normal; `tan` is the tangent in air, tan' the tangent in glass. Snell's law:
+sin = n sin'.
 
-Unfolded at the reflecting surface, light from the pupil to a point passes A of air and 2 t of glass while it goes l
-across: A tan + 2 t tan' = l, tan' = g tan. With s = tan / l this is s (A + 2 t g) = 1, which is smooth at l = 0. Arrays
-are as in `mirror_arrays`.
+Unfolded at the reflecting surface, light from the pupil to a point crosses a height A of air and 2 t of glass while it
+travels l sideways: A tan + 2 t tan' = l, tan' = g tan. With s = tan / l this is s (A + 2 t g) = 1, which is smooth at
+l = 0. Arrays are as in `mirror_arrays`.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ NEWTON_STEPS = 50
 
 
 def inner_tangent(tangent: FloatArray, refractive_index: FloatArray | float) -> FloatArray:
-    """Tangents (...) in the plate of rays whose tangents in air are given."""
+    """Tangents (...) in the plate for rays with given tangents (...) in air."""
     squared = np.square(tangent)
     return np.asarray(tangent / np.sqrt(refractive_index**2 * (1.0 + squared) - squared))
 
@@ -33,8 +34,8 @@ def outer_tangent(
 ) -> FloatArray:
     """Tangents (...) in air of rays that cover `across_mm` sideways in `air_mm` > 0 and then `glass_mm` of a plate.
 
-    Newton's method on air tan + glass tan' = across: the left side is concave and increasing, so that steps from below
-    the root never overshoot it.
+    Newton's method for air tan + glass tan' = across. The left side is concave and increasing, so steps from below the
+    root never overshoot.
     """
     across, air = np.broadcast_arrays(np.asarray(across_mm, dtype=np.float64), air_mm)
     tangent = across / (air + glass_mm)
@@ -51,9 +52,9 @@ def outer_tangent(
 
 
 def rise_mm(tangent: FloatArray, thickness_mm: float, refractive_index: float) -> FloatArray:
-    """Height (...) over the reflecting surface at which the plate looks like a plain mirror: t (1 - tan' / tan).
+    """Height (...) above the reflecting surface of the equivalent first-surface mirror: t (1 - tan' / tan).
 
-    The incoming and the outgoing ray, extended, meet there, right above their point of reflection.
+    The extended incoming and outgoing rays meet there, directly above the point of reflection.
     """
     tangent = np.asarray(tangent, dtype=np.float64)
     straight = np.full_like(tangent, 1.0 / refractive_index)
@@ -73,7 +74,7 @@ def surface_reflectance(tangent: FloatArray, refractive_index: float) -> FloatAr
 
 @dataclass(frozen=True)
 class PlaneDerivatives:
-    """Derivatives of a values, by the point (a, 3, n), normal (a, 3, n), distance (a, n) and thickness (a, n)."""
+    """Derivatives of `a` functions by point (a, 3, n), normal (a, 3, n), distance (a, n) and thickness (a, n)."""
 
     point: FloatArray
     normal: FloatArray
@@ -83,7 +84,7 @@ class PlaneDerivatives:
 
 @dataclass(frozen=True)
 class _Partials:
-    """Partial derivatives (a, n) of values by the quantities that a path of light is made of."""
+    """Partial derivatives (a, n) of functions by the variables of a light path."""
 
     s: FloatArray
     air: FloatArray | float = 0.0
@@ -94,7 +95,7 @@ class _Partials:
 
 @dataclass(frozen=True)
 class PlatePath:
-    """Light from the pupil to points via plane reflecting surfaces behind plates.
+    """Light paths from the pupil to points via plane reflecting surfaces behind plates.
 
     Attributes
     ----------
@@ -159,11 +160,11 @@ class PlatePath:
         return self.normal, self.distance_mm
 
     def image_mm(self) -> FloatArray:
-        """Images (3, n), as deep behind the reflecting surface as the light has air to pass."""
+        """Images (3, n), at the height -A along the normal from the pupil."""
         return np.asarray(self.air_mm * (self.s_per_mm * self.across_mm - self.normal))
 
     def _ahead_mm(self) -> FloatArray:
-        """Distance of the point of reflection from the pupil's foot over the tangent: air, and glass times g."""
+        """Distance of the point of reflection from the pupil's foot, divided by the tangent: air plus glass times g."""
         return self.distance_mm - self.thickness_mm + self.thickness_mm * self.g
 
     def reflection_point_mm(self) -> FloatArray:
@@ -171,13 +172,13 @@ class PlatePath:
         return np.asarray(self.s_per_mm * self._ahead_mm() * self.across_mm - self.distance_mm * self.normal)
 
     def image_vjp(self, by_image: FloatArray) -> PlaneDerivatives:
-        """Derivatives of a values from those by the image (a, 3, n)."""
+        """Pull derivatives (a, 3, n) with respect to the image back to the inputs."""
         by_stretch, along = dot(by_image, self.across_mm), dot(by_image, self.normal)
         partials = _Partials(s=self.air_mm * by_stretch, air=self.s_per_mm * by_stretch - along)
         return self._chained((by_image, along), (self.air_mm * self.s_per_mm, self.air_mm), partials)
 
     def reflection_point_vjp(self, by_point: FloatArray) -> PlaneDerivatives:
-        """Derivatives of a values from those by the point of reflection (a, 3, n)."""
+        """Pull derivatives (a, 3, n) with respect to the point of reflection back to the inputs."""
         along, by_stretch = dot(by_point, self.normal), dot(by_point, self.across_mm)
         ahead = self._ahead_mm()
         partials = _Partials(
@@ -191,10 +192,11 @@ class PlatePath:
     def _chained(
         self, rows: tuple[FloatArray, FloatArray], combination: tuple[FloatArray, FloatArray], partials: _Partials
     ) -> PlaneDerivatives:
-        """Derivatives of values with rows (a, 3, n) by the point stretch across - depth normal, by the chain rule.
+        """Apply the chain rule to functions with derivatives by the point stretch * across - depth * normal.
 
-        `rows` come with their components along the normal (a, n), `combination` is (stretch, depth). s (A + 2 t g) = 1
-        gives ds = -(s / D) (dA + 2 g dt + alpha d(l^2)), alpha = 2 t g' s^2, D = A + 2 t g + 2 alpha l^2.
+        `rows` are these derivatives (a, 3, n) and their components along the normal (a, n), `combination` is
+        (stretch, depth). From s (A + 2 t g) = 1 follows ds = -(s / D) (dA + 2 g dt + alpha d(l^2)) with
+        alpha = 2 t g' s^2, g' = dg / dtan^2, D = A + 2 t g + 2 alpha l^2.
         """
         (by_point, along), (stretch, depth) = rows, combination
         by_step = -self.s_per_mm / self.slope_mm * partials.s
@@ -222,7 +224,7 @@ class PlateImages:
         return cls(path.image_mm(), path)
 
     def vjp(self, by_image: FloatArray) -> ImageDerivatives:
-        """See `MirrorImages.vjp`; none by the curvature (a, 0, n)."""
+        """See `MirrorImages.vjp`; derivatives by the curvature are empty (a, 0, n)."""
         by_plane = self._path.image_vjp(by_image)
         centre = plane_vjp(by_plane.normal, by_plane.distance, self._path.plane)
         none = np.empty((len(by_image), 0, by_image.shape[-1]))

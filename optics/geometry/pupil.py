@@ -1,7 +1,7 @@
-"""The pupil of a thin lens: a disc in the plane z = 0 of the rig, from all of which the light of a pixel comes.
+"""The pupil of a thin lens: a disc in the plane z = 0 of the rig that passes all light of a pixel.
 
-The rays of a pixel run through one point, at the distance in focus on its chief ray. Seen from there, each edge of a
-mirror cuts the pupil along a straight line: the part of it that a mirror serves is the intersection of a disc with
+The rays of a pixel intersect at the distance in focus on its chief ray. Seen from that point, each edge of a mirror
+cuts the pupil along a straight line, so the unvignetted part of the pupil is the intersection of a disc with
 half-planes.
 """
 
@@ -20,20 +20,20 @@ if TYPE_CHECKING:
     from mirrorcam.optics.geometry.mirror import Mirror
 
 CHORDS = 32
-"""Number of chords over which a part of the disc is integrated."""
+"""Number of chords in the integration over a part of the disc."""
 
 FOCUS_MM = 500.0
 
 SHARP_VARIANCE_PX2 = 0.8**2 + 1.0 / 12.0
-"""Variance, along an axis, of the blur of a webcam's lens in focus and of its square pixels."""
+"""Variance along an axis of the blur of a webcam's lens in focus and its square pixels."""
 
 
 @dataclass(frozen=True)
 class Pupil:
-    """Pupil of a diameter, 0 of a pinhole, and the distance along the axis that is in focus.
+    """A pupil with a diameter (0 for a pinhole) and the distance in focus along the axis.
 
-    In a real lens it walks: for chief rays (x, y, 1) it lies at `walk_mm` (x^2 + y^2) towards the scene. The lens model
-    holds at the distance in focus.
+    The pupil of a real lens walks: for chief rays (x, y, 1) it lies `walk_mm` (x^2 + y^2) nearer to the scene. The lens
+    model holds at the distance in focus.
     """
 
     aperture_mm: float = 0.0
@@ -45,7 +45,7 @@ class Pupil:
         return self.aperture_mm / 2.0
 
     def middle_mm(self, normalized: FloatArray) -> FloatArray:
-        """Where (..., 2) rays from the middle of the pupil to points in focus on chief rays (..., 2) cross z = 0."""
+        """Points (..., 2) on z = 0 of rays from the pupil's centre to the points in focus on chief rays (..., 2)."""
         along = self.walk_mm * np.square(normalized).sum(axis=-1, keepdims=True)
         return np.asarray(-normalized * along / (1.0 - along / self.focus_mm))
 
@@ -55,16 +55,16 @@ PINHOLE = Pupil()
 
 @dataclass(frozen=True)
 class DiscPart:
-    """The part of the unit disc that lies in some half-planes, for n sets of them.
+    """The intersection of the unit disc with half-planes, for n sets of half-planes.
 
     Attributes
     ----------
     share
-        Its area (n,) over that of the disc.
+        Area (n,) as a fraction of the disc's.
     centroid
-        Mean place (n, 2); 0 where there is none.
+        Centroid (n, 2); 0 for an empty part.
     spread
-        Mean xx, yy and xy (n, 3) about the centroid: 1/4, 1/4 and 0 of the whole disc; 0 where there is none.
+        Second central moments xx, yy and xy (n, 3): 1/4, 1/4 and 0 for the full disc; 0 for an empty part.
     """
 
     share: FloatArray
@@ -72,12 +72,12 @@ class DiscPart:
     spread: FloatArray
 
     def chosen(self, mask: NDArray[np.bool_]) -> DiscPart:
-        """The sets of a mask (n,)."""
+        """The parts selected by a mask (n,)."""
         return DiscPart(self.share[mask], self.centroid[mask], self.spread[mask])
 
 
 def joined(first: DiscPart, second: DiscPart) -> DiscPart:
-    """The sets of both, one after the other."""
+    """Concatenate two sets of parts."""
     return DiscPart(
         np.concatenate([first.share, second.share]),
         np.concatenate([first.centroid, second.centroid]),
@@ -87,40 +87,40 @@ def joined(first: DiscPart, second: DiscPart) -> DiscPart:
 
 @dataclass(frozen=True)
 class HalfPlanes:
-    """Half-planes of the pupil's plane: points where direction . point + distance >= 0.
+    """Half-planes in the plane of the pupil: points with direction . point + distance >= 0.
 
     Attributes
     ----------
     direction
         Unit vectors (n, m, 2).
     distance
-        Distances (n, m) of the pupil's middle from the borders, mm; negative where it lies outside.
+        Distances (n, m) of the pupil's centre from the borders, mm; negative if it lies outside.
     """
 
     direction: FloatArray
     distance: FloatArray
 
 
-def served_by(
+def outline_aperture(
     mirror: Mirror, normalized: FloatArray, focus_mm: float, shift_mm: FloatArray | None = None
 ) -> HalfPlanes:
-    """Where in the pupil rays start that meet the front of a mirror within its outline: a half-plane for each edge.
+    """The part of the pupil whose rays meet the front of a mirror within its outline: a half-plane for each edge.
 
     Parameters
     ----------
     mirror
-        The mirror, as if it were flat.
+        The mirror, taken as flat.
     normalized
         Chief rays (n, 2).
     focus_mm
         Distance in focus, along the axis.
     shift_mm
-        Shift (n,) of the points where rays meet the front, away from the foot of the pupil: to where they leave it.
+        Shift (n,), away from the pupil's foot, from the points where rays meet the front to those where they leave it.
     """
     rays = np.column_stack([normalized, np.ones(len(normalized))])
     corners = mirror.outline_in_rig_mm + mirror.front_mm * mirror.normal_in_rig
     edges = np.stack([corners, np.roll(corners, -1, axis=0)])
-    constant, slope, along_edges = passing(edges, corners.mean(axis=0), rays, 1.0 / focus_mm)
+    constant, slope, along_edges = edge_clearance(edges, corners.mean(axis=0), rays, 1.0 / focus_mm)
     along = rays @ mirror.normal_in_rig
     if shift_mm is not None:
         across = rays - along[:, None] * mirror.normal_in_rig
@@ -131,14 +131,28 @@ def served_by(
     return HalfPlanes(slope / length[..., None], np.where(towards[:, None], constant / length, -np.inf))
 
 
-def passing(
+def edge_clearance(
     edges_mm: FloatArray, within_mm: FloatArray, rays: FloatArray, nearness: float
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """How far inside of edges (2, ..., m, 3), from end to end, rays from the pupil pass: constant + slope . place > 0.
+    """Signed clearance of rays from the pupil to edges: constant + slope . p for a point p of the pupil.
 
-    The rays of the pixel of a chief ray (..., n, 3) run from a place p of the pupil along r - p * nearness: the triple
-    product of that with A - p and B - p is linear in p. Constants (..., n, m), slopes (..., n, m, 2), and vectors
-    (..., m, 3) along the edges, which run so that the inside, with `within_mm` (..., 3), is on the positive side.
+    A pixel with the chief ray r collects light along r - p * nearness from each point p of the pupil. The triple
+    product of that direction with A - p and B - p, where A and B are the ends of an edge, is linear in p.
+
+    Parameters
+    ----------
+    edges_mm
+        Both ends (2, ..., m, 3) of the edges.
+    within_mm
+        Points (..., 3) inside, where clearances are positive.
+    rays
+        Chief rays (..., n, 3).
+    nearness
+        Inverse distance in focus, 1/mm.
+
+    Returns
+    -------
+    Constants (..., n, m), slopes (..., n, m, 2), and vectors (..., m, 3) along the edges, with the inside positive.
     """
     sides = np.cross(edges_mm[0], edges_mm[1])
     sign = np.sign(sides @ within_mm[..., None])
@@ -149,16 +163,16 @@ def passing(
     return rays @ np.swapaxes(sides, -1, -2), slope, along
 
 
-def served_through(mirror: Mirror, normalized: FloatArray, focus_mm: float, passes: int = 1) -> HalfPlanes:
-    """Where in the pupil light (n, 2) starts that enters and leaves the plate within its outline.
+def clear_aperture(mirror: Mirror, normalized: FloatArray, focus_mm: float, passes: int = 1) -> HalfPlanes:
+    """The part of the pupil whose light, with chief rays (n, 2), enters and leaves the plate within its outline.
 
-    `passes` is the number of times that the coating of a second-surface mirror reflects it, 0 for its front.
+    `passes` is the number of reflections at the coating of a second-surface mirror; 0 for light reflected at its front.
     """
-    enters = served_by(mirror, normalized, focus_mm)
+    enters = outline_aperture(mirror, normalized, focus_mm)
     if passes == 0 or not mirror.is_second_surface:
         return enters
     inner = inner_tangent(incidence_tangent(mirror, normalized), mirror.refractive_index)
-    leaves = served_by(mirror, normalized, focus_mm, 2.0 * passes * mirror.thickness_mm * inner)
+    leaves = outline_aperture(mirror, normalized, focus_mm, 2.0 * passes * mirror.thickness_mm * inner)
     return HalfPlanes(
         np.concatenate([enters.direction, leaves.direction], axis=1),
         np.concatenate([enters.distance, leaves.distance], axis=1),
@@ -166,7 +180,7 @@ def served_through(mirror: Mirror, normalized: FloatArray, focus_mm: float, pass
 
 
 def incidence_tangent(mirror: Mirror, normalized: FloatArray) -> FloatArray:
-    """Tangent (n,) of the angle between rays (n, 2) and the mirror's normal; never quite zero."""
+    """Tangent (n,) of the angle between rays (n, 2) and the mirror's normal; at least 1e-6."""
     n = mirror.normal_in_rig
     along = -(normalized @ n[:2] + n[2])
     squared = 1.0 + np.square(normalized).sum(axis=1)
@@ -174,7 +188,7 @@ def incidence_tangent(mirror: Mirror, normalized: FloatArray) -> FloatArray:
 
 
 def disc_part(planes: HalfPlanes, radius_mm: float) -> DiscPart:
-    """The part of a pupil (of a pinhole: its middle) that lies in all half-planes, in units of its radius."""
+    """The part of a pupil (for a pinhole, its centre) in all half-planes, in units of its radius."""
     nearest = planes.distance.min(axis=1)
     share = (nearest > 0.0).astype(np.float64)
     centroid, spread = np.zeros((len(nearest), 2)), share[:, None] * [0.25, 0.25, 0.0]
@@ -188,13 +202,13 @@ def disc_part(planes: HalfPlanes, radius_mm: float) -> DiscPart:
 
 
 def segment_share(inside: FloatArray) -> FloatArray:
-    """The part of the unit disc on the side of a line on which its middle lies by `inside` (...)."""
+    """Area fraction of the unit disc on the positive side of a line at the signed distance `inside` (...)."""
     inside = np.clip(inside, -1.0, 1.0)
     return np.asarray(1.0 - (np.arccos(inside) - inside * np.sqrt(1.0 - inside**2)) / np.pi)
 
 
 def _segment(direction: FloatArray, distance: FloatArray) -> DiscPart:
-    """The part of the unit disc in half-planes (n, m) of which one has a border that cuts it: the nearest."""
+    """The part of the unit disc in half-planes (n, m) of which only the nearest border cuts the disc."""
     x_axis, inside = _nearest(direction, distance, 0), distance.min(axis=1)
     share, angle = segment_share(inside), np.arccos(-inside)
     sine, double, fourfold = np.sin(angle), np.sin(2.0 * angle), np.sin(4.0 * angle)
@@ -206,10 +220,10 @@ def _segment(direction: FloatArray, distance: FloatArray) -> DiscPart:
 
 
 def _integrated(direction: FloatArray, distance: FloatArray) -> DiscPart:
-    """The part of the unit disc in half-planes (n, m), exact to 3e-3 of the disc.
+    """The part of the unit disc in half-planes (n, m), with an error below 3e-3 of the disc.
 
-    Chords halfway between the normals of the two nearest borders are cut exactly, and integrated by the Gauss-Chebyshev
-    rule.
+    Chords along the bisector of the normals of the two nearest borders are cut exactly and integrated by the
+    Gauss-Chebyshev rule.
     """
     first, second = (_nearest(direction, distance, place) for place in range(2))
     length = np.linalg.norm(first + second, axis=1)
@@ -222,7 +236,7 @@ def _integrated(direction: FloatArray, distance: FloatArray) -> DiscPart:
     for k in range(distance.shape[1]):
         along = (direction[:, k] * x_axis).sum(axis=1)[:, None]
         inside = distance[:, k, None] + (direction[:, k] * y_axis).sum(axis=1)[:, None] * y
-        # A chord along the border is entirely on one side of it.
+        # A chord parallel to the border is entirely on one side of it.
         border = -inside / np.where(np.abs(along) > 1e-12, along, 1e-12)
         low = np.where(along >= 0.0, np.maximum(low, border), low)
         high = np.where(along < 0.0, np.minimum(high, border), high)
@@ -239,7 +253,7 @@ def _integrated(direction: FloatArray, distance: FloatArray) -> DiscPart:
 
 
 def _nearest(direction: FloatArray, distance: FloatArray, place: int) -> FloatArray:
-    """Unit vectors (n, 2) into the half-planes whose borders are the first, second, ... in order of their distances."""
+    """Unit vectors (n, 2) into the half-plane whose border has the given rank (from 0) by distance."""
     order = np.argpartition(distance, place, axis=1)[:, place]
     return np.asarray(direction[np.arange(len(order)), order])
 
@@ -250,7 +264,7 @@ def _turned(
     spread: tuple[FloatArray, FloatArray, FloatArray],
     x_axis: FloatArray,
 ) -> DiscPart:
-    """A part whose moments are those along `x_axis` (n, 2) and at right angles to it."""
+    """Rotate moments from the frame with the given `x_axis` (n, 2) to the pupil's axes."""
     c, s = x_axis.T
     xx, yy, xy = spread
     return DiscPart(

@@ -1,7 +1,7 @@
-"""Rigs of cameras as structure-from-motion tools take them, in metres: COLMAP's text files and nerfstudio's frames.
+"""Camera rigs in the formats of structure-from-motion tools, in metres: COLMAP's text files and nerfstudio's frames.
 
-Both put the centre of the top-left pixel at (0.5, 0.5). nerfstudio's cameras look along their -z with y up, and its
-world's z points up.
+In both, the centre of the top-left pixel is (0.5, 0.5). nerfstudio's cameras look along -z with y up, and z points up
+in its world.
 """
 
 from __future__ import annotations
@@ -19,27 +19,27 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.transforms import inverse
 
 HALF_PIXEL = 0.5
-"""Offset of their principal points from ours."""
+"""Offset of principal points in these formats from ours."""
 OPENCV_FROM_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
-"""Axes of OpenCV's cameras from those of OpenGL's, and back."""
+"""From OpenGL's camera axes to OpenCV's; its own inverse."""
 WORLD_FROM_VIEW = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 """Rows: the world's x (right), y (to the scene) and z (up) in view axes."""
 
 
 @dataclass(frozen=True, eq=False)
 class SfmCamera:
-    """A camera of a rig, as COLMAP has it.
+    """A camera of a rig in COLMAP's terms.
 
     Attributes
     ----------
     name : str
-        Folder of its pictures; sorted, names are in the order of the cameras.
+        Folder of its pictures; the cameras are sorted by name.
     model : str
         COLMAP's name of the lens model.
     width_px, height_px : int
         Size of its pictures.
     parameters : sequence of float
-        Those of the model, the principal point with the centre of the top-left pixel at 0.5.
+        Parameters of the model; the principal point counts the centre of the top-left pixel as 0.5.
     camera_from_world : ndarray
         Rigid transform (4, 4), mm.
     """
@@ -53,13 +53,13 @@ class SfmCamera:
 
 
 def _pose(camera_from: FloatArray) -> list[float]:
-    """A rigid transform (4, 4) in mm as COLMAP writes it: quaternion w, x, y, z and translation in metres."""
+    """Format a rigid transform (4, 4) in mm for COLMAP: quaternion w, x, y, z and translation in metres."""
     quaternion = Rotation.from_matrix(camera_from[:3, :3]).as_quat(canonical=True, scalar_first=True)
     return [*quaternion.tolist(), *(camera_from[:3, 3] / 1000.0).tolist()]
 
 
 def rig_config(cameras: Sequence[SfmCamera], reference: int) -> str:
-    """`rig_config.json` for `colmap rig_configurator`: pictures by their camera's folder; `reference` comes first."""
+    """`rig_config.json` for `colmap rig_configurator`; identifies pictures by folder, with `reference` first."""
     world_from_reference = inverse(cameras[reference].camera_from_world)
     entries: list[dict[str, object]] = []
     for camera in (cameras[reference], *cameras[:reference], *cameras[reference + 1 :]):
@@ -75,9 +75,9 @@ def rig_config(cameras: Sequence[SfmCamera], reference: int) -> str:
 def sparse_model(cameras: Sequence[SfmCamera], reference: int, picture: str) -> dict[str, str]:
     """`cameras.txt`, `rigs.txt`, `frames.txt`, `images.txt` and an empty `points3D.txt`.
 
-    `picture` is the file's name in the folder of each camera. Cameras and images are numbered as COLMAP's database has
-    them, from 1 by name; it gives each camera a rig and each image a frame, so that the rig and the frame of all
-    cameras, which `rig_configurator` puts in their place, come next. `point_triangulator` needs these very numbers.
+    `picture` is the file name in the folder of each camera. Numbers must equal those of COLMAP's database, which
+    `point_triangulator` reads. There, cameras and images count from 1 by name. The database first has a rig for each
+    camera and a frame for each image; `rig_configurator` replaces them by one rig and one frame with the next number.
     """
     joint = len(cameras) + 1
     world_from_reference = inverse(cameras[reference].camera_from_world)
@@ -116,7 +116,7 @@ def frame(
     world_from_camera: FloatArray,
     distortion: dict[str, float],
 ) -> dict[str, Any]:
-    """One view as a frame: `images/NAME.png` and `masks/NAME.png`, and its camera.
+    """One view as nerfstudio's frame: its camera, `images/NAME.png` and `masks/NAME.png`.
 
     Parameters
     ----------
@@ -127,9 +127,9 @@ def frame(
     focal_px, centre_px
         Focal lengths and principal point, (0, 0) being the centre of the top-left pixel.
     world_from_camera
-        Rigid transform (4, 4) in mm from the camera in OpenCV's axes.
+        Rigid transform (4, 4), mm, from the camera in OpenCV's axes to the world.
     distortion
-        OpenCV's coefficients by name.
+        OpenCV's distortion coefficients by name.
     """
     transform = world_from_camera @ OPENCV_FROM_OPENGL
     transform[:3, 3] /= 1000.0

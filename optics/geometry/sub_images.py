@@ -1,7 +1,6 @@
-"""Sub-images by polygon clipping: fields of view, the region that all views share, and unvignetted parts.
+"""Sub-images by polygon clipping: fields of view, the region common to all views, and unvignetted parts.
 
-Depths are along the view axis from the pupil; regions of the plane at a depth are polygons in (x, y) of the view axes,
-mm.
+Depths count from the pupil along the view axis. Regions at a depth are polygons in x and y of the view axes, mm.
 """
 
 from __future__ import annotations
@@ -19,27 +18,27 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror, reflect
-from mirrorcam.optics.geometry.pupil import PINHOLE, Pupil, passing
+from mirrorcam.optics.geometry.pupil import PINHOLE, Pupil, edge_clearance
 
 POINTS_PER_EDGE = 32
 FARTHEST_PARTS = 10.0
-"""Ways from an edge to the middle of its outline, within which a border is that leaves anything."""
+"""Limit on the position of an unvignetted border, in distances from its edge to the middle of the outline."""
 
 
 def clipped(polygon: FloatArray, heights: FloatArray) -> FloatArray:
-    """The part of a convex polygon (n, 2) on the positive side of a line, by heights (n,) of its corners over it.
+    """Clip a convex polygon (n, 2) to the positive side of a line, given signed distances (n,) of its corners.
 
-    (0, 2) where there is none.
+    Returns (0, 2) if nothing remains.
     """
     points, kept = _cut(polygon, heights)
     return points[kept]
 
 
 def each_clipped(polygons: FloatArray, heights: FloatArray) -> FloatArray:
-    """The parts (m, most, 2) of convex polygons (m, n, 2) on the positive sides of lines, by heights (m, n) as above.
+    """Clip convex polygons (m, n, 2) to the positive sides of lines, given signed distances (m, n) of their corners.
 
-    Those with fewer corners than the most, which is 3 to n + 1, repeat their last, before and after; where nothing is
-    left, all corners are zero.
+    Returns (m, most, 2) with `most` from 3 to n + 1. Polygons with fewer corners repeat the last, in the input as in
+    the result; all corners of an empty polygon are zero.
     """
     points, kept = _cut(polygons, heights)
     count = kept.sum(axis=1)
@@ -50,7 +49,7 @@ def each_clipped(polygons: FloatArray, heights: FloatArray) -> FloatArray:
 
 
 def _cut(polygons: FloatArray, heights: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Corners (..., 2 n, 2) that parts of polygons (..., n, 2) may have, in order, and the mask of those they have."""
+    """Candidate corners (..., 2 n, 2) of clipped polygons (..., n, 2), in order, and the mask of actual corners."""
     previous, before = np.roll(polygons, 1, axis=-2), np.roll(heights, 1, axis=-1)
     inside = heights > 0.0
     crosses = (before > 0.0) != inside
@@ -67,24 +66,27 @@ def _subdivided(polygon: FloatArray, per_edge: int = POINTS_PER_EDGE) -> FloatAr
 
 
 def vertices(polygon: Polygon) -> FloatArray:
-    """Corners (n, 2) of a polygon without holes; none where it is empty."""
+    """Corners (n, 2) of a polygon without holes; (0, 2) if it is empty."""
     return np.array(polygon.exterior.coords).reshape(-1, 2)[:-1]
 
 
 def _sensor_border(camera: Camera) -> FloatArray:
-    """The border (n, 2) of the sensor in normalized coordinates, not finite where the lens folds inside it."""
+    """The sensor's border (n, 2) in normalized coordinates; not finite where the lens folds inside the sensor."""
     w, h = camera.width_px - 0.5, camera.height_px - 0.5
     border = np.array([[-0.5, -0.5], [w, -0.5], [w, h], [-0.5, h]])
     return camera.normalized_from_pixels(border if camera.is_undistorted else _subdivided(border))
 
 
 def covers_sensor(camera: Camera) -> bool:
-    """Whether all of the sensor, out to the edges of its outermost pixels, has viewing rays."""
+    """Whether the lens is defined over the entire sensor, out to the edges of its outermost pixels."""
     return bool(np.isfinite(_sensor_border(camera)).all())
 
 
 def sensor_polygon(camera: Camera) -> Polygon:
-    """The sensor, out to the edges of its outermost pixels, in normalized (undistorted) coordinates."""
+    """The sensor, out to the edges of its outermost pixels, in normalized (undistorted) coordinates.
+
+    Raises InputError if the lens folds inside the sensor.
+    """
     normalized = _sensor_border(camera)
     if not np.isfinite(normalized).all():
         raise InputError(f"camera {camera.name}: distortion {camera.distortion.tolist()} folds inside the sensor")
@@ -92,29 +94,24 @@ def sensor_polygon(camera: Camera) -> Polygon:
 
 
 def sub_image_polygons(layout: Layout, pupil: Pupil = PINHOLE) -> list[Polygon]:
-    """The part of each sub-image on the sensor that shows the scene to a whole pupil, in normalized coordinates."""
+    """The part of each sub-image on the sensor that shows the scene unvignetted, in normalized coordinates."""
     sensor = sensor_polygon(layout.camera)
     shown = [sensor.intersection(Polygon(outline)) for outline in unvignetted_outlines_of(layout.mirrors, pupil)]
     return [part if isinstance(part, Polygon) else Polygon() for part in shown]
 
 
-def _clip_forward(polygon: FloatArray, slope: FloatArray) -> FloatArray:
-    """The part of a convex polygon (n, 2) whose rays (u, v, 1) have slope . ray > 0: those towards the scene."""
-    return clipped(polygon, polygon @ slope[:2] + slope[2] - 1e-6)
-
-
 @dataclass(frozen=True)
 class FieldsOfView:
-    """The fields of view of all mirrors, by the corner rays of their sub-images, in view axes.
+    """Fields of view of all mirrors: the corner rays of their sub-images, in view axes.
 
     Attributes
     ----------
-    layout : whose mirrors they are.
-    reach_mm : depth to which the solids of the mirrors reach.
-    origins_mm : points (m, 3) where the rays leave their mirrors, one sub-image after the other.
-    directions : of the rays (m, 3), of any length.
-    corners_of : the rays of each mirror that sees something of the scene.
-    sub_images : the part of each sub-image that shows the scene, see `sub_image_polygons`.
+    layout : layout of the mirrors.
+    reach_mm : greatest depth of the mirrors' solids.
+    origins_mm : points (m, 3) where the rays leave their mirrors, mirror by mirror.
+    directions : directions (m, 3) of the rays, not normalized.
+    corners_of : slices of the rays by mirror, for mirrors that show the scene.
+    sub_images : part of each sub-image that shows the scene, see `sub_image_polygons`.
     """
 
     layout: Layout
@@ -125,7 +122,7 @@ class FieldsOfView:
     sub_images: tuple[Polygon, ...]
 
     def footprints(self, depth_mm: float) -> list[Polygon]:
-        """The part of the plane at a depth that each view sees; empty where it sees nothing.
+        """The region of the plane at a depth that each view sees; empty if it sees nothing.
 
         Raises InputError for a depth nearer than the mirrors.
         """
@@ -141,17 +138,17 @@ class FieldsOfView:
         return seen
 
     def common_region(self, depth_mm: float) -> tuple[Polygon, list[Polygon]]:
-        """The region of the plane at a depth that all views see, empty where there is none, and the footprints."""
+        """The region of the plane at a depth that all views see, which may be empty, and the footprint of each."""
         footprints = self.footprints(depth_mm)
         region = shapely.intersection_all(footprints)
         return (region if isinstance(region, Polygon) else Polygon()), footprints
 
     def pixel_efficiency(self, region: Polygon, depth_mm: float) -> float:
-        """Sensor pixels, over all sub-images, that see a region of the plane at a depth / all sensor pixels."""
+        """Fraction of the sensor's pixels that see a region of the plane at a depth, over all sub-images."""
         return float(self.pixel_shares(region, depth_mm).sum())
 
     def pixel_shares(self, region: Polygon, depth_mm: float) -> FloatArray:
-        """Pixels (m,) of each sub-image that see a region of the plane at a depth / all sensor pixels."""
+        """Fractions (m,) of the sensor's pixels that see a region of the plane at a depth, by sub-image."""
         if region.is_empty:
             return np.zeros(len(self.layout.mirrors))
         camera = self.layout.camera
@@ -162,16 +159,17 @@ class FieldsOfView:
 
 
 def fields_of_view(layout: Layout, pupil: Pupil = PINHOLE) -> FieldsOfView:
-    """The fields of view of a layout, of pixels whose whole pupil a mirror serves.
+    """The fields of view of a layout's unvignetted pixels.
 
-    Rays that are not reflected towards the scene are left out.
+    Rays that are not reflected towards the scene are omitted.
     """
     turn = layout.view_from_rig.T
     leaving, directions, corners_of = np.zeros((0, 3)), np.zeros((0, 3)), {}
     shown = tuple(sub_image_polygons(layout, pupil))
     for k, (mirror, sub_image) in enumerate(zip(layout.mirrors, shown, strict=True)):
         apparent = mirror.apparent
-        forward = _clip_forward(vertices(sub_image), apparent.reflection @ layout.view_from_rig[2])
+        corners, slope = vertices(sub_image), apparent.reflection @ layout.view_from_rig[2]
+        forward = clipped(corners, corners @ slope[:2] + slope[2] - 1e-6)
         if len(forward) < 3:
             continue
         corners_of[k] = slice(len(leaving), len(leaving) + len(forward))
@@ -183,7 +181,7 @@ def fields_of_view(layout: Layout, pupil: Pupil = PINHOLE) -> FieldsOfView:
 
 
 def _on_plane(layout: Layout, region: Polygon, depth_mm: float) -> FloatArray:
-    """The outline (n, 3) in rig of a region at a depth, its edges sampled where the lens distorts them."""
+    """The outline (n, 3) in rig of a region at a depth, with sampled edges if the lens distorts."""
     outline = vertices(region)
     if not layout.camera.is_undistorted:
         outline = _subdivided(outline)
@@ -191,40 +189,37 @@ def _on_plane(layout: Layout, region: Polygon, depth_mm: float) -> FloatArray:
 
 
 def images_in_rig(layout: Layout, region: Polygon, depth_mm: float) -> FloatArray:
-    """Images (m, n, 3), mm, of the outline of a region at a depth in each mirror, as they appear to the pupil."""
+    """Images (m, n, 3), mm, in rig, of the outline of a region at a depth in each mirror, as seen from the pupil."""
     return reflect(_on_plane(layout, region, depth_mm), layout.virtual_centres_in_rig_mm[:, None])
 
 
 def seen_px(layout: Layout, region: Polygon, depth_mm: float, mirror_index: int) -> FloatArray:
-    """The outline (n, 2) of a region of the plane at a depth, as it lies on the distorted sensor."""
+    """The outline (n, 2) of a region of the plane at a depth on the distorted sensor, seen in one mirror."""
     return layout.project(_on_plane(layout, region, depth_mm), mirror_index)
 
 
 def common_region(layout: Layout, depth_mm: float) -> tuple[Polygon, list[Polygon]]:
-    """The region of the plane at a depth that all views see, and the footprint of each view.
+    """The region of the plane at a depth that all views see, which may be empty, and the footprint of each view.
 
-    The region is empty where there is none. Raises InputError for a depth nearer than the mirrors.
+    Raises InputError for a depth nearer than the mirrors.
     """
     return fields_of_view(layout).common_region(depth_mm)
 
 
 def pixel_efficiency(layout: Layout, depth_mm: float, pupil: Pupil = PINHOLE) -> float:
-    """Sensor pixels, over all sub-images, whose whole pupil sees the region common to all views at a depth / all."""
+    """Fraction of the sensor's pixels that see the region common to all views at a depth, unvignetted."""
     views = fields_of_view(layout, pupil)
     region, _ = views.common_region(depth_mm)
     return views.pixel_efficiency(region, depth_mm)
 
 
 def unvignetted_outline(mirror: Mirror, pupil: Pupil) -> FloatArray:
-    """Corners (n, 2) of the part of a sub-image whose whole pupil the mirror serves, in normalized coordinates.
-
-    (0, 2) where there is none.
-    """
+    """Corners (n, 2) of the unvignetted part of a sub-image, in normalized coordinates; (0, 2) if there is none."""
     return unvignetted_outlines_of([mirror], pupil)[0]
 
 
 def unvignetted_outlines_of(mirrors: Sequence[Mirror], pupil: Pupil) -> list[FloatArray]:
-    """The `unvignetted_outline` (n, 2) of each mirror, found together."""
+    """The `unvignetted_outline` (n, 2) of each mirror, computed together."""
     outlines = [mirror.usable_normalized for mirror in mirrors]
     showing = [k for k, shown in enumerate(outlines) if len(shown)]
     if pupil.radius_mm == 0.0 or not showing:
@@ -239,22 +234,22 @@ def unvignetted_outlines_of(mirrors: Sequence[Mirror], pupil: Pupil) -> list[Flo
 
 
 def unvignetted_outlines(shown: FloatArray, normals: FloatArray, distances_mm: FloatArray, pupil: Pupil) -> FloatArray:
-    """The parts of sub-images whose whole pupil is served by n mirrors, each by one, in normalized coordinates.
+    """The unvignetted parts of the sub-images of n mirrors, in normalized coordinates.
 
-    Their borders, of which each is nearly straight, are drawn straight and run inside.
+    Their borders are nearly straight; straight chords inside them replace them.
 
     Parameters
     ----------
     shown
-        Corners (n, k, 2) of the parts that mirrors show to the middle of the pupil; with fewer, the last is repeated.
+        Corners (n, k, 2) of the parts seen from the centre of the pupil; shorter outlines repeat the last corner.
     normals, distances_mm
         Planes of the apparent mirrors: unit normals (n, 3) in the frame of the camera, and distances (n,).
     pupil
-        Of a lens, not of a pinhole.
+        Pupil of a lens with a finite aperture.
 
     Returns
     -------
-    Corners (n, most, 2), the last repeated; all zero where there is no such part.
+    Corners (n, most, 2); shorter outlines repeat the last corner, and empty ones are all zero.
     """
     following = np.roll(shown, -1, axis=1)
     distinct = (following != shown).any(axis=2)
@@ -277,17 +272,17 @@ def unvignetted_outlines(shown: FloatArray, normals: FloatArray, distances_mm: F
 def _parts_to_unvignetted(
     ends: FloatArray, middles: FloatArray, normals: FloatArray, distances_mm: FloatArray, pupil: Pupil
 ) -> FloatArray:
-    """Parts (n, k, 2) of the ways from the ends of edges (n, k, 2, 2) to middles (n, 2) after which pupils are whole.
+    """Fractions (n, k, 2) of the lines from the ends of edges (n, k, 2, 2) to middles (n, 2) where vignetting ends.
 
-    NaN where none is: on the way, constant and slope of `passing` are linear, and their quotient is the radius where
-    a quadratic equation is solved.
+    Along these lines, constant and slope of `edge_clearance` are linear. Vignetting ends where their quotient equals
+    the pupil's radius: a quadratic equation. NaN if it has no solution.
     """
     middles = np.broadcast_to(middles[:, None, None], (*ends.shape[:2], 1, 2))
     chief = np.concatenate([ends, middles], axis=2)
     rays = np.concatenate([chief, np.ones((*chief.shape[:3], 1))], axis=3)
     points = rays * (-distances_mm[:, None, None] / (rays @ normals[:, None, :, None])[..., 0])[..., None]
     edges = np.stack([points[:, :, None, 0], points[:, :, None, 1]])
-    constants, slopes, _ = passing(edges, points[:, :, 2], rays, 1.0 / pupil.focus_mm)
+    constants, slopes, _ = edge_clearance(edges, points[:, :, 2], rays, 1.0 / pupil.focus_mm)
     constant, slope = constants[..., 0], pupil.radius_mm * slopes[..., 0, :]
     more, turn = constant[:, :, 2:] - constant[:, :, :2], slope[:, :, 2:] - slope[:, :, :2]
     constant, slope = constant[:, :, :2], slope[:, :, :2]

@@ -1,8 +1,8 @@
 """Calibration targets: the printed pattern and the positions of its corners.
 
-The board frame has its origin at the top-left outer corner of the printed squares, x right, y down, z into the paper:
-the printed side is seen from negative z. Corner ids run row by row from the top left. Detection counts lengths on a
-print in pitches, the mean distance of neighbouring corners (`pitch_mm`).
+The board frame has its origin at the top-left outer corner of the printed squares, x right, y down, z into the paper;
+the printed side is seen from negative z. Corner ids run row by row from the top left. Detection measures lengths on a
+print in pitches, the mean distance between neighbouring corners (`pitch_mm`).
 """
 
 from __future__ import annotations
@@ -30,16 +30,16 @@ KALIBR_KEYS = ("tagCols", "tagRows", "tagSize", "tagSpacing")
 TAGS = Bounds(2, 100)
 SPACING = Bounds(0.05, 0.8)
 TAG_FAMILY = dictionaries.dictionary("DICT_APRILTAG_36h11")
-TAG_MODULES, TAG_BORDER = 10, 2  # modules along a side of a tag, with its black border; modules of that border
+TAG_MODULES, TAG_BORDER = 10, 2  # modules along a side of a tag, including its black border; width of that border
 
 
 def _is_default(value: float) -> bool:
-    """Whether a key of a board is not written: files and digests of boards without it stay as they are."""
+    """Whether to omit a key, so that files and digests of boards without it do not change."""
     return not value
 
 
 class _Grid(Value):
-    """A target of squares."""
+    """A target with squares in rows and columns."""
 
     cols: int = SQUARES.field(description="squares along x")
     rows: int = SQUARES.field(description="squares along y")
@@ -47,22 +47,22 @@ class _Grid(Value):
 
     @property
     def layout_text(self) -> str:
-        """Numbers and size of its squares, for people."""
+        """Number and size of the squares, for display."""
         return f"{self.cols} x {self.rows} squares of {self.square_mm:g} mm"
 
     @property
     def pitch_mm(self) -> float:
-        """Mean distance of neighbouring corners."""
+        """Mean distance between neighbouring corners."""
         return self.square_mm
 
     @property
     def longest_step(self) -> float:
-        """Longest distance of neighbouring corners, in pitches."""
+        """Longest distance between neighbouring corners, in pitches."""
         return 1.0
 
     @property
     def corners_across(self) -> tuple[int, int]:
-        """Numbers of corners along x and y."""
+        """Number of corners along x and y."""
         return self.cols - 1, self.rows - 1
 
     @cached_property
@@ -80,15 +80,15 @@ class _Grid(Value):
 class Checkerboard(_Grid):
     """A plain checkerboard; its top-left square is black.
 
-    An even number of squares along one side and an odd number along the other make it look different upside down;
-    otherwise it has a 180 degree ambiguity that only a nominal layout resolves.
+    It looks different upside down if one side has an even and the other an odd number of squares. Otherwise it has a
+    180 degree ambiguity that only a nominal layout resolves.
     """
 
     kind: Literal["checkerboard"] = "checkerboard"
 
     @property
     def name(self) -> str:
-        """What such boards are called."""
+        """Name of this type of board."""
         return "checkerboard"
 
     @property
@@ -96,17 +96,17 @@ class Checkerboard(_Grid):
         return (self.rows + self.cols) % 2 == 0
 
     def image(self, px_per_square: int) -> NDArray[np.uint8]:
-        """The squares (rows*p, cols*p) as they are printed, 0 black and 255 white."""
+        """The printed squares (rows*p, cols*p), 0 black and 255 white."""
         row, col = np.mgrid[: self.rows, : self.cols]
         squares = np.where((row + col) % 2 == 0, 0, 255).astype(np.uint8)
         return np.kron(squares, np.ones((px_per_square, px_per_square), dtype=np.uint8))
 
 
 class Charuco(_Grid):
-    """A checkerboard with an ArUco marker in each white square: any part of it identifies its corners.
+    """A checkerboard with an ArUco marker in each white square: any visible part identifies its corners.
 
-    Its top-left square is black, but for boards of the pattern of OpenCV before 4.6 with an even number of rows.
-    Markers are numbered row by row.
+    The top-left square is black, except in OpenCV's pattern before 4.6 with an even number of rows. Markers are
+    numbered row by row.
     """
 
     kind: Literal["charuco"] = "charuco"
@@ -141,23 +141,23 @@ class Charuco(_Grid):
 
     @property
     def name(self) -> str:
-        """What such boards are called."""
+        """Name of this type of board."""
         return "ChArUco"
 
     @cached_property
     def black(self) -> NDArray[np.bool_]:
-        """Which squares (rows, cols) are black; the others hold markers."""
+        """Mask (rows, cols) of the black squares; the others hold markers."""
         row, col = np.mgrid[: self.rows, : self.cols]
         return np.asarray((row + col) % 2 == (self.legacy and self.rows % 2 == 0))
 
     @cached_property
     def marker_squares(self) -> NDArray[np.int64]:
-        """Row and column (m, 2) of the square of each marker, in the order of their ids."""
+        """Row and column (m, 2) of each marker's square, by increasing id."""
         return np.argwhere(~self.black)
 
     @cached_property
     def markers(self) -> NDArray[np.bool_]:
-        """White modules (m, modules, modules) of the markers, with their black borders."""
+        """Masks (m, modules, modules) of the markers' white modules, including their black borders."""
         drawn = dictionaries.white_modules(self.dictionary)
         return drawn[self.first_marker : self.first_marker + len(self.marker_squares)]
 
@@ -171,7 +171,7 @@ class Charuco(_Grid):
         return board
 
     def image(self, px_per_square: int) -> NDArray[np.uint8]:
-        """The squares with their markers (rows*p, cols*p) as they are printed, 0 black and 255 white."""
+        """The printed squares and markers (rows*p, cols*p), 0 black and 255 white."""
         size = (self.cols * px_per_square, self.rows * px_per_square)
         return np.asarray(self.opencv.generateImage(size, marginSize=0, borderBits=1), dtype=np.uint8)
 
@@ -179,15 +179,15 @@ class Charuco(_Grid):
 class AprilGrid(Value):
     """Kalibr's grid of AprilTags of the family 36h11, with black squares where the gaps between the tags cross.
 
-    As `kalibr_create_target_pdf` of github.com/ethz-asl/kalibr draws it: tags have a border of two modules, their ids
-    run row by row from the *lower* left, and a tag is printed half a turn from how OpenCV draws it. A corner of a tag
-    touches a corner of a black square, also around the outer tags, so that the print is a checkerboard of
-    (2 cols + 1) x (2 rows + 1) squares whose columns and rows are a gap and a tag wide by turns.
+    It is drawn as by `kalibr_create_target_pdf` of github.com/ethz-asl/kalibr: tags have a border of two modules, ids
+    run row by row from the *lower* left, and tags are rotated by 180 degrees relative to OpenCV's. Each corner of a tag
+    touches the corner of a black square, also around the outer tags. The print is therefore a checkerboard of
+    (2 cols + 1) x (2 rows + 1) squares, whose columns and rows are alternately a gap and a tag wide.
 
-    The frame and the ids of corners are those of the other boards here, from the top left with y down. Kalibr
+    Frame and corner ids follow the other boards here: from the top left, y down. Kalibr
     (`GridCalibrationTargetAprilgrid`) has its origin at the lower left corner of tag 0, y up, and numbers corners row
-    by row from there: its corner `r * 2 cols + c` is `(2 rows - 1 - r) * 2 cols + c` here. Of a tag, it names the lower
-    left, lower right, upper right and upper left corner, in this order.
+    by row from there: its corner `r * 2 cols + c` is `(2 rows - 1 - r) * 2 cols + c` here. It lists the corners of a
+    tag as lower left, lower right, upper right, upper left.
     """
 
     kind: Literal["aprilgrid"] = "aprilgrid"
@@ -204,32 +204,32 @@ class AprilGrid(Value):
 
     @property
     def name(self) -> str:
-        """What such boards are called."""
+        """Name of this type of board."""
         return "AprilGrid"
 
     @property
     def layout_text(self) -> str:
-        """Numbers and size of its tags, for people."""
+        """Number and size of the tags, for display."""
         return f"{self.cols} x {self.rows} tags of {self.tag_mm:g} mm"
 
     @property
     def gap_mm(self) -> float:
-        """Distance between neighbouring tags, which is the side of the black squares between them."""
+        """Gap between neighbouring tags; also the side of the black squares."""
         return self.spacing * self.tag_mm
 
     @property
     def pitch_mm(self) -> float:
-        """Mean distance of neighbouring corners: half that of neighbouring tags."""
+        """Mean distance between neighbouring corners: half the pitch of the tags."""
         return (1.0 + self.spacing) * self.tag_mm / 2.0
 
     @property
     def longest_step(self) -> float:
-        """Longest distance of neighbouring corners, in pitches."""
+        """Longest distance between neighbouring corners, in pitches."""
         return 2.0 / (1.0 + self.spacing)
 
     @property
     def corners_across(self) -> tuple[int, int]:
-        """Numbers of corners along x and y."""
+        """Number of corners along x and y."""
         return 2 * self.cols, 2 * self.rows
 
     @cached_property
@@ -246,11 +246,11 @@ class AprilGrid(Value):
         return np.stack([x, y, np.zeros_like(x)], axis=1)
 
     def line_mm(self, index: NDArray[np.int64]) -> FloatArray:
-        """Coordinate along x or y of the lines of corners with an index; those beyond the print go on as it does."""
+        """Coordinate along x or y of the lines of corners with these indices, extrapolated beyond the print."""
         return np.asarray(self.gap_mm + index // 2 * 2.0 * self.pitch_mm + index % 2 * self.tag_mm)
 
     def tag(self, number: int) -> NDArray[np.bool_]:
-        """Whether the modules (10, 10) of a tag are black, as it is printed."""
+        """Mask (10, 10) of the black modules of a printed tag."""
         drawn = TAG_FAMILY.generateImageMarker(number, TAG_MODULES, borderBits=TAG_BORDER)
         return np.asarray(np.rot90(drawn, 2) == 0)
 
@@ -261,7 +261,7 @@ class AprilGrid(Value):
 
     @cached_property
     def black(self) -> NDArray[np.bool_]:
-        """Which cells (11 rows + 1, 11 cols + 1) of the print are black: gaps, whole, and the modules of tags."""
+        """Mask (11 rows + 1, 11 cols + 1) of the black cells of the print: gaps are one cell, tags one per module."""
         step = TAG_MODULES + 1
         cells = np.zeros((step * self.rows + 1, step * self.cols + 1), dtype=bool)
         cells[::step, ::step] = True
@@ -270,12 +270,12 @@ class AprilGrid(Value):
         return cells
 
     def cell_edges(self, tags: int, *, tag: float, gap: float) -> FloatArray:
-        """Where the cells of some tags along x or y begin and end (11 tags + 2), by the sides of a tag and a gap."""
+        """Borders (11 tags + 2,) of the cells along x or y, for given sides of a tag and a gap."""
         sides = [gap, *([tag / TAG_MODULES] * TAG_MODULES)] * tags
         return np.cumsum([0.0, *sides, gap])
 
     def image(self, px_per_tag: int) -> NDArray[np.uint8]:
-        """The print with gaps of whole pixels, 0 black and 255 white; `px_per_tag` is a multiple of 10."""
+        """The print with gaps rounded to pixels, 0 black and 255 white; `px_per_tag` is a multiple of 10."""
         gap = round(self.spacing * px_per_tag)
         x, y = (
             np.diff(self.cell_edges(tags, tag=px_per_tag, gap=gap)).round().astype(int)
@@ -284,7 +284,7 @@ class AprilGrid(Value):
         return np.where(np.repeat(np.repeat(self.black, y, axis=0), x, axis=1), 0, 255).astype(np.uint8)
 
 
-# Any board; read from a file, its `kind` names the class.
+# Any board; in a file, `kind` selects the class.
 Target = Annotated[Checkerboard | Charuco | AprilGrid, Field(discriminator="kind")]
 
 
@@ -298,14 +298,14 @@ def default_board() -> Charuco:
 
 
 def load_board(path: Path) -> Target:
-    """Read `board.toml`, or the yaml file of an AprilGrid as Kalibr reads it; raises InputError in one line."""
+    """Read `board.toml` or Kalibr's YAML file of an AprilGrid; raises InputError with a one-line message."""
     if path.suffix.lower() in (".yaml", ".yml"):
         return _of_kalibr(path)
     return read_model(_BoardFile, path).root
 
 
 def _of_kalibr(path: Path) -> AprilGrid:
-    """An AprilGrid from Kalibr's flat `key: value` file, with the tag's size in metres."""
+    """Read an AprilGrid from Kalibr's flat `key: value` file, with the size of a tag in metres."""
     lines = (
         line.split("#")[0]
         for line in read_bytes(path, LARGEST_TEXT_BYTES).decode("utf-8-sig", errors="replace").splitlines()
@@ -320,7 +320,7 @@ def _of_kalibr(path: Path) -> AprilGrid:
     try:
         cols, rows, tag, spacing = (float(given[key]) for key in KALIBR_KEYS)
         return AprilGrid.model_validate({"cols": cols, "rows": rows, "tag_mm": 1000.0 * tag, "spacing": spacing})
-    except ValueError as error:  # also of a value that is not valid
+    except ValueError as error:  # InvalidValue is a ValueError, too
         raise InputError(f"{path}: {error}") from None
 
 

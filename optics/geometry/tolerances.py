@@ -1,4 +1,4 @@
-"""Tolerances of built cameras. Light to import: the command shows these options in its help."""
+"""Tolerances of built devices. Imports little, because commands show these options in their help."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ LensSigma = tuple[_Sigma, _Sigma, _Sigma, _Sigma, _Sigma]
 
 NO_LENS: Lens = (0.0, 0.0, 0.0, 0.0, 0.0)
 
-# Tolerances of printing, gluing and screwing; the others are the camera's.
+# Tolerances of printing and assembly; the others belong to the camera.
 WORKMANSHIP = ("tilt_deg", "offset_mm", "sheet_thickness_mm", "camera_offset_mm", "camera_turn_deg")
 
 
 class Tolerances(Value):
-    """Standard deviations of built devices from their design, and of the lens distortion that a data sheet omits."""
+    """Standard deviations of built devices from their design, and of lens distortion, which data sheets omit."""
 
-    # The defaults are a hand-assembled mirror camera with a good webcam, in the frame of that webcam: its pictures do
-    # not depend on where the holder carries it, so that the camera's place has no tolerance unless one is given.
+    # Defaults: a hand-assembled mirror camera with a good webcam, in the frame of that webcam. Its pictures do not
+    # depend on where the holder carries it, so that tolerances of the camera's pose are zero.
     tilt_deg: float = TOLERANCE_DEG.field(0.3, "tilt of a mirror about each of two axes in its plane")
     offset_mm: float = TOLERANCE_MM.field(0.3, "shift of a mirror along its normal")
     sheet_thickness_mm: float = TOLERANCE_MM.field(0.0, "thickness of the stock sheet that all mirrors are cut from")
@@ -43,17 +43,17 @@ class Tolerances(Value):
 
     @classmethod
     def none(cls) -> Self:
-        """A camera built exactly as designed."""
+        """Zero tolerances: a device exactly as designed."""
         zero = {name: 0.0 for name in cls.model_fields if not name.startswith("distortion")}
         return cls(**zero, distortion_mean=NO_LENS, distortion_sigma=NO_LENS)
 
     @classmethod
     def hobby(cls) -> Self:
-        """A holder from a hobby FDM printer, mirrors glued by hand, a webcam screwed on whose lens is known.
+        """A holder from a hobby FDM printer, with mirrors glued by hand and a webcam with a known lens.
 
-        A seat 30 mm across that is 0.15 mm higher at one end is tilted by 0.3 degrees; glue and layers lift a mirror by
-        about one layer, 0.3 mm; acrylic of 1 mm is sold with +-10 % (2 sigma); a case that was measured with a ruler
-        leaves the pupil uncertain by half a millimetre, and the camera in it by half a degree.
+        A seat 30 mm across that is 0.15 mm higher at one end is tilted by 0.3 degrees. Glue and layers lift a mirror by
+        about one layer, 0.3 mm. Acrylic of 1 mm is sold with +-10 % (2 sigma). Measuring the webcam's case with a ruler
+        leaves an uncertainty of half a millimetre in the pupil and half a degree in the camera's orientation.
         """
         made_by_hand = {
             "tilt_deg": 0.3,
@@ -65,16 +65,16 @@ class Tolerances(Value):
         return cls.none().replaced(**made_by_hand)
 
     def times(self, factor: float) -> Self:
-        """The same camera in a holder that is printed and assembled less (factor > 1) or more (< 1) precisely."""
+        """Scale the tolerances of printing and assembly by a factor; those of the camera stay."""
         return self.replaced(**{name: factor * getattr(self, name) for name in WORKMANSHIP})
 
     def only(self, *names: str) -> Self:
-        """These tolerances alone, all others none."""
+        """Keep only these tolerances; all others are zero."""
         return type(self).none().replaced(**{name: getattr(self, name) for name in names})
 
     @property
     def workmanship(self) -> str:
-        """The tolerances of printing and assembling, in words."""
+        """The tolerances of printing and assembly, in words."""
         return (
             f"mirrors tilted {self.tilt_deg:g}° and shifted {self.offset_mm:g} mm, "
             f"sheet {self.sheet_thickness_mm:g} mm, "

@@ -9,7 +9,7 @@ from mirrorcam.core.values import FloatArray
 
 
 def rigid(rotation: ArrayLike, translation: ArrayLike) -> FloatArray:
-    """Rigid transforms (..., 4, 4) of rotations (..., 3, 3) and translations (..., 3), which broadcast."""
+    """Rigid transforms (..., 4, 4) from rotations (..., 3, 3) and translations (..., 3), which broadcast."""
     turn, shift = np.asarray(rotation, dtype=np.float64), np.asarray(translation, dtype=np.float64)
     dst_from_src = np.zeros((*np.broadcast_shapes(turn.shape[:-2], shift.shape[:-1]), 4, 4))
     dst_from_src[..., :3, :3], dst_from_src[..., :3, 3], dst_from_src[..., 3, 3] = turn, shift, 1.0
@@ -17,11 +17,11 @@ def rigid(rotation: ArrayLike, translation: ArrayLike) -> FloatArray:
 
 
 def inverse(dst_from_src: FloatArray) -> FloatArray:
-    """The rigid transforms src_from_dst (..., 4, 4) of rigid transforms (..., 4, 4)."""
+    """Invert rigid transforms (..., 4, 4): src_from_dst."""
     turn = np.swapaxes(dst_from_src[..., :3, :3], -1, -2)
     return rigid(turn, -(turn @ dst_from_src[..., :3, 3:])[..., 0])
 
 
 def transform(dst_from_src: FloatArray, points_in_src: FloatArray) -> FloatArray:
-    """Points (..., 3) in dst of points (..., 3) in src, by a rigid transform (4, 4)."""
+    """Transform points (..., 3) from src to dst by a rigid transform (4, 4)."""
     return points_in_src @ dst_from_src[:3, :3].T + dst_from_src[:3, 3]

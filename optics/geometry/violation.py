@@ -1,4 +1,4 @@
-"""Where a design that cannot be violates its spec, in the arrangement of mirrors that violates it least."""
+"""Violations of a spec that no layout meets, for the mirrors that violate it least."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ Segment = Annotated[FloatArray, Shaped((2, 3))]
 
 
 class Violation(Value):
-    """A limit that one mirror, or a pair of mirrors, misses.
+    """A limit that a mirror, or a pair of mirrors, violates.
 
     Attributes
     ----------
-    mirrors : indices of the one or the two.
-    missing_mm : by how much; of an overlap, how far a mirror would have to reach beyond its edge.
-    place_in_rig_mm : ends (2, 3) of the segment to draw: between two solids, or a solid and the camera's box, where
-        they are nearest to each other (one point where they meet), an edge that is too short, from a corner to the
-        depth that it passes, or from the edge of a mirror to where a corner of the region is reflected.
+    mirrors : one or two indices.
+    missing_mm : size of the violation; for an overlap, the distance by which a mirror would have to be extended.
+    place_in_rig_mm : ends (2, 3) of the segment to draw. It connects the closest points of two solids, or of a solid
+        and the camera's box (equal if these meet); or it is an edge that is too short, the line from a corner back to
+        the depth that it exceeds, or the line from a mirror's edge to the reflection of a corner of the region.
     """
 
     mirrors: tuple[int, ...]
@@ -28,13 +28,13 @@ class Violation(Value):
 
 
 class LeastViolation(Value):
-    """The arrangement with the least violation of a spec that the search has found.
+    """The mirrors with the least violation of a spec that the search found.
 
     Attributes
     ----------
-    constraint : that it violates most, as `InfeasibleDesign` names it.
-    mirrors : in the order of a layout, in rig, mm. They need not be valid as a `Layout`: they may overlap as seen.
-    violations : of that constraint, worst first.
+    constraint : the constraint violated most, as named by `InfeasibleDesign`.
+    mirrors : mirrors in the order of a layout, in rig, mm. Their sub-images may overlap, which a `Layout` forbids.
+    violations : violations of that constraint, worst first.
     """
 
     constraint: str

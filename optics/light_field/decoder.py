@@ -23,7 +23,7 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout, working_distance_mm
 from mirrorcam.optics.geometry.mirror import Mirror
-from mirrorcam.optics.geometry.pupil import HalfPlanes, Pupil, disc_part, served_through
+from mirrorcam.optics.geometry.pupil import HalfPlanes, Pupil, clear_aperture, disc_part
 from mirrorcam.optics.geometry.sub_images import unvignetted_outline
 from mirrorcam.optics.light_field.equalisation import LINEAR, Equalisation
 from mirrorcam.optics.light_field.light_field import LightField, Samples, Views
@@ -366,7 +366,7 @@ def _served(
     for other in (*layout.mirrors[:mirror_index], *layout.mirrors[mirror_index + 1 :]):
         at = np.flatnonzero(share)
         at = at[_near(other, pupil, normalized[at])]
-        crosstalk = disc_part(served_through(other, normalized[at], pupil.focus_mm), pupil.radius_mm).share
+        crosstalk = disc_part(clear_aperture(other, normalized[at], pupil.focus_mm), pupil.radius_mm).share
         share[at[crosstalk > MOST_CROSSTALK]] = 0.0
     return pixels, share.astype(np.float32)
 
@@ -379,9 +379,9 @@ def _partial(
     From a place in the pupil, an image out of focus is seen beside where its chief ray is.
     """
     pupil = camera.pupil
-    centroid = disc_part(served_through(mirror, chief, pupil.focus_mm), pupil.radius_mm).centroid
+    centroid = disc_part(clear_aperture(mirror, chief, pupil.focus_mm), pupil.radius_mm).centroid
     normalized = chief - pupil.radius_mm * centroid * (1.0 / axial_mm - 1.0 / pupil.focus_mm)
-    planes = served_through(mirror, normalized, pupil.focus_mm)
+    planes = clear_aperture(mirror, normalized, pupil.focus_mm)
     share = disc_part(planes, pupil.radius_mm).share
     margin_mm = margin_px * _mm_of_a_px(mirror, camera, normalized)
     farther_out = HalfPlanes(planes.direction, planes.distance - margin_mm)
@@ -395,7 +395,7 @@ def _mm_of_a_px(mirror: Mirror, camera: Camera, normalized: FloatArray) -> Float
     0 where the ray leads away from the mirror.
     """
     here, right, down = (
-        served_through(mirror, normalized + step, camera.focus_mm).distance
+        clear_aperture(mirror, normalized + step, camera.focus_mm).distance
         for step in ((0.0, 0.0), (1.0 / camera.fx_px, 0.0), (0.0, 1.0 / camera.fy_px))
     )
     ahead = np.isfinite(here) & np.isfinite(right) & np.isfinite(down)

@@ -25,10 +25,10 @@ from mirrorcam.optics.geometry.pupil import (
     DiscPart,
     HalfPlanes,
     Pupil,
+    clear_aperture,
     disc_part,
     incidence_tangent,
     joined,
-    served_through,
 )
 from mirrorcam.render_scenes.fast.print_map import front_distance_mm
 from mirrorcam.render_scenes.lens import undistorted_pixels
@@ -278,7 +278,7 @@ def _span(hit: NDArray[np.bool_]) -> tuple[int, int]:
 
 def _served(mirror: Mirror, normalized: FloatArray, pupil: Pupil, passes: int) -> HalfPlanes:
     """Where light (n, 2) starts that the mirror serves: half-planes about the middle of the pupil as it has walked."""
-    planes = served_through(mirror, normalized, pupil.focus_mm, passes)
+    planes = clear_aperture(mirror, normalized, pupil.focus_mm, passes)
     middle_mm = pupil.middle_mm(normalized)[:, None]
     return HalfPlanes(planes.direction, planes.distance + (planes.direction * middle_mm).sum(axis=-1))
 

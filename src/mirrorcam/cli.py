@@ -40,9 +40,9 @@ COMMANDS = {
     "Start": {
         "run": (
             "run.run_command:run",
-            "Run the whole pipeline, from a design to a light field, and write a page of results.",
+            "Run the complete pipeline, from a design to a light field, and write a page of results.",
         ),
-        "doctor": ("run.doctor_command:doctor", "List what is installed, and test each part."),
+        "doctor": ("run.doctor_command:doctor", "List the installed libraries, and test each part."),
     },
     "Design": {
         "design": ("designs.design_command:design", "Optimise a layout of mirrors."),
@@ -188,7 +188,7 @@ def _refuse(message: str, code: int) -> int:
 
 
 def _print_no_more() -> None:
-    """Discard standard output, also what is flushed to it at the end of this process."""
+    """Discard standard output, also the flush at the end of this process."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 

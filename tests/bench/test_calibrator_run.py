@@ -53,6 +53,7 @@ def test_of_gigabytes_of_output_the_log_has_the_beginning_and_the_end(tmp_path: 
     assert len(ran.log) < HEAD_BYTES + TAIL_BYTES + 100
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", ["sleep 100", "yes", "kill -STOP $PPID; sleep 100", "sleep 100 & wait"])
 def test_a_command_that_takes_too_long_is_ended(tmp_path: Path, command: str) -> None:
     began = time.monotonic()

@@ -28,6 +28,7 @@ from mirrorcam.bench.score_request import EvaluationRequest, Reading
 from mirrorcam.bench.scores.score_report import NO_LIMITS
 from mirrorcam.bench.suite_folder import FinishedSuite, read_finished
 from mirrorcam.core.processes.worker_process import WorkerProcess
+from tests.nightly import a_few
 
 pytestmark = pytest.mark.skipif(find_spec("mitsuba") is None, reason="rendering needs the extra render")
 
@@ -71,16 +72,19 @@ def test_a_command_sees_no_truth_and_its_output_is_kept(suite: FinishedSuite, tm
 
 @pytest.mark.parametrize(
     ("command", "failure"),
-    [
-        ("echo so >&2; echo it is >&2; exit 3", "the command ended with exit code 3: it is"),
-        ('echo "$MIRRORCAM_SET/x"; exit 1', "the command ended with exit code 1: $MIRRORCAM_SET/x"),
-        ("kill -9 $$", "signal 9 ended the command"),
-        ("true", "the command left no file in $MIRRORCAM_RESULT, expected its calibration there"),
-        ('echo no > "$MIRRORCAM_RESULT/a.yaml"', "$MIRRORCAM_RESULT"),
-        ('ln -s /etc/hostname "$MIRRORCAM_RESULT/c.yaml"', "$MIRRORCAM_RESULT/c.yaml: is a link"),
-        ('mkfifo "$MIRRORCAM_RESULT/covariance.json"', "$MIRRORCAM_RESULT/covariance.json: is not a regular file"),
-        ('rm -r "$MIRRORCAM_RESULT" "$MIRRORCAM_SET"', "the command removed $MIRRORCAM_RESULT"),
-    ],
+    a_few(
+        3,
+        [
+            ("echo so >&2; echo it is >&2; exit 3", "the command ended with exit code 3: it is"),
+            ('echo "$MIRRORCAM_SET/x"; exit 1', "the command ended with exit code 1: $MIRRORCAM_SET/x"),
+            ("kill -9 $$", "signal 9 ended the command"),
+            ("true", "the command left no file in $MIRRORCAM_RESULT, expected its calibration there"),
+            ('echo no > "$MIRRORCAM_RESULT/a.yaml"', "$MIRRORCAM_RESULT"),
+            ('ln -s /etc/hostname "$MIRRORCAM_RESULT/c.yaml"', "$MIRRORCAM_RESULT/c.yaml: is a link"),
+            ('mkfifo "$MIRRORCAM_RESULT/covariance.json"', "$MIRRORCAM_RESULT/covariance.json: is not a regular file"),
+            ('rm -r "$MIRRORCAM_RESULT" "$MIRRORCAM_SET"', "the command removed $MIRRORCAM_RESULT"),
+        ],
+    ),
 )
 def test_a_set_that_fails_says_why_and_loses_no_other(
     suite: FinishedSuite, tmp_path: Path, command: str, failure: str
@@ -141,6 +145,7 @@ def test_limits_decide(suite: FinishedSuite, tmp_path: Path) -> None:
     assert not found.passed and not found.failures
 
 
+@pytest.mark.slow
 def test_a_baseline_decides_where_a_factor_is_given(suite: FinishedSuite, tmp_path: Path) -> None:
     before = evaluated(suite, tmp_path / "before")
     path = tmp_path / "evaluation.json"
@@ -160,6 +165,7 @@ def test_a_baseline_decides_where_a_factor_is_given(suite: FinishedSuite, tmp_pa
     assert [change.factor for change in worse.changes] == pytest.approx([2.0, 2.0])
 
 
+@pytest.mark.slow
 def test_sets_that_were_rendered_otherwise_are_not_compared(suite: FinishedSuite, tmp_path: Path) -> None:
     before = evaluated(suite, tmp_path / "before")
     others = [each.replaced(dataset_sha256="0" * 64) for each in before.tried]

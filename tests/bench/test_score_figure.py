@@ -9,7 +9,7 @@ from matplotlib.collections import PatchCollection
 
 from mirrorcam.bench.evaluation_files import score_figure, view_errors
 from mirrorcam.bench.scores.calibration_score import score_calibration
-from mirrorcam.optics.camera_files.read.registry import read_layout
+from mirrorcam.optics.camera_files.read.registry import read_rig
 from mirrorcam.optics.geometry.layout import Layout
 from tests.drawn import drawn, values_of
 
@@ -18,7 +18,7 @@ def test_errors_of_every_view_are_drawn(default_layout: Layout, tmp_path: Path) 
     camera = default_layout.camera
     longer = default_layout.replaced(camera=camera.replaced(fx_px=1.01 * camera.fx_px, fy_px=1.01 * camera.fy_px))
     longer.save(tmp_path / "layout.json")
-    score = score_calibration(read_layout(tmp_path / "layout.json"), default_layout, default_layout, 400.0)
+    score = score_calibration(read_rig(tmp_path / "layout.json"), default_layout, default_layout, 400.0)
     errors = view_errors(score)
     assert [view.view for view in errors] == list(range(9))
     for view in errors:

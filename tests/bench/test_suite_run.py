@@ -99,6 +99,7 @@ def test_workers_that_share_no_disk_send_the_same_files(
     assert of_suite(tmp_path / "sent") == of_suite(suite_folder)
 
 
+@pytest.mark.slow
 def test_a_bad_set_and_a_dead_worker_lose_no_other(default_layout: Layout, tmp_path: Path) -> None:
     suite = small_suite(default_layout)
     tiny = BOARD.replaced(square_mm=1.0, marker_mm=0.7)

@@ -41,6 +41,14 @@ def flat_pair(*, gap_mm: float, width_mm: float = 30.0, height_mm: float = 20.0,
     return Layout(rows=1, cols=2, camera=Camera.c920(), mirrors=mirrors)
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark the tests of a complete device as slow, whose parts are built, sliced and checked for a minute."""
+    for item in items:
+        if "built_default" in getattr(item, "fixturenames", ()):
+            item.add_marker(pytest.mark.slow)
+
+
 @pytest.fixture(scope="session")
 def make_parabola() -> Callable[..., Layout]:
     return parabola

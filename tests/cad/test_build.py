@@ -27,6 +27,7 @@ from mirrorcam.core.disk.results import Results
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import Metric
 from mirrorcam.optics.geometry.layout import Layout
+from tests.nightly import a_few
 from tests.shared import no_slicer, path_without_slicer
 
 Built = tuple[Layout, Path, dict[str, Metric]]
@@ -158,7 +159,7 @@ def test_a_folder_that_is_a_file_is_refused(small_layout: Layout, tmp_path: Path
         build_parts(small_layout, tmp_path / "parts")
 
 
-@pytest.mark.parametrize("missing", ["manifold3d", "build123d", "jinja2"])
+@pytest.mark.parametrize("missing", a_few(1, ["manifold3d", "build123d", "jinja2"]))
 def test_a_missing_extra_is_named_with_its_command(
     missing: str, small_layout: Layout, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -22,7 +22,7 @@ def test_every_view_is_printed_and_what_is_not_predicted(tmp_path: Path, capfd: 
     assert all(f"mirror {name} " in said for name in ("0-0", "0-1", "1-0", "1-1"))
     assert "all views" in said
     assert "which is taken out" in said
-    assert f"b.json has no covariance: {SIGMA} is without that of B" in said
+    assert f"b.json has no covariance: {SIGMA} leaves out the covariance of B" in said
     assert "the difference is within noise: at most " in said
     assert results(tmp_path / "out") == ["difference.png", "metrics.json"]
 

@@ -73,7 +73,7 @@ def test_the_direct_view_has_its_figures(small_layout: Layout, files: Path) -> N
         ("opencv.yaml", "a calibration as opencv"),
         ("anipose/calibration.toml", "a calibration as anipose"),
         ("nerfstudio/transforms.json", "nerfstudio's cameras"),
-        ("deeplabcut/camera_matrix/stereo_params.pickle", "a pickle, such as DeepLabCut's, is never opened"),
+        ("deeplabcut/camera_matrix/stereo_params.pickle", "pickles, such as DeepLabCut's, are never opened"),
     ],
 )
 def test_a_calibration_of_another_tool_is_named_and_a_layout_expected(files: Path, name: str, named: str) -> None:

@@ -59,7 +59,7 @@ def test_too_little_texture_is_said_with_what_is_needed(default_layout: Layout) 
 
 
 def test_pictures_of_another_device_are_told_from_plain_ones(default_layout: Layout) -> None:
-    drift = replace(drift_of(default_layout, tells_deg=UNDETERMINED_DEG), unlike=True)
+    drift = replace(drift_of(default_layout, tells_deg=UNDETERMINED_DEG), mismatched=True)
     line = drift_line(default_layout, drift)
     assert "do not show what this layout's mirrors would" in line
     assert line.endswith("of another device, or of a repeating pattern?")
@@ -85,7 +85,7 @@ def test_a_recording_without_texture_tells_nothing(default_layout: Layout, tmp_p
     camera = default_layout.camera
     write_image(tmp_path / "0.png", np.full((camera.height_px, camera.width_px, 3), 80, np.uint8))
     drift = find_drift_files([tmp_path / "0.png"], default_layout.replaced(kind="calibrated"), tmp_path / "layout.json")
-    assert len(drift.untold) == len(default_layout.mirrors)
+    assert len(drift.undetermined) == len(default_layout.mirrors)
     assert not drift.moved
 
 

@@ -123,7 +123,7 @@ def test_a_pattern_is_read_from_its_name_or_file(tmp_path: Path) -> None:
     assert DesignChanges(pattern="hex7").of(DesignSpec()) == DesignSpec(pattern=Pattern.hexagonal(1))
     assert DesignChanges(pattern=str(file)).of(DesignSpec()) == DesignSpec(pattern=own)
     file.write_text("positions = [[0, 0], [1, 0], [1, 0]]\n")
-    with pytest.raises(InputError, match=r"mine.toml: .*positions 1 and 2 at one place"):
+    with pytest.raises(InputError, match=r"mine.toml: .*positions 1 and 2 in the same place"):
         DesignChanges(pattern=str(file)).of(DesignSpec())
 
 

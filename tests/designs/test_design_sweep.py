@@ -113,6 +113,7 @@ def test_a_worker_of_other_versions_is_refused_and_nothing_of_it_kept(tmp_path: 
     assert files_of(tmp_path) == {}
 
 
+@pytest.mark.slow
 def test_any_number_of_workers_in_any_order_gives_the_same_bytes(
     finished: tuple[Path, list[Outcome]], tmp_path: Path
 ) -> None:

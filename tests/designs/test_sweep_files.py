@@ -80,7 +80,7 @@ def test_a_request_holds_the_values_that_designs_combine_and_the_fields_in_commo
     [
         ("counts = [[0, 3]]", "counts: 0x3: rows: Input should be greater than or equal to 1"),
         ("counts = []", "counts: no value"),
-        ("counts = [[2, 2], [2, 2]]", "counts: 2x2 is named twice"),
+        ("counts = [[2, 2], [2, 2]]", "counts: 2x2 is given twice"),
         ('counts = ["2x2"]', "counts.0: Input should be a valid"),
         ("depth_sets_mm = [[300, -5]]", "depths_mm.1: Input should be greater than or equal to 0.001"),
         ("scales_mm = [nan]", "scales_mm.0: Input should be a finite number"),

@@ -92,6 +92,7 @@ def command(
     return run
 
 
+@pytest.mark.slow
 def test_the_option_alone_describes_a_hobby_printer(
     command: Callable[[str], tuple[int, str, str]], tmp_path: Path
 ) -> None:

@@ -212,8 +212,8 @@ def test_a_page_as_small_as_it_is_said_to_need_fits() -> None:
 
 
 @pytest.mark.filterwarnings("error")
-@pytest.mark.parametrize("suffix", a_few(10, [".svg", ".pdf"]))
-@pytest.mark.parametrize("name", [r"board $\frac$ <b>.toml", *ACCEPTED, *REFUSED])
+@pytest.mark.parametrize("suffix", [".svg", ".pdf"])
+@pytest.mark.parametrize("name", a_few(3, [r"board $\frac$ <b>.toml", *ACCEPTED, *REFUSED]))
 def test_any_name_of_a_file_is_text(name: str, suffix: str, tmp_path: Path) -> None:
     board = Checkerboard(cols=8, rows=6, square_mm=20.0)
     write_board(board, tmp_path / f"board{suffix}", page_for(board, ""), name)

@@ -53,7 +53,7 @@ def test_one_camera_is_shown_by_its_name_or_its_file(capsys: pytest.CaptureFixtu
         ("camera show nikon", "camera 'nikon': expected one of arducam_b0196"),
         ("camera show nikon.toml", "nikon.toml: no such file"),
         ("design --camera nikon", "camera 'nikon': expected one of arducam_b0196"),
-        ("design --camera board_38", "its lens has any focal length"),
+        ("design --camera board_38", "the focal length is unknown"),
     ],
 )
 def test_bad_names_are_refused_in_one_line(

@@ -72,7 +72,7 @@ def test_what_cannot_be_read_is_asked_again_with_a_reason(tmp_path: Path) -> Non
     assert read_body(str(tmp_path / "mine.toml")).width_mm == 95.0
     assert "wide: expected a number" in person.told
     assert sum(line.startswith(("-4: ", "0: ")) for line in person.told) == 2
-    assert "1280.5: expected a whole number of pixels" in person.told
+    assert "1280.5: expected an integer number of pixels" in person.told
     assert any(line.startswith("200: expected a field of view") for line in person.told)
 
 
@@ -94,7 +94,7 @@ def test_a_board_is_asked_for_its_holes_and_one_without_a_lens_for_no_optics(tmp
     held = read_body(str(tmp_path / "board.toml")).held_by
     assert held.kind == "board"
     assert set(held.holes_mm) == {(x, y) for x in (-14.0, 14.0) for y in (-14.0, 14.0)}
-    with pytest.raises(InputError, match="its lens has any focal length"):
+    with pytest.raises(InputError, match="the focal length is unknown"):
         read_camera(str(tmp_path / "board.toml"))
 
 

@@ -58,6 +58,7 @@ def test_frames_of_a_recording_are_filtered_in_time_unless_kept_apart(tmp_path: 
         assert np.array_equal(found, expected, equal_nan=True)
 
 
+@pytest.mark.slow
 def test_depth_of_a_file_does_not_depend_on_the_files_before_it(tmp_path: Path) -> None:
     frames = noisy_walls(3)
     paths = tuple(tmp_path / f"{number}.npz" for number in range(3))

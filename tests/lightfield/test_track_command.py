@@ -20,7 +20,6 @@ from mirrorcam.optics.light_field.io.formats.npz import load_npz, save_npz
 from mirrorcam.optics.light_field.motion import LightFieldTracker, TrackedPose
 from tests.command_line import assert_refused_here, results
 from tests.drawn import drawn
-from tests.nightly import a_few
 from tests.optics.light_field.relief_scene import Relief, even_views, light_field_of
 
 SIZE: dict[str, Any] = {"width_px": 160, "height_px": 120, "focal_px": 280.0, "centre_px": np.array([79.5, 59.5])}
@@ -37,6 +36,7 @@ def stored(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_files_hold_the_poses_of_the_tracker(stored: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     files = [str(stored / f"{name}.npz") for name in "abc"]
     assert cli.main(["track", *files, "--rate-hz", "10", "--out", str(tmp_path)]) == 0
@@ -65,6 +65,7 @@ def test_lost_light_fields_are_named_and_left_out(
     assert cli.main(["track", *files[:2], "--out", str(tmp_path / "two")]) == 1
 
 
+@pytest.mark.slow
 def test_bad_input_is_refused_in_one_line(stored: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     first, out = str(stored / "a.npz"), ["--out", str(tmp_path / "out")]
     assert_refused_here(["track", first, *out], capsys, "1 light field, expected at least two")
@@ -76,7 +77,8 @@ def test_bad_input_is_refused_in_one_line(stored: Path, tmp_path: Path, capsys: 
     assert not (tmp_path / "out" / "trajectory.tum").exists()
 
 
-@pytest.mark.parametrize(("times_s", "expected"), a_few(1, [((5.0, 5.2), [5.0, 5.2]), ((None, None), [0.0, 0.5])]))
+@pytest.mark.slow
+@pytest.mark.parametrize(("times_s", "expected"), [((5.0, 5.2), [5.0, 5.2]), ((None, None), [0.0, 0.5])])
 def test_times_are_those_of_the_file_or_of_the_rate(
     times_s: tuple[float | None, ...], expected: list[float], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

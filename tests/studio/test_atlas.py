@@ -5,12 +5,15 @@ from __future__ import annotations
 import json
 import multiprocessing
 
+import pytest
+
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.studio.atlas import AtlasGrid, atlas, key_of
 
 SMALL = AtlasGrid(rows=(1,), cols=(1, 2), scales_mm=(60.0,), tradeoffs=(0.1, 0.5))
 
 
+@pytest.mark.slow
 def test_every_combination_of_at_least_two_mirrors_is_designed() -> None:
     done: list[tuple[int, int]] = []
     found = atlas(DesignSpec(depths_mm=(300.0,)), SMALL, workers=1, progress=lambda k, n: done.append((k, n)))

@@ -59,6 +59,7 @@ def test_a_newer_request_ends_the_older_one(designer: Designer) -> None:
     assert ended == ["superseded"]
 
 
+@pytest.mark.slow
 def test_pages_get_their_designs_one_after_another(designer: Designer) -> None:
     specs = [SMALL.replaced(scale_mm=80.0 + number) for number in range(4)]
     found: dict[int, object] = {}
@@ -98,6 +99,7 @@ def test_a_page_that_leaves_frees_the_solver_for_the_others(designer: Designer) 
     assert isinstance(designer.solve(SMALL, Asker("b")), SolvedDesign)
 
 
+@pytest.mark.slow
 def test_a_solver_that_dies_is_said_and_replaced(designer: Designer) -> None:
     killed = threading.Timer(0.5, designer._solver.kill)
     killed.start()

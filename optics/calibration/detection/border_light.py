@@ -19,7 +19,7 @@ from mirrorcam.optics.calibration.detection.blurred_print import Image, blurred_
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror, cut
-from mirrorcam.optics.geometry.pupil import disc_part, served_by
+from mirrorcam.optics.geometry.pupil import disc_part, outline_aperture
 from mirrorcam.optics.geometry.targets import Target
 from mirrorcam.optics.geometry.transforms import inverse
 
@@ -158,7 +158,7 @@ def _border(layout: Layout, apertures: Sequence[Mirror | None], index: int, edge
 
 def _inside_mm(mirror: Mirror, normalized: FloatArray, focus_mm: float) -> FloatArray:
     """Distance (n,) of the pupil's middle from the nearest border of the part that a mirror serves, on its side."""
-    return np.asarray(served_by(mirror, normalized, focus_mm).distance.min(axis=1))
+    return np.asarray(outline_aperture(mirror, normalized, focus_mm).distance.min(axis=1))
 
 
 def border_light(layout: Layout, frames: Sequence[BoardFrame], target: Target) -> list[BorderLight]:
@@ -210,7 +210,7 @@ def _beyond(layout: Layout, mirror: Mirror, normalized: FloatArray) -> tuple[Flo
     """Rays from the middle of the part of the pupil that a mirror serves, reflected: starts and directions."""
     pupil, flat, seen = layout.camera.pupil, normalized.reshape(-1, 2), mirror.apparent
     start = np.zeros((len(flat), 3))
-    start[:, :2] = pupil.radius_mm * disc_part(served_by(mirror, flat, pupil.focus_mm), pupil.radius_mm).centroid
+    start[:, :2] = pupil.radius_mm * disc_part(outline_aperture(mirror, flat, pupil.focus_mm), pupil.radius_mm).centroid
     rays = np.column_stack([flat, np.ones(len(flat))]) - start / pupil.focus_mm
     shape = (*normalized.shape[:2], 3)
     return seen.reflect(start).reshape(shape), (rays @ seen.reflection).reshape(shape)

@@ -25,7 +25,7 @@ from mirrorcam.optics.calibration.solver.parameterisation import CentresPrior, F
 from mirrorcam.optics.calibration.solver.residuals import Board, Estimate
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.lenses.families import LensName
-from mirrorcam.optics.geometry.nearest_lens import nearest_lens, whole_picture, with_lens
+from mirrorcam.optics.geometry.nearest_lens import nearest_lens, with_lens
 from mirrorcam.optics.geometry.plate import rise_mm
 
 PRIOR_ROUNDS = 3
@@ -249,7 +249,7 @@ def with_addition(camera: Camera, addition: str) -> Camera:
     """The camera in the lens model of an addition: the same one, except for a fisheye, which is the nearest."""
     model = LENS_ADDITIONS[addition]
     if model == "fisheye":
-        return nearest_lens(camera, model, whole_picture(camera))[0]
+        return nearest_lens(camera, model)[0]
     return camera if addition == "rational" and camera.lens_model == "thin_prism" else with_lens(camera, model)
 
 

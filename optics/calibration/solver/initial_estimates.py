@@ -15,7 +15,7 @@ from mirrorcam.optics.calibration.solver.residuals import Estimate
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror, reflect
-from mirrorcam.optics.geometry.nearest_lens import nearest_lens, whole_picture
+from mirrorcam.optics.geometry.nearest_lens import nearest_lens
 from mirrorcam.optics.geometry.transforms import rigid, transform
 
 MIN_VIEWS = 3
@@ -201,7 +201,7 @@ def base_camera(direct: Observations, nominal: Camera, corners_in_board_mm: Floa
     plausible = 1.0 / MAX_FOCAL_RATIO < ratio < MAX_FOCAL_RATIO and camera.valid_radius > _corner_radius(camera)
     if not plausible:
         return nominal
-    camera, _ = nearest_lens(camera, nominal.lens_model, whole_picture(camera))
+    camera, _ = nearest_lens(camera, nominal.lens_model)
     # Size, name and pupil are the nominal ones.
     return nominal.with_intrinsics(camera.intrinsics)
 

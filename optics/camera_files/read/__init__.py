@@ -1,1 +1,1 @@
-"""Readers of calibrations in the files of other tools, each as a `CameraRig`."""
+"""Readers of calibrations in the formats of other tools; each returns a `CameraRig`."""

@@ -1,7 +1,7 @@
-"""aniposelib's `calibration.toml`, also of Anipose and lightning-pose: cameras `cam_0`, `cam_1`, … of cut pictures.
+"""aniposelib's `calibration.toml`, shared by Anipose and lightning-pose: cameras `cam_0`, `cam_1`, …
 
-The file that `mirrorcam camera export` writes says in a comment how the pictures of each camera are made, which places
-them in the frame, and is in mm. aniposelib drops comments when it writes a file.
+A file from `mirrorcam camera export` is in mm. A comment states how each camera's pictures are cropped from the frame;
+aniposelib drops comments when it writes a file.
 """
 
 from __future__ import annotations
@@ -23,24 +23,24 @@ from mirrorcam.optics.geometry.transforms import rigid
 FORMAT, SUFFIX = "anipose", ".toml"
 FLIPS: dict[str, PictureFlip] = {"hflip": "left-right", "vflip": "top-bottom"}
 _MADE = re.compile(
-    rf"^# pictures of this camera: (?:{re.escape(FFMPEG)}|ffmpeg -i FRAMES) "  # the latter in files of 0.2.0
+    rf"^# pictures of this camera: (?:{re.escape(FFMPEG)}|ffmpeg -i FRAMES) "  # version 0.2.0 wrote the latter
     r"-vf (?:(hflip|vflip),)?crop=\d+:\d+:(\d{1,5}):(\d{1,5}) "
 )
 _CAMERA = re.compile(r"^\[(cam_\d+)\]\s*$")
 
 
 def is_anipose(value: Any) -> bool:
-    """Whether the value of a TOML file holds cameras as aniposelib writes them."""
+    """Whether the content of a TOML file has aniposelib's cameras."""
     return isinstance(value, dict) and isinstance(value.get("cam_0"), dict) and "matrix" in value["cam_0"]
 
 
 def read_value(path: Path) -> Any:
-    """What a TOML file states; InputError in one line where it is none."""
+    """Content of a TOML file; raises InputError for invalid TOML."""
     return tables_of(path, read_text(path).encode())
 
 
 def read_anipose(path: Path) -> CameraRig:
-    """The mirrors in a file; raises InputError in one line for anything else."""
+    """The cameras of a file except the direct view; raises InputError for an invalid file."""
     values = table(read_value(path), str(path))
     made = _made(read_text(path))
     cameras, flips = [], set()
@@ -54,12 +54,12 @@ def read_anipose(path: Path) -> CameraRig:
         flips.add(flip)
         cameras.append(_camera(part, name, where, first))
     if not cameras:
-        raise InputError(f"{path}: no mirror in it, expected cameras such as view_0_0")
+        raise InputError(f"{path}: contains no mirror, expected cameras such as view_0_0")
     notes = (
         [f"the camera {DIRECT} is not scored"] if len(cameras) < sum(key.startswith("cam_") for key in values) else []
     )
     if not made:
-        notes.append("poses are taken for mm, as no unit is stated")
+        notes.append("the file states no unit of poses: mm is assumed")
     flip = flips.pop() if len(flips) == 1 else None
     return CameraRig(
         FORMAT, tuple(cameras), unit_mm=1.0, pictures=None if flip is None else FLIPS[flip], notes=tuple(notes)
@@ -67,7 +67,7 @@ def read_anipose(path: Path) -> CameraRig:
 
 
 def _camera(part: dict[str, Any], name: str, where: str, first: tuple[int, int] | None) -> RigCamera:
-    """A camera of its cut picture; of the whole flipped frame, where the first pixel is known."""
+    """The camera of a cropped picture or, if the first pixel is known, of the entire flipped frame."""
     size = size_of(entry(part, "size", where), f"{where}: size")
     model = "fisheye" if part.get("fisheye") is True else "pinhole"
     lens = lens_of(where, entry(part, "matrix", where), entry(part, "distortions", where), model, size)
@@ -79,12 +79,12 @@ def _camera(part: dict[str, Any], name: str, where: str, first: tuple[int, int] 
 
 
 def _made(text: str) -> dict[str, tuple[str | None, tuple[int, int]]]:
-    """The flip, and the first pixel in the flipped frame, of the pictures of each camera whose comment says so."""
-    found: dict[str, tuple[str | None, tuple[int, int]]] = {}
+    """Flip and first pixel in the flipped frame of each camera's pictures, from its comment."""
+    origins: dict[str, tuple[str | None, tuple[int, int]]] = {}
     camera = ""
     for line in text.splitlines():
         if named := _CAMERA.match(line):
             camera = named[1]
         elif camera and (made := _MADE.match(line)):
-            found[camera] = made[1], (int(made[2]), int(made[3]))
-    return found
+            origins[camera] = made[1], (int(made[2]), int(made[3]))
+    return origins

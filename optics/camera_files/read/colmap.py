@@ -1,10 +1,10 @@
-"""COLMAP's sparse models, as text or binary: `cameras`, `images`, and `rigs` and `frames` of newer versions.
+"""COLMAP's sparse models, text or binary: `cameras` and `images`, and `rigs` in newer versions.
 
-A model has no scale of its own, and pixel (0, 0) of ours is at (0.5, 0.5) of COLMAP's. Cameras are identified by the
-folders of their pictures, such as `view_0_1/0000.png`. Poses are those of a rig of several cameras where there is
-one, else of the picture that most cameras have.
+A model has no scale, and our pixel (0, 0) is COLMAP's (0.5, 0.5). Cameras are identified by the folders of their
+pictures, such as `view_0_1/0000.png`. Poses come from a rig of several cameras if there is one, else from the picture
+taken by most cameras.
 
-Nothing in the files is trusted: counts are checked against the size of the file before anything is read.
+The files are not trusted: counts are checked against the size of the file before reading.
 """
 
 from __future__ import annotations
@@ -49,24 +49,24 @@ MODELS = {
     15: ("FISHEYE", 4),
     16: ("EUCM", 6),
 }
-"""Names and numbers of parameters by the numbers of models."""
+"""Name and number of parameters by model id."""
 COUNTS = dict(MODELS.values())
 CAMERA_SENSOR = 0
 LARGEST_BYTES = 300_000_000
-"""Of `images`, which list the points of every picture."""
+"""Limit for `images`, which lists the points of every picture."""
 LARGEST_CAMERAS_BYTES = 5_000_000
-"""Of `cameras` and `rigs`: those of a hundred cameras take 0.02 MB."""
+"""Limit for `cameras` and `rigs`; a hundred cameras take 0.02 MB."""
 MOST_IMAGES = 100_000
-"""Pictures of a model, and lines of `images` in text are twice as many."""
+"""Limit for the pictures of a model; `images.txt` has two lines per picture."""
 LONGEST_NAME = 1000
 IDENTITY = (1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
 class _Lens:
-    """How a model's parameters are those of one of our lenses.
+    """Mapping of a model's parameters to one of our lenses.
 
-    `core` are the places of fx, fy, cx, cy, `distortion` those of the coefficients; None: zero.
+    `core` are the indices of fx, fy, cx, cy, `distortion` the indices of the coefficients; None: zero.
     """
 
     lens_model: str
@@ -91,7 +91,7 @@ LENSES = {
 
 
 def model_folder(folder: Path) -> Path | None:
-    """The folder of a sparse model: this one, `sparse`, `sparse/0` or `0` in it; None where there is none."""
+    """The folder of a sparse model: this one, or `sparse`, `sparse/0` or `0` in it; None if there is none."""
     for name in (".", "sparse", "sparse/0", "0"):
         for suffix in (".bin", ".txt"):
             if is_inside(folder, f"{name}/cameras{suffix}") and (folder / name / f"cameras{suffix}").is_file():
@@ -100,21 +100,21 @@ def model_folder(folder: Path) -> Path | None:
 
 
 def read_colmap(folder: Path) -> CameraRig:
-    """The cameras of a sparse model; raises InputError in one line where they have no poses or a lens is not known."""
+    """The cameras of a sparse model; raises InputError if poses are missing or a lens model is unknown."""
     model = read_model(folder)
     views, note = _views(model, folder)
     cameras = []
     for name, (camera_id, pose) in sorted(views.items()):
         camera = model.cameras.get(camera_id)
         if camera is None:
-            raise InputError(f"{folder}: an image or a rig has camera {camera_id}, which is not in the model")
+            raise InputError(f"{folder}: an image or a rig refers to camera {camera_id}, which the model lacks")
         lens = _projection(camera, f"{folder}: camera {camera_id}")
         cameras.append(RigCamera(name, lens, pose, (camera.width_px, camera.height_px)))
     return CameraRig(FORMAT, tuple(cameras), unit_mm=None, notes=(note,))
 
 
 def _views(model: ColmapModel, folder: Path) -> tuple[dict[str, tuple[int, FloatArray]], str]:
-    """Number of the camera and pose (4, 4) of each view, by the folder of its pictures, and what poses are of."""
+    """Camera id and pose (4, 4) of each view, by the folder of its pictures, and a note on the origin of the poses."""
     pictures: dict[str, dict[str, tuple[int, FloatArray]]] = defaultdict(dict)
     folders: dict[int, set[str]] = defaultdict(set)
     for image in model.images:
@@ -126,18 +126,17 @@ def _views(model: ColmapModel, folder: Path) -> tuple[dict[str, tuple[int, Float
     if len(rig) > 1:
         unnamed = next((camera_id for camera_id in rig if len(folders[camera_id]) != 1), None)
         if unnamed is not None:
-            raise InputError(f"{folder}: camera {unnamed} has no folder of pictures of its own, which would name it")
+            raise InputError(f"{folder}: camera {unnamed} has no name, expected its pictures in their own folder")
         views = {min(folders[camera_id]): (camera_id, _matrix(pose)) for camera_id, pose in rig.items()}
-        return views, "poses are those of the rig"
+        return views, "poses are taken from the rig"
     if not pictures:
         raise InputError(f"{folder}: no images, expected a model with poses")
     picture = max(sorted(pictures), key=lambda name: len(pictures[name]))
-    note = f"poses are those of the picture {picture}" if picture else "poses are those of the pictures"
-    return pictures[picture], note
+    return pictures[picture], f"poses are taken from {f'the picture {picture}' if picture else 'the pictures'}"
 
 
 def _matrix(pose: tuple[float, ...]) -> FloatArray:
-    """camera_from (4, 4) of a quaternion w, x, y, z and a translation."""
+    """Rigid transform (4, 4) from a quaternion w, x, y, z and a translation."""
     return rigid(Rotation.from_quat(pose[:4], scalar_first=True).as_matrix(), np.array(pose[4:]))
 
 
@@ -154,7 +153,7 @@ def _projection(camera: ColmapCamera, where: str) -> Projection:
 
 @dataclass(frozen=True)
 class ColmapCamera:
-    """A camera: the name of its model, size in px, and parameters."""
+    """A camera: name of its model, size in px, and parameters."""
 
     model: str
     width_px: int
@@ -173,7 +172,7 @@ class ColmapImage:
 
 @dataclass(frozen=True)
 class ColmapModel:
-    """Cameras by number, pictures, and of each rig the poses camera_from_rig of its cameras by number."""
+    """Cameras by id, pictures, and for each rig the poses camera_from_rig of its cameras by id."""
 
     cameras: dict[int, ColmapCamera]
     images: tuple[ColmapImage, ...]
@@ -181,21 +180,14 @@ class ColmapModel:
 
 
 def read_model(folder: Path) -> ColmapModel:
-    """Read the model of a folder, binary where there are both; raises InputError in one line for what is no model."""
-    if (folder / "cameras.bin").is_file():
-        rigs = folder / "rigs.bin"
-        model = ColmapModel(
-            dict(_parsed(folder / "cameras.bin", _binary_cameras)),
-            tuple(_parsed(folder / "images.bin", _binary_images, LARGEST_BYTES)),
-            tuple(_parsed(rigs, _binary_rigs) if rigs.is_file() else ()),
-        )
-    else:
-        rigs = folder / "rigs.txt"
-        model = ColmapModel(
-            dict(_parsed(folder / "cameras.txt", _text_cameras)),
-            tuple(_parsed(folder / "images.txt", _text_images, LARGEST_BYTES)),
-            tuple(_parsed(rigs, _text_rigs) if rigs.is_file() else ()),
-        )
+    """Read a folder's model, preferring binary files; raises InputError for an invalid model."""
+    binary = (folder / "cameras.bin").is_file()
+    cameras, images, rigs = (folder / f"{name}.{'bin' if binary else 'txt'}" for name in ("cameras", "images", "rigs"))
+    model = ColmapModel(
+        dict(_parsed(cameras, _binary_cameras if binary else _text_cameras)),
+        tuple(_parsed(images, _binary_images if binary else _text_images, LARGEST_BYTES)),
+        tuple(_parsed(rigs, _binary_rigs if binary else _text_rigs) if rigs.is_file() else ()),
+    )
     _check(model, folder)
     return model
 
@@ -205,11 +197,11 @@ def _parsed(path: Path, parse: Callable[[bytes], list[Item]], most: int = LARGES
     try:
         return parse(raw)
     except (struct.error, ValueError, IndexError) as error:
-        raise InputError(f"{path}: not what COLMAP writes: {' '.join(str(error).split())[:120]}") from None
+        raise InputError(f"{path}: invalid file of COLMAP: {' '.join(str(error).split())[:120]}") from None
 
 
 def _check(model: ColmapModel, folder: Path) -> None:
-    """Raise InputError for sizes, quaternions and numbers that cannot be."""
+    """Raise InputError for impossible sizes, quaternions and numbers."""
     for number, camera in model.cameras.items():
         if not (1 <= camera.width_px <= UNSIZED_PX and 1 <= camera.height_px <= UNSIZED_PX):
             raise InputError(f"{folder}: camera {number} is {camera.width_px} x {camera.height_px} px")
@@ -220,12 +212,12 @@ def _check(model: ColmapModel, folder: Path) -> None:
             raise InputError(f"{folder}: camera {number} has parameters that are not finite")
     poses = [image.pose for image in model.images] + [pose for rig in model.rigs for pose in rig.values()]
     if any(len(pose) != len(IDENTITY) for pose in poses):
-        raise InputError(f"{folder}: a pose has not {len(IDENTITY)} numbers, expected a quaternion and a translation")
-    # Numbers of a quaternion of length 1 are at most 1; larger ones may be too large for their squares.
+        raise InputError(f"{folder}: a pose does not have {len(IDENTITY)} numbers: a quaternion and a translation")
+    # Components of a unit quaternion are at most 1; squares of large ones may overflow.
     if not np.isfinite(poses).all() or any(
         max(map(abs, pose[:4])) > 2.0 or abs(np.linalg.norm(pose[:4]) - 1.0) > 1e-3 for pose in poses
     ):
-        raise InputError(f"{folder}: a pose is not finite, or its quaternion not of length 1")
+        raise InputError(f"{folder}: a pose is not finite, or its quaternion is not of length 1")
 
 
 def _lines(raw: bytes) -> list[str]:
@@ -240,7 +232,7 @@ def _text_cameras(raw: bytes) -> list[tuple[int, ColmapCamera]]:
 
 
 def _text_images(raw: bytes) -> list[ColmapImage]:
-    """Every other line is of a picture; the lines between them, of points, may be empty."""
+    """Each picture has a line, followed by a line of points, which may be empty."""
     text = raw.decode("utf-8").lstrip()
     if text.count("\n") > 2 * MOST_IMAGES:
         raise ValueError(f"more than {MOST_IMAGES} pictures")
@@ -270,26 +262,26 @@ def _text_rigs(raw: bytes) -> list[dict[int, tuple[float, ...]]]:
 
 
 class _Reader:
-    """Reads little-endian numbers one after the other."""
+    """Reads consecutive little-endian numbers."""
 
     def __init__(self, raw: bytes) -> None:
         self.raw, self.at = raw, 0
 
     def take(self, layout: str) -> tuple[float, ...]:
-        """The numbers of a layout of `struct`."""
-        found = struct.unpack_from(f"<{layout}", self.raw, self.at)
+        """Read the numbers of a `struct` format."""
+        values = struct.unpack_from(f"<{layout}", self.raw, self.at)
         self.at += struct.calcsize(f"<{layout}")
-        return found
+        return values
 
     def count(self, least_bytes: int) -> int:
-        """A number of items of which each takes some bytes; raises ValueError where the file is too short for them."""
+        """Read a number of items; raises ValueError if the file is too short for items of at least `least_bytes`."""
         (number,) = self.take("Q")
         if number * least_bytes > len(self.raw) - self.at:
             raise ValueError(f"{number} items in {len(self.raw)} bytes")
         return int(number)
 
     def name(self) -> str:
-        """A text up to its zero."""
+        """Read a null-terminated string."""
         end = self.raw.index(b"\x00", self.at, self.at + LONGEST_NAME)
         text = self.raw[self.at : end].decode("utf-8")
         self.at = end + 1
@@ -297,18 +289,18 @@ class _Reader:
 
 
 def _binary_cameras(raw: bytes) -> list[tuple[int, ColmapCamera]]:
-    reader, found = _Reader(raw), []
+    reader, cameras = _Reader(raw), []
     for _ in range(reader.count(24)):
         number, model, width, height = (int(value) for value in reader.take("IiQQ"))
         if model not in MODELS:
             raise ValueError(f"camera model {model}, expected one of 0 to {max(MODELS)}")
         name, count = MODELS[model]
-        found.append((number, ColmapCamera(name, width, height, reader.take(f"{count}d"))))
-    return found
+        cameras.append((number, ColmapCamera(name, width, height, reader.take(f"{count}d"))))
+    return cameras
 
 
 def _binary_images(raw: bytes) -> list[ColmapImage]:
-    reader, found = _Reader(raw), []
+    reader, images = _Reader(raw), []
     count = reader.count(73)
     if count > MOST_IMAGES:
         raise ValueError(f"more than {MOST_IMAGES} pictures")
@@ -319,8 +311,8 @@ def _binary_images(raw: bytes) -> list[ColmapImage]:
         name = reader.name()
         points = reader.count(24)
         reader.at += 24 * points
-        found.append(ColmapImage(name, int(camera_id), pose))
-    return found
+        images.append(ColmapImage(name, int(camera_id), pose))
+    return images
 
 
 def _binary_rigs(raw: bytes) -> list[dict[int, tuple[float, ...]]]:

@@ -1,8 +1,7 @@
-"""Text and YAML files of other tools as plain values, within bounds.
+"""Text and YAML files of other tools as plain values, within limits.
 
-Values are put together from the events of PyYAML's parser, which come one by one: a document that is nested too deep or
-holds too much is refused as soon as that is seen. Plain texts are values as in YAML 1.2: no times, no numbers to the
-base 60.
+Values are built from the event stream of PyYAML's parser, so a document that is nested too deep or too large is
+refused early. Unquoted scalars follow YAML 1.2: no times, no base-60 numbers.
 """
 
 from __future__ import annotations
@@ -20,14 +19,14 @@ from mirrorcam.core.errors import InputError
 from mirrorcam.core.messages import shortened
 
 LARGEST_BYTES = 5_000_000
-"""Of a calibration as text; that of a hundred cameras takes 0.1 MB."""
+"""Limit for a calibration as text; a hundred cameras take 0.1 MB."""
 YAML_SUFFIXES = (".yaml", ".yml")
 DEEPEST = 32
 MOST_VALUES = 300_000
-"""Values of one text; those that an alias stands for count as often as it is there."""
+"""Limit on the values of a file; each use of an alias counts all its values."""
 OPENCV_TAGS = frozenset(f"tag:yaml.org,2002:opencv-{kind}" for kind in ("matrix", "nd-matrix"))
-"""OpenCV's matrices are mappings."""
-# By libyaml where PyYAML was built with it, as its wheels are: much faster.
+"""OpenCV's matrices, read as mappings."""
+# PyYAML's wheels include libyaml, which is much faster.
 _LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 _OPENCV_HEAD = "%YAML:1.0"
 _TAG_DIRECTIVE = re.compile(r"^%TAG", re.MULTILINE)
@@ -44,10 +43,9 @@ _NO_KEY = object()
 
 
 def read_yaml(path: Path) -> Any:
-    """The value of a YAML file, or InputError in one line.
+    """Content of a YAML file; raises InputError for an invalid file.
 
-    Of several documents, as `ros2 topic echo` prints messages, it is the first: the others may differ in their
-    `header` alone.
+    `ros2 topic echo` prints several documents. They may differ only in `header`; the first is returned.
     """
     text = read_text(path)
     try:
@@ -55,7 +53,7 @@ def read_yaml(path: Path) -> Any:
     except InputError as error:
         raise InputError(shortened(f"{path}: {error}", 250)) from None
     if any(_without_header(each) != _without_header(documents[0]) for each in documents[1:]):
-        raise InputError(f"{path}: {len(documents)} documents that differ, expected one, or messages that are alike")
+        raise InputError(f"{path}: {len(documents)} different documents, expected one, or identical messages")
     return documents[0] if documents else None
 
 
@@ -64,32 +62,32 @@ def _without_header(value: Any) -> Any:
 
 
 def read_text(path: Path) -> str:
-    """The text of a file in UTF-8, or InputError in one line."""
+    """Text of a UTF-8 file; raises InputError for anything else."""
     try:
         return read_bytes(path, LARGEST_BYTES).decode("utf-8-sig")
     except UnicodeDecodeError:
-        raise InputError(f"{path}: not text in UTF-8, expected a calibration as text") from None
+        raise InputError(f"{path}: is not UTF-8, expected a calibration as text") from None
 
 
 def table(value: Any, where: str) -> dict[str, Any]:
-    """A mapping of names to values; raises InputError for anything else."""
+    """Check that a value is a mapping with string keys; raises InputError for anything else."""
     if not isinstance(value, dict) or not all(isinstance(key, str) for key in value):
         raise InputError(f"{where}: expected names with values")
     return value
 
 
 def entry(values: dict[str, Any], key: str, where: str) -> Any:
-    """A value that must be there; raises InputError where it is not."""
+    """A required value; raises InputError if it is missing."""
     if values.get(key) is None:
         raise InputError(f"{where}: {key} is missing")
     return values[key]
 
 
 def yaml_documents(text: str) -> list[Any]:
-    """The values of the documents of a text; raises InputError in one line for anything but plain values."""
-    if text.startswith(_OPENCV_HEAD):  # OpenCV's head, which is none of YAML
+    """Content of all documents of a text; raises InputError for anything but plain values."""
+    if text.startswith(_OPENCV_HEAD):  # invalid YAML
         text = text.partition("\n")[2]
-    if _TAG_DIRECTIVE.search(text):  # of many, each is compared with all
+    if _TAG_DIRECTIVE.search(text):  # PyYAML's time is quadratic in their number
         raise InputError("not valid YAML: a directive %TAG, expected plain values")
     composer = _Composer()
     try:
@@ -104,7 +102,7 @@ def yaml_documents(text: str) -> list[Any]:
 
 @dataclass
 class _Open:
-    """A list or a mapping that has not ended, and the key whose value is to come."""
+    """An open list or mapping, and the key whose value comes next."""
 
     value: dict[str, Any] | list[Any]
     anchor: str | None
@@ -113,7 +111,7 @@ class _Open:
 
 
 class _Composer:
-    """Puts values together from events."""
+    """Builds values from the parser's events."""
 
     def __init__(self) -> None:
         self.documents: list[Any] = []
@@ -122,7 +120,7 @@ class _Composer:
         self._count = 0
 
     def take(self, event: yaml.Event) -> None:
-        """Take the next event; raises InputError for one of no plain value."""
+        """Process the next event; raises InputError for anything but plain values."""
         if isinstance(event, yaml.ScalarEvent):
             self._counted(1)
             if event.tag is not None:
@@ -141,7 +139,7 @@ class _Composer:
             self._put(ended.value, event, ended.anchor, self._count - ended.begun + 1)
         elif isinstance(event, yaml.AliasEvent):
             if event.anchor not in self._anchors:
-                raise _refusal(f"an alias {event.anchor[:40]!r} of nothing before it", event)
+                raise _refusal(f"an alias {event.anchor[:40]!r} without an anchor before it", event)
             value, size = self._anchors[event.anchor]
             self._counted(size)
             self._put(value, event)
@@ -151,7 +149,7 @@ class _Composer:
 
     @property
     def _at_key(self) -> bool:
-        """Whether a key comes next; it is a text, however it looks: integers could all have one hash."""
+        """Whether a key comes next. Keys remain strings: crafted integers could all collide."""
         return bool(self._open) and isinstance(self._open[-1].value, dict) and self._open[-1].key is _NO_KEY
 
     def _counted(self, size: int) -> None:
@@ -160,7 +158,7 @@ class _Composer:
             raise InputError(f"not valid YAML: more than {MOST_VALUES} values")
 
     def _put(self, value: Any, event: yaml.Event, anchor: str | None = None, size: int = 1) -> None:
-        """Put a value into what is open; without anything open, it is a document."""
+        """Add a value to the innermost open list or mapping; without one, it is a document."""
         anchor = event.anchor if isinstance(event, yaml.ScalarEvent) else anchor
         if anchor is not None:
             self._anchors[anchor] = value, size
@@ -173,7 +171,7 @@ class _Composer:
         elif into.key is not _NO_KEY:
             into.value[into.key], into.key = value, _NO_KEY
         elif not isinstance(value, str):
-            raise _refusal("a key that is no text, expected a name", event)
+            raise _refusal("a key that is no string, expected a name", event)
         elif value in into.value:
             raise _refusal(f"the key {value[:40]!r} appears twice", event)
         elif value == "<<":
@@ -183,7 +181,7 @@ class _Composer:
 
 
 def _scalar(event: yaml.ScalarEvent) -> Any:
-    """The value of a scalar: a text where it is quoted."""
+    """The value of a scalar; a string if it is quoted."""
     text: str = event.value
     if not event.implicit[0]:
         return text
@@ -194,5 +192,5 @@ def _scalar(event: yaml.ScalarEvent) -> Any:
     return float(text) if _FLOAT.fullmatch(text) else text
 
 
-def _refusal(what: str, event: yaml.Event) -> InputError:
-    return InputError(f"not valid YAML: line {event.start_mark.line + 1}: {what}")
+def _refusal(reason: str, event: yaml.Event) -> InputError:
+    return InputError(f"not valid YAML: line {event.start_mark.line + 1}: {reason}")

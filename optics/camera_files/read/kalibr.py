@@ -1,6 +1,6 @@
-"""Kalibr's camchain: `cam0`, `cam1`, …, each with the pose T_cn_cnm1 after the one before, in metres.
+"""Kalibr's camchain: `cam0`, `cam1`, …, each with the pose T_cn_cnm1 relative to the previous camera, in metres.
 
-`camchain-imucam` files have the pose T_cam_imu too, which serves where the chain has gaps.
+If the chain has gaps, the pose T_cam_imu of `camchain-imucam` files replaces it.
 """
 
 from __future__ import annotations
@@ -30,16 +30,16 @@ from mirrorcam.optics.geometry.transforms import rigid
 FORMAT = "kalibr"
 SPHERES: dict[str, SphereName] = {"omni": "unified", "eucm": "extended_unified", "ds": "double_sphere"}
 COUNTS = {"pinhole": 4, "omni": 5, "eucm": 6, "ds": 6}
-"""Numbers of `intrinsics`: those of the sphere, then fu, fv, pu, pv."""
+"""Number of `intrinsics`: the parameters of the sphere, then fu, fv, pu, pv."""
 
 
 def is_kalibr(value: Any) -> bool:
-    """Whether the value of a YAML file is a camchain."""
+    """Whether the content of a YAML file is a camchain."""
     return isinstance(value, dict) and isinstance(value.get("cam0"), dict) and "camera_model" in value["cam0"]
 
 
 def read_kalibr(path: Path) -> CameraRig:
-    """The cameras of a camchain; raises InputError in one line for anything else."""
+    """The cameras of a camchain; raises InputError for anything else."""
     chain = table(read_yaml(path), str(path))
     names = [f"cam{number}" for number in range(len(chain))]
     if not chain or set(names) != set(chain):
@@ -64,7 +64,7 @@ def read_kalibr(path: Path) -> CameraRig:
 
 
 def _name(name: str, part: dict[str, Any]) -> str:
-    """The name of the view in the topic, where there is one, which says more than the camera's place in the chain."""
+    """The name of the view in the topic, else the camera's name in the chain."""
     named = re.search(r"view_\d+_\d+", str(part.get("rostopic", "")))
     return named[0] if named else name
 

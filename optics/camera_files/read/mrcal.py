@@ -1,4 +1,4 @@
-"""mrcal's `.cameramodel` files, one a camera: a Python literal, read as data. Poses are rt_fromref, in metres."""
+"""mrcal's `.cameramodel` files, one per camera: a Python literal, parsed as data. Poses are rt_cam_ref, in metres."""
 
 from __future__ import annotations
 
@@ -31,15 +31,15 @@ FORMAT, SUFFIX = "mrcal", ".cameramodel"
 PREFIX = "LENSMODEL_"
 OPENCV = {"OPENCV4": 4, "OPENCV5": 5, "OPENCV8": 8, "OPENCV12": 12}
 LARGEST_BYTES = 50_000_000
-"""Files carry the inputs of their optimisation, which are not read."""
+"""Files include the inputs of their optimisation, which are ignored."""
 LARGEST_OUTLINE_BYTES = 300_000
-"""Of a file without the texts in it, which those inputs are: Python's parser takes half a second for this much."""
+"""Limit for a file without its strings, which hold those inputs: Python parses this much in half a second."""
 _TEXTS = re.compile(rb"\"(?:[^\"\\\n]|\\.?)*+\"?|'(?:[^'\\\n]|\\.?)*+'?|#[^\n]*+", re.DOTALL)
 POSE_KEYS = ("extrinsics", "rt_cam_ref")
 
 
 def read_mrcal(paths: Sequence[Path]) -> CameraRig:
-    """The cameras of some files, each named as its file."""
+    """The cameras of files with one camera each, named by file."""
     return CameraRig(FORMAT, tuple(_camera(path) for path in paths), unit_mm=1000.0)
 
 
@@ -56,20 +56,20 @@ def _camera(path: Path) -> RigCamera:
 def _literal(path: Path) -> Any:
     raw = read_bytes(path, LARGEST_BYTES)
     if len(_TEXTS.sub(b"", raw)) > LARGEST_OUTLINE_BYTES:
-        raise InputError(f"{path}: no camera model of mrcal: holds more than the numbers of one")
+        raise InputError(f"{path}: no camera model of mrcal: too large")
     try:
-        with catch_warnings(action="ignore"):  # of odd escapes and comparisons
+        with catch_warnings(action="ignore"):  # about invalid escapes and comparisons
             tree = ast.parse(raw.decode("utf-8-sig").strip(" \t\r\n"), mode="eval")
         if not all(map(_is_plain, ast.walk(tree))):
-            raise ValueError("a set, or a key that is no text")
+            raise ValueError("a set, or a key that is no string")
         return ast.literal_eval(tree)
     except (ValueError, SyntaxError, TypeError, MemoryError, RecursionError) as error:
-        reason = " ".join(str(error).partition(": <ast")[0].split())  # without the address of the part
+        reason = " ".join(str(error).partition(": <ast")[0].split())  # drop the node's address
         raise InputError(shortened(f"{path}: no camera model of mrcal: {reason}", 200)) from None
 
 
 def _is_plain(node: ast.AST) -> bool:
-    """Whether a part of a literal hashes nothing but texts: numbers could all have one hash."""
+    """Whether a node of a literal hashes only strings: crafted numbers could all collide."""
     if isinstance(node, ast.Dict):
         return all(isinstance(key, ast.Constant) and isinstance(key.value, str) for key in node.keys)
     return not isinstance(node, ast.Set)
@@ -84,7 +84,7 @@ def _lens(values: dict[str, Any], where: str, size: tuple[int, int]) -> Projecti
         known = ", ".join(PREFIX + each for each in ("PINHOLE", "STEREOGRAPHIC", *OPENCV))
         raise InputError(f"{where}: lens_model {model[:60]!r}, expected one of {known}")
     if len(given) != expected:
-        raise InputError(f"{where}: intrinsics: {len(given)} numbers, expected {expected} of {model}")
+        raise InputError(f"{where}: intrinsics: {len(given)} numbers, expected {expected} for {model}")
     core, distortion = given[:4], given[4:]
     if name == "STEREOGRAPHIC":  # 2 tan(a / 2) = 2 r / (z + d)
         core = [2.0 * core[0], 2.0 * core[1], *core[2:]]

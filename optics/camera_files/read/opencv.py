@@ -1,12 +1,12 @@
-"""OpenCV's FileStorage (YAML or JSON) in the layouts that its own programs and this project write.
+"""OpenCV's FileStorage (YAML or JSON) with the keys of OpenCV's programs and of this project.
 
 - our `opencv.yaml`: a list `views` of cameras with `name`, `camera_matrix`, `distortion_coefficients`, `R`, `T`;
-- the sample `calibration`: one camera a file, `camera_matrix` and `distortion_coefficients`, named as the file;
+- the sample `calibration`: one camera per file, `camera_matrix` and `distortion_coefficients`, named by the file;
 - the sample `stereo_calib`: `M1`, `D1`, `M2`, `D2` with `R`, `T`, in one file or in `intrinsics` and `extrinsics`;
-- cameras by their names: a mapping each, with the same keys.
+- named cameras: one mapping each, with the same keys.
 
-A pose is `R` or `rvec`, and `T` or `tvec` (or `rotation`, `translation`): x_camera = R x_rig + T. Its unit is that of
-the board in `calibrateCamera`; a key `unit` says which, else it is taken for mm.
+A pose is `R` or `rvec`, and `T` or `tvec` (or `rotation`, `translation`): x_camera = R x_rig + T. Its unit is the
+unit of the board in `calibrateCamera`; the key `unit` states it, the default is mm.
 """
 
 from __future__ import annotations
@@ -39,16 +39,16 @@ LENSES = {4: "brown_conrady", 5: "brown_conrady", 8: "rational", 12: "thin_prism
 FISHEYE = ("fisheye", "equidistant", "kannala_brandt")
 UNITS_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
 FLIPS: dict[int, PictureFlip] = {0: "top-bottom", 1: "left-right"}
-"""Codes of `cv2.flip`."""
+"""Flips by code of `cv2.flip`."""
 CORE = np.array([[True, False, True], [False, True, True], [False, False, False]])
-"""Where a camera matrix has fx, fy, cx and cy."""
+"""Mask of fx, fy, cx and cy in a camera matrix."""
 KEYS = ("camera_matrix", "K", "cameraMatrix")
 DISTORTION_KEYS = ("distortion_coefficients", "D", "distCoeffs", "distortion")
 TURN_KEYS, SHIFT_KEYS = ("R", "rvec", "rotation"), ("T", "tvec", "translation", "t")
 
 
 def is_opencv(value: Any) -> bool:
-    """Whether the value of a YAML or JSON file holds cameras as OpenCV's programs write them."""
+    """Whether the content of a YAML or JSON file has cameras in OpenCV's format."""
     return bool(isinstance(value, dict) and (_cameras_in(value) or {"M1", "M2"} & value.keys()))
 
 
@@ -61,16 +61,16 @@ def _cameras_in(values: dict[str, Any]) -> bool:
 
 
 def read_value(path: Path) -> Any:
-    """What a FileStorage of YAML or JSON holds, with matrices as mappings; InputError in one line otherwise."""
+    """Content of a FileStorage in YAML or JSON, with matrices as mappings; raises InputError for other files."""
     if path.suffix.lower() == ".xml":
         raise InputError(f"{path}: a FileStorage as XML, expected YAML or JSON")
     if path.suffix.lower() == ".json":
-        return read_json(path, LARGEST_LAYOUT_BYTES)  # it may be a layout of ours
+        return read_json(path, LARGEST_LAYOUT_BYTES)  # may be one of our layouts
     return read_yaml(path)
 
 
 def read_opencv(paths: tuple[Path, ...]) -> CameraRig:
-    """The cameras of one file, of the two of `stereo_calib`, or of files of one camera each."""
+    """The cameras of one file, of the two files of `stereo_calib`, or of files with one camera each."""
     files = [(path, table(read_value(path), str(path))) for path in paths]
     if any("M1" in values for _, values in files):
         return _stereo(files)
@@ -78,16 +78,16 @@ def read_opencv(paths: tuple[Path, ...]) -> CameraRig:
     for path, values in files:
         cameras += _cameras_of(path, values, by_file=len(files) > 1)
     if not cameras:
-        raise InputError(f"{paths[0]}: no camera in it, expected camera_matrix and distortion_coefficients")
+        raise InputError(f"{paths[0]}: contains no camera, expected camera_matrix and distortion_coefficients")
     posed = [camera.camera_from_rig is not None for camera in cameras]
     if any(posed) and not all(posed):
         name = cameras[posed.index(False)].name
-        raise InputError(f"{paths[0]}: camera {name[:40]!r} has no pose, expected R and T of all or of none")
+        raise InputError(f"{paths[0]}: camera {name[:40]!r} has no pose, expected R and T for all cameras or none")
     flips = {
         int(number_of(values["flip_code"], f"{path}: flip_code")) for path, values in files if "flip_code" in values
     }
     if not flips <= FLIPS.keys() or len(flips) > 1:
-        raise InputError(f"{paths[0]}: flip_code {sorted(flips)}, expected 0 or 1 of all pictures")
+        raise InputError(f"{paths[0]}: flip_code {sorted(flips)}, expected 0 or 1 for all pictures")
     return CameraRig(
         FORMAT,
         tuple(cameras),
@@ -98,7 +98,8 @@ def read_opencv(paths: tuple[Path, ...]) -> CameraRig:
 
 
 def _unit_note(files: list[tuple[Path, dict[str, Any]]]) -> tuple[str, ...]:
-    return () if any("unit" in values for _, values in files) else ("poses are taken for mm, as no unit is stated",)
+    stated = any("unit" in values for _, values in files)
+    return () if stated else ("the file states no unit of poses: mm is assumed",)
 
 
 def _unit_mm(files: list[tuple[Path, dict[str, Any]]]) -> float:
@@ -111,7 +112,7 @@ def _unit_mm(files: list[tuple[Path, dict[str, Any]]]) -> float:
 
 
 def _cameras_of(path: Path, values: dict[str, Any], *, by_file: bool) -> list[RigCamera]:
-    """The cameras of a file; `by_file` names the only one as the file."""
+    """The cameras of a file; `by_file` names a single camera by its file."""
     if isinstance(values.get("views"), list):
         parts = [table(each, f"{path}: views") for each in values["views"]]
         named = [(str(entry(part, "name", f"{path}: views")), part) for part in parts]
@@ -123,7 +124,7 @@ def _cameras_of(path: Path, values: dict[str, Any], *, by_file: bool) -> list[Ri
 
 
 def _shared(values: dict[str, Any]) -> dict[str, Any]:
-    """What all cameras of a file have in common."""
+    """Values that all cameras of a file share."""
     return {key: values[key] for key in ("image_width", "image_height", "distortion_model") if key in values}
 
 
@@ -131,14 +132,14 @@ def _camera(path: Path, name: str, part: dict[str, Any]) -> RigCamera:
     where = f"{path}: {name[:60]}"
     sizes = [part[key] for key in ("image_width", "image_height") if key in part]
     size = size_of(sizes, f"{where}: image_width, image_height") if sizes else None
-    found = _first(part, DISTORTION_KEYS)
-    found = [0.0] * 5 if found is None else found
-    lens = lens_of(where, _first(part, KEYS), found, str(part.get("distortion_model")), size)
+    distortion = _first(part, DISTORTION_KEYS)
+    distortion = [0.0] * 5 if distortion is None else distortion
+    lens = lens_of(where, _first(part, KEYS), distortion, str(part.get("distortion_model")), size)
     return RigCamera(name, lens, _pose(part, where), size)
 
 
 def lens_of(where: str, camera_matrix: Any, distortion: Any, model: str, size: tuple[int, int] | None) -> Camera:
-    """A camera from OpenCV's camera matrix and distortion coefficients, 4 of which may be of its fisheye module."""
+    """A camera from OpenCV's camera matrix and distortion coefficients; `model` selects the fisheye module."""
     k = matrix_of(camera_matrix, f"{where}: camera_matrix")
     if k.shape != (3, 3) or not np.array_equal(k * ~CORE, np.diag([0.0, 0.0, 1.0])):
         raise InputError(f"{where}: camera_matrix: expected [fx 0 cx; 0 fy cy; 0 0 1]")
@@ -146,7 +147,7 @@ def lens_of(where: str, camera_matrix: Any, distortion: Any, model: str, size: t
     core = [k[0, 0], k[1, 1], k[0, 2], k[1, 2]]
     if model.lower() in FISHEYE:
         if len(values) != 4:
-            raise InputError(f"{where}: distortion: {len(values)} numbers, expected 4 of a fisheye")
+            raise InputError(f"{where}: distortion: {len(values)} numbers, expected 4 for a fisheye")
         return camera_of(where, core, "fisheye", values, size)
     values = values or [0.0] * 5
     if len(values) not in LENSES:
@@ -158,14 +159,14 @@ def lens_of(where: str, camera_matrix: Any, distortion: Any, model: str, size: t
 
 
 def matrix_of(value: Any, where: str) -> FloatArray:
-    """A matrix of FileStorage, or nested lists."""
+    """Array from a matrix in FileStorage or from nested lists."""
     if isinstance(value, dict):
         data = numbers_of(entry(value, "data", where), where)
-        if "sizes" in value:  # of an array with one axis, as OpenCV 5 writes it
+        if "sizes" in value:  # a one-dimensional array of OpenCV 5
             return np.array(data)
         rows, cols = (int(number_of(entry(value, key, where), where)) for key in ("rows", "cols"))
         if rows < 0 or cols < 0 or rows * cols != len(data):
-            raise InputError(f"{where}: {len(data)} numbers in {rows} x {cols}")
+            raise InputError(f"{where}: {len(data)} numbers, expected {rows} x {cols}")
         return np.array(data).reshape(rows, cols)
     if isinstance(value, list) and value and all(isinstance(row, list) for row in value):
         rows_of = [numbers_of(row, where) for row in value]
@@ -190,7 +191,7 @@ def _pose(part: dict[str, Any], where: str) -> FloatArray | None:
 
 
 def _stereo(files: list[tuple[Path, dict[str, Any]]]) -> CameraRig:
-    """Two cameras, `first` and `second`, as the sample `stereo_calib` writes them."""
+    """The cameras `first` and `second` of the sample `stereo_calib`."""
     path, joint = files[0][0], {key: value for _, values in files for key, value in values.items()}
     model = str(joint.get("distortion_model"))
     cameras = []
@@ -199,7 +200,7 @@ def _stereo(files: list[tuple[Path, dict[str, Any]]]) -> CameraRig:
         matrix, distortion = (entry(joint, f"{letter}{number}", where) for letter in "MD")
         pose = np.eye(4) if number == 1 else _pose(joint, where)
         if pose is None:
-            raise InputError(f"{path}: no R and T beside M1 and M2, expected extrinsics too")
+            raise InputError(f"{path}: M1 and M2 without R and T, expected the extrinsics too")
         cameras.append(RigCamera(name, lens_of(where, matrix, distortion, model, None), pose, None))
     return CameraRig(FORMAT, tuple(cameras), unit_mm=_unit_mm(files), notes=_unit_note(files))
 

@@ -1,4 +1,4 @@
-"""Which format a calibration is in, and the reader of each."""
+"""Detection of a calibration's format, and the reader of each format."""
 
 from __future__ import annotations
 
@@ -21,32 +21,32 @@ from mirrorcam.optics.geometry.transforms import rigid
 FormatName = Literal["kalibr", "opencv", "ros", "colmap", "mrcal", "anipose", "mirrorcam"]
 FORMATS: tuple[FormatName, ...] = get_args(FormatName)
 UNITS_MM: dict[str, float | None] = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "none": None}
-"""What `--unit` may say: `none` of poses that have no scale."""
+"""Values of `--unit`; `none` for poses without scale."""
 SUBFOLDERS = {name: name for name in ("ros", "colmap", "anipose")}
-"""Where `mirrorcam camera export` puts files of several."""
+"""Subfolders in which `mirrorcam camera export` puts files."""
 FARTHEST = 1e12
-"""No number of a pose is larger, whatever its unit."""
+"""Largest number in a pose, whatever its unit."""
 MOST_FILES = 1000
-"""Files of a folder that are looked at."""
+"""Largest number of files to examine in a folder."""
 UNREAD = {
-    ".pickle": "a pickle, such as DeepLabCut's, is never opened",
-    ".urdf": "a URDF has poses alone, which are read with the camera_info files beside it (ros/)",
-    ".ini": "what camera_calibration writes as .ini it writes as .yaml, too, which is read",
-    "ost.txt": "what camera_calibration writes as ost.txt it writes as ost.yaml, too, which is read",
-    "transforms.json": "nerfstudio's cameras do not say where their pictures lie in the frame",
-    "rig_config.json": "COLMAP's rig_config.json has no lenses of its own, its model has (colmap/sparse)",
+    ".pickle": "pickles, such as DeepLabCut's, are never opened",
+    ".urdf": "a URDF contains only poses; they are read with the camera_info files next to it (ros/)",
+    ".ini": "camera_calibration's .ini files are not read, its .yaml files are",
+    "ost.txt": "camera_calibration's ost.txt is not read, its ost.yaml is",
+    "transforms.json": "nerfstudio's cameras do not state the position of their pictures in the frame",
+    "rig_config.json": "COLMAP's rig_config.json contains no lenses, its model does (colmap/sparse)",
     **dict.fromkeys(
         (f"{name}.{ending}" for name in ("images", "rigs", "frames", "points3D") for ending in ("txt", "bin")),
-        "a file of a COLMAP model, which is given as its folder",
+        "this file is part of a COLMAP model, expected its folder",
     ),
 }
-"""What `mirrorcam camera export` and other tools write that holds no cameras to score, by the name or the ending."""
+"""Reasons why known files contain no cameras to score, by file name or suffix."""
 FORMAT = "mirrorcam"
 
 
 @dataclass(frozen=True)
-class Found:
-    """A calibration of a format: its files, or its folder."""
+class Detected:
+    """A calibration: its format, and its files or its folder."""
 
     format: FormatName
     paths: tuple[Path, ...]
@@ -59,7 +59,7 @@ READERS: dict[FormatName, Callable[[tuple[Path, ...]], CameraRig]] = {
     "colmap": lambda paths: colmap.read_colmap(paths[0]),
     "mrcal": mrcal.read_mrcal,
     "anipose": lambda paths: anipose.read_anipose(paths[0]),
-    "mirrorcam": lambda paths: read_layout(paths[0]),
+    "mirrorcam": lambda paths: rig_of(Layout.load(paths[0])),
 }
 
 
@@ -69,53 +69,53 @@ def read_rig(path: Path, format: FormatName | None = None, unit: str | None = No
     Parameters
     ----------
     path
-        Its file, or the folder that holds nothing else in a format of these.
+        File, or folder with a single calibration in a known format.
     format
-        Which format; None: as the content says.
+        Format; by default detected from the content.
     unit
-        Unit of poses, one of `UNITS_MM`; None: that of the format or the file.
+        Unit of poses, one of `UNITS_MM`; by default the unit of the format or the file.
 
     Raises
     ------
     InputError
-        In one line where nothing of a known format is there, or several are.
+        If there is no calibration in a known format, or more than one.
     """
-    found = _found(path)
+    detected = _detect(path)
     if format is not None:
-        found = [each for each in found if each.format == format] or _in_subfolder(path, format)
-    if not found:
+        detected = [each for each in detected if each.format == format] or _in_subfolder(path, format)
+    if not detected:
         expected = " or ".join(FORMATS) if format is None else format
-        why = unread(path)
+        why = reason_unread(path)
         known = f"no calibration in a known format, expected {expected}"
         raise InputError(f"{path}: {f'{why}, expected layout.json or opencv.yaml' if why else known}")
-    if len(found) > 1:
-        names = ", ".join(each.format for each in found)
+    if len(detected) > 1:
+        names = ", ".join(each.format for each in detected)
         raise InputError(f"{path}: calibrations as {names}, expected --format of one of them")
-    rig = READERS[found[0].format](found[0].paths)
+    rig = READERS[detected[0].format](detected[0].paths)
     for camera in rig.cameras:
         if camera.camera_from_rig is not None and not (np.abs(camera.camera_from_rig) <= FARTHEST).all():
             raise InputError(
-                f"{path}: camera {camera.name[:40]!r} is beyond all bounds, expected a pose near the others"
+                f"{path}: the pose of camera {camera.name[:40]!r} is out of range, expected numbers up to {FARTHEST:g}"
             )
-    return rig if unit is None else replace(rig, unit_mm=UNITS_MM[unit], notes=rig.notes)
+    return rig if unit is None else replace(rig, unit_mm=UNITS_MM[unit])
 
 
 def formats_in(path: Path) -> tuple[FormatName, ...]:
     """The formats of the calibrations in a file or folder; raises InputError for a file that cannot be read."""
-    return tuple(each.format for each in _found(path))
+    return tuple(each.format for each in _detect(path))
 
 
-def _found(path: Path) -> list[Found]:
+def _detect(path: Path) -> list[Detected]:
     return _in_folder(path) if path.is_dir() else _of_file(path)
 
 
-def unread(path: Path) -> str:
-    """Why a file, or one in a folder, is of a known kind and no calibration; empty where it is not."""
+def reason_unread(path: Path) -> str:
+    """Why a file, or a file in a folder, is known to contain no cameras to score; "" if it is not known."""
     names = [path.name] if not path.is_dir() else [each.name for each in path.iterdir()][:MOST_FILES]
     return next((why for name in names for ending, why in UNREAD.items() if name.endswith(ending)), "")
 
 
-def _in_subfolder(path: Path, format: FormatName) -> list[Found]:
+def _in_subfolder(path: Path, format: FormatName) -> list[Detected]:
     name = SUBFOLDERS.get(format)
     inner = None if name is None or not is_inside(path, name) else path / name
     if inner is None or not inner.is_dir():
@@ -124,7 +124,7 @@ def _in_subfolder(path: Path, format: FormatName) -> list[Found]:
 
 
 def _kind(path: Path) -> FormatName | None:
-    """The format of one file; None of what is in none of them."""
+    """The format of one file; None if unknown."""
     suffix = path.suffix.lower()
     if suffix == mrcal.SUFFIX:
         return "mrcal"
@@ -145,55 +145,46 @@ def _kind_of(value: Any) -> FormatName | None:
     return "opencv" if opencv.is_opencv(value) else None
 
 
-def _of_file(path: Path) -> list[Found]:
+def _of_file(path: Path) -> list[Detected]:
     if path.suffix.lower() == ".xml":
-        opencv.read_value(path)  # refuses it
+        opencv.read_value(path)  # raises InputError
     if path.name.startswith("cameras.") and colmap.model_folder(path.parent) == path.parent / ".":
-        return [Found("colmap", (path.parent,))]
+        return [Detected("colmap", (path.parent,))]
     kind = _kind(path)
-    return [] if kind is None else [Found(kind, (path,))]
+    return [] if kind is None else [Detected(kind, (path,))]
 
 
-def _in_folder(folder: Path) -> list[Found]:
-    """What a folder holds: a format a time, those of several files as one calibration."""
+def _in_folder(folder: Path) -> list[Detected]:
+    """The calibrations in a folder, at most one per format; files with one camera each form one calibration."""
     files: dict[FormatName, list[Path]] = {}
     names = sorted(path for path in folder.iterdir() if path.is_file())
     if sum(path.stat().st_size for path in names[:MOST_FILES] if path.suffix.lower() in YAML_SUFFIXES) > LARGEST_BYTES:
         most = LARGEST_BYTES // 1_000_000
-        raise InputError(f"{folder}: holds more than {most} MB of YAML, expected the files of one calibration")
+        raise InputError(f"{folder}: contains more than {most} MB of YAML, expected the files of one calibration")
     for path in names[:MOST_FILES]:
         kind = _kind(path)
         if kind is not None:
             files.setdefault(kind, []).append(path)
-    if "opencv" in files and (stereo := _extrinsics(names)) is not None and stereo not in files["opencv"]:
-        files["opencv"].append(stereo)
+    if "opencv" in files:  # the extrinsics of `stereo_calib` contain no camera to detect
+        stereo = [path for path in names if path.stem == "extrinsics" and path.suffix in YAML_SUFFIXES][:1]
+        files["opencv"] += [path for path in stereo if path not in files["opencv"]]
     single: tuple[FormatName, ...] = ("kalibr", "anipose", "mirrorcam")
     for kind in single:
         if len(files.get(kind, ())) > 1:
             listed = ", ".join(path.name for path in files[kind][:5])
             raise InputError(f"{folder}: several calibrations as {kind} ({listed}), expected one")
-    found = [Found(kind, tuple(paths)) for kind, paths in files.items()]
+    detected = [Detected(kind, tuple(paths)) for kind, paths in files.items()]
     model = colmap.model_folder(folder)
-    return found if model is None else [*found, Found("colmap", (model,))]
-
-
-def _extrinsics(names: list[Path]) -> Path | None:
-    """The extrinsics of `stereo_calib`, which name no camera."""
-    return next((path for path in names if path.stem == "extrinsics" and path.suffix in YAML_SUFFIXES), None)
+    return detected if model is None else [*detected, Detected("colmap", (model,))]
 
 
 def is_layout(value: Any) -> bool:
-    """Whether the value of a JSON file is a layout."""
+    """Whether the content of a JSON file is a layout."""
     return isinstance(value, dict) and str(value.get("schema", "")).startswith("mirrorcam.layout/")
 
 
-def read_layout(path: Path) -> CameraRig:
-    """The mirrors of a layout as cameras; raises InputError in one line where it is none."""
-    return rig_of(Layout.load(path))
-
-
 def rig_of(layout: Layout) -> CameraRig:
-    """The mirrors of a layout as cameras whose poses are reflections; its covariance stays that of its parameters."""
+    """The mirrors of a layout as cameras with reflections as poses, and the covariance of the layout's parameters."""
     size = layout.camera.width_px, layout.camera.height_px
     cameras = []
     for number, mirror in enumerate(layout.mirrors):

@@ -1,8 +1,8 @@
-"""ROS: `camera_info` files, as `camera_calibration` and `camera_info_manager` write them, one a camera.
+"""ROS `camera_info` files of `camera_calibration` and `camera_info_manager`, one per camera.
 
-A message as `ros2 topic echo` (or `rostopic echo`) prints it is such a file, too: its names are shorter.
-They hold no poses. Those are of the optical frames in a URDF, or in the `/tf_static` message as YAML, in the same
-folder or the one above; without them, cameras are judged each alone. In metres.
+Messages printed by `ros2 topic echo` (or `rostopic echo`) are accepted too; they have shorter keys. The files contain
+no poses. Poses, in metres, are those of the optical frames in a URDF or in the `/tf_static` message as YAML, in the
+same folder or its parent. Without poses, cameras are scored individually.
 """
 
 from __future__ import annotations
@@ -26,48 +26,48 @@ from mirrorcam.optics.geometry.transforms import inverse, rigid
 FORMAT = "ros"
 MODELS = {"plumb_bob": 5, "rational_polynomial": 8, "equidistant": 4, "fisheye": 4}
 KEYS = {"image_width": "width", "image_height": "height", "camera_matrix": "k", "distortion_coefficients": "d"}
-"""Names in a message, by those in a file of one camera."""
+"""Keys of a message by the keys of a file."""
 MESSAGES = tuple({"header", "width", "height", *names} for names in ("kdp", "KDP"))
-"""What messages of ROS 2 and ROS 1 have."""
+"""Keys of messages in ROS 2 and ROS 1."""
 ABBREVIATED = "..."
 DEEPEST = 1000
-"""Links from the root of a robot to a camera, at most."""
+"""Largest number of links from the root of a robot to a camera."""
 
 
 def is_ros(value: Any) -> bool:
-    """Whether the value of a YAML file is a camera_info."""
+    """Whether the content of a YAML file is a camera_info."""
     if not isinstance(value, dict):
         return False
     return {"camera_matrix", "projection_matrix"} <= value.keys() or any(each <= value.keys() for each in MESSAGES)
 
 
 def is_tf(value: Any) -> bool:
-    """Whether the value of a YAML file is a message of transforms."""
+    """Whether the content of a YAML file is a message of transforms."""
     return isinstance(value, dict) and isinstance(value.get("transforms"), list)
 
 
 def read_ros(paths: Sequence[Path]) -> CameraRig:
-    """The cameras of some camera_info files, with poses where a URDF or transforms beside them have their frames."""
-    found = [(path, _camera_info(path)) for path in paths]
-    frames = _frames_beside(paths[0].parent)
-    cameras, lost = [], []
-    for path, values in found:
+    """The cameras of camera_info files, with poses if an adjacent URDF or message of transforms has their frames."""
+    frames = _adjacent_frames(paths[0].parent)
+    cameras, unposed = [], []
+    for path in paths:
+        values = _camera_info(path)
         name = str(values.get("camera_name", path.stem))[:100]
         size = size_of([entry(values, key, str(path)) for key in ("image_width", "image_height")], str(path))
         stems = (name, path.stem)
         names = (str(values.get("frame_id", "")), *(f"{stem}_optical_frame" for stem in stems), *stems)
         pose = next((frames[each] for each in names if each in frames), None)
         if pose is None:
-            lost.append(name)
+            unposed.append(name)
         cameras.append(RigCamera(name, _lens(path, values, size), None if pose is None else inverse(pose), size))
-    if frames and len(lost) not in (0, len(cameras)):
-        raise InputError(f"{paths[0].parent}: the URDF or the transforms lack a frame of camera {lost[0]}")
-    note = "no pose in it, and no URDF or tf_static beside it: each camera is judged alone"
-    return CameraRig(FORMAT, tuple(cameras), unit_mm=1000.0, notes=(note,) if lost else ())
+    if frames and len(unposed) not in (0, len(cameras)):
+        raise InputError(f"{paths[0].parent}: the URDF or the transforms have no frame of camera {unposed[0]}")
+    note = "no poses, as there is no URDF or tf_static: each camera is scored individually"
+    return CameraRig(FORMAT, tuple(cameras), unit_mm=1000.0, notes=(note,) if unposed else ())
 
 
 def _camera_info(path: Path) -> dict[str, Any]:
-    """The values of a camera_info by their names in files, also of a message."""
+    """The content of a camera_info file, or of a message with the keys of a file."""
     values = table(read_yaml(path), str(path))
     if not any(each <= values.keys() for each in MESSAGES):
         return values
@@ -78,7 +78,7 @@ def _camera_info(path: Path) -> dict[str, Any]:
         found |= {"camera_name": str(frame).removesuffix("_optical_frame"), "frame_id": frame}
     for name in ("camera_matrix", "distortion_coefficients"):
         if isinstance(found[name], list) and ABBREVIATED in found[name]:
-            raise InputError(f"{path}: {name} is abbreviated, expected what `ros2 topic echo --full-length` prints")
+            raise InputError(f"{path}: {name} is abbreviated, expected the output of `ros2 topic echo --full-length`")
     return found | {"camera_matrix": {"rows": 3, "cols": 3, "data": found["camera_matrix"]}}
 
 
@@ -87,14 +87,14 @@ def _lens(path: Path, values: dict[str, Any], size: tuple[int, int]) -> Camera:
     if model not in MODELS:
         raise InputError(f"{path}: distortion_model {model[:40]!r}, expected one of {', '.join(MODELS)}")
     coefficients = values.get("distortion_coefficients")
-    if isinstance(coefficients, dict):  # a vector, of which some tools state 1 x 5 whatever its length
+    if isinstance(coefficients, dict):  # ignore its shape: some tools always write 1 x 5
         coefficients = coefficients.get("data")
     zeros = [0.0] * MODELS[model]
     return lens_of(str(path), entry(values, "camera_matrix", str(path)), coefficients or zeros, model, size)
 
 
-def _frames_beside(folder: Path) -> dict[str, FloatArray]:
-    """root_from_frame (4, 4), m, by names of frames in a URDF or in transforms, of this folder or the one above."""
+def _adjacent_frames(folder: Path) -> dict[str, FloatArray]:
+    """root_from_frame (4, 4), m, by frame name, from a URDF or message of transforms in this folder or its parent."""
     for place in (folder, folder.parent):
         urdfs = sorted(place.glob("*.urdf"))
         if len(urdfs) > 1:
@@ -110,7 +110,7 @@ def _frames_beside(folder: Path) -> dict[str, FloatArray]:
 def _of_urdf(path: Path) -> dict[str, FloatArray]:
     text = read_text(path)
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
-        raise InputError(f"{path}: has a document type, expected a plain URDF")
+        raise InputError(f"{path}: contains a document type, expected a plain URDF")
     try:
         root = ElementTree.fromstring(text)
     except ElementTree.ParseError as error:
@@ -158,9 +158,9 @@ def _from_root(edges: dict[str, tuple[str, FloatArray]], path: Path) -> dict[str
             at, step = edges[at]
             pose = step @ pose
         else:
-            raise InputError(f"{path}: frame {frame[:60]!r} is below itself, expected a tree")
+            raise InputError(f"{path}: frame {frame[:60]!r} is its own ancestor, expected a tree")
         roots.add(at)
         poses[frame] = pose
     if len(roots) > 1:
-        raise InputError(f"{path}: {len(roots)} trees of frames, expected one")
+        raise InputError(f"{path}: {len(roots)} unconnected trees of frames, expected one")
     return poses

@@ -1,12 +1,12 @@
-"""Cameras of a layout in the file formats of other tools: OpenCV, ROS, URDF, Kalibr, COLMAP and nerfstudio.
+"""Cameras of a layout in the file formats of OpenCV, ROS, URDF, Kalibr, COLMAP and nerfstudio.
 
-Optical frames of ROS have x right, y down and z forward (REP 103); the base camera's is the rig frame.
+Optical frames in ROS have x right, y down and z forward (REP 103); the base camera's optical frame is the rig frame.
 
 Kalibr's reader refuses a principal point outside the first quadrant, so its cameras have the entire flipped frame. Its
-radtan model is OpenCV's without k3, its equidistant one is OpenCV's fisheye.
+radtan model is OpenCV's without k3, its equidistant model is OpenCV's fisheye.
 
-COLMAP drops cameras whose principal point lies outside their image, so its images are entire flipped frames, and masks
-tell which pixels belong to a view.
+COLMAP drops cameras whose principal point lies outside their image, so its images are entire flipped frames with masks
+of the pixels of a view.
 """
 
 from __future__ import annotations
@@ -34,12 +34,12 @@ ROS_MODELS = {"brown_conrady": "plumb_bob", "rational": "rational_polynomial", "
 URDF_ROOT = "mirrorcam_camera_link"
 URDF_CAMERA = "mirrorcam_camera_optical_frame"
 LINK_FROM_OPTICAL = np.array([[0.0, 0.0, 1.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
-"""A camera's body has x forward, y left and z up (REP 103)."""
+"""The frame of a camera's body has x forward, y left and z up (REP 103)."""
 
 
 @dataclass(frozen=True)
-class HeldLens:
-    """A view's camera in a format, and its largest distance in px from the view's own over the sub-image."""
+class FormatLens:
+    """A view's camera in the lens models of a format, and its largest error in the sub-image, px."""
 
     camera: Camera
     error_px: float
@@ -47,24 +47,24 @@ class HeldLens:
 
 @dataclass(frozen=True)
 class LensFormat:
-    """The lenses that a format can hold.
+    """The lens models of a format.
 
     Attributes
     ----------
     families
-        Lens models that it holds as they are.
+        Lens models that the format represents exactly.
     nearest
-        The one that stands for all others.
+        Lens model that is fitted to all others.
     lacks
-        Coefficients of `nearest` that it lacks.
+        Coefficients of `nearest` that the format lacks.
     """
 
     families: frozenset[LensName]
     nearest: LensName
     lacks: Collection[str] = ()
 
-    def of(self, view: VirtualCamera) -> HeldLens:
-        """The lens of a view in this format: exact where it holds it, else fitted over the view's sub-image."""
+    def of(self, view: VirtualCamera) -> FormatLens:
+        """The lens of a view in this format: exact if possible, else fitted over the view's sub-image."""
         camera = view.camera
         exact = camera.lens_model in self.families
         if exact and camera.lens_model == self.nearest:
@@ -72,38 +72,33 @@ class LensFormat:
                 value for name, value in zip(camera.lens.names, camera.distortion, strict=True) if name in self.lacks
             )
         if exact:
-            return HeldLens(camera, 0.0)
+            return FormatLens(camera, 0.0)
         cut = view.sub_image
         first = np.array([cut.x, cut.y], dtype=np.float64)
         last = first + np.array([cut.width - 1, cut.height - 1])
-        return HeldLens(*nearest_lens(camera, self.nearest, (first, last), self.lacks))
+        return FormatLens(*nearest_lens(camera, self.nearest, (first, last), self.lacks))
 
 
 OPENCV = LensFormat(frozenset({"brown_conrady", "rational", "thin_prism", "fisheye"}), "thin_prism")
-"""`cv2.projectPoints` takes 5, 8 or 12 numbers, `cv2.fisheye.projectPoints` the 4 of a fisheye lens."""
-
+"""`cv2.projectPoints` takes 5, 8 or 12 coefficients, `cv2.fisheye.projectPoints` takes 4."""
 
 ROS = LensFormat(frozenset({"brown_conrady", "rational", "fisheye"}), "rational")
 """`sensor_msgs/distortion_models.hpp`: plumb_bob, rational_polynomial, equidistant."""
 
-
 COLMAP = LensFormat(frozenset({"brown_conrady", "rational", "fisheye"}), "rational")
-"""FULL_OPENCV has k1 k2 p1 p2 k3 k4 k5 k6, OPENCV_FISHEYE k1 k2 k3 k4; its thin prisms are those of another fisheye."""
-
+"""FULL_OPENCV has k1 k2 p1 p2 k3 k4 k5 k6, OPENCV_FISHEYE k1 k2 k3 k4; its thin-prism models are other fisheyes."""
 
 NERFSTUDIO = LensFormat(frozenset({"brown_conrady", "fisheye"}), "brown_conrady")
 """OPENCV has k1 k2 k3 p1 p2, OPENCV_FISHEYE k1 k2 k3 k4."""
 
-
 KALIBR = LensFormat(frozenset({"brown_conrady", "fisheye"}), "brown_conrady", ("k3",))
-"""pinhole-radtan is the lens of Brown and Conrady without k3, pinhole-equi the fisheye lens."""
-
+"""pinhole-radtan is the Brown-Conrady lens without k3, pinhole-equi the fisheye lens."""
 
 FORMATS = {"OpenCV": OPENCV, "ROS": ROS, "COLMAP": COLMAP, "nerfstudio": NERFSTUDIO, "Kalibr": KALIBR}
 
 
 def opencv_yaml(views: tuple[VirtualCamera, ...]) -> str:
-    """The views as `cv2.FileStorage` reads them; x_camera = R x_rig + T, as in `cv2.projectPoints`."""
+    """The views for `cv2.FileStorage`; x_camera = R x_rig + T, as in `cv2.projectPoints`."""
     flip = views[0].flip
     file = cv2.FileStorage(".yaml", cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_MEMORY | cv2.FILE_STORAGE_FORMAT_YAML)
     file.write("image_width", views[0].camera.width_px)
@@ -131,15 +126,15 @@ def opencv_yaml(views: tuple[VirtualCamera, ...]) -> str:
 
 
 def frame_id(view: VirtualCamera) -> str:
-    """The optical frame of a view, as the URDF names it too."""
+    """Name of a view's optical frame, also in the URDF."""
     return f"mirrorcam_{view.name}_optical_frame"
 
 
 def camera_info_yaml(view: VirtualCamera) -> str:
-    """The view's camera_info; the rectified camera (R = 1, P = [K 0]) is that of the same pose without distortion.
+    """The view's camera_info; the rectified camera (R = 1, P = [K 0]) has the same pose and no distortion.
 
-    K is that of the whole flipped frame, as CameraInfo asks for where an image is only its `roi`. The parser reads
-    neither `frame_id` nor `roi`; a driver copies them into header.frame_id and roi.
+    K describes the entire flipped frame, as CameraInfo requires even if an image covers only its `roi`. ROS's parser
+    ignores `frame_id` and `roi`; a driver copies them into header.frame_id and roi.
     """
     camera, cut = ROS.of(view).camera, view.sub_image
     fx, fy, cx, cy = (number(value) for value in camera.intrinsics[:4])
@@ -165,7 +160,7 @@ def _ros_matrix(name: str, matrix: FloatArray) -> str:
 
 
 def urdf(views: tuple[VirtualCamera, ...]) -> str:
-    """The frames as a robot of links without bodies."""
+    """The optical frames as a robot whose links have no geometry."""
     robot = Element("robot", name="mirrorcam_calibrated")
     SubElement(robot, "link", name=URDF_ROOT)
     _urdf_frame(robot, URDF_CAMERA, URDF_ROOT, LINK_FROM_OPTICAL)
@@ -176,7 +171,7 @@ def urdf(views: tuple[VirtualCamera, ...]) -> str:
 
 
 def _urdf_frame(robot: Element, name: str, parent: str, parent_from_frame: FloatArray) -> None:
-    """A link and its fixed joint; rpy turns about the fixed x, y and z."""
+    """Add a link and its fixed joint; rpy are rotations about the fixed x, y and z."""
     SubElement(robot, "link", name=name)
     joint = SubElement(robot, "joint", name=f"{name}_joint", type="fixed")
     turns = Rotation.from_matrix(parent_from_frame[:3, :3]).as_euler("xyz")
@@ -186,18 +181,18 @@ def _urdf_frame(robot: Element, name: str, parent: str, parent_from_frame: Float
 
 
 def camchain_yaml(views: tuple[VirtualCamera, ...]) -> str:
-    """`camchain.yaml`: cam0 is the first view, and T_cn_cnm1 takes points of the previous camera to this one."""
+    """`camchain.yaml`: cam0 is the first view; T_cn_cnm1 transforms points from the previous camera to this one."""
     text = ""
-    for place, view in enumerate(views):
+    for index, view in enumerate(views):
         lens = KALIBR.of(view)
         camera = lens.camera
         model = "equidistant" if camera.lens_model == "fisheye" else "radtan"
-        others = ", ".join(str(other) for other in range(len(views)) if other != place)
-        text += f"cam{place}:\n"
-        if place > 0:
-            turn = view.camera_from_rig @ inverse(views[place - 1].camera_from_rig)
-            turn[:3, 3] /= 1000.0
-            text += "  T_cn_cnm1:\n" + "".join(f"  - [{numbers(row)}]\n" for row in turn)
+        others = ", ".join(str(other) for other in range(len(views)) if other != index)
+        text += f"cam{index}:\n"
+        if index > 0:
+            from_previous = view.camera_from_rig @ inverse(views[index - 1].camera_from_rig)
+            from_previous[:3, 3] /= 1000.0
+            text += "  T_cn_cnm1:\n" + "".join(f"  - [{numbers(row)}]\n" for row in from_previous)
         text += (
             f"  cam_overlaps: [{others}]\n"
             "  camera_model: pinhole\n"
@@ -214,8 +209,8 @@ def camchain_yaml(views: tuple[VirtualCamera, ...]) -> str:
 def rig_cameras(views: tuple[VirtualCamera, ...]) -> tuple[SfmCamera, ...]:
     """The views as cameras of a rig; the world is the rig frame.
 
-    FULL_OPENCV has fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, k5, k6, the last three zero of a Brown-Conrady lens;
-    OPENCV_FISHEYE fx, fy, cx, cy, k1, k2, k3, k4.
+    FULL_OPENCV has fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, k5, k6, with k4 to k6 zero for a Brown-Conrady lens;
+    OPENCV_FISHEYE has fx, fy, cx, cy, k1, k2, k3, k4.
     """
     cameras = []
     for view in views:
@@ -229,7 +224,7 @@ def rig_cameras(views: tuple[VirtualCamera, ...]) -> tuple[SfmCamera, ...]:
 
 
 def transforms_json(views: tuple[VirtualCamera, ...], view_from_rig: FloatArray) -> str:
-    """The views as a dataset; its world is at the pupil, x right, y to the scene, z up (by default the rig frame)."""
+    """The views as nerfstudio's dataset; its world has the pupil as origin, x right, y to the scene and z up."""
     world_from_rig = rigid(WORLD_FROM_VIEW @ view_from_rig, np.zeros(3))
     frames = []
     for view in views:

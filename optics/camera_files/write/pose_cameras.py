@@ -1,8 +1,8 @@
-"""Cameras for tools that track animals: aniposelib's `calibration.toml` and DeepLabCut 3-D's `stereo_params.pickle`.
+"""Cameras for animal-tracking tools: aniposelib's `calibration.toml` and DeepLabCut 3-D's `stereo_params.pickle`.
 
-Each mirror is a camera whose picture is the frame flipped and cut to what the mirror shows; the camera itself is one
-more, `direct`, where it looks at the scene. Anipose, lightning-pose and its ensemble Kalman smoother read the first
-file, DeepLabCut's `triangulate` the second.
+Each mirror is a camera whose picture is the frame, flipped and cropped to the mirror's sub-image. If the base camera
+itself looks at the scene, it is the additional camera `direct`. Anipose, lightning-pose and its ensemble Kalman
+smoother read the first file, DeepLabCut's `triangulate` reads the second.
 """
 
 from __future__ import annotations
@@ -23,20 +23,25 @@ from mirrorcam.optics.geometry.nearest_lens import nearest_lens
 
 DIRECT = "direct"
 MARGIN = 0.15
-"""By which a picture is wider on each side than the part of a mirror that is known to show something."""
+"""Margin of a cropped picture around the sub-image, on each side, relative to the sub-image."""
 FFMPEG = "ffmpeg -noautorotate -i FRAMES"
-"""How ffmpeg reads frames as they lie on the sensor: it would turn a video that a phone marks as turned."""
+"""Reads frames in the sensor's orientation, ignoring the rotation flag of a phone's video."""
 MOST_PAIRED = 12
-"""Cameras of which every pair is written for DeepLabCut; of more, those with the first one alone."""
+"""Largest number of cameras for which all pairs are written for DeepLabCut; else only pairs with the first camera."""
 
 
 @dataclass(frozen=True)
 class PoseCamera:
-    """A camera with the lens of Brown and Conrady (k1 k2 p1 p2 k3), and how its pictures are made.
+    """A camera with a Brown-Conrady lens (k1 k2 p1 p2 k3), and the flip and crop that give its pictures.
 
-    `camera` has the size and intrinsics of the cut picture, `camera_from_rig` (4, 4) is rigid, in mm; `crop` is the
-    part of the frame, which is flipped before as `flip` says ("" for the direct view, which is not). `error_px` is the
-    largest error of the lens within the picture.
+    Attributes
+    ----------
+    name : name of the camera.
+    camera : size and intrinsics of the cropped picture.
+    camera_from_rig : rigid transform (4, 4), mm.
+    flip : ffmpeg's filter that flips the frame; "" for the direct view.
+    crop : part of the flipped frame.
+    error_px : largest error of the lens within the picture.
     """
 
     name: str
@@ -48,19 +53,19 @@ class PoseCamera:
 
     @property
     def filters(self) -> str:
-        """What ffmpeg's `-vf` takes to make the pictures from frames."""
+        """Argument of ffmpeg's `-vf` that makes the pictures from frames."""
         cut = self.crop
         crop = f"crop={cut.width}:{cut.height}:{cut.x}:{cut.y}"
         return f"{self.flip},{crop}" if self.flip else crop
 
 
 def pose_cameras(layout: Layout, views: Sequence[VirtualCamera]) -> tuple[PoseCamera, ...]:
-    """The direct view, where views look along the camera's axis, and all mirrors."""
+    """All mirrors, preceded by the direct view if the views look along the camera's axis."""
     cameras = []
     if np.allclose(layout.view_from_rig, np.eye(3)):
         base = layout.camera
-        whole = Rectangle(0, 0, base.width_px, base.height_px)
-        cameras.append(_pose_camera(DIRECT, base, np.eye(4), "", whole))
+        frame = Rectangle(0, 0, base.width_px, base.height_px)
+        cameras.append(_pose_camera(DIRECT, base, np.eye(4), "", frame))
     for view in views:
         flip = "hflip" if view.flip == "left-right" else "vflip"
         cameras.append(_pose_camera(view.name, view.camera, view.camera_from_rig, flip, _crop(view)))
@@ -80,7 +85,7 @@ def _pose_camera(name: str, camera: Camera, camera_from_rig: FloatArray, flip: s
 
 
 def _crop(view: VirtualCamera) -> Rectangle:
-    """The bounding rectangle of a view with a margin, as far as the frame goes; in even numbers, for video codecs."""
+    """Bounding rectangle of a view with a margin, clipped to the frame; even numbers, as video codecs require."""
     size = np.array([view.camera.width_px, view.camera.height_px])
     low, high = view.outline_px.min(axis=0), view.outline_px.max(axis=0)
     margin = MARGIN * (high - low)
@@ -91,7 +96,7 @@ def _crop(view: VirtualCamera) -> Rectangle:
 
 
 def calibration_toml(cameras: Sequence[PoseCamera]) -> str:
-    """The cameras as `aniposelib.cameras.CameraGroup.load` reads them; translations are in mm."""
+    """The cameras in the format of `aniposelib.cameras.CameraGroup.load`; translations in mm."""
     parts = []
     for number, each in enumerate(cameras):
         camera, pose = each.camera, each.camera_from_rig
@@ -114,11 +119,11 @@ def _numbers(values: FloatArray) -> str:
 
 
 def stereo_params(cameras: Sequence[PoseCamera]) -> bytes:
-    """The pairs of cameras as `camera_matrix/stereo_params.pickle` of a 3-D project of DeepLabCut, by "NAME-NAME".
+    """Pairs of cameras as `camera_matrix/stereo_params.pickle` of a DeepLabCut 3-D project, with keys "NAME-NAME".
 
-    DeepLabCut undistorts with R1, P1 and R2, P2, and triangulates with P1 and P2. Cameras at mirrors look too
-    differently to be rectified: with R1 = 1, P1 = K1 [1 | 0], R2 = R^T and P2 = K2 [R | T], undistorted pixels are
-    those of pinholes, and points come out in the frame of the first camera, in mm.
+    DeepLabCut undistorts with R1, P1 and R2, P2, and triangulates with P1 and P2. Cameras at mirrors differ too much in
+    direction to be rectified. With R1 = 1, P1 = K1 [1 | 0], R2 = R^T and P2 = K2 [R | T], undistorted pixels are
+    pinhole pixels, and points are in the frame of the first camera, in mm.
     """
     pairs = list(permutations(cameras, 2)) if len(cameras) <= MOST_PAIRED else [(cameras[0], b) for b in cameras[1:]]
     return pickle.dumps({f"{a.name}-{b.name}": _stereo(a, b) for a, b in pairs}, protocol=4)
@@ -152,7 +157,7 @@ def _stereo(a: PoseCamera, b: PoseCamera) -> dict[str, object]:
 
 
 def pictures_table(cameras: Sequence[PoseCamera]) -> str:
-    """How the pictures of each camera are made, as rows of a table."""
+    """Table rows with the ffmpeg filters of each camera's pictures."""
     return "".join(
         f"| `{each.name}` | `-vf {each.filters}` | {f'{each.error_px:.2g}' if each.error_px > 1e-6 else '0'} |\n"
         for each in cameras

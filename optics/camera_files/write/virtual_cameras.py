@@ -1,19 +1,19 @@
 """Mirrors as cameras for other tools: a pinhole with a lens, at a rigid pose, with a separate picture.
 
-What the base camera sees in a mirror is what a camera at the virtual centre c would see, but mirrored. With the
-mirror's unit normal n, S = I - 2 n n^T and reflect(x) = S x + c, the base camera projects S x + c, whose handedness is
-wrong: det S = -1. Flipping the *frame* corrects it. Left and right exchanged, F = diag(-1, 1, 1), pixel column u
-becomes W - 1 - u, and since the lens model obeys
+The base camera sees in a mirror the mirror image of the view from the virtual centre c. With the mirror's unit normal
+n, S = I - 2 n n^T and reflect(x) = S x + c, the base camera projects S x + c, which has the wrong handedness:
+det S = -1. Flipping the *frame* corrects it. A left-right flip, F = diag(-1, 1, 1), maps the pixel column u to
+W - 1 - u. Since the lens model obeys
 
     distort(-x, y; k, p1, -p2) = (-x_d, y_d)    where    (x_d, y_d) = distort(x, y; k, p1, p2)
 
-the flipped frame is that of a camera with cx' = W - 1 - cx and p2' = -p2 that projects F (S x + c). Top and bottom
-exchanged, F = diag(1, -1, 1), it is cy' = H - 1 - cy and p1' = -p1. Either way
+the flipped frame belongs to a camera with cx' = W - 1 - cx and p2' = -p2 that projects F (S x + c). For a top-bottom
+flip, F = diag(1, -1, 1), cy' = H - 1 - cy and p1' = -p1. In both cases
 
     camera_from_rig = [F S | F c],    det F S = +1,    centre = -(F S)^T F c = -S c = c.
 
-Of the two flips, a layout takes the one that leaves its views upright: top-bottom where mirrors above the camera fold
-its view, left-right where it looks past mirrors at its side.
+Each layout uses the flip that makes its views upright: top-bottom if mirrors above the camera fold its view,
+left-right if it looks past mirrors at its side.
 """
 
 from __future__ import annotations
@@ -37,12 +37,12 @@ Flip = Literal["left-right", "top-bottom"]
 POINTS_PER_EDGE = 16
 GRID = 12  # samples across and down a sub-image
 DISTANCES_MM = (300.0, 1000.0)
-"""From the virtual centre, of layouts that tell no working range."""
+"""Range of distances from the virtual centre for layouts without a working range."""
 BEYOND = 1.05
-"""Nearest points, in distances of the mirror along the ray."""
+"""Distance of the nearest points, relative to the mirror's distance along the ray."""
 STEPS = 8
 FREE = ("fx_px", "fy_px", "k1", "k2", "p1", "p2")
-"""What is fitted beside the pose; the principal point would only be correlated with the rotation."""
+"""Parameters fitted together with the pose; the principal point correlates with the rotation and stays fixed."""
 EXACT_PX = 1e-9
 
 
@@ -65,10 +65,16 @@ class Rectangle:
 class VirtualCamera:
     """One mirror as a camera.
 
-    `camera` has the intrinsics of the whole flipped frame, `camera_from_rig` (4, 4) is rigid, in mm. `outline_px`
-    (n, 2) bounds what the mirror shows in the flipped frame, `sub_image` is its bounding rectangle. `pinhole_error_px`
-    is by how much this camera is wrong anywhere in the sub-image, at the layout's depths: 0 for a flat first-surface
-    mirror; second-surface mirrors and bent ones are not pinholes.
+    Attributes
+    ----------
+    name : name of the view.
+    row, column : position of the mirror in the layout.
+    flip : flip of the frame.
+    camera : intrinsics for the entire flipped frame.
+    camera_from_rig : rigid transform (4, 4), mm.
+    outline_px : outline (n, 2) of the mirror's image in the flipped frame.
+    pinhole_error_px : largest error of this camera in the sub-image, at the layout's depths: 0 for a flat first-surface
+        mirror; second-surface and bent mirrors are not exact pinholes.
     """
 
     name: str
@@ -82,7 +88,7 @@ class VirtualCamera:
 
     @cached_property
     def sub_image(self) -> Rectangle:
-        """The pixels of the flipped frame that the mirror's bounding rectangle holds."""
+        """Bounding rectangle of the outline in the flipped frame; raises InputError if it has no pixels."""
         size = np.array([self.camera.width_px, self.camera.height_px])
         first = np.maximum(np.ceil(self.outline_px.min(axis=0)), 0).astype(int)
         last = np.minimum(np.floor(self.outline_px.max(axis=0)), size - 1).astype(int)
@@ -93,11 +99,11 @@ class VirtualCamera:
 
     @cached_property
     def cropped(self) -> Camera:
-        """The camera of the flipped frame cut to `sub_image`."""
+        """The camera for the flipped frame cropped to `sub_image`."""
         return self.cut_to_sub_image(self.camera)
 
     def cut_to_sub_image(self, camera: Camera) -> Camera:
-        """A camera of the flipped frame, as one of the frame cut to `sub_image`."""
+        """Crop a camera of the flipped frame to `sub_image`."""
         cut = self.sub_image
         return camera.replaced(
             width_px=cut.width, height_px=cut.height, cx_px=camera.cx_px - cut.x, cy_px=camera.cy_px - cut.y
@@ -105,7 +111,7 @@ class VirtualCamera:
 
     @cached_property
     def mask(self) -> NDArray[np.uint8]:
-        """255 where the centre of a pixel of the flipped frame (h, w) lies in the mirror, else 0."""
+        """255 where the centre of a pixel of the flipped frame (h, w) lies inside the outline, else 0."""
         mask = np.zeros((self.camera.height_px, self.camera.width_px), dtype=np.uint8)
         rows, columns = self.sub_image.slices
         x, y = np.meshgrid(np.arange(columns.start, columns.stop), np.arange(rows.start, rows.stop))
@@ -113,7 +119,7 @@ class VirtualCamera:
         return mask
 
     def flipped(self, frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """The frame (h, w, ...) that `camera` belongs to."""
+        """Flip a frame (h, w, ...) to match `camera`."""
         return np.flip(frame, axis=1 if self.flip == "left-right" else 0)
 
     def project(self, points_in_rig: FloatArray) -> FloatArray:
@@ -127,9 +133,9 @@ def view_name(row: int, column: int) -> str:
 
 
 def virtual_cameras(layout: Layout) -> tuple[VirtualCamera, ...]:
-    """All mirrors of a layout as cameras, row by row; those that are no pinholes as the nearest (`nearest_pinhole`).
+    """All mirrors of a layout as cameras, row by row; mirrors that are no pinholes are fitted (`nearest_pinhole`).
 
-    Raises InputError where a mirror shows nothing, or more than the lens model describes.
+    Raises InputError if a mirror shows nothing, or reaches beyond the lens model.
     """
     flip = upright_flip(layout)
     axes = flip_axes(flip)
@@ -144,7 +150,7 @@ def virtual_cameras(layout: Layout) -> tuple[VirtualCamera, ...]:
         edges = corners[:, None] * (1.0 - along) + np.roll(corners, -1, axis=0)[:, None] * along
         outline = layout.camera.pixels_from_normalized(edges.reshape(-1, 2))
         if np.isnan(outline).any():
-            raise InputError(f"{name} reaches beyond where the lens model is defined")
+            raise InputError(f"{name} reaches beyond the range of the lens model")
         try:
             pinhole = nearest_pinhole(layout, number, outline)
             camera = flipped_camera(pinhole.camera, flip)
@@ -172,12 +178,12 @@ def virtual_cameras(layout: Layout) -> tuple[VirtualCamera, ...]:
 
 
 def flip_axes(flip: Flip) -> FloatArray:
-    """F (3, 3): what exchanging left and right, or top and bottom, does to the camera's axes."""
+    """F (3, 3): the effect of a flip on the camera's axes."""
     return np.diag([-1.0, 1.0, 1.0] if flip == "left-right" else [1.0, -1.0, 1.0])
 
 
 def upright_flip(layout: Layout) -> Flip:
-    """The flip whose cameras turn the least from the layout's view axes, summed over the mirrors."""
+    """The flip with the least rotation between its cameras and the layout's view axes, over all mirrors."""
     reflections = np.sum([mirror.apparent.reflection for mirror in layout.mirrors], axis=0)
     turned = reflections @ layout.view_from_rig.T
     # trace(F S V^T) = 1 + 2 cos of the angle between the two rotations.
@@ -189,14 +195,14 @@ def upright_flip(layout: Layout) -> Flip:
 
 
 def flipped_camera(camera: Camera, flip: Flip) -> Camera:
-    """The camera whose frames are another's, flipped."""
+    """The camera for flipped frames of a camera."""
     if flip == "left-right":
         return camera.replaced(cx_px=camera.width_px - 1 - camera.cx_px, distortion=camera.lens.flipped(0).coefficients)
     return camera.replaced(cy_px=camera.height_px - 1 - camera.cy_px, distortion=camera.lens.flipped(1).coefficients)
 
 
 def flipped_pixels(pixels: FloatArray, camera: Camera, flip: Flip) -> FloatArray:
-    """Pixels (..., 2) of the camera's frame as those of the flipped frame; its own inverse."""
+    """Map pixels (..., 2) of the camera's frame to the flipped frame; its own inverse."""
     if flip == "left-right":
         return np.stack([camera.width_px - 1 - pixels[..., 0], pixels[..., 1]], axis=-1)
     return np.stack([pixels[..., 0], camera.height_px - 1 - pixels[..., 1]], axis=-1)
@@ -204,10 +210,10 @@ def flipped_pixels(pixels: FloatArray, camera: Camera, flip: Flip) -> FloatArray
 
 @dataclass(frozen=True)
 class NearestPinhole:
-    """A camera that looks at the apparent mirror's images X' of points, from camera = `turn` X' + `shift_mm`.
+    """A camera that sees the apparent mirror's images X' of points at `turn` X' + `shift_mm` in its frame.
 
-    `error_px` is the largest distance between where a point appears and where this camera puts it, over the sub-image
-    and the range of depths.
+    `error_px` is the largest distance between a point's exact pixel and this camera's, over the sub-image and the range
+    of depths.
     """
 
     camera: Camera
@@ -216,13 +222,13 @@ class NearestPinhole:
     error_px: float
 
 
-@np.errstate(all="ignore")  # of numbers that grow past all bounds, which ends the fit
+@np.errstate(all="ignore")  # overflow ends the fit
 def nearest_pinhole(layout: Layout, number: int, outline_px: FloatArray) -> NearestPinhole:
-    """The camera nearest to what a mirror shows within its sub-image (n, 2), in the layout's working range.
+    """Fit a pinhole camera to a mirror within its sub-image with the outline (n, 2), over the layout's working range.
 
-    Of a flat first-surface mirror it is the base camera itself. Else pose, focal lengths and distortion are fitted by
-    Gauss-Newton steps from there to points that appear on a grid: they describe this sub-image and nothing beyond it.
-    Steps end where they lead to no camera. Raises InputError where not even the base camera shows these points.
+    For a flat first-surface mirror it is the base camera itself. Otherwise Gauss-Newton steps from there fit pose,
+    focal lengths and distortion to a grid of points; the result is valid only within this sub-image. Steps end when
+    they leave the valid cameras. Raises InputError if the base camera itself cannot see these points.
     """
     mirror, apparent = layout.mirrors[number], layout.mirrors[number].apparent
     pixels = np.concatenate([outline_px, _grid(outline_px)])
@@ -236,7 +242,7 @@ def nearest_pinhole(layout: Layout, number: int, outline_px: FloatArray) -> Near
     best = NearestPinhole(camera, turn, shift, _worst(camera, images, seen))
     if best.error_px < EXACT_PX:
         return best
-    free = [place for place, name in enumerate(layout.camera.intrinsic_names) if name in FREE]
+    free = [index for index, name in enumerate(layout.camera.intrinsic_names) if name in FREE]
     for _ in range(STEPS):
         turned = images @ turn.T + shift
         found, by_point, by_intrinsic = camera.project_with_jacobians(turned)
@@ -263,7 +269,7 @@ def nearest_pinhole(layout: Layout, number: int, outline_px: FloatArray) -> Near
 
 
 def fitted_distances_mm(layout: Layout) -> tuple[float, float]:
-    """The range of distances from the virtual centres over which cameras are fitted."""
+    """Range of distances from the virtual centres over which cameras are fitted."""
     return working_range_mm(layout) or DISTANCES_MM
 
 

@@ -1,4 +1,4 @@
-"""The folder of exports: what other tools read of a layout, and the pictures that go with it."""
+"""The export folder: a layout in the formats of other tools, with matching pictures."""
 
 from __future__ import annotations
 
@@ -44,34 +44,41 @@ FILES = (
     *("anipose/calibration.toml", "deeplabcut/camera_matrix/stereo_params.pickle"),
     *(f"colmap/sparse/{name}.txt" for name in ("cameras", "rigs", "frames", "images", "points3D")),
 )
-"""Files of the exports of all cameras together."""
+"""Exported files that describe all cameras."""
 
 
 def picture_names(pictures: Sequence[Path]) -> list[str]:
-    """Names of frames in the files of COLMAP, where a name ends at a blank; raises InputError for two alike."""
+    """Names of frames for COLMAP's files, without spaces; raises InputError for duplicates."""
     names = [word(f"{path.stem}.png") for path in pictures]
     if len(set(names)) < len(names):
-        raise InputError(f"pictures share a name, expected each of {', '.join(sorted(names))} once")
+        raise InputError(f"pictures share a name, expected distinct names: {', '.join(sorted(names))}")
     return names
 
 
 def export_names(layout: Layout, pictures: Sequence[Path] = ()) -> tuple[str, ...]:
-    """Names of all files that `write_exports` writes, before it does."""
-    names, found = picture_names(pictures), list(FILES)
+    """Names of all files that `write_exports` will write."""
+    names, files = picture_names(pictures), list(FILES)
     for view in (view_name(*divmod(number, layout.cols)) for number in range(len(layout.mirrors))):
-        found += [f"ros/{view}.yaml", f"nerfstudio/masks/{view}.png"]
-        found += [f"colmap/masks/{view}/{name}.png" for name in names or [PICTURE]]
-        found += [f"colmap/images/{view}/{name}" for name in names]
-        found += [f"nerfstudio/images/{view}.png"] if names else []
-    return tuple(found)
+        files += [f"ros/{view}.yaml", f"nerfstudio/masks/{view}.png"]
+        files += [f"colmap/masks/{view}/{name}.png" for name in names or [PICTURE]]
+        files += [f"colmap/images/{view}/{name}" for name in names]
+        files += [f"nerfstudio/images/{view}.png"] if names else []
+    return tuple(files)
 
 
 def write_exports(layout: Layout, folder: Path, pictures: Sequence[Path] = ()) -> None:
-    """Write the layout for OpenCV, ROS, Kalibr, COLMAP, nerfstudio, URDF, Anipose and DeepLabCut, with a README.md.
+    """Export the layout for OpenCV, ROS, Kalibr, COLMAP, nerfstudio, URDF, Anipose and DeepLabCut, with a README.md.
 
-    `pictures` are frames of this camera: COLMAP gets all of them, as frames of one rig, nerfstudio the first, for a
-    picture is one moment of a rig whose motion only COLMAP finds. Raises InputError where a mirror shows nothing and
-    where a picture has another size or shares its name with another.
+    Parameters
+    ----------
+    layout : the layout to export.
+    folder : the folder to write to.
+    pictures : frames of this camera. COLMAP, which estimates the motion of the rig, gets all of them as frames of one
+        rig; nerfstudio gets the first.
+
+    Raises
+    ------
+    InputError : a mirror shows nothing, or a picture has a wrong size or the name of another.
     """
     views = virtual_cameras(layout)
     names = picture_names(pictures)
@@ -81,9 +88,9 @@ def write_exports(layout: Layout, folder: Path, pictures: Sequence[Path] = ()) -
     write_text(folder / "mirrorcam_calibrated.urdf", urdf(views))
     for view in views:
         write_text(folder / "ros" / f"{view.name}.yaml", camera_info_yaml(view))
-    animals = pose_cameras(layout, views)
-    write_text(folder / "anipose" / "calibration.toml", calibration_toml(animals))
-    write_bytes(folder / "deeplabcut" / "camera_matrix" / "stereo_params.pickle", stereo_params(animals))
+    cropped = pose_cameras(layout, views)
+    write_text(folder / "anipose" / "calibration.toml", calibration_toml(cropped))
+    write_bytes(folder / "deeplabcut" / "camera_matrix" / "stereo_params.pickle", stereo_params(cropped))
     cameras = rig_cameras(views)
     write_text(colmap / "rig_config.json", rig_config(cameras, layout.central_index))
     for name, text in sparse_model(cameras, layout.central_index, (names or [PICTURE])[0]).items():
@@ -93,13 +100,13 @@ def write_exports(layout: Layout, folder: Path, pictures: Sequence[Path] = ()) -
         write_image(nerfstudio / "masks" / f"{view.name}.png", view.mask[view.sub_image.slices])
         for name in names or [PICTURE]:
             write_image(colmap / "masks" / view.name / f"{name}.png", view.mask)
-    for place, (path, name) in enumerate(zip(pictures, names, strict=True)):
+    for index, (path, name) in enumerate(zip(pictures, names, strict=True)):
         frame = _frame(path, layout)
         for view in views:
             flipped = view.flipped(frame)
             shown = np.where(view.mask.reshape(*view.mask.shape, 1) > 0, flipped, 0).astype(np.uint8)
             write_image(colmap / "images" / view.name / name, shown)
-            if place == 0:
+            if index == 0:
                 write_image(nerfstudio / "images" / f"{view.name}.png", flipped[view.sub_image.slices])
     write_text(folder / "README.md", readme(layout, views))
 
@@ -112,14 +119,14 @@ def _frame(path: Path, layout: Layout) -> NDArray[np.uint8]:
 
 
 def readme(layout: Layout, views: tuple[VirtualCamera, ...]) -> str:
-    """Description of the content of each file and of the picture that belongs to it."""
+    """Description of the exported files and their pictures."""
     flip = views[0].flip
     option = "hflip" if flip == "left-right" else "vflip"
     rows = ""
     for view in views:
         cut = view.sub_image
-        found = (view.pinhole_error_px, *(lens.of(view).error_px for lens in FORMATS.values()))
-        errors = " | ".join(f"{error:.2g}" if error > 1e-6 else "0" for error in found)
+        errors_px = (view.pinhole_error_px, *(lens.of(view).error_px for lens in FORMATS.values()))
+        errors = " | ".join(f"{error:.2g}" if error > 1e-6 else "0" for error in errors_px)
         rows += f"| {view.name} | {cut.x}, {cut.y} | {cut.width} x {cut.height} | {errors} |\n"
     depths = " to ".join(f"{mm:.4g}" for mm in fitted_distances_mm(layout))
     return f"""# A mirror camera for other tools
@@ -131,20 +138,20 @@ Here each mirror is a separate camera. A mirror reverses the image, so the pictu
 
 | file | picture | pixel (0, 0) is | unit |
 |---|---|---|---|
-| `opencv.yaml` | whole flipped frame; `roi` is the view's part | the centre of the top-left pixel | mm |
-| `ros/VIEW.yaml` | whole flipped frame, or only its `roi` as CameraInfo has it | the centre of the top-left pixel | |
+| `opencv.yaml` | entire flipped frame; `roi` is the view's part | the centre of the top-left pixel | mm |
+| `ros/VIEW.yaml` | entire flipped frame, or only its `roi` as in CameraInfo | the centre of the top-left pixel | |
 | `mirrorcam_calibrated.urdf` | | | m |
-| `kalibr_camchain.yaml` | whole flipped frame, one topic for each view | the centre of the top-left pixel | m |
-| `colmap/` | whole flipped frame in `images/VIEW/`, with `masks/` | the corner of the top-left pixel | m |
-| `nerfstudio/` | flipped frame cut to the view, in `images/` | the corner of the top-left pixel | m |
-| `anipose/calibration.toml` | frame flipped, then cut, by the table below | the centre of the top-left pixel | mm |
+| `kalibr_camchain.yaml` | entire flipped frame, one topic for each view | the centre of the top-left pixel | m |
+| `colmap/` | entire flipped frame in `images/VIEW/`, with `masks/` | the corner of the top-left pixel | m |
+| `nerfstudio/` | flipped frame cropped to the view, in `images/` | the corner of the top-left pixel | m |
+| `anipose/calibration.toml` | frame flipped, then cropped, by the table below | the centre of the top-left pixel | mm |
 | `deeplabcut/camera_matrix/stereo_params.pickle` | the same | the centre of the top-left pixel | mm |
 
 OpenCV: x_camera = R x_rig + T; the rig's origin is the pupil, x right, y down, z along the optical axis.
-ROS: in the URDF, the parent of each `mirrorcam_VIEW_optical_frame` is `mirrorcam_camera_optical_frame`, which is the
-frame rig. The driver has to copy `frame_id` and `roi` of each file into its messages; the parser of ROS ignores them.
+ROS: in the URDF, the parent of each `mirrorcam_VIEW_optical_frame` is `mirrorcam_camera_optical_frame`, the rig frame.
+The driver must copy `frame_id` and `roi` of each file into its messages; ROS's parser ignores them.
 
-COLMAP, with the cameras as they are calibrated:
+COLMAP with fixed, calibrated cameras:
 
     mkdir points
     colmap feature_extractor --database_path database.db --image_path images --ImageReader.mask_path masks \\
@@ -163,21 +170,20 @@ Anipose (also lightning-pose) and DeepLabCut 3-D: the pictures of each camera ar
 | camera | `{FFMPEG} ... NAME.mp4` | error of k1 k2 p1 p2 k3, px |
 |---|---|---|
 {pictures_table(pose_cameras(layout, views))}
-`-noautorotate` keeps frames as they lie on the sensor. Pictures that are cut from a video which is marked as turned
-keep the mark, by which players and OpenCV turn them: for such a video, put `-display_rotation 0` (ffmpeg 6 or newer)
-before `-i`, too.
+`-noautorotate` keeps frames in the sensor's orientation. Pictures cropped from a video with a rotation flag keep the
+flag, by which players and OpenCV rotate them: for such a video, also put `-display_rotation 0` (ffmpeg 6 or newer)
+before `-i`.
 
-A point at (u, v) of the frame is at (W - 1 - u - x, v - y) of a picture made with `hflip,crop=w:h:x:y`, at
-(u - x, H - 1 - v - y) with `vflip`, of frames of W x H px. For another crop, subtract the change of
-x and y from the third column of `matrix`. DeepLabCut names a pair of cameras "NAME-NAME", and gives points in the frame
-of the first.
+For frames of W x H px, the point (u, v) of the frame is (W - 1 - u - x, v - y) in a picture made with
+`hflip,crop=w:h:x:y`, and (u - x, H - 1 - v - y) with `vflip`. For another crop, subtract the change of x and y from the
+third column of `matrix`. DeepLabCut names a pair of cameras "NAME-NAME" and gives points in the frame of the first.
 
 The last columns give the largest error of each camera within its view, in px: as a pinhole with the layout's lens
 ({layout.camera.lens_model}), and in the lens models of each format. OpenCV has k1 k2 p1 p2 k3, k4 k5 k6 and s1 s2 s3
-s4, or the k1 k2 k3 k4 of a fisheye; ROS and COLMAP the same without s1 to s4; nerfstudio k1 k2 p1 p2 k3, or a fisheye;
-Kalibr the same without k3. Any other lens is written as the nearest one over the view. A flat first-surface mirror is
-exactly a pinhole. A second-surface or bent mirror is not: the camera here is the pinhole that fits it best over its
-view, at {depths} mm from its virtual centre.
+s4, or the k1 k2 k3 k4 of a fisheye; ROS and COLMAP have the same without s1 to s4; nerfstudio has k1 k2 p1 p2 k3, or a
+fisheye; Kalibr has the same without k3. Any other lens is replaced by the nearest one over the view. A flat
+first-surface mirror is exactly a pinhole. A second-surface or bent mirror is not: the camera here is the pinhole that
+fits it best over its view, at {depths} mm from its virtual centre.
 
 | view | first pixel of the flipped frame | size px | pinhole | {" | ".join(FORMATS)} |
 |---|---|---|---|{"---|" * len(FORMATS)}

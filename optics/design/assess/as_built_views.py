@@ -1,7 +1,7 @@
-"""Fields of view of devices as built, by polygon clipping: of many devices at once.
+"""Fields of view of many devices as built, by polygon clipping.
 
-Everything is in the view axes of the holder, with its origin at the nominal pupil: depth is z, and the
-plane at a depth does not move when the camera does. Regions are polygons in (x, y), mm.
+Coordinates are view axes of the holder with the nominal pupil as origin: depth is z, and a camera that moves does not
+move the plane at a depth. Regions are polygons in x and y, mm.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class BuiltViews:
     layout
         The design.
     cameras
-        The camera of each device, the same object where it is not perturbed.
+        The camera of each device; the same object if it is not perturbed.
     pupils_mm
         Positions of the pupils (n, 3).
     view_from_camera
@@ -53,9 +53,9 @@ class BuiltViews:
     shown
         The part (n, m) of each outline that shows the scene.
     sub_images
-        The part (n, m) of those that lies on the sensor and whose rays are reflected towards the scene.
+        The part (n, m) of `shown` that lies on the sensor and whose rays are reflected towards the scene.
 
-    `through` a pupil, the last two are those of the pixels whose whole pupil a mirror serves.
+    `through` restricts the last two to unvignetted pixels.
     """
 
     layout: Layout
@@ -69,22 +69,21 @@ class BuiltViews:
     sub_images: Polygons
 
     def through(self, pupil: Pupil) -> BuiltViews:
-        """The same devices, of whose pixels only those count whose whole pupil a mirror serves."""
+        """The same devices, restricted to the pixels that are unvignetted for a pupil."""
         if pupil.radius_mm == 0.0:
             return self
         flat = self.shown.ravel()
         present = ~shapely.is_empty(flat)
         normals = (self.normals @ self.view_from_camera).reshape(-1, 3)[present]
         distances = np.linalg.norm(self.centres_mm - self.pupils_mm[:, None], axis=-1).ravel()[present] / 2.0
-        whole = np.full(flat.shape, Polygon(), dtype=np.object_)
-        whole[present] = shapely.polygons(unvignetted_outlines(_corners(flat[present]), normals, distances, pupil))
-        shown = _whole(whole.reshape(self.shown.shape))
-        return replace(self, shown=shown, sub_images=_whole(shapely.intersection(shown, self.sub_images)))
+        clear = np.full(flat.shape, Polygon(), dtype=np.object_)
+        clear[present] = shapely.polygons(unvignetted_outlines(_corners(flat[present]), normals, distances, pupil))
+        shown = _with_area(clear.reshape(self.shown.shape))
+        return replace(self, shown=shown, sub_images=_with_area(shapely.intersection(shown, self.sub_images)))
 
     def pixels(self, points: FloatArray, device: Indices, mirror: Indices) -> FloatArray:
-        """Pixels (..., 2) of points (..., 3) via mirrors (...) of devices (...); NaN where not seen."""
+        """Pixels (..., 2) of points (..., 3) via mirrors (...) of devices (...); NaN for invisible points."""
         normals, offsets = self.normals[device, mirror], points - self.pupils_mm[device]
-        # The pupil's virtual centre is as far from the point as the pupil from the reflected point.
         distances = self._distances(device, mirror)
         reflected = offsets - 2.0 * (np.sum(offsets * normals, axis=-1) + distances)[..., None] * normals
         seen = (reflected[..., None, :] @ self.view_from_camera[device])[..., 0, :]
@@ -100,7 +99,7 @@ class BuiltViews:
         return np.linalg.norm(self.centres_mm - self.pupils_mm[:, None], axis=-1)[device, mirror] / 2.0
 
     def landing(self, normalized: FloatArray, device: Indices, mirror: Indices, depth_mm: float) -> FloatArray:
-        """Points (..., 2) of the plane at a depth that rays (..., 2) via mirrors (...) of devices (...) meet."""
+        """Points (..., 2) where rays (..., 2) via mirrors (...) of devices (...) meet the plane at a depth."""
         rays = np.concatenate([normalized, np.ones((*normalized.shape[:-1], 1))], axis=-1)
         turned = (self.view_from_camera[device] @ rays[..., None])[..., 0]
         normals, centres = self.normals[device, mirror], self.centres_mm[device, mirror]
@@ -108,12 +107,12 @@ class BuiltViews:
         return centres[..., :2] + leaving[..., :2] * ((depth_mm - centres[..., 2:]) / leaving[..., 2:])
 
     def common_regions(self, depth_mm: float) -> tuple[Polygons, Polygons]:
-        """The regions (n,) of the plane at a depth that all views of a device see, and all footprints (n, m)."""
+        """The region (n,) of the plane at a depth that all views of each device see, and all footprints (n, m)."""
         count = self.sub_images.shape[1]
         footprints = _placed(
             self.sub_images, lambda points, of: self.landing(points, of // count, of % count, depth_mm)
         )
-        return _whole(shapely.intersection_all(footprints, axis=1)), footprints
+        return _with_area(shapely.intersection_all(footprints, axis=1)), footprints
 
     def seen_px(self, regions: Polygons, depth_mm: float) -> FloatArray:
         """Sensor pixels (n, m) of each sub-image that see a region (n,) of the plane at a depth."""
@@ -124,19 +123,20 @@ class BuiltViews:
             start, end = bent[:, :-1].reshape(-1, 2), bent[:, 1:].reshape(-1, 2)
             of = np.repeat(of, POINTS_PER_EDGE)
         mirrors = np.arange(self.sub_images.shape[1])
-        first, second = (self.pixels(_lifted(p, depth_mm)[:, None], of[:, None], mirrors) for p in (start, end))
+        depths = np.full((len(start), 1), depth_mm)
+        first, second = (self.pixels(np.hstack([p, depths])[:, None], of[:, None], mirrors) for p in (start, end))
         crosses = (first[..., 0] * second[..., 1] - first[..., 1] * second[..., 0]) / 2.0
         areas = np.zeros(self.sub_images.shape)
         np.add.at(areas, of, crosses)
         return np.abs(areas)
 
     def pixel_efficiency(self, regions: Polygons, depth_mm: float) -> FloatArray:
-        """Sensor pixels (n,) of all sub-images that see a region (n,) of the plane at a depth / all sensor pixels."""
+        """Fraction (n,) of the sensor's pixels that see a region (n,) of the plane at a depth, over all sub-images."""
         sensor_px = self.layout.camera.width_px * self.layout.camera.height_px
         return np.asarray(self.seen_px(regions, depth_mm).sum(axis=1) / sensor_px)
 
     def hidden(self) -> NDArray[np.bool_]:
-        """Mask (n,) of the devices in which a mirror hides part of another from the camera: their outlines overlap."""
+        """Mask (n,) of the devices in which one mirror hides part of another from the camera: outlines overlap."""
         count = self.outlines.shape[1]
         first, second = np.triu_indices(count, 1)
         low, high = shapely.bounds(self.outlines).reshape(-1, count, 2, 2).transpose(2, 0, 1, 3)
@@ -151,8 +151,8 @@ class BuiltViews:
 def built_views(layout: Layout, perturbations: Perturbations) -> BuiltViews:
     """The views of perturbed devices of a layout.
 
-    Raises InputError where a device could not be built: a mirror without thickness or behind its camera, a lens that
-    folds inside the sensor.
+    Raises InputError if a device is impossible: a mirror without thickness or behind its camera, or a lens that folds
+    inside the sensor.
     """
     devices = perturbed_mirrors(layout, perturbations)
     cameras = tuple(
@@ -181,13 +181,12 @@ def built_views(layout: Layout, perturbations: Perturbations) -> BuiltViews:
         centres_mm=pupils[:, None] - 2.0 * distances[..., None] * normals,
         outlines=outlines,
         shown=shown,
-        sub_images=_forward(_whole(shapely.intersection(shown, sensor[:, None])), normals, view_from_camera),
+        sub_images=_forward(_with_area(shapely.intersection(shown, sensor[:, None])), normals, view_from_camera),
     )
 
 
 def _windows(layout: Layout, devices: Devices, distances: FloatArray) -> tuple[FloatArray, Polygons, Polygons]:
-    """Heights (n, m) of the apparent mirrors over the reflecting surfaces, outlines (n, m) and the parts that show the
-    scene (n, m)."""
+    """Heights (n, m) of the apparent mirrors above the reflecting surfaces, outlines (n, m), and shown parts (n, m)."""
     rises = np.zeros(distances.shape)
     shifts: dict[int, FloatArray] = {}
     for k, mirror in enumerate(layout.mirrors):
@@ -199,7 +198,7 @@ def _windows(layout: Layout, devices: Devices, distances: FloatArray) -> tuple[F
         cases = zip(lengths, distances[:, k] - glass, glass, strict=True)
         tangents = np.array([outer_tangent(float(a), float(b), float(c), index) for a, b, c in cases])
         rises[:, k] = glass * rise_mm(tangents, 1.0, index)
-        # Light enters the front this far before the point of reflection and leaves it as far behind.
+        # Light enters the front this far before the point of reflection and leaves it this far beyond.
         along = across * (glass * inner_tangent(tangents, index) / np.maximum(lengths, 1e-12))[:, None]
         shifts[k] = (along[:, None] @ devices.axes[:, k])[:, 0]
     raised = devices.outlines_mm + (rises[..., None] * devices.normals)[..., None, :]
@@ -215,7 +214,7 @@ def _windows(layout: Layout, devices: Devices, distances: FloatArray) -> tuple[F
             seen = ((corners - devices.pupils_mm[of])[:, None] @ devices.holder_from_camera[of])[:, 0]
             return seen[:, :2] / seen[:, 2:]
 
-        shown[:, k] = _placed(_whole(inside), place)
+        shown[:, k] = _placed(_with_area(inside), place)
     return rises, outlines, shown
 
 
@@ -228,7 +227,7 @@ def _normalized(points: FloatArray, devices: Devices) -> FloatArray:
 
 
 def _forward(polygons: Polygons, normals: FloatArray, view_from_camera: FloatArray) -> Polygons:
-    """Polygons (n, m) of normalized coordinates, clipped to the rays that are reflected towards the scene."""
+    """Clip polygons (n, m) in normalized coordinates to rays that are reflected towards the scene."""
     reflected_z = np.array([0.0, 0.0, 1.0]) - 2.0 * normals[..., 2:] * normals
     slopes = (reflected_z[..., None, :] @ view_from_camera[:, None])[..., 0, :].reshape(-1, 3)
     flat = polygons.ravel().copy()
@@ -241,17 +240,17 @@ def _forward(polygons: Polygons, normals: FloatArray, view_from_camera: FloatArr
         start, side = up * (LEAST_FORWARD - c) / across, FAR_NORMALIZED * np.array([-up[1], up[0]])
         end = start + FAR_NORMALIZED * up
         flat[number] = shapely.intersection(flat[number], Polygon([start - side, start + side, end + side, end - side]))
-    return _whole(flat.reshape(polygons.shape))
+    return _with_area(flat.reshape(polygons.shape))
 
 
-def _whole(shapes: Polygons) -> Polygons:
-    """The shapes; those without area (points or lines where polygons touch) are replaced by empty polygons."""
+def _with_area(shapes: Polygons) -> Polygons:
+    """Replace shapes without area (points or lines where polygons touch) by empty polygons."""
     kept = (shapely.get_type_id(shapes) == shapely.GeometryType.POLYGON) & (shapely.area(shapes) > 0)
     return np.where(kept, shapes, Polygon())
 
 
 def _placed(polygons: Polygons, place: Callable[[FloatArray, Indices], FloatArray]) -> Polygons:
-    """Polygons (...) whose corners are moved by `place(corners (c, 2), number of the polygon (c,)) -> (c, 2)`."""
+    """Map the corners of polygons (...) by `place(corners (c, 2), index of the polygon (c,)) -> (c, 2)`."""
     flat = polygons.ravel()
     points, of = shapely.get_coordinates(flat, return_index=True)
     moved = np.full(flat.shape, Polygon(), dtype=np.object_)
@@ -262,19 +261,14 @@ def _placed(polygons: Polygons, place: Callable[[FloatArray, Indices], FloatArra
 
 
 def _corners(polygons: Polygons) -> FloatArray:
-    """Corners (n, most, 2) of polygons (n,), none empty; those with fewer repeat their last."""
+    """Corners (n, most, 2) of nonempty polygons (n,); polygons with fewer corners repeat the last."""
     points, of = shapely.get_coordinates(polygons, return_index=True)
     first, count = np.searchsorted(of, np.arange(len(polygons))), np.bincount(of) - 1
     return np.asarray(points[first[:, None] + np.minimum(np.arange(count.max()), count[:, None] - 1)])
 
 
 def _edges(polygons: Polygons) -> tuple[FloatArray, FloatArray, Indices]:
-    """Start (e, 2) and end (e, 2) of the edges of polygons (n,), and which polygon each belongs to (e,)."""
+    """Start (e, 2) and end (e, 2) of the edges of polygons (n,), and the index (e,) of each edge's polygon."""
     points, of = shapely.get_coordinates(polygons, return_index=True)
     joined = of[1:] == of[:-1]
     return points[:-1][joined], points[1:][joined], of[:-1][joined]
-
-
-def _lifted(points: FloatArray, depth_mm: float) -> FloatArray:
-    """Points (..., 3) of the plane at a depth from (x, y)."""
-    return np.concatenate([points, np.full((*points.shape[:-1], 1), depth_mm)], axis=-1)

@@ -1,4 +1,4 @@
-"""Rays from the pupil via mirrors to the scene, refracted by second-surface mirrors, and what blocks them."""
+"""Rays from the pupil via mirrors to the scene, refracted by second-surface mirrors, and their occlusion."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ RIM_POINTS = 8
 
 @dataclass(frozen=True)
 class Occlusion:
-    """Fraction of the rays of one mirror that the solid of another blocks, on the way in or out."""
+    """Fraction of the rays of one mirror that the solid of another blocks before ("in") or after ("out") reflection."""
 
     mirror: int
     occluder: int
@@ -37,13 +37,13 @@ def length_inside_mm(starts: FloatArray, ends: FloatArray, normals: FloatArray, 
     with np.errstate(divide="ignore", invalid="ignore"):
         crossings = -heights / slopes
     entered = np.where(slopes < 0, crossings, np.where((slopes == 0) & (heights > 0), np.inf, -np.inf)).max(axis=1)
-    left = np.where(slopes > 0, crossings, np.inf).min(axis=1)
-    inside = np.minimum(left, 1.0) - np.maximum(entered, 0.0)
+    exited = np.where(slopes > 0, crossings, np.inf).min(axis=1)
+    inside = np.minimum(exited, 1.0) - np.maximum(entered, 0.0)
     return np.maximum(inside, 0.0) * np.linalg.norm(ends - starts, axis=1)
 
 
 def sampled(polygon: FloatArray, steps: int = SAMPLES) -> FloatArray:
-    """Points (n, 2) that cover a convex polygon (k, 2) evenly, with its border; none for a polygon without corners."""
+    """Points (n, 2) that cover a convex polygon (k, 2) evenly, including its border; (0, 2) for an empty polygon."""
     i, j = np.meshgrid(np.arange(steps + 1), np.arange(steps + 1))
     weights = np.stack([i, j], axis=-1)[i + j <= steps] / steps
     fans = [
@@ -56,12 +56,12 @@ def sampled(polygon: FloatArray, steps: int = SAMPLES) -> FloatArray:
 def traced(
     mirror: Mirror, normalized: FloatArray, origins_mm: FloatArray | None = None
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Points (n, 3) in mm where rays (n, 2) enter and leave a mirror's front, and their directions (n, 3) then.
+    """Points (n, 3), mm, where rays (n, 2) enter and leave a mirror's front, and their directions (n, 3) afterwards.
 
-    The rays start at the pupil's middle or, if given, at other points (n, 3) of it.
+    The rays start at the pupil's centre or at `origins_mm` (n, 3) in the pupil.
 
-    Exact, also for second-surface mirrors: the ray is refracted at the front by Snell's law, runs to the back and
-    returns, and leaves 2 t tan' further along the front, as if reflected there.
+    Exact, also for second-surface mirrors: the front refracts the ray by Snell's law, the back reflects it, and it
+    leaves 2 t tan' further along the front, as if reflected there.
     """
     rays = np.column_stack([normalized, np.ones(len(normalized))])
     normal = mirror.normal_in_rig
@@ -84,10 +84,9 @@ def traced(
 
 
 def sampled_light(mirror: Mirror, pupil: Pupil, steps: int = SAMPLES) -> tuple[FloatArray, FloatArray]:
-    """Points (n, 3) of the pupil, its middle and its rim, and the rays (n, 2) from them to the mirror.
+    """Points (n, 3) at centre and rim of the pupil, and rays (n, 2) from them to the mirror, for unvignetted pixels.
 
-    They are those of pixels whose whole pupil the mirror serves. `steps` is the number of pixels along an edge of the
-    sub-image.
+    `steps` is the number of pixels along an edge of the sub-image.
     """
     chief = sampled(unvignetted_outline(mirror, pupil), steps)
     if pupil.radius_mm == 0.0:
@@ -102,22 +101,22 @@ def sampled_light(mirror: Mirror, pupil: Pupil, steps: int = SAMPLES) -> tuple[F
 def traced_to(
     mirror: Mirror, pupil: Pupil, depth_mm: float, view_axis: FloatArray, steps: int = SAMPLES
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """The sampled light of a mirror that runs towards the scene, as points (n, 3) in mm.
+    """Sampled light of a mirror that is reflected towards the scene, as points (n, 3), mm.
 
-    They are those in the pupil, where the front is entered and left, and at a depth along the view axis (3,).
+    Returns the points in the pupil, where rays enter the front, where they leave it, and at a depth along `view_axis`.
     """
     origins, rays = sampled_light(mirror, pupil, steps)
     met, leaving, directions = traced(mirror, rays, origins)
-    heading = directions @ view_axis > 1e-9
-    origins, met, leaving, directions = origins[heading], met[heading], leaving[heading], directions[heading]
+    forward = directions @ view_axis > 1e-9
+    origins, met, leaving, directions = origins[forward], met[forward], leaving[forward], directions[forward]
     reach = (depth_mm - leaving @ view_axis) / (directions @ view_axis)
     return origins, met, leaving, leaving + directions * reach[:, None]
 
 
 def apparent_offset_mm(mirror: Mirror) -> float:
-    """Largest lateral offset of the light of a mirror from that of its apparent mirror, mm; the rays are parallel.
+    """Largest lateral offset, mm, between a mirror's rays and the parallel rays of its apparent mirror.
 
-    A ray of incidence i for which the apparent plane is d higher than for the chief ray is offset by 2 d sin(i).
+    A ray at the incidence i whose apparent plane is d higher than the chief ray's is offset by 2 d sin(i).
     """
     normalized = sampled(mirror.usable_normalized)
     if not mirror.is_second_surface or len(normalized) == 0:
@@ -133,7 +132,7 @@ def apparent_offset_mm(mirror: Mirror) -> float:
 def _may_meet(points: FloatArray, planes: FloatArray, bodies: FloatArray) -> FloatArray:
     """Mask (n,) of the solids with corners (n, k, 3) that may meet the convex hull of points (m, 3).
 
-    They cannot where a plane of given normal (p, 3) separates them.
+    A plane with one of the normals `planes` (p, 3) separates the others.
     """
     beyond = (points @ planes.T).max(axis=0)
     return ~((bodies @ planes.T).min(axis=1) >= beyond).any(axis=1)
@@ -147,22 +146,21 @@ def blocked_light(
     view_axis: FloatArray | tuple[float, ...] = FOLD_90_VIEW_FROM_RIG[2],
     pupil: Pupil = PINHOLE,
 ) -> list[Occlusion]:
-    """Find mirrors that block others' light, by ray casting from the pupil through sub-images to a depth.
+    """Find mirrors whose solids block others' light, by casting rays from the pupil through sub-images to a depth.
 
-    Rays go through the part of a mirror that shows the scene to the whole pupil, and the whole solid of another blocks
-    them.
+    Rays cover the unvignetted part of each mirror.
 
     Parameters
     ----------
-    mirrors : of a layout.
-    depth_mm : to which the light must be free.
-    steps : rays along an edge of a sub-image.
-    view_axis : direction (3,) in rig of depths, `layout.view_from_rig[2]`; by default that of a fold by 90 degrees.
-    pupil : from which the light runs; by default its middle alone.
+    mirrors : mirrors of a layout.
+    depth_mm : depth up to which light must not be blocked.
+    steps : number of rays along an edge of a sub-image.
+    view_axis : view axis (3,) in rig, `layout.view_from_rig[2]`; by default for a fold of 90 degrees.
+    pupil : pupil from which the light starts; by default only its centre.
 
     Returns
     -------
-    Each pair of mirrors and leg of the light where some is blocked.
+    Each pair of mirrors and leg of the light with blocked rays.
     """
     found, axis = [], np.asarray(view_axis, dtype=np.float64)
     faces = [mirror.solid.half_spaces for mirror in mirrors]
@@ -177,7 +175,7 @@ def blocked_light(
             ("out", leaving, at_depth, mirror.apparent.virtual_centre_in_rig_mm),
         )
         for leg, starts, ends, source in legs:
-            # Planes that bound the light: through its source and an edge, and the mirror plane.
+            # The light is bounded by planes through its source and each edge, and by the mirror plane.
             sides = np.cross(outline - source, np.roll(outline, -1, axis=0) - source)
             planes = np.concatenate([sides, -sides, -mirror.normal_in_rig[None]])
             close = _may_meet(np.concatenate([starts, ends]), planes, bodies)

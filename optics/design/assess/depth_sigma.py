@@ -1,18 +1,19 @@
 """Expected standard deviation of depth: the Cramér-Rao bound of matching all views of a textured plane.
 
-Where a view looks from the distance D along the view axis, a change dz of the depth moves the texture that its pixels
-show by m dz, m = (x - c) / D, with x the point and c the view's centre across that axis. Of an unknown texture with the
-power spectrum S that n px per mm^2 show with the contrast H and noise of the variance v, matching learns per mm^2
+A change dz of the depth moves the texture seen by a view at the distance D along the view axis by m dz,
+m = (x - c) / D, where x is the point and c the view's centre, both normal to that axis. Let the texture be unknown with
+the power spectrum S, sampled by n px per mm^2 with the contrast H and noise of variance v. The Fisher information on
+the depth per mm^2 is
 
     I = sum over frequencies k of S(k) sum_i w_i (2 pi k . (m_i - mean of m))^2,    w_i = |H_i(k)|^2 n_i / v_i
 
-with the mean weighted by w as well: the part that all views share determines the texture, not the depth. It is the
-bound for an unknown, fixed signal (P. Stoica and A. Nehorai, IEEE Trans. ASSP 37(5), 1989), without prior knowledge of
-the texture. Of equal views of a plane square to them it becomes
+where the mean is weighted by w, too: motion common to all views determines the texture, not the depth. It is the bound
+for an unknown, deterministic signal (P. Stoica and A. Nehorai, IEEE Trans. ASSP 37(5), 1989), without prior knowledge
+of the texture. For equal views of a plane normal to their axis it becomes
 
     sigma = D^2 / (f sqrt(sum_i |b_i - mean of b|^2)) * noise / (slope sqrt(N))
 
-with baselines b, the RMS slope of the pictures along an axis and N px a view.
+with baselines b, the RMS slope of the pictures along an axis, and N px per view.
 """
 
 from __future__ import annotations
@@ -35,28 +36,28 @@ NOISE_GREY = 2.2
 SLOPE_GREY = 5.0
 """RMS slope along an axis of the picture of a texture in focus, grey levels per px.
 
-The texture has as much slope at each frequency, as edges have (a power spectrum of 1 / k^2), so that it looks alike
-from any distance; blur and coarser sampling take from it.
+The slope is the same at each frequency, as for edges (a power spectrum of 1 / k^2), so that the texture looks alike
+from any distance; blur and coarser sampling reduce it.
 """
 
 WINDOW_PX = 25.0
-"""Pixels of the central view that take one depth."""
+"""Pixels of the central view that share one depth."""
 
 PLACES = 9
-"""Places along each side of the box around the common region at which the bound is computed."""
+"""Number of points along each side of the box around the common region at which the bound is computed."""
 
 ANGLES, RADII, LARGEST_RADIUS = 16, 24, 3.5
-"""Directions and lengths of frequencies; the largest length in standard deviations of the contrast of sharp pixels."""
+"""Directions and lengths of frequencies; greatest length, in standard deviations of sharp pixels' contrast."""
 
 
 DEPTH_UNKNOWN = "it would exceed the depth itself: the views are too blurred, or too close together, to measure depth"
 
 
 def depth_sigma_metrics(views: FieldsOfView, depths_mm: Sequence[float]) -> dict[str, Metric]:
-    """Expected standard deviation of depth at each depth: the mean over the region that all views show.
+    """Expected standard deviation of depth at each depth: the mean over the region common to all views.
 
-    Views are those of whole pupils, for the pixels that the camera can use. A depth at which they share nothing is left
-    out; where it would exceed the depth, the figure is none.
+    `views` are the unvignetted fields of view. Depths at which they share nothing are omitted; a standard deviation
+    greater than the depth is unknown.
     """
     found = {depth_mm: mean_depth_sigma_mm(views, depth_mm) for depth_mm in depths_mm}
     return {
@@ -69,10 +70,10 @@ def depth_sigma_metrics(views: FieldsOfView, depths_mm: Sequence[float]) -> dict
 
 
 def mean_depth_sigma_mm(views: FieldsOfView, depth_mm: float) -> float | None:
-    """Expected standard deviation of depth, mm, averaged over what all views show; None where that is nothing.
+    """Mean of the expected standard deviation of depth, mm, over the common region; None if that is empty.
 
-    None as well for a single view, which shows no depth. Infinite where it would exceed the depth: the bound is that of
-    small errors, and blurred views have contrasts at which it is astronomical.
+    None also for a single view, which shows no depth. Infinite if it would exceed the depth, because the bound holds
+    only for small errors and is astronomical for blurred views.
     """
     places = _places(views, depth_mm)
     if len(places) == 0 or len(views.layout.mirrors) == 1:
@@ -82,9 +83,9 @@ def mean_depth_sigma_mm(views: FieldsOfView, depth_mm: float) -> float | None:
 
 
 def depth_sigma_mm(layout: Layout, points_in_view_mm: FloatArray) -> FloatArray:
-    """Expected standard deviation (n,) of the depth of a plane square to the views, around points (n, 3), view axes.
+    """Expected standard deviation (n,) of depth at points (n, 3), in view axes, of a plane normal to the view axis.
 
-    Infinite where the views show nothing of the texture or lie in one place.
+    Infinite if the views are too blurred to show texture or lie in the same place.
     """
     moves, jacobians, variances = _shifts(layout, points_in_view_mm)
     density = np.abs(np.linalg.det(jacobians))
@@ -100,12 +101,12 @@ def depth_sigma_mm(layout: Layout, points_in_view_mm: FloatArray) -> FloatArray:
         moved = moves @ along
         moved -= moved.mean(axis=1, keepdims=True)
         powers = np.stack([density, density * moved, density * moved**2], axis=1)
-        # Contrasts relative to the sharpest view's, which alone may underflow: to 0, as there is nothing to match then.
+        # Contrasts relative to the sharpest view's. Only that one may underflow to 0; then there is nothing to match.
         sharpest = spread.min(axis=1, keepdims=True)
         relative = np.exp(-(spread - sharpest)[..., None] * radii**2)
         total, first, second = np.moveaxis(powers @ relative, 1, 0)
         information += (np.exp(-sharpest * radii**2) * np.maximum(second - first**2 / total, 0.0)) @ radii
-    # The picture of a spectrum of slopes C k dk has the mean square slope C / (4 SHARP_VARIANCE_PX2) along an axis.
+    # The sharp picture of a slope spectrum C k dk has the mean square slope C / (4 SHARP_VARIANCE_PX2) along an axis.
     strength = SLOPE_GREY**2 * 4.0 * SHARP_VARIANCE_PX2 / NOISE_GREY**2
     cell = unit**2 * (LARGEST_RADIUS / RADII) / ANGLES
     per_mm2 = strength * cell * information
@@ -128,9 +129,9 @@ def _places(views: FieldsOfView, depth_mm: float) -> FloatArray:
 
 
 def _shifts(layout: Layout, points_in_view_mm: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Of points (n, 3) in each view: moves (n, m, 2), px per mm across (n, m, 2, 2), variances (n, m) of blur, px^2.
+    """Motion m (n, views, 2) of the texture, Jacobian (n, views, 2, 2), px per mm, and blur variance (n, views), px^2.
 
-    A circle of confusion has the variance of its diameter / 4 squared.
+    All at points (n, 3), in view axes. The variance of a circle of confusion is (diameter / 4)^2.
     """
     camera, turn = layout.camera, layout.view_from_rig
     centres = layout.virtual_centres_in_view_mm.reshape(-1, 3)

@@ -1,4 +1,4 @@
-"""Focus of the base camera over working depths: circles of confusion through each mirror, and the best focus."""
+"""Focus of the base camera over the working depths: circles of confusion in each mirror, and the best focus."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from mirrorcam.optics.geometry.sub_images import FieldsOfView, images_in_rig
 CIRCLE_LIMIT_PX = 2.0
 """Largest diameter of a circle of confusion that counts as sharp.
 
-It adds 0.5 px RMS per axis to the blur of a webcam in focus, about 0.8 px, and the first zero of its contrast,
-1.22 / diameter, is at 0.61 periods per px: beyond the finest pattern that pixels can show, 0.5.
+It adds 0.5 px RMS per axis to the blur of a webcam in focus, about 0.8 px. The first zero of its contrast,
+1.22 / diameter, is at 0.61 periods per px, beyond the Nyquist frequency of 0.5.
 """
 
 
 def nearness_per_mm(views: FieldsOfView, depth_mm: float) -> FloatArray:
-    """Least and greatest 1/z (mirrors, 2) of the region that all views share at a depth; NaN where they share none.
+    """Least and greatest 1/z (mirrors, 2) of the region that all views share at a depth; NaN if they share none.
 
-    z is measured along the axis of the camera to the images of the region in each mirror, along the path of the light.
+    z is the depth along the camera's axis of the region's images in each mirror.
     """
     region, _ = views.common_region(depth_mm)
     if region.is_empty:
         return np.full((len(views.layout.mirrors), 2), np.nan)
-    # The images are plane polygons, and 1/z of a plane is extreme at corners.
+    # The images are plane polygons, whose 1/z is extreme at corners.
     nearness = 1.0 / images_in_rig(views.layout, region, depth_mm)[..., 2]
     return np.stack([nearness.min(axis=1), nearness.max(axis=1)], axis=1)
 
@@ -39,14 +39,14 @@ def circles_px(camera: Camera, nearness: FloatArray, focus_mm: float) -> FloatAr
 
 
 def best_focus_mm(nearness: FloatArray) -> float:
-    """The focus of the smallest largest circle between values of 1/z (..., 2): the middle of their extremes."""
+    """Focus that minimises the largest circle between values of 1/z (..., 2): the mean of the extreme 1/z."""
     return float(2.0 / (nearness.min() + nearness.max()))
 
 
 def focus_metrics(views: FieldsOfView, depths_mm: Sequence[float]) -> dict[str, Metric]:
-    """Largest circle of confusion at each depth, the best focus for all depths, and the largest circle with that.
+    """Largest circle of confusion at each depth, the best focus for all depths, and its largest circle.
 
-    Empty for a pinhole, and where the views share nothing at any depth, which is otherwise left out.
+    Depths at which the views share nothing are omitted. Empty for a pinhole, and if no depth remains.
     """
     camera = views.layout.camera
     if camera.aperture_mm == 0.0:
@@ -70,12 +70,12 @@ def focus_metrics(views: FieldsOfView, depths_mm: Sequence[float]) -> dict[str, 
 
 
 def focus_figures(layout: Layout) -> dict[str, Metric]:
-    """The figures of the camera's focus among the metrics of a layout; a pinhole has none."""
+    """The metrics of a layout that describe the camera's focus; empty for a pinhole."""
     return {name: metric for name, metric in layout.metrics.items() if name.startswith(("circle", "best_focus"))}
 
 
 def out_of_focus(layout: Layout) -> str:
-    """What to do where a circle of confusion at a working depth exceeds the limit; nothing where none does."""
+    """Advice if a circle of confusion at a working depth exceeds the limit; "" if none does."""
     figures = focus_figures(layout)
     if not figures:
         return ""
@@ -83,8 +83,8 @@ def out_of_focus(layout: Layout) -> str:
     worst = max(metric.value for name, metric in figures.items() if name.startswith("circle_of_confusion"))
     if least.limit is None or worst <= least.limit or not all(metric.known for metric in figures.values()):
         return ""
-    at = f"in focus at {layout.camera.focus_mm:g} mm, circles of confusion reach {worst:.3g} px"
-    best = f"focus at {figures['best_focus_mm'].value:.0f} mm leaves {least.value:.3g} px"
+    found = f"with the focus at {layout.camera.focus_mm:g} mm, circles of confusion reach {worst:.3g} px"
+    best = f"the focus at {figures['best_focus_mm'].value:.0f} mm reduces them to {least.value:.3g} px"
     smaller_mm = layout.camera.aperture_mm * least.limit / least.value
-    advice = best if least.passed else f"{best}, with an aperture of {smaller_mm:.3g} mm {least.limit:g} px"
-    return f"{at}, more than {least.limit:g} px: {advice}"
+    advice = best if least.passed else f"{best}, also an aperture of {smaller_mm:.3g} mm to {least.limit:g} px"
+    return f"{found}, more than {least.limit:g} px: {advice}"

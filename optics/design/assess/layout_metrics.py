@@ -23,10 +23,10 @@ HALF = 0.5
 """Views overlap at depths where pixel efficiency is at least this fraction of the best of the working depths."""
 
 FARTHEST_MM = 1e5
-"""A depth range that reaches 100 m is not followed any further: for a webcam that is practically infinity."""
+"""Far limit of the search for the depth range: for a webcam, 100 m is practically infinity."""
 
 NEAREST_MM = 1.0
-"""A depth range that reaches to the pupil, beside mirrors that fold light past it, is not followed any nearer."""
+"""Near limit of the search for the depth range, where mirrors fold light past the pupil."""
 
 DEPTH_STEP, CROSSING_PRECISION = 1.15, 1e-4
 SMALL_SHIFT_PX = 0.25
@@ -35,17 +35,17 @@ SMALL_SHIFT_PX = 0.25
 def fitted_grid(layout: Layout) -> tuple[FloatArray, FloatArray]:
     """Best-fitting grid or pattern (rows, cols, 3) to the virtual centres in view axes, and its two spacings, mm.
 
-    Its axes are those of the view; its origin (3) and two spacings are fitted by least squares. An axis with a
-    single row or column has spacing 0.
+    It is aligned with the view axes; its origin (3,) and two spacings are fitted by least squares. The spacing along an
+    axis with a single row or column is 0.
     """
     places, spacings = layout.arrangement.fitted(layout.virtual_centres_in_view_mm.reshape(-1, 3))
     return places.reshape(layout.rows, layout.cols, 3), spacings
 
 
 def grid_error(layout: Layout) -> float:
-    """Root mean square distance of virtual centres to the best-fitting grid / geometric mean of its spacings.
+    """RMS distance of virtual centres to the best-fitting grid, divided by the geometric mean of its spacings.
 
-    Raises InputError where a spacing is 0: views at one place are no grid.
+    Raises InputError if a spacing is 0: views in one place form no grid.
     """
     grid, spacings = fitted_grid(layout)
     if layout.rows * layout.cols < 2:
@@ -65,12 +65,12 @@ def _grid_error(layout: Layout) -> Metric:
 
 
 def depth_range_mm(views: FieldsOfView, depths_mm: Sequence[float]) -> tuple[float, float] | None:
-    """Nearest and farthest depth, mm, between which the views overlap; None where none do at any of `depths_mm`.
+    """Nearest and farthest depth, mm, between which the views overlap; None if they overlap at none of `depths_mm`.
 
-    The full width at half maximum, as a depth of field is measured: contiguous depths around the working depth with the
-    best pixel efficiency at which it is at least half of that. Being relative, it measures how quickly the overlap is
-    lost, not how good it is. Sampled 15 % apart, then to a relative 1e-4 by Brent's method; the farthest is at most
-    `FARTHEST_MM`, which then stands for infinity.
+    As for a depth of field, this is the full width at half maximum: contiguous depths around the best working depth
+    with at least half its pixel efficiency. It measures how quickly the overlap is lost, not how good it is. The limits
+    are bracketed in steps of 15 %, then solved to a relative 1e-4 by Brent's method. A farthest depth of `FARTHEST_MM`
+    stands for infinity.
     """
 
     @cache
@@ -115,15 +115,12 @@ def _overlap(views: FieldsOfView, depth_mm: float) -> dict[str, Metric]:
 
 
 def _usable(views: FieldsOfView, pinhole: FieldsOfView, depths_mm: Sequence[float]) -> dict[str, Metric]:
-    """Pixel efficiency of pixels whose whole pupil is served by one mirror, and their part of the sub-images.
-
-    None for a pinhole, of which all pixels are.
-    """
+    """Pixel efficiency of unvignetted pixels, and their fraction of the sub-images; empty for a pinhole."""
     camera = views.layout.camera
     if camera.aperture_mm == 0.0:
         return {}
-    whole, all_px = (sum(_area_px(camera, shown) for shown in each.sub_images) for each in (views, pinhole))
-    found = {"whole_pupil": Metric(value=whole / all_px, unit="of the views", lower_is_better=False)}
+    clear_px, all_px = (sum(_area_px(camera, shown) for shown in each.sub_images) for each in (views, pinhole))
+    found = {"whole_pupil": Metric(value=clear_px / all_px, unit="of the views", lower_is_better=False)}
     for depth_mm in depths_mm:
         share = views.pixel_efficiency(views.common_region(depth_mm)[0], depth_mm)
         found[f"usable_efficiency_{depth_mm:g}mm"] = Metric(value=share, unit="of the sensor", lower_is_better=False)
@@ -131,12 +128,12 @@ def _usable(views: FieldsOfView, pinhole: FieldsOfView, depths_mm: Sequence[floa
 
 
 def _area_px(camera: Camera, normalized: Polygon) -> float:
-    """Area, px^2, of a polygon in normalized coordinates, its edges distorted as by the lens at their ends."""
+    """Area, px^2, of a polygon in normalized coordinates, with distorted corners and straight edges."""
     return 0.0 if normalized.is_empty else Polygon(camera.pixels_from_normalized(vertices(normalized))).area
 
 
 def _field_of_view(views: FieldsOfView, depth_mm: float) -> dict[str, Metric]:
-    """Angles that the common region at a depth spans at the mean virtual centre, across and upwards."""
+    """Horizontal and vertical angle that the common region at a depth subtends at the mean virtual centre."""
     region, _ = views.common_region(depth_mm)
     angles = np.zeros(2)
     if not region.is_empty:
@@ -149,7 +146,7 @@ def _field_of_view(views: FieldsOfView, depth_mm: float) -> dict[str, Metric]:
 
 
 def _depth_range(views: FieldsOfView, depths_mm: Sequence[float]) -> dict[str, Metric]:
-    """Metrics of the depth range; absent where the views share nothing at any working depth."""
+    """Metrics of the depth range; empty if the views share nothing at any working depth."""
     found = depth_range_mm(views, depths_mm)
     if found is None:
         return {}
@@ -163,12 +160,12 @@ def _depth_range(views: FieldsOfView, depths_mm: Sequence[float]) -> dict[str, M
 
 
 def _disparities(layout: Layout, depths_mm: Sequence[float]) -> dict[str, Metric]:
-    """Disparity and depth resolution at each depth, of the central view at the resolution of the sensor.
+    """Disparity and depth resolution at each depth, for the central view at the resolution of the sensor.
 
-    A view step b shifts a point at the distance D from the central view by f b / D px against a point at infinity
+    One view step b shifts a point at the distance D from the central view by f b / D px relative to infinity
     (docs/conventions.md, with the reference plane at infinity); the disparity between two depths is the difference of
-    their values. A shift of p px between the outermost views, B apart, is a change of depth of p D^2 / (f B), given for
-    the axis with the better resolution.
+    their shifts. A shift of p px between the outermost views, B apart, corresponds to a change of depth of
+    p D^2 / (f B), given for the axis with the better resolution.
     """
     _, spacings = fitted_grid(layout)
     steps_mm = np.abs(spacings)
@@ -207,7 +204,7 @@ def _sizes(layout: Layout) -> dict[str, Metric]:
 
 
 def _plate_offsets(layout: Layout, depths_mm: Sequence[float]) -> dict[str, Metric]:
-    """Offsets of light in second-surface mirrors from that in their apparent mirrors; none without such mirrors."""
+    """Ray offsets between second-surface mirrors and their apparent mirrors; empty without second-surface mirrors."""
     if not any(mirror.is_second_surface for mirror in layout.mirrors):
         return {}
     offset_mm = max(apparent_offset_mm(mirror) for mirror in layout.mirrors)
@@ -219,14 +216,14 @@ def _plate_offsets(layout: Layout, depths_mm: Sequence[float]) -> dict[str, Metr
     }
 
 
-def evaluate(layout: Layout, depths_mm: Sequence[float], whole_pupil: FieldsOfView | None = None) -> dict[str, Metric]:
-    """Figures of a layout; docs/conventions.md defines them.
+def evaluate(layout: Layout, depths_mm: Sequence[float], unvignetted: FieldsOfView | None = None) -> dict[str, Metric]:
+    """Figures of merit of a layout, as defined in docs/conventions.md.
 
     Parameters
     ----------
-    layout : of any kind.
-    depths_mm : working depths; the field of view is that of the region common to all views at the farthest.
-    whole_pupil : its fields of view with the pupil of its camera, where they are known already.
+    layout : layout of any kind.
+    depths_mm : working depths; the field of view is measured at the farthest.
+    unvignetted : the layout's `fields_of_view` for its camera's pupil, if already computed.
 
     Returns
     -------
@@ -237,11 +234,11 @@ def evaluate(layout: Layout, depths_mm: Sequence[float], whole_pupil: FieldsOfVi
     InputError : a depth is nearer than the mirrors.
     """
     views = fields_of_view(layout)
-    whole = fields_of_view(layout, layout.camera.pupil) if whole_pupil is None else whole_pupil
+    clear = fields_of_view(layout, layout.camera.pupil) if unvignetted is None else unvignetted
     metrics = {"grid_error": _grid_error(layout)}
     for depth_mm in depths_mm:
         metrics |= _overlap(views, depth_mm)
-    metrics |= _usable(whole, views, depths_mm)
+    metrics |= _usable(clear, views, depths_mm)
     metrics |= _field_of_view(views, max(depths_mm))
     _, spacings = fitted_grid(layout)
     for axis, baseline_mm in zip("xy", np.abs(spacings) * layout.arrangement.extent, strict=True):
@@ -249,6 +246,6 @@ def evaluate(layout: Layout, depths_mm: Sequence[float], whole_pupil: FieldsOfVi
     metrics |= _depth_range(views, depths_mm)
     metrics |= focus_metrics(views, depths_mm)
     metrics |= _disparities(layout, depths_mm)
-    metrics |= depth_sigma_metrics(whole, depths_mm)
+    metrics |= depth_sigma_metrics(clear, depths_mm)
     metrics |= _sizes(layout)
     return metrics | _plate_offsets(layout, depths_mm)

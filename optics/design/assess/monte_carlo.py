@@ -1,4 +1,4 @@
-"""Tolerance analysis: figures of many perturbed devices of a design, drawn at random (Monte Carlo)."""
+"""Tolerance analysis by Monte Carlo: figures of many randomly perturbed devices of a design."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ UNITS = {
 
 @dataclass(frozen=True)
 class Spread:
-    """One figure over many devices: its value for the design, its median and the range of 90 % of the devices."""
+    """Distribution of a figure over devices: value of the design, median, and the range of 90 % of the devices."""
 
     nominal: float
     low: float
@@ -67,13 +67,13 @@ class Study:
     devices
         Number of devices drawn.
     spreads
-        Spread of each figure, by accuracy (a factor on the tolerances of printing and assembling; those of the camera
-        stay), then by figure.
+        Spread by accuracy, then by figure. The accuracy is a factor on the tolerances of printing and assembly; those
+        of the camera stay.
     hidden
-        Fraction of devices in which a mirror hides a part of another from the camera, by accuracy.
+        Fraction of devices in which one mirror hides part of another from the camera, by accuracy.
     shares
-        Mean square deviation from the design with one tolerance alone, as a fraction of the sum over causes, by cause,
-        then by figure. For a figure that depends linearly, that is its share of the variance.
+        Mean square deviation from the design caused by one tolerance, as a fraction of the sum over causes, by cause,
+        then by figure. For a figure with a linear dependence it is the share of the variance.
     """
 
     tolerances: Tolerances
@@ -86,7 +86,7 @@ class Study:
 def study(
     layout: Layout, tolerances: Tolerances, depths_mm: Sequence[float], *, devices: int = DEVICES, seed: int = 0
 ) -> Study:
-    """Draw devices at each accuracy and with each cause alone, each time from the same random numbers.
+    """Draw devices at each accuracy and with each single cause, always from the same random numbers.
 
     Parameters
     ----------
@@ -94,12 +94,12 @@ def study(
     tolerances : standard deviations.
     depths_mm : working depths.
     devices : number of devices.
-    seed : of the random generator.
+    seed : seed of the random generator.
 
     Raises
     ------
-    InputError : views share nothing at a depth, or a drawn device could not be built, also at the coarsest accuracy,
-        twice the tolerances.
+    InputError : views share nothing at a depth, or a drawn device is impossible, at any accuracy up to twice the
+        tolerances.
     """
     ideal = design_reference(layout, depths_mm)
     nominal = {name: float(values[0]) for name, values in ideal.figures(ideal.design).items()}
@@ -143,18 +143,18 @@ def _shares(squares: Mapping[str, Mapping[str, float]]) -> dict[str, dict[str, f
 
 @dataclass(frozen=True)
 class Probe:
-    """Points of the scene at which the projection of a device is compared with that of the design.
+    """Points of the scene at which the projection of a device is compared with the design's.
 
-    Triangle by triangle of the region that all views of the design share at a depth, the three points and equal
-    weights that integrate squares of affine functions over it exactly (Strang and Fix, degree 2).
+    The region that all views of the design share at a depth is divided into triangles. Each triangle has three points
+    with equal weights, which integrate squares of affine functions exactly (Strang and Fix, degree 2).
     """
 
     depth_mm: float
     points_mm: FloatArray  # (q, 3)
     weights: FloatArray  # (q,), sum 1
     pixels: FloatArray  # (m, q, 2), predicted by the design
-    landings_mm: FloatArray  # (m, q, 2), where the design maps those pixels on the plane: the points, rounded
-    px_per_mm: float  # of the median sub-image, on the plane at this depth
+    landings_mm: FloatArray  # (m, q, 2), those pixels mapped back to the plane: the points up to rounding
+    px_per_mm: float  # on the plane at this depth, for the median sub-image
 
 
 @dataclass(frozen=True)
@@ -164,13 +164,13 @@ class DesignReference:
     Attributes
     ----------
     design
-        Its views, of one device: n = 1.
+        Views of the design as a single device (n = 1).
     probes
-        One per working depth.
+        Comparison points, one `Probe` per working depth.
     reference_mm
         Depth of the reference plane of decoding, midway in disparity between the working depths.
     window
-        The part of it that decoded views show: the bounding box of what is common to all views of the design.
+        Part of the reference plane in decoded views: the bounding box of the region common to all views of the design.
     """
 
     design: BuiltViews
@@ -181,19 +181,19 @@ class DesignReference:
     def figures(self, views: BuiltViews) -> dict[str, FloatArray]:
         """The figures (n,) of the devices, in the order of a report.
 
-        Grid error, baselines, pixel efficiency, overlap, usable efficiency (not of a pinhole) and field of view (at the
-        farthest depth) are as in `layout_metrics`, but in the view axes of the holder, where the plane at a depth does
-        not move when the camera does. Further:
+        Grid error, baselines, pixel efficiency, overlap, usable efficiency (except for a pinhole) and field of view (at
+        the farthest depth) are as in `layout_metrics`, but in the view axes of the holder, where a camera that moves
+        does not move the plane at a depth. In addition:
 
-        - `off_sensor`: fraction of the sub-images that lies outside the sensor.
-        - `uncalibrated_error`: distance between the pixel of a scene point and the pixel predicted by the design, which
-          decoding without calibration uses; rms over the region that all views of the design share, and over views.
-        - `misregistration`: the part of it that differs from view to view, and so blurs a refocused picture and
-          falsifies depth: where the design maps the pixel on the plane, less the mean over views; in px of a decoded
-          view.
-        - `usable_window`: the part of `window` that all views of the device see, after calibration.
+        - `off_sensor`: fraction of the sub-images outside the sensor.
+        - `uncalibrated_error`: distance between the pixel of a scene point and the pixel predicted by the design, as
+          in decoding without calibration; RMS over views and the region that all views of the design share.
+        - `misregistration`: the part of this error that differs between views, which blurs refocused pictures and
+          falsifies depth. It is the point on the plane to which the design maps the pixel, minus the mean over views,
+          in px of a decoded view.
+        - `usable_window`: fraction of `window` that all views of the device see, after calibration.
 
-        Light that one mirror takes from another is not subtracted.
+        Light that one mirror blocks from another is not subtracted.
         """
         figures = _grids(views)
         for depth_mm in (probe.depth_mm for probe in self.probes):
@@ -216,19 +216,19 @@ class DesignReference:
         return figures
 
     def _usable(self, views: BuiltViews) -> dict[str, FloatArray]:
-        """Pixel efficiency (n,) of pixels whose whole pupil is served by one mirror; none for a pinhole."""
+        """Pixel efficiency (n,) of unvignetted pixels; empty for a pinhole."""
         pupil = views.layout.camera.pupil
         if pupil.radius_mm == 0.0:
             return {}
-        whole, depths_mm = views.through(pupil), [probe.depth_mm for probe in self.probes]
+        clear, depths_mm = views.through(pupil), [probe.depth_mm for probe in self.probes]
         return {
-            f"usable_efficiency_{depth_mm:g}mm": whole.pixel_efficiency(whole.common_regions(depth_mm)[0], depth_mm)
+            f"usable_efficiency_{depth_mm:g}mm": clear.pixel_efficiency(clear.common_regions(depth_mm)[0], depth_mm)
             for depth_mm in depths_mm
         }
 
 
 def design_reference(layout: Layout, depths_mm: Sequence[float]) -> DesignReference:
-    """The reference of a design at depths, mm. Raises InputError where the views of the design share nothing."""
+    """The reference of a design at working depths, mm. Raises InputError if the views of the design share nothing."""
     reference_mm = harmonic_mean(depths_mm)
     for depth_mm in (*depths_mm, reference_mm):
         if fields_of_view(layout).common_region(depth_mm)[0].is_empty:
@@ -265,7 +265,7 @@ def _probe(design: BuiltViews, depth_mm: float) -> Probe:
 
 
 def _grids(views: BuiltViews) -> dict[str, FloatArray]:
-    """Grid error and baselines (n,), as `layout_metrics.fitted_grid` has them for one layout."""
+    """Grid error and baselines (n,); see `layout_metrics.fitted_grid` for a single layout."""
     arrangement = views.layout.arrangement
     places, spacings = arrangement.fitted(views.centres_mm)
     used = arrangement.extent > 0
@@ -276,7 +276,7 @@ def _grids(views: BuiltViews) -> dict[str, FloatArray]:
 
 
 def _fields_of_view_deg(views: BuiltViews, regions: Polygons, depth_mm: float) -> FloatArray:
-    """Angles (n, 2) that regions (n,) of the plane at a depth span at the mean virtual centre; 0 of empty ones."""
+    """Angles (n, 2) that regions (n,) at a depth subtend at the mean virtual centre; 0 for empty regions."""
     points, of = shapely.get_coordinates(regions, return_index=True)
     middles = views.centres_mm.mean(axis=1)[of]
     angles = np.degrees(np.arctan2(points - middles[:, :2], depth_mm - middles[:, 2:]))
@@ -287,7 +287,7 @@ def _fields_of_view_deg(views: BuiltViews, regions: Polygons, depth_mm: float) -
 
 
 def _decode_errors_px(views: BuiltViews, design: BuiltViews, probe: Probe) -> tuple[FloatArray, FloatArray]:
-    """`uncalibrated_error` and `misregistration` (n,) at one depth, without points that a lens model cannot see."""
+    """`uncalibrated_error` and `misregistration` (n,) at one depth, without points beyond the lens model."""
     devices, mirrors = np.arange(len(views.pupils_mm))[:, None, None], np.arange(views.centres_mm.shape[1])[:, None]
     pixels = views.pixels(probe.points_mm, devices, mirrors)
     error = _rms(pixels - probe.pixels, probe.weights)
@@ -296,19 +296,19 @@ def _decode_errors_px(views: BuiltViews, design: BuiltViews, probe: Probe) -> tu
 
 
 def _landings(design: BuiltViews, pixels: FloatArray, depth_mm: float) -> FloatArray:
-    """Points (..., m, q, 2), mm, of the plane at a depth that pixels of the design's sub-images see."""
+    """Points (..., m, q, 2), mm, on the plane at a depth seen by pixels of the design's sub-images."""
     normalized = design.cameras[0].normalized_from_pixels(pixels)
     return design.landing(normalized, np.array(0), np.arange(design.centres_mm.shape[1])[:, None], depth_mm)
 
 
 def _rms(errors: FloatArray, weights: FloatArray) -> FloatArray:
-    """Root mean square length (n,) of errors (n, m, q, 2) at weights (q,), of those that are numbers."""
+    """RMS length (n,) of errors (n, m, q, 2) with weights (q,), ignoring NaN."""
     squares = np.sum(errors**2, axis=-1)
     known = weights * np.isfinite(squares)
     return np.sqrt(np.sum(known * np.nan_to_num(squares), axis=(1, 2)) / np.sum(known, axis=(1, 2)))
 
 
 def _mean_over_views(errors: FloatArray) -> FloatArray:
-    """Mean (n, 1, q, 2) of errors (n, m, q, 2), of those that are numbers; 0 where none is."""
+    """Mean (n, 1, q, 2) of errors (n, m, q, 2), ignoring NaN; 0 if all are NaN."""
     known = np.isfinite(errors)
     return np.where(known, errors, 0.0).sum(axis=1, keepdims=True) / np.maximum(known.sum(axis=1, keepdims=True), 1)

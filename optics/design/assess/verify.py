@@ -19,7 +19,7 @@ AXES_TOLERANCE = 1e-9
 LEAST_COMMON_AREA_MM2 = 1.0
 
 FINDINGS = {
-    "unlike_spec": ("spec", "{value:g} of camera, counts, view axes and mirrors are not those requested"),
+    "unlike_spec": ("spec", "{value:g} of camera, counts, view axes and mirrors differ from the spec"),
     "outside_sensor_px": ("sensor", "a sub-image leaves the sensor by {value:.3g} px"),
     "smallest_gap_mm": ("spacing", "two mirrors are {value:.4g} mm apart, {missing:.3g} mm too close"),
     "smallest_seen_gap_mm": ("seen gap", "two sub-images are {value:.3g} mm apart, {missing:.3g} mm too close"),
@@ -31,34 +31,35 @@ FINDINGS = {
     "shortest_edge_mm": ("edge", "a mirror has an edge of {value:.4g} mm, {missing:.3g} mm too short"),
     "smallest_area_mm2": ("area", "a mirror has {value:.4g} mm², {missing:.3g} mm² too few"),
 }
-"""By name (without its depth): the constraint that a failed figure belongs to, and the finding to report."""
+"""Constraint and finding to report for a failed figure, by the figure's name without its depth."""
 
 
 def _differs(mirror: Mirror, spec: DesignSpec) -> bool:
-    """Return whether a mirror has more corners than requested, another reflecting surface or other glass."""
+    """Whether a mirror has more corners than requested, another reflecting surface, or other glass."""
     requested = (spec.surface, spec.thickness_mm, spec.refractive_index)
     found = (mirror.surface, mirror.thickness_mm, mirror.refractive_index)
     return found != requested or len(mirror.outline_in_rig_mm) > spec.sides
 
 
 def _unlike_spec(layout: Layout, spec: DesignSpec) -> int:
+    """Number of properties and mirrors that differ from the spec."""
     requested = spec.arrangement
-    wholes = (
+    properties = (
         (layout.camera, spec.camera),
         (layout.rows, requested.rows),
         (layout.cols, requested.cols),
         (layout.pattern, requested.pattern),
     )
-    turned = not np.allclose(layout.view_from_rig, spec.view_from_rig, rtol=0.0, atol=AXES_TOLERANCE)
+    rotated = not np.allclose(layout.view_from_rig, spec.view_from_rig, rtol=0.0, atol=AXES_TOLERANCE)
     return (
-        sum(found != wanted for found, wanted in wholes)
-        + int(turned)
+        sum(found != wanted for found, wanted in properties)
+        + int(rotated)
         + sum(_differs(mirror, spec) for mirror in layout.mirrors)
     )
 
 
 def _outside_sensor_px(layout: Layout) -> float:
-    """Largest distance by which a sub-image leaves the sensor; its diagonal where one leaves the lens model's range."""
+    """Largest distance by which a sub-image leaves the sensor; the sensor's diagonal if one leaves the lens model."""
     size = np.array([layout.camera.width_px, layout.camera.height_px], dtype=np.float64)
     outlines = np.concatenate([layout.outline_px(k, points_per_edge=64) for k in range(len(layout.mirrors))])
     outside = np.maximum(-0.5 - outlines, outlines - (size - 0.5)).max()
@@ -68,17 +69,17 @@ def _outside_sensor_px(layout: Layout) -> float:
 def verify(layout: Layout, spec: DesignSpec) -> dict[str, Metric]:
     """Measure each figure that a spec limits.
 
-    Rays are cast to the farthest depth. Gaps are those in space between the solids of mirrors, which leave space for
-    the walls printed between them. Limits on lengths are looser by `LENGTH_TOLERANCE_MM`, far less than can be made.
+    Rays are cast to the farthest depth. Gaps are measured in space between the solids of mirrors, where walls are
+    printed. Limits on lengths are relaxed by `LENGTH_TOLERANCE_MM`, far below manufacturing tolerances.
 
     Parameters
     ----------
-    layout : the answer to the spec.
-    spec : the requested design.
+    layout : the layout to verify.
+    spec : the spec that it should meet.
 
     Returns
     -------
-    Figures by name, with their limits; `require_passed` raises where one is missed.
+    Figures by name, with their limits; `require_passed` raises an error for a missed limit.
     """
     mirrors = layout.mirrors
     verdict = {
@@ -111,7 +112,7 @@ def verify(layout: Layout, spec: DesignSpec) -> dict[str, Metric]:
 
 
 def _clear_of_body(layout: Layout, spec: DesignSpec) -> dict[str, Metric]:
-    """Rays that meet the box around the camera and its clip, and the least gap between mirrors and camera."""
+    """Fraction of rays that meet the box around the camera and its clip, and the least gap from mirrors to camera."""
     box, body = spec.kept_free_in_rig_mm, spec.camera.body_mm
     if body is None:
         return {}
@@ -131,7 +132,7 @@ def _clear_of_body(layout: Layout, spec: DesignSpec) -> dict[str, Metric]:
 
 
 def require_passed(verdict: dict[str, Metric]) -> None:
-    """Raise InfeasibleDesign, which names the constraint, where a figure of a verdict misses its limit."""
+    """Raise InfeasibleDesign, which names the constraint, if a figure of a verdict misses its limit."""
     for name, metric in verdict.items():
         if metric.passed:
             continue

@@ -1,7 +1,7 @@
 """Constraints on mirrors, regions and grids, and the objectives, as smooth terms in CasADi.
 
-In view axes, all lengths in units of the design's scale. `separation` keeps mirrors apart. The objective of a design
-for depth is derived in `optics.design.assess.depth_sigma`.
+Coordinates are view axes, lengths in units of the design's scale. `separation` keeps mirrors apart.
+`optics.design.assess.depth_sigma` derives the objective of a design for depth.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from mirrorcam.optics.design.program.mirror_variables import (
     Kind,
     MirrorVariables,
     Optics,
+    add_mirror,
     edges_of,
-    given_mirror,
     pixels,
     polygon_area,
     reflected,
@@ -31,28 +31,28 @@ from mirrorcam.optics.design.program.terms import Expression, Term, TermBuilder
 from mirrorcam.optics.geometry.arrangement import Arrangement
 
 MARGIN = 1e-6
-"""Kept beyond every limit (in scales), so that the rounded layout still satisfies it."""
+"""Margin on every limit, in scales, so that the rounded layout still meets it."""
 LEAST_TURN = 1e-3
-"""Smallest turn at a corner of a sub-image, as the area its two edges span, relative to a tile of the sensor."""
+"""Smallest turn at a corner of a sub-image: the area spanned by its two edges, relative to a tile of the sensor."""
 LEAST_INCIDENCE = 0.1
 LEAST_GRID_SPACING = 0.05
 REGION_CORNERS = 8
 """Corners of the region at a depth that all views must show."""
 ANGLES = 8
-"""Directions in which the texture of a point is matched."""
+"""Number of directions in which the texture at a point is matched."""
 
 
 @lru_cache
 def mirror_term(kind: Kind) -> Term:
-    """One mirror: it can be cut, the sensor sees it, and it folds the light towards the scene.
+    """One mirror: it can be cut, lies on the sensor, and folds the light towards the scene.
 
     Unknowns: fold, virtual centre, corners. Parameters: optics, intrinsics, sensor px (2), shortest edge, smallest
-    area, nearest depth, area of a tile, reduction of the objective for each tile's area of sub-image.
+    area, nearest depth, area of a tile, reward per tile of sub-image area.
     """
     term = TermBuilder()
-    optics, intrinsics, size_px = Optics.given(term), term.parameter(kind.intrinsics), term.parameter(2)
+    optics, intrinsics, size_px = Optics.of_term(term), term.parameter(kind.intrinsics), term.parameter(2)
     min_edge, min_area, depth, tile_area, reward = (term.parameter() for _ in range(5))
-    mirror = given_mirror(kind, optics, term)
+    mirror = add_mirror(kind, optics, term)
     for corner in mirror.corners:
         term.require(ca.dot(optics.view_from_rig @ ca.vertcat(corner, 1.0), mirror.centre) - LEAST_INCIDENCE)
     for before, after in edges_of([b - a for a, b in edges_of(mirror.corners)]):
@@ -64,10 +64,10 @@ def mirror_term(kind: Kind) -> Term:
     for point in mirror.solid:
         term.require(depth - point[2] - MARGIN, "depth")
     if kind.second_surface:
-        # The pupil must lie before the front.
+        # The pupil must lie in front of the plate.
         term.require(ca.sqrt(ca.sumsqr(mirror.centre)) / 2.0 - mirror.before - MARGIN, "occlusion")
     if kind.distorted:
-        # Edges bend: points along them stay on the sensor. Without distortion, the corners' bounds are enough.
+        # Points along the bent edges stay on the sensor. Without distortion, the limits on corners suffice.
         margin_px = 0.25
         for point in subdivided(mirror.corners, 8):
             pixel = pixels(kind.lens_model, intrinsics, point)
@@ -77,9 +77,9 @@ def mirror_term(kind: Kind) -> Term:
 
 
 def region_directions() -> FloatArray:
-    """Directions (8, 2) of the corners of a region from its middle, in view axes, as x and y of a unit circle.
+    """Directions (8, 2) of the corners of a region from its centre, in view axes, on the unit circle.
 
-    Their order is such that they run from +x to +y in a mirror's sub-image.
+    They run from +x to +y in a mirror's sub-image.
     """
     around = 2.0 * np.pi * (np.arange(REGION_CORNERS) + 0.5) / REGION_CORNERS
     return np.column_stack([np.cos(around), -np.sin(around)])
@@ -87,9 +87,9 @@ def region_directions() -> FloatArray:
 
 @lru_cache
 def region_term() -> Term:
-    """A star-shaped region that winds once: each corner keeps to its own sector about an unknown middle.
+    """A star-shaped region with winding number one: each corner stays in its own sector about an unknown centre.
 
-    Unknowns: middle (2), corners (2 each). Parameters: half the size (2) it starts with.
+    Unknowns: centre (2), corners (2 each). Parameters: half the initial size (2).
     """
     term = TermBuilder()
     middle, corners, half_size = term.unknown(2), term.unknown(2 * REGION_CORNERS), term.parameter(2)
@@ -104,19 +104,19 @@ def region_term() -> Term:
 
 @lru_cache
 def view_term(kind: Kind) -> Term:
-    """A mirror shows a whole region; the share of the sensor's pixels that it spends on the region is rewarded.
+    """A mirror shows an entire region, and is rewarded for the fraction of the sensor's pixels that see the region.
 
-    Unknowns: fold, virtual centre, corners, the region's corners as tangents of angles from the point it is aimed at,
-    so that they have one size at any depth. Parameters: optics, intrinsics, sensor px (2), depth, area of a tile,
-    weight of the sensor's share, least share, tilt (2) of the mirror as built.
+    Unknowns: fold, virtual centre, corners, the region's corners as tangents of angles from its aim point, so that
+    their size does not depend on depth. Parameters: optics, intrinsics, sensor px (2), depth, area of a tile, weight of
+    the fraction, least fraction, tilt (2) of the mirror as built.
 
-    The tilt moves what the mirror shows, not its sub-image, whose edges move far less.
+    The tilt moves the image in the mirror, but not its outline, which moves far less.
     """
     term = TermBuilder()
-    optics, intrinsics, size_px = Optics.given(term), term.parameter(kind.intrinsics), term.parameter(2)
+    optics, intrinsics, size_px = Optics.of_term(term), term.parameter(kind.intrinsics), term.parameter(2)
     depth, tile_area, weight, least = (term.parameter() for _ in range(4))
     tilt = term.parameter(2)
-    mirror = given_mirror(kind, optics, term)
+    mirror = add_mirror(kind, optics, term)
     centre = mirror.tilted_centre(tilt)
     corners = term.unknown(2 * REGION_CORNERS)
     rig_from_view, aim = optics.view_from_rig.T, optics.view_from_rig[:2, 2]
@@ -145,8 +145,7 @@ def view_term(kind: Kind) -> Term:
 def _usable_edges(kind: Kind, mirror: MirrorVariables) -> list[tuple[Expression, Expression]]:
     """Ends (3) of the edges of the part of the face that shows the scene.
 
-    Those of a second-surface mirror lie inwards by the offset of `entry`: light has to enter and to leave through the
-    front.
+    Edges of a second-surface mirror are inset by `entry`, because light must enter and leave through the front.
     """
     if not kind.second_surface:
         return edges_of(mirror.face)
@@ -161,22 +160,22 @@ def _usable_edges(kind: Kind, mirror: MirrorVariables) -> list[tuple[Expression,
 def _inside_for_whole_pupil(
     mirror: MirrorVariables, optics: Optics, a: Expression, b: Expression, ray: Expression
 ) -> Expression:
-    """At least 0 where all rays of the pupil that belong to a chief ray (3, z of the rig 1) pass an edge inside.
+    """At least 0 if all rays of the pupil with a chief ray (3, z = 1 in rig) pass inside an edge.
 
-    The rays from the points p of the pupil pass it at constant + slope . p (see `optics.geometry.pupil.served_by`).
+    Rays from the points p of the pupil have the clearance constant + slope . p (`geometry.pupil.edge_clearance`).
     """
     away = ca.sqrt(ca.sumsqr(mirror.centre)) / 2.0
     inwards = ca.cross(mirror.normal, b - a)
-    along, beside, reach = ca.dot(mirror.normal, ray), ca.dot(inwards, ray), ca.dot(inwards, a)
-    constant = away * beside - along * reach
-    slope = (along - away * optics.nearness) * inwards - (beside - optics.nearness * reach) * mirror.normal
+    along, across, reach = ca.dot(mirror.normal, ray), ca.dot(inwards, ray), ca.dot(inwards, a)
+    constant = away * across - along * reach
+    slope = (along - away * optics.nearness) * inwards - (across - optics.nearness * reach) * mirror.normal
     return constant - optics.radius * optics.along_pupil(slope)
 
 
 def squared_grid_error(centres: list[Expression], arrangement: Arrangement) -> tuple[Expression, list[Expression]]:
-    """Squared grid error of virtual centres (view axes) to their best grid or pattern, and that one's spacings.
+    """Squared grid error of virtual centres (view axes) from the best-fitting grid or pattern, and its spacings.
 
-    Linear regression on the steps is the best fit; the error is relative to the geometric mean of the spacings.
+    The fit is a linear regression on the steps; the error is relative to the geometric mean of the spacings.
     """
     rightwards, downwards = arrangement.steps.T
     mean: Expression = sum(centres, start=ca.SX.zeros(3)) / len(centres)
@@ -190,8 +189,8 @@ def squared_grid_error(centres: list[Expression], arrangement: Arrangement) -> t
     return ca.sumsqr(residual) / len(centres) / prod(spacings) ** (2.0 / len(spacings)), spacings
 
 
-def given_grid_error(term: TermBuilder, arrangement: Arrangement) -> Expression:
-    """Squared grid error of a term's next unknowns, virtual centres; requires spacings that are positive."""
+def add_grid_error(term: TermBuilder, arrangement: Arrangement) -> Expression:
+    """Add virtual centres to a term's unknowns, require positive spacings, and return their squared grid error."""
     error, spacings = squared_grid_error([term.unknown(3) for _ in arrangement.names], arrangement)
     for spacing in spacings:
         term.require(spacing - LEAST_GRID_SPACING)
@@ -200,15 +199,15 @@ def given_grid_error(term: TermBuilder, arrangement: Arrangement) -> Expression:
 
 @lru_cache
 def grid_term(arrangement: Arrangement) -> Term:
-    """Virtual centres near a grid or pattern whose spacings are positive. Parameter: weight of its squared error."""
+    """Virtual centres near a grid or pattern with positive spacings. Parameter: weight of the squared grid error."""
     term = TermBuilder()
-    term.minimise(term.parameter() * given_grid_error(term, arrangement))
+    term.minimise(term.parameter() * add_grid_error(term, arrangement))
     return term.built()
 
 
 @lru_cache
 def mean_term(count: int) -> Term:
-    """The mean of `count` virtual centres is that of a mirror which turns the optical axis to the views', at the scale.
+    """The mean of `count` virtual centres is the centre of a mirror at the scale that folds the axis to the view axis.
 
     Unknowns: fold, virtual centres.
     """
@@ -227,11 +226,11 @@ def depth_information(
     nearness: Expression,
     blur: Expression,
 ) -> Expression:
-    """The information of a window of the central view on the depth of a point (3), up to a factor.
+    """Fisher information of a window of the central view on the depth of a point (3), up to a factor.
 
-    Views (3) and point in view axes, in scales. The bound for a texture with as much slope at each frequency: a view
-    that shows |J| px per area, J px per length, weighs |J| / (s |J^-T u|)^2 in the direction u, with the variance s^2
-    of its blur over that of a sharp picture, 1 + (blur (1 / z - nearness))^2.
+    Views (3) and point are in view axes, in scales. The bound assumes a texture with equal slope at each frequency. A
+    view with the Jacobian J, px per length, has the weight |J| / (s |J^-T u|)^2 in the direction u. s^2 is the variance
+    of its blur relative to a sharp picture, 1 + (blur (1 / z - nearness))^2.
     """
     turn = view_from_rig(fold)
     density, moves, steps, variances = [], [], [], []
@@ -260,8 +259,8 @@ def depth_information(
 def depth_sigma_term(count: int, central: int) -> Term:
     """The standard deviation of depth at a point, up to a factor.
 
-    Unknowns: fold, virtual centres. Parameters: depth, the point as tangents (2) of angles from the one that views are
-    aimed at (as corners of a region), 1 / focus, `blur`, weight.
+    Unknowns: fold, virtual centres. Parameters: depth, the point as tangents (2) of angles from the aim point (as for
+    corners of a region), 1 / focus, `blur`, weight.
     """
     term = TermBuilder()
     fold, centres = term.unknown(1), [term.unknown(3) for _ in range(count)]
@@ -275,7 +274,7 @@ def depth_sigma_term(count: int, central: int) -> Term:
 def field_of_view(corners: Expression, centres: list[Expression], depth: Expression) -> Expression:
     """Size (2) of a region as tangents from the mean virtual centre, across and down.
 
-    Between the means of the two corners on either side; `corners` are those of a region's term.
+    It is measured between the means of the two corners on either side; `corners` are the unknowns of `region_term`.
     """
     mean_z = sum(centre[2] for centre in centres) / len(centres)
     sides = []
@@ -288,7 +287,7 @@ def field_of_view(corners: Expression, centres: list[Expression], depth: Express
 
 @lru_cache
 def field_of_view_term(count: int) -> Term:
-    """A region at least as large. Unknowns: its corners, virtual centres. Parameters: depth, least size (2)."""
+    """A region of at least a given size. Unknowns: corners, virtual centres. Parameters: depth, least size (2)."""
     term = TermBuilder()
     corners, centres = term.unknown(2 * REGION_CORNERS), [term.unknown(3) for _ in range(count)]
     depth, least = term.parameter(), term.parameter(2)
@@ -298,7 +297,7 @@ def field_of_view_term(count: int) -> Term:
 
 @lru_cache
 def grid_limit_term(arrangement: Arrangement) -> Term:
-    """Virtual centres at most so far from a grid or pattern, whose spacings are positive. Parameter: largest error."""
+    """Virtual centres near a grid or pattern with positive spacings. Parameter: largest grid error."""
     term = TermBuilder()
-    term.require(term.parameter() ** 2 - given_grid_error(term, arrangement))
+    term.require(term.parameter() ** 2 - add_grid_error(term, arrangement))
     return term.built()

@@ -1,7 +1,7 @@
 """The design of a spec as a nonlinear program: unknown mirrors, constraints on them and the objective.
 
-A relaxed program finds the smallest change of one parameter of a spec with which all constraints are met: its numbers
-run linearly from those of one spec to those of another, and how far they go, the change, is an unknown.
+A relaxed program finds the smallest change of one parameter of a spec that meets all constraints. Its numbers are
+interpolated linearly between two specs; the interpolation variable, the change, is an unknown.
 """
 
 from __future__ import annotations
@@ -25,15 +25,15 @@ from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.pupil import SHARP_VARIANCE_PX2
 
 REFERENCE_GRID_ERROR = 0.25
-"""A grid error that weighs as much as a sensor without any overlap; about that of the faceted parabola."""
+"""Grid error with the cost of a sensor without any overlap; about that of the faceted parabola."""
 LEAST_EFFICIENCY = 0.02
-"""A layout whose views share less of the sensor than this, at any depth, is refused."""
+"""Smallest pixel efficiency of an acceptable layout at any depth."""
 PLACES = np.vstack([np.full(8, 0.125), 0.7 * np.eye(8)[::2] + 0.3 * 0.125])
-"""Weights (5, 8) of a region's corners at its middle and towards every other corner: where a design for depth looks."""
+"""Weights (5, 8) of a region's corners: the objective for depth is evaluated at its centre and near corners."""
 LEAST_TRADEOFF = 1e-3
-"""A trade-off below which the grid of a design for depth is as good as free."""
+"""Trade-off below which the grid error of a design for depth is practically unlimited."""
 LEAST_OF_OVERLAP = 0.99
-"""Part of the field of view, and of the pixels of each view, that a design for depth keeps of that for overlap."""
+"""Fraction of field of view and pixels of each view that a design for depth keeps of the design for overlap."""
 SLACK_WEIGHTS = {
     "spacing": 1.0,
     "seen gap": 1.0,
@@ -43,29 +43,23 @@ SLACK_WEIGHTS = {
     "overlap": 10.0,
     "size": 1.0,
 }
-"""Cost, in a search for feasibility, of missing a limit by one scale (overlap: by a whole sub-image)."""
+"""Cost, in a search for feasibility, of a violation by one scale (overlap: by one sub-image)."""
 CHANGE_COST = 0.01
-"""Weight of the squared change: little beside any violation."""
+"""Weight of the squared change, small in comparison with any violation."""
 
 
 @dataclass(frozen=True)
 class OverlapDesign:
-    """What a design for depth is measured against, of the design for overlap of the same spec.
+    """The design for overlap of a spec, as the reference for its design for depth.
 
     Attributes
     ----------
-    fold
-        Its fold, radians.
-    centres
-        Virtual centres (n, 3) in view axes, in scales.
-    shares
-        Pixels (depths, n) of each view that see the common region / all pixels of the sensor.
-    regions
-        Corners (depths, 8, 2) of its regions, as those of `constraints.region_term`.
-    fields
-        Field of view (depths, 2) of its regions, see `depth_terms.field_of_view`.
-    grid_error
-        Its grid error.
+    fold : fold, radians.
+    centres : virtual centres (n, 3) in view axes, in scales.
+    shares : fractions (depths, n) of the sensor's pixels that see the common region, by view.
+    regions : corners (depths, 8, 2) of the regions, as unknowns of `constraints.region_term`.
+    fields : fields of view (depths, 2) of the regions, see `constraints.field_of_view`.
+    grid_error : grid error.
     """
 
     fold: float
@@ -78,9 +72,15 @@ class OverlapDesign:
 
 @dataclass(frozen=True)
 class Problem:
-    """The program of a spec; where in its unknowns the fold (1), centres (n, 3) and corners (n, sides, 2) are.
+    """The program of a spec, with the indices of its unknowns.
 
-    `regions` (depths, 16) are the places of the corners of the regions at the depths.
+    Attributes
+    ----------
+    solver : the program's solver.
+    fold : index (1,) of the fold.
+    centres : indices (n, 3) of the virtual centres.
+    corners : indices (n, sides, 2) of the sub-images' corners.
+    regions : indices (depths, 16) of the corners of the regions at the depths.
     """
 
     solver: Solver
@@ -90,7 +90,7 @@ class Problem:
     regions: Indices
 
     def fields(self, spec: DesignSpec, values: FloatArray) -> FloatArray:
-        """Field of view (depths, 2) of the regions, see `depth_terms.field_of_view`."""
+        """Fields of view (depths, 2) of the regions, see `constraints.field_of_view`."""
         centres = [ca.SX(centre) for centre in values[self.centres]]
         sizes = [
             constraints.field_of_view(ca.SX(values[region]), centres, depth_mm / spec.scale_mm)
@@ -117,19 +117,19 @@ def overlap_problem(
     *,
     most_iterations: int = MOST_ITERATIONS,
 ) -> Problem:
-    """The program of most overlap, started from a seed, in view axes; all lengths in units of `scale_mm`.
+    """The program for maximum overlap, started from a seed, in view axes; lengths in units of `scale_mm`.
 
-    The objective is tradeoff * (grid error / 0.25)^2 + (1 - tradeoff) * (1 - pixel efficiency averaged over the
-    depths and over the design and devices as built).
+    The objective is tradeoff * (grid error / 0.25)^2 + (1 - tradeoff) * (1 - pixel efficiency), with the efficiency
+    averaged over the depths and over the exact device and devices as built.
 
     Parameters
     ----------
     spec : the requested design.
-    seed : mirrors to start from.
-    pairs : constraints on pairs of mirrors. Their unknowns follow all others of the design, so that a solution still
-        fits when more are appended.
-    devices : number of devices as built that the objective counts. Their unknowns come last.
-    most_iterations : after which the solver gives up.
+    seed : start values of mirrors.
+    pairs : constraints on pairs of mirrors. Their unknowns follow all others of the design, so that a solution remains
+        usable after more are appended.
+    devices : number of devices as built in the objective. Their unknowns come last.
+    most_iterations : iteration limit of the solver.
     """
     return _problem(*overlap_draft(spec, seed, pairs, devices), most_iterations)
 
@@ -137,7 +137,7 @@ def overlap_problem(
 def overlap_draft(
     spec: DesignSpec, seed: Seed, pairs: tuple[PairConstraint, ...], devices: int = 0
 ) -> tuple[Draft, list[Indices]]:
-    """The program of `overlap_problem` before it is given to a solver, and the places of the corners of its regions."""
+    """The program of `overlap_problem` without its solver, and the indices of its regions' corners."""
     draft = _draft_in_place(spec, seed)
     grid = constraints.grid_term(spec.arrangement)
     draft.program.add(grid, draft.centres, [spec.tradeoff / REFERENCE_GRID_ERROR**2])
@@ -151,11 +151,11 @@ def overlap_draft(
 
 
 def depth_problem(spec: DesignSpec, seed: Seed, pairs: tuple[PairConstraint, ...], overlap: OverlapDesign) -> Problem:
-    """The program of the least standard deviation of depth with the pixels and the field of view of another design.
+    """The program for the least standard deviation of depth with the pixels and field of view of a design for overlap.
 
-    The objective is the standard deviation over that of the design for overlap, averaged over the depths. The largest
-    grid error is the one that the trade-off weighs as much as all pixels, or that of the design for overlap, if it is
-    larger. See `overlap_problem` for the parameters and the unknowns, which are the same.
+    The objective is the standard deviation relative to the design for overlap, averaged over the depths. The limit on
+    the grid error is the one that the trade-off weighs as much as all pixels, or the grid error of the design for
+    overlap if that is larger. See `overlap_problem` for the other parameters and the unknowns.
     """
     draft = _draft_in_place(spec, seed)
     most = max(largest_grid_error(spec.tradeoff), 1.01 * overlap.grid_error)
@@ -170,7 +170,7 @@ def depth_problem(spec: DesignSpec, seed: Seed, pairs: tuple[PairConstraint, ...
 
 
 def largest_grid_error(tradeoff: float) -> float:
-    """The grid error g of tradeoff * (g / 0.25)^2 = 1 - tradeoff."""
+    """The grid error g with tradeoff * (g / 0.25)^2 = 1 - tradeoff."""
     return REFERENCE_GRID_ERROR * float(np.sqrt((1.0 - tradeoff) / max(tradeoff, LEAST_TRADEOFF)))
 
 
@@ -185,27 +185,27 @@ def _problem(draft: Draft, regions: list[Indices], most_iterations: int = MOST_I
 
 
 def _draft_in_place(spec: DesignSpec, seed: Seed) -> Draft:
-    """Mirrors whose innermost, on average, turn the optical axis to the view axis at the requested height.
+    """A draft whose central mirrors, on average, fold the optical axis to the view axis at the requested height.
 
-    Nothing else fixes the size of the whole or its direction.
+    Nothing else fixes the scale and the direction of the layout.
     """
-    draft = Draft.begun(spec, seed)
+    draft = Draft.of(spec, seed)
     inner = [draft.centres[index] for index in spec.arrangement.inner]
     draft.program.add(constraints.mean_term(len(inner)), [draft.fold, *inner])
     return draft
 
 
 def _least_shares(spec: DesignSpec) -> FloatArray:
-    """The least share (depths, n) of the sensor that each view spends on the region at each depth."""
+    """Least fraction (depths, n) of the sensor's pixels with which each view sees the region at each depth."""
     mirrors = len(spec.arrangement.steps)
     return np.full((len(spec.depths_mm), mirrors), LEAST_EFFICIENCY / mirrors)
 
 
 def _add_regions(draft: Draft, devices: FloatArray, weight: float, least: FloatArray) -> list[Indices]:
-    """Unknown regions that all views show, and the objective of their pixel efficiency; returns their corners.
+    """Add unknown regions that all views show, and reward their pixel efficiency; returns their corners' indices.
 
-    One at each depth for each of the devices (k, n, 2), given by the tilts of their mirrors. The weight is that of a
-    device, all depths together; `least` (depths, n) are the least shares of the sensor.
+    There is a region at each depth for each of the devices (k, n, 2), given by the tilts of their mirrors. `weight` is
+    the weight of a device for all depths together, `least` (depths, n) are least fractions of the sensor's pixels.
     """
     depths_mm, half_size, regions = draft.spec.depths_mm, 0.6 * draft.seed.half_tile, []
     for device_tilts, (depth_mm, shares) in product(devices, zip(depths_mm, least, strict=True)):
@@ -214,14 +214,14 @@ def _add_regions(draft: Draft, devices: FloatArray, weight: float, least: FloatA
         draft.program.add(constraints.region_term(), [middle, region], [half_size])
         depth, each = depth_mm / draft.spec.scale_mm, weight / len(depths_mm)
         for mirror, tilt, share in zip(draft.mirrors, device_tilts, shares, strict=True):
-            given: list[ArrayLike] = [*draft.lens, depth, draft.tile_area, each, share, tilt]
-            draft.add(constraints.view_term(draft.kind), [*mirror, region], given)
+            parameters: list[ArrayLike] = [*draft.lens, depth, draft.tile_area, each, share, tilt]
+            draft.add(constraints.view_term(draft.kind), [*mirror, region], parameters)
         regions.append(region)
     return regions
 
 
 def _add_depth_sigma(draft: Draft, regions: list[Indices], overlap: OverlapDesign) -> None:
-    """The objective of a design for depth, the mean over places of the common region, and its field of view."""
+    """Add the objective of a design for depth, a mean over points of the common region, and limit its field of view."""
     spec, camera = draft.spec, draft.spec.camera
     sigma = constraints.depth_sigma_term(len(draft.mirrors), spec.arrangement.central_index)
     field = constraints.field_of_view_term(len(draft.mirrors))
@@ -229,19 +229,18 @@ def _add_depth_sigma(draft: Draft, regions: list[Indices], overlap: OverlapDesig
     unknowns, before = [draft.fold, *draft.centres], np.concatenate([[overlap.fold], overlap.centres.ravel()])
     for depth_mm, region, corners, fields in zip(spec.depths_mm, regions, overlap.regions, overlap.fields, strict=True):
         depth = depth_mm / spec.scale_mm
-        given = [[depth, *place, spec.scale_mm / camera.focus_mm, blur] for place in PLACES @ corners]
-        reference = sum(float(sigma.value(before, [*numbers, 1.0])[0]) for numbers in given)
-        for numbers in given:
+        parameters = [[depth, *point, spec.scale_mm / camera.focus_mm, blur] for point in PLACES @ corners]
+        reference = sum(float(sigma.value(before, [*numbers, 1.0])[0]) for numbers in parameters)
+        for numbers in parameters:
             draft.program.add(sigma, unknowns, [*numbers, 1.0 / reference / len(spec.depths_mm)])
         draft.program.add(field, [region, *draft.centres], [depth, LEAST_OF_OVERLAP * fields])
 
 
 @lru_cache
-def changing(term: Term) -> Term:
-    """The constraints of a term whose parameters change; it has no objective.
+def relaxed_term(term: Term) -> Term:
+    """The constraints of a term with variable parameters; it has no objective.
 
-    Unknowns: those of the term, the change. Parameters: those of the term without a change, and what a change of 1 adds
-    to them.
+    Unknowns: the term's, and the change. Parameters: the term's without a change, and their increase for a change of 1.
     """
     builder = TermBuilder()
     x, change = builder.unknown(term.unknowns), builder.unknown(1)
@@ -254,7 +253,7 @@ def changing(term: Term) -> Term:
 
 @lru_cache
 def distance_term() -> Term:
-    """The weighted squared distance of a number from another one. Parameters: that one, the weight."""
+    """The weighted squared distance of a number from a target. Parameters: target, weight."""
     builder = TermBuilder()
     number, other, weight = builder.unknown(1), builder.parameter(), builder.parameter()
     builder.minimise(weight * (number - other) ** 2)
@@ -262,43 +261,43 @@ def distance_term() -> Term:
 
 
 def relaxed_program(program: Program, changed: Program, first: float) -> Program:
-    """A program whose numbers change; its last unknown is the change, from 0 to 1, whose square it minimises.
+    """A program with variable parameters; its last unknown is the change, from 0 to 1, whose square it minimises.
 
     Parameters
     ----------
     program, changed
-        With a change of 0 and of 1: of the same terms and unknowns, from whose values at a change of 1 it starts.
+        The programs for changes of 0 and 1, with the same terms and unknowns. `changed` gives the start values.
     first
-        The change that it starts with.
+        Start value of the change.
     """
-    relaxed = _started_as(changed, *program.bounds)
+    relaxed = _without_terms(changed, *program.bounds)
     change = relaxed.unknown(first, 0.0, 1.0)
     for (term, places, numbers), (_, _, others) in zip(program.uses, changed.uses, strict=True):
         for where, now, then in zip(places, numbers, others, strict=True):
-            relaxed.add(changing(term), [where, change], [now, then - now])
+            relaxed.add(relaxed_term(term), [where, change], [now, then - now])
     relaxed.add(distance_term(), [change], [0.0, CHANGE_COST])
     return relaxed
 
 
 def relaxed_fold(program: Program, fold: Indices, requested: float, least: float, most: float) -> Program:
-    """A program whose fold, at its place, changes within a range, and comes as near as possible to the requested one.
+    """A program whose fold, at the index `fold`, varies within limits and approaches the requested fold.
 
-    Radians; it starts with the fold of the program.
+    Angles are radians; the fold starts at the program's start value.
     """
     low, high = program.bounds
     low[fold], high[fold] = least, most
-    relaxed = _started_as(program, low, high)
+    relaxed = _without_terms(program, low, high)
     change = relaxed.unknown(0.0, 0.0, 0.0)
     for term, places, numbers in program.uses:
         for where, now in zip(places, numbers, strict=True):
-            relaxed.add(changing(term), [where, change], [now, np.zeros_like(now)])
+            relaxed.add(relaxed_term(term), [where, change], [now, np.zeros_like(now)])
     relaxed.add(distance_term(), [fold], [requested, CHANGE_COST])
     return relaxed
 
 
-def _started_as(program: Program, low: FloatArray, high: FloatArray) -> Program:
-    """A program with the unknowns of another, and no terms."""
-    begun = Program()
-    kept = slice(len(ELASTIC), None)
-    begun.unknown(program.start[kept], low[kept], high[kept])
-    return begun
+def _without_terms(program: Program, low: FloatArray, high: FloatArray) -> Program:
+    """A program with the unknowns of another, without terms."""
+    copy = Program()
+    others = slice(len(ELASTIC), None)
+    copy.unknown(program.start[others], low[others], high[others])
+    return copy

@@ -1,4 +1,4 @@
-"""A design's nonlinear program in the making: its mirrors, what all terms on them take, and margins for tolerances."""
+"""A design's nonlinear program under construction: its mirrors, their common parameters, and margins for tolerances."""
 
 from __future__ import annotations
 
@@ -18,22 +18,22 @@ from mirrorcam.optics.design.program.terms import Indices, Term
 from mirrorcam.optics.geometry.design_spec import FIRST_FOLD_DEG, DesignSpec
 
 TIE_BREAK = 1e-3
-"""Weight that decides where the objective leaves a choice: corners that no constraint holds move outward."""
+"""Small weight that resolves ties in the objective: unconstrained corners move outward."""
 CENTRE_REACH = 0.6
 MirrorUnknowns = tuple[Indices, Indices]
 """Virtual centre (3) and corners (2 sides) of a mirror."""
 SAFE_SIGMAS = 3.0
-"""Standard deviations by which sub-images of neighbours are kept apart: none of 200 devices is to miss that."""
+"""Separation of neighbouring sub-images in standard deviations: none of 200 devices should violate it."""
 SEED = 15
 DEVICES = 8
-"""Devices as built that a robust design counts, besides the design itself."""
+"""Number of devices as built in the objective of a robust design, in addition to the exact device."""
 
 
 @dataclass(frozen=True)
 class Draft:
-    """A program with the mirrors of a seed as its first unknowns; all lengths in scales, in view axes.
+    """A program with the mirrors of a seed as its first unknowns; lengths in scales, in view axes.
 
-    `fold` and `mirrors` are the places of the unknowns, in the order of the layout.
+    `fold` and `mirrors` are indices of unknowns; mirrors are in the order of the layout.
     """
 
     spec: DesignSpec
@@ -43,8 +43,8 @@ class Draft:
     mirrors: tuple[MirrorUnknowns, ...]
 
     @classmethod
-    def begun(cls, spec: DesignSpec, seed: Seed) -> Self:
-        """The program of a spec with nothing but mirrors that can be cut and fold the light."""
+    def of(cls, spec: DesignSpec, seed: Seed) -> Self:
+        """The program of a spec with only the mirrors and their individual constraints."""
         program = Program()
         fold = program.unknown(*np.deg2rad(_start_and_range_deg(spec)))
         low, high = sensor_bounds(spec.camera)
@@ -60,8 +60,8 @@ class Draft:
         cut = [spec.min_edge_mm / spec.scale_mm, spec.min_area_mm2 / spec.scale_mm**2]
         nearest, reward = min(spec.depths_mm) / spec.scale_mm, TIE_BREAK / len(draft.mirrors)
         for mirror in draft.mirrors:
-            given: list[ArrayLike] = [*draft.lens, cut, nearest, draft.tile_area, reward]
-            draft.add(constraints.mirror_term(draft.kind), [*mirror], given)
+            parameters: list[ArrayLike] = [*draft.lens, cut, nearest, draft.tile_area, reward]
+            draft.add(constraints.mirror_term(draft.kind), [*mirror], parameters)
         return draft
 
     @property
@@ -71,7 +71,7 @@ class Draft:
 
     @property
     def centres(self) -> list[Indices]:
-        """Places of the virtual centres (3 each)."""
+        """Indices of the virtual centres (3 each)."""
         return [centre for centre, _ in self.mirrors]
 
     @property
@@ -96,15 +96,16 @@ class Draft:
         """Normalized area of a tile of the sensor."""
         return 4.0 * float(np.prod(self.seed.half_tile))
 
-    def add(self, term: Term, parts: list[Indices], given: list[ArrayLike]) -> None:
-        """Add a term on the fold and `parts`, whose first parameters are `optics`."""
-        self.program.add(term, [self.fold, *parts], [self.optics, *given])
+    def add(self, term: Term, parts: list[Indices], parameters: list[ArrayLike]) -> None:
+        """Add a term whose unknowns are the fold and `parts`, and whose first parameters are `optics`."""
+        self.program.add(term, [self.fold, *parts], [self.optics, *parameters])
 
 
 def _spread(centres: FloatArray, steps: FloatArray) -> FloatArray:
-    """Centres (n, 3), moved apart along an axis along which the seed of a pattern hardly spreads them by its steps.
+    """Spread centres (n, 3) along an axis on which the seed of a pattern hardly separates them.
 
-    Where tiles lie side by side of views on a slant, there would be no spacing to divide the grid error by.
+    Otherwise the spacing that divides the grid error could be zero, for example if views on a slant have adjacent
+    tiles.
     """
     moved = centres.copy()
     for axis, along in enumerate(steps.T):
@@ -116,17 +117,17 @@ def _spread(centres: FloatArray, steps: FloatArray) -> FloatArray:
 
 
 def _start_and_range_deg(spec: DesignSpec) -> tuple[float, float, float]:
-    """The fold to start with, the least and the greatest."""
+    """Start value, lower and upper limit of the fold."""
     if spec.fold_deg == "auto":
         return FIRST_FOLD_DEG, FOLD_DEG.least, FOLD_DEG.most
     return spec.fold_deg, spec.fold_deg, spec.fold_deg
 
 
 def displacements(spec: DesignSpec, seed: Seed) -> FloatArray:
-    """Standard deviation (n, sides, 2), as a vector, of where the corners of each sub-image lie, normalized.
+    """Standard deviation (n, sides, 2), as a vector, of the corners of each sub-image, in normalized coordinates.
 
-    A corner (u, v) at the depth z moves by (n_xy - n_z (u, v)) s / z where its mirror moves by s along its normal n: it
-    is shifted, and tilted about its middle by both angles.
+    A corner (u, v) at the depth z moves by (n_xy - n_z (u, v)) s / z if the mirror there moves by s along its normal n,
+    because it is shifted or tilted about its centre.
     """
     centres = seed.centres @ spec.view_from_rig
     rays = np.concatenate([seed.corners, np.ones((*seed.corners.shape[:-1], 1))], axis=-1)
@@ -139,18 +140,18 @@ def displacements(spec: DesignSpec, seed: Seed) -> FloatArray:
 
 
 def safe_gap(moved: FloatArray, across: FloatArray) -> float:
-    """The gap, normalized, that leaves two sub-images apart as built.
+    """The gap, in normalized coordinates, that keeps two sub-images apart in devices as built.
 
-    `moved` (2, sides, 2) are the displacements of both, `across` (2) is the unit vector from the first to the second.
+    `moved` (2, sides, 2) are their displacements, `across` (2,) is the unit vector from the first to the second.
     """
     return SAFE_SIGMAS * float(np.linalg.norm(np.abs(moved @ across).max(axis=1)))
 
 
 def tilts(spec: DesignSpec, devices: int) -> FloatArray:
-    """Tilts (1 + devices, mirrors, 2) about two axes in the plane of each mirror, radians; first of the design: none.
+    """Tilts (1 + devices, mirrors, 2) about two axes in the plane of each mirror, radians; first the exact device.
 
-    The same draws at each call. Every other device has the opposite tilts of that before, so that effects of first
-    order cancel in the mean.
+    Each call returns the same draws. Devices come in pairs with opposite tilts, so that first-order effects cancel in
+    the mean.
     """
     mirrors = len(spec.arrangement.steps)
     drawn = np.random.default_rng(SEED).standard_normal(((devices + 1) // 2, mirrors, 2))

@@ -14,10 +14,10 @@ from mirrorcam.optics.design.program.terms import Expression, TermBuilder
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.lenses.families import NUMBERED, LensName
-from mirrorcam.optics.geometry.nearest_lens import nearest_lens, whole_picture
+from mirrorcam.optics.geometry.nearest_lens import nearest_lens
 
 GLASS_AND_PUPIL = 4
-"""Numbers of all mirrors: thickness, refractive index, pupil's radius, 1 / focus."""
+"""Number of parameters shared by all mirrors: thickness, refractive index, radius of the pupil, 1 / focus."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class Kind:
 
     @classmethod
     def of(cls, spec: DesignSpec) -> Self:
-        """The form of a spec's mirrors."""
+        """The form for the mirrors of a spec."""
         camera = expressible(spec.camera)
         return cls(
             spec.sides, not camera.is_undistorted, spec.is_second_surface, camera.aperture_mm == 0.0, camera.lens_model
@@ -55,20 +55,20 @@ class Optics:
     nearness: Expression
 
     @classmethod
-    def given(cls, term: TermBuilder) -> Self:
-        """The optics of a term: its first unknown is the fold in radians, its first parameters `GLASS_AND_PUPIL`."""
+    def of_term(cls, term: TermBuilder) -> Self:
+        """The optics of a term, whose first unknown is the fold in radians, and whose first parameters these are."""
         fold, numbers = term.unknown(1), term.parameter(GLASS_AND_PUPIL)
         return cls(view_from_rig(fold), *(numbers[k] for k in range(GLASS_AND_PUPIL)))
 
     def along_pupil(self, vector: Expression) -> Expression:
-        """Length of a vector's (3) components in the plane of the pupil."""
+        """Length of the component of a vector (3) in the plane of the pupil."""
         across, down = (self.view_from_rig[:, axis] for axis in range(2))
         return ca.sqrt(ca.dot(across, vector) ** 2 + ca.dot(down, vector) ** 2 + 1e-12)
 
 
 @dataclass(frozen=True)
 class MirrorVariables:
-    """One mirror in expressions; a second-surface mirror as its *apparent* mirror (see `Mirror.apparent`).
+    """Expressions of one mirror; for a second-surface mirror, of its *apparent* mirror (see `Mirror.apparent`).
 
     Attributes
     ----------
@@ -97,7 +97,7 @@ class MirrorVariables:
     entry: Expression
 
     def tilted_centre(self, tilt: Expression) -> Expression:
-        """Virtual centre (3) of the mirror tilted about its middle by small angles (2) about two axes in its plane."""
+        """Virtual centre (3) after tilting the mirror about its centre by small angles (2) about axes in its plane."""
         middle = sum(self.face[1:], start=self.face[0]) / len(self.face)
         rightwards = ca.vertcat(1.0, 0.0, 0.0) - self.normal[0] * self.normal
         rightwards /= ca.sqrt(ca.sumsqr(rightwards))
@@ -112,13 +112,13 @@ class MirrorVariables:
 
 @lru_cache
 def expressible(camera: Camera) -> Camera:
-    """The camera with a lens that has a formula: of a spline lens the nearest thin-prism one.
+    """The camera with a closed-form lens: a spline lens is replaced by the nearest thin-prism lens.
 
-    The sensor of that is smaller by the largest error, so that what is on it is on the camera's own.
+    The sensor shrinks by the largest error, so that its pixels also lie on the camera's own sensor.
     """
     if camera.lens_model != "spline":
         return camera
-    near, error_px = nearest_lens(camera, "thin_prism", whole_picture(camera))
+    near, error_px = nearest_lens(camera, "thin_prism")
     edge = int(np.ceil(error_px))
     return near.replaced(
         width_px=near.width_px - 2 * edge,
@@ -149,12 +149,12 @@ def polygon_area(vertices: list[Expression]) -> Expression:
 
 
 def subdivided(vertices: list[Expression], per_edge: int) -> list[Expression]:
-    """The outline of a polygon with `per_edge` points on each edge, the vertex among them."""
+    """The outline of a polygon with `per_edge` points on each edge, including its first vertex."""
     return [a + (b - a) * (step / per_edge) for a, b in edges_of(vertices) for step in range(per_edge)]
 
 
 def pixels(lens_model: LensName, intrinsics: Expression, normalized: Expression) -> Expression:
-    """Distortion and intrinsics (k) of a lens model, as `Camera.pixels_from_normalized`."""
+    """Apply a lens model with intrinsics (k); see `Camera.pixels_from_normalized`."""
     names = NUMBERED[lens_model].NAMES
     fx, fy, cx, cy, *distortion = (intrinsics[k] for k in range(4 + len(names)))
     x, y = normalized[0], normalized[1]
@@ -164,7 +164,7 @@ def pixels(lens_model: LensName, intrinsics: Expression, normalized: Expression)
         factor = angle / r * (1.0 + sum(k * angle ** (2 * n) for n, k in enumerate(distortion, 1)))
         xd, yd = x * factor, y * factor
     else:
-        family: Any = NUMBERED[lens_model]  # polynomials, of expressions as of numbers
+        family: Any = NUMBERED[lens_model]  # polynomials also work on expressions
         xd, yd = family(distortion).distorted(x, y)
     return ca.vertcat(fx * xd + cx, fy * yd + cy)
 
@@ -176,10 +176,10 @@ def view_from_rig(fold: Expression) -> Expression:
 
 
 def mirror_of(kind: Kind, optics: Optics, centre: Expression, corners: Expression) -> MirrorVariables:
-    """The mirror of a virtual centre (3) and corners (2 sides).
+    """The mirror with a virtual centre (3) and corners (2 sides).
 
-    The apparent plane of a second-surface mirror lies t (1 - tan' / tan) before the reflecting surface, and light
-    meets the front at an offset of t tan', both by Snell's law at the chief ray (see `optics.geometry.plate`).
+    The apparent plane of a second-surface mirror lies t (1 - tan' / tan) in front of the reflecting surface, and light
+    meets the front at an offset of t tan', both by Snell's law for the chief ray (see `optics.geometry.plate`).
     """
     thickness, index = optics.thickness, optics.index
     polygon = [corners[2 * k : 2 * k + 2] for k in range(kind.sides)]
@@ -192,14 +192,14 @@ def mirror_of(kind: Kind, optics: Optics, centre: Expression, corners: Expressio
         chief: Expression = sum(face[1:], start=face[0])
         chief /= ca.sqrt(ca.sumsqr(chief))
         cosine = ca.dot(chief, normal)
-        # n cos'; then tan' / tan = cos / (n cos') and tan' = sin / (n cos'), also head-on.
+        # n cos'; then tan' / tan = cos / (n cos') and tan' = sin / (n cos'), also at normal incidence.
         inner = ca.sqrt(index**2 - 1.0 + cosine**2)
         behind = thickness * (1.0 - cosine / inner)
         before, entry = thickness - behind, thickness / inner * (chief - cosine * normal)
     return MirrorVariables(centre, polygon, face, normal, before, behind, entry)
 
 
-def given_mirror(kind: Kind, optics: Optics, term: TermBuilder) -> MirrorVariables:
-    """The mirror of a term's next unknowns, its virtual centre (3) and corners (2 sides)."""
+def add_mirror(kind: Kind, optics: Optics, term: TermBuilder) -> MirrorVariables:
+    """Add the unknowns of a mirror to a term: virtual centre (3) and corners (2 sides)."""
     centre = term.unknown(3)
     return mirror_of(kind, optics, centre, term.unknown(2 * kind.sides))

@@ -1,4 +1,4 @@
-"""A nonlinear program made of terms, and its solution by IPOPT."""
+"""A nonlinear program composed of terms, and its solution by IPOPT."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from mirrorcam.optics.design.program.terms import ELASTIC, Expression, Indices, 
 LARGEST_SLACK = 10.0
 
 HOLD = 1e-5
-"""Weight of the squared distance from the start: unknowns that nothing else determines, such as planes between mirrors
-far apart, stay where they were; IPOPT converges faster when no direction is free."""
+"""Weight of the squared distance from the start. It keeps undetermined unknowns in place, such as planes between
+distant mirrors; IPOPT converges faster if no direction is free."""
 
 MOST_ITERATIONS = 300
 
@@ -42,7 +42,7 @@ IPOPT: dict[str, Any] = {
 
 
 class Program:
-    """Unknowns and uses of terms as they are collected. The first unknowns are the slacks of the elastic families."""
+    """Collects unknowns and uses of terms. The first unknowns are the slacks of the elastic families."""
 
     def __init__(self) -> None:
         self._start: list[FloatArray] = []
@@ -53,32 +53,32 @@ class Program:
         self.unknown(np.zeros(len(ELASTIC)), 0.0, 0.0)
 
     def unknown(self, start: ArrayLike, low: ArrayLike = -np.inf, high: ArrayLike = np.inf) -> Indices:
-        """New unknowns, started at `start` (n,) and kept between `low` and `high`; returns their places (n,)."""
+        """Add unknowns with start values (n,) and limits; returns their indices (n,)."""
         first = np.atleast_1d(np.asarray(start, dtype=np.float64))
-        for kept, values in ((self._start, first), (self._low, low), (self._high, high)):
-            kept.append(np.broadcast_to(np.asarray(values, dtype=np.float64), first.shape))
+        for column, values in ((self._start, first), (self._low, low), (self._high, high)):
+            column.append(np.broadcast_to(np.asarray(values, dtype=np.float64), first.shape))
         self.size += first.size
         return np.arange(self.size - first.size, self.size)
 
     def add(self, term: Term, unknowns: Sequence[Indices], parameters: Sequence[ArrayLike] = ()) -> None:
-        """Use a term once more, over the unknowns at these places and with these numbers.
+        """Add a use of a term with the unknowns at given indices and the values of its parameters.
 
-        Raises ValueError where the term takes another number of either.
+        Raises ValueError if their number differs from the term's.
         """
-        places = np.concatenate([np.ravel(part) for part in unknowns])
+        indices = np.concatenate([np.ravel(part) for part in unknowns])
         numbers = np.concatenate([np.zeros(0), *(np.ravel(np.asarray(part, dtype=np.float64)) for part in parameters)])
-        if places.size != term.unknowns or numbers.size != term.parameters:
+        if indices.size != term.unknowns or numbers.size != term.parameters:
             raise ValueError(
-                f"{places.size} unknowns and {numbers.size} parameters, expected {term.unknowns} and {term.parameters}"
+                f"{indices.size} unknowns and {numbers.size} parameters, expected {term.unknowns} and {term.parameters}"
             )
         _, used, given = self._uses.setdefault(id(term), (term, [], []))
-        used.append(places)
+        used.append(indices)
         given.append(numbers)
 
     @property
     def uses(self) -> list[tuple[Term, Indices, FloatArray]]:
-        """Each term with the places of its unknowns (k, n) and its parameters (k, p) in its k uses."""
-        return [(term, np.array(places), np.array(numbers)) for term, places, numbers in self._uses.values()]
+        """Each term with the indices of its unknowns (k, n) and its parameters (k, p) in its k uses."""
+        return [(term, np.array(indices), np.array(numbers)) for term, indices, numbers in self._uses.values()]
 
     @property
     def start(self) -> FloatArray:
@@ -87,15 +87,21 @@ class Program:
 
     @property
     def bounds(self) -> tuple[FloatArray, FloatArray]:
-        """Least and greatest values of all unknowns."""
+        """Lower and upper limits of all unknowns."""
         return np.concatenate(self._low), np.concatenate(self._high)
 
 
 @dataclass(frozen=True)
 class SolverOutcome:
-    """Result of IPOPT: values of all unknowns (n,), its status, and whether that is an optimum.
+    """Result of IPOPT.
 
-    `objective` is that of the problem solved: of the design, or the violation that a search for feasibility minimises.
+    Attributes
+    ----------
+    values : values (n,) of all unknowns.
+    objective : objective of the solved problem: the design's, or the violation in a search for feasibility.
+    status : IPOPT's return status.
+    solved : whether this is an optimum.
+    iterations : number of iterations.
     """
 
     values: FloatArray
@@ -106,19 +112,19 @@ class SolverOutcome:
 
 
 class Assembled:
-    """Objective, constraints and their derivatives of a whole program, in CasADi's MX, from those of its terms."""
+    """Objective, constraints and derivatives of a program in CasADi's MX, assembled from its terms."""
 
     def __init__(self, program: Program) -> None:
         self.uses = program.uses
         self.x = ca.MX.sym("x", program.size)
         self._size = program.size
         self._inputs = [
-            (ca.reshape(self.x[places.ravel().tolist()], term.unknowns, len(places)), ca.DM(numbers.T))
-            for term, places, numbers in self.uses
+            (ca.reshape(self.x[indices.ravel().tolist()], term.unknowns, len(indices)), ca.DM(numbers.T))
+            for term, indices, numbers in self.uses
         ]
-        counts = [len(places) * term.family.size for term, places, _ in self.uses]
+        counts = [len(indices) * term.family.size for term, indices, _ in self.uses]
         self._offsets = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
-        self.family = np.concatenate([np.tile(term.family, len(places)) for term, places, _ in self.uses])
+        self.family = np.concatenate([np.tile(term.family, len(indices)) for term, indices, _ in self.uses])
         self.equality = np.repeat([term.equality for term, _, _ in self.uses], counts)
         self._elastic = np.flatnonzero(self.family >= 0)
         self._start = program.start
@@ -128,7 +134,7 @@ class Assembled:
         return list(function.map(x.shape[1]).call([x, p, *more]))
 
     def objective_and_constraints(self) -> tuple[Expression, Expression]:
-        """f of the design and g (m) with the slacks."""
+        """The design's objective f, and the constraints g (m,) including slacks."""
         f: Expression = ca.MX(0.0)
         g: list[Expression] = []
         for which, (term, _, _) in enumerate(self.uses):
@@ -140,15 +146,15 @@ class Assembled:
         return f, ca.vertcat(*g) + ca.mtimes(ca.DM(slack, 1.0), self.x[: len(ELASTIC)])
 
     def nearby(self) -> Expression:
-        """Squared distance of all unknowns but the slacks from the start."""
+        """Squared distance of all unknowns except the slacks from the start."""
         return ca.sumsqr(self.x[len(ELASTIC) :] - ca.DM(self._start[len(ELASTIC) :]))
 
     def gradient(self) -> Expression:
         """Gradient (n) of the design's objective."""
         total = ca.MX(self._size, 1)
-        for which, (term, places, _) in enumerate(self.uses):
+        for which, (term, indices, _) in enumerate(self.uses):
             (parts,) = self._mapped(term.gradient, which)
-            spread = ca.Sparsity.triplet(self._size, places.size, places.ravel().tolist(), list(range(places.size)))
+            spread = ca.Sparsity.triplet(self._size, indices.size, indices.ravel().tolist(), list(range(indices.size)))
             total += ca.mtimes(ca.DM(spread, 1.0), ca.vec(parts))
         return total
 
@@ -156,11 +162,11 @@ class Assembled:
         """dg/dx (m, n)."""
         rows, cols = [self._elastic], [self.family[self._elastic]]
         values: list[Expression] = [ca.MX(ca.DM.ones(self._elastic.size))]
-        for which, (term, places, _) in enumerate(self.uses):
+        for which, (term, indices, _) in enumerate(self.uses):
             (parts,) = self._mapped(term.jacobian, which)
-            first = self._offsets[which] + np.arange(len(places)) * term.family.size
+            first = self._offsets[which] + np.arange(len(indices)) * term.family.size
             rows.append((first[:, None] + term.rows).ravel())
-            cols.append(places[:, term.cols].ravel())
+            cols.append(indices[:, term.cols].ravel())
             values.append(ca.vec(parts))
         return _summed((int(self._offsets[-1]), self._size), rows, cols, values)
 
@@ -169,11 +175,11 @@ class Assembled:
         free = np.arange(len(ELASTIC), self._size)
         rows, cols = [free], [free]
         values: list[Expression] = [2.0 * hold * ca.MX(ca.DM.ones(free.size))]
-        for which, (term, places, _) in enumerate(self.uses):
+        for which, (term, indices, _) in enumerate(self.uses):
             mine = multipliers[int(self._offsets[which]) : int(self._offsets[which + 1])]
-            per_use = ca.reshape(mine, term.family.size, len(places))
-            (parts,) = self._mapped(term.hessian, which, ca.repmat(weight, 1, len(places)), per_use)
-            i, j = places[:, term.upper_rows].ravel(), places[:, term.upper_cols].ravel()
+            per_use = ca.reshape(mine, term.family.size, len(indices))
+            (parts,) = self._mapped(term.hessian, which, ca.repmat(weight, 1, len(indices)), per_use)
+            i, j = indices[:, term.upper_rows].ravel(), indices[:, term.upper_cols].ravel()
             rows.append(np.minimum(i, j))
             cols.append(np.maximum(i, j))
             values.append(ca.vec(parts))
@@ -181,35 +187,36 @@ class Assembled:
 
 
 def _summed(shape: tuple[int, int], rows: list[Indices], cols: list[Indices], values: list[Expression]) -> Expression:
-    """A sparse MX matrix of entries at (rows, cols); those in one place are added."""
+    """A sparse MX matrix with entries at (rows, cols); entries at the same position are added."""
     i, j = np.concatenate(rows), np.concatenate(cols)
-    places, which = np.unique(j * shape[0] + i, return_inverse=True)
-    sparsity = ca.Sparsity.triplet(*shape, (places % shape[0]).tolist(), (places // shape[0]).tolist())
-    add = ca.Sparsity.triplet(places.size, i.size, which.tolist(), list(range(i.size)))
+    indices, which = np.unique(j * shape[0] + i, return_inverse=True)
+    sparsity = ca.Sparsity.triplet(*shape, (indices % shape[0]).tolist(), (indices // shape[0]).tolist())
+    add = ca.Sparsity.triplet(indices.size, i.size, which.tolist(), list(range(i.size)))
     return ca.MX(sparsity, ca.mtimes(ca.DM(add, 1.0), ca.vertcat(*values)))
 
 
 class Solver:
-    """IPOPT over a program, with exact first and second derivatives.
+    """IPOPT for a program, with exact first and second derivatives.
 
-    The same program solves two problems. `optimise` minimises the objective subject to every constraint;
-    `find_feasible` minimises the violation of the elastic families, and stays near the start otherwise.
+    `optimise` minimises the objective subject to all constraints. `find_feasible` minimises the violation of the
+    elastic families and otherwise stays near the start. `find_relaxed` combines both.
     """
 
     def __init__(
         self, program: Program, slack_weights: dict[str, float], most_iterations: int = MOST_ITERATIONS
     ) -> None:
         self.program = program
-        whole = Assembled(program)
-        x, searching = whole.x, ca.MX.sym("searching")
-        f, g = whole.objective_and_constraints()
+        assembled = Assembled(program)
+        x, searching = assembled.x, ca.MX.sym("searching")
+        f, g = assembled.objective_and_constraints()
         weights = ca.DM([slack_weights[family] for family in ELASTIC])
-        objective = (1.0 - searching) * f + searching * ca.dot(weights, x[: len(ELASTIC)]) + HOLD * whole.nearby()
+        violation = ca.dot(weights, x[: len(ELASTIC)])
+        objective = (1.0 - searching) * f + searching * violation + HOLD * assembled.nearby()
         pull = ca.vertcat(searching * weights, 2.0 * HOLD * (x - ca.DM(program.start))[len(ELASTIC) :])
         weight, multipliers = ca.MX.sym("w"), ca.MX.sym("l", g.numel())
-        hessian = whole.hessian(weight * (1.0 - searching), weight * HOLD, multipliers)
-        gradient, jacobian = (1.0 - searching) * whole.gradient() + pull, whole.jacobian()
-        self._upper_limits = np.where(whole.equality, 0.0, np.inf)
+        hessian = assembled.hessian(weight * (1.0 - searching), weight * HOLD, multipliers)
+        gradient, jacobian = (1.0 - searching) * assembled.gradient() + pull, assembled.jacobian()
+        self._upper_limits = np.where(assembled.equality, 0.0, np.inf)
         names = {"x": x, "p": searching, "f": objective, "g": g}
         self.derivatives = {
             "grad_f": ca.Function("nlp_grad_f", [x, searching], [objective, gradient], ["x", "p"], ["f", "grad_f_x"]),
@@ -235,7 +242,7 @@ class Solver:
             result = self._nlp(
                 x0=first, lbx=low, ubx=high, p=searching, lbg=np.zeros_like(self._upper_limits), ubg=self._upper_limits
             )
-        interruption.check()  # CasADi ends the solution then, warns of an exception, and returns
+        interruption.check()  # on an interruption, CasADi only warns and returns
         sys.stderr.write(errors_printed.getvalue())
         stats = self._nlp.stats()
         return SolverOutcome(
@@ -247,7 +254,7 @@ class Solver:
         )
 
     def optimise(self, start: FloatArray | None = None) -> SolverOutcome:
-        """The optimum from the program's own start, of which `start` replaces the first values."""
+        """The optimum near the program's start values, the first of which `start` replaces."""
         first = self.program.start
         if start is not None:
             first[: len(start)] = start
@@ -261,8 +268,8 @@ class Solver:
     def find_relaxed(self, margin: float) -> tuple[SolverOutcome, dict[str, float]]:
         """The least objective with the least violation of the elastic families, and the violation of each family.
 
-        The violation comes first, where it costs more than the objective gains by it. Where a family is met, it is met
-        by the margin: the violation is its negative.
+        The violation takes precedence as long as it costs more than the objective gains. A family that is met is met by
+        the margin: its violation is -margin.
         """
         outcome = self._solve(self.program.start, (0.1, LARGEST_SLACK), 0.5, margin)
         return outcome, dict(zip(ELASTIC, outcome.values[: len(ELASTIC)].tolist(), strict=True))

@@ -1,4 +1,4 @@
-"""Seeds of a design: flat facets of a paraboloid (the paper's start) or of an ellipsoid, tiled over the sensor."""
+"""Seeds of a design: flat facets of a paraboloid (the paper's start) or an ellipsoid, tiled over the sensor."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from mirrorcam.optics.geometry.sub_images import sensor_polygon
 Booleans = NDArray[np.bool_]
 
 TILE_RATIOS = (1.0, 0.8, 1.25, 0.6, 1.7, 0.4, 2.5)
-"""Factors between distances across and down that decide along which axis two tiles lie apart."""
+"""Trial ratios between horizontal and vertical distances to decide along which axis two tiles are separated."""
 
 CENTRE_DECIMALS_MM = 6
 NORMALIZED_DECIMALS = 8
@@ -31,7 +31,7 @@ OUTLINE_DECIMALS_MM = 9
 
 @dataclass(frozen=True)
 class Seed:
-    """Mirrors to start from, in the order of the layout, in units of the scale.
+    """Start values of mirrors, in the order of the layout, in units of the scale.
 
     Attributes
     ----------
@@ -49,7 +49,7 @@ class Seed:
 
     @cached_property
     def chief(self) -> FloatArray:
-        """Normalized coordinates (n, 2) of the chief rays, through the middles of the sub-images."""
+        """Normalized coordinates (n, 2) of the chief rays, through the centres of the sub-images."""
         return self.corners.mean(axis=1)
 
     def middles(self, view_from_rig: FloatArray) -> FloatArray:
@@ -60,10 +60,10 @@ class Seed:
 
 
 def sensor_rectangle(camera: Camera) -> FloatArray:
-    """The largest upright rectangle ((u_low, v_low), (u_high, v_high)) in normalized coordinates inside the sensor.
+    """The largest axis-aligned rectangle ((u_low, v_low), (u_high, v_high)), normalized, inside the sensor.
 
-    Without distortion it is the sensor itself, to the edges of its outermost pixels. Raises InputError where the lens
-    model does not reach the sensor's border.
+    Without distortion it is the sensor itself, out to the edges of its outermost pixels. Raises InputError if the lens
+    model does not cover the sensor's border.
     """
     along = np.linspace(-0.5, 0.5, 65)
     x, y = along * camera.width_px, along * camera.height_px
@@ -81,14 +81,14 @@ def sensor_rectangle(camera: Camera) -> FloatArray:
 
 
 def sensor_bounds(camera: Camera) -> FloatArray:
-    """The smallest upright rectangle ((u_low, v_low), (u_high, v_high)) in normalized coordinates around the sensor."""
+    """The smallest axis-aligned rectangle ((u_low, v_low), (u_high, v_high)), normalized, around the sensor."""
     return np.array(sensor_polygon(camera).bounds).reshape(2, 2)
 
 
 def corner_pattern(sides: int) -> FloatArray:
-    """Corners (sides, 2) of a tile as parts of its width and height, in the image's (u, v).
+    """Corners (sides, 2) of a tile as fractions of its width and height, in the image's (u, v).
 
-    A rectangle; the fifth corner breaks the edge of greatest v, fifth and sixth those on the left and on the right.
+    A rectangle. A fifth corner divides the edge with the greatest v; a fifth and a sixth divide the left and the right.
     """
     rectangle = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]
     if sides == 5:
@@ -99,9 +99,9 @@ def corner_pattern(sides: int) -> FloatArray:
 
 
 def _ranks(order: Booleans) -> tuple[FloatArray, FloatArray]:
-    """The first and the last place (n,) that a thing may have of those that the longest chain needs.
+    """Earliest and latest rank (n,) of each item in a partial order, within the length of the longest chain.
 
-    `order[i, j]` is whether i comes before j, at least one place; indices come in such an order.
+    `order[i, j]` states that i precedes j by at least one rank; it holds only for i < j.
     """
     count = len(order)
     first, after = np.zeros(count), np.zeros(count)
@@ -113,7 +113,7 @@ def _ranks(order: Booleans) -> tuple[FloatArray, FloatArray]:
 
 
 def _places_along(steps: FloatArray, apart: Booleans) -> FloatArray:
-    """Places (n,) along one axis, near the steps (n,): at least one apart where two are to be apart along it."""
+    """Positions (n,) along one axis, near the steps (n,), and at least 1 apart for pairs in `apart` (n, n)."""
     by_step = np.argsort(steps, kind="stable")
     order = np.triu(apart[np.ix_(by_step, by_step)], 1)
     first, last = _ranks(order)
@@ -132,20 +132,20 @@ def _places_along(steps: FloatArray, apart: Booleans) -> FloatArray:
 
 @lru_cache
 def tile_places(arrangement: Arrangement) -> FloatArray:
-    """Places (n, 2) of equal tiles that do not overlap, in tiles across and down: columns and rows of a grid.
+    """Positions (n, 2) of equal tiles that do not overlap, in tiles across and down; for a grid, columns and rows.
 
-    Two tiles lie apart along the axis along which their views do more. Of some ratios of the axes, the one is taken
-    that needs the fewest tiles across times down, which leaves the largest tiles.
+    Two tiles are separated along the axis with the greater distance between their views. Among trial ratios between
+    the axes, the one with the smallest area in tiles is used, which gives the largest tiles.
     """
     across, down = (np.abs(steps[:, None] - steps) for steps in arrangement.steps.T)
     found = []
     for ratio in TILE_RATIOS:
-        beside = across * ratio >= down - 1e-9
+        horizontal = across * ratio >= down - 1e-9
         found.append(
             np.column_stack(
                 [
                     _places_along(steps, apart)
-                    for steps, apart in zip(arrangement.steps.T, (beside, ~beside), strict=True)
+                    for steps, apart in zip(arrangement.steps.T, (horizontal, ~horizontal), strict=True)
                 ]
             )
         )
@@ -153,9 +153,9 @@ def tile_places(arrangement: Arrangement) -> FloatArray:
 
 
 def tiles(spec: DesignSpec, gap: float) -> FloatArray:
-    """Sub-images (n, sides, 2) in normalized coordinates, equal tiles of the sensor with a gap between neighbours.
+    """Sub-images (n, sides, 2) in normalized coordinates: equal tiles of the sensor with a gap between neighbours.
 
-    Those of the highest views lie where v is greatest, because the fold turns the image upside down. Corners run as in
+    The highest views have the greatest v, because the fold turns the image upside down. Corners are ordered as in
     `corner_pattern`.
     """
     low, high = sensor_rectangle(spec.camera)
@@ -175,8 +175,8 @@ def _rays(chief: FloatArray, view_from_rig: FloatArray) -> FloatArray:
 def parabola_centres(chief: FloatArray, scale: float, view_from_rig: FloatArray) -> FloatArray:
     """Virtual centres (..., 3), in view axes, of facets tangent to a paraboloid where chief rays meet it.
 
-    Its focus is the pupil, its axis that of the views. `chief` (..., 2) holds normalized coordinates. All virtual
-    centres lie on the directrix plane, so all chief rays leave along the views' axis.
+    The paraboloid has its focus at the pupil and the view axis as its axis. `chief` (..., 2) are normalized
+    coordinates. All virtual centres lie in the directrix plane, so all chief rays leave along the view axis.
     """
     rays = _rays(chief, view_from_rig)
     reach = scale * (1.0 - view_from_rig[2, 2]) / (1.0 - rays[..., 2:])
@@ -186,9 +186,9 @@ def parabola_centres(chief: FloatArray, scale: float, view_from_rig: FloatArray)
 def ellipsoid_centres(chief: FloatArray, scale: float, target_depth: float, view_from_rig: FloatArray) -> FloatArray:
     """Virtual centres (..., 3), in view axes, of facets tangent to an ellipsoid with foci at the pupil and at a target.
 
-    The target lies at `target_depth` where the folded optical axis gets there; all chief rays meet there. The
-    paraboloid is the limit of an infinitely far target. A point P on the surface has |P| + |P - target| = constant,
-    and its virtual centre is that far from the target on the line through P.
+    The target is the point of the folded optical axis at `target_depth`; all chief rays meet there. The paraboloid is
+    the limit for an infinitely distant target. A point P on the surface has |P| + |P - target| = constant; its virtual
+    centre lies at this distance from the target on the line through P.
     """
     rays = _rays(chief, view_from_rig)
     turn = scale * view_from_rig[:, 2]  # where the optical axis meets its mirror
@@ -200,12 +200,12 @@ def ellipsoid_centres(chief: FloatArray, scale: float, target_depth: float, view
 
 
 def seed_of(spec: DesignSpec, target_depth_mm: float) -> Seed:
-    """The faceted ellipsoid whose chief rays meet at a depth; tiles a little farther apart than the spec requests.
+    """The faceted ellipsoid whose chief rays meet at a depth, with slightly larger gaps than the spec requests.
 
-    Where that would leave little of the sensor, they are as far apart as half a tile.
+    If that would leave little of the sensor, gaps are half a tile.
     """
-    whole = tiles(spec, 0.0)[0]
-    most = 0.5 * float((whole.max(axis=0) - whole.min(axis=0)).min())
+    tile = tiles(spec, 0.0)[0]
+    most = 0.5 * float((tile.max(axis=0) - tile.min(axis=0)).min())
     gap_mm = max(1.3 * spec.spacing_mm, spec.seen_gap_mm)
     corners = tiles(spec, min(gap_mm / spec.scale_mm, most))
     centres = ellipsoid_centres(corners.mean(axis=1), 1.0, target_depth_mm / spec.scale_mm, spec.view_from_rig)
@@ -213,11 +213,11 @@ def seed_of(spec: DesignSpec, target_depth_mm: float) -> Seed:
 
 
 def mirrors_of(spec: DesignSpec, centres_in_view_mm: FloatArray, corners: FloatArray) -> tuple[Mirror, ...]:
-    """Mirrors that look like plain ones of virtual centres (n, 3), view axes, and corners (n, k, 2), normalized.
+    """Mirrors with apparent virtual centres (n, 3), in view axes, mm, and normalized corners (n, k, 2).
 
-    The numbers are rounded first, so that noise in the last digits does not change a layout's identity; outlines are
-    cut from the rounded numbers and lie on their planes to a nanometre. Raises InfeasibleDesign where a second-surface
-    mirror does not fit between its reflecting surface and the pupil.
+    The numbers are rounded first, so that noise in the last digits does not change a layout's identity. Outlines follow
+    from the rounded numbers and lie on their planes to a nanometre. Raises InfeasibleDesign if a second-surface mirror
+    does not fit between its reflecting surface and the pupil.
     """
     mirrors = []
     centres = (centres_in_view_mm @ spec.view_from_rig).round(CENTRE_DECIMALS_MM) + 0.0
@@ -236,7 +236,7 @@ def mirrors_of(spec: DesignSpec, centres_in_view_mm: FloatArray, corners: FloatA
 
 
 def layout_of(spec: DesignSpec, mirrors: tuple[Mirror, ...], made_by: dict[str, str]) -> Layout:
-    """The nominal layout of mirrors, in their order. Raises InfeasibleDesign where two overlap in the image."""
+    """The nominal layout of mirrors. Raises InfeasibleDesign if two overlap in the image."""
     try:
         return Layout(
             rows=spec.arrangement.rows,
@@ -259,10 +259,10 @@ def _parabola_with_gap(spec: DesignSpec, gap: float) -> Layout:
 
 
 def faceted_parabola(spec: DesignSpec) -> Layout:
-    """The paper's start: sub-images tile the sensor, facets are tangent to a paraboloid with its focus at the pupil.
+    """The paper's start: sub-images tile the sensor; facets are tangent to a paraboloid with its focus at the pupil.
 
-    The gap in the image is the smallest that leaves `spacing_mm` between all mirrors, all of four corners. Raises
-    InfeasibleDesign where no gap does.
+    Mirrors have four corners. The gap in the image is the smallest that leaves `spacing_mm` between all mirrors. Raises
+    InfeasibleDesign if there is none.
     """
     low, high = sensor_rectangle(spec.camera)
     widest = float(((high - low) / np.maximum(tile_places(spec.arrangement).max(axis=0), 1)).min())

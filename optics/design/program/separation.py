@@ -1,9 +1,8 @@
-"""Mirrors, their light and the camera's body kept apart, as smooth terms in CasADi, by an unknown plane each.
+"""Separation of mirrors, their light and the camera's body, as smooth CasADi terms with unknown separating planes.
 
-In view axes, all lengths in units of the design's scale. Convex solids are kept apart by an unknown plane between them:
-they are at least g apart exactly when some plane has one solid below it and the other at least g above it. This is
-exact for the solids of mirrors and for the light that they reflect, needs no guess of which edge faces which, and lets
-a neighbour stand behind a mirror.
+Coordinates are view axes, lengths in units of the design's scale. Two convex solids are at least g apart exactly if
+some plane has one solid below it and the other at least g above it. This is exact for the solids of mirrors and the
+light they reflect, needs no guess of facing edges, and allows a neighbour to stand behind a mirror.
 """
 
 from __future__ import annotations
@@ -20,22 +19,22 @@ from numpy.typing import ArrayLike
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.design.program.constraints import MARGIN
 from mirrorcam.optics.design.program.draft import Draft, displacements, safe_gap
-from mirrorcam.optics.design.program.mirror_variables import Kind, MirrorVariables, Optics, given_mirror
+from mirrorcam.optics.design.program.mirror_variables import Kind, MirrorVariables, Optics, add_mirror
 from mirrorcam.optics.design.program.seeds import Seed, tile_places
 from mirrorcam.optics.design.program.terms import Expression, Term, TermBuilder
 from mirrorcam.optics.geometry.arrangement import Arrangement
 
 BEAM_OFFSET = 0.1
-"""Largest offset, in thicknesses, of a beam from a second-surface mirror from that of the apparent mirror."""
+"""Largest offset, in thicknesses, between the beams of a second-surface mirror and its apparent mirror."""
 BOX_CORNERS = 8
 NEAR_TILES = 1e-6
-"""Difference of the places of two tiles that is none."""
+"""Tolerance for the positions of tiles."""
 PairKind = Literal["seen", "gap", "in", "out"]
 
 
 @dataclass(frozen=True)
 class SeparatingPlane:
-    """An unknown plane of a term, normal (3) . x = offset, that keeps what lies below it from what lies above."""
+    """An unknown plane of a term, normal (3) . x = offset, that separates solids below and above it."""
 
     term: TermBuilder
     normal: Expression
@@ -43,7 +42,7 @@ class SeparatingPlane:
 
     @classmethod
     def unknown(cls, term: TermBuilder) -> Self:
-        """Its normal has nearly unit length, so that a slack is nearly a length."""
+        """Add a plane whose normal has nearly unit length, so that a slack is nearly a length."""
         n, d = term.unknown(3), term.unknown(1)
         term.require(1.0 - ca.dot(n, n))
         term.require(ca.dot(n, n) - 0.81)
@@ -54,7 +53,7 @@ class SeparatingPlane:
             self.term.require(self.offset - ca.dot(self.normal, point))
 
     def require_beam_below(self, light: MirrorVariables) -> None:
-        """The beam from a mirror's virtual centre through its face, to infinity."""
+        """Require that the beam from a mirror's virtual centre through its face, to infinity, lies below."""
         for point in light.face:
             self.require_below([point])
             self.term.require(-ca.dot(self.normal, point - light.centre))
@@ -66,7 +65,7 @@ class SeparatingPlane:
 
 @lru_cache
 def seen_gap_term(sides: int) -> Term:
-    """Two sub-images lie on opposite sides of a line, `gap` apart.
+    """Two sub-images lie on opposite sides of a line, a gap apart.
 
     Unknowns: corners of both, line (3). Parameters: gap in normalized coordinates.
     """
@@ -83,13 +82,13 @@ def seen_gap_term(sides: int) -> Term:
 
 @lru_cache
 def gap_term(kind: Kind) -> Term:
-    """The solids of two mirrors lie on opposite sides of a plane, `gap` apart.
+    """The solids of two mirrors lie on opposite sides of a plane, a gap apart.
 
     Unknowns: fold, both mirrors, plane (4). Parameters: optics, gap.
     """
     term = TermBuilder()
-    optics, gap = Optics.given(term), term.parameter()
-    first, second = given_mirror(kind, optics, term), given_mirror(kind, optics, term)
+    optics, gap = Optics.of_term(term), term.parameter()
+    first, second = add_mirror(kind, optics, term), add_mirror(kind, optics, term)
     plane = SeparatingPlane.unknown(term)
     plane.require_below(first.solid)
     plane.require_above(second.solid, "spacing", gap)
@@ -98,13 +97,13 @@ def gap_term(kind: Kind) -> Term:
 
 @lru_cache
 def incoming_term(kind: Kind) -> Term:
-    """No part of the second mirror reaches into the light from the pupil to the face of the first: their convex hull.
+    """The second mirror does not reach into the light from the pupil to the face of the first, their convex hull.
 
     Unknowns: fold, both mirrors, plane (4). Parameters: optics.
     """
     term = TermBuilder()
-    optics = Optics.given(term)
-    light, other = given_mirror(kind, optics, term), given_mirror(kind, optics, term)
+    optics = Optics.of_term(term)
+    light, other = add_mirror(kind, optics, term), add_mirror(kind, optics, term)
     plane = SeparatingPlane.unknown(term)
     reach = ca.SX(0.0) if kind.pinhole else optics.radius * optics.along_pupil(plane.normal)
     term.require(plane.offset - reach)
@@ -115,15 +114,15 @@ def incoming_term(kind: Kind) -> Term:
 
 @lru_cache
 def outgoing_term(kind: Kind) -> Term:
-    """No part of the second mirror reaches into the beam from the first's virtual centre through its face, to infinity.
+    """The second mirror does not reach into the beam from the first's virtual centre through its face, to infinity.
 
-    The light of whole pupils, in focus beyond twice the distance of the mirrors, lies inside that beam.
+    That beam contains the light of the full pupil if the focus is beyond twice the distance of the mirrors.
 
     Unknowns: fold, both mirrors, plane (4). Parameters: optics.
     """
     term = TermBuilder()
-    optics = Optics.given(term)
-    light, other = given_mirror(kind, optics, term), given_mirror(kind, optics, term)
+    optics = Optics.of_term(term)
+    light, other = add_mirror(kind, optics, term), add_mirror(kind, optics, term)
     plane = SeparatingPlane.unknown(term)
     plane.require_beam_below(light)
     plane.require_above(other.solid, "occlusion", BEAM_OFFSET * optics.thickness if kind.second_surface else 0.0)
@@ -131,7 +130,7 @@ def outgoing_term(kind: Kind) -> Term:
 
 
 def _box(term: TermBuilder, optics: Optics) -> list[Expression]:
-    """Corners (3) in view axes of a box given in rig."""
+    """Corners (3) in view axes of a box, whose corners in rig are parameters of the term."""
     corners = term.parameter(3 * BOX_CORNERS)
     return [optics.view_from_rig @ corners[3 * k : 3 * k + 3] for k in range(BOX_CORNERS)]
 
@@ -143,8 +142,8 @@ def body_gap_term(kind: Kind) -> Term:
     Unknowns: fold, mirror, plane (4). Parameters: optics, corners of the box in rig (24).
     """
     term = TermBuilder()
-    optics = Optics.given(term)
-    mirror, plane = given_mirror(kind, optics, term), SeparatingPlane.unknown(term)
+    optics = Optics.of_term(term)
+    mirror, plane = add_mirror(kind, optics, term), SeparatingPlane.unknown(term)
     plane.require_below(mirror.solid)
     plane.require_above(_box(term, optics), "body")
     return term.built()
@@ -152,13 +151,13 @@ def body_gap_term(kind: Kind) -> Term:
 
 @lru_cache
 def body_light_term(kind: Kind) -> Term:
-    """No part of a box reaches into the beam from a mirror's virtual centre through its face, to infinity.
+    """A box does not reach into the beam from a mirror's virtual centre through its face, to infinity.
 
     Unknowns: fold, mirror, plane (4). Parameters: optics, corners of the box in rig (24).
     """
     term = TermBuilder()
-    optics = Optics.given(term)
-    light, plane = given_mirror(kind, optics, term), SeparatingPlane.unknown(term)
+    optics = Optics.of_term(term)
+    light, plane = add_mirror(kind, optics, term), SeparatingPlane.unknown(term)
     plane.require_beam_below(light)
     plane.require_above(_box(term, optics), "body")
     return term.built()
@@ -166,9 +165,10 @@ def body_light_term(kind: Kind) -> Term:
 
 @dataclass(frozen=True, order=True)
 class PairConstraint:
-    """A constraint on two mirrors: a gap between them, in the image ("seen") or in space ("gap"), or free light.
+    """A constraint on two mirrors.
 
-    "in" and "out" keep the second out of the light to and from the first.
+    "seen" is a gap in the image, "gap" a gap in space. "in" and "out" keep the second mirror out of the light to and
+    from the first.
     """
 
     kind: PairKind
@@ -177,10 +177,10 @@ class PairConstraint:
 
 
 def neighbour_pairs(arrangement: Arrangement) -> tuple[PairConstraint, ...]:
-    """The constraints on neighbours that every design starts with; others follow where a solution violates them.
+    """Initial constraints of every design, on neighbours; others are added when a solution violates them.
 
-    Neighbours are those whose tiles touch in the seed. Gaps and free light in both directions; across the diagonal,
-    beams leave side by side without being kept apart.
+    Neighbours have touching tiles in the seed. They get gaps and unblocked light in both directions; diagonal
+    neighbours need no constraint on outgoing beams.
     """
     places, pairs = tile_places(arrangement), []
     for i, j in combinations(range(len(places)), 2):
@@ -195,7 +195,7 @@ def neighbour_pairs(arrangement: Arrangement) -> tuple[PairConstraint, ...]:
 
 
 def add_body(draft: Draft) -> None:
-    """The box around the camera's body, out of the reach of mirrors and of their light."""
+    """Add constraints that keep mirrors and their light out of the box around the camera's body."""
     spec = draft.spec
     box = (spec.kept_free_in_rig_mm / spec.scale_mm).ravel()
     if box.size == 0:
@@ -211,7 +211,7 @@ def add_body(draft: Draft) -> None:
 
 
 def add_pairs(draft: Draft, pairs: tuple[PairConstraint, ...]) -> None:
-    """The constraints on pairs, each with the unknowns of its plane."""
+    """Add constraints on pairs of mirrors, each with an unknown plane."""
     spec, kind = draft.spec, draft.kind
     terms = {
         "gap": gap_term(kind),
@@ -228,18 +228,18 @@ def add_pairs(draft: Draft, pairs: tuple[PairConstraint, ...]) -> None:
             safe = safe_gap(moved[[pair.first, pair.second]], plane[:2])
             draft.program.add(seen_gap_term(kind.sides), [first[1], second[1], unknown], [max(seen_gap, safe)])
         else:
-            given: list[ArrayLike] = [gap] if pair.kind == "gap" else []
-            draft.add(terms[pair.kind], [*first, *second, unknown], given)
+            parameters: list[ArrayLike] = [gap] if pair.kind == "gap" else []
+            draft.add(terms[pair.kind], [*first, *second, unknown], parameters)
 
 
 def _plane_range(size: int) -> tuple[FloatArray, FloatArray]:
-    """Least and greatest values of the normal (size) of a plane or line, and of its offset."""
+    """Lower and upper limits of the normal (size) of a plane or line, and of its offset."""
     reach = np.array([*np.ones(size), np.inf])
     return -reach, reach
 
 
 def _first_plane(pair: PairConstraint, seed: Seed, middles: FloatArray) -> FloatArray:
-    """The plane (normal, offset) or line (3) that a pair starts with; chief rays meet their mirrors at `middles`."""
+    """Start value of a pair's plane (normal, offset) or line (3); chief rays meet their mirrors at `middles`."""
     if pair.kind == "seen":
         p, q = seed.chief[pair.first], seed.chief[pair.second]
         across = _unit(q - p)

@@ -1,7 +1,7 @@
-"""Terms of a nonlinear program: small functions that many mirrors share, with derivatives made once for all of them.
+"""Terms of a nonlinear program: small functions shared by many mirrors, with derivatives made only once.
 
-A program of n mirrors holds each kind of term many times, over other unknowns. Exact derivatives of the small
-function serve all of them, so that making a program costs milliseconds, however many mirrors it has.
+A program with n mirrors contains each kind of term many times, over different unknowns. All uses share the exact
+derivatives of one small function, so that building a program takes milliseconds, however many mirrors it has.
 """
 
 from __future__ import annotations
@@ -19,17 +19,23 @@ Expression = Any
 Indices = NDArray[np.int64]
 
 ELASTIC = ("spacing", "seen gap", "occlusion", "body", "depth", "overlap", "size")
-"""Families of constraints that a search for feasibility may violate, each by one slack that it minimises."""
+"""Families of constraints that a search for feasibility may violate; it minimises one slack per family."""
 
 
 @dataclass(frozen=True, eq=False)
 class Term:
     """A function of a few unknowns x and parameters p, with first and second derivatives.
 
-    `value` gives the term of the objective and the constraints g (m); `gradient` the gradient of the objective,
-    `jacobian` the structural nonzeros of dg/dx at (`rows`, `cols`), `hessian` those of the upper half of the second
-    derivative of w f + l.g at (`upper_rows`, `upper_cols`). The constraints are at least 0, or 0 where `equality`;
-    `family` holds the index into ELASTIC of each, -1 for none.
+    Attributes
+    ----------
+    unknowns, parameters : number of unknowns and parameters.
+    value : the term f of the objective and the constraints g (m,).
+    gradient : the gradient of f.
+    jacobian, rows, cols : the structural nonzeros of dg/dx, and their positions.
+    hessian, upper_rows, upper_cols : the structural nonzeros of the upper half of the second derivative of w f + l.g,
+        and their positions.
+    equality : whether the constraints are g = 0, instead of g >= 0.
+    family : index into ELASTIC of each constraint; -1 for none.
     """
 
     unknowns: int
@@ -47,7 +53,7 @@ class Term:
 
 
 class TermBuilder:
-    """Unknowns, parameters, constraints and objective of a term as they are collected."""
+    """Collects the unknowns, parameters, constraints and objective of a term."""
 
     def __init__(self) -> None:
         self._unknowns: list[Expression] = []
@@ -57,30 +63,30 @@ class TermBuilder:
         self._objective: Expression = ca.SX(0.0)
 
     def unknown(self, size: int) -> Expression:
-        """A column of unknowns of the term."""
+        """Add a column of unknowns."""
         self._unknowns.append(ca.SX.sym(f"x{len(self._unknowns)}", size))
         return self._unknowns[-1]
 
     def parameter(self, size: int = 1) -> Expression:
-        """A column of numbers that are given with each use of the term."""
+        """Add a column of parameters, whose values are given with each use of the term."""
         self._parameters.append(ca.SX.sym(f"p{len(self._parameters)}", size))
         return self._parameters[-1]
 
     def require(self, expression: Expression, family: str | None = None) -> None:
-        """The expression (any shape) must be at least 0, or 0 in a term built for equality.
+        """Require that an expression of any shape is at least 0, or equals 0 in a term built for equality.
 
-        A constraint of an elastic family may be violated in a search for feasibility.
+        A search for feasibility may violate the constraints of an elastic family.
         """
         column = ca.vec(ca.SX(expression))
         self._constraints.append(column)
         self._family += [ELASTIC.index(family) if family else -1] * column.numel()
 
     def minimise(self, expression: Expression) -> None:
-        """The expression (a number) is added to the objective."""
+        """Add a scalar expression to the objective."""
         self._objective += expression
 
     def built(self, *, equality: bool = False) -> Term:
-        """The term, with its derivatives."""
+        """Build the term with its derivatives."""
         x, p = ca.vertcat(*self._unknowns), ca.vertcat(ca.SX(0, 1), *self._parameters)
         f, g = self._objective, ca.vertcat(ca.SX(0, 1), *self._constraints)
         jacobian: Expression = ca.jacobian(g, x)

@@ -1,1 +1,1 @@
-"""Lens models: how a lens bends the normalized coordinates of a ray, each family in a module of its own."""
+"""Lens models, which map the normalized coordinates of a ray to distorted ones."""

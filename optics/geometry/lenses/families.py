@@ -1,4 +1,4 @@
-"""The families of lens models by their names in layout.json."""
+"""Families of lens models by their names in layout.json."""
 
 from __future__ import annotations
 
@@ -7,10 +7,9 @@ from types import MappingProxyType
 from typing import Literal
 
 from mirrorcam.core.values import FloatArray
-from mirrorcam.optics.geometry.lenses.brown_conrady import BrownConrady
 from mirrorcam.optics.geometry.lenses.fisheye import Fisheye
 from mirrorcam.optics.geometry.lenses.lens import Lens
-from mirrorcam.optics.geometry.lenses.rational import Rational, ThinPrism
+from mirrorcam.optics.geometry.lenses.polynomial import BrownConrady, Rational, ThinPrism
 from mirrorcam.optics.geometry.lenses.spline import LensGrid, Spline
 
 LensName = Literal["brown_conrady", "rational", "thin_prism", "fisheye", "spline"]
@@ -18,20 +17,21 @@ LensName = Literal["brown_conrady", "rational", "thin_prism", "fisheye", "spline
 NUMBERED: Mapping[LensName, type[Lens]] = MappingProxyType(
     {"brown_conrady": BrownConrady, "rational": Rational, "thin_prism": ThinPrism, "fisheye": Fisheye}
 )
-"""Families with a few numbers, the same for every camera."""
+"""Families with a fixed number of coefficients."""
 
 
 def lens_of(name: LensName, coefficients: FloatArray, grid: LensGrid | None = None) -> Lens:
     """The lens of a family.
 
-    Raises ValueError for another number of coefficients than the family has, and for a spline without its grid.
+    Raises ValueError for a wrong number of coefficients, and unless `grid` is given exactly for a spline lens.
     """
     if (grid is None) == (name == "spline"):
-        raise ValueError(f"a {name} lens {'without' if grid is None else 'with'} lens_grid, which a spline lens has")
+        given = "without" if grid is None else "with"
+        raise ValueError(f"a {name} lens {given} lens_grid, expected one exactly for a spline lens")
     lens = NUMBERED[name](coefficients) if grid is None else Spline(coefficients, grid)
     if len(coefficients) != len(lens.names):
-        numbers = ", ".join(lens.names) if grid is None else f"k1, k2, p1, p2, k3 and 2 x {grid.count} of its grid"
+        names = ", ".join(lens.names) if grid is None else f"k1, k2, p1, p2, k3 and 2 x {grid.count} of its grid"
         raise ValueError(
-            f"{len(coefficients)} numbers of distortion, expected the {len(lens.names)} of a {name} lens: {numbers}"
+            f"{len(coefficients)} distortion coefficients, expected {len(lens.names)} for a {name} lens: {names}"
         )
     return lens

@@ -1,4 +1,4 @@
-"""The fisheye lens of Kannala and Brandt, in the form of OpenCV's fisheye module."""
+"""The fisheye lens of Kannala and Brandt, as in OpenCV's fisheye module."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from mirrorcam.optics.geometry.lenses.lens import Lens, Linearized
 
 TINY = 1e-30
 NEWTON_STEPS = 20
-REACHED = 1e-6  # a distorted radius that no ray below 90 degrees has is missed by more
+REACHED = 1e-6  # the Newton residual is larger if no ray below 90 degrees has the distorted radius
 
 
 class Fisheye(Lens):
     """Lens with the coefficients (k1, k2, k3, k4).
 
     A ray at the angle a from the axis has the distorted radius a (1 + k1 a^2 + k2 a^4 + k3 a^6 + k4 a^8)
-    (J. Kannala and S. Brandt, IEEE TPAMI 28, 1335, 2006). Rays have z > 0, so that a is below 90 degrees.
+    (J. Kannala and S. Brandt, IEEE TPAMI 28, 1335, 2006). Rays have z > 0, so a is below 90 degrees.
     """
 
     NAMES: ClassVar[tuple[str, ...]] = ("k1", "k2", "k3", "k4")
 
     def _radius(self, angle: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Distorted radius of an angle, and its derivative."""
+        """Distorted radius for an angle, and its derivative."""
         k1, k2, k3, k4 = self.coefficients
         a2 = angle * angle
         radius = angle * (1.0 + a2 * (k1 + a2 * (k2 + a2 * (k3 + a2 * k4))))
@@ -43,7 +43,7 @@ class Fisheye(Lens):
         angle = np.arctan(r)
         radius, slope = self._radius(angle)
         factor = radius / r
-        bend = (slope / (1.0 + r2) - factor) / r2  # the derivative of the factor by r, over r
+        bend = (slope / (1.0 + r2) - factor) / r2  # the derivative of the factor by r, divided by r
         a2 = angle * angle
         power = angle / r
         for k in range(4):
@@ -60,7 +60,7 @@ class Fisheye(Lens):
     def valid_radius(self) -> float:
         k1, k2, k3, k4 = self.coefficients
         roots = np.roots([1.0, 3.0 * k1, 5.0 * k2, 7.0 * k3, 9.0 * k4])
-        turning = roots[(np.abs(roots.imag) < 1e-12) & (roots.real > 4.0 / np.pi**2)].real  # of 1 / a^2
+        turning = roots[(np.abs(roots.imag) < 1e-12) & (roots.real > 4.0 / np.pi**2)].real  # in 1 / a^2
         return float(np.tan(1.0 / np.sqrt(turning.max()))) if turning.size else float("inf")
 
     def undistorted_roughly(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -76,7 +76,7 @@ class Fisheye(Lens):
         return x * factor, y * factor
 
     def disturbed(self, change: FloatArray) -> Self:
-        """The lens with other k1, k2, k3: it has no p1 and p2."""
+        """The lens with changed k1, k2 and k3; changes of p1 and p2 have no effect."""
         return replace(self, coefficients=self.coefficients + np.append(change[[0, 1, 4]], 0.0))
 
     def flipped(self, axis: int) -> Self:

@@ -1,4 +1,4 @@
-"""What every lens model offers: distorted coordinates, their derivatives, and where they are defined."""
+"""The interface of lens models: distorted coordinates, their derivatives, and where they are defined."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from mirrorcam.core.values import FloatArray
 
 
 class Linearized(NamedTuple):
-    """Distorted coordinates (n,) and their derivatives: `xy` is that of distorted x by y."""
+    """Distorted coordinates (n,) and their derivatives; `xy` is the derivative of distorted x by y."""
 
     x: FloatArray
     y: FloatArray
@@ -26,8 +26,8 @@ class Linearized(NamedTuple):
 class Lens(ABC):
     """A lens model with its coefficients (k,).
 
-    It takes the coordinates (x/z, y/z) of a ray, called normalized, to distorted ones, which focal lengths and the
-    principal point take to pixels.
+    It maps the normalized coordinates (x/z, y/z) of a ray to distorted ones, which focal lengths and the principal
+    point map to pixels.
     """
 
     coefficients: FloatArray
@@ -41,42 +41,43 @@ class Lens(ABC):
 
     @abstractmethod
     def distorted(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Distorted coordinates of normalized ones (...), also beyond `valid_radius`."""
+        """Distort normalized coordinates (...), also beyond `valid_radius`."""
 
     @abstractmethod
     def linearized(self, x: FloatArray, y: FloatArray, focal: tuple[float, float], out: FloatArray) -> Linearized:
-        """Distorted coordinates of normalized ones (n,), and their derivatives.
+        """Distort normalized coordinates (n,), with derivatives.
 
-        Those by the coefficients, times the focal lengths along x and y, are written to `out` (n, 2, k), which is zero.
+        The derivatives by the coefficients, times the focal lengths along x and y, are written to `out` (n, 2, k),
+        which must be zero.
         """
 
     @property
     def is_identity(self) -> bool:
-        """Whether distorted coordinates are the normalized ones."""
+        """Whether the lens has no distortion."""
         return not self.coefficients.any()
 
     @property
     @abstractmethod
     def valid_radius(self) -> float:
-        """Normalized radius up to which the distorted radius grows (infinite where it never folds)."""
+        """Normalized radius up to which the distorted radius grows (infinite if it never folds)."""
 
     @abstractmethod
     def flipped(self, axis: int) -> Self:
-        """The lens of pictures whose left and right (0), or top and bottom (1), are exchanged."""
+        """The lens for pictures flipped left-right (axis 0) or top-bottom (axis 1)."""
 
     def disturbed(self, change: FloatArray) -> Self:
-        """The lens with other k1, k2, p1, p2, k3, which is how far lenses of one kind differ."""
+        """The lens with changed k1, k2, p1, p2, k3 (5,), as individual lenses of one type differ."""
         coefficients = self.coefficients.copy()
         coefficients[:5] += change
         return replace(self, coefficients=coefficients)
 
     @property
     def prior_sigmas(self) -> FloatArray:
-        """Standard deviations (k,) around zero that a fit may assume of the coefficients; infinite: nothing."""
+        """Prior standard deviations (k,) of the coefficients around zero for fits; infinite: no prior."""
         return np.full(len(self.coefficients), np.inf)
 
     def undistorted_roughly(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Normalized coordinates (n,) near those of distorted ones, from where Newton's method converges."""
+        """Approximate normalized coordinates (n,) of distorted ones, from which Newton's method converges."""
         if not np.isfinite(self.valid_radius):
             return x, y
         radius = np.sqrt(x * x + y * y)

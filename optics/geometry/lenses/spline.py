@@ -1,4 +1,4 @@
-"""A lens with a field of corrections: Brown-Conrady's, and what cubic B-splines add to it over the whole view."""
+"""The spline lens: a Brown-Conrady lens with a correction field of cubic B-splines over the view."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from mirrorcam.core.bounds import Bounds
 from mirrorcam.core.values import FloatArray, Value
-from mirrorcam.optics.geometry.lenses.brown_conrady import BrownConrady
 from mirrorcam.optics.geometry.lenses.lens import Lens, Linearized
+from mirrorcam.optics.geometry.lenses.polynomial import BrownConrady
 
 FIELD_SIGMA = 3e-4
-"""Prior of the field, in distorted coordinates: .4 px of a webcam. Where nothing is seen, the field stays zero."""
+"""Prior of the field, in distorted coordinates: 0.4 px for a webcam. Without observations, the field stays zero."""
 CELLS = 8  # along the longer side of the field
 DIRECTIONS, RADII = 24, 24  # samples of the field's Jacobian
 _CONTROLS = Bounds(4, 64)
@@ -24,7 +24,7 @@ _REACH = Bounds(1e-3, 100.0)
 class LensGrid(Value):
     """Control points of a spline lens, row by row over a rectangle about the axis.
 
-    Its coordinates are stereographic: 2 tan(a / 2) from the axis, with a the angle of a ray.
+    Coordinates are stereographic: a ray at the angle a lies 2 tan(a / 2) from the axis.
 
     Attributes
     ----------
@@ -41,7 +41,7 @@ class LensGrid(Value):
 
     @classmethod
     def covering(cls, normalized: FloatArray) -> Self:
-        """The grid, of nearly square cells, over all of some rays with normalized coordinates (n, 2)."""
+        """The grid of nearly square cells that covers rays with normalized coordinates (n, 2)."""
         x, y = np.abs(normalized).T
         half = 2.0 / (1.0 + np.sqrt(1.0 + x * x + y * y))
         reach = 1.02 * np.array([(half * x).max(), (half * y).max()])
@@ -56,9 +56,9 @@ class LensGrid(Value):
 
 @dataclass(frozen=True)
 class _Weights:
-    """The 16 control points (16, n) that each ray depends on, their weights, and these by stereographic coordinates."""
+    """The 16 control points (16, n) of each ray, their weights, and derivatives by stereographic coordinates."""
 
-    place: NDArray[np.int64]
+    index: NDArray[np.int64]
     weight: FloatArray
     by_u: FloatArray
     by_v: FloatArray
@@ -66,10 +66,10 @@ class _Weights:
 
 @dataclass(frozen=True)
 class Spline(Lens):
-    """Lens with the coefficients k1, k2, p1, p2, k3, and those of the field's x and of its y at all control points.
+    """Lens with the coefficients k1, k2, p1, p2, k3, then the field's x and then its y at all control points.
 
-    The field is added to the distorted coordinates of Brown and Conrady's lens. It is twice differentiable over the
-    grid's rectangle, and constant outside across the border. After the splined stereographic model of mrcal.
+    The field is added to the distorted coordinates of the Brown-Conrady lens. It is twice differentiable over the
+    grid's rectangle; outside, it keeps its value at the border. After the splined stereographic model of mrcal.
     """
 
     grid: LensGrid
@@ -93,9 +93,9 @@ class Spline(Lens):
         col, across, across_by = _basis(u, self.grid.reach_x, self.grid.cols)
         row, down, down_by = _basis(v, self.grid.reach_y, self.grid.rows)
         step = np.arange(4)[:, None]
-        place = ((row + step)[:, None] * self.grid.cols + (col + step)[None]).reshape(16, -1)
+        index = ((row + step)[:, None] * self.grid.cols + (col + step)[None]).reshape(16, -1)
         return _Weights(
-            place,
+            index,
             (down[:, None] * across[None]).reshape(16, -1),
             (down[:, None] * across_by[None]).reshape(16, -1),
             (down_by[:, None] * across[None]).reshape(16, -1),
@@ -105,22 +105,22 @@ class Spline(Lens):
         xd, yd = self._plain.distorted(x, y)
         half = 2.0 / (1.0 + np.sqrt(1.0 + x * x + y * y))
         at = self._weights((half * x).ravel(), (half * y).ravel())
-        dx, dy = np.einsum("akn,kn->an", self._field[:, at.place], at.weight)
+        dx, dy = np.einsum("akn,kn->an", self._field[:, at.index], at.weight)
         return xd + dx.reshape(np.shape(x)), yd + dy.reshape(np.shape(y))
 
     def linearized(self, x: FloatArray, y: FloatArray, focal: tuple[float, float], out: FloatArray) -> Linearized:
         plain = self._plain.linearized(x, y, focal, out[:, :, :5])
         root = np.sqrt(1.0 + x * x + y * y)
-        half, bend = 2.0 / (1.0 + root), -2.0 / (root * (1.0 + root) ** 2)  # `bend` is that by x, over x
+        half, bend = 2.0 / (1.0 + root), -2.0 / (root * (1.0 + root) ** 2)  # `bend` is d half / dx, divided by x
         at = self._weights(half * x, half * y)
-        controls = self._field[:, at.place]
+        controls = self._field[:, at.index]
         dx, dy = np.einsum("akn,kn->an", controls, at.weight)
         (x_u, y_u), (x_v, y_v) = (np.einsum("akn,kn->an", controls, by) for by in (at.by_u, at.by_v))
         u_x, cross, v_y = half + bend * x * x, bend * x * y, half + bend * y * y
         rows, count = np.arange(len(x)), self.grid.count
-        for place, weight in zip(at.place, at.weight, strict=True):
-            out[rows, 0, 5 + place] = focal[0] * weight
-            out[rows, 1, 5 + count + place] = focal[1] * weight
+        for index, weight in zip(at.index, at.weight, strict=True):
+            out[rows, 0, 5 + index] = focal[0] * weight
+            out[rows, 1, 5 + count + index] = focal[1] * weight
         return Linearized(
             plain.x + dx,
             plain.y + dy,
@@ -132,7 +132,7 @@ class Spline(Lens):
 
     @property
     def valid_radius(self) -> float:
-        """Where the plain lens turns back, or the first radius at which the field folds the view."""
+        """Radius at which the plain lens turns back, or the first at which the field folds the view."""
         largest = min(self._plain.valid_radius, 1.5 * float(np.hypot(*self._normalized_reach)))
         angle = 2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
         radius = np.repeat(largest * (np.arange(RADII) + 1.0) / RADII, DIRECTIONS)
@@ -143,7 +143,7 @@ class Spline(Lens):
 
     @property
     def _normalized_reach(self) -> tuple[float, float]:
-        """Normalized coordinates of the ends of the grid's axes; 1e3 where these are beyond 90 degrees."""
+        """Normalized coordinates of the ends of the grid's axes; 1e3 for ends beyond 90 degrees."""
         ends = np.array([self.grid.reach_x, self.grid.reach_y])
         x, y = np.where(ends < 1.99, ends / np.maximum(1.0 - (ends / 2.0) ** 2, 1e-3), 1e3)
         return float(x), float(y)
@@ -161,7 +161,7 @@ class Spline(Lens):
 
 
 def _basis(at: FloatArray, reach: float, controls: int) -> tuple[NDArray[np.int64], FloatArray, FloatArray]:
-    """First of the four control points of each place (n,), their cubic weights (4, n), and these by the place."""
+    """First of the four control points at each position (n,), their cubic weights (4, n), and the weights' slopes."""
     cells = controls - 3
     per_unit = cells / (2.0 * reach)
     along = np.clip((at + reach) * per_unit, 0.0, cells)

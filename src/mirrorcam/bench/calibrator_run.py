@@ -37,7 +37,7 @@ class DescribedView(Value):
     outline_px
         Corners (n, 2) of what the mirror shows, px of the flipped frame.
     camera_matrix
-        3 x 3, of the whole flipped frame.
+        3 x 3, of the complete flipped frame.
     """
 
     name: str
@@ -66,8 +66,8 @@ class DescribedView(Value):
 class DescribedViews(Value):
     """`views.json` of a set: the views of a device as designed, for calibrators that know nothing of mirrors.
 
-    The `views.json` beside an exported light field is another file, of the schema `mirrorcam.views/1`.
-    `flip_code` is that of `cv2.flip`, with which a frame becomes the picture of every view's camera.
+    The `views.json` of an exported light field is another file, with the schema `mirrorcam.views/1`.
+    `flip_code` is the argument of `cv2.flip` that turns a frame into the picture of each view's camera.
     """
 
     schema_id: Literal["mirrorcam.device_views/1"] = Field(default="mirrorcam.device_views/1", alias="schema")
@@ -121,7 +121,7 @@ class CalibratorRun:
 
 
 def run_calibrator(command: str, seen: Path, result: Path, timeout_s: float) -> CalibratorRun:
-    """Run a line for the shell on one set, with the folder that it sees and that of its result in its environment.
+    """Run a line for the shell on one set, with the folders of its inputs and of its result in its environment.
 
     Both paths are absolute. What it has started ends with it, after `timeout_s` at the latest, and with this process.
     """
@@ -280,7 +280,7 @@ def _names(result: Path) -> list[str]:
 
 
 def _refuse(result: Path, name: str, mode: int) -> None:
-    """Raise InputError for what is not a file or folder of a calibration."""
+    """Raise InputError unless the path is a file or folder of a calibration."""
     shown = name[-80:].encode("unicode_escape", "surrogatepass").decode()
     if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
         what = "a link" if stat.S_ISLNK(mode) else "not a regular file"

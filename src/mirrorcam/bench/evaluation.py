@@ -91,7 +91,7 @@ class Evaluation(Value):
 
 
 class EvaluationStopped(InputError):
-    """An evaluation that could not go on, because this machine has no more room or lost a folder; the message says why.
+    """An evaluation that stopped because the disk is full or a folder has gone; the message gives the reason.
 
     Attributes
     ----------

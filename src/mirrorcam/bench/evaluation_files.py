@@ -105,7 +105,7 @@ def _cell(metric: Metric | None) -> str:
 
 
 def _chart(evaluation: Evaluation) -> str:
-    """The RMS of every set as bars, with those of the baseline as a line, in the language of Mermaid."""
+    """The RMS of every set as bars, with the baseline as a line, in Mermaid."""
     scored = {name: each for name, each in evaluation.scored.items() if each.figures["rms_px"].known}
     if not scored:
         return ""

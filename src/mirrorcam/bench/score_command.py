@@ -117,8 +117,8 @@ def leaderboard(
         tuple[str, ...],
         Parameter(
             name="NAME=FILE...",
-            help="name of a calibrator and its evaluation.json by mirrorcam score suite; those of one name are put "
-            "together",
+            help="name of a calibrator and its evaluation.json by mirrorcam score suite; evaluations of "
+            "one name are combined",
         ),
     ],
     /,
@@ -164,7 +164,7 @@ def _print_sets(evaluation: Evaluation) -> None:
 
 
 def _print(scored: ScoredSet) -> None:
-    """What was scored, the figures of each view, and those of all."""
+    """The scored calibration, the figures of each view, and the figures over all views."""
     from mirrorcam.bench.scores.report_texts import VIEW_COLUMNS, rows_of, summary, value_text
 
     say("score", f"{scored.name}: {summary(scored)}")

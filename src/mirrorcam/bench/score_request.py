@@ -53,9 +53,7 @@ class ScoreRequest(Value):
         default=(),
         description="covariance of the parameters of each calibration, JSON, for NEES; a layout.json has its own",
     )
-    distance_mm: float | None = DEPTH_MM.field(
-        None, "working distance from each view", unset="that of the set's layout"
-    )
+    distance_mm: float | None = DEPTH_MM.field(None, "working distance from each view", unset="the layout's")
 
 
 @Parameter(name="*")
@@ -74,7 +72,7 @@ class EvaluationRequest(Value):
         default=None, description="evaluation.json of an earlier run, to show the change against"
     )
     worse_by: float | None = WORSE_BY.field(
-        None, "factor by which the RMS error of a set may exceed that of the baseline", unset="any"
+        None, "factor by which the RMS error of a set may exceed the baseline's", unset="any"
     )
 
     @model_validator(mode="after")

@@ -68,7 +68,7 @@ def score_set(
     limits: Limits,
     distance_mm: float | None = None,
 ) -> tuple[ScoredSet, CalibrationScore]:
-    """Score one set at a working distance, by default that of its layout.
+    """Score one set at a working distance, by default its layout's.
 
     Raises InputError in one line where it cannot be scored.
     """
@@ -147,7 +147,7 @@ def sets_in(paths: Sequence[Path]) -> tuple[Path, ...]:
 
 
 def for_each(given: Sequence[Path], folders: Sequence[Path], option: str) -> tuple[Path, ...]:
-    """A file or folder for each set: one given for each, in order, or those of a folder, by the names of the sets."""
+    """A file or folder for each set: listed in order, or found in one folder by the names of the sets."""
     if len(given) == len(folders):
         return tuple(given)
     if len(given) != 1 or not given[0].is_dir():
@@ -165,7 +165,7 @@ def for_each(given: Sequence[Path], folders: Sequence[Path], option: str) -> tup
 
 
 def _names(folders: Sequence[Path]) -> tuple[str, ...]:
-    """Names of sets in reports: those of their folders, with the folder above where two share one."""
+    """Names of sets in reports: their folders' names, with the parent folder where two are the same."""
     names = tuple(folder.resolve().name[:LONGEST] for folder in folders)
     if len(set(names)) < len(names):
         names = tuple("/".join(folder.resolve().parts[-2:])[-LONGEST:] for folder in folders)

@@ -1,4 +1,4 @@
-"""`mirrorcam suite`: a named list of rendered sets, what it takes said beforehand; what is there is kept."""
+"""`mirrorcam suite`: a named list of rendered sets; states the work beforehand and reuses finished sets."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def suite(
     name: Annotated[
         str | None,
         Parameter(
-            name="NAME|FILE", help="smoke, standard, or a TOML file like theirs. [default: list those of the program]"
+            name="NAME|FILE", help="smoke, standard, or a TOML file like theirs. [default: list the built-in suites]"
         ),
     ] = None,
     /,
@@ -96,7 +96,7 @@ def suite(
 def render_planned(
     plan: Plan, output: OutputFolder, workers: Renderers, who: str, source: Store | None, target: Store | None
 ) -> int:
-    """Fetch, design and render what is missing, say what came of it, and publish it; 1 where a set is missing."""
+    """Fetch, design and render the missing sets, report each outcome, and publish them; 1 where a set is missing."""
     from mirrorcam.bench.suite_run import fetched, layouts_of, render_suite
     from mirrorcam.bench.suite_store import publish
 

@@ -28,7 +28,7 @@ State = Literal["finished", "begun", "missing", "stored"]
 
 
 class SuiteSet(Value):
-    """A finished set: its folder, relative to that of the manifest, and the sha256 of its `dataset.json`.
+    """A finished set: its folder, relative to the manifest's, and the sha256 of its `dataset.json`.
 
     `dataset.json` has the sha256 of every other file of the set.
     """
@@ -98,7 +98,7 @@ def read_finished(path: Path) -> FinishedSuite:
 
 
 def state_of(folder: Path) -> State:
-    """Whether a set is finished and whole, begun, or not there; raises InputError where it is foreign or altered."""
+    """Whether a set is complete, begun, or absent; raises InputError where it is foreign or altered."""
     if os.path.lexists(folder) and (folder.is_symlink() or not folder.is_dir()):
         raise InputError(f"{folder}: is no folder, expected one of a set, or nothing")
     if not (folder / MANIFEST).is_file():
@@ -123,12 +123,12 @@ def state_of(folder: Path) -> State:
 def put_set(folder: Path, dataset: Dataset, write: Callable[[Path], None]) -> None:
     """Put the files of a set that was rendered elsewhere in their places; `write` writes them into an empty folder.
 
-    Raises InputError where the set is not whole, a file is not what `dataset` says, or the folder holds something else.
+    Raises InputError where the set is incomplete, a file differs from `dataset`, or the folder contains other files.
     """
     if other := sorted(dataset.files.keys() - set(dataset.planned_names)):
         raise InputError(f"{folder.name}: lists {other[0][:80]!r}, expected the files of a set alone")
     if not dataset.complete:
-        raise InputError(f"{folder.name}: lacks {dataset.missing[0]}, expected a whole set")
+        raise InputError(f"{folder.name}: lacks {dataset.missing[0]}, expected a complete set")
 
     staged = folder.with_name(f"{TEMPORARY}{folder.name}")
     discard(staged)  # of a run that was killed

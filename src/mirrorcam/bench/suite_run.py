@@ -1,4 +1,4 @@
-"""Rendering of a suite: what there is, what is missing and what that takes; then its designs and its sets.
+"""Rendering of a suite: present sets, missing sets and the time they take; then its designs and its sets.
 
 Whole sets are what workers render: their plans and truth take time, too, and no two processes share a folder.
 """
@@ -244,7 +244,7 @@ def _rendered(
 def _kept(each: PlannedSet, got: SetAnswer) -> str:
     """Put the files of an answer in their places; why that is not possible, or nothing."""
     if other := differing(got.made_with, program_of(*CODE)):
-        return f"{other[0]} of a worker is not that of this machine, expected the same in all of them"
+        return f"{other[0]} of a worker differs from this machine's, expected the same everywhere"
     try:
         if got.files:
             put_files(each.folder, dict(got.files))

@@ -2,7 +2,7 @@
 
 A store is laid out as the folder of suites is: `sets/NAME-DIGEST/` and `NAME.suite.json`. A set is complete as soon as
 its `dataset.json` is there, which is written last; it never changes, as its name follows from its content. The manifest
-of a suite is replaced by that of its next version. Nothing is deleted.
+of a suite is replaced by the manifest of its next version. Nothing is deleted.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ class Store:
             raise InputError(f"{self.url}: {name} has {stored} bytes there, expected {path.stat().st_size}")
 
     def write(self, name: str, content: bytes) -> None:
-        """Write a file, whole or not at all."""
+        """Write a file atomically."""
         with self._named(name):
             self._files.makedirs(self._path(name).rpartition("/")[0], exist_ok=True)
             with self._files.transaction, self._files.open(self._path(name), "wb") as stream:
@@ -164,7 +164,7 @@ def _publish_set(folder: Path, store: Store) -> bool:
     manifest = read_bytes(folder / MANIFEST)
     if is_stored(store, folder):
         if store.read(_dataset_name(folder)) != manifest:
-            raise InputError(f"{store.url}: {_dataset_name(folder)} is of another set, expected that of {folder}")
+            raise InputError(f"{store.url}: {_dataset_name(folder)} is of another set, expected the set of {folder}")
         return False
     for name in Dataset.load(folder).files:
         store.put(inside(folder, name), f"{SETS}/{folder.name}/{name}")
@@ -175,14 +175,14 @@ def _publish_set(folder: Path, store: Store) -> bool:
 def fetch_set(store: Store, recipe: SetRecipe, folder: Path) -> None:
     """Copy the set of a recipe from a store into its folder.
 
-    Raises InputError where what is there is not of this recipe, names other files than those of a set, or does not
+    Raises InputError where the stored set has another recipe, names files that a set does not have, or does not
     match its checksums; the folder is left as it was then.
     """
     name = _dataset_name(folder)
     where = f"{store.url}: {name}"
     dataset = model_from(Dataset, where, json_of(where, store.read(name)))
     if other := differing(_asked(recipe), _told(dataset)):
-        raise InputError(f"{store.url}: {name} has another {other[0]}, expected that of the set {recipe.name}")
+        raise InputError(f"{store.url}: {name} has another {other[0]}, expected the one of the set {recipe.name}")
 
     def download(staging: Path) -> None:
         for file in dataset.files:

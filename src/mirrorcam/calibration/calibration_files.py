@@ -220,7 +220,7 @@ class CalibrationPictures:
 
     @property
     def labels(self) -> list[str]:
-        """Names that tell pictures of several folders apart: paths as given, and frames of videos."""
+        """Unique names of pictures from several folders: paths as stated, and frames of videos."""
         return [
             each.as_posix() if source is None and isinstance(each, Path) else name
             for each, name, source in zip(self.pictures, self.names, self.sources, strict=True)
@@ -327,7 +327,7 @@ def _grey(frame: Frame) -> Grey:
 
 
 def residual_figure(calibration: Calibration, path: Path) -> None:
-    """Write a PNG: mean residuals in each part of the sensor, by view, beside their distribution.
+    """Write a PNG: mean residuals in each part of the sensor, by view, and their distribution.
 
     Averages over a cell show what the model misses; where it misses nothing, the directions of the arrows are random.
     """

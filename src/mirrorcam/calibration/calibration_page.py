@@ -115,7 +115,7 @@ def _checks(calibration: Calibration, verdict: Verdict) -> FigureTable:
 
 
 def _cards(calibration: Calibration, views: Sequence[ViewFigures]) -> dict[str, Card | None]:
-    """The drawings that every calibration has; that of the view without a mirror only where there was such a view."""
+    """The drawings that every calibration has; the direct view's only where there was one."""
     mirrors = [view for view in views if view.view != DIRECT]
     direct = [view for view in views if view.view == DIRECT]
     turned = "Tilt of the boards, a dot per frame"
@@ -168,7 +168,7 @@ def _projection(calibration: Calibration, diagnostics: Diagnostics, views: Seque
     direct = [one.in_rig_px for one in diagnostics.projection if one.view == DIRECT]
     unshown = ""
     if direct:
-        unshown = f" The direct view, not shown, has {np.median(direct):.2g} px over the whole picture."
+        unshown = f" The direct view, not shown, has {np.median(direct):.2g} px over the complete picture."
     reference = next(view.called for view in views if view.view == diagnostics.reference)
     cards = []
     for name, values, words, further in (
@@ -207,7 +207,7 @@ def view_table(views: Sequence[ViewFigures]) -> Table:
 
 
 def mirror_table(calibration: Calibration) -> Table:
-    """Distance of every mirror with its sigma, and that of its direction; with diagnostics, also against the others."""
+    """Distance and direction of every mirror with their sigmas; with diagnostics, also relative to the others."""
     heads = ["Mirror", "Distance mm", f"{SIGMA} mm", f"{SIGMA} of direction °"]
     mirrors, diagnostics = calibration.layout.mirrors, calibration.diagnostics
     if diagnostics is None:

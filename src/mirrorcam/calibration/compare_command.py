@@ -41,7 +41,7 @@ def compare(
 ) -> int:
     """Compare two calibrations of one device.
 
-    The motion of the whole rig is taken out, and what is left is compared with the uncertainties. Writes
+    The motion of the rig as a whole is removed, and the remaining difference is compared with the uncertainties. Writes
     difference.png, a map of the difference in every view, and metrics.json.
 
     Examples:
@@ -59,7 +59,7 @@ def compare(
     _print(difference, layout)
     for name, path, predicted in zip("AB", (a, b), difference.predicted, strict=True):
         if not predicted:
-            say("compare", f"{path} has no covariance: {SIGMA} is without that of {name}")
+            say("compare", f"{path} has no covariance: {SIGMA} leaves out the covariance of {name}")
     say("compare", f"{out / 'difference.png'} and {out / 'metrics.json'} written")
     return 0
 

@@ -23,7 +23,7 @@ from mirrorcam.optics.calibration.diagnostics.calibration_difference import (
 )
 from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import outline_px
 from mirrorcam.optics.calibration.solver.observations import DIRECT
-from mirrorcam.optics.camera_files.read.registry import formats_in, unread
+from mirrorcam.optics.camera_files.read.registry import formats_in, reason_unread
 from mirrorcam.optics.geometry.layout import Layout, working_distance_mm
 
 FILES = ("difference.png", "metrics.json")
@@ -33,7 +33,7 @@ SLIMMEST = 0.3, 1.5
 MARGIN = 0.02
 """Space around the views of a panel, relative to their extent."""
 LABEL_SHARE = 0.4
-"""Width of a label, relative to that of its view."""
+"""Width of a label, relative to its view's."""
 LONGEST_ARROW = 0.9
 """Length, in cells, of the arrow of the largest difference."""
 
@@ -62,7 +62,7 @@ def read_compared(path: Path) -> Layout:
         if not path.is_file():
             raise
         of_others = [name for name in formats_in(path) if name != "mirrorcam"]
-        named = f"a calibration as {of_others[0]}" if of_others else unread(path)
+        named = f"a calibration as {of_others[0]}" if of_others else reason_unread(path)
         if not named:
             raise
         raise InputError(f"{path}: {named}, expected a layout.json, as `mirrorcam calibrate` writes it") from None
@@ -149,7 +149,7 @@ def _cell_px(view: ViewDifference) -> tuple[float, float]:
 def draw_map(
     axes: Axes, layout: Layout, views: list[ViewDifference], values: list[FloatArray], highest: float
 ) -> PatchCollection:
-    """Draw the cells of some views, cut by their outlines, with name and rms; returns those of one, for the scale."""
+    """Draw the cells of some views, clipped to outlines, with name and RMS; returns one view's cells, for the scale."""
     (left, top), (right, bottom) = panel_extent(layout, views)
     axes.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")
     axes.set(xlabel="x px", ylabel="y px", facecolor="0.93")

@@ -24,7 +24,7 @@ from mirrorcam.optics.geometry.layout import Layout
 
 WIDTH = 1030.0
 HALF = 505.0
-MARGIN = 0.03  # of the sensor's width, around what is shown of it
+MARGIN = 0.03  # of the sensor's width, around the part shown
 NEEDLE_CELLS = 0.9
 """Length at which a needle's rms is drawn, in cells of the sensor."""
 
@@ -140,7 +140,7 @@ def residual_histogram(calibration: Calibration) -> str:
 def coverage_map(layout: Layout, views: Sequence[ViewFigures]) -> str:
     """Draw the number of corners in cells of every view: darker where there are more, red where there are none.
 
-    Cells are cut by the outline of their view. They cover what is below them, so that shades of views that overlap do
+    Cells are cut by the outline of their view. They are opaque, so that shades of views that overlap do
     not add up.
     """
     mirrors = [view for view in views if view.view != DIRECT]

@@ -39,9 +39,9 @@ def drift_of(layout: Layout, frames: Sequence[Any], reference_depth_mm: float | 
 
 @dataclass(frozen=True)
 class DriftReporter:
-    """Tells of each recording that is decoded whether mirrors moved, in a line and in a file beside it.
+    """Reports for each decoded recording whether mirrors moved, in a line and in a file next to it.
 
-    `reference_depth_mm` is that of decoding, None by default; `layout_path` is for the command that the line names.
+    `reference_depth_mm` is as for decoding; `layout_path` is for the command that the line names.
     """
 
     layout: Layout
@@ -52,13 +52,13 @@ class DriftReporter:
     file: str = DRIFT
 
     def report(self, frames: Sequence[Any], name: str, sources: str) -> None:
-        """Test some frames of a recording; `name` is of the file, `sources` what `mirrorcam drift` would be given."""
+        """Test some frames of a recording; `name` is the file's, `sources` are the arguments for `mirrorcam drift`."""
         if not frames:
             return
         try:
             drift = drift_of(self.layout, frames, self.reference_depth_mm)
         except InputError as error:  # views that are decoded with another field than the test needs
-            self.reporter.note("decode", f"whether mirrors have moved is not told: {error}")
+            self.reporter.note("decode", f"cannot check whether mirrors have moved: {error}")
             return
         with self.output.staged(complete=False) as folder:
             write_drift(self.layout, drift, folder / name)
@@ -81,30 +81,29 @@ def drift_check(
 
 
 def drift_line(layout: Layout, drift: Drift) -> str:
-    """What a recording tells, in one line."""
+    """The result for a recording, in one line."""
     names = layout.mirror_names
     if drift.moved:
         each = [f"{names[m.index]} by {m.size_deg:.3f}° ± {m.turn_sigma_deg:.3f}°" for m in drift.moved]
         who = "a mirror has" if len(each) == 1 else f"{len(each)} mirrors have"
         return f"{who} moved since the calibration: {', '.join(each[:4])}{', ...' if len(each) > 4 else ''}"
-    if drift.untold and drift.unlike:
+    if drift.undetermined and drift.mismatched:
         return (
             "the pictures have detail, but do not show what this layout's mirrors would: corners are not found in "
             "other views, or where no motion of mirrors explains them; of another device, or of a repeating pattern?"
         )
-    if drift.untold:
-        worst = max(drift.untold, key=lambda mirror: mirror.tells_deg)
-        which = (
-            f"{len(drift.untold)} of {len(names)} mirrors" if len(drift.untold) > 1 else f"mirror {names[worst.index]}"
-        )
-        told = f"turns from {worst.tells_deg:.2g}° on" if worst.tells_deg < 10.0 else "nothing"
+    if drift.undetermined:
+        worst = max(drift.undetermined, key=lambda mirror: mirror.detectable_deg)
+        count = len(drift.undetermined)
+        which = f"{count} of {len(names)} mirrors" if count > 1 else f"mirror {names[worst.index]}"
+        told = f"turns from {worst.detectable_deg:.2g}° on" if worst.detectable_deg < 10.0 else "nothing"
         return (
             f"not enough texture to tell whether {which} moved by {WANTED_DEG:g}°: {count_text(worst.points, 'point')} "
             f"matched in mirror {names[worst.index]} tell {told}; expected a scene with detail all over, in more frames"
         )
-    largest = max(drift.mirrors, key=lambda mirror: mirror.tells_deg)
+    largest = max(drift.mirrors, key=lambda mirror: mirror.detectable_deg)
     return (
-        f"no mirror has moved: turns from {largest.tells_deg:.3f}° on would show in "
+        f"no mirror has moved: turns from {largest.detectable_deg:.3f}° on would show in "
         f"{count_text(drift.points, 'point')} of {count_text(drift.frames, 'frame')}"
     )
 
@@ -113,7 +112,7 @@ def drift_metrics(layout: Layout, drift: Drift) -> dict[str, Metric]:
     """The figures of a drift test; `statistic` is relative to the threshold of an alarm."""
     figures = {
         "mirrors_moved": Metric(value=len(drift.moved), unit="", limit=0),
-        "mirrors_not_told": Metric(value=len(drift.untold), unit="", limit=0),
+        "mirrors_not_told": Metric(value=len(drift.undetermined), unit="", limit=0),
         "frames": Metric(value=drift.frames, unit=""),
         "points": Metric(value=drift.points, unit=""),
         "match_sigma_px": Metric(value=drift.sigma_px, unit="px"),
@@ -128,7 +127,7 @@ def drift_metrics(layout: Layout, drift: Drift) -> dict[str, Metric]:
             "turn_deg": Metric(value=mirror.size_deg, unit="deg"),
             "turn_sigma_deg": Metric(value=mirror.turn_sigma_deg, unit="deg"),
             "shift_mm": Metric(value=mirror.shift_mm, unit="mm"),
-            "tells_deg": Metric(value=mirror.tells_deg, unit="deg", limit=WANTED_DEG),
+            "tells_deg": Metric(value=mirror.detectable_deg, unit="deg", limit=WANTED_DEG),
             "points": Metric(value=mirror.points, unit=""),
         }
         figures |= {f"view_{row}_{column}_{name}": value for name, value in values.items()}
@@ -165,7 +164,7 @@ def mount_tilt(checks: Path | None) -> MountTilt:
 
 def bending_line(drift: Drift, tilt: MountTilt) -> str:
     """Whether the common turn of all mirrors is what bending of the mount allows."""
-    bound = f"gravity bends the mount by {tilt.deg:.2g}° at most ({tilt.source}), which turns all mirrors alike"
+    bound = f"gravity bends the mount by {tilt.deg:.2g}° at most ({tilt.source}), which turns all mirrors equally"
     turn, sigma = drift.common_turn_deg, drift.common_turn_sigma_deg
     beyond = np.abs(turn) - SURE * sigma > tilt.deg
     if beyond.any():

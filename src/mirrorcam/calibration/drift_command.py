@@ -70,7 +70,7 @@ def drift(
     say("drift", bending_line(found, tilt))
     resolved = f"; {out / 'layout.json'} has the mirrors where they are now" if found.moved else ""
     say("drift", f"{out / 'drift.json'} written{resolved}")
-    return 1 if found.moved or found.untold else 0
+    return 1 if found.moved or found.undetermined else 0
 
 
 def _print(layout: layouts.Layout, found: Drift) -> None:
@@ -92,5 +92,5 @@ def _figures(mirror: MirrorMove) -> tuple[str, ...]:
         f"{mirror.turn_sigma_deg:.4f}",
         f"{mirror.shift_mm:+.3f}",
         f"{mirror.statistic:.2f}",
-        f"{mirror.tells_deg:.3f}",
+        f"{mirror.detectable_deg:.3f}",
     )

@@ -44,7 +44,7 @@ def points(pairs: Iterable[Sequence[float] | FloatArray]) -> str:
 
 
 def drawing(width: float, height: float, body: str, label: str) -> Markup:
-    """A drawing at most as wide as given, that shrinks with the page; `label` says what it shows."""
+    """A drawing of a largest width, which shrinks with the page; `label` describes it."""
     size = f'viewBox="0 0 {coordinate(width)} {coordinate(height)}" style="max-width:{coordinate(width)}px"'
     return Markup(f'<svg {size} role="img" aria-label="{escape(label)}">{body}</svg>')
 

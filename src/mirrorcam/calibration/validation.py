@@ -93,7 +93,7 @@ def validate(folder: AnyPath, progress: Progress = no_progress) -> Validation:
     Returns
     -------
     Validation
-        The calibration, and its figures against the truth; `passed` tells whether all are within their limits.
+        The calibration, and its figures against the truth; `passed` is whether all are within their limits.
 
     Raises
     ------

@@ -1,1 +1,1 @@
-"""What every package stands on: checked values, files, pictures and video, processes, and the console."""
+"""The base of all packages: checked values, files, pictures and video, processes, and the console."""

@@ -1,4 +1,4 @@
-"""Arguments of the public functions: paths of any kind, and TypeErrors of one line for what is of another type."""
+"""Arguments of the public functions: paths of any kind, and one-line TypeErrors for other types."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def check_count(name: str, value: object, bounds: Bounds) -> None:
 
 
 def check_type(name: str, value: object, *expected: type) -> None:
-    """Raise TypeError for an argument of none of the types."""
+    """Raise TypeError unless an argument has one of the types."""
     if not isinstance(value, expected):
         names = " or ".join(each.__name__ for each in expected)
         raise TypeError(f"{name}: {type(value).__name__}, expected {names}")

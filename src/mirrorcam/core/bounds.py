@@ -19,7 +19,7 @@ class Bounds:
         return self.text or f"{_plain(self.least)} to {_plain(self.most)}"
 
     def field(self, default: Any = ..., description: str = "", unset: str = "") -> Any:
-        """A field of a number in this range; without a default it is required; `unset` says what None stands for."""
+        """A field of a number in this range; without a default it is required; `unset` describes None."""
         from pydantic import Field
 
         stated = f"{description}, {self}" if description else str(self)

@@ -9,7 +9,7 @@ from numba import njit
 
 
 def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
-    """The function as machine code, compiled when first called and then kept beside the source or in the user's cache.
+    """The function as machine code, compiled when first called, then cached next to the source or in the user's cache.
 
     It holds no lock of the interpreter, so that threads run side by side, and rounds as written: the same bytes on
     every processor. Division by zero gives infinity or NaN, as in NumPy.
@@ -21,7 +21,7 @@ def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
 def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
     """The function as `compiled` makes it, copied into the machine code of each that calls it.
 
-    For what is called for each pixel with many arguments: passing an array on takes longer than little arithmetic.
+    For functions called for each pixel with many arguments, where passing an array costs more than the arithmetic.
     """
     code: Callable[..., Any] = njit(nogil=True, cache=True, error_model="numpy", forceinline=True)(function)
     return code

@@ -25,7 +25,7 @@ def _known_names(schema: Any) -> set[str]:
 
 
 def one_line(error: ValidationError, model: type[BaseModel] | None = None) -> str:
-    """One line that says what is wrong and where: the first of pydantic's findings and the number of the others.
+    """One line with the error and its place: the first of pydantic's findings and the number of the others.
 
     A key that is not known comes first, with the one of `model` that may have been meant.
     """

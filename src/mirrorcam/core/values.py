@@ -185,7 +185,7 @@ class Value(BaseModel):
         except ValidationError as error:
             raise InvalidValue(one_line(error, type(self))) from error
 
-    # Values in values are validated by pydantic itself, which tells where in them a finding is, not by this __init__.
+    # Values in values are validated by pydantic itself, which reports where in them a finding is, not by this __init__.
     __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
 
     @classmethod

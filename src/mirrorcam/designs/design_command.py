@@ -54,7 +54,9 @@ class DesignChanges:
     ] = None
     fold_deg: Annotated[
         float | Literal["auto"] | None,
-        bounded(FOLD_DEG, "angle from the camera's axis to the views' axis, auto: the best whole degree", unset="120"),
+        bounded(
+            FOLD_DEG, "angle from the camera's axis to the views' axis, auto: the best integer degree", unset="120"
+        ),
     ] = None
     depths_mm: Annotated[
         tuple[float, ...] | None,
@@ -137,7 +139,7 @@ def design(
 
 
 def print_design(found: DesignComparison, *, best_fold: bool) -> None:
-    """Print figures of the layout beside those of the parabola, then the checks and their limits.
+    """Print figures of the layout next to the parabola's, then the checks and their limits.
 
     `best_fold`: the fold was to be chosen.
     """

@@ -1,4 +1,4 @@
-"""Figures of a design: beside the faceted parabola (tech report, figure "OptimizingMirrorCam"), and its focus."""
+"""Figures of a design: next to the faceted parabola (tech report, figure "OptimizingMirrorCam"), and its focus."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ WIDE_DEPTHS = 10.0
 
 
 def before_after(parabola: Layout | None, optimised: Layout, path: Path) -> None:
-    """Write a PNG of two layouts beside each other: sensor, mirrors from the side and the front, overlap at each depth.
+    """Write a PNG of two layouts side by side: sensor, mirrors from the side and the front, overlap at each depth.
 
     Panels of one kind share their scale.
 
@@ -51,7 +51,7 @@ def before_after(parabola: Layout | None, optimised: Layout, path: Path) -> None
     parabola
         The start of the optimisation, in the left column; without it, the optimised layout fills the figure.
     optimised
-        The result, in the right column. The depths are those of its spec, else of the parabola's.
+        The result, in the right column. The depths are its spec's, else the parabola's.
     path
         The file, which is written atomically.
 
@@ -71,7 +71,7 @@ def before_after(parabola: Layout | None, optimised: Layout, path: Path) -> None
 def beside_each_other(
     sides: Mapping[str, Layout], depths_mm: Sequence[float], path: Path, *, dots_per_inch: float = 110.0
 ) -> None:
-    """Write a PNG of layouts beside each other, each under its title, as `before_after` does, for increasing depths."""
+    """Write a PNG of layouts side by side, each under its title, as `before_after` does, for increasing depths."""
     overlap_rows = [depths_mm[k : k + DEPTHS_PER_ROW] for k in range(0, len(depths_mm), DEPTHS_PER_ROW)]
     height_in = HEAD_IN + SENSOR_IN + ROW_IN * (1 + len(overlap_rows))
     figure = Figure(figsize=(len(sides) * SIDE_IN, height_in))

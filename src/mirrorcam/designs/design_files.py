@@ -1,4 +1,4 @@
-"""A design as files: its request, `design.toml`, and the layout that it leads to, beside the faceted parabola."""
+"""A design as files: its request, `design.toml`, and the layout that results, next to the faceted parabola."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ DESIGN_FILE = "design.toml"
 
 
 def _completed(tolerances: object) -> object:
-    """A table of tolerances, with those of a device made by hand where it states none."""
+    """A table of tolerances, with the tolerances of a hand-made device as defaults."""
     if not isinstance(tolerances, dict):
         return tolerances
     return Tolerances.hobby().model_dump() | with_tuples(tolerances)
@@ -32,7 +32,7 @@ def _completed(tolerances: object) -> object:
 class DesignRequest(DesignSpec):
     """The content of `design.toml`: a specification and, for `mirrorcam design --tolerance`, tolerances of devices.
 
-    Tolerances that the file leaves out are those of `Tolerances.hobby`.
+    Tolerances that the file leaves out are taken from `Tolerances.hobby`.
     """
 
     tolerances: Annotated[Tolerances, BeforeValidator(_completed)] = Field(default_factory=Tolerances.hobby)
@@ -104,7 +104,7 @@ class DesignComparison:
 
 
 def compare_designs(spec: DesignSpec, calls: Calls = in_turn) -> DesignComparison:
-    """Optimise a layout and evaluate the faceted parabola of the same spec; `calls` are those of `design`.
+    """Optimise a layout and evaluate the faceted parabola of the same spec; `calls` as for `design`.
 
     Raises InfeasibleDesign where no layout meets the spec.
     """
@@ -119,7 +119,7 @@ def compare_designs(spec: DesignSpec, calls: Calls = in_turn) -> DesignCompariso
 def write_design(spec: DesignSpec, folder: Path, calls: Calls = in_turn) -> DesignComparison:
     """Write layout.json (optimised), parabola.json (where the spec has one) and before_after.png into a folder.
 
-    Where the camera is no pinhole, also focus.png, of the optimised layout. `calls` are those of `design`.
+    Where the camera is no pinhole, also focus.png, of the optimised layout. `calls` as for `design`.
     Raises InfeasibleDesign, before anything is written, where no layout meets the spec.
     """
     from mirrorcam.designs.design_figure import before_after, focus_figure

@@ -50,7 +50,7 @@ def design_pictures(layout: Layout, parabola: Layout | None, study: Study | None
             found.append(ReportPicture(title, alt, base64.b64encode(read_bytes(path)).decode()))
 
         before_after(parabola, layout, path)
-        add("Sensor, mirrors and coverage", "Sub-images, mirrors, virtual cameras and overlap beside the parabola's")
+        add("Sensor, mirrors and coverage", "Sub-images, mirrors, virtual cameras and overlap next to the parabola's")
         if layout.camera.aperture_mm > 0.0:
             focus_figure(layout, depths_mm, path)
             add("Focus", "Circles of confusion over depth, as focused and with the best focus")
@@ -63,7 +63,7 @@ def design_pictures(layout: Layout, parabola: Layout | None, study: Study | None
 def design_report(
     layout: Layout, parabola: Layout | None, pictures: Sequence[ReportPicture], *, not_built: str = ""
 ) -> str:
-    """The page of a designed layout beside its faceted parabola.
+    """The page of a designed layout, compared with its faceted parabola.
 
     `not_built` says why there is no picture of devices as built, if there is none. Raises ValueError for a layout
     without a spec.

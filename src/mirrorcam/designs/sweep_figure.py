@@ -75,7 +75,7 @@ def pareto(outcomes: Sequence[Outcome], path: Path) -> None:
     """
     solved = [outcome for outcome in outcomes if outcome.status == "solved"]
     if not solved:
-        raise ValueError(f"none of {len(outcomes)} designs is solved, expected one or more to draw")
+        raise ValueError(f"of {len(outcomes)} designs, none is solved, expected one or more to draw")
     colours = counts_of(solved)
     columns = -(-len(colours) // LEGEND_ROWS)
     width_in = WIDTH_IN - LEGEND_IN - LEGEND_COLUMN_IN * columns
@@ -116,7 +116,7 @@ def _front(points: Sequence[tuple[float, float]], x: Axis, y: Axis) -> list[tupl
 
 
 def _trade(axes: Axes, solved: Sequence[Outcome], x: Axis, y: Axis, colours: dict[tuple[int, int], str]) -> None:
-    """Plot two figures of merit against each other, with the Pareto front of each count and, broader, that of all."""
+    """Plot two figures of merit against each other, with each count's Pareto front and, wider, the overall front."""
     found = [
         (a, b, outcome)
         for outcome in solved

@@ -124,7 +124,7 @@ def write_sweep(
 
 
 def in_order(specs: Sequence[DesignSpec]) -> list[list[int]]:
-    """Group the numbers of specs by structure: the problem that is built for one spec of a group serves the next.
+    """Group the numbers of specs by structure: the problem built for one spec of a group is reused for the next.
 
     Arrays of many mirrors come first, so that no core is left alone with one at the end.
     """

@@ -33,7 +33,7 @@ class Answer:
 
 
 def answer(spec_json: str) -> Answer:
-    """Design one spec; the time is that of the design, without that of loading the optimiser."""
+    """Design one spec; the time excludes loading the optimiser."""
     import_module("mirrorcam.optics.design.optimise")
     with _one_at_a_time:
         started = time.perf_counter()

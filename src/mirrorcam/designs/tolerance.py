@@ -23,7 +23,7 @@ SHARE_UNIT = "of the mean square departure"
 COLOURS = ("#4477aa", "#cc3311", "#228833", "#ddaa33", "#aa3377", "#777777")
 PANELS: tuple[tuple[str, str, tuple[str, ...]], ...] = (
     ("Pixel efficiency, of a pinhole", "of the sensor", ("pixel_efficiency",)),
-    ("Usable efficiency, of the whole pupil", "of the sensor", ("usable_efficiency",)),
+    ("Usable efficiency, unvignetted", "of the sensor", ("usable_efficiency",)),
     ("Overlap of the views", "of their union", ("overlap_iou",)),
     ("Grid error", "of a spacing", ("grid_error",)),
     ("Field of view", "deg", ("fov_x", "fov_y")),
@@ -31,7 +31,7 @@ PANELS: tuple[tuple[str, str, tuple[str, ...]], ...] = (
     ("The same, between views", "error, px", ("misregistration",)),
     ("After calibration", "part", ("usable_window", "off_sensor")),
 )
-"""Title, unit and figures; those of one unit have one scale."""
+"""Title, unit and figures; figures of one unit share a scale."""
 ACROSS = 4
 WIDTH_IN, HEAD_IN, PANEL_IN, BAR_IN = 17.0, 0.9, 3.9, 0.3
 MARGIN_IN = {"left": 0.85, "right": 0.25, "bottom": 0.65, "top": 0.45}

@@ -28,7 +28,7 @@ def print_board(path: Path, board: Path | None = None, page: str = "", *, force:
     path
         File to write, .pdf or .svg.
     board
-        `board.toml`; None: the default board, whose numbers are written beside the page.
+        `board.toml`; None: the default board, whose numbers are written to the page's folder.
     page
         Name of a page, WIDTHxHEIGHT in mm, or empty for the smallest A page that holds the board.
     force

@@ -35,7 +35,7 @@ PAGES_MM = {
 EDGE_MM = 8.0  # margin that printers leave white, and that a board needs around it
 RULER_MM = 100.0
 FOOTER_MM = 12.0  # height of ruler and text below the board
-TEXT_MM = 80.0  # width of the text beside the ruler
+TEXT_MM = 80.0  # width of the text next to the ruler
 LINE_MM = 3.0
 GAP_MM = 8.0  # between ruler and text
 POINTS = 7  # font size
@@ -140,7 +140,7 @@ def _fill(axes: Axes, areas: shapely.MultiPolygon) -> None:
 
 
 def _footer(axes: Axes, target: Target, name: str, left: float, top: float) -> None:
-    """Draw a ruler of 100 mm and, beside it, the name and the dimensions of the board."""
+    """Draw a ruler of 100 mm and, next to it, the name and the dimensions of the board."""
     ticks = [
         shapely.box(
             left + at - 0.06, top, left + at + 0.06, top + (5.0 if at % 10 == 0 else 4.0 if at % 5 == 0 else 3.0)

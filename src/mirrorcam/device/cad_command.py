@@ -65,7 +65,7 @@ def cad(
     hardware = choice.read(device)
     if hardware.camera.field_of_view_deg is None:
         body, seen = hardware.camera.name, field_of_view(device.camera)
-        say("cad", f"camera body {body} states no field_of_view_deg: not compared with that of the layout, {seen}")
+        say("cad", f"camera body {body} states no field_of_view_deg: not compared with the layout's, {seen}")
     require("cad", *(("fe",) if elastic else ()))
     from mirrorcam.cad.build import build_parts
 

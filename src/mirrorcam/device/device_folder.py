@@ -13,7 +13,7 @@ from mirrorcam.core.disk.output_folder import output_folder
 
 @contextmanager
 def device_folder(folder: Path, hardware: Hardware, *, elastic: bool, force: bool) -> Iterator[Path]:
-    """Yield an empty folder for `build_parts`, whose files replace those of an earlier call when the block ends.
+    """Yield an empty folder for `build_parts`, whose files replace an earlier call's when the block ends.
 
     They are also put in their places where the block ends with an error after the checks are written. Raises
     InputError, before the block, without `force` where a file would be replaced that no such call wrote, or that was

@@ -24,7 +24,7 @@ class HardwareChoice(Value):
 
     hardware: Annotated[Path | None, Parameter(metavar="FILE")] = Field(
         default=None,
-        description="hardware.toml, whose values replace those of the table of dimensions (docs/cad.md)",
+        description="hardware.toml, whose values replace the table of dimensions (docs/cad.md)",
     )
     body: Annotated[str | None, Parameter(metavar="NAME|FILE")] = Field(
         default=None,
@@ -45,8 +45,8 @@ class HardwareChoice(Value):
     def read(self, layout: Layout | None = None) -> Hardware:
         """Read the hardware of a device of a layout.
 
-        Where neither `body` nor the table states one, the body is that of the camera of the library that the layout is
-        made for, else that of the C920. An adapter of the same kind as the table's keeps its dimensions. Raises
+        Where neither `body` nor the table states one, the body is taken from the library's camera that the layout is
+        made for, else from the C920. An adapter of the same kind as the table's keeps its dimensions. Raises
         InputError for a file that is not valid.
         """
         from mirrorcam.cad.plan.back_table import back_of

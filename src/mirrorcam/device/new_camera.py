@@ -51,7 +51,7 @@ class Interview:
     given: dict[str, str] = field(default_factory=dict)
 
     def asked(self, question: str, offered: Any, read: Callable[[str], Any]) -> Asked:
-        """Ask until an answer can be read; an empty one is what is offered, `UNKNOWN` too but as a guess.
+        """Ask until an answer can be read; an empty one takes the offered value, `UNKNOWN` takes it as a guess.
 
         Raises InputError where there is no answer.
         """
@@ -131,7 +131,7 @@ def _ask_held(held: Lips | BoardHoles, interview: Interview) -> dict[str, Any]:
     table["holes_mm"] = tuple((x * wide / 2.0, y * high / 2.0) for x in (-1.0, 1.0) for y in (-1.0, 1.0))
     for measure, text in (
         ("hole_mm", "diameter of the holes, mm"),
-        ("post_mm", "height of what is soldered to the board's back, mm"),
+        ("post_mm", "height of the parts on the board's back, mm"),
         ("screw_mm", "thread of the screws, mm"),
     ):
         table[measure] = interview.asked(text, table[measure], _number_of(BoardHoles, measure)).value
@@ -218,7 +218,7 @@ def _not_negative(text: str) -> float:
 def _pixels(text: str) -> int:
     number = _positive(text)
     if number != int(number):
-        raise ValueError("expected a whole number of pixels")
+        raise ValueError("expected an integer number of pixels")
     return int(_number_of(Camera, "width_px")(f"{number:.0f}"))
 
 
@@ -232,7 +232,7 @@ def _once(like: CameraProfile, interview: Interview) -> CameraProfile | None:
 
 
 def write_new_camera(path: Path, like: CameraProfile, ask: Ask, say: Say) -> CameraProfile:
-    """Draw where to measure, ask, and write a profile to `path` and its own drawing beside it, as .svg and .pdf.
+    """Draw where to measure, ask, and write a profile to `path` and its drawing to the same folder, as .svg and .pdf.
 
     Raises InputError where one of these files exists, before the first question; nothing is replaced but that drawing.
     """

@@ -44,7 +44,7 @@ def write_epi(
     Raises
     ------
     InputError
-        For a line that the views do not have, and a depth that lies behind them.
+        For a line outside the views, and a depth behind them.
     """
     lines = light_field.height_px if axis == "s" else light_field.width_px
     found = epi(light_field, axis, lines // 2 if line is None else line, depth_mm=depth_mm)

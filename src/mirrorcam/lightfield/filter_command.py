@@ -31,7 +31,7 @@ def filter(  # the command's name
 ) -> int:
     """Filter light fields in the frequency domain.
 
-    Keeps what lies between two depths, without noise, rain and snow. Writes, for each light field, NAME_filtered.npz, a
+    Keeps surfaces between two depths; removes noise, rain and snow. Writes, for each light field, NAME_filtered.npz, a
     light field that other commands read, and NAME_filtered_views.png.
 
     Examples:

@@ -37,7 +37,7 @@ class NamedLightField:
     frame: int | None = None
 
     def depths_to_search(self, near_mm: float | None, far_mm: float | None) -> tuple[float | None, float | None]:
-        """The depths given, and where there are none, those that the file states."""
+        """The requested depths, else the depths that the file states."""
         near, far = self.depth_range_mm or (None, None)
         return near if near_mm is None else near_mm, far if far_mm is None else far_mm
 
@@ -79,7 +79,7 @@ class LightFieldInputs:
     def into(
         self, output: OutputFolder, endings: Sequence[str], progress: Progress = no_progress
     ) -> Iterator[NamedLightField]:
-        """Open the light fields as `each` does, where nothing of others stands in the place of NAME_ENDING in a folder.
+        """Open the light fields as `each` does, unless a file of others has the name NAME_ENDING in a folder.
 
         Raises InputError also for a file of others: for light fields in files before the first is opened. A folder may
         hold many, whose names are known later.
@@ -94,7 +94,7 @@ class LightFieldInputs:
 class RecordingFilter:
     """Filters the frames of recordings in time, each recording on its own, and leaves other light fields as they are.
 
-    All frames must be given, in order, also those whose result is not needed: the next depends on them.
+    All frames must be passed, in order, also where a result is not needed: the next depends on it.
     """
 
     def __init__(self) -> None:

@@ -66,7 +66,7 @@ class DecodeRequest(Value):
     epi: bool = Field(
         default=False, description="also write the epipolar-plane image of each picture, in which depth shows as slope"
     )
-    view: bool = Field(default=False, description="show what is decoded in a window of rerun, with depth and points")
+    view: bool = Field(default=False, description="show the decoded views in a window of rerun, with depth and points")
     no_depth: bool = Field(
         default=False, description="leave depth and points, which take most of the time, out of --to mcap and --view"
     )
@@ -147,7 +147,7 @@ class RefocusRequest(DepthRange):
         1.0, "super-resolution: pixels of the picture per pixel of a view, along each side, such as 1.5 or 2"
     )
     between: int = Bounds(0, 8).field(
-        0, "views to interpolate between neighbours, by their depth: what is out of focus blurs without ghost edges"
+        0, "views to interpolate between neighbours, by their depth: out-of-focus parts blur without ghost edges"
     )
     all_in_focus: bool = Field(
         default=False, description="also write a picture with everything in focus, by the depth of each pixel"
@@ -157,7 +157,7 @@ class RefocusRequest(DepthRange):
         description="also write an all-in-focus picture from a viewpoint this many mm right of and below the central "
         f"view, {OFFSET_MM}",
     )
-    behind_mm: float | None = DEPTH_MM.field(None, "remove what is nearer than this depth from all pictures")
+    behind_mm: float | None = DEPTH_MM.field(None, "remove everything nearer than this depth from all pictures")
     orbit: LoopFormat | None = Field(default=None, description="also write an animation in which the viewpoint circles")
     sweep: LoopFormat | None = Field(
         default=None, description="also write an animation in which the focus moves from --near-mm to --far-mm and back"

@@ -1,4 +1,4 @@
-"""`mirrorcam doctor`: what is installed, what is missing for what, and whether each part works."""
+"""`mirrorcam doctor`: installed and missing libraries, and a test of each part."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ TESTED_ON = "Python 3.11, Linux"
 
 
 def doctor(*, no_tests: Annotated[bool, Parameter(help="skip the tests, which take some seconds each")] = False) -> int:
-    """List what is installed, and test each part.
+    """List the installed libraries, and test each part.
 
-    Prints the libraries of each extra with the versions that were tested, what is missing for what, other programs,
+    Prints the libraries of each extra with the tested versions, the missing ones and what needs them, other programs,
     and a test of each part. Paste it into a report of an error. Exit code 1: an installed part failed its test.
 
     Examples:

@@ -1,4 +1,4 @@
-"""What is installed: this program, the libraries of each extra beside the versions that were tested, other programs."""
+"""The installation: this program, the libraries of each extra with the tested versions, other programs."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ PROGRAMS = {
 
 
 class Package(Value):
-    """A distribution that an extra asks for: the version that is installed, if any, and the tested one, if one was."""
+    """A distribution that an extra requires: the installed version, if any, and the tested one, if any."""
 
     name: str
     installed: str | None
@@ -116,7 +116,7 @@ def _version(distribution: str) -> str | None:
 
 def _program(name: str) -> Program:
     commands, purpose = PROGRAMS[name]
-    # Where Python was called by its path, the folder of its programs need not be on that of the shell.
+    # Where Python was called by its path, the folder of its programs need not be on the shell's PATH.
     places = os.pathsep.join((sysconfig.get_path("scripts"), os.environ.get("PATH", "")))
     found = (path for command in commands if (path := shutil.which(command, path=places)))
     return Program(name=name, purpose=purpose, path=next(found, None))

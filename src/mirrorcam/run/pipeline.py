@@ -1,4 +1,4 @@
-"""The whole pipeline: design, part, synthetic set, blind calibration checked against truth, light field, page."""
+"""The pipeline: design, parts, synthetic set, blind calibration checked against truth, light field, page."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`mirrorcam run`: the whole pipeline, from a design to a page of results."""
+"""`mirrorcam run`: the complete pipeline, from a design to a page of results."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def run(
     ] = None,
     force: Force = False,
 ) -> int:
-    """Run the whole pipeline, from a design to a light field, and write a page of results.
+    """Run the complete pipeline, from a design to a light field, and write a page of results.
 
     Designs the mirrors, generates and checks all parts, renders frames of a device as built, calibrates it blind and
     decodes a light field; then writes metrics.json and index.html. Exit code 1: a figure is past its limit.

@@ -1,4 +1,4 @@
-"""The page of a run: one HTML file beside its pictures, which works from disk and offline."""
+"""The page of a run: one HTML file with its pictures, which works from disk and offline."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ class Report:
 
 
 def design_table(parabola: Layout, optimised: Layout) -> Table:
-    """The figures of the optimised layout beside those of the parabola."""
+    """The figures of the optimised layout next to the parabola's."""
     rows = []
     for name, metric in optimised.metrics.items():
         before = parabola.metrics.get(name)
@@ -80,7 +80,7 @@ def highlights(report: Report) -> list[Tile]:
     """Headline figures for a newcomer, of those that were measured."""
     width, height = report.view_size_px
     tiles = [Tile(report.layout.arrangement.text.replace("x", TIMES), f"views of {width} {TIMES} {height} px")]
-    # A camera with an aperture can use only pixels whose whole pupil a mirror serves.
+    # A camera with an aperture can use only unvignetted pixels.
     counted, what = "pixel_efficiency_", "of the sensor"
     if report.layout.camera.aperture_mm > 0.0:
         counted, what = "usable_efficiency_", "of the sensor, usable by the whole lens,"
@@ -195,19 +195,19 @@ def gather(root: Path, *, command: str, small: bool) -> Report:
             root,
             "design/before_after.png",
             "design/before_after.png",
-            "Sub-images, virtual cameras and overlap of the faceted parabola, beside those of the optimised layout",
+            "Sub-images, virtual cameras and overlap of the faceted parabola, next to the optimised layout",
         ),
         focus=_focus_picture(root),
         part=_picture(
             root, "cad/pictures/light.png", "cad/index.html", "The device, and the light from its lens to the scene"
         ),
         frame=_picture(root, "page/frame.jpg", frame, "A rendered frame: the board in every mirror"),
-        views=_picture(root, "page/views.jpg", views, "The decoded views beside each other"),
+        views=_picture(root, "page/views.jpg", views, "The decoded views side by side"),
         residuals=_picture(
             root,
             "validation/residuals.png",
             "validation/report.html",
-            "Mean residuals as arrows over the sensor, by view, beside the distribution of all",
+            "Mean residuals as arrows over the sensor, by view, and the distribution of all",
         ),
         part_files=tuple(
             PageFile(f"cad/{name}", purpose)

@@ -1,6 +1,6 @@
 """A short test of each part of an installation, on made-up data, in a process of its own.
 
-Each gives a sentence of what it measured, and raises where that is wrong. Libraries that crash instead, as those of
+Each returns a sentence with its measurement, and raises where that is wrong. Libraries that crash instead, as
 another processor or system do, end only their own process.
 """
 
@@ -314,4 +314,4 @@ TESTS: dict[str, Callable[[], str]] = {
     "view": _view,
     "studio": _studio,
 }
-"""The tests by name: those of the base installation first, then one of each extra, which has its name."""
+"""The tests by name: the base installation's first, then one for each extra, under its name."""

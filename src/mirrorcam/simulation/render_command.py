@@ -32,7 +32,7 @@ def render(
 ) -> int:
     """Render frames of a calibration board, with ground truth.
 
-    The frames are those of a device built with tolerances. Writes frames/, base/, layout.json, board.toml and
+    The frames show a device built with tolerances. Writes frames/, base/, layout.json, board.toml and
     dataset.json, and the ground truth in truth/, for mirrorcam validate only.
 
     Examples:

@@ -72,7 +72,7 @@ def _shape(spec: DesignSpec) -> str:
 
 
 def _short(drawing: DesignDrawing) -> dict[str, Any]:
-    """A drawing without the request, which its name tells."""
+    """A drawing without the request, which its name contains."""
     return drawing.model_dump(mode="json", exclude={"spec"})
 
 

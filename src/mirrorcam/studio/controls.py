@@ -74,7 +74,7 @@ CAMERA_NUMBERS = (
 
 
 def control_groups(spec: DesignSpec) -> tuple[ControlGroup, ...]:
-    """All controls; a camera that is not of the library, as in a file that was opened, is offered beside it."""
+    """All controls; a camera outside the library, as in an opened file, is offered in addition."""
     cameras = [Camera.c920(), *_others()]
     if spec.camera not in cameras:
         cameras.append(spec.camera)

@@ -22,7 +22,7 @@ PRELOAD = (
     "mirrorcam.optics.design.optimise",
     "mirrorcam.optics.design.preview",
 )
-"""What processes that do this work load before they are asked."""
+"""Modules that worker processes load in advance."""
 MOST_REMEMBERED = 300
 LOW_PRIORITY = 19
 
@@ -39,7 +39,7 @@ def solve_in_two(spec: DesignSpec) -> SolvedDesign | RefusedDesign:
 
 
 def solve(spec: DesignSpec, calls: Calls = in_turn) -> SolvedDesign | RefusedDesign:
-    """The exact design of a request, or why there is none; `calls` are those of `design`."""
+    """The exact design of a request, or why there is none; `calls` as for `design`."""
     from mirrorcam.optics.design.optimise import design
 
     try:
@@ -105,7 +105,7 @@ def report(layout: Layout, parabola: Layout | None) -> str:
 
 
 _suggestions: list[Iterator[SuggestedRequest]] = []
-"""The search that `next_suggestion` goes on with, alone."""
+"""The search that `next_suggestion` continues."""
 
 
 def begin_suggestions(spec: DesignSpec, constraint: str, finding: str) -> None:
@@ -135,6 +135,6 @@ def tolerance(layout: Layout) -> ToleranceBars:
 
 
 def at_low_priority() -> None:
-    """Let this process give way to those that a person waits for."""
+    """Lower this process's priority below the processes that a person waits for."""
     if sys.platform != "win32":
         os.setpriority(os.PRIO_PROCESS, 0, LOW_PRIORITY)

@@ -21,7 +21,7 @@ from mirrorcam.studio.turns import Asker, Superseded, Turns
 
 
 class Advisor:
-    """Finds what can be asked for instead; any thread may call. Pages that search at the same time do so in turn."""
+    """Finds feasible alternatives; any thread may call. Simultaneous searches of pages take turns."""
 
     def __init__(self) -> None:
         self._process = WorkerProcess(preload=design_work.PRELOAD)
@@ -65,8 +65,8 @@ MOST_KEPT = 300
 class Designer:
     """Solves the newest request of each page in turn, and previews others meanwhile; any thread may call.
 
-    What was solved is kept, so that going back to it takes no time, and a preview lies between what was solved. While
-    nothing is asked for, a process of low priority solves what was previewed last, then requests near the newest.
+    Solved designs are kept, so that returning to one is immediate, and previews interpolate between them. While
+    idle, a process of low priority solves the last preview, then requests near the newest.
     """
 
     def __init__(self) -> None:
@@ -93,7 +93,7 @@ class Designer:
             each.close()
 
     def keep(self, spec: DesignSpec, layout: Layout) -> None:
-        """Take a design that was solved before, such as that of a file."""
+        """Take a design that was solved before, such as an opened file's."""
         self._keep(spec, self._previewer.call(design_work.described, spec, layout))
 
     def offer(self, stored: Mapping[DesignSpec, Path]) -> None:
@@ -132,7 +132,7 @@ class Designer:
         except WorkerDied as death:
             if asker.gone or self._over:
                 raise Superseded from None
-            raise InputError(f"the process that solved it ended {death}: change something, or ask again") from None
+            raise InputError(f"the process that solved it ended {death}: change something, or try again") from None
         self._keep(spec, found)
         return found
 
@@ -145,7 +145,7 @@ class Designer:
             self._previewer.call(design_work.remember, found.layout)
 
     def preview(self, spec: DesignSpec) -> str | None:
-        """A drawing of about what a request leads to, at once, as JSON; None where nothing can be said."""
+        """An approximate drawing of a request's design, at once, as JSON; None where no preview exists."""
         found = self._kept.get(spec)
         if isinstance(found, SolvedDesign):
             return found.drawing.model_dump_json()
@@ -164,7 +164,7 @@ class Designer:
         """What devices of a solved design can be expected to reach, which takes seconds.
 
         Raises InputError for a design that is not solved, or that cannot be built so, and Superseded where the page has
-        asked for that of another design meanwhile.
+        requested another design meanwhile.
         """
         asker, layout = asker or Asker(), self.solved(spec).layout
         with self._studies.turn(asker, spec):

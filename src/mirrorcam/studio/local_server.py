@@ -1,4 +1,4 @@
-"""A server on the loopback address: who may ask, what is refused, files that are served, and its end."""
+"""A server on the loopback address: access, refusals, served files, and shutdown."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from mirrorcam.core.values import Value
 
 LOOPBACK = "127.0.0.1"
 ENDING_S = 2
-"""Time that answers which are under way have at the end."""
+"""Time that pending answers have at shutdown."""
 
 
 class _Protocol(H11Protocol):
@@ -82,7 +82,7 @@ def run_server(
     tell: Callable[[str], None],
     end: Callable[[], None],
 ) -> None:
-    """Serve until Ctrl-C; `end` is called once no more is asked, before answers that are under way are waited for."""
+    """Serve until Ctrl-C; `end` is called after the last request, before the wait for pending answers."""
     address = f"http://{LOOPBACK}:{listening.getsockname()[1]}/"
     config = uvicorn.Config(
         app, http=_Protocol, ws="none", log_level="error", timeout_graceful_shutdown=ENDING_S, server_header=False
@@ -110,7 +110,7 @@ class LocalAccess:
 
     A page of another site that a browser shows could otherwise talk to this machine: by a name that leads here (the
     Host is that name then), or by a form or a script (the Origin is that site then). Answers tell the browser to fetch
-    nothing from anywhere else and to run no script but those of the page.
+    nothing from other origins and to run only the page's scripts.
     """
 
     def __init__(self, app: ASGIApp, port: int) -> None:
@@ -175,7 +175,7 @@ class LocalAccess:
 
 
 class BodyTooLarge(Exception):
-    """A body that goes on beyond what a request may hold, whatever length it has stated."""
+    """A request body larger than allowed, whatever its stated length."""
 
 
 def _limited(receive: Receive) -> Receive:
@@ -216,7 +216,7 @@ async def _too_large(request: Request, error: Exception) -> Response:
 
 
 REFUSALS: dict[type[Exception], HTTPExceptionHandler] = {InputError: _refused, BodyTooLarge: _too_large}
-"""How both servers answer what is wrong with a request: one line, as text."""
+"""The answer of both servers to a bad request: one line of text."""
 
 
 class ServedFiles(StaticFiles):

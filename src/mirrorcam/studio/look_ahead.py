@@ -40,7 +40,7 @@ CHANGES: tuple[Change, ...] = (
 
 
 def nearby_requests(spec: DesignSpec) -> list[DesignSpec]:
-    """Requests one step from this one, the likeliest first; none of more mirrors than are solved in a few seconds."""
+    """Requests one step from this one, the likeliest first, for designs small enough to solve in a few seconds."""
     found = []
     for change in CHANGES:
         fields = change(spec)
@@ -61,7 +61,7 @@ _log = logging.getLogger(__name__)
 class LookAhead:
     """Solves requests in the order that they are wished for; any thread may call.
 
-    A request that cannot be worked on is logged as an error, and the next one is gone on with.
+    A request that fails is logged as an error, and the next one follows.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ class LookAhead:
         threading.Thread(target=self._work, daemon=True, name="look ahead").start()
 
     def wish(self, specs: Sequence[DesignSpec]) -> None:
-        """Replace the requests to solve, the first one first; one that is under way is finished."""
+        """Replace the requests to solve, in order; the one in progress is finished."""
         with self._changed:
             self._wishes = list(specs)
             self._changed.notify_all()
@@ -119,7 +119,7 @@ class LookAhead:
             try:
                 self._process.call(design_work.at_low_priority)
                 self._keep(spec, self._process.call(self._solve, spec))
-            except Exception:  # of this request alone: the thread serves all that come
+            except Exception:  # of this request alone: the thread continues with the next
                 if not self._over:
                     _log.exception("this request is not solved ahead: %r", spec)
 

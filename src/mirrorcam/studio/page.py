@@ -90,7 +90,7 @@ class PageStart:
 
 
 def studio_page(begin: PageStart, folder: Path, *, nonce: str) -> str:
-    """The page that a server gives, which writes into a folder; only scripts and styles with the nonce run."""
+    """The page that a server sends, which writes into a folder; only scripts and styles with the nonce run."""
     start = {
         "spec": begin.spec.model_dump(mode="json"),
         "defaults": DesignSpec().model_dump(mode="json"),

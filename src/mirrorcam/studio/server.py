@@ -1,4 +1,4 @@
-"""The studio's server: its page, and the answers to what the page asks."""
+"""The studio's server: its page, and the answers to the page's requests."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from mirrorcam.studio.turns import Asker, Superseded
 
 Result = TypeVar("Result")
 PAGE_HEADER = "x-page"
-"""Name that a page gives itself, so that its newest request replaces its earlier ones and no other page's."""
+"""Name that a page chooses, so that its newest request replaces its own earlier ones and no other page's."""
 LONGEST_NAME, LONGEST_NUMBER = 64, 16
 
 
@@ -47,7 +47,7 @@ class Opened(Value):
 
 
 class JobRequest(Value):
-    """What to make of which design, and what is to carry the device."""
+    """The files to make of a design, and the device's back."""
 
     kind: JobKind
     adapter: Adapter = "none"
@@ -173,7 +173,7 @@ class DesignAnswers:
 
 
 class JobAnswers:
-    """Answers about what is made of designs."""
+    """Requests for files of designs."""
 
     def __init__(self, designer: Designer, jobs: Jobs) -> None:
         self._designer, self._jobs = designer, jobs
@@ -227,7 +227,7 @@ def studio_app(start: PageStart, designer: Designer, jobs: Jobs, port: int) -> S
 
 
 def _asker(request: Request) -> Asker:
-    """The page that a request is of, by the name that it gives itself; a request without is a page of its own."""
+    """The page of a request, by the name that it states; a request without one is a page of its own."""
     name = request.headers.get(PAGE_HEADER)
     return Asker(object() if name is None else name[:LONGEST_NAME])
 
@@ -237,4 +237,4 @@ def _json(value: Any) -> Response:
 
 
 async def _gone(request: Request, error: Exception) -> Response:
-    return _json(None)  # no longer asked for: the page looks at another design by now
+    return _json(None)  # superseded: the page shows another design by now

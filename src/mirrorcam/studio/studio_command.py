@@ -26,7 +26,7 @@ def studio(
     *,
     port: Port = 8610,
     no_browser: NoBrowser = False,
-    out: Annotated[Path, Parameter(help="output folder of what is built and rendered from the page")] = Path(
+    out: Annotated[Path, Parameter(help="output folder of files built and rendered from the page")] = Path(
         "output/studio"
     ),
     snapshot: Annotated[

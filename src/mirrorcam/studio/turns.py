@@ -1,4 +1,4 @@
-"""Turns at a process that makes one call at a time, for the pages that ask: first come, first served."""
+"""A queue of pages for a process that makes one call at a time, in order of request."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _ARRIVALS = count()
 
 
 class Superseded(Exception):
-    """A request that nobody waits for any more: its page has asked for something else, or is closed."""
+    """A superseded request: its page has requested something else, or is closed."""
 
 
 class Asker:
@@ -32,7 +32,7 @@ class Asker:
 class Turns:
     """Gives turns in the order of requests, and each page one place; any thread may call.
 
-    A page that asks again loses its place and goes to the end, so that no page can keep the others waiting.
+    A page with a new request goes to the end of the queue, so that no page can keep the others waiting.
 
     Parameters
     ----------
@@ -50,8 +50,8 @@ class Turns:
     def turn(self, asker: Asker, subject: Hashable) -> Iterator[None]:
         """Wait for the turn of a request, and take it within the block.
 
-        The earlier request of the page is given up, unless it has its turn and is about the same subject. Raises
-        Superseded where this one is given up.
+        The page's earlier request is dropped, unless it has its turn and the same subject. Raises
+        Superseded where this one is dropped.
         """
         with self._changed:
             asker.subject = subject

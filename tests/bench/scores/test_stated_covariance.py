@@ -78,7 +78,7 @@ def test_what_is_no_covariance_is_refused_in_one_line(
 
 
 def test_a_layout_has_its_own(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="has its covariance in itself"):
+    with pytest.raises(InputError, match="contains its covariance"):
         with_covariance(rig_of(device().truth), written(tmp_path / "c.json", [], []))
 
 

@@ -13,6 +13,7 @@ from benchmarks.robustness.__main__ import categories
 from benchmarks.robustness.guard import Category, tally, watched
 
 
+@pytest.mark.slow
 def test_errors_hangs_and_memory_are_wrong(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(guard, "LARGEST_BYTES", 50_000_000)
 
@@ -44,6 +45,7 @@ def faulty(seed: int, folder: Path) -> str:
     raise AttributeError(f"attempt {seed}")
 
 
+@pytest.mark.slow
 def test_attempts_are_made_in_processes_and_tallied_by_seed() -> None:
     found = tally(Category("odd", 100, faulty), range(4), workers=2)
     assert (found.tried, found.right) == (4, 0)

@@ -77,6 +77,7 @@ def test_the_default_device_passes_and_the_assembly_is_what_its_parts_are(
             np.testing.assert_allclose(assembly[plan.name].bounds, mesh.bounds, atol=1e-4)
 
 
+@pytest.mark.slow
 def test_a_device_whose_files_do_not_belong_together_is_found(device: Device, copied: Path) -> None:
     """The mount 3 mm in the holder, a hole in the clip's mesh, no camera in the assembly, and no sheet of mirrors."""
     mount, clip = (copied / "parts" / f"{name}.stl" for name in ("mount", "camera_clip"))

@@ -112,6 +112,7 @@ def test_the_back_is_one_flat_face(device: Device) -> None:
     assert corners.max() == pytest.approx(float(np.array(tuple(outermost.center())) @ away))
 
 
+@pytest.mark.slow
 def test_grooves_cut_nothing_out_of_the_walls(fold_90_layout: Layout) -> None:
     """A groove passes through its rim; a slot in the wall behind that would have a ceiling, which needs support."""
     plan = plan_holder(fold_90_layout, HARDWARE)

@@ -53,6 +53,7 @@ def test_a_tray_prints_on_its_slide_with_nothing_to_support_it(name: str, kind: 
     assert [name for name in failed if name != "bridged_mm2"] == []
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(find_slicer() is None, reason="needs PrusaSlicer")
 @pytest.mark.parametrize("turn_deg", [0.0, 35.0])
 def test_a_slicer_puts_no_support_into_an_oblique_nut_s_pocket(turn_deg: float, tmp_path: Path) -> None:

@@ -204,6 +204,7 @@ def test_its_screws_meet_the_holders_holes(planned: Planned) -> None:
     assert mount.head.engaged_mm >= HARDWARE.screw.engaged_mm
 
 
+@pytest.mark.slow
 def test_a_stricter_limit_gives_a_stiffer_mount(planned: Planned) -> None:
     layout, holder, clip, mount = planned
     assert 0.0 < mount.tilt_deg <= HARDWARE.mount.tilt_deg

@@ -30,6 +30,7 @@ def planned(default_layout: Layout, device: Device) -> Planned:
     return default_layout, holder, clip, plan_mount(default_layout, holder, clip, HARDWARE)
 
 
+@pytest.mark.slow
 def test_a_wider_cable_window_widens_the_mount(planned: Planned) -> None:
     layout, holder, clip, mount = planned
     wide = HARDWARE.replaced(mount=HARDWARE.mount.replaced(cable_window_mm=(50.0, 10.0)))

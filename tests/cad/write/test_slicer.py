@@ -38,6 +38,7 @@ from mirrorcam.cad.write.slicer import (
 )
 from mirrorcam.cad.write.threemf import write_3mf
 from mirrorcam.optics.geometry.layout import Layout
+from tests.nightly import a_few
 
 # As OrcaSlicer 2.2.0 has them (its commit 1088d0a6c713): what `load_from_json` of src/libslic3r/Config.cpp takes out of
 # a preset before it reads settings, by the names in Preset.hpp; and, of the settings of a process
@@ -208,7 +209,7 @@ def test_the_slicer_supports_what_our_own_check_finds_hanging(
 
 
 @installed
-@pytest.mark.parametrize("turn_deg", [0, 20, 35, 50, 65])
+@pytest.mark.parametrize("turn_deg", a_few(3, [0, 20, 35, 50, 65]))
 @pytest.mark.parametrize("lean_deg", [45, 47])
 def test_the_slicer_says_the_same_however_a_part_is_turned(
     block: PartPlan, tmp_path: Path, lean_deg: float, turn_deg: float

@@ -122,9 +122,9 @@ REFUSED = {
     "part of a colour": (header(3) + chunk(b"PLTE", b"abcd") + INDICES + END, "palette"),
     "palette too long": (header(3, 2) + chunk(b"PLTE", b"abc" * 5) + INDICES + END, "palette"),
     "unknown critical part": (header() + chunk(b"ABCD", b"x") + DATA + END, "no PNG has"),
-    "depth": (header(2, 3) + DATA + END, "not that of a PNG"),
-    "type of colour": (header(5) + DATA + END, "not that of a PNG"),
-    "interlacing": (header(last=b"\0\0\2") + DATA + END, "not that of a PNG"),
+    "depth": (header(2, 3) + DATA + END, "not a PNG's"),
+    "type of colour": (header(5) + DATA + END, "not a PNG's"),
+    "interlacing": (header(last=b"\0\0\2") + DATA + END, "not a PNG's"),
     "length": (header() + b"\xff\xff\xff\xffIDAT" + GOOD + END, "part of it is missing"),
 }
 

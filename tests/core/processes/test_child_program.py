@@ -28,6 +28,7 @@ def test_a_program_that_is_killed_has_no_good_exit_code() -> None:
     assert done.returncode == 137
 
 
+@pytest.mark.slow
 def test_a_program_that_takes_too_long_is_ended(tmp_path: Path) -> None:
     with pytest.raises(subprocess.TimeoutExpired):
         run_program([sys.executable, "-c", SLEEPS, str(tmp_path / "pid")], timeout_s=2)
@@ -47,6 +48,7 @@ def test_a_program_ends_with_a_starter_that_is_killed(tmp_path: Path) -> None:
     assert ended(pid)
 
 
+@pytest.mark.slow
 def test_an_exception_of_the_starter_ends_the_program(tmp_path: Path) -> None:
     def interrupt(number: int, frame: object) -> None:
         raise KeyboardInterrupt

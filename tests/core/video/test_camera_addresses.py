@@ -235,6 +235,7 @@ def test_other_kinds_of_address_are_refused(tmp_path: Path, address: str) -> Non
     assert opened == []
 
 
+@pytest.mark.slow
 def test_a_stream_is_read_by_its_description(tmp_path: Path) -> None:
     port, over = free_port(), threading.Event()
     (tmp_path / "a.sdp").write_text(

@@ -1,4 +1,4 @@
-"""Devices with errors of building that are known, for tests and benchmarks of the alignment."""
+"""Devices with known build errors, for tests and benchmarks of the alignment."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tilts by the edges of sub-images, in words, and what is refused."""
+"""Tilts measured by the edges of sub-images, their words, and refusals."""
 
 from __future__ import annotations
 
@@ -63,8 +63,8 @@ def test_a_turn_of_the_camera_is_none_of_the_mirrors(default_layout: Layout) -> 
     units = np.zeros(BuiltDevice(pinhole, BuildErrors()).count)
     units[3:6] = 1.5, 0.0, -1.5
     found = EdgeAligner(pinhole).align([sheet(built(pinhole, BuildErrors(), units)).round().astype(np.uint8)])
-    told = [value for each in found.mirrors for value in (each.right_deg, each.down_deg) if np.isfinite(value)]
-    assert told and np.sqrt(np.mean(np.square(told))) < 0.3  # they share a little of it: .75 deg looks alike
+    determined = [value for each in found.mirrors for value in (each.right_deg, each.down_deg) if np.isfinite(value)]
+    assert determined and np.sqrt(np.mean(np.square(determined))) < 0.3  # they share part of it: 0.75 deg look alike
     assert found.camera_turn_deg[2] == pytest.approx(-0.75, abs=0.15)
 
 
@@ -78,7 +78,7 @@ def test_tilts_in_words() -> None:
     assert not MirrorTilt(0, nan, nan, (0.5, 0.5)).determined
 
 
-def test_a_tilt_hardly_known_better_than_before_is_not_told(default_layout: Layout) -> None:
+def test_a_tilt_hardly_better_than_its_prior_is_undetermined(default_layout: Layout) -> None:
     spread = np.diag(np.radians([0.1, 0.45]) ** 2)
     tilt = mirror_tilt(default_layout, 4, np.radians([0.3, 0.3]), spread, 0.5)
     assert np.isnan(tilt.right_deg) and abs(tilt.down_deg) == pytest.approx(0.3)
@@ -127,10 +127,11 @@ def test_the_turn_of_the_camera_is_found(pinhole: Layout, fitter: EdgeFitter) ->
     found = fitter.fit(sheet(built(pinhole, BuildErrors(), units)))
     sigma = np.sqrt(np.diag(found.covariance))[3:6]
     assert (np.abs(found.errors[3:6] - units[3:6]) < 3.0 * sigma).all()
-    assert sigma[2] < 0.3  # roll is told best
+    assert sigma[2] < 0.3  # roll is determined best
 
 
-def test_the_dark_tells_nothing(fitter: EdgeFitter) -> None:
+@pytest.mark.slow
+def test_a_dark_frame_determines_nothing(fitter: EdgeFitter) -> None:
     random = np.random.default_rng(0)
     found = fitter.fit(random.normal(3.0, 1.0, (1080, 1920)).clip(0.0).astype(np.float32))
     assert np.isnan(found.own_px).mean() > 0.9
@@ -140,6 +141,7 @@ def test_the_dark_tells_nothing(fitter: EdgeFitter) -> None:
     assert len(designed) == len(seen) < 0.1 * found.own_px.size
 
 
+@pytest.mark.slow
 def test_seen_points_are_as_far_from_the_design_as_edges_are(pinhole: Layout, fitter: EdgeFitter) -> None:
     found = fitter.fit(sheet(pinhole))
     designed, seen = found.seen_points
@@ -155,7 +157,7 @@ def test_a_fit_from_the_one_before_is_the_same(pinhole: Layout, fitter: EdgeFitt
     assert np.abs(again.offset_px - first.offset_px).max() < 0.3
 
 
-def test_tilts_are_told_where_the_scene_has_texture() -> None:
+def test_tilts_are_determined_if_the_scene_has_texture() -> None:
     errors = BuildErrors()
     units = 0.5 * np.random.default_rng(1).standard_normal(BuiltDevice(LAYOUT, errors).count)
     random = np.random.default_rng(2)
@@ -173,7 +175,7 @@ def test_tilts_are_told_where_the_scene_has_texture() -> None:
     assert np.mean((off / sigma) ** 2) < 2.0
 
 
-def test_an_even_scene_tells_nothing() -> None:
+def test_an_even_scene_determines_nothing() -> None:
     frame = np.full((540, 960, 3), 120, np.uint8)
     found = SceneAligner(LAYOUT).align([frame])
     assert found.points == 0 and not any(mirror.determined for mirror in found.mirrors)

@@ -1,4 +1,4 @@
-"""Derivatives of edges by errors of building, and what is known of a layout."""
+"""Derivatives of edges by build errors, and the prior for a layout."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def test_without_errors_edges_are_on_the_outlines(default_layout: Layout, device
     for mirror, edge, part, pixel in zip(points.mirror, points.edge, points.part, at, strict=True):
         corners = default_layout.mirrors[mirror].usable_normalized
         on_edge = corners[edge] + part * (corners[(edge + 1) % len(corners)] - corners[edge])
-        # Parts of an edge count on the mirror, not in the picture: the pixel is on the line.
+        # Positions along an edge count on the mirror, not in the picture: the pixel is on the line.
         along = corners[(edge + 1) % len(corners)] - corners[edge]
         away = (pixel - default_layout.camera.cx_px * 0.0) - default_layout.camera.pixels_from_normalized(on_edge)
         normal = np.array([-along[1], along[0]]) / np.linalg.norm(along)

@@ -1,4 +1,4 @@
-"""Profiles across edges: where they are, and the light that is expected there."""
+"""Profiles across edges: their positions, and the model of the light."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from mirrorcam.optics.alignment.edge_profiles import (
     REACH_PX,
     STATIONS,
     Stations,
-    edges_light,
+    edge_residuals,
+    edge_response,
     profiles,
-    served,
     stations,
 )
 from mirrorcam.optics.geometry.layout import Layout
@@ -39,7 +39,7 @@ def test_each_pair_of_edges_has_its_stations_once(seen: Stations) -> None:
         if paired
     }
     assert len(pairs) * STATIONS == seen.paired.sum()
-    assert len(pairs) == 12  # of 3 x 3 mirrors: six beside each other, six above each other
+    assert len(pairs) == 12  # 3 x 3 mirrors: six horizontal and six vertical pairs
     assert (seen.apart_px[seen.paired] > 0.0).all() and (seen.apart_px < REACH_PX).all()
     assert (seen.own.mirror != seen.other.mirror)[seen.paired].all()
 
@@ -53,7 +53,7 @@ def test_a_pinhole_blurs_no_edge(default_layout: Layout, seen: Stations) -> None
 @pytest.mark.parametrize("radius_px", [0.0, 5.0, 14.0])
 def test_an_edge_lets_half_of_the_light_through_at_its_place_and_all_of_it_inside(radius_px: float) -> None:
     inside = np.linspace(-40.0, 40.0, 801)[None]
-    part, slope = served(inside, np.array([radius_px]), 1.0)
+    part, slope = edge_response(inside, np.array([radius_px]), 1.0)
     assert part[0, 400] == pytest.approx(0.5, abs=1e-12)
     assert part[0, 0] < 1e-6 and part[0, -1] > 1.0 - 1e-6
     assert np.allclose(np.gradient(part[0], inside[0]), slope[0], atol=2e-3)
@@ -62,7 +62,7 @@ def test_an_edge_lets_half_of_the_light_through_at_its_place_and_all_of_it_insid
 
 def test_a_blurred_edge_is_the_part_of_a_disc_that_it_leaves() -> None:
     inside = np.linspace(-10.0, 10.0, 21)
-    part, _ = served(inside[None], np.array([10.0]), 0.1)
+    part, _ = edge_response(inside[None], np.array([10.0]), 0.1)
     x = np.clip(inside / 10.0, -1.0, 1.0)
     disc = 0.5 + (x * np.sqrt(1.0 - x**2) + np.arcsin(x)) / np.pi
     assert np.abs(part[0] - disc).max() < 0.015
@@ -71,14 +71,14 @@ def test_a_blurred_edge_is_the_part_of_a_disc_that_it_leaves() -> None:
 def test_light_of_the_model_leaves_nothing_and_pulls_to_the_edge(default_layout: Layout, seen: Stations) -> None:
     given = profiles(np.zeros((1080, 1920), np.float32), seen, np.zeros((len(seen.place), 2)), 0.0)
     true = np.full((len(seen.place), 2), 1.5)
-    one, _ = served(true[:, :1] - given.out_px, seen.blur_px[:, 0], 0.9)
-    two, _ = served(given.out_px - seen.apart_px[:, None] - true[:, 1:], seen.blur_px[:, 1], 0.9)
-    given.light[:] = 3.0 + 100.0 * one + 80.0 * two * seen.paired[:, None]
+    own, _ = edge_response(true[:, :1] - given.out_px, seen.blur_px[:, 0], 0.9)
+    other, _ = edge_response(given.out_px - seen.apart_px[:, None] - true[:, 1:], seen.blur_px[:, 1], 0.9)
+    given.light[:] = 3.0 + 100.0 * own + 80.0 * other * seen.paired[:, None]
     given.texture[:] = 5.0
-    at_truth, _ = edges_light(given, seen, true, 0.0)
-    beside, change = edges_light(given, seen, np.zeros_like(true), 0.0)
-    assert np.abs(at_truth).max() < 0.4 < np.abs(beside).max()
+    at_truth, _ = edge_residuals(given, seen, true, 0.0)
+    displaced, change = edge_residuals(given, seen, np.zeros_like(true), 0.0)
+    assert np.abs(at_truth).max() < 0.4 < np.abs(displaced).max()
     paired = seen.paired
     by = (change @ np.swapaxes(change, 1, 2))[paired]
-    step = np.linalg.solve(by, (change @ beside[..., None])[paired])[..., 0]
+    step = np.linalg.solve(by, (change @ displaced[..., None])[paired])[..., 0]
     assert np.abs(step - 1.5).max() < 0.8

@@ -40,6 +40,7 @@ def off_in_sigmas(nominal: Layout, seed: int) -> float:
     return (float(reached.solution.estimate.thickness_mm[0]) - thickness) / sigma
 
 
+@pytest.mark.slow
 def test_the_thickness_of_another_plate_is_found_within_its_sigma(fold_90_layout: Layout) -> None:
     assert max(abs(off_in_sigmas(fold_90_layout, seed)) for seed in (0, 1)) < 3.0
 

@@ -1,4 +1,4 @@
-"""A device to score calibrations of, and rigs that are right or wrong in a known way."""
+"""A device, and rigs with known errors to score against it."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Device:
 def device(
     lens_model: str = "brown_conrady", distortion: tuple[float, ...] = (0.08, -0.11, 1.2e-3, -8e-4, 0.0)
 ) -> Device:
-    """Six mirrors, tilted and shifted, before a lens off its centre."""
+    """Six tilted and shifted mirrors in front of a decentred lens."""
     camera = Camera.model_validate(
         {
             "width_px": 960,
@@ -63,7 +63,7 @@ def device(
 
 
 def true_rig(truth: Layout, unit_mm: float | None = 1.0) -> CameraRig:
-    """A calibration that is right: the mirrors as cameras of the flipped frame."""
+    """The exact calibration: the mirrors as cameras of the flipped frame."""
     cameras = tuple(
         RigCamera(view.name, view.camera, view.camera_from_rig, (view.camera.width_px, view.camera.height_px))
         for view in virtual_cameras(truth)
@@ -79,19 +79,19 @@ def changed(rig: CameraRig, number: int, **changes: Any) -> CameraRig:
 
 
 def pose_of(camera: RigCamera) -> FloatArray:
-    """The pose (4, 4) of a camera that has one."""
+    """The pose (4, 4) of a posed camera."""
     assert camera.camera_from_rig is not None
     return camera.camera_from_rig
 
 
 def lens_of(camera: RigCamera) -> Camera:
-    """The lens of a camera that is a pinhole with one."""
+    """The lens of a pinhole camera."""
     assert isinstance(camera.lens, Camera)
     return camera.lens
 
 
 def moved(rig: CameraRig, rig_from_true: FloatArray) -> CameraRig:
-    """The rig in another place: what it says of points in true, it says of points moved."""
+    """The rig in a frame `moved` from the true one: it projects moved points as the original projects true ones."""
     inverse = np.linalg.inv(rig_from_true)
     cameras = []
     for camera in rig.cameras:
@@ -102,7 +102,7 @@ def moved(rig: CameraRig, rig_from_true: FloatArray) -> CameraRig:
 
 
 def with_random_poses(rig: CameraRig, size: float, seed: int = 0) -> CameraRig:
-    """The rig with every camera turned and shifted at random, as much as `size` says."""
+    """The rig with every camera rotated and shifted at random, by about `size`."""
     random = np.random.default_rng(seed)
     cameras = []
     for camera in rig.cameras:

@@ -1,4 +1,4 @@
-"""Numbers of files: what is one, and cameras that cannot be."""
+"""Numbers in files: valid and invalid ones, and invalid cameras."""
 
 from __future__ import annotations
 
@@ -55,11 +55,11 @@ def test_lists_of_numbers_and_sizes() -> None:
             size_of(wrong, "here")
 
 
-def test_a_camera_that_cannot_be_is_refused_in_one_line() -> None:
+def test_an_invalid_camera_is_refused_in_one_line() -> None:
     assert camera_of("here", [1.0, 2.0, 3.0, 4.0], "fisheye", [0.0] * 4, (640, 480)).width_px == 640
     with pytest.raises(InputError, match=r"^here: fx_px: .*greater than or equal"):
         camera_of("here", [0.0, 2.0, 3.0, 4.0], "fisheye", [0.0] * 4, None)
-    with pytest.raises(InputError, match=r"^here: distortion: .*expected the 4 of a fisheye lens"):
+    with pytest.raises(InputError, match=r"^here: distortion: .*expected 4 for a fisheye lens"):
         camera_of("here", [1.0, 2.0, 3.0, 4.0], "fisheye", [0.0] * 3, None)
 
 
@@ -86,7 +86,7 @@ def test_without_a_sphere_they_are_pinholes(model: SphereName, numbers: tuple[fl
 
 @pytest.mark.parametrize("alpha", [0.2, 0.5, 0.8])
 def test_they_are_one_another(alpha: float) -> None:
-    """alpha d + (1 - alpha) z of both, and (1 - alpha) (z + xi d) of the unified one with xi = alpha / (1 - alpha)."""
+    """alpha d + (1 - alpha) z for both; (1 - alpha) (z + xi d) for the unified model with xi = alpha / (1 - alpha)."""
     extended = shown("extended_unified", alpha, 1.0)
     np.testing.assert_allclose(shown("double_sphere", 0.0, alpha), extended, atol=1e-9)
     scaled = CAMERA.replaced(distortion=[0.0] * 5)

@@ -1,4 +1,4 @@
-"""Properties of all designs, over random specs; damage to a design is always found, under its own name."""
+"""Properties of designs for random specs; damage to a design is always detected and named."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ CAMERAS = (
 
 
 def specs(counts: list[tuple[int, int]]) -> st.SearchStrategy[DesignSpec]:
-    """Specs over what designers vary, most of which have a layout."""
+    """Specs over the parameters that designers vary; most have a layout."""
 
     def made(
         count: tuple[int, int],
@@ -65,7 +65,7 @@ def specs(counts: list[tuple[int, int]]) -> st.SearchStrategy[DesignSpec]:
 
 
 def assert_stands(spec: DesignSpec) -> None:
-    """A design carries its own passing verdict and figures, measured on itself; or it is refused in one line."""
+    """A design contains its passing verdict and figures, as measured again; or it is refused in one line."""
     try:
         layout = design(spec)
     except InfeasibleDesign as refusal:
@@ -93,7 +93,7 @@ def test_designs_of_any_size_carry_a_passing_verdict(spec: DesignSpec) -> None:
 
 @cache
 def sound(rows: int, cols: int) -> tuple[Layout, DesignSpec]:
-    """A layout that keeps to its spec in all but what its views share, which is not what is damaged here."""
+    """A layout that meets its spec except for the overlap of its views, which is not damaged here."""
     spec = DesignSpec(rows=rows, cols=cols, fold_deg=90.0, spacing_mm=0.5, min_edge_mm=0.0, min_area_mm2=0.0)
     return faceted_parabola(spec), spec
 
@@ -107,7 +107,7 @@ def damaged(layout: Layout, index: int, mirror: Mirror) -> Layout:
 
 
 def scaled(mirror: Mirror, along: float) -> Mirror:
-    """The mirror in the same place of the image, from another distance."""
+    """The mirror with the same sub-image at another distance."""
     return mirror.replaced(
         virtual_centre_in_rig_mm=mirror.virtual_centre_in_rig_mm * along,
         outline_in_rig_mm=mirror.outline_in_rig_mm * along,
@@ -136,7 +136,7 @@ def test_a_mirror_that_leaves_the_sensor_is_named(size: tuple[int, int], row: in
 
 @given(SIZES, st.data())
 def test_a_mirror_in_the_light_of_another_is_named(size: tuple[int, int], data: st.DataObject) -> None:
-    # A mirror of an upper row that comes nearer to the pupil sinks into the light that leaves the one below it.
+    # A mirror of an upper row that moves towards the pupil enters the light leaving the mirror below it.
     layout, spec = sound(*size)
     index = data.draw(st.integers(0, (spec.rows - 1) * spec.cols - 1))
     broken = damaged(layout, index, scaled(layout.mirrors[index], data.draw(st.floats(0.4, 0.7))))
@@ -172,9 +172,9 @@ def test_a_sub_image_that_reaches_for_another_is_named(size: tuple[int, int], da
 def test_a_mirror_moved_against_the_other_is_too_close(size: tuple[int, int], index: int, by_mm: float) -> None:
     layout, spec = sound(*size)
     mirror, other = layout.mirrors[index], layout.mirrors[1 - index]
-    way = other.outline_in_rig_mm.mean(axis=0) - mirror.outline_in_rig_mm.mean(axis=0)
-    way -= (way @ mirror.normal_in_rig) * mirror.normal_in_rig
-    broken = damaged(layout, index, mirror.moved(np.eye(3), by_mm * way / np.linalg.norm(way)))
+    direction = other.outline_in_rig_mm.mean(axis=0) - mirror.outline_in_rig_mm.mean(axis=0)
+    direction -= (direction @ mirror.normal_in_rig) * mirror.normal_in_rig
+    broken = damaged(layout, index, mirror.moved(np.eye(3), by_mm * direction / np.linalg.norm(direction)))
     assert "smallest_gap_mm" in failed(broken, spec)
 
 
@@ -232,5 +232,5 @@ def test_rays_agree_with_triangles(size: tuple[int, int], seed: int) -> None:
             continue
         for leg, fraction in hit_by_triangles(mirrors[lit], mirrors[occluder], 500.0, 10).items():
             mine = found.get((lit, occluder, leg))
-            # A ray along an edge may count either way.
+            # A ray along an edge may count or not.
             assert (mine.fraction if mine else 0.0) == pytest.approx(fraction, abs=0.03)

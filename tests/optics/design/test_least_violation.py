@@ -1,4 +1,4 @@
-"""Where mirrors violate a spec: the pairs, the segments, and by how much, beside closed forms."""
+"""Violations of a spec: pairs, segments and sizes, against closed forms."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def length(violation: Violation) -> float:
 
 def test_mirrors_too_close_are_named_with_the_segment_between_them() -> None:
     wide = ROW.replaced(spacing_mm=10.0)
-    # The seed's tiles are those of the smaller spacing, so that mirrors are too close for the larger one.
+    # The seed's tiles are for the smaller spacing, so that mirrors are too close for the larger one.
     at = least_violation(wide, "spacing", (seed(ROW).centres, seed(ROW).corners))
     assert at is not None
     assert {violation.mirrors for violation in at.violations} == {(0, 1), (1, 2)}
@@ -120,7 +120,7 @@ def test_a_plate_past_the_pupil_is_drawn_from_there() -> None:
     assert np.abs(violation.place_in_rig_mm[0]).max() == 0.0
 
 
-def test_the_refusal_keeps_it_on_the_way_between_processes() -> None:
+def test_the_refusal_keeps_it_between_processes() -> None:
     refusal = InfeasibleDesign("size", "too small", found(ROW.replaced(min_edge_mm=1000.0), "size"))
     again = pickle.loads(pickle.dumps(refusal))
     assert (str(again), again.constraint, again.finding) == (str(refusal), "size", "too small")
@@ -135,7 +135,7 @@ def test_closest_points_are_as_far_apart_as_the_hulls() -> None:
         p, q = closest_points(first, second)
         assert np.linalg.norm(q - p) == pytest.approx(hull_distance(first, second), abs=1e-9)
         if hull_distance(first, second) > 1e-6:
-            # No point of either hull lies beyond the planes through the two points, square to what joins them.
+            # No point of either hull lies beyond the planes through the two points, normal to their connection.
             assert (first @ (q - p)).max() <= p @ (q - p) + 1e-9
             assert (second @ (q - p)).min() >= q @ (q - p) - 1e-9
     p, q = closest_points(np.eye(3) - 1.0 / 3.0, 1.0 / 3.0 - np.eye(3))

@@ -1,4 +1,4 @@
-"""The optimiser from end to end: what it reaches, what it refuses, and that it says the same thing every time."""
+"""The optimiser end to end: optima, refusals, and reproducibility."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from mirrorcam.optics.geometry.tolerances import Tolerances
 from tests.nightly import a_few
 
 designed = cache(design)
-"""A spec is designed once, however many tests ask for it."""
+"""Each spec is designed once for all tests."""
 SPEC = DesignSpec(rows=2, cols=3, depths_mm=(500.0, 300.0))
 
 
@@ -67,7 +67,7 @@ def test_the_layout_says_where_it_comes_from(nominal: Layout) -> None:
 
 
 def stands(layout: Layout, spec: DesignSpec) -> bool:
-    """Whether a layout carries its own verdict, as measured again, and passes in every figure."""
+    """Whether a layout contains the verdict that `verify` returns again, and passes in every figure."""
     return layout.verdict == verify(layout, spec) and all(metric.passed for metric in layout.verdict.values())
 
 
@@ -82,7 +82,7 @@ def test_the_same_spec_gives_the_same_bytes(nominal: Layout) -> None:
 
 
 def test_the_default_layout_is_the_committed_one(nominal: Layout, default_layout: Layout) -> None:
-    # Another machine's linear algebra may round otherwise, which the optimum does not feel.
+    # Rounding differs between linear-algebra libraries, which hardly changes the optimum.
     assert np.abs(nominal.virtual_centres_in_rig_mm - default_layout.virtual_centres_in_rig_mm).max() < 0.01
     for name, metric in default_layout.metrics.items():
         assert nominal.metrics[name].value == pytest.approx(metric.value, rel=1e-3), name
@@ -118,8 +118,8 @@ def test_a_design_for_depth_has_a_fifth_less_sigma_with_equal_pixels_and_field_o
 
 @pytest.mark.parametrize("pattern", a_few(1, [None, Pattern.ring(5)]), ids=["auto fold", "ring"])
 def test_designs_for_depth_of_other_specs(pattern: Pattern | None) -> None:
-    asked = {"rows": 1, "cols": 2, "fold_deg": "auto"} if pattern is None else {"pattern": pattern}
-    spec = DesignSpec.model_validate(asked)
+    requested = {"rows": 1, "cols": 2, "fold_deg": "auto"} if pattern is None else {"pattern": pattern}
+    spec = DesignSpec.model_validate(requested)
     layout, overlap = designed(spec.replaced(objective="depth")), designed(spec)
     assert isinstance(layout.spec, DesignSpec)
     assert layout.spec.fold_deg != "auto"
@@ -202,9 +202,9 @@ def test_patterns(pattern: Pattern, worst_error: float, least_efficiency: float)
 
 
 def test_a_pattern_that_is_a_grid_is_designed_as_that_grid() -> None:
-    asked = DesignSpec(rows=1, cols=3)
-    line = Pattern(name="line", positions=5.0 * asked.arrangement.steps)
-    found, expected = designed(DesignSpec(pattern=line)), designed(asked)
+    requested = DesignSpec(rows=1, cols=3)
+    line = Pattern(name="line", positions=5.0 * requested.arrangement.steps)
+    found, expected = designed(DesignSpec(pattern=line)), designed(requested)
     assert np.allclose(found.virtual_centres_in_rig_mm, expected.virtual_centres_in_rig_mm, rtol=0.0, atol=1e-9)
     assert found.metrics == expected.metrics
 
@@ -229,7 +229,7 @@ def test_tradeoff_trades_efficiency_for_the_grid() -> None:
         assert worse < better
     for better, worse in itertools.pairwise(shares):
         assert worse < better
-    # The last step buys little grid that 2 x 2 mirrors lack, and costs little.
+    # The last step improves the grid of 2 x 2 mirrors only slightly, and costs little.
     assert shares[-1] == pytest.approx(shares[-2], rel=0.02)
     assert errors[-1] < 0.005
 
@@ -274,8 +274,9 @@ def test_other_requests(changes: dict[str, object]) -> None:
         assert layout.metrics[f"pixel_efficiency_{depth:g}mm"].value > 0.5
 
 
+@pytest.mark.slow
 def test_mirrors_that_are_no_neighbours_keep_apart_too() -> None:
-    # So near a scene needs such slanted mirrors that those of the first row come into the light of the third.
+    # Such a near scene needs mirrors so slanted that the first row blocks light of the third.
     spec = DesignSpec(depths_mm=(30.0,))
     layout = designed(spec)
     assert stands(layout, spec)
@@ -290,27 +291,27 @@ def test_pentagons_are_worth_more_than_quadrilaterals() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("name", "field", "asked"),
+    ("name", "field", "requested"),
     a_few(1, [("shortest_edge_mm", "min_edge_mm", 20.0), ("smallest_area_mm2", "min_area_mm2", 800.0)]),
 )
-def test_mirrors_are_as_large_as_asked_and_no_larger_than_that_costs(name: str, field: str, asked: float) -> None:
+def test_mirrors_are_as_large_as_requested_and_not_larger(name: str, field: str, requested: float) -> None:
     free = designed(DesignSpec(rows=2, cols=4, fold_deg=90.0)).metrics
-    assert free[name].value < 0.9 * asked
-    spec = DesignSpec(rows=2, cols=4, fold_deg=90.0).replaced(**{field: asked})
+    assert free[name].value < 0.9 * requested
+    spec = DesignSpec(rows=2, cols=4, fold_deg=90.0).replaced(**{field: requested})
     layout = designed(spec)
     assert stands(layout, spec)
-    assert layout.metrics[name].value == pytest.approx(asked, rel=1e-4)
+    assert layout.metrics[name].value == pytest.approx(requested, rel=1e-4)
     assert layout.metrics["usable_efficiency_300mm"].value < free["usable_efficiency_300mm"].value
 
 
 @pytest.mark.slow
-def test_sub_images_are_as_far_apart_as_asked_and_no_farther_than_that_costs() -> None:
+def test_sub_images_are_as_far_apart_as_requested_and_not_farther() -> None:
     found = []
-    for asked in (0.0, 1.0, 3.0):
-        spec = DesignSpec(rows=2, cols=2, fold_deg=90.0, seen_gap_mm=asked)
+    for requested in (0.0, 1.0, 3.0):
+        spec = DesignSpec(rows=2, cols=2, fold_deg=90.0, seen_gap_mm=requested)
         layout = designed(spec)
         assert stands(layout, spec)
-        assert layout.verdict["smallest_seen_gap_mm"].value == pytest.approx(asked, abs=0.02)
+        assert layout.verdict["smallest_seen_gap_mm"].value == pytest.approx(requested, abs=0.02)
         found.append(sum(layout.metrics[f"usable_efficiency_{depth}mm"].value for depth in (300, 500)))
     for more, less in itertools.pairwise(found):
         assert less < more
@@ -325,7 +326,7 @@ def test_a_robust_design_is_better_as_built_and_no_mirror_hides_another() -> Non
     drawn = draw_perturbations(Tolerances.hobby(), 4, 200, np.random.default_rng(0))
     assert built_views(alone, drawn).hidden().mean() > 0.1
     assert not built_views(robust, drawn).hidden().any()
-    # At the same gaps: the mean over devices that the optimiser did not draw.
+    # With equal gaps: the mean over devices other than those the optimiser drew.
     tilted = draw_perturbations(Tolerances.hobby().only("tilt_deg"), 4, 200, np.random.default_rng(1))
     costs = [
         _cost_as_built(designed(DesignSpec(rows=2, cols=2, fold_deg=90.0, robust_tilt_deg=tilt)), tilted)
@@ -335,7 +336,7 @@ def test_a_robust_design_is_better_as_built_and_no_mirror_hides_another() -> Non
 
 
 def _cost_as_built(layout: Layout, drawn: Perturbations) -> float:
-    """The objective of the default spec, with the mean efficiency of devices as a pinhole counts it."""
+    """The objective of the default spec, with the mean efficiency of devices with a pinhole camera."""
     views, size_px = built_views(layout, drawn), layout.camera.width_px * layout.camera.height_px
     seen = [
         views.seen_px(views.common_regions(depth)[0], depth).sum(axis=1).mean() / size_px for depth in (300.0, 500.0)

@@ -1,4 +1,4 @@
-"""Previews: what lies between solved designs, how near it comes to the exact one, and what is no preview."""
+"""Previews: interpolation between solved designs, its accuracy, and specs without a preview."""
 
 from __future__ import annotations
 
@@ -107,9 +107,9 @@ def test_where_no_design_is_of_the_kind_there_is_no_preview() -> None:
     assert preview(SMALL, [exact.replaced(spec=None)]) is None
 
 
-def test_where_designs_of_two_kinds_would_meet_the_nearest_serves() -> None:
+def test_the_nearest_design_replaces_a_mixture_of_two_kinds() -> None:
     low, high = designed(SMALL), designed(SMALL.replaced(scale_mm=90.0))
-    # The other with its views exchanged: an optimum as good, whose mixture with the first has both views in the middle.
+    # The other design has its views exchanged: an equal optimum whose mean with the first puts both in the centre.
     exchanged = high.replaced(mirrors=tuple(mirror for mirror in high.mirrors[::-1]))
     found = preview(SMALL.replaced(scale_mm=82.0), [low, exchanged])
     assert found is not None

@@ -1,4 +1,4 @@
-"""The grid of a sweep, what becomes of a spec, and the figures by which designs compare."""
+"""The grid of a sweep, the outcomes of specs, and the figures that compare designs."""
 
 from __future__ import annotations
 
@@ -49,10 +49,10 @@ def test_a_grid_holds_specs_and_nothing_derived_from_them() -> None:
         ({"counts": []}, "^counts: no value"),
         ({"counts": [(0, 3)]}, "^counts: 0x3: rows: Input should be greater than or equal to 1"),
         ({"counts": [(1, 1)]}, "^counts: 1x1: rows x cols is 1, expected at least two mirrors"),
-        ({"counts": [(2, 2), (3, 3), (2, 2)]}, "^counts: 2x2 is named twice"),
+        ({"counts": [(2, 2), (3, 3), (2, 2)]}, "^counts: 2x2 is given twice"),
         ({"scales_mm": [80.0, -1.0]}, "^scales_mm: -1.0: scale_mm: Input should be greater than or equal to 0.001"),
         ({"tradeoffs": [2.0]}, "^tradeoffs: 2.0: tradeoff: Input should be less than or equal to 1"),
-        ({"depth_sets_mm": [(300.0, 300.0)]}, r"^depth_sets_mm: \(300.0, 300.0\): depths_mm .* names a depth twice"),
+        ({"depth_sets_mm": [(300.0, 300.0)]}, r"^depth_sets_mm: \(300.0, 300.0\): depths_mm .* a depth twice"),
         ({"depth_sets_mm": [()]}, r"^depth_sets_mm: \(\): depths_mm"),
     ],
 )

@@ -1,4 +1,4 @@
-"""What mends a spec: values with which a design exists, and none half-way back to what was asked for."""
+"""Suggestions: values for which a design exists, and none exists halfway back to the requested value."""
 
 from __future__ import annotations
 
@@ -43,6 +43,7 @@ def spec_of(constraint: str) -> DesignSpec:
     return DesignSpec.model_validate(CASES[constraint][0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("constraint", a_few(1, CASES))
 def test_each_suggestion_changes_one_parameter_and_is_designed(constraint: str) -> None:
     spec, expected = spec_of(constraint), CASES[constraint][1]
@@ -61,7 +62,7 @@ def test_each_suggestion_changes_one_parameter_and_is_designed(constraint: str) 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("constraint", a_few(1, CASES))
-def test_half_way_back_to_what_was_asked_for_there_is_none(constraint: str) -> None:
+def test_halfway_back_to_the_requested_value_there_is_no_design(constraint: str) -> None:
     spec = spec_of(constraint)
     for suggestion in found(constraint):
         if suggestion.parameter not in CASES[constraint][1]:
@@ -74,7 +75,7 @@ def test_half_way_back_to_what_was_asked_for_there_is_none(constraint: str) -> N
 
 
 @pytest.mark.slow
-def test_fewer_mirrors_and_another_fold_mend_too() -> None:
+def test_fewer_mirrors_and_another_fold_also_help() -> None:
     assert "cols" in {suggestion.parameter for suggestion in found("spacing")}
     spec = DesignSpec(rows=1, cols=2, scale_mm=20.0, fold_deg=150.0)
     by_parameter = {s.parameter: s for s in suggestions(spec, InfeasibleDesign("body", "0.6 mm too close"))}
@@ -94,7 +95,7 @@ def test_they_are_the_same_in_two_processes() -> None:
     assert [s.layout.model_dump_json() for s in elsewhere] == [s.layout.model_dump_json() for s in found("size")]
 
 
-def test_what_cannot_relieve_the_constraint_is_not_tried() -> None:
+def test_parameters_that_do_not_relieve_the_constraint_are_not_tried() -> None:
     tried: list[Call] = []
 
     def noted(calls: Sequence[Call]) -> Generator[Any, None, None]:
@@ -102,7 +103,7 @@ def test_what_cannot_relieve_the_constraint_is_not_tried() -> None:
         yield from ()
 
     assert list(suggestions(spec_of("size"), refusal("size"), noted)) == []
-    parameters = {PARAMETERS[what].parameter if isinstance(what, int) else what for _, (_, what) in tried}
+    parameters = {PARAMETERS[what].name if isinstance(what, int) else what for _, (_, what) in tried}
     assert parameters == {"scale_mm", "min_edge_mm", "min_area_mm2"}
 
 

@@ -24,7 +24,7 @@ BOARD = Charuco(cols=10, rows=7, square_mm=24.0, marker_mm=16.0)
 
 @dataclass(frozen=True)
 class Device:
-    """A device: as it is, and as its calibration says."""
+    """A device as built, and as calibrated."""
 
     truth: Layout
     calibrated: Layout
@@ -54,7 +54,7 @@ def turned(layout: Layout, index: int, turn_deg: FloatArray, shift_mm: float = 0
 
 
 def across(layout: Layout, index: int, size_deg: float, random: np.random.Generator) -> FloatArray:
-    """A rotation vector (3,) of a size about a random axis in a mirror's plane."""
+    """A rotation vector (3,) of given size about a random axis in a mirror's plane."""
     normal = layout.mirrors[index].normal_in_rig
     axis = random.normal(size=3)
     axis -= (axis @ normal) * normal

@@ -1,4 +1,4 @@
-"""Recordings of a device, made once for the tests of drift."""
+"""Recordings of a device, shared by the tests of drift."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tests.optics.drift.textured_scenes import Shot, fractal, photograph, scene
 
 @pytest.fixture(scope="session")
 def frames() -> list[Any]:
-    """Two frames of a textured scene before the device as it was calibrated."""
+    """Two frames of a textured scene, taken by the device as calibrated."""
     random, truth = np.random.default_rng(1), device().truth
     textures = [fractal(random, slope=slope) for slope in (0.8, 1.2)]
     sheets = scene(random, (250.0, 600.0), textures, truth.camera.fx_px)

@@ -1,4 +1,4 @@
-"""Points are found where views show them, by the rays of the scene that was photographed."""
+"""Matched points agree with the rays of the rendered scene."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def test_points_of_a_plane_are_found_in_all_views() -> None:
     assert np.nanquantile(off_mm, 0.99) * px_mm < 0.6
 
 
-def test_points_are_where_the_whole_pupil_is_served() -> None:
+def test_points_are_unvignetted() -> None:
     layout = device().calibrated
     layout = layout.replaced(camera=layout.camera.replaced(aperture_mm=2.0, focus_mm=500.0))
     found = PointMatcher(layout)

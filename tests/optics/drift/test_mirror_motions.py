@@ -1,4 +1,4 @@
-"""Motions of mirrors and what they do to virtual centres."""
+"""Motions of mirrors and their effect on virtual centres."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from mirrorcam.optics.drift.mirror_motions import (
     calibration_covariance,
     common_covariance,
     hinged_motion,
+    mirror_covariance,
     mirror_rows,
     own_motion,
-    placed,
     turn_of_centre,
     turns_about_middle,
 )
@@ -51,7 +51,7 @@ def test_covariances_are_placed_by_the_names_of_the_parameters() -> None:
     layout = device().calibrated
     names = parameter_names(layout)
     assert mirror_rows(names, 1).tolist() == [names.index(f"mirror 1 {axis}_mm") for axis in "xyz"]
-    covariance = placed({2: np.eye(3)}, names)
+    covariance = mirror_covariance({2: np.eye(3)}, names)
     assert np.trace(covariance) == 3.0
     assert covariance[np.ix_(mirror_rows(names, 2), mirror_rows(names, 2))] == pytest.approx(np.eye(3))
     known = layout.uncertainty

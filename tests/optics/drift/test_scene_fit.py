@@ -1,4 +1,4 @@
-"""The fit of projected points finds the mirror that was turned; what a rolling shutter does is no turn."""
+"""The fit of projected points finds the turned mirror; a rolling shutter is not mistaken for a turn."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ INDEX = 5
 
 
 def seen(layout: Layout, noise_px: float, twist: FloatArray | None = None) -> MatchedPoints:
-    """Points before the mirrors as a layout shows them, exactly projected; a twist moves them while rows are read."""
+    """Exact projections of points in front of the mirrors; a twist moves them during the readout."""
     random = np.random.default_rng(0)
     in_view = np.column_stack([random.uniform(-90, 90, (400, 2)), random.uniform(250, 600, 400)])
     points = in_view @ layout.view_from_rig
@@ -44,14 +44,14 @@ def seen(layout: Layout, noise_px: float, twist: FloatArray | None = None) -> Ma
 
 
 def told_change(layout: Layout, matches: MatchedPoints) -> FloatArray:
-    """Change (3,) of one mirror's virtual centre, where only that mirror may have moved."""
+    """Change (3,) of one mirror's virtual centre if only that mirror may have moved."""
     names = parameter_names(layout)
     rows = mirror_rows(names, INDEX)
     prior = calibration_covariance(layout, names)
     prior[rows, rows] += 1.0
-    told = SceneFit(layout, matches, prior).solve()
-    inside = np.eye(len(names)) + told.information @ prior
-    return np.asarray((prior @ np.linalg.solve(inside, told.gradient))[rows])
+    fit = SceneFit(layout, matches, prior).solve()
+    inside = np.eye(len(names)) + fit.information @ prior
+    return np.asarray((prior @ np.linalg.solve(inside, fit.gradient))[rows])
 
 
 def test_a_turned_mirror_is_found_where_it_is() -> None:
@@ -75,13 +75,13 @@ def test_contributions_of_cells_scatter_no_more_than_independent_noise() -> None
     truth = device().truth
     names = parameter_names(truth)
     prior = common_covariance(truth, names)
-    told = SceneFit(truth, seen(truth, 0.2), prior).solve()
-    assert told.sigma_px == pytest.approx(0.2, rel=0.1)
-    # Whitened, what cells contribute scatters by 1, less as large residuals count less.
-    values, vectors = np.linalg.eigh(told.information)
+    fit = SceneFit(truth, seen(truth, 0.2), prior).solve()
+    assert fit.sigma_px == pytest.approx(0.2, rel=0.1)
+    # Whitened contributions of cells have variance 1, less because large residuals have less weight.
+    values, vectors = np.linalg.eigh(fit.information)
     kept = values > 1e-6 * values[-1]
     white = vectors[:, kept] / np.sqrt(values[kept])
-    assert 0.4 < np.trace(white.T @ told.scatter @ white) / kept.sum() < 1.1
+    assert 0.4 < np.trace(white.T @ fit.scatter @ white) / kept.sum() < 1.1
 
 
 def test_points_that_are_matched_wrong_hardly_count() -> None:

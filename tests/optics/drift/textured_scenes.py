@@ -19,7 +19,7 @@ Picture = NDArray[np.float32]
 
 @dataclass(frozen=True, eq=False)
 class Sheet:
-    """A flat picture in the scene: its middle and axes (3, 3; right, down, into it) in view axes, mm per texel."""
+    """A flat picture in the scene: centre and axes (3, 3; right, down, into it) in view axes, mm per texel."""
 
     middle: FloatArray
     axes: FloatArray
@@ -39,14 +39,14 @@ class Sheet:
         if inside.any():
             shown: Any = cv2.remap(
                 self.picture, where[..., 0].copy(), where[..., 1].copy(), cv2.INTER_LINEAR
-            )  # in rows: remap takes no longer ones
+            )  # row by row: remap limits the length
             grey[inside] = shown.ravel()[: int(inside.sum())]
         return np.where(inside, far, np.inf), grey
 
 
 @dataclass(frozen=True)
 class Shot:
-    """How a picture is taken: noise in grey levels, JPEG's quality (0: as it is), and blur of the lens, px.
+    """Imaging conditions: noise in grey levels, JPEG quality (0: uncompressed), and blur of the lens, px.
 
     Attributes
     ----------
@@ -102,7 +102,7 @@ def photograph(layout: Layout, sheets: list[Sheet], shot: Shot, random: np.rando
     gains = np.random.default_rng(len(layout.mirrors)).normal(1.0, shot.gains, len(layout.mirrors))
     for gain, (hit, start, ray) in zip(gains, reflected_rays(layout), strict=True):
         when = np.broadcast_to(np.arange(height)[:, None] / height - 0.5, hit.shape)[hit][:, None]
-        # The scene moves against the camera: its rays move the other way.
+        # The scene moves relative to the camera: rays move in the opposite direction.
         back = Rotation.from_rotvec(-when * np.array(shot.turn_rad))
         start, ray = back.apply(start - when * np.array(shot.shift_mm)), back.apply(ray)
         nearest, grey = np.full(len(ray), np.inf), np.full(len(ray), 0.3)

@@ -1,4 +1,4 @@
-"""A mirror, points that it shows, and rays followed through it surface by surface."""
+"""A mirror, points visible in it, and rays traced through it surface by surface."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ def scene_points(count: int = 60) -> FloatArray:
 
 
 def height(of: Mirror, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Height (...) of a bent face over its plane, mm, and its upward normals (..., 3), in the mirror's own frame."""
+    """Height (...) of a bent face above its plane, mm, and its upward normals (..., 3), in the mirror's own frame."""
     xx, yy, xy = of.curvature_per_m / 1e3
     normal = np.stack([-(xx * x + xy * y), -(yy * y + xy * x), np.ones_like(x)], axis=-1)
     return 0.5 * xx * x**2 + 0.5 * yy * y**2 + xy * x * y, normal / np.linalg.norm(normal, axis=-1, keepdims=True)
 
 
 def above(of: Mirror, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Heights (n,) of points (n, 3) of the mirror's own frame over the bent face, and its normals (n, 3) there."""
+    """Heights (n,) of points (n, 3), in the mirror's own frame, above the bent face, and its normals (n, 3) there."""
     foot = points[:, :2]
     for _ in range(12):
         z, normal = height(of, foot[:, 0], foot[:, 1])
@@ -46,38 +46,38 @@ def above(of: Mirror, points: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def followed(of: Mirror, directions: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Where light from the pupil along directions (n, 3) last leaves the mirror, and unit vectors along it, in rig.
+    """Points where light from the pupil along directions (n, 3) leaves the mirror, and its unit directions, in rig.
 
     Face by face: Snell's law in vectors at the front, which has the same distance from the reflecting surface
     everywhere, and the law of reflection at that surface.
     """
     frame = of.rig_from_plane
     at = np.broadcast_to(-frame[:3, 3] @ frame[:3, :3], directions.shape)
-    way = directions @ frame[:3, :3] / np.linalg.norm(directions, axis=1, keepdims=True)
+    direction = directions @ frame[:3, :3] / np.linalg.norm(directions, axis=1, keepdims=True)
     front_mm = of.front_mm
     faces = [(front_mm, "in"), (0.0, "mirror"), (front_mm, "out")] if front_mm else [(0.0, "mirror")]
     for lift, what in faces:
-        length = (lift - at[:, 2]) / way[:, 2]
+        length = (lift - at[:, 2]) / direction[:, 2]
         for _ in range(12):
-            far, normal = above(of, at + length[:, None] * way)
-            length = length - (far - lift) / np.sum(way * normal, axis=1)
-        at = at + length[:, None] * way
+            far, normal = above(of, at + length[:, None] * direction)
+            length = length - (far - lift) / np.sum(direction * normal, axis=1)
+        at = at + length[:, None] * direction
         normal = above(of, at)[1]
-        upright = np.sum(way * normal, axis=1, keepdims=True)
+        upright = np.sum(direction * normal, axis=1, keepdims=True)
         if what == "mirror":
-            way = way - 2.0 * upright * normal
+            direction = direction - 2.0 * upright * normal
         else:
             ratio = 1.0 / of.refractive_index if what == "in" else of.refractive_index
-            along = ratio * (way - upright * normal)
-            way = along + np.sign(upright) * np.sqrt(1.0 - np.sum(along**2, axis=1, keepdims=True)) * normal
-    return transform(frame, at), way @ frame[:3, :3].T
+            along = ratio * (direction - upright * normal)
+            direction = along + np.sign(upright) * np.sqrt(1.0 - np.sum(along**2, axis=1, keepdims=True)) * normal
+    return transform(frame, at), direction @ frame[:3, :3].T
 
 
 def missed_px(of: Mirror, points: FloatArray) -> FloatArray:
     """Distances (n,), in px of a C920, at which the light seen at the images of points (n, 3) passes them."""
     seen = of.image_of(points)
-    leaves, way = followed(of, seen)
-    passed = np.linalg.norm(np.cross(points - leaves, way), axis=1)
+    leaves, direction = followed(of, seen)
+    passed = np.linalg.norm(np.cross(points - leaves, direction), axis=1)
     return FOCAL_PX * passed / np.linalg.norm(seen, axis=1)
 
 

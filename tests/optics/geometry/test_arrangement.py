@@ -1,4 +1,4 @@
-"""Grids and patterns of views: their places, their order, and how virtual centres are compared with them."""
+"""Grids and patterns of views: positions, order, and the fit to virtual centres."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def test_a_hexagonal_pattern_has_equal_steps_and_a_middle(rings: int, count: int
     arrangement = arranged(pattern)
     assert arrangement.central_index == count // 2
     assert arrangement.inner == [count // 2]
-    # Six neighbours all round, but for those on the border.
+    # Six neighbours, except on the border.
     touches = np.bincount(np.ravel(arrangement.neighbours), minlength=count)
     assert touches.max() == touches[count // 2] == 6
     assert (np.diff(arrangement.steps[:, 1]) > -1e-12).all()
@@ -64,8 +64,8 @@ def test_names_stand_for_patterns() -> None:
     [
         ([[0, 0]], "has 1 positions, expected 2 to 144"),
         (np.zeros((145, 2)) + np.arange(145)[:, None], "has 145 positions"),
-        ([[0, 0], [1, 0], [1, 1e-9]], "positions 1 and 2 at one place"),
-        ([[0, 0], [0, 0]], "positions 0 and 1 at one place"),
+        ([[0, 0], [1, 0], [1, 1e-9]], "positions 1 and 2 in the same place"),
+        ([[0, 0], [0, 0]], "positions 0 and 1 in the same place"),
         ([[0, 0, 1], [1, 0, 1]], r"shape \(2, 3\), expected \(n, 2\)"),
         ([[0, 0], [0, np.nan]], "NaN"),
     ],
@@ -102,7 +102,7 @@ def test_a_pattern_of_a_grid_is_that_grid() -> None:
         assert np.allclose(one, other)
 
 
-def test_an_unbalanced_pattern_is_centred_as_a_whole() -> None:
+def test_an_unbalanced_pattern_is_centred_by_the_mean_of_all_views() -> None:
     corner = arranged(Pattern(name="corner", positions=[[0, 0], [1, 0], [2, 0], [0, 1], [0, 2]]))
     assert corner.central_index == 1
     assert corner.inner == [0, 1, 2, 3, 4]
@@ -137,5 +137,5 @@ def test_a_layout_of_a_pattern_survives_its_file(parabola_layout: Layout) -> Non
     assert layout.mirror_names == ("0", "1", "2", "3", "4", "5", "6")
     with pytest.raises(InvalidValue, match="3 x 3 mirrors, expected 1 x 7 of pattern hex7"):
         parabola_layout.replaced(pattern=hexagon)
-    # A grid's file says nothing of patterns.
+    # The file of a grid does not mention patterns.
     assert "pattern" not in parabola_layout.model_dump_json()

@@ -1,4 +1,4 @@
-"""The lens model: against OpenCV, against itself backwards, and its derivatives against differences."""
+"""The camera: against OpenCV, its own inverse, and derivatives against differences."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def test_a_pixel_goes_out_and_comes_back(camera: Camera) -> None:
     rays = camera.unproject(pixels)
     assert rays.shape == (21, 33, 3)
     assert (rays[..., 2] == 1).all()
-    # A lens model that folds does not reach the corners of the sensor: there, and only there, no ray is given.
+    # A lens model that folds does not reach the corners of the sensor: only there, rays are NaN.
     largest = camera.pixels_from_normalized(np.array([0.999 * min(camera.valid_radius, 2.0), 0.0]))[0] - camera.cx_px
     reached = np.linalg.norm(pixels - [camera.cx_px, camera.cy_px], axis=-1) < 0.98 * largest
     assert reached.mean() > 0.8
@@ -155,7 +155,7 @@ def test_the_preset_has_the_published_fields_of_view() -> None:
     assert np.rad2deg(2 * np.arctan(camera.height_px / 2 / camera.fy_px)) == pytest.approx(43.3, abs=0.05)
     diagonal_px = np.hypot(camera.width_px, camera.height_px)
     assert np.rad2deg(2 * np.arctan(diagonal_px / 2 / camera.fx_px)) == pytest.approx(78.0, abs=0.05)
-    # The principal point is the middle of the sensor where pixel (0, 0) is a pixel's centre.
+    # The principal point is the sensor's centre, with pixel (0, 0) at a pixel's centre.
     assert (camera.cx_px, camera.cy_px) == (959.5, 539.5)
 
 

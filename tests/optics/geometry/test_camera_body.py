@@ -1,4 +1,4 @@
-"""A camera's body: where its box is about the pupil, and what a file of one may say."""
+"""A camera's body: its box relative to the pupil, and valid files."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def test_a_board_plays_by_half_of_what_its_holes_are_wider_than_its_screws() -> 
 
 
 def test_the_box_is_that_of_the_body_seen_from_the_pupil() -> None:
-    """The middle of the body lies opposite to the lens, its front as far before the pupil as that is behind it."""
+    """The body's centre is offset opposite to the lens; its front lies at the stated distance from the pupil."""
     low, high = np.array(PLAIN.box_mm)
     np.testing.assert_allclose(high - low, [90.0, 25.0, 20.0])
     np.testing.assert_allclose((low + high)[:2] / 2.0, [32.0, -2.0])
@@ -47,7 +47,7 @@ def test_the_box_is_that_of_the_body_seen_from_the_pupil() -> None:
 
 @pytest.mark.parametrize("name", camera_names())
 def test_lens_and_holes_are_within_the_body(name: str) -> None:
-    """The pupil of a body with a barrel lies within that, of any other within its depth."""
+    """The pupil of a body with a barrel lies within the barrel, any other pupil within the body's depth."""
     body = read_body(name)
     low, high = np.array(body.box_mm)
     assert (low[:2] < -1.0).all()
@@ -64,17 +64,17 @@ def test_lens_and_holes_are_within_the_body(name: str) -> None:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"guessed": ("lens_z_mm",)}, "guessed: lens_z_mm is no measure of a body"),
-        ({"guessed": ("name",)}, "guessed: name is no measure of a body"),
+        ({"guessed": ("lens_z_mm",)}, "guessed: lens_z_mm is no dimension of a body"),
+        ({"guessed": ("name",)}, "guessed: name is no dimension of a body"),
         ({"end_radius_mm": 12.6}, "end_radius_mm 12.6, expected at most half of 90 x 25"),
         ({"foot_mm": (1.0, 0.0, 1.0)}, "foot_mm"),
         ({"lens_protrusion_mm": -1.0}, "lens_protrusion_mm"),
-        ({"rest_mm": (1.0, 2.0)}, "rest_mm is for a lens on a board"),
-        ({"rest_mm": (3.0, 5.0), **BOARD}, "rest_mm 3 to 5, expected upwards to at most lens_protrusion_mm 4"),
-        ({"rest_mm": (3.0, 2.0), **BOARD}, "rest_mm 3 to 2, expected upwards"),
+        ({"rest_mm": (1.0, 2.0)}, "rest_mm is given for a body held by lips"),
+        ({"rest_mm": (3.0, 5.0), **BOARD}, "rest_mm 3 to 5, .* at most lens_protrusion_mm 4"),
+        ({"rest_mm": (3.0, 2.0), **BOARD}, "rest_mm 3 to 2, expected increasing"),
     ],
 )
-def test_a_body_that_cannot_be_is_refused(changes: dict[str, Any], message: str) -> None:
+def test_an_invalid_body_is_refused(changes: dict[str, Any], message: str) -> None:
     with pytest.raises(InvalidValue, match=message):
         PLAIN.replaced(**changes)
 

@@ -1,4 +1,4 @@
-"""The library of cameras: every file against what is published, names and files that are read, and what is refused."""
+"""The camera library: every file against published figures, reading by name and file, and refusals."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ lip_mm = 2.0
 
 
 def written(folder: Path, text: str = PROFILE, name: str = "mine.toml") -> str:
-    """The path of a file with a text."""
+    """Write a text to a file and return its path."""
     (folder / name).write_text(text, encoding="utf-8")
     return str(folder / name)
 
@@ -80,7 +80,7 @@ def test_every_file_reads_by_its_name_and_by_its_path(name: str) -> None:
 
 @pytest.mark.parametrize("name", WITH_OPTICS)
 def test_optics_agree_with_what_is_published(name: str) -> None:
-    """Fields of view, focal length and f-number, within 3 %; what is set aside, with a reason, does not agree."""
+    """Fields of view, focal length and f-number agree within 3 %; figures set aside, with a reason, do not."""
     profile = read_profile(name)
     assert profile.disagreements
     for figure, relative in profile.disagreements.items():
@@ -106,7 +106,7 @@ def test_the_default_camera_is_that_of_the_library_to_the_bit() -> None:
 
 
 def test_figures_of_a_file_are_compared_with_the_sensor_behind_its_pictures(tmp_path: Path) -> None:
-    """4 mm over 2 um are 2000 px of the sensor, so 1000 px of pictures that are binned 2 x 2; f/2 of 4 mm is 2 mm."""
+    """4 mm / 2 um are 2000 px of the sensor, so 1000 px when binned 2 x 2; 4 mm at f/2 has an aperture of 2 mm."""
     profile = read_profile(written(tmp_path))
     assert profile.disagreements == pytest.approx({"horizontal_deg": 0.0, "focal_mm": 0.0, "f_number": 0.0}, abs=1e-5)
     other = profile.replaced(sensor_px_per_px=1.0)
@@ -132,9 +132,9 @@ def test_an_own_camera_is_a_profile_or_the_optics_or_the_body_alone(tmp_path: Pa
         ("fx_px = 1000.0", "fx_px = -1.0", r"mine\.toml: optics\.fx_px: "),
         ("width_px = 1000", "width_px = 0", r"mine\.toml: optics\.width_px: "),
         ("width_px = 1000\n", "", r"mine\.toml: optics\.(width|cx)_px: "),
-        ("fx_px = 1000.0", "fx_px = 1000.0\nbody_mm = [[0, 0, 0], [1, 1, 1]]", "optics.body_mm is given, expected it"),
-        ('name = "mine"', 'name = "mine"\nguessed = ["lens"]', "guessed: lens is no figure of the optics"),
-        ("cable_mm = 4.0", 'cable_mm = 4.0\nguessed = ["lens"]', "guessed: lens is no measure of a body"),
+        ("fx_px = 1000.0", "fx_px = 1000.0\nbody_mm = [[0, 0, 0], [1, 1, 1]]", "optics.body_mm is given"),
+        ('name = "mine"', 'name = "mine"\nguessed = ["lens"]', "guessed: lens is not a field"),
+        ("cable_mm = 4.0", 'cable_mm = 4.0\nguessed = ["lens"]', "guessed: lens is no dimension of a body"),
         ("[published]", '[set_aside]\nvertical_deg = "why"\n[published]', "set_aside: vertical_deg is not published"),
         ("https://example.org/ruler", "a ruler", r"mine\.toml: sources\.0\.url: "),
         ('"a ruler"', '"a \\u001b[31m ruler"', r"sources\.0\.title: .*cannot be printed"),
@@ -142,7 +142,7 @@ def test_an_own_camera_is_a_profile_or_the_optics_or_the_body_alone(tmp_path: Pa
         ("pixel_um", "pitch_um", r"mine\.toml: published\.pitch_um: not known"),
     ],
 )
-def test_what_is_wrong_in_a_file_is_said_in_one_line(old: str, new: str, message: str, tmp_path: Path) -> None:
+def test_errors_in_a_file_are_reported_in_one_line(old: str, new: str, message: str, tmp_path: Path) -> None:
     assert old in PROFILE
     path = written(tmp_path, PROFILE.replace(old, new, 1))
     for read in (read_profile, read_camera, read_body):
@@ -161,9 +161,9 @@ def test_a_camera_is_taken_by_a_known_name_alone(name: str) -> None:
 
 def test_a_board_for_any_lens_has_a_body_and_no_optics() -> None:
     assert read_body("board_38").field_of_view_deg is None
-    with pytest.raises(InputError, match=r"38 mm USB board, M12 lens: its lens has any focal length"):
+    with pytest.raises(InputError, match=r"38 mm USB board, M12 lens: the focal length is unknown"):
         read_camera("board_38")
-    with pytest.raises(ValueError, match="fx_px is no figure of the optics"):
+    with pytest.raises(ValueError, match="fx_px is not a field of the optics"):
         read_profile("board_38").replaced(guessed=("fx_px",))
 
 

@@ -1,4 +1,4 @@
-"""Requests for designs: what is refused, and the view axes that a fold gives."""
+"""Specifications of designs: refusals, and the view axes of a fold."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ NAN = float("nan")
     [
         ({"rows": 1, "cols": 1}, "rows x cols is 1, expected at least two mirrors"),
         ({"depths_mm": (300.0, -1.0)}, "greater than or equal to 0.001"),
-        ({"depths_mm": (300.0, 300.0)}, "names a depth twice"),
+        ({"depths_mm": (300.0, 300.0)}, "a depth twice"),
         ({"depths_mm": ()}, "at least 1 item"),
         ({"depths_mm": (NAN,)}, "finite number"),
         ({"tradeoff": 1.1}, "less than or equal to 1"),
@@ -46,7 +46,7 @@ def test_a_fold_turns_the_camera_axis_to_the_views_axis() -> None:
         assert_allclose(turn[0], [1.0, 0.0, 0.0])
 
 
-def test_the_reflecting_surface_is_asked_for_by_name() -> None:
+def test_the_reflecting_surface_is_requested_by_name() -> None:
     assert not DesignSpec().is_second_surface
     assert DesignSpec(surface="second").is_second_surface
 
@@ -65,5 +65,5 @@ def test_a_pattern_takes_the_place_of_rows_and_columns() -> None:
     assert DesignSpec.model_validate(written) == spec
     assert DesignSpec().arrangement == Arrangement(3, 3)
     assert "pattern" not in DesignSpec().model_dump()
-    with pytest.raises(InvalidValue, match="rows or cols are given with a pattern, expected one of the two"):
+    with pytest.raises(InvalidValue, match="rows or cols are given with a pattern"):
         DesignSpec(rows=2, pattern=Pattern.ring(8))

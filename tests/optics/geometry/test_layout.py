@@ -1,4 +1,4 @@
-"""The layout: its file to the bit, its identity, what it projects, and every refusal."""
+"""The layout: its file to the bit, its identity, its projections, and every refusal."""
 
 from __future__ import annotations
 
@@ -169,7 +169,7 @@ def _with(data: dict[str, Any], path: list[Any], value: Any) -> dict[str, Any]:
         (
             ["camera", "distortion"],
             [0, 0, 0, 0],
-            "camera.distortion: 4 numbers of distortion, expected the 5",
+            "camera.distortion: 4 distortion coefficients, expected 5",
         ),
         (["kind"], "measured", "kind: Input should be 'nominal', 'as-built' or 'calibrated'"),
         (["rows"], 2, "9 mirrors, expected rows x cols = 6"),
@@ -264,7 +264,7 @@ def test_second_surface_mirrors_are_seen_where_they_look(parabola_layout: Layout
     assert np.allclose(behind.virtual_centres_in_view_mm, parabola_layout.virtual_centres_in_view_mm, atol=1e-9)
     assert np.allclose(behind.outline_px(4), parabola_layout.outline_px(4), atol=1e-6)
     points = np.array([[10.0, 400.0, 70.0], [-20.0, 600.0, 110.0]])
-    # Exact through the glass: about where the apparent mirror shows the points, but not just there.
+    # Exact through the glass: close to the apparent mirror's images, but not equal.
     found, plain = behind.project(points, 0), parabola_layout.project(points, 0)
     assert 0.1 < np.abs(found - plain).max() < 0.5
     assert np.allclose(found, behind.camera.project(second[0].image_of(points)), atol=1e-12)

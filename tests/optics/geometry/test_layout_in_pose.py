@@ -1,4 +1,4 @@
-"""Layouts that gravity bends: the table's motions on the mirrors, and what they do to images."""
+"""Layouts that gravity deforms: the table's motions of mirrors, and the resulting shifts of images."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ DOWN = np.array([0.0, 1.0, 0.0])
 
 @pytest.fixture
 def table(default_layout: Layout) -> GravityTable:
-    """Along the camera's axis by 10 um for gravity along it, and a turn of .2 mrad about x for gravity along y."""
+    """Along the camera's axis by 10 um for gravity along it, and a rotation by 0.2 mrad about x for gravity along y."""
     shift, turn = np.zeros((3, 3)), np.zeros((3, 3))
     shift[2, 2], turn[0, 1] = 0.01, 2e-4
     motion = MirrorMotion(shift_mm=shift, turn_rad=turn, plane_mm=np.zeros((3, 3)))
@@ -66,8 +66,8 @@ def test_a_table_is_the_same_from_its_file(table: GravityTable, tmp_path: Path) 
 
 def test_other_mirrors_and_impossible_gravities_are_refused(default_layout: Layout, table: GravityTable) -> None:
     one = table.replaced(mirrors={"0-0": table.mirrors["0-0"]})
-    with pytest.raises(InputError, match=r"gravity table: mirrors 0-0, expected those of the layout, 0-0, 0-1"):
+    with pytest.raises(InputError, match=r"gravity table: mirrors 0-0, .* 0-0, 0-1"):
         layout_in_pose(default_layout, one, DOWN)
     for gravity in (np.zeros(2), np.array([0.0, np.nan, 0.0]), 9.81 * DOWN):
-        with pytest.raises(InputError, match="expected 3 numbers in g"):
+        with pytest.raises(InputError, match="expected a vector of 3 numbers"):
             layout_in_pose(default_layout, table, gravity)

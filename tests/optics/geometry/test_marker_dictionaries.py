@@ -1,4 +1,4 @@
-"""The marker dictionaries are those of OpenCV, and smaller ones of a family begin the larger ones."""
+"""The marker dictionaries are OpenCV's, and smaller ones are the start of larger ones in a family."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ CORNERS = np.array([[-9.0, -7.0, 73.0], [9.0, -7.0, 73.0], [8.0, 6.0, 86.0], [0.
 
 
 def mirror(normalized: Any = QUAD, centre: Any = (3.0, -80.0, 82.0), **fields: Any) -> Mirror:
-    """The mirror of a virtual centre whose outline is seen at normalized image coordinates."""
+    """The mirror with a virtual centre and an outline in normalized image coordinates."""
     centre, rays = np.array(centre), np.column_stack([normalized, np.ones(len(normalized))])
     points = rays * (centre @ centre / 2 / (rays @ centre))[:, None]
     return Mirror(virtual_centre_in_rig_mm=centre, outline_in_rig_mm=points, **fields)
@@ -123,7 +123,7 @@ def test_its_own_frame_is_rigid_lies_in_the_plane_and_faces_the_pupil() -> None:
     assert np.allclose(turn.T @ turn, np.eye(3))
     assert np.linalg.det(turn) == pytest.approx(1)
     assert np.allclose(turn[:, 2], one.normal_in_rig)
-    assert -origin @ one.normal_in_rig > 0  # the pupil is on the side z points to
+    assert -origin @ one.normal_in_rig > 0  # z points to the side of the pupil
     assert turn[0, 0] > 0.9
     assert np.allclose(origin, one.outline_in_rig_mm.mean(axis=0))
     flat = np.column_stack([one.outline_in_plane_mm, np.zeros(4)])
@@ -193,7 +193,7 @@ def test_a_corner_on_a_straight_edge_is_fine() -> None:
     assert len(mirror([(-0.1, -0.1), (0.0, -0.1), (0.1, -0.1), (0.0, 0.1)]).outline_in_rig_mm) == 4
 
 
-def test_mirrors_refuse_what_cannot_be() -> None:
+def test_invalid_mirrors_are_refused() -> None:
     lifted = mirror().outline_in_rig_mm + np.array([0, 0, 1e-3])
     assert "outline leaves the mirror plane by" in refusal(outline_in_rig_mm=lifted)
     corners = [[0, -50, -1], [9, -50, 5], [0, -50, 9]]
@@ -234,7 +234,7 @@ def test_a_flat_mirror_is_filed_as_it_was_before_mirrors_could_bend() -> None:
 
 
 def pentagon(surface: Literal["first", "second"]) -> Mirror:
-    """A pentagon 80 mm before the camera that folds its view upwards, 2 mm thick."""
+    """A pentagon, 2 mm thick, 80 mm in front of the camera, that folds its view upwards."""
     return Mirror.from_plane(
         np.array([0.0, 0.0, 80.0]),
         np.array([0.0, 1.0, -1.0]),

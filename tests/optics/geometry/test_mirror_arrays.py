@@ -1,4 +1,4 @@
-"""Planes of virtual centres as arrays: against those of mirrors, and derivatives against finite differences."""
+"""Planes of virtual centres as arrays: against `Mirror`, and derivatives against finite differences."""
 
 from __future__ import annotations
 

@@ -48,7 +48,7 @@ def test_gap_between_crossing_edges() -> None:
 
 
 def test_smallest_gap_counts_the_thickness_of_mirrors() -> None:
-    # Two coplanar mirrors: the gap is that of their outlines, whatever the thickness. Once the planes lean towards
+    # Two coplanar mirrors: the gap equals the gap of their outlines, whatever the thickness. If the planes lean towards
     # each other at the back, thicker mirrors come closer there.
     flat = Layout(
         rows=1,

@@ -1,4 +1,4 @@
-"""Images in mirrors of all kinds: where there is none, and their derivatives against finite differences."""
+"""Images in mirrors of all kinds: missing images, and derivatives against finite differences."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def test_derivatives_agree_with_finite_differences(kind: str) -> None:
 def test_light_seen_at_the_image_in_a_bent_mirror_comes_from_the_point(bend: tuple[float, float, float]) -> None:
     bent = mirror(curvature_per_m=bend)
     assert missed_px(bent, scene_points()).max() < 1e-8
-    # The bend is worth modelling: a plane is off by pixels.
+    # The curvature matters: a plane has errors of pixels.
     points = scene_points()
     plane = mirror().image_of(points)
     seen = bent.image_of(points)
@@ -88,7 +88,7 @@ def test_light_seen_at_the_image_in_a_bent_mirror_comes_from_the_point(bend: tup
 
 
 @pytest.mark.parametrize("bend", BENDS.values(), ids=BENDS)
-def test_light_by_way_of_a_bent_mirror_takes_the_quickest_path(bend: tuple[float, float, float]) -> None:
+def test_light_reflected_by_a_bent_mirror_takes_the_shortest_optical_path(bend: tuple[float, float, float]) -> None:
     bent = mirror(curvature_per_m=bend)
     frame = bent.rig_from_plane
 
@@ -103,7 +103,7 @@ def test_light_by_way_of_a_bent_mirror_takes_the_quickest_path(bend: tuple[float
         found = minimize(length, np.zeros(2), method="Nelder-Mead", options={"xatol": 1e-7, "fatol": 1e-14})
         ray = surface(found.x) / np.linalg.norm(surface(found.x))
         seen = bent.image_of(point)
-        # The path is flat to first order where it is shortest: 1e-5 mm is what rounding of the lengths leaves.
+        # The optical path is stationary at its minimum: rounding of the lengths leaves 1e-5 mm.
         assert np.linalg.norm(np.cross(ray, seen / np.linalg.norm(seen))) * np.linalg.norm(surface(found.x)) < 1e-5
 
 
@@ -128,7 +128,7 @@ def test_curvature_sets_in_smoothly() -> None:
 
 
 def test_a_bowl_is_no_mirror_of_a_layout() -> None:
-    with pytest.raises(InvalidValue, match=r"curvature_per_m reaches 2, expected a mirror nearly flat: 1\.72 at most"):
+    with pytest.raises(InvalidValue, match=r"curvature_per_m reaches 2, expected a nearly flat mirror: 1\.72 at most"):
         mirror(curvature_per_m=[0.0, -2.0, 0.0])
     strong = mirror(curvature_per_m=[1.7, -1.7, 1.7])
     assert missed_px(strong, scene_points()).max() < 1e-8

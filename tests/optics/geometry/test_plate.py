@@ -1,4 +1,4 @@
-"""Refraction in a plate: Snell's law, its limits, and the second-surface mirror that looks like a plain one."""
+"""Refraction in a plate: Snell's law, its limits, and second-surface mirrors equivalent to first-surface ones."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ CENTRES = st.tuples(st.floats(-60, 60), st.floats(-120, -40), st.floats(60, 120)
 def appearing(
     centre: FloatArray, thickness_mm: float = 3.0, index: float = 1.49, corners: FloatArray = SQUARE
 ) -> Mirror:
-    """The second-surface mirror that looks like the plain one of a virtual centre, seen at normalized corners."""
+    """The second-surface mirror whose apparent mirror has a virtual centre and normalized corners."""
     return Mirror.second_surface(centre, cut(corners, centre), thickness_mm=thickness_mm, refractive_index=index)
 
 
@@ -45,7 +45,7 @@ def test_the_ray_that_goes_so_far_across_is_found(tangent: float, air: float, gl
 
 
 def test_a_plate_lifts_its_back_as_textbooks_say() -> None:
-    # At normal incidence the apparent depth is t / n; at grazing incidence nothing of the depth is left.
+    # At normal incidence the apparent depth is t / n; at grazing incidence it vanishes.
     assert rise_mm(np.array(0.0), 3.0, 1.5) == pytest.approx(1.0)
     assert rise_mm(np.array(1e-9), 3.0, 1.5) == pytest.approx(1.0)
     assert rise_mm(np.array(1e6), 3.0, 1.5) == pytest.approx(3.0, abs=1e-4)
@@ -79,10 +79,10 @@ def test_the_chief_ray_leaves_where_the_apparent_mirror_reflects_it(
     chief = (middle[:2] / middle[2])[None]
     met, leaving, direction = traced(stored, chief)
     assert np.allclose(stored.normal_in_rig @ leaving[0], -(stored.distance_mm - thickness_mm), atol=1e-9)
-    # Its line goes through the virtual centre, behind the apparent mirror.
+    # The line of the ray passes through the virtual centre, behind the apparent mirror.
     offset = leaving[0] - stored.apparent.virtual_centre_in_rig_mm
     assert np.linalg.norm(np.cross(offset, direction[0])) / np.linalg.norm(direction[0]) < 1e-9
-    # And the light goes in and out equally far from the point of the coating that it meets.
+    # The light enters and leaves at equal distances from its point of reflection.
     assert np.allclose(
         (met + leaving)[0] / 2 - thickness_mm * stored.normal_in_rig, stored.outline_in_rig_mm.mean(axis=0)
     )
@@ -124,7 +124,7 @@ def test_light_is_as_far_off_as_exact_rays_are() -> None:
 
 
 def test_light_through_the_usable_part_goes_in_and_out_by_the_front() -> None:
-    # The part is that of the chief ray's bend: at its border others miss the front by little, and not by much.
+    # The part follows the chief ray's refraction: rays at its border miss the front only slightly.
     stored = appearing(np.array([0.0, -80.0, 80.0]), 4.0)
     turn, origin = stored.rig_from_plane[:3, :2], stored.rig_from_plane[:3, 3] + 4.0 * stored.normal_in_rig
     front = Polygon(stored.outline_in_plane_mm)
@@ -154,13 +154,13 @@ def test_light_seen_at_the_image_in_a_plate_comes_from_the_point(thickness_mm: f
     plate = mirror(surface="second", thickness_mm=thickness_mm, refractive_index=index)
     assert missed_px(plate, scene_points()).max() < 1e-8
     assert (missed_px(plate.replaced(surface="first"), scene_points()) < 1e-8).all()
-    if index > 1.0:  # a plane mirror at the place of the reflecting surface shows the point elsewhere
+    if index > 1.0:  # a first-surface mirror at the reflecting surface shows the point elsewhere
         apart = np.cross(plate.image_of(scene_points()), plate.reflect(scene_points()))
         assert np.linalg.norm(apart, axis=1).min() > 1.0
 
 
 def paths(thickness_mm: float) -> tuple[FloatArray, PlatePath]:
-    """Points (3, n) and the light to them via the mirror with a plate of a thickness."""
+    """Points (3, n) and the light to them via the mirror with a plate of given thickness."""
     of, points = mirror(), scene_points(9).T
     one = np.ones(1)
     arrays = MirrorArrays(

@@ -1,4 +1,4 @@
-"""The part of the pupil that a mirror serves: against rays traced one by one, evenly spread points and closed forms."""
+"""The unvignetted part of the pupil, against individually traced rays, evenly spread points and closed forms."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import pytest
 
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.pupil import HalfPlanes, disc_part, segment_share, served_by
+from mirrorcam.optics.geometry.pupil import HalfPlanes, disc_part, outline_aperture, segment_share
 from mirrorcam.render_scenes.truth.light_rays import reflected
 from mirrorcam.render_scenes.truth.pupil_maps import sunflower
 
@@ -15,7 +15,7 @@ FOCUS_MM = 450.0
 
 
 def rays_around(layout: Layout, index: int, count: int) -> tuple[FloatArray, FloatArray]:
-    """Chief rays (n, 2) in and around a sub-image, and places (n, 2) in a large pupil."""
+    """Chief rays (n, 2) in and around a sub-image, and points (n, 2) in a large pupil."""
     random = np.random.default_rng(index)
     outline = layout.mirrors[index].outline_normalized
     low, high = outline.min(axis=0) - 0.02, outline.max(axis=0) + 0.02
@@ -29,22 +29,22 @@ def test_half_planes_hold_the_rays_that_meet_the_mirror(default_layout: Layout, 
     origin = np.column_stack([places, np.zeros(len(places))])
     rays = np.column_stack([chief, np.ones(len(chief))]) - origin / FOCUS_MM
     entry, *_ = reflected(mirror, rays / np.linalg.norm(rays, axis=1, keepdims=True), None, origin)
-    planes = served_by(mirror, chief, FOCUS_MM)
+    planes = outline_aperture(mirror, chief, FOCUS_MM)
     inside = ((planes.direction * places[:, None]).sum(axis=-1) + planes.distance >= 0.0).all(axis=1)
     np.testing.assert_array_equal(inside, np.isfinite(entry))
     assert 0.1 < inside.mean() < 0.9
 
 
 def test_a_shift_moves_the_border_as_far_on_the_mirror(default_layout: Layout) -> None:
-    """The point that a ray meets 2 mm before the border leaves the mirror with a shift of 2 mm."""
+    """A ray that meets the front 2 mm inside the border leaves at the border if the shift is 2 mm."""
     mirror = default_layout.mirrors[4]
     chief = mirror.outline_normalized.mean(axis=0)[None] + np.linspace(0.0, 0.1, 200)[:, None] * [1.0, 0.3]
-    here, shifted = (served_by(mirror, chief, FOCUS_MM, shift) for shift in (None, np.full(200, 2.0)))
+    here, shifted = (outline_aperture(mirror, chief, FOCUS_MM, shift) for shift in (None, np.full(200, 2.0)))
     foot = -mirror.distance_mm * mirror.normal_in_rig
     moved = mirror.cut(chief)
     outwards = moved - foot
     moved += 2.0 * outwards / np.linalg.norm(outwards, axis=1, keepdims=True)
-    there = served_by(mirror, moved[:, :2] / moved[:, 2:], FOCUS_MM)
+    there = outline_aperture(mirror, moved[:, :2] / moved[:, 2:], FOCUS_MM)
     assert (here.distance.min(axis=1) > 0.0).any()
     np.testing.assert_array_equal(shifted.distance > 0.0, there.distance > 0.0)
 
@@ -77,7 +77,7 @@ def test_half_a_disc_has_its_closed_form_in_millimetres() -> None:
     np.testing.assert_allclose(part.spread, [[0.25, 0.25 - (4.0 / (3.0 * np.pi)) ** 2, 0.0]], atol=1e-12)
 
 
-def test_a_pinhole_is_served_or_not() -> None:
+def test_a_pinhole_is_either_clear_or_blocked() -> None:
     planes = HalfPlanes(np.array([[[1.0, 0.0]], [[1.0, 0.0]]]), np.array([[1e-9], [-1e-9]]))
     part = disc_part(planes, 0.0)
     np.testing.assert_array_equal(part.share, [1.0, 0.0])

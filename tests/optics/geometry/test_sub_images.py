@@ -13,7 +13,7 @@ from mirrorcam.optics.design.program.seeds import faceted_parabola
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.pupil import Pupil, served_by
+from mirrorcam.optics.geometry.pupil import Pupil, outline_aperture
 from mirrorcam.optics.geometry.sub_images import (
     clipped,
     common_region,
@@ -84,7 +84,7 @@ def test_the_sensor_reaches_to_the_edges_of_its_outermost_pixels() -> None:
         sensor_polygon(folding)
 
 
-def test_a_mirror_beside_the_sensor_has_an_empty_sub_image() -> None:
+def test_a_mirror_outside_the_sensor_has_an_empty_sub_image() -> None:
     beside = Layout(rows=1, cols=1, camera=Camera.c920(), mirrors=(mirror_seeing((900, 950, 60, 120), 80.0),))
     assert sub_image_polygons(beside)[0].is_empty
     views = fields_of_view(beside)
@@ -135,14 +135,14 @@ def test_efficiency_equals_a_count_of_pixels_through_a_distorting_lens(fold_deg:
     assert pixel_efficiency(layout, 500.0) == pytest.approx(seeing.mean(), abs=5e-4)
 
 
-def test_within_its_outline_the_whole_pupil_is_served(default_layout: Layout) -> None:
+def test_pixels_within_the_unvignetted_outline_are_unvignetted(default_layout: Layout) -> None:
     shares = []
     for mirror in default_layout.mirrors:
         outline = unvignetted_outline(mirror, PUPIL)
         middles = (outline + np.roll(outline, -1, axis=0)) / 2.0
         for border in (outline, middles):
             np.testing.assert_allclose(
-                served_by(mirror, border, PUPIL.focus_mm).distance.min(axis=1), PUPIL.radius_mm, atol=1e-3
+                outline_aperture(mirror, border, PUPIL.focus_mm).distance.min(axis=1), PUPIL.radius_mm, atol=1e-3
             )
         shares.append(Polygon(outline).area / Polygon(mirror.outline_normalized).area)
     assert 0.8 < min(shares) < max(shares) < 0.95
@@ -153,7 +153,7 @@ def test_within_its_outline_the_whole_pupil_is_served(default_layout: Layout) ->
 def test_it_holds_the_pixels_all_of_whose_rays_meet_the_mirror(
     default_layout: Layout, thickness_mm: float, within_px: float
 ) -> None:
-    """Through glass as in the apparent mirror of the chief ray, which deviates at the borders, to both sides."""
+    """Glass acts like the apparent mirror of the chief ray, with deviations at the borders on both sides."""
     for number, mirror in enumerate(default_layout.mirrors):
         if thickness_mm:
             mirror = mirror.replaced(surface="second", thickness_mm=thickness_mm)
@@ -168,7 +168,7 @@ def test_it_holds_the_pixels_all_of_whose_rays_meet_the_mirror(
         assert (shapely.distance(outline.exterior, shapely.points(far)) * 1360.4 < within_px).all()
 
 
-def test_a_mirror_narrower_than_the_blur_serves_no_whole_pupil(default_layout: Layout) -> None:
+def test_a_mirror_narrower_than_the_blur_has_no_unvignetted_pixel(default_layout: Layout) -> None:
     assert unvignetted_outline(default_layout.mirrors[0], Pupil(40.0, PUPIL.focus_mm)).shape == (0, 2)
 
 

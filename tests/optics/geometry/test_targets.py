@@ -1,4 +1,4 @@
-"""Targets: corners where OpenCV finds them on the printed picture, and boards that cannot be."""
+"""Targets: corners where OpenCV finds them in the printed picture, and invalid boards."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from mirrorcam.optics.geometry.targets import (
 CHARUCO = Charuco(cols=7, rows=5, square_mm=12.5, marker_mm=9.0)
 PLAIN = Checkerboard(cols=8, rows=7, square_mm=3.0)
 TAGS = AprilGrid(cols=6, rows=4, tag_mm=88.0, spacing=0.3)
-# Of the family 36h11 of the AprilTags C++ library, ids 0 to 2: a set bit is white, the highest bit the upper left one
+# Family 36h11 of the AprilTags C++ library, ids 0 to 2: a set bit is white, the highest bit is the upper left module
 # of a tag as Kalibr prints it.
 CODES = (0xD5D628584, 0xD97F18B49, 0xDD280910E)
 
@@ -184,7 +184,7 @@ def test_a_missing_board_file_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("changes", [{"square_mm": 0.0}, {"rows": 2}, {"cols": 3.5}, {"colour": "red"}])
-def test_boards_refuse_what_cannot_be(changes: dict[str, Any]) -> None:
+def test_invalid_boards_are_refused(changes: dict[str, Any]) -> None:
     with pytest.raises(InvalidValue):
         PLAIN.replaced(**changes)
 
@@ -224,7 +224,7 @@ def test_tags_are_printed_as_kalibr_prints_them(number: int) -> None:
 def test_opencv_reads_the_tags_half_a_turn_round() -> None:
     parameters = cv2.aruco.DetectorParameters()
     parameters.markerBorderBits = 2
-    # Without the squares, which join the outlines of tags.
+    # Remove the squares, which connect the outlines of tags.
     image = np.pad(TAGS.image(100), 30, constant_values=255)
     for row in range(5):
         for col in range(7):

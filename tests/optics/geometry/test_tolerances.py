@@ -1,4 +1,4 @@
-"""The sizes of what goes wrong: none, those of a hobby printer, some of them, twice as much."""
+"""Tolerances: zero, of a hobby printer, a selection, and scaled."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rigid transforms: the laws of their group, for one and for many."""
+"""Rigid transforms: the group axioms, for single and stacked transforms."""
 
 from __future__ import annotations
 

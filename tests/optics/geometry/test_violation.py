@@ -1,4 +1,4 @@
-"""Violations: values that take what they say, and nothing else."""
+"""Violations: values with checked fields."""
 
 from __future__ import annotations
 

@@ -25,6 +25,7 @@ from mirrorcam.optics.light_field.light_field import LightField
 from mirrorcam.optics.light_field.render.refocusing import FocalPlane, refocus
 from mirrorcam.render_scenes.truth.light_rays import reflected
 from mirrorcam.render_scenes.truth.pupil_maps import PupilTracer, pupil_maps
+from tests.nightly import a_few
 from tests.optics.light_field.photographs import letter, photographed, seen_by_pinholes, waves
 
 
@@ -297,7 +298,7 @@ def test_disparity_is_zero_at_the_reference_depth_and_positive_nearer(
             assert max(np.abs(along_s).max(), np.abs(along_t).max()) < 0.05
 
 
-@pytest.mark.parametrize("field", ["common", "union"])
+@pytest.mark.parametrize("field", a_few(2, ["common", "union"]))
 @pytest.mark.parametrize("which", ["parabola_layout", "crooked_layout"])
 def test_a_valid_pixel_comes_from_inside_its_mirror(which: str, field: Field, request: pytest.FixtureRequest) -> None:
     layout: Layout = request.getfixturevalue(which)

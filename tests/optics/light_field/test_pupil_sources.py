@@ -13,6 +13,7 @@ from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.light_field.decoder import LEAST_SHARE, MOST_CROSSTALK, Decoder, choose_views, served_sources
 from mirrorcam.render_scenes.truth.light_rays import reflected
 from mirrorcam.render_scenes.truth.pupil_maps import sunflower
+from tests.nightly import a_few
 
 APERTURE_MM, FOCUS_MM = 1.8, 500.0
 DEPTH_MM = 375.0
@@ -66,7 +67,7 @@ def traced(layout: Layout, index: int, pixels: FloatArray) -> Traced:
     return Traced(own / RAYS, others / RAYS, shown / np.maximum(own, 1.0)[:, None])
 
 
-@pytest.mark.parametrize("index", [0, 4, 7])
+@pytest.mark.parametrize("index", a_few(1, [0, 4, 7]))
 def test_shares_and_places_are_those_of_rays_through_the_whole_pupil(lens_layout: Layout, index: int) -> None:
     views = choose_views(lens_layout, DEPTH_MM, "union")
     at = divmod(index, lens_layout.cols)

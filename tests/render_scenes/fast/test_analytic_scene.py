@@ -103,6 +103,7 @@ def test_it_agrees_with_the_reference(distorted_layout: Layout) -> None:
         assert np.abs(errors[0][index] - errors[1][index]).max() <= 0.02
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("flaw", a_few(1, [{"pupil_walk_mm": 5.0, "focus_mm": 2000.0}, {"lens_waves_px": 1.0}]))
 def test_a_real_lens_moves_corners_as_traced_rays_do(distorted_layout: Layout, flaw: dict[str, float]) -> None:
     """By both renderers: a pupil that walks by 5 mm at 45 degrees, and waves of a pixel."""

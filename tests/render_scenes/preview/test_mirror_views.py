@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.pupil import Pupil, disc_part, served_through
+from mirrorcam.optics.geometry.pupil import Pupil, clear_aperture, disc_part
 from mirrorcam.render_scenes.preview.mirror_views import (
     INDEX,
     LEAST_SHARE,
@@ -38,7 +38,7 @@ def test_shares_of_the_pupil_are_those_of_the_disc_that_edges_cut(
     views = mirror_views(layout, pupil, 0.9)
     for number, mirror in enumerate(views.table[:, INDEX].astype(int)):
         _, points = pixels_of(layout, mirror, pupil)
-        exact = disc_part(served_through(layout.mirrors[mirror], points, pupil.focus_mm), pupil.radius_mm).share
+        exact = disc_part(clear_aperture(layout.mirrors[mirror], points, pupil.focus_mm), pupil.radius_mm).share
         found = np.array([served_share(views, number, *point) for point in points])
         # At corners, the share is the product of two.
         assert np.abs(found - exact).max() < 0.12

@@ -110,6 +110,7 @@ def test_threads_that_ask_at_once_get_their_own_frames(small_layout: Layout, sma
     assert len({tuple(files.items()) for files in together}) == 8
 
 
+@pytest.mark.slow
 def test_jpeg_and_h264_lose_more_the_lower_their_quality(small_layout: Layout, small_board: Charuco) -> None:
     def loss(**compression: int) -> float:
         task = task_of(small_layout, small_board, PLAIN.replaced(**compression), maps=False)

@@ -6,7 +6,7 @@ import numpy as np
 
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.pupil import Pupil, disc_part, served_by
+from mirrorcam.optics.geometry.pupil import Pupil, disc_part, outline_aperture
 from mirrorcam.render_scenes.fast.pixel_footprints import pixel_footprints
 from mirrorcam.render_scenes.truth.pixel_maps import NO_MIRROR, pixel_rays
 from mirrorcam.render_scenes.truth.pupil_maps import SAMPLES, PupilTracer, pupil_maps
@@ -22,7 +22,7 @@ def test_shares_and_centroids_are_those_of_the_half_planes(small_layout: Layout)
     chief = camera.normalized_from_pixels(np.column_stack([x.ravel(), y.ravel()]).astype(np.float64))
     cut = 0
     for number, mirror in enumerate(small_layout.mirrors):
-        part = disc_part(served_by(mirror, chief, PUPIL.focus_mm), PUPIL.radius_mm)
+        part = disc_part(outline_aperture(mirror, chief, PUPIL.focus_mm), PUPIL.radius_mm)
         first = maps["first.mirror"].ravel() == number
         second = maps["second.mirror"].ravel() == number
         for place, chosen in (("first", first), ("second", second)):

@@ -97,6 +97,7 @@ def test_what_nobody_looks_at_is_not_made(engine: LiveEngine) -> None:
     assert views is not None and engine.wait_for("views", views.serial, LONG_S) is not None
 
 
+@pytest.mark.slow
 def test_pictures_that_nobody_waits_for_are_no_longer_made(live_set: tuple[Path, Path], tmp_path: Path) -> None:
     request = LiveRequest(live_set[0], str(live_set[1]), frame_width_px=240, view_width_px=100, depth_width_px=80)
     with LiveEngine(request, out=tmp_path, idle_s=0.5) as engine:

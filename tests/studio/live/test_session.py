@@ -153,6 +153,7 @@ def test_a_recording_has_the_frames_that_arrive_while_it_is_on(session: LiveSess
     assert 3 <= len(list(Video(path).frames())) <= 6
 
 
+@pytest.mark.slow
 def test_a_camera_is_recorded_at_its_rate_however_slow_pictures_are(
     request_: LiveRequest, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

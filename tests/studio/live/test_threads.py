@@ -317,6 +317,7 @@ def test_a_file_that_cannot_be_written_ends_what_it_was_for_alone(parts: Parts, 
     assert parts.status.failed is None and not parts.meters.ended
 
 
+@pytest.mark.slow
 def test_a_recording_ends_with_its_source_and_so_does_what_was_not_taken_in_time(
     tmp_path: Path, default_layout: Layout
 ) -> None:

@@ -1,6 +1,6 @@
 """Normalised estimation error squared (NEES): whether a calibration is as wrong as its covariance says.
 
-After Bar-Shalom. The error is that of pixels over the working volume, with the motion of the rig taken out of it as
+After Bar-Shalom. The error is measured in pixels over the working volume, with the motion of the rig taken out of it as
 of what the covariance predicts, so that the gauge of a calibration does not matter. In the directions that the
 covariance moves, it is a sum of squares of r independent standard normal numbers, where the covariance is right: chi
 squared with r degrees of freedom.
@@ -46,7 +46,7 @@ class CovarianceFile(Uncertainty):
 def with_covariance(rig: CameraRig, path: Path) -> CameraRig:
     """A calibration with the covariance of a file; raises InputError in one line for names that it does not have."""
     if rig.layout is not None:
-        raise InputError(f"{path}: a layout.json has its covariance in itself, expected none beside it")
+        raise InputError(f"{path}: a layout.json contains its covariance, expected no other file for it")
     given = read_model(CovarianceFile, path, LARGEST_LAYOUT_BYTES)
     known = {name for camera in rig.cameras for name in (*lens_names(camera.lens), *POSE_NAMES)}
     cameras = {camera.name for camera in rig.cameras} | {SHARED}
@@ -133,7 +133,7 @@ def _with_lens(view: MatchedView, lens: ParametricProjection, change: FloatArray
 
 LEVEL = 0.95
 SMALLEST_SHARE = 1e-4
-"""Directions whose sigma is below this share of the largest are left to rounding and to what is linear of the model."""
+"""Directions whose sigma is below this share of the largest are dominated by rounding and by the linearisation."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Where a calibration's rig stands: the motion from the true rig to it, which no measurement by the device tells."""
+"""The gauge of a calibration: the motion from the true rig to its rig, which the device cannot measure."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from mirrorcam.optics.geometry.layout import VOLUME, Layout
 from mirrorcam.optics.geometry.transforms import rigid, transform
 
 STEP_MM = 1e-3
-"""Step of central differences: their error grows with its square, that of rounding with its inverse."""
+"""Step of central differences: the truncation error grows with its square, the rounding error with its inverse."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +129,7 @@ class Gauge:
     views
         The views: all, or one alone that has no pose.
     rig_from_true
-        The motion (4, 4) from the true rig to that of the calibration; with a factor where it has no scale, and a
+        The motion (4, 4) from the true rig to the calibration's rig; with a factor where it has no scale, and a
         reflection where it describes a mirrored world.
     scaled
         Whether the factor was free.
@@ -173,7 +173,7 @@ class Gauge:
 
 
 def gauges(views: Sequence[MatchedView], points: ScorePoints, *, scaled: bool) -> tuple[Gauge, ...]:
-    """The gauge of all views that have poses, or that of each view where they have none.
+    """The common gauge of all views that have poses, or a gauge for each view without a pose.
 
     Raises InputError where a calibration shows hardly anything of what a view does, or is in another unit.
     """

@@ -1,4 +1,4 @@
-"""Calibrators beside each other: what each scored on which sets, and over the sets that all of them scored."""
+"""Calibrators side by side: the score of each on each set, and over the sets that all of them scored."""
 
 from __future__ import annotations
 
@@ -219,7 +219,7 @@ HOW_TO_READ = (
     "RMS px is the error, in pixels of the frame, of points in the working volume as the calibration projects them, "
     "with the best motion of the rig taken out. Except for RMS over own sets and time, figures are over the common "
     "sets: means, and of the worst view the largest. NEES is the error in units of the stated covariance, 1 where it "
-    "is right, and in brackets the interval of 95 of 100 right ones. Time is that of a set on the machine of whoever "
+    "is right, and in brackets the interval of 95 of 100 right ones. Time is per set, on the machine of whoever "
     "ran it."
 )
 

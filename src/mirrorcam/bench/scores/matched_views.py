@@ -1,7 +1,7 @@
 """Which camera of a calibration is which mirror, and which pixels of the frame its pictures are.
 
 A mirror's picture is the frame, flipped: by default the flip that leaves views upright, which `mirrorcam camera export`
-states. It is the whole flipped frame, or a part of it: one whose size is that of the mirror's part in the nominal
+states. It is the complete flipped frame, or a part of it with the size of the mirror's part in the nominal
 layout, as `mirrorcam camera export` cuts it, or one that a file of views places.
 """
 
@@ -59,7 +59,7 @@ class MatchedView:
     """A camera of a calibration and the mirror that it is.
 
     `flip` is how its pictures came from the frame (None: as it is), and `first_px` (2,) their first pixel in the
-    flipped frame. `camera_from_rig` is that of the camera, with mm for its unit where that is known.
+    flipped frame. `camera_from_rig` is the camera's pose, in mm where the unit is known.
     """
 
     view: int

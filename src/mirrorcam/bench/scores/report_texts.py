@@ -27,7 +27,7 @@ _NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
 def rows_of(scored: ScoredSet) -> list[tuple[str, str, str, str]]:
-    """Figure, value, limit and result of every figure of all views, and of those of one view that have a limit."""
+    """Figure, value, limit and result of each figure over all views, and of single views' figures that have limits."""
     by_name = {check.figure: check for check in scored.checks}
     names = [name for name in FIGURES if name in scored.figures or name in scored.not_given]
     names += [name for name in by_name if name not in names]

@@ -17,9 +17,9 @@ def _whole(_: object, tokens: Sequence[Token]) -> int:
 
 
 def bounded(bounds: Bounds, text: str, unset: str = "") -> Parameter:
-    """A numeric option in a range, which its help states; `unset` says what a default of None stands for.
+    """A numeric option in a range, which its help states; `unset` describes a default of None.
 
-    It takes whole numbers where the bounds are such.
+    It takes integers where the bounds are integers.
     """
 
     def check(_: object, value: object) -> None:

@@ -111,7 +111,7 @@ def print_metrics(
     """A table of figures: one named column per set of metrics, in the order of the last set; limits where there are.
 
     `groups` are titles of parts of the table with the beginnings of the names that belong there ("" for all); figures
-    of no group come last. Whether a figure passes is said of the last column. Lines below the table give the reasons
+    of no group come last. The last column decides whether a figure passes. Lines below the table give the reasons
     of figures that are none.
     """
     session().figures(columns)

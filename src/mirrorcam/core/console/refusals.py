@@ -30,7 +30,7 @@ _LONG_WORD = re.compile(rf"\S{{{LONGEST_VALUE + 1},}}")
 
 
 def one_line_message(message: str, hint: str = "") -> str:
-    """A message in one line of printable characters, without the middle of long words and of what is still too long.
+    """A message in one line of printable characters, without the middle of long words and long texts.
 
     The hint follows it in full.
     """

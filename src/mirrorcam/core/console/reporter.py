@@ -17,7 +17,7 @@ class Reporter(Protocol):
         """Take a remark about the step `title`."""
 
     def work(self, title: str, doing: str, unit: str = "") -> AbstractContextManager[Progress]:
-        """Take the start of a step; the context gives its `advance(done, total)` and ends with the step."""
+        """Report the start of a step; the context returns its `advance(done, total)` and ends with the step."""
 
 
 class Terminal:

@@ -24,7 +24,7 @@ from mirrorcam.core.values import InvalidValue
 LARGEST_BYTES = 400_000_000
 """Bytes of arrays that any file may state: with the copies that a reader makes of them, less than 1 GB of memory."""
 LARGEST_GROWTH = 8
-"""Arrays of more than `LARGEST_BYTES` may take this many times the size of their files, as those of big scenes do."""
+"""Arrays of more than `LARGEST_BYTES` may take this many times the size of their files, as arrays of big scenes do."""
 _PIECE_BYTES = 1 << 17
 _DIRECTORY_BYTES = 1 << 20
 """Bytes of the list of files of an archive, which take 20 times as much when it is read; an array takes 60."""
@@ -69,7 +69,7 @@ def read_npy(path: Path) -> NDArray[Any]:
 def read_npz(
     path: Path, names: Sequence[str], what: str = "an .npz file that can be read"
 ) -> Mapping[str, NDArray[Any]]:
-    """Read arrays of an .npz file by name, those of the names that it has, as `read_npy` does.
+    """Read arrays of an .npz file by name, as far as it has them, as `read_npy` does.
 
     Damage to them is noticed: the file has a checksum of each. Where it is not `what`, the InputError says so.
     """
@@ -80,7 +80,7 @@ def read_npz(
         check_bytes(path, sum(info.file_size for info in wanted.values()), stored)
         arrays = {}
         for name, info in wanted.items():
-            # Other decompressors cannot be told how much to give at most.
+            # Other decompressors have no limit on their output.
             if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
                 raise ValueError(f"{name} is compressed by another method than deflate")
             with archive.open(info) as stream:
@@ -107,7 +107,7 @@ def _array(stream: IO[bytes], path: Path, size: int, stored: int) -> NDArray[Any
     try:
         shape, columns_first, dtype = read_header(stream)
     except (SyntaxError, TokenError, MemoryError):  # as Python's parsers raise them for the text of a header
-        raise ValueError("its header is not that of an array") from None
+        raise ValueError("its header is not an array's") from None
     if dtype.kind not in "uifbcU" or dtype.names is not None or dtype.subdtype is not None or not dtype.itemsize:
         raise ValueError(f"holds {str(dtype)[:40]}, expected numbers or text")
     if any(length < 0 or isinstance(length, bool) for length in shape):

@@ -41,7 +41,7 @@ _POINTER, _LARGEST_POINTER_BYTES = b"version https://git-lfs.github.com/spec/", 
 
 @contextmanager
 def atomic(path: Path) -> Iterator[Path]:
-    """A temporary path beside `path`, with its suffix, renamed to it when the block ends well and removed otherwise."""
+    """A temporary path next to `path`, with its suffix, renamed to it when the block succeeds, else removed."""
     _refuse_to_replace(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -66,7 +66,7 @@ def atomic(path: Path) -> Iterator[Path]:
 
 
 def _refuse_to_replace(path: Path) -> None:
-    """Raise InputError for a folder, a device or a pipe, which a file would replace, and for what is no path at all."""
+    """Raise InputError for a folder, a device or a pipe, which a file would replace, and for a non-path."""
     try:
         mode = path.stat().st_mode
     except OSError:
@@ -149,7 +149,7 @@ def readable(path: Path) -> Iterator[None]:
 def stored_bytes(path: Path) -> int:
     """Size of a regular file, or InputError in one line: opening anything else may never end.
 
-    A Git LFS pointer, which stands in for a file until it is fetched, is refused as such.
+    A Git LFS pointer, which replaces a file until it is fetched, is refused by that name.
     """
     with readable(path):
         status = path.stat()
@@ -225,7 +225,7 @@ def read_model(model: type[Model], path: Path, most: int = LARGEST_TEXT_BYTES) -
 
 
 def read_record(model: type[Model], path: Path) -> Model | None:
-    """Read a record as JSON; None where there is none, or none that is whole and of this version.
+    """Read a record as JSON; None where it is absent, damaged or of another version.
 
     Raises InputError where something else is in its place, or more than a record can be.
     """
@@ -285,7 +285,7 @@ def _check_keys(model: type[Model], data: Any) -> None:
         if error.is_of_keys:
             raise
     except ValidationError:
-        return  # of a model that is no value; what is wrong with it as a whole is found next
+        return  # the model is no Value; its validation comes next
 
 
 def _tables(data: Any) -> Iterator[dict[str, Any]]:

@@ -43,7 +43,7 @@ def file_digests(path: Path) -> dict[str, str]:
 
 
 def intact(folder: Path, files: Mapping[str, str]) -> dict[str, str]:
-    """Return those of the files, sha256 by name in the folder, that are there as they were written.
+    """Return the files, sha256 by name in the folder, that are still as they were written.
 
     Raises InputError for a name that leads out of the folder.
     """

@@ -31,7 +31,7 @@ def read_hdf5(path: Path, places: Mapping[str, str], what: str) -> dict[str, NDA
     ------
     InputError
         In one line for a file that is not `what`, and for one whose arrays lie behind links, in other files, under
-        filters that are not allowed, are not there as a whole, or take more memory than a file of this size may.
+        filters that are not allowed, are incomplete, or take more memory than a file of this size may.
     """
     import h5py
 
@@ -48,7 +48,7 @@ def read_hdf5(path: Path, places: Mapping[str, str], what: str) -> dict[str, NDA
 
 
 def _dataset(file: h5py.File, place: str, path: Path) -> h5py.Dataset | None:
-    """The dataset at a place, or None where there is nothing; every link on the way to it is one within the file."""
+    """The dataset at a place, or None where there is nothing; every link on the path stays within the file."""
     import h5py
 
     here: Any = file

@@ -1,6 +1,6 @@
 """Variables of .mat files of MATLAB 5 to 7: numbers, text and structs of them, judged by their tags before reading.
 
-The layout is that of MathWorks' "MAT-File Format". Each element is a tag, type and size, and its content: a variable is
+The layout follows MathWorks' "MAT-File Format". Each element is a tag (type and size) and its content: a variable is
 one of type miMATRIX, or, from MATLAB 7 on, one of type miCOMPRESSED, whose content is such an element under deflate.
 """
 
@@ -34,7 +34,7 @@ Parts = Iterator[tuple[int, memoryview]]
 
 
 def read_mat5(path: Path, names: Collection[str], what: str) -> dict[str, Any]:
-    """Read variables by name: arrays, texts, and structs as dicts; what is of another class is None.
+    """Read variables by name: arrays, texts, and structs as dicts; None for other classes.
 
     Raises InputError in one line for a file that is not `what`, and for one that states more than it may. Damage to
     compressed variables is noticed: they have checksums.
@@ -89,7 +89,7 @@ def _elements(content: memoryview, order: Order) -> Parts:
                 raise ValueError("a small element of more than four bytes")
         else:
             begin = at + 8
-            # Compressed elements stand beside each other without padding.
+            # Compressed elements follow each other without padding.
             end = begin + (size if kind == _COMPRESSED else -(-size // 8) * 8)
         if begin + size > len(content):
             raise ValueError("an element is cut short")
@@ -110,7 +110,7 @@ class _Matrix:
         self._order, self._path, self._stored = order, path, stored
 
     def read(self, content: memoryview, names: Collection[str]) -> tuple[str, Any]:
-        """Name and value of a variable; what is not of one of the names is not read further than its name."""
+        """Name and value of a variable; of a variable with another name, only the name is read."""
         flags, shape, name, parts = self._begin(content)
         return name, self._value(flags, shape, parts, 0) if name in names else None
 

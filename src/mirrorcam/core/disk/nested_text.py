@@ -24,7 +24,7 @@ LONGEST_INTEGER = 300
 PARSER_ERRORS = (ValueError, TypeError, LookupError, AttributeError, ArithmeticError, RecursionError)
 """What parsers raise for text that they do not expect."""
 
-# A string that does not end goes on to the end of the line or the text, so that each byte is looked at once.
+# An unterminated string extends to the end of the line or the text, so that each byte is read once.
 _JSON_STRING = re.compile(rb'"[^"\\]*+(?:\\.[^"\\]*+)*+"?', re.DOTALL)
 _TOML_STRING = re.compile(
     rb'"""(?:[^"\\]|\\.?|"(?!""))*+"{0,5}+'  # one or two quotes may come before the three that end it
@@ -44,7 +44,7 @@ _SURROGATE = re.compile(r"\\u[dD][89a-fA-F]")
 def json_value(raw: bytes) -> Any:
     """The value of a JSON text (UTF-8); raises InputError in one line: also for a key that appears twice.
 
-    NaN and Infinity are read as numbers, so that who expects a finite one can say where it stands.
+    NaN and Infinity are read as numbers, so that a later check for finite ones can name the place.
     """
     text = _decoded(raw, "JSON")
     if raw.count(b"[") + raw.count(b"{") > DEEPEST or raw.count(b",") > MOST_VALUES:
@@ -115,7 +115,7 @@ def _decoded(raw: bytes, language: str) -> str:
 
 
 def _check_outline(outline: bytes, language: str) -> None:
-    """Refuse a text, given without its strings, that holds too much or is nested too deep."""
+    """Refuse a text, passed without its strings, that has too many values or is nested too deep."""
     tables = outline.count(b"[") + outline.count(b"{") + outline.count(b":")
     if tables > MOST_TABLES:
         raise InputError(f"not valid {language}: more than {MOST_TABLES} lists, tables and keys")

@@ -98,7 +98,7 @@ class OutputFolder:
         """Raise InputError where a file of these names is there that this command has not written, or that was changed.
 
         Called before long work, it saves the user from waiting for results that cannot be put in their place. Patterns
-        are those of `Path.glob`; a folder in the place of a name is refused with `force`, too.
+        are patterns of `Path.glob`; a folder in the place of a name is refused even with `force`.
         """
         refuse_blocked(self.path, (pattern for pattern in patterns if not has_magic(pattern)))
         if not self.force:
@@ -212,7 +212,7 @@ def _this_process(command: str) -> Holder:
 
 
 def _remove_made(folders: Iterable[Path]) -> None:
-    """Remove those of the folders, inner ones first, that are empty."""
+    """Remove the empty folders, inner ones first."""
     for folder in folders:
         with suppress(OSError):
             folder.rmdir()

@@ -39,7 +39,7 @@ def program_of(*modules: str) -> dict[str, str]:
 def code_digest(*modules: str) -> str:
     """Return the sha256 over modules and all modules of the same package that they import, directly or not.
 
-    An import counts wherever it stands, also in a function, and so does a text that is the name of a module, as in
+    An import counts anywhere, also in a function, and so does a string with the name of a module, as in
     `import_module("mirrorcam.cad.build")`. Data files count where a module reads them, see `_data_files`. Raises
     ModuleNotFoundError for a module that is not there.
     """
@@ -86,7 +86,7 @@ def _source(module: str) -> _Source:
     imported = set(_imported(nodes, module if path.name == "__init__.py" else module.rpartition(".")[0]))
     top = module.partition(".")[0]
     ours = {name for name in imported | texts if name.startswith(f"{top}.")}
-    if "iter_modules" in variables:  # it imports all modules beside it
+    if "iter_modules" in variables:  # it imports all modules of its folder
         ours |= {f"{module.rpartition('.')[0]}.{beside.stem}" for beside in path.parent.glob("*.py")}
     # Packages run before the modules in them; the top one only names what it offers.
     names = {

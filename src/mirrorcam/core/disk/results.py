@@ -39,7 +39,7 @@ class _Header(Value):
 class Results:
     """A folder of results, a file each, which any number of processes may use at the same time.
 
-    A result has a name, such as that of a part or the digest of a picture, and is made of an input: texts by names,
+    A result has a name, such as a part's or the digest of a picture, and is made of an input: texts by names,
     which are digests, versions and short values. The folder keeps the latest result of a name. A file that is damaged,
     or made of another input, counts as none and is replaced; a file that this class did not write is left alone.
 

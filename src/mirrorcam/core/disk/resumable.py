@@ -1,4 +1,4 @@
-"""Folders that are written file by file, with a record of what has been written: what is intact is not made again."""
+"""Folders that are written file by file, with a record of the files written: intact files are kept."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ class FolderManifest(Value):
     WHAT: ClassVar[str]
     """What the folder holds, as messages name it."""
     FILES: ClassVar[tuple[str, ...]] = ()
-    """Other files beside the manifest."""
+    """Other files in the manifest's folder."""
     FOLDERS: ClassVar[tuple[str, ...]] = ()
-    """Folders beside the manifest."""
+    """Folders in the manifest's folder."""
     FOLLOWS: ClassVar[frozenset[str]] = frozenset()
     """Fields that follow from others, and are not part of the request."""
 
@@ -59,7 +59,7 @@ class FolderManifest(Value):
         return name in self.files and is_intact(folder, name, self.files[name])
 
     def continued(self, folder: Path, planned: Collection[str]) -> Self:
-        """Return the manifest to go on with: that of an interrupted run of the same request, less what is not intact.
+        """Return the manifest to continue: that of an interrupted run of the same request, without damaged files.
 
         `planned` are the names of all files that are to be written. Raises InputError where the folder holds something
         else, a file that was changed since, or one of these names that is not listed: it is not replaced.

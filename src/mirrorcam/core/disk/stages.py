@@ -98,7 +98,7 @@ def perform(stage: Stage, output: OutputFolder, progress: Progress = no_progress
     begun = made_of(stage, output.root)
     refuse_foreign([stage], output)
     place, keep = output.subfolder(stage.name), False
-    # Work goes on in what an interruption left of the same input; anything else there is removed.
+    # Continue what an interruption left of the same input; remove anything else.
     folder = place.unfinished / value_digest(begun)
     if not (stage.resumes and folder.is_dir() and is_inside(output.root, folder.relative_to(output.root).as_posix())):
         place.discard()

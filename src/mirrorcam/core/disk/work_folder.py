@@ -52,7 +52,7 @@ def _is_ours(folder: Path) -> bool:
 
 
 def remove_tree(path: Path) -> None:
-    """Remove a folder and what is in it, a link, or a file: also folders that may not be read, or that nest too deep.
+    """Remove a folder and its content, a link, or a file: also folders without read permission or nested too deep.
 
     No link is followed. Raises OSError for the first file that cannot be removed.
     """

@@ -1,6 +1,6 @@
 """Arrays of Zarr version 3 as recordings have them, read without Zarr: nothing is decoded that was not judged before.
 
-Metadata is that of the Zarr core specification. Of its extensions are known: regular grids of chunks, the default
+Metadata follows the Zarr core specification. The supported extensions are regular grids of chunks, the default
 encoding of their keys, bytes of little end first, and one compressor that states how much it holds, Blosc or
 Zstandard. What is not known is refused.
 """
@@ -24,7 +24,7 @@ from mirrorcam.core.values import Value
 
 METADATA = "zarr.json"
 MOST_CHUNKS = 100_000
-"""Chunks of the largest array that is read as a whole."""
+"""Chunks of the largest array that is read at once."""
 _SLACK_BYTES = 4096
 _ZSTD = b"\x28\xb5\x2f\xfd"
 
@@ -92,7 +92,7 @@ def read_attributes(folder: Path) -> dict[str, Any]:
 
 
 class ZarrArray:
-    """An array of a group, by its name: read chunk by chunk, or as a whole.
+    """An array of a group, by its name: read chunk by chunk, or at once.
 
     Raises InputError in one line for metadata of anything that is not known, and for links that lead out of the group.
 
@@ -124,7 +124,7 @@ class ZarrArray:
         return (self._group / self.key(index)).exists()
 
     def chunk(self, index: tuple[int, ...]) -> NDArray[Any]:
-        """Read a chunk by its place among the chunks; raises InputError in one line where it is not whole."""
+        """Read a chunk by its place among the chunks; raises InputError in one line where it is damaged."""
         path, size = inside(self._group, self.key(index)), self.chunk_bytes
         with refusing(path, "a chunk that can be read"):
             stored = stored_bytes(path)
@@ -138,7 +138,7 @@ class ZarrArray:
 
     @property
     def is_in_full(self) -> bool:
-        """Whether all chunks have files; Zarr writes none of those that are all zero."""
+        """Whether all chunks have files; Zarr writes no file for a chunk of zeros."""
         return all(map(self.has, self._places()))
 
     def whole(self) -> NDArray[Any]:

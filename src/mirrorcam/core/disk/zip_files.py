@@ -1,4 +1,4 @@
-"""ZIP files whose bytes depend on nothing but the names and contents of what is in them."""
+"""ZIP files whose bytes depend only on the names and contents of their members."""
 
 from __future__ import annotations
 

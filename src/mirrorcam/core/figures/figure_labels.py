@@ -1,4 +1,4 @@
-"""What each figure is called where people read it, on pages and in a terminal alike: the one table of labels.
+"""Labels of figures, on pages and in a terminal: the only table of them.
 
 Keys are names of metrics without what they are of ("mount.") and without a depth ("_300mm"); files keep the names.
 Labels of a device are read after that ("Mirrors: without a seat"), and with it fit a terminal of 80 columns.
@@ -32,7 +32,7 @@ ASSEMBLY: Mapping[str, str] = {
     "number": "number",
     "part_gap_mm": "smallest gap between parts",
     "beyond_bed_mm": "farthest beyond the bed",
-    "threads_that_cannot_enter": "inserts and nuts with no way in",
+    "threads_that_cannot_enter": "inserts and nuts that cannot be inserted",
     "base_pictures_hidden": "base pictures: frame hidden",
     "frames_pictures_hidden": "mirror pictures: frame hidden",
 }
@@ -106,7 +106,7 @@ PRINTED_PARTS: Mapping[str, str] = {
     "print_minutes": "printing time",
     "price": "price",
     "print_g": "mass as sliced",
-    "way_clash_mm3": "obstruction on its way off",
+    "way_clash_mm3": "obstruction when it comes off",
     "contact_n": "least force on a point of the nest",
     "leaf_strain": "strain of the leaves",
     "back_screw_n": "force of the screw behind the camera",
@@ -155,7 +155,7 @@ CALIBRATIONS: Mapping[str, str] = {
     "held_out_outliers": "corners left out as outliers, held-out frames",
     "sigma_px": "noise of a typical corner, per axis",
     "residual_scale": "residuals, relative to the scatter of corners in their views",
-    "held_out_scale": "residuals of held-out frames, standardised, relative to those of the fit",
+    "held_out_scale": "residuals of held-out frames, standardised, relative to the fit's",
     "iterations": "iterations of the solver",
     "common_turn_sigma_deg": "rotation of all mirrors together, \N{GREEK SMALL LETTER SIGMA}",
     "common_shift_sigma_mm": "shift of all mirrors together, \N{GREEK SMALL LETTER SIGMA}",

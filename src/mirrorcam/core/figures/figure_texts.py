@@ -16,7 +16,7 @@ NONE = "none"
 MOST_FURTHER_DIGITS = 9
 ROUNDING = 1e-9
 TINY, UNLIKE = 1e-3, 100.0
-"""Size of the largest, and largest ratio, of values beside each other that are written with the same decimals."""
+"""Size of the largest, and largest ratio, of adjacent values that are written with the same decimals."""
 UNIT_ENDINGS = ("mm", "mm2", "mm3", "cm3", "um", "px", "deg", "g")
 SYMBOLS = {"1": "", "deg": "°"}
 """Units that stand at their value without a space."""
@@ -73,7 +73,7 @@ def figure_text(value: float, digits: int = 4) -> str:
 
 
 def figures_alike(values: Sequence[float], digits: int = 4) -> list[str]:
-    """Values of one figure beside each other, with as many decimals as the largest needs for its significant digits."""
+    """Values of one figure side by side, with as many decimals as the largest needs for its significant digits."""
     sizes = [abs(value) for value in values if value != 0 and not math.isnan(value)]
     # Values that differ by more keep their own digits, and so do tiny and infinite ones.
     if not sizes or max(sizes) < TINY or not max(sizes) <= UNLIKE * min(sizes) < math.inf:
@@ -136,7 +136,7 @@ def digits_past_limit(metric: Metric, digits: int) -> int:
 
 
 def values_text(metrics: Sequence[Metric]) -> list[str]:
-    """Values of one figure beside each other, as `value_text` writes them, with the same decimals."""
+    """Values of one figure side by side, as `value_text` writes them, with the same decimals."""
     units = {metric.unit for metric in metrics}
     if len(units) != 1 or min(units).startswith("of the ") or not all(metric.known for metric in metrics):
         return [value_text(metric) for metric in metrics]

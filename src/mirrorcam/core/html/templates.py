@@ -22,7 +22,7 @@ KIT = Path(__file__).parent
 
 @dataclass(frozen=True)
 class PagePicture:
-    """A picture beside the page: its file, the file that a click opens, its size in px, and what it shows."""
+    """A picture of the page: its file, the file that a click opens, its size in px, and its description."""
 
     path: str
     opens: str
@@ -103,9 +103,9 @@ def full_stop(text: str) -> str:
 
 
 def render(folder: Path, template: str, **values: object) -> str:
-    """Fill in a template of a folder, which may extend and import those of the kit.
+    """Fill in a template of a folder, which may extend and import the kit's templates.
 
-    `file(name)` in a template is the content of a file beside it, or of the kit's, as it is.
+    `file(name)` in a template is the content of a file in the same folder, or in the kit's, verbatim.
     """
     loader = FileSystemLoader([folder, KIT])
     environment = Environment(

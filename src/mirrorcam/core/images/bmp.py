@@ -40,7 +40,7 @@ class Bmp:
         pixels, header, width, height, planes, depth, method = struct.unpack_from("<IIiiHHI", raw, 10)
         (colours,) = struct.unpack_from("<I", raw, 46)
         if header < _HEADER_BYTES or planes != 1 or width < 0:
-            raise DamagedPicture(f"{name}: damaged, its header is not that of a BMP")
+            raise DamagedPicture(f"{name}: damaged, its header is not a BMP's")
         masks = raw[54:66] if method == _MASKS and depth == 32 else _BLUE_GREEN_RED
         if method not in (_PLAIN, _MASKS) or depth not in (1, 4, 8, 24, 32) or masks != _BLUE_GREEN_RED:
             raise InputError(

@@ -1,4 +1,4 @@
-"""JPEG data, of a picture's file or of one frame of a video: whole, or refused."""
+"""JPEG data of a picture file or of one frame of a video: complete, or refused."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ EXTRANEOUS = "extraneous bytes before marker 0xd"
 
 
 class DamagedPicture(InputError):
-    """A picture whose file is there, but not whole: the message says which, and what is wrong."""
+    """A picture whose file exists but is damaged: the message names the file and the damage."""
 
 
 @dataclass(frozen=True)
@@ -73,11 +73,11 @@ class Jpeg:
         return len(self.segments) >= _MOST_SEGMENTS or scans > _MOST_SCANS
 
     def scan(self, raw: bytes) -> int:
-        """Where the first compressed data begin; the length of the whole without any."""
+        """Where the first compressed data begin; the length of the data without any."""
         return next((end for kind, _, end in self.segments if kind == _SCAN), len(raw))
 
     def is_partly_zero(self, raw: bytes) -> bool:
-        """Return whether a long run of zeros stands in the compressed data where no encoder can have written it.
+        """Return whether the compressed data contain a long run of zeros that no encoder can have written.
 
         Zeros are the first code of a Huffman table, again and again. Unless that code ends a block of a uniform colour,
         they stand for blocks of nothing but the highest frequencies.
@@ -87,7 +87,7 @@ class Jpeg:
         return _END_OF_BLOCK not in {symbol for segment in self.segments for symbol in _first_symbols(raw, *segment)}
 
     def is_padded(self, raw: bytes) -> bool:
-        """Return whether the data before the first restart marker are filled up, as those of some webcams are."""
+        """Return whether the data before the first restart marker are padded, as some webcams do."""
         if not any(kind == _RESTARTS for kind, _, _ in self.segments):
             return False
         restart = _RESTART.search(raw, self.scan(raw), len(raw) if self.end is None else self.end)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from mirrorcam.core.disk.files import read_bytes, write_bytes
 from mirrorcam.core.errors import InputError
 
-# "Pf", width and height, and the scale whose sign tells the order of bytes; then one blank and the numbers.
+# "Pf", width and height, and the scale whose sign gives the byte order; then one blank and the numbers.
 _HEADER = re.compile(rb"Pf\s+(?:#[^\n]*\n\s*)*(\d{1,6})\s+(\d{1,6})\s+([-+]?[0-9.]+(?:[eE][-+]?\d+)?)[ \t]*\r?\n")
 
 _LONGEST_HEADER = 4096

@@ -31,7 +31,7 @@ LARGEST_FILE_BYTES = 4 * LARGEST_PICTURE_PX
 """Bytes of the largest file: more than the pixels of the largest picture without compression."""
 
 _SIDE_ENDINGS = (".toml", ".json", ".yaml", ".yml", ".csv", ".npz", ".html", ".md", ".db", ".ini")
-"""Endings of files that belong beside pictures: boards, layouts, tables, results, and notes of file managers."""
+"""Suffixes of files that may lie among pictures: boards, layouts, tables, results, and notes of file managers."""
 _MOST_NAMES = 3
 _ORIENTATION = 0x0112
 _SIXTEEN = 16
@@ -45,7 +45,7 @@ def is_picture(path: Path) -> bool:
 
 
 def pictures_in(paths: Sequence[Path], tell: Callable[[str], None] = lambda line: None) -> list[Path]:
-    """The pictures among files and folders, in order: a folder stands for all pictures in it, by name.
+    """The pictures among files and folders, in order: a folder means all its pictures, by name.
 
     They are taken for one set, see `agree_on_bits`. `tell` takes a line about the files of a folder that are left out,
     and one about pictures of 16 bits. Raises InputError for a folder without pictures.
@@ -78,7 +78,7 @@ def _is_left_out(path: Path) -> bool:
 def agree_on_bits(paths: Sequence[Path], tell: Callable[[str], None] = lambda line: None) -> None:
     """Take the pictures of 16 bits among some files for one set, in which as many bits are used in all.
 
-    `read_image` then scales all of them alike; one that is read alone is scaled by its own samples. `tell` takes a line
+    `read_image` then scales all of them equally; a single picture is scaled by its own samples. `tell` takes a line
     about them, where there are any.
     """
     found: dict[tuple[Path, int, int], SampleBits] = {}
@@ -174,7 +174,7 @@ def _data(path: Path) -> PictureData:
 
 
 def picture_size(path: Path) -> tuple[int, int]:
-    """Width and height of a picture in px, by its header alone; raises as `read_image`, but for what lies behind."""
+    """Width and height of a picture in px, by its header; raises as `read_image`, but not for later damage."""
     return _data(path).size
 
 

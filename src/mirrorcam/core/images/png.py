@@ -45,7 +45,7 @@ class Png:
             raise DamagedPicture(f"{name}: damaged, its header states no size")
         width, height, depth, colour, method, filters, interlaced = struct.unpack(">IIBBBBB", raw[16:29])
         if depth not in _DEPTHS.get(colour, ()) or method or filters or interlaced > 1:
-            raise DamagedPicture(f"{name}: damaged, its header is not that of a PNG")
+            raise DamagedPicture(f"{name}: damaged, its header is not a PNG's")
         return cls((width, height), depth, colour, bool(interlaced))
 
     @property
@@ -60,7 +60,7 @@ class Png:
 
     @property
     def _row_bytes(self) -> Iterator[tuple[int, int]]:
-        """Rows of each pass, and the bytes of each row with that of its filter."""
+        """Rows of each pass, and the bytes of each row with its filter byte."""
         width, height = self.size
         for column, row, across, down in _PASSES if self.interlaced else ((0, 0, 1, 1),):
             cols, rows = -(-(width - column) // across), -(-(height - row) // down)

@@ -35,7 +35,7 @@ class SampleBits:
 
     @classmethod
     def together(cls, some: Iterable[SampleBits]) -> SampleBits:
-        """Those of all pictures or frames of a set, which are scaled alike."""
+        """The bits of all pictures or frames of a set, which share one scale."""
         found = list(some)
         stated = {each.stated for each in found}
         return cls(

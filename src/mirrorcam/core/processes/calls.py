@@ -16,7 +16,7 @@ Calls = Callable[[Sequence[Call]], Generator[Any, None, None]]
 
 
 def in_turn(calls: Sequence[Call]) -> Generator[Any, None, None]:
-    """Make calls here, each when it is asked for."""
+    """Make calls in this process, each when its result is requested."""
     for function, arguments in calls:
         yield function(*arguments)
 
@@ -25,7 +25,7 @@ def beside(worker: WorkerProcess) -> Calls:
     """Make calls here from the first on, and in a worker from the last on, at the same time.
 
     A single call is made here, and so is one of which the worker dies. An error is raised where its answer is taken.
-    The worker is killed where it works on what nobody wants any more.
+    The worker is killed where its result is no longer needed.
     """
 
     def make(calls: Sequence[Call]) -> Generator[Any, None, None]:
@@ -53,7 +53,7 @@ def beside(worker: WorkerProcess) -> Calls:
 
 
 def _answer(worker: WorkerProcess, call: Call) -> Any:
-    """What the worker answers; where it dies, what the function gives here."""
+    """The worker's answer; where it dies, the function's result in this process."""
     function, arguments = call
     try:
         return worker.answer()

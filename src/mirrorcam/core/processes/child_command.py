@@ -17,7 +17,7 @@ ENDING_S = 10.0
 
 
 class ChildCommand:
-    """A command that has been started; any thread may ask for it or cancel it.
+    """A started command; any thread may poll or cancel it.
 
     It ends with this process, as by Ctrl-C, also if that is killed. A Ctrl-C of the terminal is not for it.
 
@@ -69,7 +69,7 @@ class ChildCommand:
         return self.returncode
 
     def cancel(self) -> None:
-        """Have it end as Ctrl-C would, finished files whole, and do not wait for it; one that has ended stays so."""
+        """End it as Ctrl-C would, with finished files complete, without waiting; no effect once it has ended."""
         if self._process.poll() is None and not self.cancelled:
             self.cancelled = True
             assert self._process.stdin is not None

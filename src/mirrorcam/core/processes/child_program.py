@@ -2,11 +2,11 @@
 
 Between the two stands a small Python process, this file. Its standard input is a pipe of which this process holds the
 other end; the system closes that when this process ends, even if it is killed, and the child is ended then: killed, or
-interrupted first, as by Ctrl-C, where it has files to finish. This works alike on all systems.
+interrupted first, as by Ctrl-C, where it has files to finish. This works the same on all systems.
 
 A program of somebody else may leave processes behind. With `tree`, these end with it: on Linux every descendant, those
 that have left its session included; on other POSIX systems its process group; on Windows the program alone. Not covered
-are processes that a service of the system starts for it (cron, systemd, a container engine), and those of another user.
+are processes that a system service starts for it (cron, systemd, a container engine), and other users' processes.
 Where a program kills the process between, on Linux `adopting_orphans` ends what it leaves.
 """
 
@@ -22,7 +22,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-# On Windows, no process but a whole group is interrupted, by Ctrl-Break.
+# On Windows, only a process group can be interrupted, by Ctrl-Break.
 if sys.platform == "win32":
     _INTERRUPT, NEW_GROUP = signal.CTRL_BREAK_EVENT, subprocess.CREATE_NEW_PROCESS_GROUP
 else:
@@ -38,7 +38,7 @@ def supervised(command: Sequence[str] | str, *, ending_s: float = 0.0, tree: boo
 
     A text is a line for the shell. With `ending_s`, the program is interrupted then, as by Ctrl-C, and killed if it has
     not ended after that time. With `tree`, the program runs in a session of its own, and what it has started ends with
-    it. The exit code is that of the program; 128 and the number of a signal where one has ended it.
+    it. The exit code is the program's, or 128 plus the number of the signal that ended it.
     """
     shell, words = (True, [command]) if isinstance(command, str) else (False, list(command))
     return [sys.executable, "-I", "-S", __file__, str(ending_s), f"{tree:d}", f"{shell:d}", *words]
@@ -115,8 +115,8 @@ def _supervise(command: Sequence[str], ending_s: float, *, tree: bool, shell: bo
 def adopting_orphans() -> Iterator[Callable[[], None]]:
     """While the block runs, Linux gives this process the orphans among its descendants; yield what ends those.
 
-    Only processes of other sessions that were not there before the block are ended: those of a `tree` are in such
-    sessions, and cannot leave for that of this process. Elsewhere, nothing is ended.
+    Only processes of other sessions that began within the block are ended: the processes of a `tree` are in such
+    sessions, and cannot join this process's session. On other systems, nothing is ended.
     """
     if sys.platform != "linux":
         yield lambda: None
@@ -145,14 +145,14 @@ def _adopting() -> Callable[[], object] | None:
 if sys.platform != "win32":
 
     def _reaped(pid: int) -> int:
-        """Wait for the end of a child, and take note of that of every other; its exit code, or minus a signal."""
+        """Wait for the end of a child, and record the end of every other; its exit code, or minus a signal."""
         while True:
             found, status = os.waitpid(-1, 0)
             if found == pid:
                 return os.waitstatus_to_exitcode(status)
 
     def _end_tree(pid: int) -> None:
-        """Kill what is left of the tree of a child, and wait until it is gone, for a limited time."""
+        """Kill the remaining tree of a child, and wait until it is gone, for a limited time."""
         deadline = time.monotonic() + TREE_ENDING_S
         with suppress(ChildProcessError):  # no process is left
             while time.monotonic() < deadline:
@@ -178,7 +178,7 @@ if sys.platform != "win32":
         return stopped
 
     def _end_orphans(before: set[int]) -> None:
-        """Kill what is below this process in other sessions and was not there before; wait for it a limited time."""
+        """Kill descendants of this process in other sessions that are new; wait for them for a limited time."""
         deadline, left = time.monotonic() + TREE_ENDING_S, _kill_all(lambda: _of_other_sessions() - before)
         while left and time.monotonic() < deadline:
             for each in left.copy():

@@ -1,4 +1,4 @@
-"""Tasks on a Dask cluster: its scheduler reassigns those of a lost worker; answers return to this machine."""
+"""Tasks on a Dask cluster: its scheduler reassigns the tasks of a lost worker; answers return to this machine."""
 
 from __future__ import annotations
 

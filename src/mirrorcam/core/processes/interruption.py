@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM: not lost where a native library swallows them, and held back where work is whole or not begun."""
+"""Ctrl-C and SIGTERM: not lost where a native library swallows them, and deferred during indivisible work."""
 
 from __future__ import annotations
 

@@ -112,7 +112,7 @@ def _call(call: Call) -> Any:
 
 
 class _Queue:
-    """Order of tasks: a worker stays with its group; one without takes a whole group, then half of another's."""
+    """Order of tasks: a worker stays with its group; one without takes a complete group, then half of another's."""
 
     def __init__(self, groups: Sequence[Sequence[int]]) -> None:
         self._waiting = [list(group) for group in groups]
@@ -169,7 +169,7 @@ class _Pool(Generic[Task, Answer]):
             yield task, answer
 
     def _given_up(self, place: int) -> bool:
-        """Start another worker for one that has died; say whether its task is given up."""
+        """Start another worker for one that has died; return whether its task is abandoned."""
         task = self.busy.pop(place).task
         self._deaths[task] += 1
         given_up = self._deaths[task] >= ATTEMPTS

@@ -148,7 +148,7 @@ class WorkerProcess:
             running.ended()
 
     def kill(self) -> None:
-        """End the process at once, in the middle of a call too; that call raises WorkerDied, those that wait go on."""
+        """End the process at once, in the middle of a call too; that call raises WorkerDied, waiting calls continue."""
         with self._state:
             running, self._running = self._running, None
             if running is not None:

@@ -37,7 +37,7 @@ def _write_gif(path: Path, pictures: Sequence[NDArray[np.uint8]], pictures_hz: f
     # OpenCV's own encoder of GIF has one palette for all that is ever shown.
     from PIL import Image
 
-    # One palette for the whole loop, so that what stands still does not flicker.
+    # One palette for the complete loop, so that static parts do not flicker.
     stride = max(1, len(pictures) // PALETTE_PICTURES)
     palette = Image.fromarray(np.concatenate(pictures[::stride])).quantize(256)
     frames = [Image.fromarray(picture).quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]

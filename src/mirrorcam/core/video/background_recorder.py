@@ -67,7 +67,7 @@ class _Output:
         return self._at
 
     def cut(self, size: int) -> None:
-        """Drop what is beyond a size."""
+        """Drop the oldest beyond a size."""
         self._raw.truncate(size)
 
     def close(self) -> None:
@@ -155,7 +155,7 @@ class FrameRecorder:
 
 @dataclass(frozen=True)
 class RecordingCounts:
-    """What became of the frames that a source gave while it was recorded; the numbers of the others add up to `given`.
+    """Counts of the frames that a source delivered while it was recorded; the other counts add up to `given`.
 
     Attributes
     ----------
@@ -203,7 +203,7 @@ class RecordingCounts:
 class BackgroundRecorder:
     """Encodes and writes frames in a thread of its own; `give` never waits for it.
 
-    At the end, PATH.json beside the video states its counts.
+    At the end, PATH.json in the video's folder states its counts.
 
     Parameters
     ----------
@@ -343,12 +343,12 @@ class BackgroundRecorder:
 
 
 def stated(path: Path, counts: RecordingCounts, failed: str | None) -> dict[str, object]:
-    """What the file beside a video states."""
+    """The content of the JSON file of a video."""
     return {"schema": SCHEMA, "video": path.name, "failed": failed} | asdict(counts)
 
 
 def new_recording(folder: Path) -> Path:
-    """A new name recording_NNNN.mkv in a folder, which the file beside it reserves.
+    """A new name recording_NNNN.mkv in a folder, which its JSON file reserves.
 
     Raises InputError where the folder cannot be written.
     """

@@ -31,7 +31,7 @@ from mirrorcam.core.video.video_pictures import has_16_bits, rgb_of, rgb_of_samp
 PATIENCE = 30
 """Pictures in a row that a camera may fail to give before it counts as gone."""
 OPENING_S, READING_S = 10.0, 5.0
-"""Time after which a server that does not answer, or gives no more packets, counts as gone."""
+"""Time without an answer or a packet after which a server counts as gone."""
 _V4L2 = re.compile(r"(v4l2://)?(?P<device>/dev/(video|v4l/)\S+)")
 _RTMP = "flv,live_flv"
 _WEB = "http,https,httpproxy,tls,tcp"
@@ -174,7 +174,7 @@ def _opened_sdp(path: Path) -> Iterator[Any]:
 
 
 def _opened_stream(address: str) -> Any:
-    """A container of what a server gives; ValueError for an address of another kind than those of `_SCHEMES`."""
+    """The container that a server sends; ValueError for an address of a scheme outside `_SCHEMES`."""
     scheme = address.partition("://")[0] if "://" in address else ""
     if scheme not in _SCHEMES:
         raise ValueError("neither a file nor an address of a kind that is read")
@@ -186,7 +186,7 @@ def _opened_stream(address: str) -> Any:
 
 
 def _opened_v4l2(device: str, size: str) -> Any:
-    """A container of the pictures of a device of v4l2: JPEG where it gives them, else what it gives by default."""
+    """A container of the pictures of a device of v4l2: JPEG where supported, else the default format."""
     import av
 
     options = {"video_size": size}
@@ -212,7 +212,7 @@ def _decoded(container: Any, stack: ExitStack, name: str, tell: Callable[[str], 
     import av
 
     stream = container.streams.video[0]
-    # Else an error in the data is painted over with what stands around it, and the frame passes for a whole one.
+    # Else an error in the data is concealed from its surroundings, and the frame passes for a complete one.
     stream.codec_context.options = {"err_detect": "crccheck+explode"}
     stream.thread_type = "SLICE"  # threads for frames would give each some frames late
     begun, whole, bits = False, False, SampleBits()

@@ -20,7 +20,7 @@ RETRY_S = 1.0
 MOST_AHEAD_S = 1.0
 """A camera's clock may gain this much on ours from one frame to the next; one that gains more has started anew."""
 ENDING_S = 1.0
-"""Time that a camera which gives nothing has to let go; afterwards it is left to do that alone."""
+"""Time that a silent camera has to close; afterwards it closes in the background."""
 LEAST_STEP_S = 1e-6
 """Times of frames increase by this much at least."""
 
@@ -45,7 +45,7 @@ class LiveCamera:
     """A camera: its newest frames, in order.
 
     Where frames arrive faster than they are used, the oldest are left out. A camera that goes is looked for until it is
-    back. Memory does not grow with time. Of a recording that a server plays, all frames are given.
+    back. Memory does not grow with time. Of a recording that a server plays, all frames are returned.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ class LiveCamera:
     retry_s
         Time between two attempts to open a camera that has gone.
     waiting
-        Number of frames that may wait to be used: with 1, what is given is always the newest.
+        Number of frames that may wait to be used: with 1, the newest frame is always the next.
 
     Attributes
     ----------
@@ -174,7 +174,7 @@ class LiveCamera:
             connection.pictures.close()
 
     def _reconnected(self) -> Connection:
-        """The camera opened again, as soon as that works; the old connection where nobody waits for it any more."""
+        """The camera opened again, as soon as that works; the old connection once no one waits for it."""
         while not self._over.wait(self._retry_s):
             try:
                 return self._connect()
@@ -197,7 +197,7 @@ class _Times:
     """Times of frames, which increase always: as far apart as the camera's clock says.
 
     A camera's clock starts anew where it goes back, or jumps ahead of the times of arrival: these are followed there.
-    Frames that wait on their way arrive late, and then many at once, which changes nothing. Times of a recording begin
+    Frames delayed in transit arrive late and many at once; their times stay. Times of a recording begin
     at 0.
     """
 

@@ -19,7 +19,7 @@ def expected_frames(source: Stream, limit: int | None) -> int | None:
 
 
 def sources_text(source: Stream) -> str:
-    """What `mirrorcam drift` would be given of a stream."""
+    """The arguments of `mirrorcam drift` for a stream."""
     return str(source.path) if isinstance(source, Video) else "FRAMES"
 
 

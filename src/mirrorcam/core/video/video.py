@@ -166,7 +166,7 @@ def _frame(number: int, picture: Picture, start: int, time_base: Any) -> Frame |
 def with_missing(pictures: Iterable[Picture], period: float, most: int) -> Iterator[Picture]:
     """The pictures, and those that a damaged file has lost without a trace, as its times tell.
 
-    The times of a video of a constant rate are `period` apart; where they are not from the first, nothing can be told.
+    The times of a video of a constant rate are `period` apart; where they are irregular from the start, None.
     A gap of more than `most` is no gap. A picture whose time is not between those before and after it is lost, but one
     of a time that was there before is a copy of data, and none.
     """
@@ -197,7 +197,7 @@ def with_missing(pictures: Iterable[Picture], period: float, most: int) -> Itera
 
 
 def _may_miss(picture: Picture | None, steady: int) -> bool:
-    """Return whether others may be missing beside a picture, after some pictures at even times."""
+    """Return whether pictures next to a picture may be missing, after some pictures at even times."""
     return picture is not None and (picture.broken or (picture.reason == DAMAGED and steady > _NEAR))
 
 
@@ -213,7 +213,7 @@ def frame_remarks(name: str, frames: Sequence[Any], *, interlaced: bool = False)
     if interlaced or any(frame.interlaced_frame for frame in frames):
         found.append(
             f"{name} is interlaced: the odd and even rows of a frame were exposed at different times, so that motion "
-            "distorts what is measured; deinterlace it (ffmpeg -noautorotate -i VIDEO -vf bwdif=0 -crf 12 OUT.mkv), or "
+            "distorts measurements; deinterlace it (ffmpeg -noautorotate -i VIDEO -vf bwdif=0 -crf 12 OUT.mkv), or "
             "hold the board and the scene still"
         )
     turned = next(filter(None, map(_turned, frames)), None)

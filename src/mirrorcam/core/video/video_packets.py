@@ -16,7 +16,7 @@ _ENTRY = struct.Struct("<4s4xII")
 # What the names of chunks with a frame end in, after the number of the stream.
 _FRAMES = (b"dc", b"db")
 _LONGEST_BYTES = 4 << 20
-"""Bytes at the end of a file in which its index is looked for: those of 250,000 frames."""
+"""Bytes at the end of a file searched for its index: enough for 250,000 frames."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +34,7 @@ class Packet:
     data
         The packet.
     suspect
-        Whether its data may not be whole.
+        Whether its data may be incomplete.
     gap
         Whether packets before it may be missing.
     skipped
@@ -72,12 +72,12 @@ def packets_of(container: Any, stream: Any) -> Iterator[Packet]:
                 # What cannot be read begins where the last packet ends, or before.
                 yield replace(last, suspect=last.suspect or gap)
             stated = not index and data.pts is not None
-            # A transport stream marks the packet before the one that did not arrive whole.
+            # A transport stream marks the packet before the one that arrived incomplete.
             suspect, corrupt = corrupt or data.is_corrupt, data.is_corrupt
             last = Packet(number, moment, stated, data, suspect, gap or suspect or skipped > 0, skipped)
             number += 1
     except (av.FFmpegError, OSError):
-        # What follows cannot be read; the frames before are whole.
+        # The rest cannot be read; the frames before are complete.
         pass
     if last is not None:
         yield last
@@ -115,7 +115,7 @@ class AviIndex:
         Returns
         -------
         tuple of int
-            When it is shown, in frames. That of a packet that was there before is not after that of the last one.
+            When it is shown, in frames. A packet repeated from before is not after the last one.
             And the number of packets of the index between the last one and this.
         """
         number = self._number(position, size)

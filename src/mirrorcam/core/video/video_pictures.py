@@ -1,4 +1,4 @@
-"""Pictures of the packets of a video, in order of time: each whole, or lost with a reason."""
+"""Pictures of the packets of a video, in order of time: each complete, or lost with a reason."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _LIMITED_RANGE = b"CS=ITU601"
 class Picture:
     """What is shown at a moment: a function that makes the pixels (h, w, 3), or the reason why there is no picture.
 
-    `pixels` raises `DamagedPicture` for data that are not whole. A picture is `broken` where packets of the file may
+    `pixels` raises `DamagedPicture` for damaged data. A picture is `broken` where packets of the file may
     be missing, and `skipped` as many are known to be missing before it.
     """
 
@@ -44,7 +44,7 @@ class Picture:
 
 
 def are_plain_jpegs(packets: Sequence[Packet], height_px: int) -> bool:
-    """Return whether JPEG packets are like picture files: of whole frames, in full range.
+    """Return whether JPEG packets are like picture files: complete frames, in full range.
 
     Damaged ones are, too. Where libjpeg warns of bytes between data and marker in all of them, the camera writes so.
     """
@@ -122,9 +122,9 @@ def _is_key(frame: Any) -> bool:
 
 
 class _Order:
-    """Tells which frames are whole: none between a damaged one and the next key frame, in the order of the packets.
+    """Decides which frames are complete: none between a damaged one and the next key frame, in packet order.
 
-    A frame is judged once all packets from its key frame up to itself have given theirs, or will not.
+    A frame is judged once all packets from its key frame up to its own are decoded or lost.
     """
 
     def __init__(self, alone: bool) -> None:
@@ -191,7 +191,7 @@ class _Order:
 
 
 def has_16_bits(shown: Any) -> bool:
-    """Return whether a frame, or what a decoder gives, is grey or RGB of 16 bits, of which cameras may use the lowest.
+    """Return whether a frame, or a decoder's output, is grey or RGB of 16 bits, of which cameras may use the lowest.
 
     Samples of 10, 12 or 14 bits are stored as such, and need no guess.
     """
@@ -212,7 +212,7 @@ def rgb_of(frame: Any) -> NDArray[np.uint8]:
 
 
 def rgb_of_samples(samples: NDArray[Any], bits: int) -> NDArray[np.uint8]:
-    """What `rgb_of` gives, by samples of 16 bits of which the lowest `bits` are used."""
+    """The result of `rgb_of` for samples of 16 bits of which the lowest `bits` are used."""
     image = to_8_bits(samples, bits)
     return np.repeat(image[..., None], 3, axis=2) if image.ndim == 2 else image
 
@@ -228,7 +228,7 @@ def decoded_pictures(
 
     decoder.thread_type = "AUTO"
     decoder.flags |= Flags.copy_opaque
-    # Else an error in the data is painted over with what stands around it, and the frame passes for a whole one.
+    # Else an error in the data is concealed from its surroundings, and the frame passes for a complete one.
     decoder.options = {"err_detect": "crccheck+explode"}
     order = _Order(bool(decoder.codec.intra_only))
 
@@ -245,7 +245,7 @@ def decoded_pictures(
     failed = False
     for packet in packets:
         if failed and packet.data.is_keyframe:
-            # Threads that met damaged data may fail at whole ones too, until all begin anew.
+            # Threads that met damaged data may fail at undamaged ones too, until all restart.
             _decode(decoder, None, order)
             order.end()
             decoder.flush_buffers()

@@ -1,7 +1,7 @@
 """The engine of `mirrorcam live`: frames, views, refocused pictures and depth of a camera, as a page shows them.
 
 Nothing heavy runs in the process of the engine. One process decodes and encodes, one measures depth at its own rate,
-and one aligns and finds boards; a thread of the engine stands by each.
+and one aligns and finds boards; a thread of the engine attends to each.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from mirrorcam.studio.live.values import DECODED, LivePicture, LivePictures, Liv
 OUTLINE_POINTS = 8
 """Points of an edge of an outline."""
 LEAST_PICTURES = MIN_FRAMES
-"""Calibration pictures without which no calibration is begun: its report asks for as many in every view."""
+"""Least number of calibration pictures to begin with: the report requires as many in every view."""
 
 
 class LiveEngine:
@@ -212,4 +212,4 @@ class LiveEngine:
 
     def _refuse_ended(self) -> None:
         if self._meters.ended:
-            raise InputError(f"{self.about.source} has ended, expected a source that gives more frames")
+            raise InputError(f"{self.about.source} has ended, expected a source with more frames")

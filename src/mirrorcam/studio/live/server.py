@@ -28,7 +28,7 @@ SCRIPTS = ("dom.js", "server.js", "live_pictures.js", "live_meters.js", "live.js
 
 
 def live_page(engine: LiveEngine, *, nonce: str) -> str:
-    """The page that a server gives; only scripts and styles with the nonce run."""
+    """The page that a server sends; only scripts and styles with the nonce run."""
     start = {
         "about": asdict(engine.about),
         "outlines": engine.outlines_px(),
@@ -49,9 +49,9 @@ def live_page(engine: LiveEngine, *, nonce: str) -> str:
 
 
 WAIT_S = 2.0
-"""How long a picture is waited for before the page asks again."""
+"""Longest wait for a picture before the page repeats its request."""
 IDLE_S = 3.0
-"""Time after which pictures that no page asks for are no longer made."""
+"""Time after which pictures that no page requests are no longer made."""
 
 Action = Literal["play_again", "focus", "align", "reset_focus", "record", "stop_recording", "take_picture", "calibrate"]
 

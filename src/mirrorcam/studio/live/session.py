@@ -41,7 +41,7 @@ KEPT_FRAMES, KEPT_S = 6, 0.5
 
 
 class ViewsPicture:
-    """Makes pictures of all views beside each other, as `tiles` does, for light fields of one geometry."""
+    """Makes pictures of all views side by side, as `tiles` does, for light fields of one geometry."""
 
     def __init__(self, light_field: LightField) -> None:
         self._grid = light_field.is_grid

@@ -27,7 +27,7 @@ FRAMES = 3
 
 @dataclass(frozen=True)
 class TiltWords:
-    """What one source tells of a mirror: in words and, where it tells, degrees to the right and down, with sigmas."""
+    """The estimate of a mirror by one source: in words and, where available, degrees right and down, with sigmas."""
 
     words: str
     right_deg: float | None

@@ -101,7 +101,7 @@ class LiveStatus:
     memory_mb
         Memory of the process that decodes.
     sharpness
-        Of each mirror, relative to its best so far; NaN where it cannot be told.
+        Of each mirror, relative to its best so far; NaN where unknown.
     exposure
         Exposure.
     aligning
@@ -113,9 +113,9 @@ class LiveStatus:
     pictures, taken
         Number of calibration pictures taken, and the last of them.
     pictures_kept
-        Number of all that a calibration would use, with those of earlier sessions.
+        Number of pictures that a calibration would use, earlier sessions included.
     recording
-        The file that frames go to, their number, and that of the frames which are lost to it.
+        The file that frames go to, their number, and the number of lost frames.
     calibration
         How far the calibration is.
     depth_median_mm
@@ -156,7 +156,7 @@ class LiveStatus:
 
 
 class LiveMeters:
-    """Counts, rates and messages of a session, from what its processes give; any thread may note and ask.
+    """Counts, rates and messages of a session, reported by its processes; any thread may write and read.
 
     `tell` takes each message as it comes.
     """
@@ -220,7 +220,7 @@ class LiveMeters:
             self._failed = reason
 
     def fail_part(self, part: str, reason: str) -> None:
-        """Say why "depth" or "setup" has ended; the session goes on."""
+        """Report why "depth" or "setup" has ended; the session continues."""
         self.say(reason)
         with self._lock:
             self._failed_parts[part] = reason

@@ -1,4 +1,4 @@
-"""The threads of a live session: each gives work to a process, and passes on what becomes of it."""
+"""The threads of a live session: each passes work to a process, and publishes the results."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ ENDING_S = 5.0
 
 
 class LiveWorker:
-    """A worker process that a thread stands by; close it.
+    """A worker process that a thread attends to; close it.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ class LiveWorker:
 
 
 class DepthThread:
-    """Puts pictures of depth; what is given while it works replaces what waits.
+    """Publishes pictures of depth; a newer input replaces the one that waits.
 
     Parameters
     ----------
@@ -111,7 +111,7 @@ class DepthThread:
             return self._on and self._input is None and self._pictures.wanted("depth")
 
     def switch(self, on: bool) -> None:
-        """Measure depth, or do not: what waits is then dropped, and what is being measured is not shown."""
+        """Switch depth on or off; off drops waiting input and the measurement in progress."""
         with self._worker.changed:
             self._on = on
             if not on:
@@ -143,7 +143,7 @@ class DepthThread:
                     self._pictures.put("depth", shown, found.jpeg, found.depth_mm)
 
     def _next(self) -> tuple[Shown, NDArray[np.uint8]] | None:
-        """What was given last, once there is something; None where no more is wanted."""
+        """The newest input, once there is one; None at the end."""
         with self._worker.changed:
             self._worker.changed.wait_for(lambda: self._input is not None or self._worker.ending.is_set())
             given, self._input = self._input, None
@@ -243,11 +243,11 @@ class SetupThread:
 
 
 OVER_S = 0.2
-"""Time between questions of what is new, once the source has ended."""
+"""Polling interval once the source has ended."""
 
 
 class DecodingThread:
-    """Puts pictures of frames, and gives depth and setup what they want of them.
+    """Publishes pictures of frames, and passes frames to depth and setup as they need them.
 
     Parameters
     ----------
@@ -292,7 +292,7 @@ class DecodingThread:
         self._worker.start()
 
     def order(self, **changes: Any) -> None:
-        """Change what is wanted of frames from the next one on, fields of `Orders`."""
+        """Change the orders, fields of `Orders`, from the next frame on."""
         with self._worker.changed:
             self._orders = replace(self._orders, **changes)
 
@@ -350,7 +350,7 @@ class DecodingThread:
             self._worker.changed.wait_for(lambda: ending.is_set() or self._orders.plays > plays, timeout=OVER_S)
 
     def _ordered(self) -> Orders:
-        """What is ordered, without what nobody waits for, and with what depth and setup want."""
+        """The orders, without unwatched pictures, and with the needs of depth and setup."""
         with self._worker.changed:
             orders = self._orders
         return replace(

@@ -85,7 +85,7 @@ class Orders:
     reset_focus
         Whether the focus meter forgets the best so far.
     plays
-        How often a source that ends has been told to play: 0, it has not begun; once more than it has, it plays again
+        How often a finite source was started: 0, it has not begun; once more than it has, it plays again
         from its start, if it has ended. A camera always plays.
     timeout_s
         How long a frame is waited for.
@@ -163,7 +163,7 @@ class Answer:
 class LivePicture:
     """A JPEG picture of a frame, counted from 1 in its kind.
 
-    `depth_mm` (v, u) is beside a picture of depth, 0 where it is not known.
+    `depth_mm` (v, u) accompanies a picture of depth, 0 where unknown.
     """
 
     serial: int
@@ -174,12 +174,12 @@ class LivePicture:
 
 
 class LivePictures:
-    """The newest picture of each kind; any thread may put one, ask and wait.
+    """The newest picture of each kind; any thread may publish, read and wait.
 
     Parameters
     ----------
     idle_s
-        Time after which pictures of a kind that nobody waits for are no longer wanted; None: they always are.
+        Time after which pictures of an unwatched kind are no longer made; None: they always are.
     """
 
     def __init__(self, idle_s: float | None) -> None:
@@ -219,7 +219,7 @@ class LivePictures:
         return self._idle_s is None or time.monotonic() - self._asked[kind] < self._idle_s
 
     def end(self) -> None:
-        """Let nobody wait any more."""
+        """Release all waiting threads."""
         with self._changed:
             self._over = True
             self._changed.notify_all()

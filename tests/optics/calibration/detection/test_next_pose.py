@@ -72,6 +72,7 @@ def followed() -> tuple[list[NextPose], list[Observations]]:
     return advised, seen
 
 
+@pytest.mark.slow
 def test_who_follows_the_hints_needs_fewer_pictures(followed: tuple[list[NextPose], list[Observations]]) -> None:
     advised, _ = followed
     worst = [float(hint.sigma_deg.max()) for hint in advised]

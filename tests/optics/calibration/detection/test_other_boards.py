@@ -270,7 +270,7 @@ def test_the_numbers_of_the_second_board_of_a_series_are_not_taken_for_the_old_p
 
 
 @DIRECT_OR_MIRRORED
-@pytest.mark.parametrize("found", [False, True])
+@pytest.mark.parametrize("found", a_few(2, [False, True]))
 @pytest.mark.parametrize("stated", [0.5, 0.68, 0.81, 0.9])
 def test_another_side_of_the_markers_is_measured(stated: float, *, found: bool, mirrored: bool) -> None:
     shown = marked_pictures(BOARD, mirrored=mirrored)
@@ -290,7 +290,7 @@ def test_a_print_in_white_on_black_is_named(*, mirrored: bool) -> None:
 
 
 @DIRECT_OR_MIRRORED
-@pytest.mark.parametrize("name", ["DICT_6X6_50", "DICT_APRILTAG_36h11"])
+@pytest.mark.parametrize("name", a_few(2, ["DICT_6X6_50", "DICT_APRILTAG_36h11"]))
 def test_another_dictionary_of_any_kind_is_named(name: str, *, mirrored: bool) -> None:
     shown = marked_pictures(BOARD.replaced(dictionary=name), mirrored=mirrored)
     said = other_markers(shown, BOARD, mirrored=mirrored, found=False)

@@ -24,7 +24,7 @@ from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout, Uncertainty
 from mirrorcam.optics.geometry.lenses.families import LensName
 from mirrorcam.optics.geometry.mirror import Mirror
-from mirrorcam.optics.geometry.nearest_lens import nearest_lens, whole_picture
+from mirrorcam.optics.geometry.nearest_lens import nearest_lens
 from mirrorcam.optics.geometry.transforms import rigid, transform
 from tests.optics.calibration.diagnostics.conftest import JOINT, Scene
 
@@ -139,7 +139,7 @@ def test_without_a_covariance_nothing_is_predicted(device: Layout) -> None:
 
 @pytest.mark.parametrize("lens", ["rational", "thin_prism", "fisheye", "spline"])
 def test_a_lens_of_any_family_is_compared(lens: LensName, calibrated: Layout) -> None:
-    camera, _ = nearest_lens(calibrated.camera, lens, whole_picture(calibrated.camera))
+    camera, _ = nearest_lens(calibrated.camera, lens)
     names = camera.intrinsic_names
     known = Uncertainty(parameters=names, covariance=np.diag([0.01, *np.zeros(len(names) - 1)]))
     found = calibration_difference(calibrated, calibrated.replaced(camera=camera, uncertainty=known), range_mm=RANGE_MM)

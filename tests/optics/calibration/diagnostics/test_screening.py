@@ -168,6 +168,7 @@ def test_base_frames_of_another_camera_are_refused(good: Views, truth: Layout, f
             screen(good.seen, other.base, fold_90_layout, CORNERS)
 
 
+@pytest.mark.slow
 def test_a_little_change_of_focus_widens_the_bounds_until_they_are_true(
     good: Views, truth: Layout, fold_90_layout: Layout
 ) -> None:

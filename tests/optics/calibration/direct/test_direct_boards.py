@@ -64,6 +64,7 @@ def test_markers_tell_images_from_the_board_itself() -> None:
         assert not any(seen.inverted.direct or seen.inverted.image for seen in in_picture)
 
 
+@pytest.mark.slow
 def test_flipped_pictures_of_markers_are_recognised() -> None:
     board = Charuco(cols=5, rows=4, square_mm=34.0, marker_mm=27.0)
     layout = corner_of_two_mirrors(90.0)

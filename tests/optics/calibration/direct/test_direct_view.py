@@ -190,6 +190,7 @@ def photographed(two_mirror_photos: list[Path]) -> tuple[list[Grey], Calibration
     return pictures, calibrate_with_direct_view(pictures, PHOTOGRAPHED, mirrors=2, names=names)
 
 
+@pytest.mark.slow
 def test_real_photographs_of_two_mirrors(photographed: tuple[list[Grey], Calibration]) -> None:
     """One phone camera and two planes behind glass explain every board, and stand square to each other."""
     _, found = photographed
@@ -216,6 +217,7 @@ def test_real_photographs_of_two_mirrors(photographed: tuple[list[Grey], Calibra
     assert 0.0 < found.metrics["mirrors_0_1_angle_sigma_deg"].value < 0.05
 
 
+@pytest.mark.slow
 def test_photographs_predict_each_other_from_the_direct_view_alone(
     photographed: tuple[list[Grey], Calibration],
 ) -> None:

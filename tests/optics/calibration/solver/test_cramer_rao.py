@@ -101,6 +101,7 @@ def test_corners_of_unlike_noise_count_by_their_variance() -> None:
     assert np.median(over_equal) < 0.7
 
 
+@pytest.mark.slow
 def test_every_wrong_start_leads_to_the_same_minimum() -> None:
     scene = small_scene()
     assert all(converges(scene, seed, tilt_deg=2.0, offset_mm=2.0) for seed in range(20))

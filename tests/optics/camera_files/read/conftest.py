@@ -12,7 +12,7 @@ from tests.optics.camera_files.rigs import device
 
 @pytest.fixture(scope="session")
 def exported(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The true device in the files of other tools."""
+    """The true device in the formats of other tools."""
     folder = tmp_path_factory.mktemp("exported")
     write_exports(device().truth, folder)
     return folder

@@ -1,4 +1,4 @@
-"""aniposelib's file: what our exporter writes scores zero; those of others are read, or refused in one line."""
+"""aniposelib's file: our exports score zero; other files are read, or refused in one line."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ def test_a_camera_of_others_is_read(tmp_path: Path, fisheye: bool | None, distor
         ({"size": [0, 480]}, "expected the size of a picture"),
         ({"matrix": [[1.0]]}, "expected .fx 0 cx"),
         ({"distortions": "no"}, "expected numbers"),
-        ({"name": "direct"}, "no mirror in it"),
+        ({"name": "direct"}, "contains no mirror"),
     ],
 )
 def test_what_is_wrong_is_refused_in_one_line(tmp_path: Path, changes: dict[str, Any], complaint: str) -> None:

@@ -40,7 +40,7 @@ def points() -> FloatArray:
 
 
 def model_of(camera: pycolmap.Camera, names: dict[str, pycolmap.Rigid3d]) -> pycolmap.Reconstruction:
-    """A model with one camera, of pictures by name with their poses, as COLMAP's mapper makes it without a rig."""
+    """A model with one camera and named pictures with poses, as made by COLMAP's mapper without a rig."""
     model = pycolmap.Reconstruction()
     model.add_camera_with_trivial_rig(camera)
     for number, (name, pose) in enumerate(names.items(), start=1):
@@ -84,7 +84,7 @@ def test_our_own_scores_zero(what: str, exported: Path, binary: Path) -> None:
     score = device().score(rig)
     assert score.figures["max_px"].value < EXACT
     assert score.alignment == "similarity"
-    assert score.notes == ("poses are those of the rig",)
+    assert score.notes == ("poses are taken from the rig",)
     metric = device().score(read_rig(exported, "colmap", "m"))
     assert metric.alignment == "rigid"
     assert abs(metric.figures["scale_error_percent"].value) < EXACT
@@ -99,7 +99,7 @@ def test_text_and_binary_are_one(exported: Path, binary: Path) -> None:
 
 
 def test_without_a_rig_poses_are_those_of_the_picture_that_most_views_have(exported: Path, tmp_path: Path) -> None:
-    """A mapper without a rig places every picture by itself: views at another time do not mix."""
+    """A mapper without a rig poses every picture individually: views at different times do not mix."""
     source = exported / "colmap" / "sparse"
     for name in ("cameras.txt", "images.txt"):
         (tmp_path / name).write_bytes((source / name).read_bytes())
@@ -107,7 +107,7 @@ def test_without_a_rig_poses_are_those_of_the_picture_that_most_views_have(expor
         file.write("90 1 0 0 0 9 9 9 1 view_0_0/0001.png\n10.5 20.5 -1 30 40 7\n")
         file.write("91 1 0 0 0 9 9 9 2 view_0_1/0001.png\n\n")
     rig = read_colmap(tmp_path)
-    assert rig.notes == ("poses are those of the picture 0000.png",)
+    assert rig.notes == ("poses are taken from the picture 0000.png",)
     assert device().score(rig).figures["max_px"].value < EXACT
 
 
@@ -119,7 +119,7 @@ def test_other_lenses_are_refused_by_name(tmp_path: Path) -> None:
 
 
 def test_one_camera_may_be_that_of_all_views(tmp_path: Path) -> None:
-    """The lens behind all mirrors is one, and so COLMAP may be told."""
+    """All mirrors share one lens, and COLMAP may use a single camera."""
     views = virtual_cameras(device().truth)
     lens = views[0].camera
     parameters = [lens.fx_px, lens.fy_px, lens.cx_px + 0.5, lens.cy_px + 0.5, *lens.distortion[:4]]
@@ -128,14 +128,14 @@ def test_one_camera_may_be_that_of_all_views(tmp_path: Path) -> None:
     poses = {f"{view.name}.png": pycolmap.Rigid3d(view.camera_from_rig[:3]) for view in views}
     model_of(camera, poses).write_binary(tmp_path)
     rig = read_colmap(tmp_path)
-    assert rig.notes == ("poses are those of the pictures",)
+    assert rig.notes == ("poses are taken from the pictures",)
     assert device().score(rig).figures["max_px"].value < EXACT
 
 
 def test_cameras_of_a_rig_without_folders_of_their_own_are_refused(exported: Path, tmp_path: Path) -> None:
     for path in (exported / "colmap" / "sparse").iterdir():
         (tmp_path / path.name).write_text(path.read_text().replace(" 2 view_0_1/", " 1 view_0_1/"))
-    with pytest.raises(InputError, match="camera 1 has no folder of pictures of its own"):
+    with pytest.raises(InputError, match="camera 1 has no name"):
         read_colmap(tmp_path)
 
 
@@ -176,7 +176,7 @@ def test_a_file_that_ends_early_is_refused(name: str, binary_model: Path, tmp_pa
         with pytest.raises(InputError) as caught:
             read_model(tmp_path / "cut")
         assert "\n" not in str(caught.value)
-        assert "not what COLMAP writes" in str(caught.value)
+        assert "invalid file of COLMAP" in str(caught.value)
 
 
 @pytest.mark.parametrize("name", ["cameras.bin", "images.bin", "rigs.bin"])
@@ -196,11 +196,11 @@ def test_a_count_beyond_the_file_is_refused_before_anything_is_read(
         ("cameras.txt", "1 PINHOLE 640 480 1 2 3\n", "camera 1: 3 parameters, expected 4"),
         ("cameras.txt", "1 PINHOLE 640 480 1 2 3 inf\n", "not finite"),
         ("cameras.txt", "1 PINHOLE 0 480 1 2 3 4\n", "camera 1 is 0 x 480 px"),
-        ("cameras.txt", "one PINHOLE 640 480 1 2 3 4\n", "not what COLMAP writes"),
-        ("images.txt", "1 1 1 0 0 0 0 0 1 a/b.png\n\n", "quaternion not of length 1"),
-        ("images.txt", "1 1 0 0\n\n", "not what COLMAP writes"),
+        ("cameras.txt", "one PINHOLE 640 480 1 2 3 4\n", "invalid file of COLMAP"),
+        ("images.txt", "1 1 1 0 0 0 0 0 1 a/b.png\n\n", "quaternion is not of length 1"),
+        ("images.txt", "1 1 0 0\n\n", "invalid file of COLMAP"),
         ("images.txt", "1 nan 0 0 0 0 0 0 1 a/b.png\n\n", "not finite"),
-        ("rigs.txt", "1 2 CAMERA\n", "not what COLMAP writes"),
+        ("rigs.txt", "1 2 CAMERA\n", "invalid file of COLMAP"),
     ],
 )
 def test_text_that_is_no_model_is_refused(name: str, text: str, complaint: str, exported: Path, tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""YAML of other tools: OpenCV's head and matrices, and nothing but data."""
+"""YAML of other tools: OpenCV's header and matrices, and plain data only."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def test_a_large_file_and_one_that_is_no_text_are_refused(tmp_path: Path) -> Non
     with pytest.raises(InputError, match="is larger than 5 MB"):
         read_text(path)
     path.write_bytes(b"\xff\xfe")
-    with pytest.raises(InputError, match="not text in UTF-8"):
+    with pytest.raises(InputError, match="is not UTF-8"):
         read_text(path)
 
 
@@ -97,10 +97,10 @@ def test_any_text_is_values_or_refused(text: str) -> None:
         ("[" + "1," * 1_000_000 + "]", f"more than {MOST_VALUES} values"),
         ("---\n" * 1_000_000, f"more than {MOST_VALUES} values"),
         ("[&a x," + "*a," * 1_000_000 + "]", f"more than {MOST_VALUES} values"),
-        ("&a [*a]", "an alias 'a' of nothing"),
+        ("&a [*a]", "an alias 'a' without an anchor"),
         ("a: &x {b: 1}\nc: {<<: *x}", "line 2: a merge key"),
         ("a: 1\na: 2", "line 2: the key 'a' appears twice"),
-        ("? [a]\n: b", "a key that is no text"),
+        ("? [a]\n: b", "a key that is no string"),
         ('a: !!int ""', "a tag 'tag:yaml.org,2002:int'"),
         ("a: !!set {b}", "a tag 'tag:yaml.org,2002:set'"),
         ("a: !!binary |\n  aaa", "a tag"),

@@ -1,4 +1,4 @@
-"""Kalibr's camchain: what our exporter writes scores zero, and every model projects as Kalibr's own formulas do."""
+"""Kalibr's camchain: our exports score zero, and every model projects by Kalibr's formulas."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def test_poses_follow_the_chain(tmp_path: Path) -> None:
     assert rig.cameras[0].size_px == (640, 480)
 
 
-def test_poses_against_an_imu_serve_without_a_chain(tmp_path: Path) -> None:
+def test_poses_relative_to_an_imu_replace_a_missing_chain(tmp_path: Path) -> None:
     path = written(tmp_path, cam0=CAMERA | {"T_cam_imu": T.tolist()}, cam1=CAMERA | {"T_cam_imu": np.eye(4).tolist()})
     np.testing.assert_allclose(pose_of(read_kalibr(path).cameras[0]), T)
 
@@ -63,7 +63,7 @@ def test_poses_against_an_imu_serve_without_a_chain(tmp_path: Path) -> None:
 @pytest.mark.parametrize("model", ["omni", "eucm", "ds"])
 @pytest.mark.parametrize("distortion", ["radtan", "equidistant", "none"])
 def test_models_are_kalibrs(model: str, distortion: str, tmp_path: Path) -> None:
-    """Its projections, restated; `distort` of each distortion is on the plane that they project to."""
+    """Kalibr's projections, restated; `distort` acts on the plane that they project to."""
     sphere = {"omni": [0.9], "eucm": [0.6, 1.1], "ds": [-0.2, 0.55]}[model]
     coefficients = [] if distortion == "none" else [0.05, -0.02, 0.001, -0.002]
     changes = {"camera_model": model, "intrinsics": [*sphere, *CAMERA["intrinsics"]]}

@@ -129,9 +129,9 @@ def test_the_sample_stereo_calib(tmp_path: Path) -> None:
     assert [camera.name for camera in rig.cameras] == ["first", "second"]
     np.testing.assert_allclose(pose_of(rig.cameras[0]), np.eye(4))
     np.testing.assert_allclose(pose_of(rig.cameras[1])[:3], np.hstack([TURN, SHIFT]), atol=1e-12)
-    assert rig.notes == ("poses are taken for mm, as no unit is stated",)
+    assert rig.notes == ("the file states no unit of poses: mm is assumed",)
     (tmp_path / "extrinsics.yml").unlink()
-    with pytest.raises(InputError, match="no R and T beside M1 and M2"):
+    with pytest.raises(InputError, match="M1 and M2 without R and T"):
         read_rig(tmp_path)
 
 
@@ -148,7 +148,7 @@ def test_files_of_one_camera_each_are_named_as_the_files(tmp_path: Path) -> None
     [
         ({"camera_matrix": [[1, 2], [3, 4]]}, "expected [fx 0 cx; 0 fy cy; 0 0 1]"),
         ({"camera_matrix": [[500, 3, 1], [0, 500, 1], [0, 0, 1]]}, "expected [fx 0 cx; 0 fy cy; 0 0 1]"),
-        ({"camera_matrix": {"rows": 3, "cols": 3, "data": [1.0]}}, "1 numbers in 3 x 3"),
+        ({"camera_matrix": {"rows": 3, "cols": 3, "data": [1.0]}}, "1 numbers, expected 3 x 3"),
         ({"camera_matrix": [[500, 0, 1], [0, 500], [0, 0, 1]]}, "rows of different lengths"),
         ({"camera_matrix": MATRIX.tolist(), "distortion": [0.1] * 7}, "7 numbers, expected 4, 5, 8, 12 or 14"),
         ({"camera_matrix": MATRIX.tolist(), "distortion": [0.1] * 14}, "a tilted sensor"),
@@ -158,7 +158,7 @@ def test_files_of_one_camera_each_are_named_as_the_files(tmp_path: Path) -> None
         ({"camera_matrix": MATRIX.tolist(), "flip_code": -1}, "flip_code [-1], expected 0 or 1"),
         ({"camera_matrix": MATRIX.tolist(), "image_width": 640}, "1 numbers, expected 2"),
         ({"views": [1]}, "views: expected names with values"),
-        ({"views": []}, "no camera in it"),
+        ({"views": []}, "contains no camera"),
     ],
 )
 def test_what_is_no_camera_is_refused_in_one_line(content: object, complaint: str, tmp_path: Path) -> None:

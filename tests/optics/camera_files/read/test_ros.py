@@ -1,4 +1,4 @@
-"""camera_info files of ROS, with poses of a URDF or of transforms, and without any."""
+"""camera_info files of ROS, with poses from a URDF or transforms, and without poses."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def test_without_poses_each_camera_is_judged_alone(exported: Path, tmp_path: Pat
     score = device().score(rig)
     assert score.alignment == "each view alone"
     assert score.figures["max_px"].value < EXACT
-    assert "judged alone" in score.notes[0]
+    assert "scored individually" in score.notes[0]
 
 
 def test_poses_of_static_transforms(exported: Path, tmp_path: Path) -> None:
@@ -57,11 +57,11 @@ def test_poses_of_static_transforms(exported: Path, tmp_path: Path) -> None:
     assert score.figures["max_px"].value < EXACT
     assert score.alignment == "rigid"
     path.write_text(yaml.safe_dump({"transforms": transforms[1:]}))
-    with pytest.raises(InputError, match="lack a frame of camera mirrorcam_view_0_0"):
+    with pytest.raises(InputError, match="no frame of camera mirrorcam_view_0_0"):
         read_rig(tmp_path / "ros")
     transforms[0]["header"]["frame_id"] = transforms[0]["child_frame_id"]
     path.write_text(yaml.safe_dump({"transforms": transforms}))
-    with pytest.raises(InputError, match="is below itself"):
+    with pytest.raises(InputError, match="is its own ancestor"):
         read_rig(tmp_path / "ros")
 
 
@@ -111,7 +111,7 @@ def test_messages_as_they_are_printed_are_read(tmp_path: Path, ros1: bool, times
 @pytest.mark.parametrize(
     ("text", "complaint"),
     [
-        (MESSAGE + MESSAGE.replace("500.5", "500.6"), "2 documents that differ"),
+        (MESSAGE + MESSAGE.replace("500.5", "500.6"), "2 different documents"),
         (MESSAGE.replace("0.5, 0.0, 0.0]", "'...']"), "distortion_coefficients is abbreviated, .* --full-length"),
     ],
 )
@@ -122,7 +122,7 @@ def test_messages_that_differ_or_are_abbreviated_are_refused(tmp_path: Path, tex
 
 
 def test_coefficients_are_as_many_as_there_are(tmp_path: Path) -> None:
-    """Some tools state 1 x 5 of the eight of a rational_polynomial (image_pipeline, issue 278)."""
+    """Some tools state 1 x 5 for the eight coefficients of rational_polynomial (image_pipeline, issue 278)."""
     (tmp_path / "left.yaml").write_text(
         "image_width: 640\nimage_height: 480\ncamera_name: left\ndistortion_model: rational_polynomial\n"
         "camera_matrix: {rows: 3, cols: 3, data: [500, 0, 320, 0, 500, 240, 0, 0, 1]}\n"
@@ -137,7 +137,7 @@ def test_coefficients_are_as_many_as_there_are(tmp_path: Path) -> None:
     ("urdf", "complaint"),
     [
         ("<robot", "not valid XML"),
-        ('<!DOCTYPE r [<!ENTITY a "b">]><robot/>', "has a document type"),
+        ('<!DOCTYPE r [<!ENTITY a "b">]><robot/>', "a document type"),
         (
             '<robot><joint name="j"><origin xyz="1 2"/><parent link="a"/><child link="b"/></joint></robot>',
             "2 numbers, expected 3",
@@ -145,7 +145,7 @@ def test_coefficients_are_as_many_as_there_are(tmp_path: Path) -> None:
         (
             '<robot><joint name="j"><parent link="a"/><child link="b"/></joint>'
             '<joint name="k"><parent link="c"/><child link="d"/></joint></robot>',
-            "2 trees of frames",
+            "2 unconnected trees",
         ),
     ],
 )

@@ -38,7 +38,7 @@ def seen_through(layout: Layout, number: int, count: int = 40) -> FloatArray:
 
 
 def sideways_layout() -> Layout:
-    """Two mirrors at the camera's sides, which looks past them at the scene: frames are flipped left-right."""
+    """Two mirrors at the sides of a camera that looks past them at the scene: frames are flipped left-right."""
     camera = Camera(
         width_px=640,
         height_px=480,

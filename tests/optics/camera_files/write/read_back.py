@@ -1,4 +1,4 @@
-"""What tests of several exports read them with."""
+"""Readers shared by tests of exports."""
 
 from __future__ import annotations
 

@@ -158,7 +158,7 @@ def test_opencv(case: Case, folder: Path) -> None:
 
 
 def test_ros_camera_info_with_urdf(case: Case, folder: Path) -> None:
-    """What an image_geometry user does: frames from the URDF by frame_id, K and D from the camera_info."""
+    """The steps of an image_geometry user: frames from the URDF by frame_id, K and D from the camera_info."""
     poses = urdf_poses(folder)
     for place, view in enumerate(case.views):
         info = yaml.safe_load((folder / "ros" / f"{view.name}.yaml").read_text(encoding="utf-8"))
@@ -238,7 +238,7 @@ def test_kalibr(case: Case, folder: Path) -> None:
         in_cam0[:, 3] = 1.0
         found = radtan_pixels((in_cam0 @ cam_from_cam0.T)[:, :3], camera)
         off = np.linalg.norm(found - case.flipped_px[place], axis=1)
-        # The lens's k3, where it has one, is met by the other four as well as they can, and the file says how well.
+        # The other four coefficients approximate the lens's k3, and the file states the error.
         assert off.max() <= KALIBR.of(case.views[place]).error_px + TOLERANCE_PX
         assert off.max() < 0.02
 
@@ -269,7 +269,7 @@ def test_colmap_sparse_model(case: Case, folder: Path) -> None:
 
 
 def test_colmap_would_drop_cropped_views(case: Case) -> None:
-    """Why COLMAP gets whole frames: the principal point of some view lies outside its sub-image."""
+    """COLMAP gets entire frames because the principal point of some view lies outside its sub-image."""
     dropped = []
     for view in case.views:
         cut = view.cropped
@@ -282,7 +282,7 @@ def test_colmap_would_drop_cropped_views(case: Case) -> None:
 def test_colmap_rig_config(case: Case, folder: Path) -> None:
     (rig,) = pycolmap.read_rig_config(folder / "colmap" / "rig_config.json")
     reference = case.views[case.layout.central_index]
-    # COLMAP takes the reference first, and nothing else does it take first.
+    # COLMAP requires the reference sensor first.
     assert [camera.ref_sensor for camera in rig.cameras] == [True] + [False] * (len(case.views) - 1)
     assert rig.cameras[0].image_prefix == f"{reference.name}/"
     by_prefix = {camera.image_prefix: camera for camera in rig.cameras}
@@ -312,6 +312,6 @@ def test_nerfstudio(case: Case, folder: Path) -> None:
         assert_projects(found + np.array([cut.x, cut.y]), case.flipped_px[place])
         for name in (frame["file_path"], frame["mask_path"]):
             assert read_image(folder / "nerfstudio" / name).shape[:2] == (frame["h"], frame["w"])
-    # Its z is up, as its own viewer has it.
+    # z is up, as in nerfstudio's viewer.
     up = np.mean([np.array(frame["transform_matrix"])[:3, 1] for frame in meta["frames"]], axis=0)
     assert up[2] > 0.7

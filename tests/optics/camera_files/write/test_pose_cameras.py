@@ -1,4 +1,4 @@
-"""Files for trackers of animals, by these tools' own formulas, place points where the mirrors show them."""
+"""Files for animal-tracking tools: by these tools' formulas, points appear where the mirrors show them."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from tests.optics.camera_files.write.conftest import Case, sideways_layout
 
 
 def anipose_cameras(path: Path) -> list[dict[str, Any]]:
-    """The cameras as aniposelib's `CameraGroup.load` takes them: in the order of sorted names of tables."""
+    """The cameras as aniposelib's `CameraGroup.load` reads them: sorted by table name."""
     tables = tomllib.loads(path.read_text(encoding="utf-8"))
     return [tables[name] for name in sorted(tables) if name != "metadata"]
 
@@ -38,7 +38,7 @@ def anipose_pixels(camera: dict[str, Any], points: FloatArray) -> FloatArray:
 
 
 def in_picture(layout: Layout, pixels: FloatArray, filters: str) -> FloatArray:
-    """Pixels (n, 2) of the frame as those of the picture that ffmpeg's filters make of it."""
+    """Map pixels (n, 2) of the frame to the picture made by ffmpeg's filters."""
     for name in filters.split(","):
         if name == "hflip":
             pixels = np.column_stack([layout.camera.width_px - 1 - pixels[:, 0], pixels[:, 1]])

@@ -24,7 +24,7 @@ def test_the_flipped_frame_is_a_cameras(case: Case) -> None:
 
 
 def test_without_the_flip_no_rigid_camera_sees_it(case: Case) -> None:
-    """The check above would notice a frame that is left as it is: here by many pixels."""
+    """The check above would detect an unflipped frame by many pixels."""
     view, number = case.views[0], 0
     unflipped = case.layout.project(case.points_in_rig[number], number)
     assert np.abs(view.project(case.points_in_rig[number]) - unflipped).max() > 10.0
@@ -78,7 +78,7 @@ def test_masks_lie_apart_and_hold_what_the_mirrors_show(case: Case) -> None:
     assert total.max() == 1
     for view, pixels in zip(case.views, case.flipped_px, strict=True):
         inside = np.rint(pixels).astype(int)
-        assert (view.mask[inside[:, 1], inside[:, 0]] > 0).mean() > 0.9  # rounding leaves the rim now and then
+        assert (view.mask[inside[:, 1], inside[:, 0]] > 0).mean() > 0.9  # rounding may leave the rim
         rows, columns = view.sub_image.slices
         outside = view.mask.copy()
         outside[rows, columns] = 0
@@ -96,7 +96,7 @@ def test_a_mirror_outside_the_sensor_is_refused() -> None:
 
 def test_a_mirror_beyond_the_lens_model_is_refused(parabola_layout: Layout) -> None:
     folding = parabola_layout.camera.replaced(distortion=[-0.9, 0.0, 0.0, 0.0, 0.0])
-    with pytest.raises(InputError, match="view_0_0 reaches beyond where the lens model is defined"):
+    with pytest.raises(InputError, match="view_0_0 reaches beyond the range of the lens model"):
         virtual_cameras(parabola_layout.replaced(camera=folding))
 
 

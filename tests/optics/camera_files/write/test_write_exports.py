@@ -1,4 +1,4 @@
-"""The folder of exports: pictures, the same bytes, what is refused, and its README."""
+"""The export folder: pictures, reproducible bytes, refusals, and the README."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def test_the_readme_names_flip_and_every_view(case: Case, folder: Path) -> None:
 
 
 def test_ffmpeg_takes_frames_as_they_lie_on_the_sensor(folder: Path) -> None:
-    """It turns those of a video that a phone marks as turned, unless it is told not to."""
+    """ffmpeg rotates a phone's video with a rotation flag, unless an option prevents it."""
     texts = [(folder / name).read_text(encoding="utf-8") for name in ("README.md", "anipose/calibration.toml")]
     lines = [line for text in texts for line in text.splitlines() if "ffmpeg" in line and " -vf " in line]
     assert len(lines) > 1
@@ -87,7 +87,7 @@ def files_of(folder: Path) -> dict[str, bytes]:
 
 @pytest.mark.parametrize("name", [ACCEPTED[3], "'\": {[# ä 鏡 🪞", "W" * LONGEST])
 def test_no_export_holds_the_name_of_the_camera(name: str, tmp_path: Path) -> None:
-    """What the readers of the other tests find is what they find of any camera."""
+    """The readers of the other tests find the same for any camera."""
     layout = sideways_layout()
     named = layout.replaced(camera=layout.camera.replaced(name=name))
     write_exports(layout, tmp_path / "plain")
@@ -138,7 +138,7 @@ LENSES = {"brown_conrady": 5, "rational": 8, "thin_prism": 12, "fisheye": 4}
 
 
 def odd_layout(seed: int) -> Layout | None:
-    """A layout with a lens of any size and up to two numbers that nobody would write; None where it is refused."""
+    """A layout with a random lens and up to two absurd numbers; None if it is refused."""
     random = np.random.default_rng(seed)
     tables = json.loads(sideways_layout().model_dump_json(by_alias=True))
     lens_model = str(random.choice(list(LENSES)))

@@ -1,4 +1,4 @@
-"""Many devices at once see what each of them sees alone; without tolerances they see what the design sees."""
+"""Views of many devices equal the views of each device; without tolerances they equal the design's."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def with_second_surfaces(layout: Layout) -> Layout:
 
 
 def looking_aside(layout: Layout) -> Layout:
-    """The same mirrors, whose views are turned so that their planes of one depth lie aslant."""
+    """The same mirrors with rotated view axes, so that planes of constant depth are slanted."""
     return layout.replaced(view_from_rig=Rotation.from_rotvec([0.08, 0.12, 0.05]).as_matrix() @ layout.view_from_rig)
 
 
@@ -67,7 +67,7 @@ def layout(request: pytest.FixtureRequest, default_layout: Layout, crooked_layou
 
 
 def assert_same_views(layout: Layout, perturbations: Perturbations, built: Layout) -> None:
-    """The first device sees what `fields_of_view` finds of its layout (whose rig is that of the holder)."""
+    """The views of the first device equal `fields_of_view` of its layout (whose rig frame is the holder's)."""
     views = built_views(layout, perturbations)
     assert_allclose(views.centres_mm[0], built.virtual_centres_in_view_mm.reshape(-1, 3), atol=1e-9)
     for pupil, depth_mm in product((PINHOLE, Pupil(1.8, 500.0)), DEPTHS_MM):
@@ -90,7 +90,7 @@ def test_a_device_without_a_fault_sees_what_the_design_sees(layout: Layout) -> N
 
 
 def test_a_device_sees_what_its_own_layout_sees(layout: Layout) -> None:
-    """Faults of mirrors and of the lens: the camera is where it should be, its rig frame that of the holder."""
+    """Errors of mirrors and lens: the camera is in its nominal pose, so its rig frame is the holder's."""
     built = draw_as_built(layout, WITH_CAMERA, np.random.default_rng(8))
     perturbations = draw_perturbations(WITH_CAMERA, len(layout.mirrors), 1, np.random.default_rng(8))
     assert_same_views(layout, perturbations, built)
@@ -106,7 +106,7 @@ def test_devices_do_not_disturb_each_other(layout: Layout) -> None:
 
 
 def test_pixels_are_those_of_the_layout_as_built(layout: Layout) -> None:
-    """With the camera out of place and turned: its rig frame is where it sits."""
+    """With a shifted and rotated camera: the rig frame follows it."""
     tolerances = WITH_CAMERA.replaced(camera_offset_mm=1.0, camera_turn_deg=1.0)
     count = len(layout.mirrors)
     perturbations = draw_perturbations(tolerances, count, 1, np.random.default_rng(2))
@@ -146,7 +146,7 @@ def test_a_turn_of_the_camera_alone_moves_pictures_and_not_what_they_show(defaul
 
 
 def test_light_that_does_not_head_for_the_scene_is_left_out() -> None:
-    """A mirror at 45 degrees that is tilted by as much shows the camera itself, and beyond that what is behind it."""
+    """A mirror at 45 degrees tilted by 45 degrees shows the camera itself, and beyond that the space behind it."""
     layout = faceted_parabola(DesignSpec(fold_deg=90.0))
     tilts = np.zeros((1, 9, 2))
     tilts[0, 1, 0], tilts[0, 4, 0] = -1.2, -0.75
@@ -178,7 +178,7 @@ def test_mirrors_that_hide_others_are_found(default_layout: Layout) -> None:
         ("camera_turns_rad", 2.0, "a drawn mirror reaches behind the camera"),
     ],
 )
-def test_what_cannot_be_built_is_refused(default_layout: Layout, name: str, value: float, complaint: str) -> None:
+def test_impossible_devices_are_refused(default_layout: Layout, name: str, value: float, complaint: str) -> None:
     perturbations = exact(default_layout)
     with pytest.raises(InputError, match=complaint):
         built_views(default_layout, replace(perturbations, **{name: getattr(perturbations, name) + value}))

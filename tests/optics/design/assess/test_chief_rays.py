@@ -1,4 +1,4 @@
-"""Rays cast from the pupil, against brute force and against a walk in small steps."""
+"""Rays cast from the pupil, against brute force and small steps along rays."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ COARSE = 12
 
 
 def crowded(layout: Layout, seed: int, *, surface: str = "first") -> tuple[Mirror, ...]:
-    """The mirrors of a layout, each from another distance and thickness than it was designed for."""
+    """The mirrors of a layout with random distances and thicknesses."""
     random = np.random.default_rng(seed)
     mirrors = []
     for mirror in layout.mirrors:
@@ -41,7 +41,7 @@ def walked(mirrors: tuple[Mirror, ...], lit: int, occluder: int, depth_mm: float
     forward = directions[:, 1] > 1e-9
     met, leaving, directions = met[forward], leaving[forward], directions[forward]
     end = leaving + directions * ((depth_mm - leaving[:, 1]) / directions[:, 1])[:, None]
-    # Beyond the first third of the way out there are no mirrors.
+    # There are no mirrors beyond the first third of the outgoing ray.
     steps = np.linspace(0.0, 1.0, 2001)[:, None, None]
     frame, flat = other.rig_from_plane, other.outline_in_plane_mm
     turns = 1.0 if Polygon(flat).exterior.is_ccw else -1.0
@@ -88,15 +88,15 @@ def test_culling_loses_nothing(default_layout: Layout, surface: str, monkeypatch
     assert culled
 
 
-def test_light_that_does_not_head_for_the_scene_is_not_asked_for(default_layout: Layout) -> None:
-    # Turned half about the vertical, the central mirror sends its light away from the scene.
+def test_light_reflected_away_from_the_scene_is_ignored(default_layout: Layout) -> None:
+    # Rotated by 180 degrees about the vertical, the central mirror reflects light away from the scene.
     centre = default_layout.mirrors[4]
     flip = np.diag([-1.0, -1.0, 1.0])
     away = Mirror(
         virtual_centre_in_rig_mm=centre.virtual_centre_in_rig_mm @ flip,
         outline_in_rig_mm=centre.outline_in_rig_mm @ flip,
     )
-    # Lines of its light made longer backwards, to the depth of the scene, would meet this one.
+    # Its light, extended backwards to the depth of the scene, would meet this mirror.
     beyond = centre.moved(np.eye(3), np.array([0.0, 60.0, 0.0]))
     assert all(found.leg == "in" for found in blocked_light((away, beyond), 500.0) if found.mirror == 0)
 

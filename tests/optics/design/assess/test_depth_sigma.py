@@ -24,7 +24,7 @@ F_PX = 1360.38
 
 
 def upright_views(*heights_mm: float, camera: Camera | None = None) -> Layout:
-    """A column of views that stand square to the scene: of a point at 300 mm, the image is at z = 300 + height."""
+    """A column of views normal to the scene: the image of a point at 300 mm has z = 300 + height."""
     mirrors = tuple(
         mirror_seeing((30.0 * k - 60.0, 30.0 * k - 40.0, 60.0, 110.0), height) for k, height in enumerate(heights_mm)
     )
@@ -99,7 +99,7 @@ def test_it_is_finite_or_none_with_a_reason_however_blurred_the_views_are(apertu
 
 @pytest.mark.filterwarnings("error")
 def test_frequencies_that_no_view_shows_add_nothing() -> None:
-    """Contrasts underflow at the highest frequencies long before the lowest are lost, which alone still tell depth."""
+    """Contrasts underflow at the highest frequencies long before the lowest, which still determine depth."""
     at = np.array([[25.0, -70.0, DEPTH_MM]])
     sigmas = [
         depth_sigma_mm(upright_views(110.0, 80.0, camera=Camera.c920().replaced(aperture_mm=a, focus_mm=1e5)), at)[0]
@@ -110,7 +110,7 @@ def test_frequencies_that_no_view_shows_add_nothing() -> None:
 
 
 @pytest.mark.filterwarnings("error")
-def test_views_in_one_place_tell_no_depth() -> None:
+def test_views_in_one_place_determine_no_depth() -> None:
     assert depth_sigma_mm(upright_views(80.0, 80.0), np.array([[0.0, -80.0, DEPTH_MM]]))[0] > 1e6
 
 

@@ -30,7 +30,7 @@ def largest_circle_px(layout: Layout, depths_mm: tuple[float, ...] = DEPTHS_MM) 
 
 
 def circle_by_rays_px(camera: Camera, mirror: Mirror, point: FloatArray) -> float:
-    """Diameter of the picture of a point: rays from it meet the rim of the pupil where a flat mirror reflects them so.
+    """Diameter of the image of a point: rays from it that a flat mirror reflects to the rim of the pupil.
 
     A ray belongs to the pixel through whose chief ray it crosses the plane in focus.
     """
@@ -45,7 +45,7 @@ def circle_by_rays_px(camera: Camera, mirror: Mirror, point: FloatArray) -> floa
         def unequal(place: FloatArray, rim: FloatArray = rim) -> FloatArray:
             met = a + place[0] * along + place[1] * across
             leaving, arriving = (met - rim) / np.linalg.norm(met - rim), (point - met) / np.linalg.norm(point - met)
-            difference = arriving - leaving  # of a mirror: along its normal
+            difference = arriving - leaving  # the mirror's normal
             return np.array([difference @ along, difference @ across])
 
         place = fsolve(unequal, [0.5, 0.5], xtol=1e-11)
@@ -120,13 +120,12 @@ def test_a_depth_at_which_views_share_nothing_has_no_circle() -> None:
     }
 
 
-def test_circles_of_confusion_past_the_limit_are_said_with_what_to_do(fold_90_layout: Layout) -> None:
+def test_circles_of_confusion_above_the_limit_are_reported_with_advice(fold_90_layout: Layout) -> None:
     def remark(**fields: float) -> str:
         layout = fold_90_layout.replaced(camera=fold_90_layout.camera.replaced(**fields))
         return out_of_focus(layout.replaced(metrics=evaluate(layout, DesignSpec().depths_mm)))
 
-    past = "in focus at 500 mm, circles of confusion reach 3.12 px, more than 2 px: focus at 402 mm leaves 1.92 px"
-    assert remark() == past
-    assert remark(aperture_mm=3.6).endswith("focus at 402 mm leaves 3.84 px, with an aperture of 1.88 mm 2 px")
+    assert remark().endswith("reach 3.12 px, more than 2 px: the focus at 402 mm reduces them to 1.92 px")
+    assert remark(aperture_mm=3.6).endswith("402 mm reduces them to 3.84 px, also an aperture of 1.88 mm to 2 px")
     assert remark(focus_mm=402.0) == ""
     assert remark(aperture_mm=0.0) == ""

@@ -137,8 +137,8 @@ def two_views(spacing_mm: float, half_tangent: float) -> Layout:
 
 
 def test_depth_range_of_two_views_that_meet() -> None:
-    # Fields of upright views are rectangles at every depth: what they share, and how many pixels see it, are a matter
-    # of intervals.
+    # Fields of upright views are rectangles at every depth: their overlap, and the number of pixels that see it, follow
+    # from intervals.
     heights, (low, high, half) = (70.0, 100.0), (80.0, 100.0, 30.0)
     mirrors = tuple(mirror_seeing((-half, half, low, high), height) for height in reversed(heights))
     layout = Layout(rows=2, cols=1, camera=Camera.c920(), mirrors=mirrors)
@@ -167,7 +167,7 @@ def test_depth_range_is_around_the_best_working_depth() -> None:
 
 
 def test_a_depth_range_without_end_says_so() -> None:
-    # The fields drift apart by b (1 - D / 380) and are 2 a D wide, a / b > 1 / 380: at infinity half is common still.
+    # The fields separate by b (1 - D / 380) and are 2 a D wide, a / b > 1 / 380: at infinity half is still common.
     metrics = evaluate(two_views(60.0, 0.18), [DEPTH_MM])
     assert (metrics["depth_farthest_mm"].value, metrics["depth_farthest_mm"].unit) == (FARTHEST_MM, "mm or more")
     assert metrics["depth_nearest_mm"].value < 150.0
@@ -195,7 +195,7 @@ def test_disparity_and_depth_resolution_of_a_grid() -> None:
 
 
 def test_disparity_is_how_far_a_point_moves_from_view_to_view() -> None:
-    # Against what is infinitely far (here: 10^7 mm), in views that look the same way, as the project defines it.
+    # Relative to infinity (here: 10^7 mm), in parallel views, as the project defines it.
     layout = grid_layout(np.zeros((4, 3)))
     metrics = evaluate(layout, [DEPTH_MM])
     left, right = layout.virtual_centres_in_view_mm[1]
@@ -205,7 +205,7 @@ def test_disparity_is_how_far_a_point_moves_from_view_to_view() -> None:
         pixels = [1360.38 * (point - c)[:2] / (point - c)[2] for c in (left, right)]
         shifts.append(pixels[0][0] - pixels[1][0])
     assert metrics["disparity_s_300mm"].value == pytest.approx(shifts[0] - shifts[1], rel=1e-4)
-    # One pixel more of it over the whole baseline is one depth resolution nearer, to first order.
+    # One more pixel of disparity over the full baseline is one depth resolution nearer, to first order.
     nearer = evaluate(layout, [DEPTH_MM - metrics["depth_resolution_fine_300mm"].value])
     gained = (
         next(m.value for n, m in nearer.items() if n.startswith("disparity_s")) - metrics["disparity_s_300mm"].value
@@ -213,7 +213,7 @@ def test_disparity_is_how_far_a_point_moves_from_view_to_view() -> None:
     assert gained == pytest.approx(0.25, rel=0.01)
 
 
-def test_a_single_view_tells_no_depth() -> None:
+def test_a_single_view_determines_no_depth() -> None:
     layout = Layout(rows=1, cols=1, camera=Camera.c920(), mirrors=(mirror_seeing((-40, 40, 60, 120), 80.0),))
     of_depth = ("disparity", "resolution", "depth_sigma")
     assert not [name for name in evaluate(layout, [DEPTH_MM]) if name.startswith(of_depth) or "disparity" in name]
@@ -252,7 +252,7 @@ def test_second_surface_mirrors_score_as_what_they_look_like() -> None:
     assert thick["slab_stray_px"].value == pytest.approx(1360.38 * thick["slab_stray_mm"].value / distance_mm)
 
 
-def test_a_depth_range_ends_before_the_pupil_beside_mirrors_that_fold_light_past_it() -> None:
+def test_a_depth_range_ends_before_the_pupil_if_mirrors_fold_light_past_it() -> None:
     # At this fold and scale the mirrors lie behind the pupil along the views, and their views overlap from there on.
     spec = DesignSpec(rows=1, cols=2, scale_mm=400.0, fold_deg=150.0, tradeoff=0.0)
     layout = faceted_parabola(spec)

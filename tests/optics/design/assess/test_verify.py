@@ -1,4 +1,4 @@
-"""The second opinion: it passes a good layout and refuses each kind of broken one, by the name of what is broken."""
+"""Verification: it passes a valid layout and refuses each kind of invalid one, naming the constraint."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def recut(mirror: Mirror, corners: FloatArray) -> Mirror:
 
 
 def slid(mirror: Mirror, along: float) -> Mirror:
-    """The mirror seen in the same place of the image from another distance: all lengths times `along`."""
+    """The mirror with the same sub-image at another distance: all lengths scaled by `along`."""
     return mirror.replaced(
         virtual_centre_in_rig_mm=mirror.virtual_centre_in_rig_mm * along,
         outline_in_rig_mm=mirror.outline_in_rig_mm * along,
@@ -45,7 +45,7 @@ def slid(mirror: Mirror, along: float) -> Mirror:
 
 
 def with_second_surfaces(layout: Layout, thickness_mm: float) -> Layout:
-    """Second-surface mirrors that look where the (first-surface) mirrors of a layout are."""
+    """Second-surface mirrors whose apparent mirrors are the (first-surface) mirrors of a layout."""
     mirrors = [
         Mirror.second_surface(
             m.virtual_centre_in_rig_mm, m.outline_in_rig_mm, thickness_mm=thickness_mm, refractive_index=1.49
@@ -84,7 +84,7 @@ def test_the_default_layout_passes_in_every_figure(default_layout: Layout) -> No
 
 
 def test_a_mirror_nearer_to_the_camera_blocks_light(default_layout: Layout) -> None:
-    # It keeps its place in the image, so only the beams that leave its neighbour meet it.
+    # Its sub-image is unchanged, so only the beams that leave its neighbour meet it.
     broken = with_mirror(default_layout, 1, slid(default_layout.mirrors[1], 0.85))
     assert "blocked_light" in failures(broken, spec_of(default_layout).replaced(spacing_mm=0.0))
     blocked = blocked_light(broken.mirrors, 500.0)
@@ -101,7 +101,7 @@ def test_mirrors_too_close_fail(default_layout: Layout) -> None:
 
 
 def test_the_gap_between_sub_images_is_that_between_their_outlines(parabola_layout: Layout) -> None:
-    # Cells of a third of the sensor, of which outlines leave a tenth: the lower gap, between rows, in mm at 80 mm.
+    # Cells are a third of the sensor, with a gap of a tenth: the smaller gap, between rows, in mm at 80 mm.
     gap_mm = 0.1 * (540 - 1) / 680.0 / 3 * 80.0
     spec = spec_of(parabola_layout)
     for layout in (parabola_layout, with_second_surfaces(parabola_layout, 3.0)):
@@ -128,11 +128,11 @@ def test_sub_images_too_close_fail_though_their_mirrors_are_far_apart(default_la
 def test_mirrors_too_small_to_cut_fail(default_layout: Layout) -> None:
     outlines = [mirror.outline_in_rig_mm for mirror in default_layout.mirrors]
     shortest = min(float(np.linalg.norm(o - np.roll(o, 1, axis=0), axis=1).min()) for o in outlines)
-    asked = spec_of(default_layout).replaced(min_edge_mm=shortest + 0.01)
-    assert failures(default_layout, asked) == {"shortest_edge_mm"}
-    assert failures(default_layout, asked.replaced(min_edge_mm=shortest - 0.01)) == set()
+    requested = spec_of(default_layout).replaced(min_edge_mm=shortest + 0.01)
+    assert failures(default_layout, requested) == {"shortest_edge_mm"}
+    assert failures(default_layout, requested.replaced(min_edge_mm=shortest - 0.01)) == set()
     larger = min(area_mm2(mirror) for mirror in default_layout.mirrors) + 1.0
-    assert failures(default_layout, asked.replaced(min_edge_mm=0.0, min_area_mm2=larger)) == {"smallest_area_mm2"}
+    assert failures(default_layout, requested.replaced(min_edge_mm=0.0, min_area_mm2=larger)) == {"smallest_area_mm2"}
 
 
 def test_a_sub_image_off_the_sensor_fails_by_how_far_it_leaves(default_layout: Layout) -> None:
@@ -144,7 +144,7 @@ def test_a_sub_image_off_the_sensor_fails_by_how_far_it_leaves(default_layout: L
 
 
 def test_a_sub_image_beyond_the_lens_model_fails(default_layout: Layout) -> None:
-    # The lens folds outside the sensor; a mirror that reaches past that has no pixel there at all.
+    # The lens folds outside the sensor; a mirror beyond that has no pixels there.
     camera = default_layout.camera.replaced(distortion=[-0.2, 0.0, 0.0, 0.0, 0.0])
     corners = default_layout.mirrors[3].outline_normalized.copy()
     corners[[0, 3], 0] = -1.1 * camera.valid_radius
@@ -186,12 +186,12 @@ def test_a_depth_among_the_mirrors_fails() -> None:
         ({"fold_deg": 120.0 + 1e-8}, 0),
     ],
 )
-def test_what_is_not_as_asked_is_counted(default_layout: Layout, changes: dict[str, object], count: int) -> None:
+def test_deviations_from_the_spec_are_counted(default_layout: Layout, changes: dict[str, object], count: int) -> None:
     spec = spec_of(default_layout).replaced(**changes)
     assert verify(default_layout, spec)["unlike_spec"].value == count
 
 
-def test_more_corners_than_asked_for_are_counted(default_layout: Layout) -> None:
+def test_more_corners_than_requested_are_counted(default_layout: Layout) -> None:
     corners = default_layout.mirrors[4].outline_normalized
     middle = (corners[:1] + corners[-1:]) / 2.0
     pentagon = recut(default_layout.mirrors[4], np.concatenate([corners, middle]))
@@ -211,7 +211,7 @@ def test_more_corners_than_asked_for_are_counted(default_layout: Layout) -> None
         ("blocked_light", 0.0312, "occlusion", "a mirror stands in 3.12% of the light of another"),
         ("shortest_edge_mm", 2.0, "edge", "a mirror has an edge of 2 mm, 1 mm too short"),
         ("smallest_area_mm2", 15.0, "area", "a mirror has 15 mm², 5 mm² too few"),
-        ("unlike_spec", 3.0, "spec", "3 of camera, counts, view axes and mirrors are not those requested"),
+        ("unlike_spec", 3.0, "spec", "3 of camera, counts, view axes and mirrors differ from the spec"),
     ],
 )
 def test_a_failed_figure_becomes_a_refusal_in_words(
@@ -259,7 +259,7 @@ def test_samples_cover_a_polygon_and_its_border() -> None:
 
 
 def test_a_mirror_before_another_takes_all_its_light(default_layout: Layout) -> None:
-    # The same place of the image from 0.8 of the distance: every ray meets the nearer mirror first.
+    # The same sub-image at 0.8 of the distance: every ray meets the nearer mirror first.
     behind, before = default_layout.mirrors[4], slid(default_layout.mirrors[4], 0.8)
     ways_in = {found.mirror: found for found in blocked_light((behind, before), 500.0) if found.leg == "in"}
     assert ways_in[0].occluder == 1

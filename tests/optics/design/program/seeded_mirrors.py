@@ -1,4 +1,4 @@
-"""Mirrors of a seed that nothing is symmetric in, as the optimiser writes them and as the core's values."""
+"""Mirrors of an asymmetric seed, as the optimiser's expressions and as values of `geometry`."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def fold_of(spec: DesignSpec) -> FloatArray:
 
 
 def seeded(spec: DesignSpec) -> tuple[FloatArray, FloatArray]:
-    """Virtual centres (n, 3) and corners (n, 2 sides) of strictly convex mirrors that nothing is symmetric in."""
+    """Virtual centres (n, 3) and corners (n, 2 sides) of strictly convex, asymmetric mirrors."""
     seed, rng = seed_of(spec, 390.0), np.random.default_rng(3)
     centres = seed.centres + rng.normal(0.0, 0.02, seed.centres.shape)
     from_middle = seed.corners - (seed.corners.min(axis=1, keepdims=True) + seed.half_tile)
@@ -67,7 +67,7 @@ def seeded(spec: DesignSpec) -> tuple[FloatArray, FloatArray]:
 
 
 def expressed(spec: DesignSpec, kind: Kind, index: int) -> tuple[MirrorVariables, Mirror]:
-    """One mirror as the optimiser writes it, in numbers and scales, and the same one as the core's value."""
+    """One mirror as the optimiser's expression, evaluated in scales, and as a `Mirror`."""
     centres, corners = seeded(spec)
     optics = Optics(ca.SX(spec.view_from_rig), *(ca.SX(number) for number in optics_of(spec)))
     mine = mirror_of(kind, optics, ca.SX(centres[index]), ca.SX(corners[index]))

@@ -1,4 +1,4 @@
-"""The optimiser's own expressions against the core's functions, and the derivatives of every kind of term."""
+"""The optimiser's expressions against the functions of `geometry`, and the derivatives of every kind of term."""
 
 from __future__ import annotations
 
@@ -61,12 +61,12 @@ USES: dict[str, tuple[Term, FloatArray, FloatArray]] = {
 
 
 @pytest.mark.parametrize(
-    "asked",
+    "requested",
     [*({"rows": rows, "cols": cols} for rows, cols in [(3, 3), (2, 4), (1, 3), (3, 1)]), {"pattern": Pattern.ring(5)}],
     ids=["3x3", "2x4", "1x3", "3x1", "ring5"],
 )
-def test_grid_error_is_that_of_the_metrics(asked: dict[str, object]) -> None:
-    layout = faceted_parabola(DesignSpec.model_validate(asked))
+def test_grid_error_is_that_of_the_metrics(requested: dict[str, object]) -> None:
+    layout = faceted_parabola(DesignSpec.model_validate(requested))
     centres = [ca.SX(centre) for centre in layout.virtual_centres_in_view_mm.reshape(-1, 3)]
     squared, spacings = constraints.squared_grid_error(centres, layout.arrangement)
     assert np.sqrt(number(squared).item()) == pytest.approx(grid_error(layout))
@@ -90,7 +90,7 @@ def test_usable_edges_are_those_of_the_mirror(kind: Kind, fold_deg: float) -> No
         edges = constraints._usable_edges(kind, mine)
         ends = np.array([[number(end).ravel() @ spec.view_from_rig for end in edge] for edge in edges])
         lines = ends[..., :2] / ends[..., 2:]
-        # Corners where lines of neighbouring edges cross; every line bounds what the core says is usable.
+        # Corners where lines of neighbouring edges cross; every line bounds the usable part of `geometry`.
         usable = theirs.usable_normalized
         assert len(usable) == kind.sides
         for a, b in lines:
@@ -150,14 +150,14 @@ def test_a_view_term_counts_the_pixels_that_show_a_region(kind: Kind) -> None:
     f, g = term_value(term, [fold_of(spec), centres[2], corners[2], tangents.ravel()], numbers)
     assert -f / 2.0 == pytest.approx(share, rel=1e-4)
     assert g[-1] == pytest.approx(share - 0.01, abs=1e-5)
-    # The least of the others says by what area over a tile's the region's nearest corner lies within an edge.
+    # The smallest of the others is the signed area, relative to a tile, of the region's nearest corner and an edge.
     usable = Polygon(unvignetted_outline(mirror, camera.pupil))
     assert (g[:-1] >= 0).all() == usable.contains(Polygon(normalized))
     far = term_value(term, [fold_of(spec), centres[2], corners[2], 3.0 * tangents.ravel()], numbers)[1]
     assert far[:-1].min() < 0
 
 
-# Regions: star-shaped about their middles and wound once.
+# Regions: star-shaped about their centres with winding number one.
 
 
 @settings(max_examples=60)

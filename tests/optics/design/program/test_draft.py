@@ -1,4 +1,4 @@
-"""A program in the making: where its fold and mirrors are, and what all terms take, in scales."""
+"""A program under construction: indices of fold and mirrors, and the common parameters of terms, in scales."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ SPEC = DesignSpec(rows=2, cols=2, robust_tilt_deg=0.5, robust_offset_mm=0.2)
 def test_unknowns_start_as_the_mirrors_of_the_seed() -> None:
     spec = DesignSpec(rows=1, cols=3, sides=5, fold_deg=100.0)
     seed = seed_of(spec, 375.0)
-    draft = Draft.begun(spec, seed)
+    draft = Draft.of(spec, seed)
     start = draft.program.start
     assert_allclose(np.degrees(start[draft.fold]), [100.0])
     assert_allclose(start[np.array(draft.centres)], seed.centres)
@@ -32,10 +32,12 @@ def test_unknowns_start_as_the_mirrors_of_the_seed() -> None:
     assert draft.program.size == len(ELASTIC) + 1 + 3 * (3 + 10)
 
 
-@pytest.mark.parametrize(("asked", "least", "most"), [(100.0, 100.0, 100.0), ("auto", FOLD_DEG.least, FOLD_DEG.most)])
-def test_a_fold_is_given_or_free_in_its_range(asked: float | str, least: float, most: float) -> None:
-    spec = DesignSpec.model_validate({"rows": 1, "cols": 2, "fold_deg": asked})
-    draft = Draft.begun(spec, seed_of(spec, 375.0))
+@pytest.mark.parametrize(
+    ("fold_deg", "least", "most"), [(100.0, 100.0, 100.0), ("auto", FOLD_DEG.least, FOLD_DEG.most)]
+)
+def test_a_fold_is_given_or_free_in_its_range(fold_deg: float | str, least: float, most: float) -> None:
+    spec = DesignSpec.model_validate({"rows": 1, "cols": 2, "fold_deg": fold_deg})
+    draft = Draft.of(spec, seed_of(spec, 375.0))
     low, high = draft.program.bounds
     assert_allclose(np.degrees([*low[draft.fold], *high[draft.fold]]), [least, most])
 
@@ -43,7 +45,7 @@ def test_a_fold_is_given_or_free_in_its_range(asked: float | str, least: float, 
 def test_lengths_are_in_scales() -> None:
     camera = Camera.c920().replaced(aperture_mm=2.0, focus_mm=400.0)
     spec = DesignSpec(camera=camera, scale_mm=50.0, surface="second", thickness_mm=2.0)
-    assert_allclose(Draft.begun(spec, seed_of(spec, 375.0)).optics, [0.04, 1.49, 0.02, 0.125])
+    assert_allclose(Draft.of(spec, seed_of(spec, 375.0)).optics, [0.04, 1.49, 0.02, 0.125])
 
 
 @pytest.fixture(scope="module")
@@ -60,7 +62,7 @@ def built(seed: Seed) -> BuiltViews:
 
 def test_corners_move_by_their_standard_deviation(seed: Seed, built: BuiltViews) -> None:
     corners = shapely.get_coordinates(built.outlines.ravel()).reshape(DEVICES, 4, 5, 2)[:, :, :4]
-    # Outlines start at another corner than those of the seed; each is the nearest of them.
+    # Outlines may start at another corner than the seed's: compare nearest corners.
     away = np.linalg.norm(corners.mean(axis=0)[:, :, None] - seed.corners[:, None], axis=-1)
     expected = np.take_along_axis(displacements(SPEC, seed), away.argmin(axis=2)[..., None], axis=1)
     assert_allclose(corners.std(axis=0), np.abs(expected), rtol=0.1, atol=1e-4)

@@ -1,4 +1,4 @@
-"""Mirrors as CasADi expressions against the core's functions and values."""
+"""Mirrors as CasADi expressions against the functions and values of `geometry`."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def test_faces_and_solids_are_those_of_the_mirror(kind: Kind, fold_deg: float) -
         normal = number(mine.normal).ravel() @ spec.view_from_rig
         assert_allclose(normal, -theirs.normal_in_rig, atol=1e-7)
         solid = number(ca.horzcat(*mine.solid)).T * spec.scale_mm @ spec.view_from_rig
-        # The reflecting face comes first; seen from the pupil, that of a second-surface mirror is second.
+        # `solid` lists the reflecting face first; from the pupil, a second-surface mirror's comes second.
         expected = theirs.solid.corners_in_rig_mm
         if kind.second_surface:
             expected = np.roll(expected, kind.sides, axis=0)
@@ -99,7 +99,7 @@ def test_a_tilted_mirror_is_turned_about_the_middle_of_its_face(kind: Kind) -> N
     for angles in ([0.0, 0.0], [0.01, 0.0], [0.0, -0.01]):
         normal = theirs.normal_in_rig
         axes = theirs.rig_from_plane[:3, :2]
-        # The virtual centre is behind the mirror: a turn that moves it along an axis moves the normal the other way.
+        # The virtual centre is behind the mirror: turning it along an axis moves the normal in the opposite direction.
         turn = Rotation.from_rotvec(np.cross(normal, axes @ [-angles[0], angles[1]]))
         turned = turn.apply(normal)
         expected = 2.0 * (middle @ turned) * turned

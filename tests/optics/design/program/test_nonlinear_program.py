@@ -1,4 +1,4 @@
-"""Programs of terms: assembled derivatives against CasADi's own and differences, and answers to small questions."""
+"""Programs of terms: assembled derivatives against CasADi's and differences, and solutions of small problems."""
 
 from __future__ import annotations
 
@@ -28,6 +28,7 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.mirror_gaps import hull_distance
 from mirrorcam.optics.geometry.pupil import PINHOLE, Pupil
+from tests.nightly import a_few
 from tests.optics.design.program.seeded_mirrors import fold_of
 
 BENT = Camera.c920().replaced(distortion=[0.05, -0.1, 0.001, 0.001, 0.0])
@@ -44,7 +45,7 @@ def problem(which: int) -> Problem:
 
 
 def nearby(solver: Solver, seed: int = 5) -> FloatArray:
-    """Values of all unknowns at which nothing is special, the slacks among them."""
+    """Generic values of all unknowns, including slacks."""
     start = solver.program.start
     return start + np.random.default_rng(seed).normal(0.0, 2e-3, len(start))
 
@@ -63,8 +64,8 @@ def multipliers(solver: Solver) -> FloatArray:
 def test_derivatives_of_the_program_agree_with_differences(which: int, searching: float) -> None:
     solver = problem(which).solver
     at, rng = nearby(solver), np.random.default_rng(6)
-    way = rng.normal(0.0, 1.0, len(at))
-    step = 1e-6 * way
+    direction = rng.normal(0.0, 1.0, len(at))
+    step = 1e-6 * direction
     gradients, jacobians, hessians = (solver.derivatives[name] for name in ("grad_f", "jac_g", "hess_lag"))
 
     def slope(values: list[FloatArray]) -> FloatArray:
@@ -72,10 +73,10 @@ def test_derivatives_of_the_program_agree_with_differences(which: int, searching
 
     objective = [dense(gradients(at + sign * step, searching)[0]).ravel() for sign in (-1.0, 1.0)]
     gradient = dense(gradients(at, searching)[1]).ravel()
-    assert_allclose([gradient @ way], slope(objective), rtol=1e-6, atol=1e-8)
+    assert_allclose([gradient @ direction], slope(objective), rtol=1e-6, atol=1e-8)
     limits = [dense(jacobians(at + sign * step, searching)[0]).ravel() for sign in (-1.0, 1.0)]
     jacobian = dense(jacobians(at, searching)[1])
-    assert_allclose(jacobian @ way, slope(limits), rtol=1e-6, atol=1e-7)
+    assert_allclose(jacobian @ direction, slope(limits), rtol=1e-6, atol=1e-7)
 
     weight, lam = 0.7, multipliers(solver)
     upper = dense(hessians(at, searching, weight, lam))
@@ -85,15 +86,15 @@ def test_derivatives_of_the_program_agree_with_differences(which: int, searching
         + dense(jacobians(at + sign * step, searching)[1]).T @ lam
         for sign in (-1.0, 1.0)
     ]
-    assert_allclose((upper + np.triu(upper, 1).T) @ way, slope(lagrangian), rtol=1e-5, atol=1e-6)
+    assert_allclose((upper + np.triu(upper, 1).T) @ direction, slope(lagrangian), rtol=1e-5, atol=1e-6)
     assert np.abs(slope(lagrangian)).max() > 0.1
 
 
-@pytest.mark.parametrize("which", [0, 1])
+@pytest.mark.parametrize("which", a_few(2, [0, 1]))
 @pytest.mark.parametrize("searching", [0.0, 1.0])
 def test_derivatives_of_the_program_are_those_of_casadi(which: int, searching: float) -> None:
     solver = problem(which).solver
-    # Written out as scalars, so that nothing of how the program was put together is used.
+    # Written out as scalars, independently of the program's assembly.
     x = ca.SX.sym("x", solver.program.size)
     objective, _ = solver.derivatives["grad_f"].expand()(x, searching)
     limits, _ = solver.derivatives["jac_g"].expand()(x, searching)
@@ -120,14 +121,14 @@ def test_a_search_asks_for_the_slacks_alone_and_to_stay_near() -> None:
     weights = np.array([SLACK_WEIGHTS[family] for family in ELASTIC])
     away = HOLD * float(np.sum((at - solver.program.start)[count:] ** 2))
     assert float(solver.derivatives["grad_f"](at, 1.0)[0]) == pytest.approx(weights @ at[:count] + away)
-    whole = Assembled(solver.program)
-    f, g = ca.Function("f", [whole.x], list(whole.objective_and_constraints()))(at)
+    assembled = Assembled(solver.program)
+    f, g = ca.Function("f", [assembled.x], list(assembled.objective_and_constraints()))(at)
     assert float(solver.derivatives["grad_f"](at, 0.0)[0]) == pytest.approx(float(f) + away)
-    # A slack makes room for every limit of its family by as much, and for no other.
+    # A slack relaxes every limit of its family by the same amount, and no other limit.
     more = at.copy()
     more[ELASTIC.index("overlap")] += 0.25
-    widened = ca.Function("g", [whole.x], [whole.objective_and_constraints()[1]])(more)
-    assert_allclose(dense(widened - g).ravel(), 0.25 * (whole.family == ELASTIC.index("overlap")), atol=1e-12)
+    widened = ca.Function("g", [assembled.x], [assembled.objective_and_constraints()[1]])(more)
+    assert_allclose(dense(widened - g).ravel(), 0.25 * (assembled.family == ELASTIC.index("overlap")), atol=1e-12)
 
 
 def test_unknowns_keep_their_starts_and_bounds() -> None:
@@ -178,7 +179,7 @@ def test_uses_of_one_term_add_up() -> None:
     program.add(fixed, [x[2:]])
     outcome = Solver(program, SLACK_WEIGHTS).optimise()
     assert outcome.solved
-    # x0 = 1; x1 halfway between 1 and 4; x2 = 3 is asked for. Staying near the start pulls by about HOLD.
+    # x0 = 1; x1 halfway between 1 and 4; x2 = 3 is requested. HOLD shifts the optimum slightly.
     assert_allclose(outcome.values[x], [1.0, 2.5, 3.0], atol=1e-4)
     assert outcome.objective == pytest.approx(0.0 + 2 * 1.5**2 + 1.0, abs=1e-3)
 
@@ -196,14 +197,14 @@ def test_the_upper_half_of_the_hessian_holds_terms_used_in_any_order() -> None:
     assert_allclose(upper, np.array([[0.0, 6.0], [0.0, 4.0]]) + 2.0 * HOLD * np.eye(2))
 
 
-# Bodies that keep apart.
+# Separated bodies.
 
 CUBE = np.array([[x, y, z] for x in (0.0, 1.0) for y in (0.0, 1.0) for z in (0.0, 1.0)])
 ASIDE = np.array([0.0, 0.4, 0.3])
 
 
 def cubes(gap: float) -> tuple[Solver, Indices]:
-    """A fixed unit cube at the origin and one that may slide along x to 20, to be kept `gap` apart and wanted at 0."""
+    """A fixed unit cube at the origin and one that may slide along x to 20, with a minimum gap and the target 0."""
     builder = TermBuilder()
     at, wanted = builder.unknown(1), builder.parameter()
     plane = separation.SeparatingPlane.unknown(builder)
@@ -219,7 +220,7 @@ def cubes(gap: float) -> tuple[Solver, Indices]:
     return Solver(program, SLACK_WEIGHTS), place
 
 
-def test_bodies_are_kept_exactly_as_far_apart_as_asked() -> None:
+def test_bodies_are_separated_by_exactly_the_requested_gap() -> None:
     solver, place = cubes(0.7)
     outcome = solver.optimise()
     assert outcome.solved
@@ -239,12 +240,12 @@ def test_an_interruption_ends_a_solution_without_a_word(capfd: pytest.CaptureFix
     assert capfd.readouterr().err == ""
 
 
-def test_what_cannot_hold_is_measured() -> None:
+def test_an_impossible_constraint_is_measured() -> None:
     solver, _ = cubes(22.0)
     assert not solver.optimise().solved
     feasible, missed = solver.find_feasible()
     assert feasible.solved
-    # At x = 20 the cubes are 19 apart, 3 less than asked.
+    # At x = 20 the cubes are 19 apart, 3 less than requested.
     assert missed["spacing"] == pytest.approx(3.0, abs=0.01)
     assert missed["overlap"] == pytest.approx(0.0, abs=1e-6)
     assert feasible.objective == pytest.approx(SLACK_WEIGHTS["spacing"] * missed["spacing"], abs=0.01)
@@ -264,7 +265,7 @@ SCALE_MM = 80.0
 def missed_by(
     mirrors: tuple[Mirror, Mirror], term: Term, family: str, parameters: list[float], pupil: Pupil = PINHOLE
 ) -> float:
-    """The violation of a term by two fixed mirrors of the default fold, in scales; 0 where a plane satisfies it."""
+    """The violation of a term by two fixed mirrors for the default fold, in scales; 0 if a plane satisfies it."""
     spec = DesignSpec()
     program = Program()
     places = []
@@ -273,8 +274,8 @@ def missed_by(
         corners = mirror.apparent.outline_normalized.ravel()
         places += [program.unknown(values, values, values) for values in (centre, corners)]
     middles = [mirror.outline_in_rig_mm.mean(axis=0) @ spec.view_from_rig.T for mirror in mirrors]
-    way = (middles[1] - middles[0]) / np.linalg.norm(middles[1] - middles[0])
-    start = [*way, way @ (middles[0] + middles[1]) / 2.0 / SCALE_MM]
+    direction = (middles[1] - middles[0]) / np.linalg.norm(middles[1] - middles[0])
+    start = [*direction, direction @ (middles[0] + middles[1]) / 2.0 / SCALE_MM]
     optics = [mirrors[0].thickness_mm / SCALE_MM, mirrors[0].refractive_index]
     optics += [pupil.radius_mm / SCALE_MM, SCALE_MM / pupil.focus_mm]
     fold = program.unknown(*[fold_of(spec)] * 3)
@@ -324,7 +325,7 @@ def test_light_is_kept_free_just_where_rays_pass(default_layout: Layout, leg: st
             assert missed > 1e-3
             lost += 1
         else:
-            # The beam out of a mirror is kept free for the pupil's middle: somewhat wider than that of whole pupils.
+            # The outgoing beam of the pupil's centre is kept clear; it is wider than the beam of unvignetted pixels.
             spare = pupil.radius_mm / SCALE_MM if leg == "out" else 0.0
             assert missed == pytest.approx(0.0, abs=1e-6 + spare)
             kept += 1

@@ -1,4 +1,4 @@
-"""Laws of the seeds: what makes a parabola a parabola, and a tiling a tiling."""
+"""Laws of the seeds: defining properties of paraboloids, ellipsoids and tilings."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def test_parabola_sends_chief_rays_parallel_to_the_view_axis(fold_deg: float) ->
     assert_allclose(
         leaving / np.linalg.norm(leaving, axis=-1, keepdims=True), np.broadcast_to(Z, centres.shape), atol=1e-14
     )
-    # All on the directrix plane, straight across the views' axis.
+    # All centres lie in the directrix plane, normal to the view axis.
     assert_allclose(centres[..., 2], -80.0 * (1.0 - np.cos(np.radians(fold_deg))))
 
 
@@ -85,7 +85,7 @@ def test_parabola_sends_chief_rays_parallel_to_the_view_axis(fold_deg: float) ->
 def test_parabola_facets_are_tangent_to_one_paraboloid(fold_deg: float) -> None:
     chief, turned = chief_points(), view_from_rig(fold_deg)
     points = where_chief_rays_meet(parabola_centres(chief, 80.0, turned), rays_in_view(chief, turned))
-    # Focus at the origin: as far from it as from the directrix plane.
+    # Points are equally far from the focus at the origin and from the directrix plane.
     directrix = -80.0 * (1.0 - np.cos(np.radians(fold_deg)))
     assert_allclose(np.linalg.norm(points, axis=-1), points[..., 2] - directrix)
 
@@ -221,7 +221,7 @@ def test_a_lens_that_folds_inside_the_sensor_is_refused() -> None:
         sensor_rectangle(camera)
 
 
-def test_facets_that_cannot_be_so_far_apart_are_refused() -> None:
+def test_facets_with_an_impossible_gap_are_refused() -> None:
     with pytest.raises(InfeasibleDesign, match=r"spacing constraint: facets 60 mm apart .* too close"):
         faceted_parabola(DesignSpec(spacing_mm=60.0))
 
@@ -236,7 +236,7 @@ def test_noise_below_a_nanometre_leaves_no_trace() -> None:
 
 @pytest.mark.parametrize("fold_deg", FOLDS)
 @pytest.mark.parametrize("surface", ["first", "second"])
-def test_mirrors_look_like_plain_ones_of_the_centres_and_corners_asked_for(fold_deg: float, surface: str) -> None:
+def test_apparent_mirrors_have_the_requested_centres_and_corners(fold_deg: float, surface: str) -> None:
     spec = DesignSpec(rows=2, cols=2, fold_deg=fold_deg).replaced(surface=surface, thickness_mm=3.0)
     seed = seed_of(spec, 375.0)
     mirrors = mirrors_of(spec, 80.0 * seed.centres, seed.corners)

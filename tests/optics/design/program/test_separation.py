@@ -1,4 +1,4 @@
-"""Terms that keep mirrors apart beside the distances of their outlines."""
+"""Terms that separate mirrors, against the distances of their outlines."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def test_a_seen_gap_term_measures_how_far_sub_images_are_apart(sides: int, first
         line = np.array([*normal, -(outlines[0] @ normal).max()])
         _, g = term_value(term, [*(outline.ravel() for outline in outlines), line], [np.array([gap])])
         apart = term.family == ELASTIC.index("seen gap")
-        # For a line of unit normal that touches the first: the excess of the gap to every corner of the second.
+        # For a line with a unit normal that touches the first: the distances to the second's corners minus the gap.
         assert g[~apart].min() == pytest.approx(0.0, abs=1e-12)
         assert_allclose(np.sort(g[apart]), np.sort(outlines[1] @ normal + line[2] - gap - constraints.MARGIN))
         found.append(float(g[apart].min()))
@@ -56,7 +56,7 @@ def test_a_seen_gap_term_measures_how_far_sub_images_are_apart(sides: int, first
 
 
 def test_a_line_between_sub_images_has_a_normal_of_about_unit_length() -> None:
-    # A longer normal would make the gap seem larger than it is; none at all would stand between nothing.
+    # A longer normal would exaggerate the gap; a zero normal would separate nothing.
     _, corners = seeded(spec_of(KINDS[0]))
     term = separation.seen_gap_term(4)
     for length, allowed in [(1.0, True), (0.91, True), (0.89, False), (1.01, False)]:
@@ -80,7 +80,7 @@ def test_neighbours_keep_gaps_and_light_and_diagonals_less() -> None:
 @pytest.mark.parametrize(("first", "second"), [(0, 1), (0, 2), (1, 3)])
 def test_a_plane_between_mirrors_starts_between_them(first: int, second: int) -> None:
     seed = seed_of(SPEC, 375.0)
-    draft = Draft.begun(SPEC, seed)
+    draft = Draft.of(SPEC, seed)
     before = draft.program.size
     add_pairs(draft, (PairConstraint("gap", first, second),))
     *normal, offset = draft.program.start[before:]
@@ -94,7 +94,7 @@ def test_a_camera_without_a_known_body_has_no_constraints_on_it() -> None:
     unknown = SPEC.replaced(camera=Camera.c920().replaced(body_mm=None))
     sizes = []
     for spec in (SPEC, unknown):
-        draft = Draft.begun(spec, seed_of(spec, 375.0))
+        draft = Draft.of(spec, seed_of(spec, 375.0))
         before = draft.program.size
         add_body(draft)
         sizes.append(draft.program.size - before)

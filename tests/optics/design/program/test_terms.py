@@ -90,7 +90,7 @@ NAMES = ("mirror", "region", "view", "grid", "mean", "seen", "gap", "in", "out",
 
 
 def random_use(kind: Kind, name: str) -> tuple[Term, FloatArray, FloatArray]:
-    """A term with unknowns and parameters at which nothing is special."""
+    """A term with generic unknowns and parameters."""
     spec = spec_of(kind, 105.0)
     rng = np.random.default_rng(11)
     centres, corners = seeded(spec)
@@ -176,7 +176,7 @@ def test_derivatives_of_terms_agree_with_differences(kind: Kind, name: str) -> N
         upper + np.triu(upper, 1).T,
         central(lambda at: weight * gradient(at) + jacobian(at).T @ multipliers, x),
     )
-    # Differences that are all zero would agree with anything.
+    # The comparison would be void if all differences were zero.
     assert np.abs(jacobian(x)).max() > 0.1
     assert np.abs(upper).max() > 0.1 or name == "region", "only that one is linear"
 

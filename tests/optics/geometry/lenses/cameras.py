@@ -1,4 +1,4 @@
-"""Cameras of every family of lenses, and points that they see."""
+"""Cameras with lenses of every family, and points in their view."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ LENSES = {
 
 
 def camera_of(model: LensName, distortion: list[float]) -> Camera:
-    """A camera with unequal focal lengths and a principal point beside the middle."""
+    """A camera with unequal focal lengths and a principal point off the centre."""
     return Camera(
         width_px=1280,
         height_px=720,
@@ -38,7 +38,7 @@ def points(count: int = 200, half_width: float = 0.7) -> FloatArray:
 
 
 def assert_derivatives(camera: Camera, at: FloatArray) -> None:
-    """Derivatives by points and intrinsics are those of central differences."""
+    """Derivatives by points and intrinsics agree with central differences."""
     pixels, d_points, d_intrinsics = camera.project_with_jacobians(at)
     np.testing.assert_allclose(pixels, camera.project(at), atol=1e-10)
     for column in range(3):
@@ -55,7 +55,7 @@ def assert_derivatives(camera: Camera, at: FloatArray) -> None:
 
 
 def assert_comes_back(camera: Camera) -> None:
-    """Pixels of the whole sensor go out and come back, and a flipped lens sees the flipped picture."""
+    """Unprojection inverts projection over the entire sensor, and a flipped lens sees the flipped picture."""
     u, v = np.meshgrid(np.linspace(0, camera.width_px - 1, 33), np.linspace(0, camera.height_px - 1, 21))
     pixels = np.stack([u, v], axis=-1)
     np.testing.assert_allclose(camera.project(77.0 * camera.unproject(pixels)), pixels, atol=1e-8)

@@ -1,4 +1,4 @@
-"""The fisheye lens: OpenCV's values and derivatives, the way back up to 85 degrees, and where it is defined."""
+"""The fisheye lens: OpenCV's values and derivatives, the inverse up to 85 degrees, and the valid radius."""
 
 from __future__ import annotations
 

@@ -1,11 +1,11 @@
-"""What all lenses share: the identity, and a rough way back that stays where the lens is defined."""
+"""Common properties of lenses: the identity, and an approximate inverse within the valid radius."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from mirrorcam.optics.geometry.lenses.brown_conrady import BrownConrady
 from mirrorcam.optics.geometry.lenses.fisheye import Fisheye
+from mirrorcam.optics.geometry.lenses.polynomial import BrownConrady
 
 
 def test_only_a_lens_without_distortion_is_the_identity() -> None:
@@ -14,7 +14,7 @@ def test_only_a_lens_without_distortion_is_the_identity() -> None:
     assert not Fisheye(np.zeros(4)).is_identity
 
 
-def test_the_rough_way_back_stays_where_the_lens_is_defined() -> None:
+def test_the_approximate_inverse_stays_within_the_valid_radius() -> None:
     folding = BrownConrady(np.array([-1 / 3, 0.0, 0.0, 0.0, 0.0]))
     x, y = folding.undistorted_roughly(np.array([0.1, 3.0]), np.array([0.0, 4.0]))
     np.testing.assert_allclose([x, y], [[0.1, 0.57], [0.0, 0.76]])

@@ -173,6 +173,7 @@ def test_the_strongest_are_kept(scene: LightField) -> None:
     assert np.array_equal(few[0].pixels, many[0].pixels[:50])
 
 
+@pytest.mark.slow
 def test_features_of_the_stack_are_where_surfaces_are(scene: LightField) -> None:
     features = FeatureFinder(scene, "SIFT4D").find(scene)
     assert features.detector == "SIFT4D"

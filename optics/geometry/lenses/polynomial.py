@@ -1,4 +1,4 @@
-"""The rational lens, a quotient of polynomials of the radius, and the thin-prism lens; numbers in OpenCV's order."""
+"""Lenses with polynomials of the radius, coefficients in OpenCV's order: Brown-Conrady, rational and thin-prism."""
 
 from __future__ import annotations
 
@@ -8,16 +8,72 @@ from typing import ClassVar, Self
 import numpy as np
 
 from mirrorcam.core.values import FloatArray
-from mirrorcam.optics.geometry.lenses.brown_conrady import FLIPS, BrownConrady, tangential_by_coefficients
 from mirrorcam.optics.geometry.lenses.lens import Lens, Linearized
 
 DIVISOR_SIGMA = 0.3
 
 
+class BrownConrady(Lens):
+    """Lens with the coefficients (k1, k2, p1, p2, k3).
+
+    With r^2 = x^2 + y^2, distorted x is x (1 + k1 r^2 + k2 r^4 + k3 r^6) + 2 p1 x y + p2 (r^2 + 2 x^2), and likewise y.
+    """
+
+    NAMES: ClassVar[tuple[str, ...]] = ("k1", "k2", "p1", "p2", "k3")
+
+    def distorted(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+        k1, k2, p1, p2, k3 = self.coefficients
+        r2 = x * x + y * y
+        radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
+        xd = x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x)
+        yd = y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y
+        return xd, yd
+
+    def linearized(self, x: FloatArray, y: FloatArray, focal: tuple[float, float], out: FloatArray) -> Linearized:
+        k1, k2, p1, p2, k3 = self.coefficients
+        r2 = x * x + y * y
+        r4, r6 = r2 * r2, r2 * r2 * r2
+        radial = 1.0 + k1 * r2 + k2 * r4 + k3 * r6
+        d_radial = k1 + 2.0 * k2 * r2 + 3.0 * k3 * r4
+        xd = x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x)
+        yd = y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y
+        cross = 2.0 * x * y * d_radial + 2.0 * p1 * x + 2.0 * p2 * y
+        xx = radial + 2.0 * x * x * d_radial + 2.0 * p1 * y + 6.0 * p2 * x
+        yy = radial + 2.0 * y * y * d_radial + 6.0 * p1 * y + 2.0 * p2 * x
+        for row, along, coordinate in ((0, focal[0], x), (1, focal[1], y)):
+            for column, power in ((0, r2), (1, r4), (4, r6)):
+                out[:, row, column] = along * coordinate * power
+        tangential_by_coefficients(x, y, r2, focal, out)
+        return Linearized(xd, yd, xx, cross, cross, yy)
+
+    @property
+    def valid_radius(self) -> float:
+        """Radius at which the radial part turns back; the tangential part is small in comparison."""
+        k1, k2, _, _, k3 = self.coefficients
+        roots = np.roots([1.0, 3.0 * k1, 5.0 * k2, 7.0 * k3])
+        turning = roots[(np.abs(roots.imag) < 1e-12) & (roots.real > 1e-12)].real  # r > 1e6 counts as never
+        return float(1.0 / np.sqrt(turning.max())) if turning.size else float("inf")
+
+    def flipped(self, axis: int) -> Self:
+        return replace(self, coefficients=self.coefficients * FLIPS[axis])
+
+
+FLIPS = np.array([[1.0, 1.0, 1.0, -1.0, 1.0], [1.0, 1.0, -1.0, 1.0, 1.0]])
+"""Signs of k1, k2, p1, p2, k3 for a picture flipped left-right, and top-bottom."""
+
+
+def tangential_by_coefficients(
+    x: FloatArray, y: FloatArray, r2: FloatArray, focal: tuple[float, float], out: FloatArray
+) -> None:
+    """Write the derivatives by p1 and p2 to columns 2 and 3 of `out` (n, 2, k)."""
+    out[:, 0, 2], out[:, 0, 3] = focal[0] * 2.0 * x * y, focal[0] * (r2 + 2.0 * x * x)
+    out[:, 1, 2], out[:, 1, 3] = focal[1] * (r2 + 2.0 * y * y), focal[1] * 2.0 * x * y
+
+
 class Rational(Lens):
     """Lens with the coefficients (k1, k2, p1, p2, k3, k4, k5, k6).
 
-    That of Brown and Conrady, whose radial factor is divided by 1 + k4 r^2 + k5 r^4 + k6 r^6.
+    A Brown-Conrady lens whose radial factor is divided by 1 + k4 r^2 + k5 r^4 + k6 r^6.
     """
 
     NAMES: ClassVar[tuple[str, ...]] = (*BrownConrady.NAMES, "k4", "k5", "k6")
@@ -52,7 +108,7 @@ class Rational(Lens):
 
     @property
     def valid_radius(self) -> float:
-        """Where the radial part turns back or has a pole."""
+        """Radius at which the radial part turns back or has a pole."""
         k1, k2, _, _, k3, k4, k5, k6 = self.coefficients[:8]
         above, below = np.array([k3, k2, k1, 1.0]), np.array([k6, k5, k4, 1.0])  # of s = r^2
         # d (r A / B) / dr = (A B + 2 s (A' B - A B')) / B^2
@@ -62,7 +118,7 @@ class Rational(Lens):
 
     @property
     def prior_sigmas(self) -> FloatArray:
-        """Those of k4, k5 and k6: without them a quotient near a polynomial could be written in many ways."""
+        """Finite only for k4, k5 and k6: without a prior, many quotients would describe a nearly polynomial lens."""
         sigmas = np.full(len(self.coefficients), np.inf)
         sigmas[5:8] = DIVISOR_SIGMA
         return sigmas
@@ -74,9 +130,9 @@ class Rational(Lens):
 
 
 def _first_root(polynomial: FloatArray) -> float:
-    """Least positive root s of a polynomial whose constant term, the last, is 1; infinite where there is none.
+    """Smallest positive root s of a polynomial with constant term (the last) 1; infinite if there is none.
 
-    Solved for 1 / s, whose polynomial has the leading coefficient 1 however small the others are.
+    Solves for 1 / s, whose polynomial has the leading coefficient 1, however small the others are.
     """
     roots = np.roots(polynomial[::-1])
     turning = roots[(np.abs(roots.imag) < 1e-12) & (roots.real > 1e-12)].real  # r > 1e6 counts as never
@@ -86,8 +142,8 @@ def _first_root(polynomial: FloatArray) -> float:
 class ThinPrism(Rational):
     """Lens with the coefficients (k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4).
 
-    To the rational lens it adds s1 r^2 + s2 r^4 along x and s3 r^2 + s4 r^4 along y, as of sensors that are tilted a
-    little (J. Weng, P. Cohen and M. Herniou, "Camera calibration with distortion models", 1992).
+    It adds s1 r^2 + s2 r^4 along x and s3 r^2 + s4 r^4 along y to the rational lens, as a slightly tilted sensor does
+    (J. Weng, P. Cohen and M. Herniou, "Camera calibration with distortion models", 1992).
     """
 
     NAMES: ClassVar[tuple[str, ...]] = (*Rational.NAMES, "s1", "s2", "s3", "s4")
