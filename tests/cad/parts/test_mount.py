@@ -20,8 +20,8 @@ from mirrorcam.cad.holder.holder_body import HolderPlan
 from mirrorcam.cad.holder.holder_plan import plan_holder
 from mirrorcam.cad.parts.clip import ClipPlan, plan_clip
 from mirrorcam.cad.parts.mount import (
-    Placement,
     MountPlan,
+    Placement,
     beam_tilt_deg,
     bending,
     fits,
