@@ -259,7 +259,7 @@ def cross(first: np.ndarray, second: np.ndarray) -> bool:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"lens_ring_mm": 26.0}, r"lens ring \(26 mm across\) by 1\.5 mm.*lip_mm at most 1\.5"),
+        ({"lens_ring_mm": 26.0}, r"lens ring \(26 mm across\) by 1\.5 mm.*lip_mm of at most 1\.5"),
         ({"lens_x_mm": -20.0, "width_mm": 60.0}, None),
         (
             {"cable_x_mm": -16.0},
