@@ -28,7 +28,7 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.detection.charuco import marker_places
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.detect_boards import detect_frames, sub_images
-from mirrorcam.optics.calibration.detection.joint_numbering import numbered_together
+from mirrorcam.optics.calibration.detection.joint_numbering import number_jointly
 from mirrorcam.optics.calibration.pupil_estimate import unvignetted
 from mirrorcam.optics.calibration.solver.observations import Observations
 from mirrorcam.optics.geometry.layout import Layout
@@ -175,7 +175,7 @@ def speed(layout: Layout, name: str, target: Target, folder: Path, rows: Rows) -
         found.append(frame)
         least.append(min(spent))
     if isinstance(target, Checkerboard):  # a frame alone may not number all of a checkerboard's corners
-        found = numbered_together(found, [], layout, target)
+        found = number_jointly(found, [], layout, target)
     seconds = float(np.mean(least))
     _add(rows, name, seconds, score([frame.corners for frame in found], truth_px, visible))
     if isinstance(target, AprilGrid):

@@ -20,7 +20,7 @@ from mirrorcam.core.images.pictures import pictures_in, read_image
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.detect_boards import detect_frames
-from mirrorcam.optics.calibration.detection.joint_numbering import numbered_together
+from mirrorcam.optics.calibration.detection.joint_numbering import number_jointly
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Checkerboard, load_board
 
@@ -93,7 +93,7 @@ def main(folder: Path, record_to: Path | None) -> None:
         random = np.random.default_rng(0)
         alone = detect_frames([hidden(each, way, layout, random) for each in pictures], layout, board, mirrored=True)
         cells, wrong = [], 0
-        for found in (alone, numbered_together(alone, base, layout, board)):
+        for found in (alone, number_jointly(alone, base, layout, board)):
             corners = [frame.corners for frame in found]
             off = [np.linalg.norm(o.pixels - truth_px[n][o.view, o.corner], axis=1) for n, o in enumerate(corners)]
             frames, views = sum(len(o) > 0 for o in corners), sum(len(np.unique(o.view)) for o in corners)

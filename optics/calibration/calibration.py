@@ -1,6 +1,6 @@
 """Calibration of a mirror camera from frames through the mirrors, frames of the bare camera, and the nominal layout.
 
-The board is detected in all pictures, and what they show is calibrated by `corner_calibration`.
+The board is detected in all pictures; `corner_calibration` then fits the detected corners.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from mirrorcam.optics.calibration.corner_calibration import calibrate_corners
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.detect_boards import detect_frames
 from mirrorcam.optics.calibration.detection.detections import DetectedFrame
-from mirrorcam.optics.calibration.detection.frame_choice import most_telling
-from mirrorcam.optics.calibration.detection.joint_numbering import numbered_together
+from mirrorcam.optics.calibration.detection.frame_choice import most_informative
+from mirrorcam.optics.calibration.detection.joint_numbering import number_jointly
 from mirrorcam.optics.calibration.detection.other_boards import MOST_PICTURES, other_board
 from mirrorcam.optics.calibration.detection.segmentation import Extremes
 from mirrorcam.optics.calibration.diagnostics.board_scale import other_size
@@ -42,7 +42,7 @@ UPSIDE_DOWN = (
     "the pictures fit the layout only when they are turned by 180 deg: the camera is upside down in the device, or its "
     "pictures were turned; turn all of them"
 )
-MOST_KEPT = 24  # arrays of an iterator, so that memory stays flat
+MOST_KEPT = 24  # arrays kept from an iterator, so that memory use stays bounded
 
 
 def calibrate(
@@ -61,45 +61,45 @@ def calibrate(
 ) -> Calibration:
     """Calibrate a mirror camera from pictures of a board.
 
-    Pictures are taken from the iterables one at a time, so that they need not fit into memory together.
+    Pictures are read one at a time, so they need not fit into memory together.
 
     Parameters
     ----------
     frames
         Pictures of the board through the mirrors: grey values (h, w), or paths of picture files. A damaged file is
-        left out, named in the notes and counted in the metrics.
+        skipped, named in the notes and counted in the metrics.
     base_frames
-        Pictures of the board by the camera without mirrors, likewise. Without any, the camera starts from that of
-        `layout`, and the intrinsics rest on the mirrored views alone.
+        Pictures of the board taken by the camera without mirrors, in the same forms. If empty, the fit starts from the
+        camera of `layout` and estimates the intrinsics from the mirrored views alone.
     layout
-        Nominal layout: where to search for the board, and where to start.
+        Nominal layout: where to search for the board, and the starting point of the fit.
     target
         The board.
     model
         Model to fit, as `RequestedModel.parse("fisheye+bend")`. Default: the largest one that the pictures support.
     detections
-        Folder that caches detected corners, so that no picture is searched twice.
+        Folder that caches detected corners, so that each picture is searched only once.
     workers
-        Number of threads that search pictures.
+        Number of detection threads.
     most
-        Number of pictures through the mirrors, and without them, to use of those searched; None: all.
+        Largest number of pictures to use through the mirrors, and without them; None uses all.
     names
         Names of the pictures through the mirrors, and without them. Default: their numbers.
     on_frame
-        Called with the number of pictures done.
+        Called with the number of pictures searched so far.
     on_seen
         Called after each picture through the mirrors with all observations so far.
 
     Returns
     -------
     Calibration
-        The calibrated layout, in the frame `rig` of the camera as it sits, in mm, with covariance and diagnostics.
+        The calibrated layout in the camera's frame `rig`, in mm, with covariance and diagnostics.
 
     Raises
     ------
     InputError
-        Where no pictures are given, a picture cannot be read or has another size, or the
-        pictures do not determine camera and mirrors.
+        If no pictures are given, a picture cannot be read or has the wrong size, or the pictures do not determine the
+        camera and the mirrors.
     """
     check_type("layout", layout, Layout)
     check_type("target", target, Checkerboard, Charuco, AprilGrid)
@@ -118,14 +118,14 @@ def calibrate(
     pictures = taken.read(base_frames, mirrored=False)
     found_in_base = detect(pictures, mirrored=False, on_frame=lambda done: on_frame(len(found) + len(done)))
     if isinstance(target, Checkerboard):
-        found = numbered_together(found, found_in_base, layout, target)
+        found = number_jointly(found, found_in_base, layout, target)
     size = target.corners_in_board_mm, layout.camera.width_px
     chosen = [_chosen(detected, number, *size) for detected, number in zip((found, found_in_base), most, strict=True)]
     seen, base = (
         [detected[number].corners for number in numbers]
         for detected, numbers in zip((found, found_in_base), chosen, strict=True)
     )
-    # A board that is often partly out of view is found in few pictures: what is found anywhere is the stated one.
+    # A board that is often partly out of view is found in few pictures: one detection confirms the stated board.
     shown = any(len(o) for o in seen), any(len(o) for o in base)
     taken.refuse_other_board(target, seen=shown[0], base=shown[1], fits=True)
     if taken.damaged and not any(map(len, seen)):
@@ -143,7 +143,7 @@ def calibrate(
             names=None if names is None else [of[n] for of, some in zip(names, chosen, strict=True) for n in some],
         )
     except InputError:
-        # Unless it does not fit: parts of a checkerboard are taken for a smaller one here and there.
+        # The stated board was found but does not fit: a larger checkerboard can pass for it in places.
         taken.refuse_other_board(target, seen=shown[0], base=shown[1], fits=False)
         if other := other_size(taken.first(mirrored=True), layout, target):
             raise InputError(other) from None
@@ -163,13 +163,13 @@ def _chosen(
         [Corners(rows.corner[rows.view == view], rows.pixels[rows.view == view]) for view in np.unique(rows.view)]
         for rows in (frame.corners for frame in detected)
     ]
-    return most_telling(boards, corners_in_board_mm, width_px=width_px, most=most)
+    return most_informative(boards, corners_in_board_mm, width_px=width_px, most=most)
 
 
 def checked_pictures(name: str, pictures: Iterable[Grey | AnyPath]) -> Iterable[Grey | Path]:
-    """Pictures with paths as `Path`; a sequence stays one. Raises TypeError for what is no iterable of them.
+    """Return pictures with paths as `Path`; a sequence stays a sequence.
 
-    Raises InputError for an array of anything but grey values.
+    Raises TypeError unless `pictures` is an iterable of arrays or paths, and InputError for an array that is not grey.
     """
     if isinstance(pictures, str | os.PathLike | np.ndarray) or not isinstance(pictures, Iterable):
         raise TypeError(f"{name}: {type(pictures).__name__}, expected an iterable of arrays or paths")
@@ -187,17 +187,17 @@ def checked_pictures(name: str, pictures: Iterable[Grey | AnyPath]) -> Iterable[
 
 
 class PictureReader:
-    """Pictures that are read one at a time: those that are damaged, the first ones, and the extremes of those mirrored.
+    """Reads pictures one at a time and collects damaged files, the first pictures, and extremes of the mirrored ones.
 
     Attributes
     ----------
     damaged
-        What is wrong with each damaged file so far.
-    extremes
-        Extremes of the pictures through the mirrors so far.
-    mirrored
-        The pictures through the mirrors so far; None for a damaged one, and for an array that only an iterator holds
-        once `MOST_KEPT` of them are kept.
+            Errors of the damaged files so far.
+        extremes
+            Pixel-wise extremes of the pictures through the mirrors so far.
+        mirrored
+            The pictures through the mirrors so far. None replaces a damaged one, and an array from an iterator once
+            `MOST_KEPT` arrays are kept.
     """
 
     def __init__(self, camera: Camera) -> None:
@@ -209,9 +209,9 @@ class PictureReader:
         self._first: dict[bool, list[Grey]] = {True: [], False: []}
 
     def read(self, pictures: Iterable[Grey | Path], *, mirrored: bool) -> Iterator[Grey | None]:
-        """Return the grey values of pictures, None for each file that is damaged.
+        """Yield the grey values of each picture, or None for a damaged file.
 
-        Raises InputError for a file of another size than the camera's.
+        Raises InputError if a picture file's size differs from the camera's.
         """
         held = isinstance(pictures, Sequence)
         if held:
@@ -219,7 +219,7 @@ class PictureReader:
         for picture in pictures:
             grey = self._grey(picture)
             yield grey
-            # Once the next one is requested, this one was found to have the expected size.
+            # The caller asks for the next picture only after it accepted this one's size.
             if mirrored:
                 keep = held or isinstance(picture, Path) or self._arrays < MOST_KEPT
                 self._arrays += not isinstance(picture, Path)
@@ -232,14 +232,14 @@ class PictureReader:
                 self._first[mirrored].append(grey)
 
     def first(self, *, mirrored: bool) -> Sequence[Grey]:
-        """The first pictures, up to `MOST_PICTURES`, through the mirrors or without them."""
+        """The first pictures through the mirrors or without them, at most `MOST_PICTURES`."""
         return self._first[mirrored]
 
     def refuse_other_board(self, target: Target, *, seen: bool, base: bool, fits: bool) -> None:
-        """Raise InputError where the first pictures show another board than the stated one.
+        """Raise InputError if the first pictures show a board other than `target`.
 
-        `seen` and `base` are whether that was found in any picture through the mirrors, and without them, and `fits`
-        whether what was found fits as far as is known.
+        `seen` and `base` state whether `target` was found in any picture through the mirrors, and without them; `fits`,
+        whether the calibration fits so far.
         """
         for mirrored, found in ((False, base), (True, seen)):
             other = other_board(

@@ -1,14 +1,14 @@
 """Calibration of a mirror camera from detected corners and the nominal layout.
 
-1. Corners, views and frames that contradict the others are left out (`screening`).
-2. The base camera comes from the frames without mirrors, and the board poses from the nominal layout
+1. Corners, views and frames that contradict the others are rejected (`screening`).
+2. The base camera is estimated from the frames without mirrors, and the board poses from the nominal layout
    (`initial_estimates`).
-3. In second-surface mirrors, corners are refined with their ghost images (`ghost_images`), and screened again.
-4. The lens's pupil is estimated from the mirrors' edges, and corners that it sees only partly are left out
-   (`pupil_estimate`).
-5. The mirrors are solved with 3 numbers each, then everything jointly, then what more the data support
+3. For second-surface mirrors, corners are refined together with their ghost images (`ghost_images`), and screened
+   again.
+4. The lens's pupil is estimated from the mirrors' edges, and vignetted corners are left out (`pupil_estimate`).
+5. The mirrors are solved with 3 parameters each, then all parameters jointly, then any more that the data support
    (`model_selection`).
-6. The uncertainty and the validity of the result are determined (`diagnostics`).
+6. The uncertainty and the validity of the result are assessed (`diagnostics`).
 """
 
 from __future__ import annotations
@@ -70,26 +70,27 @@ def calibrate_corners(
     Parameters
     ----------
     seen, base
-        Observations of each frame with and without mirrors, each as frame 0.
+        Observations of each frame with and without mirrors; every element numbers its frame 0.
     layout
         Nominal layout.
     corners_in_board_mm
-        The board's corners (c, 3) as drawn.
+        The board's corners (c, 3) in the board frame as drawn, mm.
     model
-        Model to fit; its surface is that of the layout's mirrors already.
+        Model to fit. `layout` already has the requested surface of the mirrors.
     extremes
-        Extremes of the frames with mirrors; where given, the mirrors' outlines are moved to where the frames show them.
+        Pixel-wise extremes of the frames with mirrors; if given, the mirrors' outlines are moved to the edges they
+        show.
     pictures
-        The frames with mirrors; where given, the pupil of the lens is estimated from them.
+        The frames with mirrors; if given, the pupil of the lens is estimated from them.
     unknown
-        Boards that belong to no mirror of the layout.
+        Boards that no mirror of the layout explains.
     names
         Names of all frames, `seen` first. Default: their numbers.
 
     Raises
     ------
     InputError
-        Where the corners do not determine camera and mirrors.
+        If the corners do not determine the camera and the mirrors.
     """
     model.check_mirrored()
     if not seen:
@@ -118,9 +119,9 @@ def calibrate_corners(
 
 @dataclass(frozen=True)
 class _Fitted:
-    """The selected model, the corners that it was fitted to, and what was found of the pupil.
+    """The selected model, the corners it was fitted to, and the metrics and notes of the pupil estimate.
 
-    `frames` are the numbers of the frames that show any, those with mirrors first.
+    `frames` are the numbers of the frames that show corners, those with mirrors first.
     """
 
     selection: ModelSelection
@@ -138,7 +139,7 @@ def _fitted(
     extremes: Extremes | None,
     pictures: BoardPictures | None,
 ) -> _Fitted:
-    """Fit the corners of all frames that show any: first those with mirrors, then the others."""
+    """Fit the corners of all frames that show any, those with mirrors first."""
     numbers, observations, start = _started(screened, layout, corners_in_board_mm)
     camera = start.camera
     metrics: dict[str, Metric] = {}
@@ -160,7 +161,7 @@ def _fitted(
 def _started(
     screened: ScreenedFrames, layout: Layout, corners_in_board_mm: FloatArray
 ) -> tuple[tuple[int, ...], Observations, Estimate]:
-    """Numbers of the frames that show any corners, these, with frames numbered anew, and an estimate to start from."""
+    """Return numbers of the frames that show corners, the corners with renumbered frames, and a starting estimate."""
     used = {number: o for number, o in enumerate((*screened.seen, *screened.base)) if len(o)}
     observations = Observations.join([o.shifted(place) for place, o in enumerate(used.values())])
     direct = observations.where(observations.frame >= sum(number < len(screened.seen) for number in used))
@@ -176,7 +177,7 @@ def _first_fit(
     corners_in_board_mm: FloatArray,
     extremes: Extremes | None,
 ) -> tuple[Estimate, Layout]:
-    """A fit of the smallest model, and the layout as it is estimated by that, with outlines where frames show them."""
+    """Fit the smallest model; return it, and the layout it gives with the outlines that the frames show."""
     first = first_fit(start, observations, corners_in_board_mm, pair_prior(layout))
     layout = as_estimated(layout, first)
     return first, layout if extremes is None else outlined(layout, seen_edges(layout, extremes))[0]
@@ -189,7 +190,7 @@ def _without_ghost_images(
     extremes: Extremes | None,
     pictures: BoardPictures,
 ) -> list[Observations]:
-    """The corners of the frames with mirrors, refined with the ghost images of second-surface mirrors."""
+    """Refine the corners of the frames with mirrors by the ghost images of second-surface mirrors."""
     numbers, observations, start = _started(screened, layout, corners_in_board_mm)
     first, layout = _first_fit(start, observations, layout, corners_in_board_mm, extremes)
     poses = dict(zip(numbers, first.rig_from_board, strict=True))
@@ -200,7 +201,7 @@ def _without_ghost_images(
 
 def _not_kept(seen: list[Observations], pictures: BoardPictures) -> list[str]:
     return [
-        f"frame {number}: not kept in memory, so that its corners in second-surface mirrors are not used"
+        f"frame {number}: not kept in memory, so its corners in second-surface mirrors are not used"
         for number, (rows, picture) in enumerate(zip(seen, pictures.frames, strict=True))
         if len(rows) and picture is None
     ]
@@ -214,7 +215,7 @@ def _concluded(
     unknown: UnknownMirrors,
     pictures: tuple[str, ...],
 ) -> Calibration:
-    """The calibrated layout with its diagnostics and metrics; raises InputError where the fit is implausible."""
+    """Return the calibrated layout with diagnostics and metrics; raise InputError if the fit is implausible."""
     selection, observations = fitted.selection, fitted.observations
     mirrored_frames = len(np.unique(observations.frame[observations.view != DIRECT]))
     calibrated = _calibrated(selection, layout)
@@ -223,7 +224,7 @@ def _concluded(
     what: Literal["square", "tag"] = "square" if np.isclose(side_mm, next_mm) or next_mm < 0.0 else "tag"
     mismatches, doubts = scale_doubt(layout, calibrated.virtual_centres_in_rig_mm, edges, float(side_mm), what)
     if selection.other_surface is not None:
-        mismatches = ()  # plates that are not as described change the scale, too
+        mismatches = ()  # plates of another thickness or index change the scale, too
     if edges:
         calibrated, moved = outlined(calibrated, edges)
         notes += moved
@@ -261,9 +262,9 @@ def _notes(seen: list[Observations], base: list[Observations], layout: Layout) -
             notes.append(f"frame {number}: no board found in mirror {', '.join(missing)}")
     if len(layout.mirrors) == 2:
         notes.append(
-            "two mirrors without a direct view of the board: no picture determines how they are rotated together about "
-            f"the line where their planes meet, which is taken as designed, within {PAIR_DEG:g} deg; what their views "
-            "are to each other does not depend on it"
+            "two mirrors without a direct view of the board: no picture determines their common rotation about their "
+            f"line of intersection, which is assumed as designed, within {PAIR_DEG:g} deg; the pose of one view "
+            "relative to the other does not depend on it"
         )
     if not any(len(o) for o in base):
         notes.append("no frame without mirrors: the intrinsics rest on the mirrored views alone")

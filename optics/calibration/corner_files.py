@@ -1,10 +1,9 @@
-"""Corners as a table, or as mrcal's corners.vnl, so that detectors and solvers of others can take part.
+"""Corners as a table, or as mrcal's corners.vnl, to exchange them with other detectors and solvers.
 
-A table has a line for each corner in each view. The columns of corners.vnl are `filename x y`, and `level` or `weight`
-where the detector states its confidence, a line for each corner of the board in each picture, in the order of the
-corners. "-" stands for a corner that was not seen, and a single line of them for a picture without a board. A corner
-has no number but its place, and a picture no view (`mrcal.compute_chessboard_corners`): such files can only hold
-pictures of the bare camera.
+A table has one line per corner and view. A corners.vnl has the columns `filename x y`, and `level` or `weight` if the
+detector states its confidence. It lists every corner of the board in each picture, in board order: "-" marks a corner
+that was not detected, and a single line of "-" a picture without a board. Only the order numbers the corners, and no
+column names a view (`mrcal.compute_chessboard_corners`), so corners.vnl can only hold pictures of the bare camera.
 """
 
 from __future__ import annotations
@@ -43,14 +42,14 @@ _VIEW = re.compile(r"view_\d+_\d+")
 
 @dataclass(frozen=True)
 class CornerTable:
-    """Corners of a file by the names of pictures, in its order.
+    """Corners of a file, keyed by picture name in the order of the file.
 
     Attributes
     ----------
     seen, base
-        The corners of each picture through the mirrors, and of each by the bare camera, as frame 0.
+        The corners of each picture through the mirrors, and of each by the bare camera, all numbered frame 0.
     notes
-        What was left out, one sentence each.
+        Notes on corners left out.
     """
 
     seen: dict[str, Observations]
@@ -59,12 +58,12 @@ class CornerTable:
 
 
 def save_corners(path: Path, calibration: Calibration) -> None:
-    """Write the corners that a calibration fitted, with whether it left them out as outliers, atomically."""
+    """Write the corners that a calibration used, with a mark on those rejected as outliers, atomically."""
     names = {DIRECT: DIRECT_NAME} | dict(enumerate(calibration.layout.mirror_names))
     pictures = [" ".join(name.splitlines()) for name in calibration.pictures]
     rows = calibration.observations
     columns = (rows.frame, rows.view, rows.corner, rows.pixels, calibration.corner_sigma_px, calibration.inliers)
-    # Names of files need not be text.
+    # File names may hold bytes that are not text.
     with atomic(path) as temporary, temporary.open("w", encoding="utf-8", errors="replace", newline="") as file:
         file.write(HEADER)
         table = csv.writer(file, lineterminator="\n")
@@ -74,22 +73,22 @@ def save_corners(path: Path, calibration: Calibration) -> None:
 
 
 def load_corners(path: Path, layout: Layout, corners: int) -> CornerTable:
-    """Read a table of corners; those with 0 in its column `used` are left out.
+    """Read a table of corners, without those marked 0 in the column `used`.
 
     Parameters
     ----------
     path
-        A CSV file with the columns of `NEEDED`, and any of `OPTIONAL`; lines before the heads that begin with # are
-        comments. Or corners.vnl of mrcal, of pictures by the bare camera.
+        A CSV file with the columns `NEEDED`, and optionally those of `OPTIONAL`; lines that begin with # before the
+        header are comments. Or mrcal's corners.vnl, for pictures of the bare camera.
     layout
-        The layout, whose mirrors the views are and whose camera took the pictures.
+        The layout whose mirrors name the views and whose camera took the pictures.
     corners
         Number of corners of the board.
 
     Raises
     ------
     InputError
-        Where the file cannot be read or a line does not belong in it; the message names the line.
+        If the file cannot be read or a line is invalid; the message names the line.
     """
     reader, weighted = _Reader(path, layout, corners), False
     pictures: dict[str, _Picture] = {}
@@ -100,7 +99,7 @@ def load_corners(path: Path, layout: Layout, corners: int) -> CornerTable:
             raise reader.wrong(line, "sigma_px", row, "a number in every line, or in none")
         picture = pictures.setdefault(row["picture"], _Picture(found.view == DIRECT))
         if picture.direct != (found.view == DIRECT):
-            raise reader.wrong(line, "view", row, "pictures that show the board in mirrors, or directly, not both ways")
+            raise reader.wrong(line, "view", row, "pictures that show the board in mirrors or directly, not both")
         if (found.view, found.corner) in picture.corners:
             raise reader.wrong(line, "corner", row, "each corner of a view once in a picture")
         picture.corners[found.view, found.corner] = found
@@ -137,7 +136,7 @@ class _Picture:
         return [corner for corner in self.corners.values() if corner.used]
 
     def observations(self) -> Observations:
-        """The used corners of all views that show enough of them."""
+        """The used corners of all views that have at least `MIN_CORNERS` of them."""
         parts = []
         used = self.used()
         for view in sorted({corner.view for corner in used}):
@@ -149,7 +148,7 @@ class _Picture:
 
 
 def _rows(path: Path, corners: int) -> Iterator[tuple[int, dict[str, str]]]:
-    """Line numbers and cells by column."""
+    """Yield line numbers, and cells by column."""
     try:
         lines = [line.decode("utf-8") for line in read_lines(path)]
         lines[0] = lines[0].removeprefix("\ufeff")
@@ -177,26 +176,26 @@ def _rows(path: Path, corners: int) -> Iterator[tuple[int, dict[str, str]]]:
 
 
 def _columns(path: Path, line: int, cells: Sequence[str]) -> Sequence[str]:
-    """The heads of a table, checked."""
+    """Return the column names of the header, checked."""
     missing = [name for name in NEEDED if name not in cells]
     unknown = [name for name in cells if name not in (*NEEDED, *OPTIONAL)]
     if missing or unknown or len(set(cells)) != len(cells):
         raise InputError(
-            f"{path}, line {line}: expected the heads {', '.join(NEEDED)} and, if known, {' and '.join(OPTIONAL)}"
+            f"{path}, line {line}: expected the columns {', '.join(NEEDED)} and optionally {' and '.join(OPTIONAL)}"
         )
     return cells
 
 
 @dataclass(frozen=True)
 class _Reader:
-    """Checks the cells of one file's lines."""
+    """Checks the cells of a file's lines."""
 
     path: Path
     layout: Layout
     corners: int
 
     def corner(self, line: int, row: Mapping[str, str]) -> _Corner:
-        """The corner of a line."""
+        """Return the corner of a line."""
         views = {DIRECT_NAME: DIRECT} | {name: view for view, name in enumerate(self.layout.mirror_names)}
         if row["view"] not in views:
             names = self.layout.mirror_names
@@ -226,19 +225,19 @@ class _Reader:
         return value
 
     def wrong(self, line: int, name: str, row: Mapping[str, str], expected: str) -> InputError:
-        """What is wrong with a cell."""
+        """Return the error for an invalid cell."""
         return InputError(f"{self.path}, line {line}: {name} {row.get(name, '')[:40]!r}, expected {expected}")
 
 
 def is_vnl(path: Path, lines: list[str]) -> bool:
-    """Whether a file is one by its name, or by the names of columns that begin it."""
+    """Return whether a file is a corners.vnl, by its suffix or by its column names."""
     return path.suffix.lower() == SUFFIX or _legend(lines)[:3] == COLUMNS
 
 
 def vnl_rows(path: Path, lines: list[str], corners: int, view: str) -> Iterator[tuple[int, dict[str, str]]]:
-    """Line numbers and cells of the corners that are seen, as a table of our own has them, all of one view.
+    """Yield line numbers and cells of the detected corners, in the columns of our own table, all with one view name.
 
-    Raises InputError in one line, which names the format, where the file is not what mrcal reads for this board.
+    Raises InputError in one line, which names the format, if mrcal would not accept the file for this board.
     """
     legend = _legend(lines)
     if legend and (legend[:3] != COLUMNS or len(legend) > 4):
@@ -257,26 +256,26 @@ def vnl_rows(path: Path, lines: list[str], corners: int, view: str) -> Iterator[
                 raise _wrong(path, f"line {number}: {cells[0][:40]!r} again, expected the lines of a picture together")
             if _VIEW.search(cells[0]):
                 raise _wrong(
-                    path, f"{cells[0][:40]!r} is of a mirror, expected a table like corners.csv, with its view"
+                    path, f"{cells[0][:40]!r} is a mirror's view, expected a table like corners.csv, with a column view"
                 )
             picture = cells[0]
             ended.add(picture)
         listed[picture] = listed.get(picture, 0) + 1
         sigma = _sigma_px(path, number, cells[3:], weighted=weighted)
-        if sigma and not any(cell.startswith("-") for cell in cells[1:3]):  # negative pixels do not count, as in mrcal
+        if sigma and not any(cell.startswith("-") for cell in cells[1:3]):  # mrcal ignores negative pixels, too
             row = {"picture": picture, "view": view, "corner": f"{listed[picture] - 1}"}
             yield number, row | {"x_px": cells[1], "y_px": cells[2], "sigma_px": sigma}
     _refuse_short(path, picture, listed.get(picture, corners), corners)
 
 
 def _legend(lines: list[str]) -> tuple[str, ...]:
-    """The names of columns: the first line that begins with one #, as vnlog has it."""
+    """The column names: the first line that begins with a single #, as vnlog defines it."""
     first = next((line for line in lines if re.match(r"\s*#(?![#!])", line)), "")
     return tuple(first.strip().removeprefix("#").split())
 
 
 def _sigma_px(path: Path, number: int, cells: list[str], *, weighted: bool) -> str:
-    """The standard deviation up to a factor, 2 ** level or 1 / weight; empty of a corner that does not count."""
+    """Relative standard deviation, 2 ** level or 1 / weight; empty for a corner that does not count."""
     if not cells:
         return "1"
     if cells[0] == "-":
@@ -292,7 +291,7 @@ def _sigma_px(path: Path, number: int, cells: list[str], *, weighted: bool) -> s
 
 
 def _refuse_short(path: Path, picture: str, lines: int, corners: int) -> None:
-    """Raise InputError for a picture that lists some corners and not all; a single line is of one without a board."""
+    """Raise InputError unless a picture lists all corners, or a single line for no board."""
     if lines not in (1, corners):
         raise _wrong(path, f"{picture[:60]!r} has {lines} lines, expected {corners}, one for each corner of the board")
 

@@ -1,11 +1,12 @@
-"""The pupil in a calibration: estimated from the frames, and corners outside the unvignetted parts left out.
+"""The lens's pupil in a calibration: estimated from the frames; vignetted corners are left out.
 
-Where a mirror is vignetted, a corner out of focus is seen from the middle of the remaining part of the pupil, and light
-fades across it: it is displaced by .1 px and more. There are few such corners, and they are not needed.
+Where a mirror is vignetted, a corner out of focus appears displaced: it is seen from the centroid of the remaining part
+of the pupil, across which the light fades. The shift is 0.1 px or more. Few corners are affected, and the fit does not
+need them.
 
-The border of a mirror cuts the disc of the pupil along a line: the light falls over f A |1 / d - 1 / focus|, for an
-edge at the distance d. The blur of lens and pixels adds to the variance. Edges at different distances separate the
-three.
+A mirror's edge cuts the disc of the pupil along a line: at the distance d, the light falls off over
+f A |1 / d - 1 / focus|. The blur of lens and pixels adds to the variance. Edges at different distances separate the
+aperture A, the focus and that blur.
 """
 
 from __future__ import annotations
@@ -30,28 +31,28 @@ from mirrorcam.optics.geometry.pupil import Pupil, clear_aperture, outline_apert
 from mirrorcam.optics.geometry.targets import Target
 
 MARGIN_PX = 9.0
-"""Between a corner and where the mirror begins to serve the whole pupil: the picture around it counts too."""
+"""Distance of a corner from the border of the unvignetted part: the corner's patch must be unvignetted, too."""
 MIN_KEPT = 1.0 / 3.0
-"""Part of a mirror's corners that must be left, or all of them are kept."""
+"""Share of a mirror's corners that must be unvignetted; otherwise all are kept."""
 MOST_FRAMES = 24
-"""Frames that are used: more would not determine the pupil better."""
+"""Number of frames used: more would not improve the estimate of the pupil."""
 PASSES = 2
-"""Estimates of the pupil, each with what rays through the parts of the last one show."""
+"""Estimates of the pupil; each traces rays through the parts of the previous one."""
 LEAST_LENS_PX, LEAST_HALF_PX = 0.5, 0.5
-"""Sigma of the blur of lens and pixels, and half the width of that by the pupil, that every border has at least."""
+"""Least sigma of the blur of lens and pixels, and least half width of the pupil's blur, for every border."""
 NODES, WEIGHTS = np.polynomial.hermite_e.hermegauss(5)
 MIN_POINTS, MIN_BESIDE = 150, 20
-"""Points of a border, and points on either side of it, that show it."""
+"""Least number of points of a border, and on either side of it."""
 INSIDE, OUTSIDE = -0.5, 0.2
-"""Where points are entirely on either side, in `REACH_PX`."""
+"""Limits beyond which a point lies entirely on one side, in `REACH_PX`."""
 MIN_CONTRAST = 8.0
-"""Grey levels between black and white, halved, below which a border is too dim."""
+"""Least half difference between black and white, in grey levels."""
 MODEL_PX2, MODEL_PART = 0.15, 0.02
-"""Standard deviations of what the model leaves out: of the variance of a border, and of the diameter, in parts."""
+"""Standard deviations of model errors: of a border's variance, and of the diameter as a fraction of it."""
 NEARNESS_SIGMA = 0.002
-"""Standard deviation, 1/mm, of one over the distance in focus about that of the layout's camera."""
+"""Prior standard deviation of 1 / focus about the value of the layout's camera, 1/mm."""
 LENS_PX2 = 1.0, 1.0
-"""Variance of the blur of lens and pixels, and its standard deviation, before any border was seen."""
+"""Prior of the variance of lens and pixel blur, and its standard deviation."""
 MIN_BORDERS = 6
 STEPS = 30
 OUTLIER_SIGMAS = 4.0
@@ -59,9 +60,9 @@ OUTLIER_SIGMAS = 4.0
 
 @dataclass(frozen=True)
 class BoardPictures:
-    """Pictures through the mirrors, in the order of their frames (None: not at hand), of a board.
+    """Pictures of a board through the mirrors, in the order of their frames; None where a picture is not available.
 
-    `workers` is the number of threads that look at them.
+    `workers` is the number of threads that process them.
     """
 
     frames: Sequence[Grey | Path | None]
@@ -69,14 +70,14 @@ class BoardPictures:
     workers: int = 1
 
     def placed(self, numbers: Sequence[int], rig_from_board: FloatArray) -> list[BoardFrame]:
-        """Up to `MOST_FRAMES` pictures at hand of the numbers, with the poses (n, 4, 4) of their boards."""
+        """Return up to `MOST_FRAMES` available pictures of these frame numbers, with their board poses (n, 4, 4)."""
         pairs = ((self.frames[number], pose) for number, pose in zip(numbers, rig_from_board, strict=False))
         return [BoardFrame(picture, pose) for picture, pose in pairs if picture is not None][:MOST_FRAMES]
 
 
 @dataclass(frozen=True)
 class EstimatedPupil:
-    """The camera with the pupil that frames show, as far as they show it, figures of it and a note."""
+    """The camera with the pupil as far as the frames determine it, with metrics and a note."""
 
     camera: Camera
     metrics: dict[str, Metric]
@@ -84,14 +85,14 @@ class EstimatedPupil:
 
 
 def estimated_pupil(layout: Layout, frames: Sequence[BoardFrame], target: Target) -> EstimatedPupil:
-    """The pupil of a layout's camera from frames; where they do not show it, the camera's is kept.
+    """Estimate the pupil of a layout's camera from frames; keep the camera's own if they do not show it.
 
     Parameters
     ----------
     layout
-        A layout whose camera, mirror planes and outlines are right.
+        A layout with calibrated camera, mirror planes and outlines.
     frames
-        Frames through its mirrors.
+        Frames through the layout's mirrors.
     target
         The board.
     """
@@ -110,7 +111,7 @@ def estimated_pupil(layout: Layout, frames: Sequence[BoardFrame], target: Target
     if seen.shows_focus:
         metrics["focus_mm"] = Metric(value=camera.focus_mm, unit="mm")
         metrics["focus_sigma_per_m"] = Metric(value=1e3 * seen.nearness_sigma, unit="1/m")
-    return EstimatedPupil(camera, metrics, _told(seen, camera))
+    return EstimatedPupil(camera, metrics, _note(seen, camera))
 
 
 def _seen(layout: Layout, frames: Sequence[BoardFrame], target: Target) -> SeenPupil | None:
@@ -127,24 +128,24 @@ def _with_pupil(camera: Camera, seen: SeenPupil) -> Camera:
 def _unseen(camera: Camera) -> str:
     given = f"{camera.aperture_mm:g} mm wide and in focus at {camera.focus_mm:g} mm"
     kept = given if camera.aperture_mm > 0.0 else "a pinhole"
-    return f"the frames do not show the blur of enough mirrors' edges to tell the pupil: {kept}, as in the layout"
+    return f"the frames show the blur of too few mirror edges to estimate the pupil: {kept}, as in the layout"
 
 
-def _told(seen: SeenPupil, camera: Camera) -> str:
+def _note(seen: SeenPupil, camera: Camera) -> str:
     width = f"the pupil is {seen.aperture_mm:.2f} ± {seen.aperture_sigma_mm:.2f} mm wide"
     edges = f"by the blur of {seen.borders} mirror edges"
     if seen.is_pinhole:
-        return f"{width}, {edges}: a pinhole, and the distance in focus cannot be told"
+        return f"{width}, {edges}: a pinhole, so the distance in focus is undetermined"
     per_m, sigma_per_m = 1e3 * seen.nearness, 1e3 * seen.nearness_sigma
     if seen.shows_focus:
         return f"{width} and in focus at {camera.focus_mm:.0f} mm ({per_m:.2f} ± {sigma_per_m:.2f} per metre), {edges}"
-    return f"{width}, {edges}; they do not tell the distance in focus, which is the layout's {camera.focus_mm:g} mm"
+    return f"{width}, {edges}; they do not determine the distance in focus, kept at {camera.focus_mm:g} mm"
 
 
 def unvignetted(layout: Layout, observations: Observations) -> tuple[NDArray[np.bool_], tuple[str, ...]]:
-    """Mask (n,) of the corners that are unvignetted, by `MARGIN_PX`, and notes.
+    """Return a mask (n,) of the corners at least `MARGIN_PX` inside the unvignetted parts, and notes.
 
-    Corners of the bare camera are, and so are all of a pinhole's.
+    Corners of the bare camera and of a pinhole camera are always unvignetted.
     """
     kept = np.ones(len(observations), dtype=np.bool_)
     if layout.camera.aperture_mm == 0.0:
@@ -152,22 +153,22 @@ def unvignetted(layout: Layout, observations: Observations) -> tuple[NDArray[np.
     notes = []
     for index, mirror in enumerate(layout.mirrors):
         rows = np.flatnonzero(observations.view == index)
-        whole = _beyond_px(layout.camera, mirror, observations.pixels[rows]) > MARGIN_PX
-        if whole.sum() < MIN_KEPT * len(rows):
+        inside = _beyond_px(layout.camera, mirror, observations.pixels[rows]) > MARGIN_PX
+        if inside.sum() < MIN_KEPT * len(rows):
             name = layout.mirror_names[index]
-            notes.append(f"mirror {name}: hardly any corner is seen by the whole pupil, all are used")
+            notes.append(f"mirror {name}: hardly any corner is unvignetted, so all are used")
         else:
-            kept[rows] = whole
+            kept[rows] = inside
     few = np.bincount(observations.frame, weights=kept, minlength=1) < MIN_CORNERS
     kept |= few[observations.frame]
     left_out = int((~kept).sum())
     if left_out:
-        notes.append(f"{left_out} of {len(kept)} corners left out: near mirrors' edges, which the pupil sees partly")
+        notes.append(f"{left_out} of {len(kept)} corners left out: vignetted, near mirrors' edges")
     return kept, tuple(notes)
 
 
 def _beyond_px(camera: Camera, mirror: Mirror, pixels: FloatArray) -> FloatArray:
-    """Distance (n,) of pixels from where the mirror begins to serve the whole pupil, inwards."""
+    """Signed distance (n,) of pixels inwards from the border of the mirror's unvignetted part, px."""
 
     def inside_mm(at: FloatArray) -> FloatArray:
         return clear_aperture(mirror, camera.normalized_from_pixels(at), camera.focus_mm).distance
@@ -179,9 +180,9 @@ def _beyond_px(camera: Camera, mirror: Mirror, pixels: FloatArray) -> FloatArray
 
 @dataclass(frozen=True)
 class BorderBlur:
-    """Variance of the blur across the middle of a border of a plane mirror, px^2, with its standard deviation.
+    """Variance of the blur across the middle of a plane mirror's border, px^2, with its standard deviation.
 
-    `ends` (2, 2) are normalized coordinates a little inside and outside that middle, `apart_px` pixels apart.
+    `ends` (2, 2) are normalized coordinates just inside and just outside that middle, `apart_px` pixels apart.
     """
 
     aperture: Mirror
@@ -191,23 +192,23 @@ class BorderBlur:
     apart_px: float
 
     def px_per_mm(self, nearness: float) -> float:
-        """Half the width of the blur by the pupil, px, per mm of its radius, for 1 / focus."""
+        """Half width of the pupil's blur, px, per mm of its radius, for `nearness` = 1 / focus."""
         inside, outside = outline_aperture(self.aperture, self.ends, 1.0 / nearness).distance.min(axis=1)
         return self.apart_px / float(inside - outside)
 
 
 @dataclass(frozen=True)
 class SeenPupil:
-    """The pupil that explains the blur of borders.
+    """The pupil that explains the blur of the borders.
 
     Attributes
     ----------
     square_mm2, square_sigma_mm2
-        The square of its diameter, whose error is nearly normal down to 0; it may come out negative.
+        The squared diameter, whose error is nearly normal down to 0; the estimate may be negative.
     nearness, nearness_sigma
         One over the distance in focus, 1/mm.
     borders
-        How many borders show it.
+        Number of borders used.
     """
 
     square_mm2: float
@@ -218,7 +219,7 @@ class SeenPupil:
 
     @property
     def is_pinhole(self) -> bool:
-        """Whether the borders are no wider than those of a pinhole, within three standard deviations."""
+        """Whether the squared diameter is within three standard deviations of zero."""
         return self.square_mm2 < 3.0 * self.square_sigma_mm2
 
     @property
@@ -228,20 +229,21 @@ class SeenPupil:
 
     @property
     def aperture_mm(self) -> float:
-        """Diameter of the pupil."""
+        """Diameter of the pupil, mm."""
         return float(np.sqrt(max(self.square_mm2, 0.0)))
 
     @property
     def aperture_sigma_mm(self) -> float:
-        """By how much the diameter grows when its square grows by a standard deviation."""
+        """Increase of the diameter when its square grows by one standard deviation, mm."""
         return float(np.sqrt(max(self.square_mm2, 0.0) + self.square_sigma_mm2)) - self.aperture_mm
 
 
 @dataclass(frozen=True)
 class _Profile:
-    """Light and its sigma (n,) at points of a border: `inside_mm` of it in the pupil, at `along` and `across` -1 to 1.
+    """Light and its sigma (n,) at points of a border, at `along` and `across` from -1 to 1.
 
-    `mm_per_px` is the slope of `inside_mm` there and, in the middle of the border, `middle`.
+    `inside_mm` is the distance of the edge's image in the pupil. `mm_per_px` is its slope at the points; `middle` is
+    the slope in the middle of the border.
     """
 
     light: FloatArray
@@ -261,7 +263,7 @@ class _Profile:
         nearest, second = (each.reshape(shape) for each in np.partition(planes.distance, 1, axis=1)[:, :2].T)
         faces = np.isfinite(nearest)
         slope = -np.gradient(np.where(faces, nearest, 0.0), STEP_PX, axis=1)
-        # Not where the next edge of the outline cuts the pupil too.
+        # Skip points where the next edge of the outline cuts the pupil, too.
         good = faces & np.isfinite(seen.light) & (second > 1.5 * max(pupil.radius_mm, 1.0))
         along = np.broadcast_to(np.linspace(-1.0, 1.0, STATIONS)[:, None], shape)
         across = np.broadcast_to(border.out_px / border.out_px[-1], shape)
@@ -277,13 +279,13 @@ class _Profile:
 
     @property
     def gain(self) -> float:
-        """The light inside the border, 0 where either side of it is not seen."""
+        """The light inside the border, or 0 if either side has too few points."""
         inside = self.across < INSIDE
         enough = len(self.light) >= MIN_POINTS and min(inside.sum(), (self.across > OUTSIDE).sum()) >= MIN_BESIDE
         return float(np.median(self.light[inside])) if enough else 0.0
 
     def residuals(self, p: FloatArray) -> FloatArray:
-        """Model less light, in sigmas, for the light in the middle and its slopes, shift, turn, and variance (6,)."""
+        """Model minus light in sigmas, for p (6,): light in the middle, its two slopes, shift, rotation, variance."""
         radius_mm = 2.0 * np.sqrt(p[5] - LEAST_LENS_PX**2) * self.middle
         inside_mm = self.inside_mm + (p[3] + p[4] * self.along) * self.mm_per_px
         served = sum(
@@ -294,7 +296,7 @@ class _Profile:
 
 
 def border_blur(layout: Layout, seen: BorderLight) -> BorderBlur | None:
-    """The blur of a border, by least squares with its place and the light that falls off; None where it is not seen."""
+    """Fit the blur of a border by least squares, with its position and linear light; None if it is too faint."""
     profile = _Profile.of(layout, seen)
     gain = profile.gain
     if gain < MIN_CONTRAST:
@@ -316,9 +318,9 @@ def border_blur(layout: Layout, seen: BorderLight) -> BorderBlur | None:
 
 
 def seen_pupil(layout: Layout, lights: Sequence[BorderLight]) -> SeenPupil | None:
-    """The pupil from the light across the borders of a calibrated layout; None where too few of them are seen.
+    """Fit the pupil to the light across the borders of a calibrated layout; None if too few borders are usable.
 
-    The blur of borders that deviate from the others is left out, and the others count as much as they agree.
+    Outlying borders are dropped; the scatter of the others scales the covariance.
     """
     blurs = [blur for light in lights if (blur := border_blur(layout, light)) is not None]
     while len(blurs) >= MIN_BORDERS:
@@ -335,7 +337,7 @@ def seen_pupil(layout: Layout, lights: Sequence[BorderLight]) -> SeenPupil | Non
 
 
 def _fitted(layout: Layout, blurs: Sequence[BorderBlur]) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Squared diameter, 1 / focus and the lens's variance (3,); what is left in sigmas (n,); and the covariance."""
+    """Return squared diameter, 1 / focus and blur variance of the lens (3,); residuals in sigmas (n,); covariance."""
     given = np.array([0.0, 1.0 / layout.camera.focus_mm, LENS_PX2[0]])
     trust = np.array([0.0, 1.0 / NEARNESS_SIGMA, 1.0 / LENS_PX2[1]])
     variance, sigma = np.array([(blur.variance_px2, blur.sigma_px2) for blur in blurs]).T

@@ -1,8 +1,8 @@
-"""Decoding by one table lookup: undistort, slice and turn every sub-image into the common view orientation at once.
+"""Decoding by one table lookup: undistort, slice and rotate every sub-image into the common view orientation at once.
 
-Towards the border of a sub-image a lens sees less and less of the scene in its mirror; past the mirror's edge it sees
-the gap, taken as dark, or another mirror. The remaining part of the pupil is seen from its centroid, and the darkening
-is compensated by factors known beforehand.
+Towards the border of a sub-image, a mirror fills less and less of the lens's pupil; the rest of the pupil sees the gap,
+assumed dark, or another mirror. A vignetted pixel is seen from the centroid of the part that is left, and known factors
+compensate its darkening.
 """
 
 from __future__ import annotations
@@ -29,32 +29,31 @@ from mirrorcam.optics.light_field.equalisation import LINEAR, Equalisation
 from mirrorcam.optics.light_field.light_field import LightField, Samples, Views
 
 Field = Literal["common", "union"]
-# A decoded pixel blends sensor pixels up to sqrt(2) px away, each of which gathers light half a pixel around its
-# centre: two pixels inside the outline, a pinhole camera has no light from beyond the mirror's edge left in it. The
-# pupil of a lens blurs the edge itself: which part of it still sees the mirror is worked out for each pixel.
+# A decoded pixel blends sensor pixels up to sqrt(2) px away, each of which gathers light from half a pixel around its
+# centre: two pixels inside the outline, a pinhole camera receives no light from beyond the mirror's edge. With a lens,
+# the pupil blurs that edge, and the part of the pupil that sees the mirror is computed for each pixel.
 OUTLINE_MARGIN_PX = 2.0
 WHOLE = 1.0 - 1.0 / 512.0
-"""Share of the pupil from which a sample of 8 bits is as bright as it should be."""
+"""Share of the pupil above which an 8-bit sample needs no brightening."""
 DEFAULT_REFERENCE_DEPTH_MM = 400.0
 BEYOND = 1.02
-"""Least default reference depth, in depths of the farthest mirror."""
-# cv2.remap takes no table or image side of 2**15 - 1 px or more.
+"""Least default reference depth, in depths of the farthest mirror's farthest point."""
+# cv2.remap accepts no table or image side of 2**15 - 1 px or more.
 LONGEST_TABLE_SIDE = 2**15 - 2
 NOWHERE_PX = -2.0
 LEAST_SHARE = 1.0 / 3.0
-"""Share of the pupil below which a pixel is left out: brightened by more than its inverse, noise would show."""
+"""Share of the pupil below which a pixel is left out: brightening it would amplify the noise too much."""
 MOST_CROSSTALK = 0.01
-"""Share of the pupil up to which light of another mirror is left in a pixel."""
+"""Largest share of the pupil that may see another mirror."""
 POINTS_AT_ONCE = 2**16
 
 
 class Decoder:
-    """Decodes frames of one layout into light fields; the lookup table is built once, here.
+    """Decodes frames of one layout into light fields; the lookup table is built once, on construction.
 
     Without `regular_grid_at_mm`, views keep their true positions: sub-images are rotated, not shifted (as in the 2016
-    report), so nothing depends on depth. What second-surface mirrors and bent ones show of the reference plane is
-    exact; nearer and farther than that, each view is that of the mirror's `apparent` plane through the middle of its
-    outline.
+    report), so the table does not depend on depth. For second-surface and bent mirrors, the reference plane is exact;
+    at other depths, each view is approximated by the mirror's `apparent` plane through the middle of its outline.
 
     Parameters
     ----------
@@ -63,23 +62,24 @@ class Decoder:
     reference_depth_mm
         Depth of zero disparity, from the pupil along view z. Default: `default_reference_depth_mm`.
     field
-        `common` is the bounding box of what all views see at the reference depth, `union` of what any sees.
+        `common` is the bounding box of the field that all views see at the reference depth; `union`, that any view
+        sees.
     width_px
-        Width of every view; the height follows from the field. Default: the resolution of the sub-images themselves,
-        to which more pixels add nothing, and of which fewer leave out some.
+        Width of every view; the height follows from the field. Default: the resolution of the sub-images, above which
+        views gain no detail and below which they lose some.
     margin_px
-        How far inside its mirror's outline on the sensor a valid pixel of a pinhole camera looks; with a lens, how far
-        inside the border up to which its mirror serves enough of the pupil.
+        Distance of a valid pixel inside its mirror's outline on the sensor, for a pinhole camera; with a lens, inside
+        the border where its mirror fills just enough of the pupil.
     regular_grid_at_mm
-        Depth at which views are moved to the nearest regular grid (`Views.on_regular_grid`), exactly for what lies
-        there. Elsewhere a view is off by its shift times the metric slope between the depths.
+        Depth at which views are moved to the nearest regular grid (`Views.on_regular_grid`). Points at that depth are
+        exact; at others, a view is off by its shift times the difference of the metric slopes.
 
     Attributes
     ----------
     views : Views
         Geometry of the light fields: positions in mm, focal length and principal point in px.
     weights : ndarray of float32
-        (t, s, v, u), 0 where a view has no sample, else the share of the camera's pupil that its mirror serves.
+        (t, s, v, u), 0 where a view has no sample, else the share of the camera's pupil that its mirror fills.
 
     Raises
     ------
@@ -103,7 +103,7 @@ class Decoder:
         self.views = choose_views(layout, depth, field, width_px)
         if regular_grid_at_mm is not None:
             for index in range(len(layout.mirrors)):
-                footprint(layout, index, regular_grid_at_mm)  # refuses a plane that a mirror does not look at
+                footprint(layout, index, regular_grid_at_mm)  # refuses a plane that a mirror cannot see
             self.views = self.views.on_regular_grid()
         self.equalisation: Equalisation | None = None
         pixels, self.weights = sensor_sources(layout, self.views, margin_px, regular_grid_at_mm)
@@ -116,9 +116,9 @@ class Decoder:
         self.tables = [cv2.convertMaps(block, np.empty(0, dtype=np.float32), cv2.CV_16SC2) for block in blocks]
 
     def equalised(self, equalisation: Equalisation) -> Self:
-        """The same decoder, which makes views equally bright, up to their borders.
+        """Return a decoder that also makes the views equally bright, up to their borders.
 
-        Without it, frames are taken for those of a linear camera. Raises InputError for factors of another layout.
+        Without it, the camera is assumed linear. Raises InputError for an equalisation of another layout.
         """
         equalisation.check_belongs_to(self.views)
         decoder = copy(self)
@@ -127,9 +127,9 @@ class Decoder:
         return decoder
 
     def _brightening(self, exponent: float) -> dict[int, NDArray[np.float32]]:
-        """Factors (n, channels) of the pixels of which a part of the pupil sees the scene, by the number of channels.
+        """Return the factors (n, channels) of the vignetted pixels, keyed by the number of channels.
 
-        `exponent` is that of grey levels over light.
+        `exponent` is the exponent of grey levels over light.
         """
         gain = self.weights.ravel()[self._partial, None] ** np.float32(-exponent)
         return {channels: np.repeat(gain, channels, axis=1) for channels in (1, 3)}
@@ -145,12 +145,12 @@ class Decoder:
         Returns
         -------
         LightField
-            Samples (t, s, v, u, c) of the type of the frame, with weights and the geometry of the views.
+            Samples (t, s, v, u, c) with the frame's dtype, weights, and the geometry of the views.
 
         Raises
         ------
         InputError
-            If the frame is not of the layout's camera.
+            If the frame does not match the layout's camera.
         """
         check_type("frame", frame, np.ndarray)
         width, height = self.camera.width_px, self.camera.height_px
@@ -173,9 +173,9 @@ class Decoder:
         return LightField.of(self.views, samples, self.weights)
 
     def _brighten(self, samples: Samples) -> None:
-        """Multiply, in place, the samples of pixels of which only a part of the pupil sees the scene."""
+        """Brighten the vignetted pixels in place."""
         channels = samples.shape[-1]
-        # Whole pixels are gathered and put back: as one item each, several times faster than by channel.
+        # Pixels are gathered and scattered as single items, which is several times faster than by channel.
         pixels = samples.reshape(-1).view(f"V{channels * samples.itemsize}")
         dark = pixels.take(self._partial).view(samples.dtype).reshape(-1, channels)
         depth = cv2.CV_8U if samples.dtype == np.uint8 else cv2.CV_32F
@@ -184,9 +184,9 @@ class Decoder:
 
 
 def check_belongs(layout: Layout, identity: str, what: str) -> None:
-    """Raise InputError unless `identity` is this layout's, or that of the design it was calibrated or drawn from.
+    """Raise InputError unless `identity` is this layout's, or the design's that it was calibrated or drawn from.
 
-    `what` names the frames, such as "video.mp4", whose record states the identity of their layout.
+    `what` names the frames, such as "video.mp4", whose record holds `identity`.
     """
     origins = (layout.provenance.get(key) for key in ("nominal", "drawn_from"))
     known = [layout.identity, *(origin for origin in origins if origin is not None)]
@@ -195,9 +195,10 @@ def check_belongs(layout: Layout, identity: str, what: str) -> None:
 
 
 def default_reference_depth_mm(layout: Layout) -> float:
-    """The depth midway in disparity between those of the design, else that of what views show at the working distance.
+    """Return the depth midway in disparity between the design's depths, or else the depth at the working distance.
 
-    The former is their harmonic mean, the latter lies beyond all mirrors.
+    The former is the harmonic mean of the design's depths. The latter is the median over the views of the depth that
+    they see at the working distance, moved beyond all mirrors.
     """
     if layout.spec is not None:
         return harmonic_mean(layout.spec.depths_mm)
@@ -214,9 +215,9 @@ def default_reference_depth_mm(layout: Layout) -> float:
 
 
 def footprint(layout: Layout, mirror_index: int, depth_mm: float) -> tuple[Polygon, float]:
-    """Region of the plane at a depth that a mirror shows, and the area in px of the part of the sensor that shows it.
+    """Return the region of the plane at `depth_mm` that a mirror shows, and the area in px of its image on the sensor.
 
-    The polygon is in view axes, (x, y) in mm from the pupil. What leaves the sensor is cut off.
+    The polygon is in view axes, (x, y) in mm from the pupil, clipped to the sensor.
     """
     name = f"mirror {layout.mirror_names[mirror_index]}"
     centre, window, area_px = _seen_window(layout, mirror_index)
@@ -231,7 +232,7 @@ def footprint(layout: Layout, mirror_index: int, depth_mm: float) -> tuple[Polyg
 
 
 def _seen_window(layout: Layout, mirror_index: int) -> tuple[FloatArray, FloatArray, float]:
-    """Centre (3,) of a view, corners (n, 3) of the part of its mirror that the sensor sees, and that part's area in px.
+    """Return a view's centre (3,), corners (n, 3) of its mirror's part within the sensor, and that part's area in px.
 
     Points are in view axes, in mm from the pupil.
     """
@@ -256,7 +257,7 @@ def _seen_window(layout: Layout, mirror_index: int) -> tuple[FloatArray, FloatAr
 
 
 def choose_views(layout: Layout, reference_depth_mm: float, field: Field, width_px: int | None = None) -> Views:
-    """The output grid on the box of the field, of a width, or in the sub-images' own resolution (median of mirrors)."""
+    """Choose the pixel grid over the field, `width_px` wide or at the sub-images' median resolution."""
     if not np.isfinite(reference_depth_mm):
         raise InputError(f"reference depth is {reference_depth_mm} mm, expected a finite number")
     indices = range(len(layout.mirrors))
@@ -292,18 +293,17 @@ def choose_views(layout: Layout, reference_depth_mm: float, field: Field, width_
     _, spacings_mm = layout.arrangement.fitted(centres.reshape(-1, 3))
     for axis, size, spacing_mm in zip("st", layout.arrangement.extent, spacings_mm, strict=True):
         if size > 0 and spacing_mm <= 0:
-            raise InputError(f"the mirrors' order along {axis} is reversed, expected s to the right and t down")
+            raise InputError(f"the mirrors' order along {axis} is reversed, expected s to run right and t down")
     return views
 
 
 def sensor_sources(
     layout: Layout, views: Views, margin_px: float, regular_grid_at_mm: float | None = None
 ) -> tuple[FloatArray, NDArray[np.float32]]:
-    """Sensor positions (t, s, v, u, 2) that decoded pixels come from, and their weights (t, s, v, u).
+    """Return the sensor positions (t, s, v, u, 2) that decoded pixels sample, and their weights (t, s, v, u).
 
-    A pixel looks at its point of the reference plane, or of the plane for which views were moved to a regular grid: the
-    direction in which the mirror shows that point, through the plate of a second-surface one, is where the camera sees
-    it. With a lens, see `served_sources`.
+    A pixel samples the sensor where its mirror (through the plate, if second-surface) shows the pixel's point of the
+    reference plane, or of the plane at `regular_grid_at_mm`. With a lens, see `pupil_sources`.
     """
     depth_mm = views.reference_depth_mm if regular_grid_at_mm is None else regular_grid_at_mm
     shape = (len(layout.mirrors), views.height_px, views.width_px)
@@ -313,7 +313,7 @@ def sensor_sources(
     for index, (t, s) in enumerate(np.ndindex(views.rows, views.cols)):
         plane = views.plane_points_in_rig(depth_mm, grid, (t, s))
         if layout.camera.aperture_mm > 0.0:
-            pixels[index], weights[index] = served_sources(layout, index, plane, margin_px)
+            pixels[index], weights[index] = pupil_sources(layout, index, plane, margin_px)
             continue
         pixels[index] = layout.project(plane, index)
         outline = layout.outline_px(index, points_per_edge=64, usable=True)
@@ -329,17 +329,18 @@ def sensor_sources(
     return pixels.reshape(*out, 2), weights.reshape(out)
 
 
-def served_sources(
+def pupil_sources(
     layout: Layout, mirror_index: int, points_in_rig: FloatArray, margin_px: float
 ) -> tuple[FloatArray, NDArray[np.float32]]:
-    """Sensor positions (..., 2) of points (..., 3) that a mirror shows, and its shares (...) of the pupil there.
+    """Return the sensor positions (..., 2) of points (..., 3) in rig, mm, in a mirror, and its shares (...) of the
+    pupil.
 
-    The share is 0 where the point is left out: where the mirror serves less than `LEAST_SHARE` within `margin_px`, or
-    any other serves more than `MOST_CROSSTALK`.
+    The share is 0 if the point is left out: the mirror fills less than `LEAST_SHARE` within `margin_px`, or another
+    mirror more than `MOST_CROSSTALK`.
     """
     points = points_in_rig.reshape(-1, 3)
     parts = [
-        _served(layout, mirror_index, points[start : start + POINTS_AT_ONCE], margin_px)
+        _pupil_sources(layout, mirror_index, points[start : start + POINTS_AT_ONCE], margin_px)
         for start in range(0, len(points), POINTS_AT_ONCE)
     ]
     pixels, shares = (np.concatenate(found) for found in zip(*parts, strict=True))
@@ -347,7 +348,7 @@ def served_sources(
     return pixels.reshape(*shape, 2), shares.reshape(shape)
 
 
-def _served(
+def _pupil_sources(
     layout: Layout, mirror_index: int, points: FloatArray, margin_px: float
 ) -> tuple[FloatArray, NDArray[np.float32]]:
     mirror, camera = layout.mirrors[mirror_index], layout.camera
@@ -374,9 +375,10 @@ def _served(
 def _partial(
     mirror: Mirror, camera: Camera, chief: FloatArray, axial_mm: FloatArray, margin_px: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Where (n, 2) the light of images is whose chief rays and distances (n, 1) along the axis are known, and shares.
+    """Return where (n, 2) vignetted points appear, normalized, and their shares of the pupil, by chief rays (n, 2).
 
-    From a place in the pupil, an image out of focus is seen beside where its chief ray is.
+    `axial_mm` (n, 1) are the distances of the points along the axis. An image out of focus shifts with the centroid of
+    the part of the pupil that sees it.
     """
     pupil = camera.pupil
     centroid = disc_part(clear_aperture(mirror, chief, pupil.focus_mm), pupil.radius_mm).centroid
@@ -390,9 +392,9 @@ def _partial(
 
 
 def _mm_of_a_px(mirror: Mirror, camera: Camera, normalized: FloatArray) -> FloatArray:
-    """How far (n, m) a px across the image of an edge moves the border of its half-plane in the pupil.
+    """Return how far (n, m) in mm an edge's half-plane moves in the pupil per px across the edge's image.
 
-    0 where the ray leads away from the mirror.
+    0 where the ray points away from the mirror.
     """
     here, right, down = (
         clear_aperture(mirror, normalized + step, camera.focus_mm).distance
@@ -404,7 +406,7 @@ def _mm_of_a_px(mirror: Mirror, camera: Camera, normalized: FloatArray) -> Float
 
 
 def _near(mirror: Mirror, pupil: Pupil, normalized: FloatArray) -> NDArray[np.bool_]:
-    """Chief rays (n, 2) so near the outline of a mirror that it may serve some of the pupil."""
+    """Mask of chief rays (n, 2) close enough to a mirror's outline that it may fill part of the pupil."""
     corners = mirror.outline_in_rig_mm + mirror.front_mm * mirror.normal_in_rig
     outline = corners[:, :2] / corners[:, 2:]
     reach = pupil.radius_mm * np.abs(1.0 / corners[:, 2] - 1.0 / pupil.focus_mm).max()

@@ -1,8 +1,8 @@
-"""The brightness of each view relative to the central one, and the camera's response, measured and compensated.
+"""Measurement and compensation of each view's brightness relative to the central view, and of the camera's response.
 
-Mirrors reflect unequally. Towards the border of a view its mirror serves a known share s of the pupil. There a camera
-of linear response gives s times the grey level just inside, one with a gamma curve about s to the power of the curve's
-exponent: views are brightened by it where only part of the pupil sees them.
+Mirrors differ in reflectance. Towards the border of a view, its mirror fills only a known share s of the pupil. There,
+a linear camera records s times the grey level just inside; a camera with a gamma curve, about s to the power of the
+curve's exponent. Decoding divides by that factor wherever only part of the pupil sees a mirror.
 """
 
 from __future__ import annotations
@@ -22,27 +22,27 @@ from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray, Shaped, Value
 from mirrorcam.optics.light_field.light_field import LightField, Samples, Views
 
-# Views are compared at a part of their size, a quarter at least: no detail is asked for, and noise averages out.
+# Views are compared at reduced size, at least a quarter: detail is not needed, and noise averages out.
 SHRINK = 4
 LEAST_SIDE_PX = 70
 WINDOW_PX = 9
-# Depths that are tried, in parts of the reference distance; beyond the last, things hardly move any more.
+# Range of trial depths, in reference distances; beyond the farthest, the parallax hardly changes.
 NEAREST, FARTHEST = 0.6, 4.0
 LEAST_CORRELATION = 0.95
 LEAST_CONTRAST = 0.02
 LEAST_PLACES = 40
 DARK, BRIGHT = 16.0, 250.0
 ALIKE = 0.03
-"""Difference of brightness that is not seen, and that views which are alike are measured to differ by at most."""
+"""Invisible difference of brightness; equal views are measured to differ by no more."""
 LINEAR = 1.0
 NEARLY_LINEAR = 0.1
-"""What one frame of a linear camera gives is no farther from 1: nearer exponents count as 1."""
+"""Deviation from 1 that a single frame of a linear camera may give: closer exponents count as 1."""
 LEAST, MOST = 0.2, 2.0
 MOST_SHARE = 0.9
-"""Share above which light hardly falls."""
+"""Share of the pupil above which vignetting is too weak to measure."""
 FADING_DARK, FADING_BRIGHT = 10.0, 200.0
 OUTLIER = 0.1
-"""Difference of logarithms from which on a place probably shows something else than the one inside."""
+"""Difference of logarithms above which two places probably show different surfaces."""
 ROUNDS = 20
 FEWEST_PLACES = 1000
 
@@ -50,9 +50,9 @@ FEWEST_PLACES = 1000
 class Equalisation(Value):
     """Factors (t, s, c) on the samples of each view, one per colour, that make all views as bright as the central one.
 
-    They apply to frames as they are, not to linear light: a gamma curve turns factors into others, not into something
-    else. `layout_identity` is that of the layout that they were measured with. `exponent` is that of grey levels over
-    light, 1 of a linear camera.
+    The factors apply to the frames' grey levels, not to linear light: a gamma curve maps a factor to another factor.
+    `layout_identity` names the layout used for the measurement. `exponent` is the exponent of grey levels over light: 1
+    for a linear camera.
     """
 
     schema_id: Literal["mirrorcam.equalisation/1"] = Field(default="mirrorcam.equalisation/1", alias="schema")
@@ -69,20 +69,20 @@ class Equalisation(Value):
         return self
 
     def check_belongs_to(self, views: Views) -> None:
-        """Raise InputError where the views are of another layout."""
+        """Raise InputError if the views belong to another layout."""
         if self.layout_identity != views.layout_identity:
             raise InputError(
                 f"equalisation was measured with layout {self.layout_identity}, expected {views.layout_identity}"
             )
         if self.gain.shape[:2] != (views.rows, views.cols):
-            raise InputError(f"equalisation is of {self.gain.shape[:2]} views, expected {(views.rows, views.cols)}")
+            raise InputError(f"equalisation has {self.gain.shape[:2]} views, expected {(views.rows, views.cols)}")
 
     def apply(self, samples: Samples) -> None:
-        """Multiply samples (t, s, v, u, c) in place; 8-bit ones are rounded, and end at 255."""
+        """Multiply samples (t, s, v, u, c) in place; 8-bit samples are rounded and saturate at 255."""
         if samples.shape[4] != self.gain.shape[2]:
             raise InputError(f"frame has {samples.shape[4]} colours, expected {self.gain.shape[2]} of the equalisation")
         for view in np.ndindex(samples.shape[:2]):
-            # A diagonal matrix: OpenCV's fastest way to a factor per colour.
+            # A diagonal matrix is OpenCV's fastest form of one factor per colour.
             cv2.transform(samples[view], np.diag(self.gain[view]), dst=samples[view])
 
     def save(self, path: Path) -> None:
@@ -91,18 +91,19 @@ class Equalisation(Value):
 
     @classmethod
     def load(cls, path: Path) -> Self:
-        """Read what `save` wrote, or raise InputError in one line."""
+        """Read a file written by `save`; raises InputError in one line."""
         return read_model(cls, path, LARGEST_LAYOUT_BYTES)
 
 
 def measure(light_fields: Iterable[LightField]) -> Equalisation:
-    """The equalisation measured in light fields of anything: a scene, or an evenly lit surface.
+    """Measure the equalisation from light fields of any scene, or of an evenly lit surface.
 
-    Every place of a view is compared with the place of the central view that shows the same: of many depths, the one at
-    which the two correlate best. Textured places that match count; where there are too few, as on a plain wall, those
-    without texture. The factor is the median over the light fields of the medians over their places.
+    Each place of a view is compared with the place of the central view that shows the same point: among trial depths,
+    the depth with the highest correlation. Textured places are used; if too few match, as on a plain wall, places
+    without texture. The factor is the median over the light fields of their medians over places.
 
-    Raises InputError for a view that has too few places to compare, light fields of different layouts, and none at all.
+    Raises InputError if a view has too few places, the layouts of the light fields differ, or there are no light
+    fields.
     """
     found: list[list[_Places]] = []
     fading: list[Fading] = []
@@ -128,9 +129,9 @@ def measure(light_fields: Iterable[LightField]) -> Equalisation:
 
 
 def unequal(light_field: LightField) -> Equalisation | None:
-    """What makes the views of a light field alike, or None where none differs visibly from the central one.
+    """Return the factors that equalise the views of a light field, or None if no view differs visibly from the centre.
 
-    A view that shows too little to be compared stays as it is.
+    A view with too few places to compare keeps its brightness.
     """
     if light_field.rows * light_field.cols < 2:
         return None
@@ -142,7 +143,7 @@ def unequal(light_field: LightField) -> Equalisation | None:
 
 
 def matched(light_field: LightField, equalisation: Equalisation) -> LightField:
-    """The light field with its views made alike; raises InputError for an equalisation of others."""
+    """Return the light field with equalised views; raises InputError for an equalisation of another layout."""
     equalisation.check_belongs_to(light_field)
     samples = light_field.samples.copy()
     equalisation.apply(samples)
@@ -150,7 +151,7 @@ def matched(light_field: LightField, equalisation: Equalisation) -> LightField:
 
 
 def _gain(found: Sequence[Sequence[_Places]], views: LightField) -> tuple[FloatArray, NDArray[np.intp]]:
-    """Factors (t, s, c) by the places of each light field, NaN where they are too few, and how many (t, s) they are."""
+    """Return factors (t, s, c), NaN where places are too few, and the largest number of places (t, s)."""
     gain = np.full((views.rows, views.cols, views.samples.shape[4]), np.nan)
     most = np.zeros(gain.shape[:2], np.intp)
     for number, view in enumerate(np.ndindex(most.shape)):
@@ -164,19 +165,19 @@ def _gain(found: Sequence[Sequence[_Places]], views: LightField) -> tuple[FloatA
 
 @dataclass(frozen=True)
 class _Places:
-    """Logarithms (n, c) of how much brighter the central view is, where there is texture and where there is none."""
+    """Logarithms (n, c) of the central view's brightness over this view's, at textured and at plain places."""
 
     textured: FloatArray
     plain: FloatArray
 
     @property
     def chosen(self) -> FloatArray:
-        """Those with texture, which match, or where they are too few, those without."""
+        """The textured places, or the plain ones if there are too few textured ones."""
         return self.textured if len(self.textured) >= LEAST_PLACES else self.plain
 
 
 def _small(light_field: LightField) -> tuple[NDArray[np.float32], NDArray[np.bool_], FloatArray]:
-    """Views (n, v, u, c) in 0 to 255 at a part of their size, where a whole pixel counts, and matrices (n, 3, 3)."""
+    """Return shrunk views (n, v, u, c) from 0 to 255, masks of fully valid pixels, and matrices (n, 3, 3)."""
     rows, cols, height, width, colours = light_field.samples.shape
     shrink = min(SHRINK, max(1, min(width, height) // LEAST_SIDE_PX))
     size = width // shrink, height // shrink
@@ -196,14 +197,14 @@ def _small(light_field: LightField) -> tuple[NDArray[np.float32], NDArray[np.boo
 
 
 def _compared(light_field: LightField) -> Iterator[_Places]:
-    """Brightness of the central view relative to each view, row by row, where the two can be compared."""
+    """Yield the central view's brightness relative to each view, row by row, where the two can be compared."""
     views, usable, matrices = _small(light_field)
     positions = light_field.positions_mm.reshape(-1, 3)
     central = int(np.flatnonzero((positions == 0).all(axis=1))[0])
     grey = views.mean(axis=3)
     mean, spread = _mean(views), _spread(grey)
     plain = spread < LEAST_CONTRAST * np.maximum(_mean(grey), 1.0)
-    whole = np.stack([_whole(each) for each in usable])
+    windows = np.stack([_valid_windows(each) for each in usable])
     for number in range(len(views)):
         if number == central:
             nothing = np.zeros((LEAST_PLACES, views.shape[3]))
@@ -212,12 +213,12 @@ def _compared(light_field: LightField) -> Iterator[_Places]:
         best = np.full(grey.shape[1:], -1.0, dtype=np.float32)
         ratio = np.zeros(views.shape[1:], dtype=np.float32)
         for distance in _distances(light_field, matrices[number], matrices[central], positions[number]):
-            # From a pixel of the view to the central view's, by the plane at that distance from it.
+            # Homography from the view to the central view by the plane at that distance.
             plane = np.eye(3)
             plane[:, 2] += positions[number] / (distance - positions[number, 2])
             homography = matrices[central] @ plane @ np.linalg.inv(matrices[number])
             seen = _warped(views[central], homography).reshape(views.shape[1:])
-            there = _whole((_warped(usable[central].astype(np.float32), homography) > 0.999) & usable[number])
+            there = _valid_windows((_warped(usable[central].astype(np.float32), homography) > 0.999) & usable[number])
             seen_grey = seen.mean(axis=2)
             covariance = _mean(seen_grey * grey[number]) - _mean(seen_grey) * _mean(grey[number])
             correlation = covariance / np.maximum(_spread(seen_grey) * spread[number], 1e-3)
@@ -225,13 +226,13 @@ def _compared(light_field: LightField) -> Iterator[_Places]:
             best[better] = correlation[better]
             ratio[better] = np.log(np.maximum(_mean(seen)[better], 1.0) / mean[number][better])
         textured = (best > LEAST_CORRELATION) & ~plain[number]
-        flat = plain[number] & plain[central] & whole[number] & whole[central]
-        beside = np.log(np.maximum(mean[central][flat], 1.0) / np.maximum(mean[number][flat], 1.0))
-        yield _Places(textured=ratio[textured].astype(np.float64), plain=beside.astype(np.float64))
+        flat = plain[number] & plain[central] & windows[number] & windows[central]
+        flat_ratio = np.log(np.maximum(mean[central][flat], 1.0) / np.maximum(mean[number][flat], 1.0))
+        yield _Places(textured=ratio[textured].astype(np.float64), plain=flat_ratio.astype(np.float64))
 
 
 def _distances(views: Views, matrix: FloatArray, central: FloatArray, position: FloatArray) -> NDArray[np.float64]:
-    """Distances of planes from the central view, a pixel of disparity apart, near to far."""
+    """Distances of trial planes from the central view, one pixel of disparity apart, near to far."""
     near, far = 1.0 / (NEAREST * views.reference_distance_mm), 1.0 / (FARTHEST * views.reference_distance_mm)
     moves_px = central[0, 0] * float(np.linalg.norm(position[:2])) * (near - far)
     with np.errstate(divide="ignore"):
@@ -239,7 +240,7 @@ def _distances(views: Views, matrix: FloatArray, central: FloatArray, position: 
 
 
 def _mean(picture: NDArray[Any]) -> NDArray[np.float32]:
-    """Means over a window about each pixel of a picture (v, u) or (v, u, c), or of pictures (n, ...)."""
+    """Means over a window around each pixel of a picture (v, u) or (v, u, c), or of pictures (n, ...)."""
     if picture.ndim == 4 or (picture.ndim == 3 and picture.shape[2] not in (1, 3)):
         return np.stack([_mean(each) for each in picture])
     means = cv2.blur(picture, (WINDOW_PX, WINDOW_PX))
@@ -247,21 +248,21 @@ def _mean(picture: NDArray[Any]) -> NDArray[np.float32]:
 
 
 def _spread(grey: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Standard deviations over the same window of a picture (v, u), or of pictures (n, v, u)."""
+    """Standard deviations over the window of `_mean`, for a picture (v, u) or pictures (n, v, u)."""
     if grey.ndim == 3:
         return np.stack([_spread(each) for each in grey])
     return np.sqrt(np.maximum(_mean(grey * grey) - _mean(grey) ** 2, 0.0))
 
 
-def _whole(usable: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Mask (v, u) of the pixels around which the whole window is usable."""
+def _valid_windows(usable: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Mask (v, u) of the pixels whose complete window is usable."""
     kernel = np.ones((WINDOW_PX, WINDOW_PX), np.uint8)
     eroded = cv2.erode(usable.astype(np.uint8), kernel, borderType=cv2.BORDER_CONSTANT, borderValue=0)
     return np.asarray(eroded, dtype=bool)
 
 
 def _warped(picture: NDArray[np.float32], homography: FloatArray) -> NDArray[np.float32]:
-    """A picture resampled where a homography sends the pixels of another of its size; zero outside."""
+    """Resample a picture at the pixels that a homography maps another picture's pixels to; zero outside."""
     size = picture.shape[1], picture.shape[0]
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
     return np.asarray(cv2.warpPerspective(picture, homography, size, flags=flags), dtype=np.float32)
@@ -269,14 +270,14 @@ def _warped(picture: NDArray[np.float32], homography: FloatArray) -> NDArray[np.
 
 @dataclass(frozen=True)
 class Fading:
-    """Logarithms (n,) of shares of the pupil, and of grey levels over those of the nearest place with all of it."""
+    """Logarithms (n,) of shares of the pupil, and of grey levels over those at the nearest unvignetted pixel."""
 
     share: FloatArray
     level: FloatArray
 
     @classmethod
     def of(cls, light_field: LightField) -> Self:
-        """That of a light field brightened as one of a linear camera."""
+        """Collect the vignetted places of a light field that was decoded as from a linear camera."""
         scale = 1.0 if light_field.samples.dtype == np.uint8 else 255.0
         shares, levels = [np.zeros(0)], [np.zeros(0)]
         for index in np.ndindex(light_field.rows, light_field.cols):
@@ -295,19 +296,19 @@ class Fading:
 
 
 def measured_exponent(fading: Sequence[Fading]) -> float:
-    """Exponent of grey levels over light; 1 where it is hardly another, or there are too few places to measure it."""
+    """Return the exponent of grey levels over light; 1 if it is close to 1 or too few places show it."""
     share, level = (np.concatenate(each) for each in zip(*((f.share, f.level) for f in fading), strict=True))
     if len(share) < FEWEST_PLACES:
         return LINEAR
-    slope, trust = 0.0, np.ones(len(share))
+    slope, weight = 0.0, np.ones(len(share))
     for _ in range(ROUNDS):
-        slope = float((trust * share * level).sum() / (trust * share * share).sum())
-        trust = 1.0 / (1.0 + np.square((level - slope * share) / OUTLIER))
+        slope = float((weight * share * level).sum() / (weight * share * share).sum())
+        weight = 1.0 / (1.0 + np.square((level - slope * share) / OUTLIER))
     return LINEAR if abs(slope) < NEARLY_LINEAR else float(np.clip(LINEAR + slope, LEAST, MOST))
 
 
 def _nearest(mask: NDArray[np.bool_]) -> NDArray[np.intp]:
-    """Index (v, u) of the nearest pixel of a mask (v, u)."""
+    """Flat index (v, u) of the mask pixel nearest to each pixel."""
     _, labels = cv2.distanceTransformWithLabels(
         (~mask).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
     )

@@ -1,4 +1,4 @@
-"""Checks of frames and videos before they are decoded: size, and the layout that they were taken with."""
+"""Checks before frames and videos are decoded: their size, and the layout they were taken with."""
 
 from __future__ import annotations
 
@@ -13,33 +13,33 @@ from mirrorcam.core.video.video import Video
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import check_belongs
 
-# The manifests of rendered sets, and how their schemas begin.
+# The manifests of rendered sets, and the prefixes of their schemas.
 MANIFESTS = {"dataset.json": "mirrorcam.dataset/", "scene.json": "mirrorcam.scene/"}
 
 
 def layout_identity_of(path: Path) -> str | None:
-    """Identity of the layout that a frame or video was rendered with, by the manifest of its set; None without one."""
+    """Return the layout identity in the manifest of the rendered set that holds `path`; None without a manifest."""
     for folder in path.resolve().parents[:2]:
         for name, schema in MANIFESTS.items():
             if (folder / name).is_file():
                 try:
                     manifest = read_json(folder / name, LARGEST_FILE_BYTES)
                 except InputError:
-                    continue  # of another program, which may call a file of its own so
+                    continue  # another program's file with the same name
                 if isinstance(manifest, dict) and str(manifest.get("schema", "")).startswith(schema):
                     if not isinstance(identity := manifest.get("layout_identity"), str):
-                        raise InputError(f"{folder / name}: layout_identity is missing, expected that of a layout")
+                        raise InputError(f"{folder / name}: layout_identity missing, expected a layout's identity")
                     return identity
     return None
 
 
 def check_frames(
-    paths: Sequence[Path], layout: Layout, layout_path: Path, tell: Callable[[str], None] = lambda line: None
+    paths: Sequence[Path], layout: Layout, layout_path: Path, report: Callable[[str], None] = lambda line: None
 ) -> None:
-    """Read the headers of pictures and videos: raise InputError for one that cannot be read or is not of the layout.
+    """Read the headers of pictures and videos; raise InputError if one is unreadable or does not match the layout.
 
-    A damaged picture is none of those: it is found when its turn comes. Pictures of 16 bits are taken for one set, of
-    which `tell` takes a line.
+    Damaged pictures are skipped: decoding reports them. Pictures of 16 bits are read as one set, which is reported to
+    `report` in one line.
     """
     identities: dict[Path, str | None] = {}
     for path in paths:
@@ -53,10 +53,10 @@ def check_frames(
             identities[folder] = layout_identity_of(path)
         if (identity := identities[folder]) is not None:
             check_belongs(layout, identity, str(path))
-    agree_on_bits(paths, tell)
+    agree_on_bits(paths, report)
 
 
 def video_size(path: Path) -> tuple[int, int]:
-    """Width and height of a video in px, as it states them."""
+    """Return width and height of a video in px, from its header."""
     video = Video(path)
     return video.width_px, video.height_px

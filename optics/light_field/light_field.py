@@ -17,7 +17,7 @@ Axis = Literal["s", "t"]
 Samples = NDArray[np.uint8] | NDArray[np.float32]
 
 UNEVEN = 0.5
-"""Deviation of views from an even grid, in its steps, from which on they are no grid."""
+"""Largest RMS deviation of views from an even grid, in steps of the grid."""
 
 _SHAPES = {
     "positions_mm": (None, None, 3),
@@ -29,7 +29,8 @@ _SHAPES = {
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Views:
-    """Viewing directions of every pixel of parallel views: a grid, or one row of views in another pattern.
+    """Geometry of parallel views: which ray each pixel of each view samples. Views form a grid, or one row of a
+    pattern.
 
     The view frame has its origin at the reference (central) view, x right, y down, z forward. Pixel (u, v) of *every*
     view looks at the same point (X, Y) of the reference plane, which lies Z0 in front of the reference view:
@@ -37,11 +38,12 @@ class Views:
 
         u = f_i (X - x_i) / (Z - z_i) + cx + f x_i / Z0,    f_i = f (1 - z_i / Z0)
 
-    (v alike, with y), and u = f X / Z + cx + f x_i (1 / Z0 - 1 / Z) where z_i is zero. Disparity is zero on the whole
-    reference plane, however uneven the grid. Z0 may be infinite: views are then pinholes with one principal point.
+    (v alike, with y), and u = f X / Z + cx + f x_i (1 / Z0 - 1 / Z) if z_i is zero. The disparity is zero on the whole
+    reference plane even if the grid is uneven. Z0 may be infinite: the views are then pinholes with equal principal
+    points.
 
-    "Depth" is measured from the pupil along view z (the plane y_rig = depth of the 90 degree fold) here as everywhere;
-    the Z of the formulas is `distance`, measured from the reference view.
+    "Depth" is measured from the pupil along view z, here as everywhere: with a 90 degree fold, it is y in rig. The Z of
+    the formulas is `distance`, measured from the reference view.
 
     Attributes
     ----------
@@ -54,13 +56,13 @@ class Views:
     width_px, height_px : int
         Size of every view.
     reference_depth_mm : float
-        Depth of the plane of zero disparity; infinity is one.
+        Depth of the plane of zero disparity; may be infinite.
     reference_view_in_rig_mm : ndarray
-        Position (3,) of the reference view in rig.
+        Position (3,) of the reference view in rig, mm.
     view_from_rig : ndarray
-        Rotation (3, 3).
+        Rotation (3, 3) from rig to view axes.
     layout_identity : str
-        `Layout.identity` of the layout that was decoded with.
+        `Layout.identity` of the layout used for decoding.
     """
 
     positions_mm: FloatArray
@@ -98,7 +100,7 @@ class Views:
 
     @cached_property
     def reference_view_depth_mm(self) -> float:
-        """Depth of the reference view itself: its depths are this much more than distances from it."""
+        """Depth of the reference view: a point's depth minus its distance from the reference view, mm."""
         return float(self.view_from_rig[2] @ self.reference_view_in_rig_mm)
 
     @property
@@ -134,9 +136,9 @@ class Views:
     def plane_points_in_rig(
         self, depth_mm: float, pixels: FloatArray, view: tuple[int, int] | None = None
     ) -> FloatArray:
-        """Points (..., 3) in rig of the plane at a depth that a view (t, s) sees at pixels (..., 2).
+        """Return the points (..., 3) in rig, mm, of the plane at `depth_mm` that a view (t, s) sees at pixels (..., 2).
 
-        Without a view, the reference view. Pixels of all views see the same points of the reference plane.
+        The default is the reference view. At the reference depth, equal pixels of all views see equal points.
         """
         distance = depth_mm - self.reference_view_depth_mm
         place, matrix = np.zeros(3), np.diag([self.focal_px, self.focal_px, 1.0])
@@ -153,9 +155,9 @@ class Views:
 
     @cached_property
     def is_grid(self) -> bool:
-        """Whether the views lie in rows and columns, however uneven, and not in another pattern.
+        """Whether the views form rows and columns, however uneven, rather than another pattern.
 
-        They lie closer to an even grid, of any two directions, than half its smaller step (root mean square).
+        Their RMS deviation from the best even grid, of any two directions, is at most half its smaller step.
         """
         t, s = np.indices((self.rows, self.cols)).reshape(2, -1)
         places = self.positions_mm[..., :2].reshape(-1, 2)
@@ -167,16 +169,16 @@ class Views:
         return float(np.sqrt((off**2).sum(axis=1).mean())) <= UNEVEN * float(np.linalg.norm(steps_mm, axis=1).min())
 
     def require_grid(self, purpose: str) -> None:
-        """Raise InputError, which names the purpose, where the views are no grid."""
+        """Raise InputError, naming the purpose, unless the views form a grid."""
         if not self.is_grid:
             raise InputError(
                 f"{purpose} needs rows and columns of views, but these {self.rows * self.cols} lie in another pattern"
             )
 
     def step_mm(self, axis: Axis = "s") -> float:
-        """Mean distance of neighbouring views along s (view x) or t (view y); positive in the order of the grid.
+        """Mean distance of adjacent views along s (view x) or t (view y), mm; positive in the order of the grid.
 
-        Where the views are no grid, their mean distance to the nearest other, along either axis.
+        If the views are no grid: the mean distance of a view to its nearest neighbour, for either axis.
         """
         if not self.is_grid:
             places = self.positions_mm[..., :2].reshape(-1, 2)
@@ -190,15 +192,15 @@ class Views:
         return float((ends[:, 1] - ends[:, 0]).mean() / (count - 1))
 
     def slope_from_depth(self, depth_mm: FloatArray | float) -> FloatArray:
-        """Metric slope (...): px that a point at a depth moves per mm of view position, du/dx_i = f (1 / Z0 - 1 / Z).
+        """Metric slope (...): px that a point moves per mm of view position, du/dx_i = f (1 / Z0 - 1 / Z).
 
-        That of the paper's point-plane law, with its zero on the reference plane; exact where z_i is zero.
+        It is the slope of the paper's point-plane law, zero on the reference plane; exact if z_i is zero.
         """
         distance = np.asarray(depth_mm, dtype=np.float64) - self.reference_view_depth_mm
         return np.asarray(self.focal_px * (1.0 / self.reference_distance_mm - 1.0 / distance))
 
     def depth_mm_from_slope(self, slope_px_per_mm: FloatArray | float) -> FloatArray:
-        """Depth (...) in mm from the pupil of a metric slope; infinite at its end, NaN beyond infinity."""
+        """Depth (...) in mm from the pupil for a metric slope; infinite at the slope of infinity, NaN beyond it."""
         slope = np.asarray(slope_px_per_mm, dtype=np.float64)
         inverse = 1.0 / self.reference_distance_mm - slope / self.focal_px
         distance = np.divide(1.0, inverse, out=np.full_like(inverse, np.nan), where=inverse > 0)
@@ -209,14 +211,14 @@ class Views:
         return -self.step_mm(axis) * self.slope_from_depth(depth_mm)
 
     def depth_mm_from_disparity(self, disparity_px: FloatArray | float, axis: Axis = "s") -> FloatArray:
-        """Depth (...) in mm from the pupil of a disparity per mean view step along `axis`; NaN beyond infinity."""
+        """Depth (...) in mm from the pupil for a disparity per mean view step along `axis`; NaN beyond infinity."""
         return self.depth_mm_from_slope(-np.asarray(disparity_px, dtype=np.float64) / self.step_mm(axis))
 
     def on_regular_grid(self) -> Views:
-        """The same views moved to the evenly spaced grid that lies nearest, through the reference view, all z_i zero.
+        """Return the views moved to the nearest even grid through the reference view, with all z_i zero.
 
-        Its steps along s and t are those of least squares. Pixels still look at the same points of the reference plane.
-        Raises InputError where the views are no grid.
+        The steps along s and t are fitted by least squares. Pixels keep their points of the reference plane. Raises
+        InputError if the views are no grid.
         """
         self.require_grid("an even grid")
         row, col = np.argwhere((self.positions_mm == 0).all(axis=2))[0]
@@ -231,9 +233,9 @@ class Views:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LightField(Views):
-    """Samples of parallel views; t down, s right, then image rows, image columns, colour.
+    """Samples of parallel views: axes t down, s right, image rows, image columns, colour.
 
-    The geometry is that of `Views`: every attribute and method of it is here, too.
+    All attributes and methods of `Views` give the geometry.
 
     Attributes
     ----------
@@ -268,7 +270,7 @@ class LightField(Views):
 
     @classmethod
     def of(cls, views: Views, samples: Samples, weights: NDArray[np.float32]) -> Self:
-        """The light field with these samples (t, s, v, u, c) and weights (t, s, v, u) at these views."""
+        """Return the light field of samples (t, s, v, u, c) and weights (t, s, v, u) at these views."""
         geometry: dict[str, Any] = {field.name: getattr(views, field.name) for field in fields(Views)}
         return cls(**geometry, samples=samples, weights=weights)
 
@@ -278,5 +280,5 @@ class LightField(Views):
 
     @property
     def valid(self) -> NDArray[np.bool_]:
-        """Mask (t, s, v, u) of the samples there are."""
+        """Mask (t, s, v, u) of the samples with positive weight."""
         return self.weights > 0

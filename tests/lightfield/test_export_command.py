@@ -79,7 +79,7 @@ def test_geometry_that_a_file_lacks_is_in_its_views_toml(
     (tmp_path / "views_tiles.json").unlink()
     arguments = ["refocus", str(tmp_path / "views_tiles.png"), "--out", str(tmp_path / "out")]
     sidecar = tmp_path / "views_tiles.views.toml"
-    expected = f"expected --layout of the camera whose frame it is, or rows and cols of its views in {sidecar.name}"
+    expected = f"expected --layout of the camera that took the frame, or rows and cols of its views in {sidecar.name}"
     assert_refused_here(arguments, capsys, expected)
     sidecar.write_text("rows = 3\ncols = 3\n", encoding="utf-8")
     assert_refused_here(arguments, capsys, f"its step_mm, focal_px, reference_depth_mm: expected in {sidecar.name}")

@@ -53,7 +53,7 @@ def test_depths_are_those_that_a_scene_states(inputs: Path, tmp_path: Path) -> N
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ("noisy.npz", "a hyperfan passes depths between two, expected a nearest and a farthest one"),
+        ("noisy.npz", "a hyperfan passes a range of depths, expected a nearest and a farthest one"),
         ("noisy.npz --near-mm 500 --far-mm 400", "--near-mm 500 --far-mm 400: expected a nearest depth below"),
         ("noisy.npz --kind hypercone --near-mm 300", "--kind hypercone keeps all depths"),
         ("noisy.npz --kind fan", "--kind 'fan': Input should be 'hyperfan'"),

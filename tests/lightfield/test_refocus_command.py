@@ -165,7 +165,7 @@ def test_frames_are_decoded_with_their_layout(default_layout: Layout, tmp_path: 
         ),
         (["refocus", "card.npz", "--depth-mm", "400", "400"], "focus at 400 mm twice"),
         (["refocus", "card.npz", "--tilt-deg", "88", "0"], "--tilt-deg '88': Input should be less than or equal to 85"),
-        (["refocus", "card.npz", "--from-mm", "80", "0"], "place (80, 0) mm lies outside the views"),
+        (["refocus", "card.npz", "--from-mm", "80", "0"], "position (80, 0) mm lies outside the views"),
         (["refocus", "card.npz", "--from-mm", "nan", "0"], "--from-mm 'nan': Input should be a finite number"),
         (["refocus", "card.npz", "--depth-mm", "nan"], "--depth-mm 'nan': "),
         (["refocus", "card.npz", "--scale", "9"], "--scale '9': Input should be less than or equal to 8"),

@@ -31,7 +31,7 @@ from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.depth import DepthEstimator, DepthMap, VideoDepth
-from mirrorcam.optics.light_field.io.bag_reader import StoredBag
+from mirrorcam.optics.light_field.io.formats.mcap import StoredBag
 from mirrorcam.optics.light_field.light_field import LightField
 from tests.command_line import results
 from tests.core.video.videos import RATE, damage, pictures, write_h264, write_mjpeg

@@ -1,4 +1,4 @@
-"""Assignment of the boards detected in a frame to mirrors, and of numberings to plain boards; what belongs to none."""
+"""Assignment of the boards detected in a frame to mirrors, and of numberings to plain boards; stray boards."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from mirrorcam.optics.geometry.targets import Target
 from mirrorcam.optics.geometry.transforms import transform
 
 MIN_INSIDE = 0.5  # fraction of a board's corners inside a mirror's sub-image, to belong to the mirror
-MAX_OFFSET = 0.7  # of a sub-image's size, between a board and its prediction by another view's pose
-MIN_WHOLE = 0.5  # of the corners that a typical board of the frame has, to count as one that belongs to no mirror
+MAX_OFFSET = 0.7  # in sub-image sizes, between a board and its prediction by another view's pose
+MIN_STRAY = 0.5  # corners relative to the frame's typical board, for a board to count as stray
 
 
 @dataclass(frozen=True)
 class _PossibleMirror:
-    """A mirror that may show a board, with one of the board's numberings and the pose (4, 4) that follows."""
+    """A mirror that may show a board, with one of the board's numberings and the resulting pose (4, 4)."""
 
     mirror: int
     corners: Corners
@@ -39,10 +39,10 @@ def assign(
 ) -> list[tuple[int, Corners]]:
     """Assign detected boards to mirrors.
 
-    A board belongs to the mirror whose sub-image holds most of it, and by the nominal layout its pose must be about
-    that of the largest board of the frame: a mirror tilted by 2 degrees moves its image by a tenth of a frame, while
-    the neighbouring mirror shows the board half a frame away. Turning a plain board upside down in all views at once
-    changes nothing, so the largest board decides.
+    A board belongs to the mirror whose sub-image holds most of it. Its pose by the nominal layout must roughly equal
+    the pose of the frame's largest board: a mirror tilted by 2 degrees moves its image by a tenth of a frame, while the
+    adjacent mirror shows the board half a frame away. If a plain board looks the same upside down, the largest board
+    decides, because turning the board in all views at once changes nothing.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ def assign(
     Returns
     -------
     list of (mirror index, Corners)
-        In the order of the mirrors; boards that belong to no mirror are left out.
+        In the order of the mirrors; boards that match no mirror are left out.
     """
     regions = regions_px(layout)
     sizes_px = np.array([np.sqrt(region.area) for region in regions])
@@ -91,7 +91,7 @@ def regions_px(layout: Layout) -> list[shapely.Polygon]:
 
 
 def likely_mirror(corners: Corners, layout: Layout) -> int | None:
-    """The mirror whose sub-image holds most of a board's corners; None where none holds half of them."""
+    """Return the mirror whose sub-image holds most of a board's corners; None if none holds half of them."""
     inside = [_inside(region, corners) for region in regions_px(layout)]
     best = int(np.argmax(inside))
     return best if inside[best] >= MIN_INSIDE else None
@@ -100,31 +100,31 @@ def likely_mirror(corners: Corners, layout: Layout) -> int | None:
 def unassigned_px(
     boards: Sequence[tuple[Corners, ...]], assigned: Sequence[tuple[int, Corners]], layout: Layout
 ) -> FloatArray:
-    """Find boards that belong to no mirror: another device than the layout's, or a second board.
+    """Find stray boards, which no mirror of the layout explains: the device differs, or there is a second board.
 
-    A smaller part of a board is none, nor is what continues or repeats the board of the mirror that it lies in, as when
-    a cable crosses a board.
+    A small part of a board does not count, nor does a board that continues or repeats one in the same mirror, as when a
+    cable crosses a board.
 
     Parameters
     ----------
     boards
         Each board in its possible numberings.
     assigned
-        What `assign` made of them.
+        Result of `assign`.
     layout
         The nominal layout.
 
     Returns
     -------
     array
-        Their middles (k, 2), px.
+        Middles (k, 2) of the stray boards, px.
     """
     taken = {id(corners) for _, corners in assigned}
-    left = [board for board in boards if not any(id(corners) in taken for corners in board)]
-    sizes = [len(corners) for _, corners in assigned] or [max((len(board[0]) for board in left), default=0)]
-    regions, least = regions_px(layout), MIN_WHOLE * np.median(sizes)
+    stray = [board for board in boards if not any(id(corners) in taken for corners in board)]
+    sizes = [len(corners) for _, corners in assigned] or [max((len(board[0]) for board in stray), default=0)]
+    regions, least = regions_px(layout), MIN_STRAY * np.median(sizes)
     middles = []
-    for board in left:
+    for board in stray:
         shown = [corners for mirror, corners in assigned if _inside(regions[mirror], board[0]) >= MIN_INSIDE]
         if len(board[0]) >= least and not any(_same_or_part(board, corners) for corners in shown):
             middles.append(board[0].pixels.mean(axis=0))
@@ -149,7 +149,7 @@ def _inside(region: shapely.Polygon, corners: Corners) -> float:
 def _places(
     board: tuple[Corners, ...], regions: Sequence[shapely.Polygon], layout: Layout, target: Target
 ) -> list[_PossibleMirror]:
-    """All mirrors that may show a board, in all of its numberings; the most likely mirror first."""
+    """Return all mirrors that may show a board, in all of its numberings; the most likely mirror first."""
     found = []
     inside = np.array([_inside(region, board[0]) for region in regions])
     for mirror in np.argsort(-inside, kind="stable").tolist():

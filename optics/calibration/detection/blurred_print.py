@@ -1,4 +1,4 @@
-"""The print of a target as an image, blurred as a lens blurs it, with its derivatives."""
+"""Image of a target's print with a lens's blur, and its derivatives."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from mirrorcam.optics.geometry.targets import AprilGrid, Charuco, Checkerboard, 
 Image = NDArray[np.float32]
 Floats = NDArray[np.floating[Any]]
 
-BOTH: Any = None  # in place of a map of y: that of x holds both
+BOTH: Any = None  # cv2.remap's second map: the first one holds x and y
 PX_PER_SQUARE = 40
 PX_OF_TAGS = range(32, 61)  # per pitch of an AprilGrid
 BLUR_STEP = 2.0**0.125
@@ -25,9 +25,9 @@ SHARPEST, SOFTEST = 0.008, 0.35  # sigma in cells
 
 
 def sample(image: Image, at: Floats) -> Image:
-    """Values (n, m, ...) of an image (h, w, ...) at pixels (n, m, 2), bilinear; beyond the border, those of the border.
+    """Sample an image (h, w, ...) at pixels (n, m, 2), bilinearly; returns (n, m, ...). Border pixels are repeated.
 
-    OpenCV samples images of one, three and four channels exactly, others only to 1/32 of a pixel.
+    OpenCV is exact for one, three and four channels, and to 1/32 of a pixel for others.
     """
     found = np.empty((*at.shape[:-1], *image.shape[2:]), dtype=np.float32)
     pixels = np.ascontiguousarray(at, dtype=np.float32)
@@ -38,17 +38,17 @@ def sample(image: Image, at: Floats) -> Image:
 
 
 def moved(points: Image, by: FloatArray) -> Image:
-    """Points (n, m, 2), each row of them moved by (n, 2): as complex numbers, which add several times as fast."""
+    """Shift each row of points (n, m, 2) by its vector (n, 2), as complex numbers, which is several times faster."""
     shift = np.ascontiguousarray(by, dtype=np.float32).view(np.complex64)
     return np.asarray((points.view(np.complex64)[..., 0] + shift).view(np.float32).reshape(points.shape))
 
 
 @dataclass(frozen=True)
 class BlurredPrint:
-    """A print of values -1 (black) to 1 (white), blurred, as images.
+    """A print of values from -1 (black) to 1 (white), blurred, as images.
 
-    `derivatives` (h, w, 4) are those per square to the right and down, twice to the right and twice down, `mixed` is
-    the one in both directions. `sigma` is the blur, in cells.
+    `derivatives` (h, w, 4), per square, are d/dx, d/dy, d2/dx2 and d2/dy2, x right and y down; `mixed` (h, w) is
+    d2/dxdy. `sigma` is the blur in cells.
     """
 
     value: Image
@@ -59,9 +59,9 @@ class BlurredPrint:
 
 @dataclass(frozen=True)
 class PrintSamples:
-    """Samples (n, m) of a blurred print: values, derivatives per square (n, 2, m) and second ones (n, 3, m).
+    """Samples (n, m) of a blurred print: values, first derivatives (n, 2, m) and second derivatives (n, 3, m).
 
-    The second ones are those twice to the right, in both directions, and twice down.
+    Derivatives are per square, ordered x, y and xx, xy, yy.
     """
 
     value: Image
@@ -70,9 +70,9 @@ class PrintSamples:
 
 
 def _ink(target: Target) -> FloatArray:
-    """The black fraction of each pixel of a print, `px_per_pitch` of them per pitch.
+    """Black fraction of each pixel of a print, with `px_per_pitch` pixels per pitch.
 
-    `target.image` would not do: it rounds markers to whole pixels, and a corner is found to 1/2000 of a square.
+    `target.image` rounds markers to entire pixels, which is too coarse: a corner is found to 1/2000 of a square.
     """
     if isinstance(target, AprilGrid):
         tag, gap = (px_per_pitch(target) * side / target.pitch_mm for side in (target.tag_mm, target.gap_mm))
@@ -93,9 +93,9 @@ def _ink(target: Target) -> FloatArray:
 
 
 def px_per_pitch(target: Target) -> int:
-    """Pixels of a print per pitch: about as many for all prints, so that corners lie between pixels.
+    """Choose the pixels of a print per pitch, similar for all prints, so that corners lie between pixels.
 
-    Elsewhere they would be found wrong by 1/5000 of a pitch, as samples are interpolated.
+    Corners elsewhere would be biased by 1/5000 of a pitch by the interpolation of samples.
     """
     if not isinstance(target, AprilGrid):
         return PX_PER_SQUARE
@@ -108,34 +108,34 @@ def px_per_pitch(target: Target) -> int:
 
 
 def in_print_px(target: Target, places: Floats) -> Floats:
-    """Pixels in the images of a print of places on it, in pitches; it has a margin of one pitch."""
+    """Convert places on a print, in pitches, to pixels of its image, which has a margin of one pitch."""
     return (places + 1.0) * px_per_pitch(target) - 0.5
 
 
 def covers(edges: FloatArray, count: int | None = None) -> FloatArray:
-    """What the cells between edges (c + 1,) cover of each of `count` pixels (c, p); up to the last edge where None."""
+    """Fraction (c, p) of each of `count` pixels that cells between edges (c + 1,) cover; None: up to the last edge."""
     pixels = np.arange(np.ceil(edges[-1] - 1e-6) if count is None else count)
     begin, end = np.maximum(edges[:-1, None], pixels), np.minimum(edges[1:, None], pixels + 1)
     return np.maximum(end - begin, 0.0)
 
 
 def blurred_print(target: Target, blur_cells: float) -> BlurredPrint:
-    """The print of a target with a blur of about `blur_cells`, sigma in cells: the nearest of a geometric series."""
+    """Return a target's print blurred by the sigma nearest to `blur_cells` in a geometric series, in cells."""
     return _blurred(target, int(_step(np.array(blur_cells))))
 
 
 def sample_blurred(target: Target, places: Floats, blur: FloatArray) -> PrintSamples:
-    """A print with the blur that covariances describe, at places on it.
+    """Sample a print under an anisotropic blur given by covariances.
 
-    A blur along one direction more than along the other is that of the same area, plus what heat would spread on top of
-    it: half the second derivatives times the rest of the covariance.
+    The blur is the isotropic blur of equal area plus a heat-equation term: half the second derivatives times the rest
+    of the covariance.
 
     Parameters
     ----------
     target
         The print.
     places
-        Where to sample (n, m, 2), in squares from its top left.
+        Where to sample (n, m, 2), in squares from the print's top left.
     blur
         Covariances (n, 2, 2) of the blur around each of n corners, in cells.
     """
@@ -162,9 +162,9 @@ def _step(blur_cells: FloatArray) -> NDArray[np.int64]:
 
 
 def local_print(target: Target, places: FloatArray) -> tuple[Target, FloatArray]:
-    """A print that looks around places (n, 2) like a target around corners, and these places on it.
+    """Return a print that equals a target around places (n, 2) of corners, and these places on it.
 
-    Around its inner corners a plain checkerboard is like any other, so that a small one serves for all.
+    All plain checkerboards look alike around inner corners, so a small one stands for all.
     """
     if isinstance(target, Checkerboard):
         return LOCAL, 2.0 + places % 2.0

@@ -1,4 +1,4 @@
-"""Region growing of a board in one image, from a few known points to every corner that can be seen."""
+"""Region growing of a board in a picture, from a few known points to all visible corners."""
 
 from __future__ import annotations
 
@@ -20,27 +20,27 @@ from mirrorcam.optics.geometry.targets import Target
 
 BoolArray = NDArray[np.bool_]
 
-REACH = 1.6  # squares beyond the known points to which the warp is extrapolated
+REACH = 1.6  # squares beyond the known points up to which the warp is extrapolated
 MAX_MOVE = 0.25  # cells between the expected and the refined position of a corner
 ROUNDS = 15
-LINKED = 1.1  # of the longest distance between neighbours, for corners to be neighbours
-TRIES = 2  # of each corner: its expected position improves once its neighbours are found
-MANY = 40  # known points, from which positions are expected well enough at once
-LEAST_GROWTH = 0.03  # part of the corners that a round adds: less is often growth into another mirror's board
+LINKED = 1.1  # largest distance of adjacent corners, in the longest side of a square
+TRIES = 2  # per corner: its expected position improves once its neighbours are found
+MANY = 40  # known points that predict positions well enough at the first try
+LEAST_GROWTH = 0.03  # share of the corners that a round must add: less is often growth into another mirror's board
 NEIGHBOURS = 12
 OUTLIER_SIGMAS = 6.0
 MIN_OUTLIER_PX = 0.1
-MIN_STEP_PX, MAX_STEP_PX = 0.2, 1.5  # difference between neighbours' residuals to the warp
-MIN_CORNERS = 8  # to judge how smooth a board is
+MIN_STEP_PX, MAX_STEP_PX = 0.2, 1.5  # difference between adjacent residuals to the warp
+MIN_CORNERS = 8  # to judge the smoothness of a board
 MIN_CELL_PX = 5.0
 FIRST_BLUR_PX = 1.2  # sigma assumed for the first corners
 MIN_GREY = 6.0  # contrast of a corner in grey levels
-MIN_CONTRAST = 0.6  # relative to that of the corners around
-MIN_EXPLAINED = 0.8  # of the variance around a corner
+MIN_CONTRAST = 0.6  # relative to the corners around
+MIN_EXPLAINED = 0.8  # share of the variance around a corner
 MAX_SIGMA_PX = 0.3
-UNEXPLAINED_WITHOUT_MOTION = 0.7  # by a model that knows blur of motion, relative to one without, where there is some
-JUDGED = 20  # corners by which a board is judged, at least, where there are as many
-# Relative to the board's median: the standard deviation, and the unexplained variance (and this much more).
+UNEXPLAINED_WITHOUT_MOTION = 0.7  # largest unexplained variance with motion blur over that without, if there is motion
+JUDGED = 20  # least number of corners to judge a board by, if it has as many
+# Limits relative to the board's median: standard deviation, and unexplained variance with an offset.
 MAX_RELATIVE_SIGMA, MAX_RELATIVE_UNEXPLAINED, UNEXPLAINED = 2.5, 3.0, 0.01
 RIGHT = np.array([1.0, 0.0])
 
@@ -48,49 +48,48 @@ RIGHT = np.array([1.0, 0.0])
 def grow_board(picture: Image, places: FloatArray, pixels: FloatArray, target: Target, *, mirrored: bool) -> Corners:
     """Find all visible corners of one board, from approximate points on it.
 
-    Corners are searched up to `REACH` squares around the known ones, and those found predict the next ones. At the end
-    all are refined once more with their common warp, and those that do not lie on a smooth surface with the others are
-    dropped.
+    Corners are searched up to `REACH` squares around the known ones, and those found predict the next ones. Finally,
+    all are refined once more with their common warp, and those off the smooth surface through the others are dropped.
 
     Parameters
     ----------
     picture
         Grey values (h, w).
     places, pixels
-        Known points: on the print (n, 2), in squares, and in the picture (n, 2).
+        Known points: places on the print (n, 2) in squares, and pixels (n, 2).
     target
         The board.
     mirrored
-        Whether the picture shows the board through a mirror.
+        Whether the board is seen in a mirror.
 
     Returns
     -------
     Corners
-        Empty where the points do not lie on a surface that faces the right way round.
+        Empty if the points lie on no surface of the right handedness.
     """
     return _seen_corners(picture, places, pixels, corner_places(target), target, mirrored=mirrored)
 
 
 def grow_grid(picture: Image, places: IntArray, pixels: FloatArray, *, most: int) -> tuple[IntArray, Corners]:
-    """Find all visible corners of a checkerboard whose extent is unknown, from some of them.
+    """Find all visible corners of a checkerboard of unknown size, from some of them.
 
     Parameters
     ----------
     picture
         Grey values (h, w).
     places, pixels
-        Known corners: on a grid (n, 2) of integers as of `corner_grids`, and in the picture (n, 2).
+        Known corners: integer grid coordinates (n, 2) as from `corner_grids`, and pixels (n, 2).
     most
-        How many squares beyond the known corners to search.
+        Number of squares to search beyond the known corners.
 
     Returns
     -------
     places
-        The corners on the same grid (m, 2).
+        Coordinates (m, 2) of the corners on the same grid.
     corners
-        The corners (m), whose ids number them in this order.
+        The corners (m,), with ids numbering them in this order.
     """
-    # A corner between even squares has white right of and below it, on the grid; on a print it has black there.
+    # Grid: a corner with even coordinate sum has white to its lower right. Print: black.
     shifted = places + RIGHT
     low, high = shifted.min(axis=0) - most, shifted.max(axis=0) + most
     x, y = np.meshgrid(np.arange(low[0], high[0] + 1), np.arange(low[1], high[1] + 1))
@@ -102,7 +101,7 @@ def grow_grid(picture: Image, places: IntArray, pixels: FloatArray, *, most: int
 def _seen_corners(
     picture: Image, places: FloatArray, pixels: FloatArray, corners: FloatArray, target: Target, *, mirrored: bool
 ) -> Corners:
-    """Those of the corners (c, 2) of a print that can be seen, with their indices as ids."""
+    """Return the visible corners among all corners (c, 2) of a print, with their indices as ids."""
     found, look = _grown(picture, places, pixels, corners, target, mirrored=mirrored)
     have = np.flatnonzero(np.isfinite(found[:, 0]))
     have = have[smooth(corners[have], found[have], target.longest_step)]
@@ -118,9 +117,9 @@ def _seen_corners(
 
 
 def _is_blurred_by_motion(picture: Image, expected: ExpectedCorners, look: Appearance) -> bool:
-    """Whether blur of motion explains much of what the print does not explain around typical corners.
+    """Return whether motion blur explains much of the variance that the print leaves unexplained at typical corners.
 
-    Where there is none, a model that knows it would only let corners that are partly covered look like others.
+    Without motion, a model with motion blur would only make partly covered corners look valid.
     """
     some = expected.where(np.arange(len(expected.places)) % max(len(expected.places) // JUDGED, 1) == 0)
     without, known = (
@@ -133,7 +132,7 @@ def _is_blurred_by_motion(picture: Image, expected: ExpectedCorners, look: Appea
 def _grown(
     picture: Image, places: FloatArray, pixels: FloatArray, corners: FloatArray, target: Target, *, mirrored: bool
 ) -> tuple[FloatArray, Appearance]:
-    """Pixels (c, 2) of all corners, NaN where not found, and the print's appearance with the blur of the last ones."""
+    """Return pixels (c, 2) of all corners, NaN if not found, and the print's appearance with the estimated blur."""
     found = np.full((len(corners), 2), np.nan)
     tries = np.zeros(len(corners), dtype=np.int64)
     known_places, known_pixels, reach = places, pixels, REACH * target.longest_step
@@ -150,7 +149,7 @@ def _grown(
         ids, seen = _confirmed(picture, new, expected, look, mirrored=mirrored)
         first = np.isnan(found[:, 0]).all()
         found[ids] = seen.pixels
-        # The last corners are few, some of them false, and would blur the print that all are compared with.
+        # The last corners are few, and some are false: they must not change the assumed blur.
         if len(ids) >= (1 if first else MIN_CORNERS):
             look = replace(look, blur_px=float(np.median(seen.blur_px)))
         have = np.flatnonzero(np.isfinite(found[:, 0]))
@@ -162,12 +161,12 @@ def _grown(
 
 
 def first_blur_px(places: FloatArray, pixels: FloatArray) -> float:
-    """The blur to assume before corners were seen, for places (n, 2) in squares at pixels (n, 2)."""
+    """Return the initial blur for places (n, 2), in squares, at pixels (n, 2)."""
     return min(FIRST_BLUR_PX, SOFTEST * typical_cell_px(places, pixels))
 
 
 def expected_corners(corners: Corners, target: Target) -> ExpectedCorners | None:
-    """The corners of a board with the derivatives of their common warp; None where they have none."""
+    """Return a board's corners with the derivatives of their common warp; None without a warp."""
     places = corner_places(target)[corners.ids]
     warp = BoardWarp.through(places, corners.pixels, degree=QUINTIC)
     return None if warp is None else warp.expected(places, corners.pixels)
@@ -176,7 +175,7 @@ def expected_corners(corners: Corners, target: Target) -> ExpectedCorners | None
 def _confirmed(
     picture: Image, ids: IntArray, expected: ExpectedCorners, look: Appearance, *, mirrored: bool
 ) -> tuple[IntArray, RefinedCorners]:
-    """The expected corners (n) that are there: their ids, and where they are."""
+    """Return the ids and refined positions of those expected corners (n,) that the picture confirms."""
     size = np.array(picture.shape[::-1], dtype=np.float64)
     fits = _fits(expected.pixels, expected.cells, size, mirrored=mirrored)
     ids, expected = ids[fits], expected.where(fits)
@@ -188,7 +187,7 @@ def _confirmed(
 
 
 def same_board(first: Corners, second: Corners) -> bool:
-    """Return whether two detections are of one board: most corners that both have are at the same pixels."""
+    """Return whether two detections show the same board: most common corners are at the same pixels."""
     _, a, b = np.intersect1d(first.ids, second.ids, return_indices=True)
     return len(a) > 0 and bool(np.median(np.linalg.norm(first.pixels[a] - second.pixels[b], axis=1)) < 2.0)
 
@@ -198,7 +197,7 @@ def _short_side(cells: FloatArray) -> FloatArray:
 
 
 def _fits(expected: FloatArray, cells: FloatArray, size: FloatArray, *, mirrored: bool) -> BoolArray:
-    """Mask of the corners (n, 2) well inside the picture whose cells (n, 2, 2) are large enough and not flipped."""
+    """Mask of corners (n, 2) well inside the picture whose cells (n, 2, 2) are large enough and not flipped."""
     handed = np.linalg.det(np.nan_to_num(cells)) * (-1.0 if mirrored else 1.0)
     short = _short_side(np.nan_to_num(cells))
     margin = np.maximum(0.5 * np.nan_to_num(np.linalg.norm(cells, axis=1)).max(axis=1), 3.0)[:, None]
@@ -213,7 +212,7 @@ def _neighbours(places: FloatArray) -> IntArray:
 
 
 def _as_bright(places: FloatArray, contrast: FloatArray) -> BoolArray:
-    """Mask of the corners with about the contrast of their neighbours; a partly covered corner has less."""
+    """Mask of corners with about the contrast of their neighbours; a partly covered corner has less."""
     if len(places) < 2:
         return np.zeros(len(places), dtype=bool)
     around = np.median(contrast[_neighbours(places)], axis=1)
@@ -221,7 +220,7 @@ def _as_bright(places: FloatArray, contrast: FloatArray) -> BoolArray:
 
 
 def _like_the_others(seen: RefinedCorners) -> BoolArray:
-    """Mask of the corners about as certain and as well explained as most of the board; those under glare are not."""
+    """Mask of corners about as certain and as well explained as most of the board, which excludes glare."""
     if not len(seen.pixels):
         return np.zeros(0, dtype=bool)
     rest = 1.0 - seen.explained
@@ -230,10 +229,10 @@ def _like_the_others(seen: RefinedCorners) -> BoolArray:
 
 
 def _largest_part(warp: BoardWarp, places: FloatArray, pixels: FloatArray, step: float) -> BoolArray:
-    """The largest connected part of the corners, where neighbours have nearly the same residual to the warp.
+    """Mask of the largest connected part of the corners, where adjacent corners have nearly equal residuals.
 
-    Two mirrors may show a board as if it continued from one into the other, but for a step of a few pixels. The warp
-    through both has different residuals on the two sides of the step.
+    Two mirrors may show a board as if it continued from one to the other, but for a step of a few pixels. The residuals
+    to the warp through both then differ across the step.
     """
     off = pixels - warp.at(places)
     first, second = cKDTree(places).query_pairs(LINKED * step, output_type="ndarray").T
@@ -246,7 +245,7 @@ def _largest_part(warp: BoardWarp, places: FloatArray, pixels: FloatArray, step:
 
 
 def connected(places: FloatArray, step: float = 1.0) -> BoolArray:
-    """Mask (n,) of the largest part of corners (n, 2) that are neighbours on their grid, at most `step` apart."""
+    """Mask (n,) of the largest connected part of corners (n, 2), at most `step` squares apart on their grid."""
     first, second = cKDTree(places).query_pairs(LINKED * step, output_type="ndarray").T
     graph = coo_array((np.ones(len(first)), (first, second)), shape=(len(places),) * 2)
     labels = connected_components(graph, directed=False)[1]
@@ -254,9 +253,9 @@ def connected(places: FloatArray, step: float = 1.0) -> BoolArray:
 
 
 def smooth(places: FloatArray, pixels: FloatArray, step: float = 1.0) -> BoolArray:
-    """Mask (n,) of the corners on a smooth surface with the others of their largest connected part.
+    """Mask (n,) of the corners that lie on a smooth surface with their largest connected part.
 
-    Neighbours are at most `step` squares apart.
+    Adjacent corners are at most `step` squares apart.
     """
     none = np.zeros(len(places), dtype=bool)
     warp = BoardWarp.through(places, pixels)

@@ -1,4 +1,4 @@
-"""The map from a printed board to a picture: projective, with a smooth polynomial correction."""
+"""The map from a printed board to a picture: a homography with a smooth polynomial correction."""
 
 from __future__ import annotations
 
@@ -14,25 +14,24 @@ from mirrorcam.optics.geometry.targets import Target
 MIN_POINTS = 4
 CUBIC, QUINTIC = 3, 5  # degrees of the correction
 MIN_POINTS_OF_DEGREE = ((QUINTIC, 63), (CUBIC, 24))
-EXPONENTS = [np.tril_indices(degree + 1) for degree in range(QUINTIC + 1)]  # of each term: in all, and that of y
-OUTLIER_CELLS = 0.12  # between a corner and the map through the others
+EXPONENTS = [np.tril_indices(degree + 1) for degree in range(QUINTIC + 1)]  # of each term: total, and of y
+OUTLIER_CELLS = 0.12  # distance of a corner from the map through the others
 
 
 @dataclass(frozen=True)
 class BoardWarp:
-    """The map from a board's points, in squares from its top left, to pixels: projective, plus a smooth polynomial.
+    """The map from board places, in squares from the top left, to pixels: a homography plus a smooth polynomial.
 
-    The polynomial stands for what a lens, a bent board or mirror and a rolling shutter add; with few points it is left
-    out.
+    The polynomial models lens distortion, a bent board or mirror, and a rolling shutter; it is omitted for few points.
 
     Attributes
     ----------
     homography
         (3, 3), pixels from squares.
     middle, half
-        Centre (2,) and half extent, in squares, that the polynomial's argument is normalised with.
+        Centre (2,) and half extent, in squares, that normalise the polynomial's argument.
     polynomial
-        Coefficients (n, 2), px, by rising degree.
+        Coefficients (n, 2), px, by increasing degree.
     """
 
     homography: FloatArray
@@ -42,10 +41,10 @@ class BoardWarp:
 
     @classmethod
     def through(cls, places: FloatArray, pixels: FloatArray, *, degree: int = CUBIC) -> BoardWarp | None:
-        """The warp of places (n, 2) in squares to pixels (n, 2), some of which may be wrong; None for too few.
+        """Fit the warp of places (n, 2), in squares, to pixels (n, 2) with outliers; None for too few points.
 
-        A cubic may be extrapolated by a square or two. A quintic is for between the points: the second derivatives of
-        a cubic across a whole board are wrong by a tenth, which moves corners by .001 px.
+        A cubic may be extrapolated by a square or two. A quintic is for interpolation: over an entire board, the second
+        derivatives of a cubic are wrong by a tenth, which shifts corners by 0.001 px.
         """
         if len(places) < MIN_POINTS:
             return None
@@ -62,7 +61,7 @@ class BoardWarp:
         return warp
 
     def _corrected(self, places: FloatArray, pixels: FloatArray, off_px: float, degree: int) -> BoardWarp:
-        """The warp with a polynomial fitted robustly (Cauchy weights), as some outliers remain."""
+        """Return the warp with a polynomial fitted by Cauchy weights, because some outliers remain."""
         off = pixels - self.at(places)
         terms = self._terms(places, degree)
         weights = 1.0 / (1.0 + (np.linalg.norm(off, axis=1) / off_px) ** 2)
@@ -85,7 +84,7 @@ class BoardWarp:
         return np.asarray((powers[total - y, :, 0] * powers[y, :, 1]).T)
 
     def at(self, places: FloatArray) -> FloatArray:
-        """Pixels (n, 2) of places (n, 2); NaN where they would lie behind the camera."""
+        """Return pixels (n, 2) of places (n, 2); NaN behind the camera."""
         lifted = np.column_stack([places, np.ones(len(places))]) @ self.homography.T
         depth = np.where(lifted[:, 2:] > 1e-9, lifted[:, 2:], np.nan)
         return lifted[:, :2] / depth + self._terms(places, self._degree) @ self.polynomial
@@ -95,7 +94,7 @@ class BoardWarp:
         return round((np.sqrt(8.0 * len(self.polynomial) + 1.0) - 3.0) / 2.0)
 
     def shapes(self, places: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Derivatives (n, 2, 2) of pixels by squares (columns: right, down), and half the second ones (n, 2, 3)."""
+        """Return derivatives (n, 2, 2) of pixels by squares (columns x, y), and half the second ones (n, 2, 3)."""
         step = 0.25
         around = [(0, 0), (1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, -1), (1, -1), (-1, 1)]
         near = places + step * np.array(around)[:, None]
@@ -106,13 +105,13 @@ class BoardWarp:
         return cells, bends / (2.0 * step**2)
 
     def expected(self, places: FloatArray, pixels: FloatArray) -> ExpectedCorners:
-        """Corners at places (n, 2), expected at pixels (n, 2), with the warp's derivatives there."""
+        """Return corners at places (n, 2) and expected pixels (n, 2), with the warp's derivatives there."""
         cells, bends = self.shapes(places)
         return ExpectedCorners(places, pixels, cells, bends)
 
 
 def _homography(places: FloatArray, pixels: FloatArray, off_px: float) -> FloatArray | None:
-    """The homography (3, 3) of all points where it fits all of them within `off_px`, else that of most of them."""
+    """Fit a homography (3, 3) to all points if it fits each within `off_px`, otherwise to most of them."""
     fitted, _ = cv2.findHomography(places, pixels, 0)
     if fitted is not None:
         lifted = np.column_stack([places, np.ones(len(places))]) @ fitted.T
@@ -123,7 +122,7 @@ def _homography(places: FloatArray, pixels: FloatArray, off_px: float) -> FloatA
 
 
 def corner_places(target: Target) -> FloatArray:
-    """Places (n, 2) of the corners, in squares (pitches) from the top left of the print, in the order of their ids."""
+    """Places (n, 2) of the corners on the print, in squares (pitches) from its top left, ordered by id."""
     return target.corners_in_board_mm[:, :2] / target.pitch_mm
 
 

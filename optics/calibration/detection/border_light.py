@@ -1,7 +1,7 @@
-"""The light of a mirror across the borders of its sub-image, by comparing frames with the known print.
+"""Light of a mirror across the borders of its sub-image, by comparing frames with the known print.
 
-Over the frames, the grey value of a pixel follows what the mirror shows there, in proportion to the part of the pupil
-that the mirror serves. What else reaches the pixel stays the same (the gaps), or follows what the neighbour shows.
+Over the frames, a pixel's grey value follows what the mirror shows there, in proportion to the part of the pupil that
+the mirror fills. The rest of its light is constant (the gaps), or follows what the neighbouring mirror shows.
 """
 
 from __future__ import annotations
@@ -24,33 +24,33 @@ from mirrorcam.optics.geometry.targets import Target
 from mirrorcam.optics.geometry.transforms import inverse
 
 REACH_PX = 48.0
-"""To either side of a border: more than half the width of its blur."""
+"""Range searched on either side of a border: more than half the width of its blur."""
 
 STEP_PX = 2.0
 STATIONS = 25
-"""Profiles across a border."""
+"""Number of profiles across a border."""
 
 ENDS = 0.12
-"""Part of a border's length, at either end, that is left out: the next border is near."""
+"""Share of a border's length that is skipped at either end, near the adjacent border."""
 
 MIN_LENGTH_PX = 60.0
 BLUR_PX = 1.2
-"""Sigma of the blur of the print in the picture; a wrong one changes all of a profile in proportion."""
+"""Assumed sigma of the print's blur in the picture; an error scales a profile as a whole."""
 
 ON_BOARD = 0.15
-"""Squares inside the border of the print from where on it is known what a ray meets."""
+"""Distance inside the print's border, in squares, from which the print at a ray's hit is known."""
 
 LARGEST_RADIUS_MM = 3.0
-"""A mirror farther from a ray than this, in the plane of the pupil, adds no light."""
+"""Distance of a mirror from a ray, in the plane of the pupil, beyond which it adds no light."""
 
 MIN_FRAMES = 6
 MIN_VARIANCE = 0.02
-"""Smallest variance of the print, from -1 to 1, over the frames, apart from what the other mirror shows."""
+"""Least variance of the print, from -1 to 1, over the frames, after regression on the neighbour's image."""
 
 
 @dataclass(frozen=True)
 class BoardFrame:
-    """A frame through the mirrors, and the rigid pose (4, 4) of its board, rig_from_board, mm."""
+    """A frame through the mirrors, and the pose (4, 4) of its board, rig_from_board, mm."""
 
     picture: Grey | Path
     rig_from_board: FloatArray
@@ -64,20 +64,20 @@ class BoardFrame:
 
 @dataclass(frozen=True)
 class Border:
-    """Points across a border of a sub-image: `STATIONS` profiles (rows) of points from inside to outside (columns).
+    """Points across a border of a sub-image: `STATIONS` profiles (rows), each from inside to outside (columns).
 
     Attributes
     ----------
     mirror
         Index of the mirror.
     aperture
-        The plane mirror that cuts its light, on its front.
+        The plane mirror that bounds its light, on the front of its plate.
     pixels
-        The points (s, d, 2); NaN off the sensor.
+        The points (s, d, 2), px; NaN off the sensor.
     out_px
-        Their distances (d,) out of the border.
+        Their distances (d,) outwards from the border.
     neighbour
-        The other mirror that may show light there; None where there is none.
+        The other mirror that may add light there; None if there is none.
     """
 
     mirror: int
@@ -95,7 +95,7 @@ class Border:
 class BorderLight:
     """Light of the mirror at the points (s, d) of a border, in grey levels, and its standard deviation.
 
-    NaN and infinite where the frames do not show it.
+    NaN, with infinite sigma, where the frames do not determine it.
     """
 
     border: Border
@@ -104,9 +104,9 @@ class BorderLight:
 
 
 def _aperture(mirror: Mirror) -> Mirror | None:
-    """The plane mirror on the front of a mirror whose outline cuts the light as the mirror does; None if it shows none.
+    """Return the plane mirror on a mirror's front whose outline bounds the light likewise; None if it shows nothing.
 
-    A first-surface mirror is its own.
+    For a first-surface mirror, it is the mirror itself.
     """
     shown = mirror.usable_normalized
     if not mirror.is_second_surface or not len(shown):
@@ -116,7 +116,7 @@ def _aperture(mirror: Mirror) -> Mirror | None:
 
 
 def borders(layout: Layout) -> list[Border]:
-    """The borders of all sub-images that lie on the sensor."""
+    """Return the borders of all sub-images that lie on the sensor."""
     found = []
     apertures = [_aperture(mirror) for mirror in layout.mirrors]
     for index, aperture in enumerate(apertures):
@@ -157,17 +157,17 @@ def _border(layout: Layout, apertures: Sequence[Mirror | None], index: int, edge
 
 
 def _inside_mm(mirror: Mirror, normalized: FloatArray, focus_mm: float) -> FloatArray:
-    """Distance (n,) of the pupil's middle from the nearest border of the part that a mirror serves, on its side."""
+    """Signed distance (n,) of the pupil's centre inwards from the border of the part that a mirror fills, mm."""
     return np.asarray(outline_aperture(mirror, normalized, focus_mm).distance.min(axis=1))
 
 
 def border_light(layout: Layout, frames: Sequence[BoardFrame], target: Target) -> list[BorderLight]:
-    """The light of each mirror across the borders of its sub-image.
+    """Measure the light of each mirror across the borders of its sub-image.
 
     Parameters
     ----------
     layout
-        A calibrated layout, whose pupil need only be about right.
+        A calibrated layout; its pupil may be approximate.
     frames
         Frames through the mirrors.
     target
@@ -178,16 +178,16 @@ def border_light(layout: Layout, frames: Sequence[BoardFrame], target: Target) -
         grey = frame.grey
         board_from_rig = inverse(frame.rig_from_board)
         for rays, sums in found:
-            own, other = (_shown(target, *way, board_from_rig) for way in (rays.own, rays.other))
+            own, other = (_shown(target, *rays_beyond, board_from_rig) for rays_beyond in (rays.own, rays.other))
             sums.add(sample(grey, sums.border.pixels).astype(np.float64), own, np.where(rays.alone, 0.0, other))
     return [sums.light() for _, sums in found]
 
 
 @dataclass(frozen=True)
 class _Rays:
-    """Starts and directions (s, d, 3) of the rays of a border's points, beyond its mirror and beyond the neighbour.
+    """Starts and directions (s, d, 3) of the rays of a border's points after its mirror, and after the neighbour.
 
-    `alone` (s, d) is where the neighbour adds no light.
+    `alone` (s, d) marks where the neighbour adds no light.
     """
 
     own: tuple[FloatArray, FloatArray]
@@ -207,7 +207,7 @@ class _Rays:
 
 
 def _beyond(layout: Layout, mirror: Mirror, normalized: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Rays from the middle of the part of the pupil that a mirror serves, reflected: starts and directions."""
+    """Reflected rays from the centroid of the part of the pupil that a mirror fills: starts and directions."""
     pupil, flat, seen = layout.camera.pupil, normalized.reshape(-1, 2), mirror.apparent
     start = np.zeros((len(flat), 3))
     start[:, :2] = pupil.radius_mm * disc_part(outline_aperture(mirror, flat, pupil.focus_mm), pupil.radius_mm).centroid
@@ -217,13 +217,13 @@ def _beyond(layout: Layout, mirror: Mirror, normalized: FloatArray) -> tuple[Flo
 
 
 def _shown(target: Target, starts: FloatArray, directions: FloatArray, board_from_rig: FloatArray) -> FloatArray:
-    """The print, from -1 to 1, that rays (s, d, 3) meet; NaN where they do not meet the board."""
-    turn = board_from_rig[:3, :3].T
-    start, along = starts @ turn + board_from_rig[:3, 3], directions @ turn
+    """Values of the print, from -1 to 1, where rays (s, d, 3) hit it; NaN where they miss the board."""
+    rotation = board_from_rig[:3, :3].T
+    start, along = starts @ rotation + board_from_rig[:3, 3], directions @ rotation
     with np.errstate(divide="ignore", invalid="ignore"):
-        way = -start[..., 2] / along[..., 2]
-        at = (start + way[..., None] * along)[..., :2] / target.pitch_mm
-    inside = (way > 0.0) & (along[..., 2] > 0.0)
+        length = -start[..., 2] / along[..., 2]
+        at = (start + length[..., None] * along)[..., :2] / target.pitch_mm
+    inside = (length > 0.0) & (along[..., 2] > 0.0)
     inside &= ((at > ON_BOARD) & (at < np.array(target.size_mm) / target.pitch_mm - ON_BOARD)).all(axis=-1)
     steps = np.linalg.norm(np.diff(np.nan_to_num(at), axis=1), axis=2)[inside[:, 1:] & inside[:, :-1]]
     if not len(steps):
@@ -236,7 +236,7 @@ def _shown(target: Target, starts: FloatArray, directions: FloatArray, board_fro
 
 @dataclass
 class _Sums:
-    """Sums over frames for the regression of grey values on 1, what the mirror shows and what the neighbour shows."""
+    """Normal equations over frames, for the regression of grey values on 1, the mirror's and the neighbour's print."""
 
     border: Border
     normal: FloatArray
@@ -258,7 +258,7 @@ class _Sums:
         self.count += known
 
     def light(self) -> BorderLight:
-        """Half the grey values from black to white that the mirror adds."""
+        """Solve for half the difference in grey values, black to white, that the mirror adds."""
         inverse = np.linalg.inv(self.normal + 1e-6 * np.eye(3))
         found = (inverse @ self.right[..., None])[..., 0]
         rest = np.maximum(self.squares - (found * self.right).sum(axis=-1), 0.0)

@@ -1,8 +1,7 @@
-"""Any number of ChArUco boards or AprilGrids in one image, by grids of corners and the markers between them.
+"""Detection of ChArUco boards or AprilGrids in a picture, by grids of corners and the markers between them.
 
-An AprilGrid is a checkerboard whose columns and rows are as wide as a gap and a tag by turns. Which of them are tags is
-seen from their widths, so that corners get places on the print up to a shift by entire tags, and a smooth map takes
-them there.
+An AprilGrid is a checkerboard with columns and rows alternately as wide as a gap and a tag. The widths show which are
+tags, so corners get places on the print up to a shift by entire tags, and a smooth warp maps them to the picture.
 """
 
 from __future__ import annotations
@@ -34,17 +33,17 @@ WHITE_QUANTILE = 0.995
 WINDOWS_PX = (15, 31, 7)  # sides of the adaptive threshold's window, tried in turn
 MIN_PERIMETER = 0.01  # of a marker, in sides of the picture
 NEAR = 2.3  # squares between the centres of markers that predict each other
-PREDICTION_ERROR = 0.12  # squares between a marker and its prediction by another one, per square between them
+PREDICTION_ERROR = 0.12  # error of a marker's predicted position, per square between the two markers
 MIN_MARKERS = 2
-SAME_PLACE = 0.3  # squares between a marker and its place on a board, for it to belong to that board
-MIN_RATIO = 0.5  # of the logarithm of a tag's side by a gap, in the picture by on the print
+SAME_PLACE = 0.3  # squares between a marker and its place on a board that shows it
+MIN_RATIO = 0.5  # logarithm of tag over gap: least value in the picture, relative to the print
 
 
 def find_marked_boards(grey: Grey, target: Charuco | AprilGrid, *, mirrored: bool, most: int) -> list[Corners]:
     """Find up to `most` boards in a picture, those with most corners first.
 
-    Grids of saddle points are numbered by the markers between them. Where that shows fewer than half as many, as on
-    boards whose markers nearly touch the corners, boards are also grown from markers that are found one by one.
+    Grids of saddle points are numbered by the markers between them. If fewer than half of the boards are found this
+    way, as with markers that nearly touch the corners, boards are also grown from single markers.
 
     Parameters
     ----------
@@ -53,9 +52,9 @@ def find_marked_boards(grey: Grey, target: Charuco | AprilGrid, *, mirrored: boo
     target
         The board.
     mirrored
-        Whether the picture shows the boards through mirrors.
+        Whether the boards are seen in mirrors.
     most
-        How many boards to return at most.
+        Largest number of boards to return.
     """
     picture = np.asarray(grey, dtype=np.float32)
     found: list[Corners] = []
@@ -76,7 +75,7 @@ def find_marked_boards(grey: Grey, target: Charuco | AprilGrid, *, mirrored: boo
 
 
 def _on_print(places: IntArray, target: Charuco | AprilGrid) -> FloatArray:
-    """Places (n, 2) on the print, in pitches, of corners by their columns and rows (n, 2)."""
+    """Places (n, 2) on the print, in pitches, of corners given by column and row (n, 2)."""
     if isinstance(target, AprilGrid):
         return target.line_mm(places) / target.pitch_mm
     return places.astype(np.float64) + 1.0
@@ -94,7 +93,7 @@ def _markers(target: Charuco | AprilGrid) -> Markers:
 
 
 def _from_markers(grey: Grey, target: Charuco | AprilGrid, known: list[Corners], *, mirrored: bool) -> list[Corners]:
-    """The known boards in a picture, and those grown from markers, found one by one, that these do not show."""
+    """Return the known boards and those grown from single markers that these do not show."""
     ids, quads = find_markers(grey, target, mirrored=mirrored)
     places = marker_places(target)[ids]
     picture = np.asarray(grey, dtype=np.float32)
@@ -115,7 +114,7 @@ def _from_markers(grey: Grey, target: Charuco | AprilGrid, known: list[Corners],
         found.append(board)
         shown = _shown(board, places, quads, target)
         taken |= shown
-        # A group may hold two boards that seemed to continue each other; one of them is found now.
+        # A group may hold two boards that seem to continue each other; one of them is found now.
         rest = members[~shown[members]]
         if MIN_MARKERS <= len(rest) < len(members):
             waiting = [rest[part] for part in groups(places[rest], quads[rest])] + waiting
@@ -123,7 +122,7 @@ def _from_markers(grey: Grey, target: Charuco | AprilGrid, known: list[Corners],
 
 
 def _shown(board: Corners, places: FloatArray, quads: FloatArray, target: Charuco | AprilGrid) -> BoolArray:
-    """Mask of the markers (n, 4, 2) with places (n, 4, 2) on the print that lie where a detected board has them."""
+    """Mask of the markers (n, 4, 2), with places (n, 4, 2) on the print, that match a detected board."""
     warp = BoardWarp.through(corner_places(target)[board.ids], board.pixels)
     if warp is None:
         return np.zeros(len(places), dtype=bool)
@@ -134,9 +133,9 @@ def _shown(board: Corners, places: FloatArray, quads: FloatArray, target: Charuc
 
 
 def marker_places(target: Charuco | AprilGrid) -> FloatArray:
-    """Corners (markers, 4, 2) of the markers in squares from the top left of the print, in the detector's order."""
+    """Corners (markers, 4, 2) of the markers in squares from the print's top left, in the detector's order."""
     if isinstance(target, AprilGrid):
-        # From the top left of a tag as OpenCV draws it, which is half a turn from how it is printed.
+        # OpenCV numbers a tag's corners from the top left as it draws the tag, half a turn from the print.
         numbers = target.tag_numbers.ravel().argsort()
         low = 2 * np.stack([numbers % target.cols, numbers // target.cols], axis=1)
         return target.line_mm(low[:, None] + np.array([[1, 1], [0, 1], [0, 0], [1, 0]])) / target.pitch_mm
@@ -146,9 +145,9 @@ def marker_places(target: Charuco | AprilGrid) -> FloatArray:
 
 
 def find_markers(grey: Grey, target: Charuco | AprilGrid, *, mirrored: bool) -> tuple[IntArray, FloatArray]:
-    """Numbers (n,) and corners (n, 4, 2) of the target's markers, from 0 on and with repetitions.
+    """Return numbers (n,), from 0 and with repetitions, and corners (n, 4, 2) of the target's markers.
 
-    Not all need to be found, as boards are grown from a few; where there is none, other window sizes are tried.
+    A few suffice to grow boards; if there are too few, other window sizes are tried.
     """
     bright, parameters = _as_searched(grey, mirrored=mirrored)
     parameters.markerBorderBits = TAG_BORDER if isinstance(target, AprilGrid) else 1
@@ -168,7 +167,7 @@ def find_markers(grey: Grey, target: Charuco | AprilGrid, *, mirrored: bool) -> 
 
 
 def families_seen(grey: Grey, families: Sequence[str], first: int, *, mirrored: bool) -> IntArray:
-    """How many of the first markers of each of some families (f,) of dictionaries a picture shows."""
+    """Count, for each of some dictionary families (f,), how many of its first markers a picture shows."""
     bright, parameters = _as_searched(grey, mirrored=mirrored)
     parameters.adaptiveThreshWinSizeMin = parameters.adaptiveThreshWinSizeMax = WINDOWS_PX[0]
     detector = cv2.aruco.ArucoDetector([dictionaries.dictionary(name, first) for name in families], parameters)
@@ -177,7 +176,7 @@ def families_seen(grey: Grey, families: Sequence[str], first: int, *, mirrored: 
 
 
 def _as_searched(grey: Grey, *, mirrored: bool) -> tuple[Grey, cv2.aruco.DetectorParameters]:
-    """The picture, brightened and as the print is seen directly, and what to search markers with."""
+    """Return the picture, brightened and unmirrored, and the marker detector's parameters."""
     image = cv2.flip(grey, 1) if mirrored else grey
     white = float(np.quantile(image[::4, ::4], WHITE_QUANTILE))
     parameters = cv2.aruco.DetectorParameters()
@@ -186,14 +185,14 @@ def _as_searched(grey: Grey, *, mirrored: bool) -> tuple[Grey, cv2.aruco.Detecto
 
 
 def _dictionary(target: Charuco | AprilGrid) -> tuple[cv2.aruco.Dictionary, int, int]:
-    """OpenCV's dictionary of a print's markers, the id of the first one, and how many of them it has."""
+    """Return OpenCV's dictionary for a print's markers, the id of the first one, and their number."""
     if isinstance(target, AprilGrid):
         return TAG_FAMILY, 0, target.cols * target.rows
     return dictionaries.dictionary(target.dictionary), target.first_marker, len(target.markers)
 
 
 def groups(places: FloatArray, quads: FloatArray) -> list[IntArray]:
-    """Group markers (n, 4, 2) with places (n, 4, 2) on the print into boards: those that predict each other."""
+    """Group markers (n, 4, 2) with places (n, 4, 2) on the print into boards whose markers predict each other."""
     if not len(places):
         return []
     count, labels = connected_components(linked_markers(places, quads), directed=False)
@@ -202,7 +201,7 @@ def groups(places: FloatArray, quads: FloatArray) -> list[IntArray]:
 
 
 def marker_maps(place: FloatArray, quads: FloatArray) -> FloatArray:
-    """Linear maps (n, 2, 2), px per square, from a marker's corners (4, 2) on the print to those seen (n, 4, 2)."""
+    """Linear maps (n, 2, 2), px per square, from a marker's corners (4, 2) on the print to detected ones (n, 4, 2)."""
     sides = place - place.mean(axis=0)
     seen = quads - quads.mean(axis=1, keepdims=True)
     return np.asarray(np.einsum("nij,ik->njk", seen, sides @ np.linalg.inv(sides.T @ sides)))
@@ -211,8 +210,8 @@ def marker_maps(place: FloatArray, quads: FloatArray) -> FloatArray:
 def linked_markers(places: FloatArray, quads: FloatArray) -> csr_array:
     """Symmetric matrix (n, n) of the markers (n, 4, 2), with places (n, 4, 2) on the print, that predict each other.
 
-    The affine map of each marker predicts where its neighbours on the print are; two markers that agree belong to one
-    board. A marker that was read wrongly agrees with none.
+    The affine map of each marker predicts the positions of its neighbours on the print; two markers that agree belong
+    to one board. A misread marker agrees with none.
     """
     middles, centres = places.mean(axis=1), quads.mean(axis=1)
     affine = marker_maps(places[0], quads)
@@ -228,13 +227,13 @@ def linked_markers(places: FloatArray, quads: FloatArray) -> csr_array:
 
 
 def linked_tags(grey: Grey, target: AprilGrid) -> list[tuple[IntArray, FloatArray]]:
-    """Places (n, 2) of corners on grids of their own, and their approximate pixels (n, 2).
+    """Return places (n, 2) of corners on separate grids, and their approximate pixels (n, 2).
 
-    The places are those of `corner_grids`; tags begin at odd x and at even y.
+    The places are those of `corner_grids`, with tags beginning at odd x and even y.
     """
     points = saddle_points(grey)
     found = []
-    for members, places in corner_grids(points, by_turns=True):
+    for members, places in corner_grids(points, alternating=True):
         placed = _tags_placed(places, points.pixels[members], target)
         if placed is None:
             continue
@@ -246,7 +245,7 @@ def linked_tags(grey: Grey, target: AprilGrid) -> list[tuple[IntArray, FloatArra
 
 
 def _tags_placed(places: IntArray, pixels: FloatArray, target: AprilGrid) -> IntArray | None:
-    """The places, moved so that tags begin at odd x and at even y; None where they are not wide and narrow by turns."""
+    """Shift the places so that tags begin at odd x and even y; None unless widths alternate as on the print."""
     order = {(x, y): number for number, (x, y) in enumerate(places.tolist())}
     ratios = []
     for axis, wide in ((0, 1), (1, 0)):

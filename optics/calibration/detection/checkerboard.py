@@ -1,11 +1,11 @@
-"""Plain checkerboards in one image: find boards or parts of them and their ends, confirm predicted corners.
+"""Detection of plain checkerboards in a picture: boards or parts of them, their ends, and confirmed predictions.
 
-The ends of a board are found by the white paper around it: at an end, black squares turn white where they should, and
-white ones stay white. An obstacle hardly ever ends along a line of the grid, one square beyond the last corners, and is
+A board's end is recognised by the white paper around it: there, black squares turn white where the board should end,
+and white ones stay white. An obstacle hardly ever ends along a grid line one square beyond the last corners, and is
 hardly ever as bright as the paper.
 
-Under a distortion so strong that corners do not link into grids, OpenCV finds a board that is completely visible: it
-links squares, which bend less than rows of corners.
+Under a distortion too strong for corners to link into grids, OpenCV finds a completely visible board: it links squares,
+which bend less than rows of corners.
 """
 
 from __future__ import annotations
@@ -29,18 +29,18 @@ from mirrorcam.optics.geometry.targets import Checkerboard
 
 Grey = NDArray[np.uint8]
 CHECKERBOARD_WINDOW = 0.4
-WHOLE_WINDOW, MAX_REFINED = 0.2, 0.1  # of boards under strong distortion: half-window and move of a corner, in cells
-MIN_LINKED, MIN_KEPT = 12, 0.85  # linked corners, and the part of them that a board keeps which is like the print
-SOFTENED_PX = 1.0  # sigma of the blur of pictures that are not
+COMPLETE_WINDOW, MAX_REFINED = 0.2, 0.1  # under strong distortion: half-window and largest move of a corner, in cells
+MIN_LINKED, MIN_KEPT = 12, 0.85  # linked corners, and the share of them that match the print on a valid board
+SOFTENED_PX = 1.0  # sigma of the blur applied to sharpened pictures
 MIN_SPREAD = 0.3  # rms distance from the line through the corners, in cells; two rows have 0.5
-SAME_CONTRAST = 0.6  # of the board's own contrast, for a corner to count as not covered
-# Where the square at a corner's lower right and that at its upper left are sampled, in cells.
+SAME_CONTRAST = 0.6  # least contrast of an uncovered corner, relative to the board's
+# Sample points, in cells, in the squares at a corner's lower right and upper left.
 AROUND = [(sign * x, sign * y) for sign in (-1, 1) for x, y in ((0.3, 0.3), (0.4, 0.15), (0.15, 0.4))]
-SAME = 0.3  # of a cell, between two positions of one corner
-NEAR = 2  # squares from a corner to those around it that certainly are of one board
+SAME = 0.3  # cells, between two positions of one corner
+NEAR = 2  # squares within which corners certainly belong to one board
 ROUNDS = 20
-STRAY = 0.25  # of a cell, between a linked corner and the smooth surface through the others
-INSIDE, OUTSIDE = (0.5, 0.7, 0.8), (1.2, 1.3)  # squares from the last corners, where a square and the paper are sampled
+STRAY = 0.25  # cells, between a linked corner and the smooth surface through the others
+INSIDE, OUTSIDE = (0.5, 0.7, 0.8), (1.2, 1.3)  # squares from the last corners, to sample a square and the paper
 ACROSS = (-0.2, 0.0, 0.2)  # squares from the middle of a square, along the end
 MAX_OFF = 0.3  # of the contrast between white and black
 MIN_SQUARES = 2  # of each colour
@@ -55,7 +55,7 @@ def cell_px(pixels: FloatArray) -> FloatArray:
 
 
 def refine_saddles(grey: Grey, pixels: FloatArray, cells_px: FloatArray, window: float) -> FloatArray:
-    """Refine corners (n, 2) by their gradients, each in a half-window of `window` times its own cell (n,) px."""
+    """Refine corners (n, 2) by their gradients, with half-windows of `window` times their cells (n,), px."""
     half = np.clip((window * cells_px).astype(np.int64), 2, 20)
     refined = np.empty_like(pixels)
     criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 50, 1e-4)
@@ -67,7 +67,7 @@ def refine_saddles(grey: Grey, pixels: FloatArray, cells_px: FloatArray, window:
 
 
 def spread_out(corners: Corners) -> Corners:
-    """The corners, or none where they are few or all near one line and so do not determine a pose."""
+    """Return the corners, or none if they are too few or too collinear to determine a pose."""
     if len(corners) >= MIN_CORNERS:
         across = np.linalg.svd(corners.pixels - corners.pixels.mean(axis=0), compute_uv=False)[1]
         if across / np.sqrt(len(corners)) > MIN_SPREAD * np.median(cell_px(corners.pixels)):
@@ -78,8 +78,8 @@ def spread_out(corners: Corners) -> Corners:
 def find_checkerboards(grey: Grey, target: Checkerboard) -> list[SeenGrid]:
     """Find all checkerboards in a picture (h, w) that may be the target or a part of it, the largest first.
 
-    Grids of saddle points start them; the print, compared with the picture, decides which corners are there. Where none
-    are found, as under the distortion of a fisheye lens, a board that is completely visible is searched by its squares.
+    Grids of saddle points start the search; comparison with the print then decides which corners are visible. If there
+    are none, as with a fisheye lens, OpenCV searches for a completely visible board by its squares.
     """
     picture = np.asarray(grey, dtype=np.float32)
     most = max(target.cols, target.rows)
@@ -90,16 +90,16 @@ def find_checkerboards(grey: Grey, target: Checkerboard) -> list[SeenGrid]:
             continue
         at, corners = grow_grid(picture, places, pixels, most=most)
         if len(places) >= MIN_LINKED and len(corners) < MIN_KEPT * len(places):
-            # A picture that was sharpened is like the print only once it is softened.
+            # A sharpened picture matches the print only after softening.
             soft = np.asarray(cv2.GaussianBlur(picture, (0, 0), SOFTENED_PX), dtype=np.float32)
             again = grow_grid(soft, places, pixels, most=most)
             at, corners = max((at, corners), again, key=lambda grid: len(grid[1]))
         if new_corners(corners.pixels, known):
             found.append(SeenGrid(at, corners, board_ends(picture, at, corners.pixels)))
-    if not found and (whole := whole_board(grey, target)):
-        places, pixels = whole
+    if not found and (complete := complete_board(grey, target)):
+        places, pixels = complete
         cells = cell_px(pixels)
-        refined = refine_saddles(grey, pixels, cells, WHOLE_WINDOW)
+        refined = refine_saddles(grey, pixels, cells, COMPLETE_WINDOW)
         stays = np.linalg.norm(refined - pixels, axis=1) < MAX_REFINED * cells
         pixels = np.where(stays[:, None], refined, pixels)
         found.append(SeenGrid(places, Corners(np.arange(len(places)), pixels), NO_LIMITS))
@@ -107,7 +107,7 @@ def find_checkerboards(grey: Grey, target: Checkerboard) -> list[SeenGrid]:
 
 
 def linked_grids(grey: Grey) -> list[tuple[IntArray, FloatArray]]:
-    """Places (n, 2) of corners on grids of their own, as of `corner_grids`, and their approximate pixels (n, 2)."""
+    """Return places (n, 2) of corners on separate grids, as from `corner_grids`, and approximate pixels (n, 2)."""
     points = saddle_points(grey)
     return [
         (places[part], points.pixels[members[part]])
@@ -117,7 +117,7 @@ def linked_grids(grey: Grey) -> list[tuple[IntArray, FloatArray]]:
 
 
 def new_corners(pixels: FloatArray, found: Sequence[Corners]) -> bool:
-    """Whether there are enough corners (n, 2) for a board beside those that are corners of the boards found."""
+    """Return whether corners (n, 2) include enough new ones for another board besides those found."""
     if len(pixels) < MIN_CORNERS or not found:
         return len(pixels) >= MIN_CORNERS
     apart, _ = cKDTree(np.concatenate([corners.pixels for corners in found])).query(pixels)
@@ -125,9 +125,9 @@ def new_corners(pixels: FloatArray, found: Sequence[Corners]) -> bool:
 
 
 def smooth_parts(places: FloatArray, pixels: FloatArray, step: float = 1.0) -> list[IntArray]:
-    """Split linked corners (n) into boards: two mirrors that meet may show two boards as if one continued the other.
+    """Split linked corners (n) into boards, because two adjacent mirrors may seem to show one continuous board.
 
-    Neighbours are at most `step` squares apart.
+    Adjacent corners are at most `step` squares apart.
     """
     parts = []
     left = np.arange(len(places))
@@ -145,7 +145,7 @@ def smooth_parts(places: FloatArray, pixels: FloatArray, step: float = 1.0) -> l
 
 
 def _smooth_around(places: FloatArray, pixels: FloatArray, first: BoolArray, step: float) -> BoolArray:
-    """The corners (n) connected with the first ones, on the smooth surface that goes through them and is grown."""
+    """Mask (n,) of the corners connected with `first` on the smooth surface grown from them."""
     part = first
     for _ in range(ROUNDS):
         warp = BoardWarp.through(places[part], pixels[part])
@@ -171,15 +171,14 @@ def _sample(grey: Grey, pixels: FloatArray) -> FloatArray:
 def confirm(grey: Grey, predicted: FloatArray, target: Checkerboard, *, max_shift: float = 0.35) -> Corners:
     """Confirm the corners of a plain checkerboard near their predictions.
 
-    A corner is confirmed where its refined position is near the prediction and its four squares are black and white as
-    printed, with most of the contrast of the board as a whole: a hand or a mirror's edge in front of it fails this.
-
+    A corner is confirmed if its refined position is near the prediction and its four squares are black and white as
+    printed, with most of the board's contrast. A hand or a mirror's edge in front of the corner fails this test.
     Parameters
     ----------
     grey
         Picture (h, w).
     predicted
-        Predicted pixels (n, 2) of all corners, in the order of ids.
+        Predicted pixels (n, 2) of all corners, ordered by id.
     target
         The board.
     max_shift
@@ -198,7 +197,7 @@ def confirm(grey: Grey, predicted: FloatArray, target: Checkerboard, *, max_shif
 
     grid = predicted.reshape(rows, cols, 2)
     across, down = (np.asarray(np.gradient(grid, axis=axis)).reshape(-1, 2)[ids] for axis in (1, 0))
-    # Corner (r, c) has square (r, c) at its upper left, black when r + c is even, and the same at its lower right.
+    # Corner (r, c) has square (r, c) at its upper left, black if r + c is even, and the same colour at its lower right.
     black_first = (ids // cols + ids % cols) % 2 == 0
     first, second = (
         np.array([_sample(grey, refined + x * across + sign * y * down) for x, y in AROUND]) for sign in (1, -1)
@@ -211,14 +210,14 @@ def confirm(grey: Grey, predicted: FloatArray, target: Checkerboard, *, max_shif
 
 
 def board_ends(picture: Image, places: IntArray, pixels: FloatArray) -> FloatArray:
-    """Coordinates (2, 2) of the corners where a board is seen to end, as `SeenGrid.limits`.
+    """Return the coordinates (2, 2) of the corners at which a board visibly ends, as `SeenGrid.limits`.
 
     Parameters
     ----------
     picture
         Grey values (h, w).
     places, pixels
-        The corners on their grid (n, 2), as of `corner_grids`, and in the picture (n, 2).
+        The corners' grid coordinates (n, 2), as from `corner_grids`, and pixels (n, 2).
     """
     warp = BoardWarp.through(places.astype(np.float64), pixels)
     limits = NO_LIMITS.copy()
@@ -235,10 +234,10 @@ def board_ends(picture: Image, places: IntArray, pixels: FloatArray) -> FloatArr
 
 
 def _ends(picture: Image, warp: BoardWarp, axis: int, last: int, sign: int, squares: FloatArray) -> bool:
-    """Whether squares with middles (n,) along a side of the grid are the last ones."""
+    """Return whether the squares with middles (n,) along a side of the grid are the board's last ones."""
 
     def values(beyond: tuple[float, ...]) -> FloatArray:
-        """Grey values (n, b, a) of each square at distances from the last corners; NaN beyond the picture."""
+        """Grey values (n, b, a) of each square at distances from the last corners; NaN off the picture."""
         out, along = np.meshgrid(last + sign * np.array(beyond), np.array(ACROSS), indexing="ij")
         at = np.empty((len(squares), *out.shape, 2))
         at[..., axis], at[..., 1 - axis] = out, squares[:, None, None] + along
@@ -247,7 +246,7 @@ def _ends(picture: Image, warp: BoardWarp, axis: int, last: int, sign: int, squa
         seen = sample(picture, np.where(within[:, None], pixels, 0.0)[None])[0]
         return np.where(within, seen, np.nan).reshape(at.shape[:-1])
 
-    # The square between corners a and a + 1 along x and y is white where a has an even sum.
+    # The square between corners a and a + 1 along x and y is white if a has an even sum.
     corner = np.floor(squares).astype(np.int64) + (last if sign > 0 else last - 1)
     white = np.asarray(corner % 2 == 0)
     if min(white.sum(), (~white).sum()) < MIN_SQUARES:
@@ -262,10 +261,10 @@ def _ends(picture: Image, warp: BoardWarp, axis: int, last: int, sign: int, squa
     return bool(min(good[white].mean(), good[~white].mean()) >= MIN_AGREEING)
 
 
-def whole_board(grey: NDArray[np.uint8], target: Checkerboard) -> tuple[IntArray, FloatArray] | None:
-    """Places (n, 2) of all corners of a board in a picture (h, w), as of `corner_grids`, and their pixels (n, 2).
+def complete_board(grey: NDArray[np.uint8], target: Checkerboard) -> tuple[IntArray, FloatArray] | None:
+    """Return grid places (n, 2), as from `corner_grids`, and pixels (n, 2) of a completely visible board's corners.
 
-    None where no board of the target's size is completely visible.
+    None if the picture (h, w) shows no complete board of the target's size.
     """
     across, down = target.corners_across
     found, corners = cv2.findChessboardCorners(grey, (across, down), flags=FLAGS)
@@ -276,7 +275,7 @@ def whole_board(grey: NDArray[np.uint8], target: Checkerboard) -> tuple[IntArray
     if np.linalg.det(np.array(along)) < 0.0:
         pixels = pixels[:, ::-1]
     y, x = np.indices(pixels.shape[:2])
-    # Right of and below a corner whose coordinates have an even sum there is white.
+    # A corner with an even coordinate sum has white at its lower right.
     middles = (pixels[:-1, :-1] + pixels[1:, :-1] + pixels[:-1, 1:] + pixels[1:, 1:]) / 4.0
     bright = sample(np.asarray(grey, dtype=np.float32), middles.reshape(1, -1, 2))[0]
     even = ((x + y) % 2 == 0)[:-1, :-1].ravel()

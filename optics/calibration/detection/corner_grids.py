@@ -1,14 +1,14 @@
-"""Saddle points of a picture that look like corners of a checkerboard, linked into grids.
+"""Saddle points that look like corners of a checkerboard, linked into grids.
 
-At a corner of a checkerboard two edges cross, so that grey values have a saddle point: the determinant of the Hessian
-is negative there. On a small circle around it they are alike on opposite sides and change four times between black and
-white, where the edges pass.
+Two edges cross at a corner of a checkerboard, so grey values have a saddle point there: the Hessian's determinant is
+negative. On a small circle around it, opposite sides are alike, and grey values change four times between black and
+white, at the edges.
 
-Every corner has four edges, which lead to its neighbours. From one corner to the next the colours on the two sides of
-the edge between them stay, so that it is an edge of the first kind for one of them and of the second kind for the
-other (`SaddlePoints.axes`). Links count where four of them close around a square, and where they go on as the links
-before or after them do: where two mirrors meet, their boards do not. On an AprilGrid, whose columns are wide and narrow
-by turns, they go on as the links after the next do.
+Every corner has four edges, which lead to its neighbours. The colours on the two sides of an edge stay the same from
+one corner to the next, so the edge is of the first kind for one corner and of the second kind for the other
+(`SaddlePoints.axes`). Links count if four of them close around a square, and if they continue the links before or after
+them; boards of adjacent mirrors do not. On an AprilGrid, whose columns are alternately wide and narrow, they must
+continue the second next links.
 """
 
 from __future__ import annotations
@@ -25,24 +25,24 @@ from scipy.spatial import cKDTree
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.solver.observations import IntArray
 
-SCALES = (1, 2, 4)  # of the picture, by which it is reduced
+SCALES = (1, 2, 4)  # factors by which the picture is reduced
 SMOOTHING_PX = 1.0  # sigma, in px of the reduced picture, like all lengths below
-BAND_PX = 64  # rows that are searched at a time
+BAND_PX = 64  # rows searched at a time
 SUPPRESSED_PX = 5  # side of the window in which only the strongest saddle point counts
 RINGS_PX = (3.0, 4.5)  # radii of the circles; the smaller one is for small cells
 RING_POINTS = 32
 MIN_CURVATURE = 0.6  # grey levels per squared px
 MIN_CONTRAST = 8.0  # grey levels on the circle, from black to white
-MAX_ODD = 0.35  # of the signal on the circle: what differs between opposite sides
+MAX_ODD = 0.35  # difference between opposite sides, relative to the signal on the circle
 MOST = 6000  # saddle points at each scale
 SAME_PX = 2.5  # between saddle points found at two scales, in px of the more reduced one
 NEIGHBOURS = 24
-NEIGHBOURS_BY_TURNS = 64  # more, as there are saddle points inside tags, too
+NEIGHBOURS_ALTERNATING = 64  # more, because there are saddle points inside tags, too
 MAX_ANGLE = np.deg2rad(20.0)  # between an edge and the line to the next corner
-MAX_ANGLE_BY_TURNS = np.deg2rad(10.0)  # less than to saddle points inside a tag
+MAX_ANGLE_ALTERNATING = np.deg2rad(10.0)  # smaller than the angle to saddle points inside a tag
 MAX_RATIO = 1.7  # between opposite sides of a square
 MIN_CORNERS = 6
-MAX_CHANGE, MAX_CHANGE_PX = 0.15, 1.0  # from a link to the next one along a line: relative, and this much more
+MAX_CHANGE, MAX_CHANGE_PX = 0.15, 1.0  # between consecutive links along a line: relative, plus a constant
 STEPS = np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])
 NO_NEIGHBOUR = -1
 
@@ -56,8 +56,8 @@ class SaddlePoints:
     pixels
         Positions (n, 2).
     axes
-        Angles (n, 2), rad, from 0 to pi, of the two edges. Where the angle increases from the first edge to the second
-        one there is white, as also on the opposite side.
+        Angles (n, 2), rad, from 0 to pi, of the two edges. The sectors from the first edge to the second, in the sense
+        of increasing angle, are white.
     strength
         Curvature (n,), grey levels per squared px of the picture in which it was found.
     """
@@ -74,7 +74,7 @@ class SaddlePoints:
         return type(self)(*(getattr(self, field.name)[rows] for field in fields(self)))
 
     def and_others(self, other: Self, apart_px: float) -> Self:
-        """These, and those of `other` that are farther than `apart_px` from all of these."""
+        """Append the saddle points of `other` that are farther than `apart_px` from all of these."""
         if len(self) and len(other):
             other = other.where(cKDTree(self.pixels).query(other.pixels)[0] > apart_px)
         return type(self)(
@@ -116,11 +116,11 @@ def _at_one_scale(picture: NDArray[np.float32]) -> SaddlePoints:
 
 
 def _curved(smooth: NDArray[np.float32], top: int) -> tuple[IntArray, IntArray, FloatArray]:
-    """Rows and columns (n,) of the strongest saddle points of a band, and the Hessian (3, n) there: xx, yy, xy.
+    """Return rows and columns (n,) of a band's strongest saddle points, and the Hessian (3, n) there: xx, yy, xy.
 
-    A band stays in the processor's cache, and no memory is allocated.
+    A band fits the processor's cache, and no memory is allocated.
     """
-    above = min(SUPPRESSED_PX, top)  # what the band's derivatives and maxima depend on
+    above = min(SUPPRESSED_PX, top)  # rows that the band's derivatives and maxima depend on
     part = smooth[top - above : top + BAND_PX + SUPPRESSED_PX]
     xx, yy, xy = (
         np.asarray(cv2.Sobel(part, cv2.CV_32F, *order, ksize=3, scale=0.25)) for order in ((2, 0), (0, 2), (1, 1))
@@ -134,7 +134,7 @@ def _curved(smooth: NDArray[np.float32], top: int) -> tuple[IntArray, IntArray, 
 
 
 def _to_the_saddle(smooth: NDArray[np.float32], rows: IntArray, cols: IntArray, hessian: FloatArray) -> FloatArray:
-    """From pixels to where the gradient vanishes (n, 2), at most a pixel away; `hessian` (3, n) holds xx, yy, xy."""
+    """Offsets (n, 2) from pixels to where the gradient vanishes, at most 1 px; `hessian` (3, n) holds xx, yy, xy."""
     height, width = smooth.shape
     right, left = np.minimum(cols + 1, width - 1), np.maximum(cols - 1, 0)
     below, above = np.minimum(rows + 1, height - 1), np.maximum(rows - 1, 0)
@@ -146,7 +146,7 @@ def _to_the_saddle(smooth: NDArray[np.float32], rows: IntArray, cols: IntArray, 
 
 
 def _axes(smooth: NDArray[np.float32], pixels: FloatArray, radius: float) -> FloatArray:
-    """Angles (n, 2) of the edges that cross at pixels (n, 2); NaN where a circle around one shows none, or others."""
+    """Angles (n, 2) of the edges that cross at pixels (n, 2); NaN unless the circle shows exactly two edges."""
     if not len(pixels):
         return np.empty((0, 2))
     angles = np.arange(RING_POINTS) * (2.0 * np.pi / RING_POINTS)
@@ -173,30 +173,30 @@ def _axes(smooth: NDArray[np.float32], pixels: FloatArray, radius: float) -> Flo
     return axes
 
 
-def corner_grids(points: SaddlePoints, *, by_turns: bool = False) -> list[tuple[IntArray, IntArray]]:
+def corner_grids(points: SaddlePoints, *, alternating: bool = False) -> list[tuple[IntArray, IntArray]]:
     """Link saddle points (n) into grids.
 
     Parameters
     ----------
     points
         The saddle points.
-    by_turns
-        Whether squares are wide and narrow by turns, as those of an AprilGrid.
+    alternating
+        Whether squares are alternately wide and narrow, as on an AprilGrid.
 
     Returns
     -------
     list of (members, places)
-        For each grid, the largest first: indices (m,) of its saddle points, and their integer positions (m, 2) on it.
-        The second axis of the grid is turned from the first one as y is from x in the picture. Right of and below a
-        corner whose coordinates have an even sum, towards larger coordinates, there is white.
+        For each grid, the largest first: indices (m,) of its saddle points, and their integer coordinates (m, 2). The
+        axes have the handedness of the picture's x and y. A corner whose coordinates have an even sum has white
+        towards larger coordinates.
     """
     if len(points) < MIN_CORNERS:
         return []
-    if by_turns:
-        neighbour, back = _links(points, NEIGHBOURS_BY_TURNS, MAX_ANGLE_BY_TURNS)
+    if alternating:
+        neighbour, back = _links(points, NEIGHBOURS_ALTERNATING, MAX_ANGLE_ALTERNATING)
     else:
         neighbour, back = _links(points, NEIGHBOURS, MAX_ANGLE)
-    neighbour = _straight(points.pixels, neighbour, back, by_turns=by_turns)
+    neighbour = _straight(points.pixels, neighbour, back, alternating=alternating)
     closed = _closed(points.pixels, neighbour, back)
     grids = []
     done = np.zeros(len(points), dtype=bool)
@@ -210,10 +210,10 @@ def corner_grids(points: SaddlePoints, *, by_turns: bool = False) -> list[tuple[
 
 
 def _links(points: SaddlePoints, most: int, max_angle: float) -> tuple[IntArray, IntArray]:
-    """The neighbour (n, 4) of each saddle point along each of its directions, and its direction (n, 4) back.
+    """Return the neighbour (n, 4) of each saddle point in each direction, and its direction (n, 4) back.
 
-    Directions 0 to 3 are the first edge, the second one, and their opposites. `NO_NEIGHBOUR` where there is none, or
-    where the neighbour's own neighbour in that direction is another one.
+    Directions 0 to 3 are the first edge, the second one, and their opposites. `NO_NEIGHBOUR` marks a missing or a
+    one-sided link.
     """
     count = len(points)
     distance, other = cKDTree(points.pixels).query(points.pixels, k=min(most + 1, count))
@@ -223,7 +223,7 @@ def _links(points: SaddlePoints, most: int, max_angle: float) -> tuple[IntArray,
     angles = np.stack([first, first + (second - first) % np.pi], axis=1)
     edges = np.stack([np.cos(angles), np.sin(angles)], axis=2)
     directions = np.concatenate([edges, -edges], axis=1)
-    # Cosines of the angles between the four edges and the lines to the other points, here and there.
+    # Cosines of the angles between the four edges and the lines to the other points, at both ends.
     here = directions @ towards.transpose(0, 2, 1)
     row, side, rank = np.nonzero(here > np.cos(max_angle))
     there = -(directions[other[row, rank]] @ towards[row, rank, :, None])[..., 0]
@@ -242,16 +242,16 @@ def _links(points: SaddlePoints, most: int, max_angle: float) -> tuple[IntArray,
     return np.where(mutual, neighbour, NO_NEIGHBOUR).astype(np.int64), back.astype(np.int64)
 
 
-def _straight(pixels: FloatArray, neighbour: IntArray, back: IntArray, *, by_turns: bool) -> IntArray:
-    """The neighbours (n, 4) without those that lie otherwise than the next ones on both sides, or on the only one.
+def _straight(pixels: FloatArray, neighbour: IntArray, back: IntArray, *, alternating: bool) -> IntArray:
+    """Drop neighbours (n, 4) whose link continues neither the previous link nor the next one, where there are any.
 
-    Where squares are wide and narrow by turns, these are the ones after the next.
+    If squares are alternately wide and narrow, the second next links are compared.
     """
     linked = neighbour != NO_NEIGHBOUR
     vector = np.where(linked[..., None], pixels[neighbour] - pixels[:, None], np.nan)
     length = np.linalg.norm(vector, axis=2)
     beyond = vector[neighbour, (back + 2) % 4]
-    if by_turns:
+    if alternating:
         next_one, onwards = neighbour[neighbour, (back + 2) % 4], (back[neighbour, (back + 2) % 4] + 2) % 4
         known = linked & np.isfinite(beyond[..., 0])
         beyond = np.where(known[..., None], vector[next_one, onwards], np.nan)
@@ -265,7 +265,7 @@ def _straight(pixels: FloatArray, neighbour: IntArray, back: IntArray, *, by_tur
 
 
 def _closed(pixels: FloatArray, neighbour: IntArray, back: IntArray) -> np.ndarray:
-    """Mask (n, 4) of the links that are a side of a square of four links with about equal opposite sides."""
+    """Mask (n, 4) of the links on a closed square of four links with similar opposite sides."""
     rows, sides = np.meshgrid(np.arange(len(neighbour)), np.arange(4), indexing="ij")
     corners, turns = [rows], [sides]
     good = np.ones(neighbour.shape, dtype=bool)
@@ -273,7 +273,7 @@ def _closed(pixels: FloatArray, neighbour: IntArray, back: IntArray) -> np.ndarr
         at, side = corners[-1], turns[-1]
         good &= neighbour[at, side] != NO_NEIGHBOUR
         corners.append(neighbour[at, side])
-        # Where one came from is behind; the next side is to the right of going on.
+        # The reverse direction is behind; the next side is to the right of the forward direction.
         turns.append((back[at, side] + 3) % 4)
     good &= neighbour[corners[3], turns[3]] == rows
     lengths = [np.linalg.norm(pixels[corners[i]] - pixels[corners[(i + 1) % 4]], axis=2) for i in range(4)]
@@ -287,7 +287,7 @@ def _closed(pixels: FloatArray, neighbour: IntArray, back: IntArray) -> np.ndarr
 
 
 def _walked(seed: int, neighbour: IntArray, back: IntArray, closed: np.ndarray) -> tuple[IntArray, IntArray]:
-    """The saddle points that closed links lead to from one, and their places; of two at one place, the first."""
+    """Return the saddle points that closed links reach from a seed, and their places, each taken once."""
     place, turn, at = {seed: (0, 0)}, {seed: 0}, {(0, 0): seed}
     waiting = deque([seed])
     while waiting:

@@ -1,4 +1,4 @@
-"""Linear model of the picture around a corner: the print as the lens blurs it, and what light, ink and lens add."""
+"""Linear model of the picture around a corner: the print blurred by the lens, with effects of light, ink and lens."""
 
 from __future__ import annotations
 
@@ -22,27 +22,27 @@ from mirrorcam.optics.calibration.detection.blurred_print import (
 )
 from mirrorcam.optics.geometry.targets import AprilGrid, Target
 
-HALF_CELLS = 0.5  # half the side of the compared patch, in cells
+HALF_CELLS = 0.5  # half side of the compared patch, in cells
 HALF_GAPS = 0.76  # and in gaps of an AprilGrid: patches of corners across a gap would share most of their errors
-MAX_HALF_PX = 14.0  # and its limit: of large cells, what lies further out adds little
-SAMPLES, FEW_SAMPLES = 17, 9  # along each side of the patch; where corners are sought roughly
-MODULATION = 0.8  # (white - black) / (white + black), where a picture shows no print
-LEAST_MODULATION, MOST_MODULATION = 0.3, 0.95  # of ink that reflects at least a fortieth of what paper does
+MAX_HALF_PX = 14.0  # limit of the half side: in large cells, the outer part adds little
+SAMPLES, FEW_SAMPLES = 17, 9  # along each side of the patch: for the fine and the rough refinement
+MODULATION = 0.8  # (white - black) / (white + black), if a picture shows no print
+LEAST_MODULATION, MOST_MODULATION = 0.3, 0.95  # the latter for ink that reflects 1/40 as much as paper
 NEAR_VARIANCE = 0.6  # of the Gaussian weight about a corner, in squared half sides of the patch
-# Terms of the model of a patch: level, two slopes, contrast, crept edges, blur, shift, blur of motion, ghost images.
+# Terms of a patch's model: level, two slopes, contrast, edge creep, blur, shift, motion blur, ghost images.
 CONTRAST, BLUR, SHIFT, GHOSTS = 3, 5, slice(6, 8), slice(10, None)
 
 
 @dataclass(frozen=True)
 class ExpectedCorners:
-    """Corners (n) where a picture is expected to show them, with the local map from the print to the picture.
+    """Corners (n) at their expected pixels, with the local map from the print to the picture.
 
     Attributes
     ----------
     places
-        On the print (n, 2), in squares from its top left.
+        Places on the print (n, 2), in squares from its top left.
     pixels
-        In the picture (n, 2), wrong by a few px at most.
+        Pixels (n, 2), wrong by a few px at most.
     cells
         Derivatives (n, 2, 2) of pixels by squares; columns: right, down.
     bends
@@ -55,7 +55,7 @@ class ExpectedCorners:
     bends: FloatArray
 
     def where(self, mask: NDArray[np.bool_]) -> ExpectedCorners:
-        """The corners of a boolean mask (n,)."""
+        """Select the corners of a boolean mask (n,)."""
         return ExpectedCorners(*(getattr(self, field.name)[mask] for field in fields(self)))
 
     @cached_property
@@ -65,12 +65,12 @@ class ExpectedCorners:
         return np.asarray(np.linalg.inv(np.where(area[:, None, None] > 1e-12, self.cells, np.eye(2))))
 
     def skew_px(self, blur_px: FloatArray) -> FloatArray:
-        """How far off (n, 2) corners are found for being compared with a print that is blurred before it is bent.
+        """Bias (n, 2) of corners, px, from comparing with a print that is blurred before it is warped.
 
-        The lens blurs the picture, where the cells behind the blur, of sigma `blur_px` (n,), differ in size: the same
-        edge, blurred on the print, is skewed in the picture. A profile erf(s + g s^2 / 2) fits one of erf(s) best at
-        g sigma^2 / 4, as its steepness squared has the variance sigma^2 / 2. Both edges of a corner are moved along
-        their normals, which solves to this.
+        A lens blurs the warped picture, with sigma `blur_px` (n,). Where cells vary in size within the blur, an edge
+        blurred on the print is skewed in the picture: its profile erf(s + g s^2 / 2) fits erf(s) best with a shift of
+        g sigma^2 / 4, because the squared slope has the variance sigma^2 / 2. Both edges of a corner shift along their
+        normals, which gives the corner's bias.
         """
         squares_per_px = self.squares_per_px
         per_normal = squares_per_px @ squares_per_px.transpose(0, 2, 1)
@@ -84,9 +84,9 @@ class ExpectedCorners:
 
 @dataclass(frozen=True)
 class GhostImages:
-    """Faint images (k) of the print beside each corner (n): offset by (n, k, 2) px, of relative strength (n, k).
+    """Faint images (k) of the print around each corner (n): offsets (n, k, 2) px and relative strengths (n, k).
 
-    Those of one `kind` (k,) of 0, 1, ... come from one cause: what their strengths are off by is one factor.
+    Images of one `kind` (k,) of 0, 1, ... have the same cause, so one factor scales their strengths.
     """
 
     offsets_px: FloatArray
@@ -94,18 +94,18 @@ class GhostImages:
     kind: tuple[int, ...]
 
     def where(self, mask: NDArray[np.bool_]) -> GhostImages:
-        """Those of the corners of a boolean mask (n,)."""
+        """Select the ghost images of the corners of a boolean mask (n,)."""
         return replace(self, offsets_px=self.offsets_px[mask], strengths=self.strengths[mask])
 
     def of_kinds(self, mask: NDArray[np.bool_]) -> GhostImages:
-        """Those of some kinds, numbered anew."""
+        """Select the ghost images of some kinds, renumbered."""
         kept = [place for place, kind in enumerate(self.kind) if mask[kind]]
         numbers = np.cumsum(mask) - 1
         kind = tuple(int(numbers[self.kind[place]]) for place in kept)
         return GhostImages(self.offsets_px[:, kept], self.strengths[:, kept], kind)
 
     def times(self, factors: FloatArray) -> GhostImages:
-        """The same with other strengths, by a factor for each kind."""
+        """Scale the strengths by a factor for each kind."""
         return replace(self, strengths=self.strengths * factors[list(self.kind)])
 
 
@@ -118,18 +118,18 @@ class Appearance:
     target
         The print.
     blur_px
-        Sigma of the blur that is expected, in the picture: that of the lens, alike in all directions.
+        Assumed sigma of the lens's isotropic blur in the picture, px.
     ghosts
-        Ghost images beside every corner, if there are any.
+        Ghost images at every corner, if any.
     fit_strengths
-        Whether the strength of each ghost image is estimated at each corner, instead of taken as given.
+        Whether to estimate the strength of each ghost image at each corner instead of keeping it fixed.
     fit_encoding
-        Whether it is estimated, too, how much more ghost images show on white than on black. Where values of the
-        picture are proportional to light, they show as much on both.
+        Whether to estimate, too, how much more ghost images show on white than on black: not at all if grey values are
+        proportional to light.
     motion
-        Whether the picture may be blurred along some direction.
+        Whether to model motion blur.
     rough
-        Whether corners are sought to some hundredths of a pixel only, which takes a fifth of the time.
+        Whether some hundredths of a pixel suffice, which takes a fifth of the time.
     """
 
     target: Target
@@ -142,16 +142,18 @@ class Appearance:
 
 
 def half_cells(target: Target) -> float:
-    """Half the side of the patches around corners of a print, in cells."""
+    """Half the side of the patches around a print's corners, in cells."""
     return min(HALF_CELLS, HALF_GAPS * (2.0 - target.longest_step)) if isinstance(target, AprilGrid) else HALF_CELLS
 
 
 @dataclass(frozen=True)
 class Patches:
-    """Samples (m) around each corner (n): at `u`, `v` (m,) from -1 to 1 and `on_print` (n, m, 2) squares from it.
+    """Samples (m) around each corner (n): at `u`, `v` (m,) from -1 to 1, and at offsets `on_print` (n, m, 2) in
+    squares.
 
-    `offsets_px` (n, m, 2) are the same in the picture, `side_px` (n,) the size of a cell there, `near` (m,) the weight
-    by distance: the position must not depend on what the cells look like further out. `half_cells` is half their side.
+    `offsets_px` (n, m, 2) are the offsets in the picture, and `side_px` (n,) the cell sizes. `near` (m,) are weights
+    that decrease with distance, so that the outer parts of the cells do not affect the position. `half_cells` is half
+    the patch's side.
     """
 
     u: Image
@@ -175,11 +177,11 @@ class Patches:
 
     @property
     def noise_gain(self) -> FloatArray:
-        """Standard deviation (n,) of a smooth mean of samples, relative to that of independent samples.
+        """Standard deviation (n,) of a smooth mean of samples, relative to independent samples.
 
-        Interpolated samples less than two pixels apart share pixels: averaged over their places between pixels, the
-        covariance of two is the cubic B-spline of their distance. Along either axis, samples `h` px apart thus have
-        sum_k B(k h) / B(0) times the variance that independent ones had.
+        Interpolated samples less than two pixels apart share pixels: averaged over their positions relative to the
+        pixels, the covariance of two samples is the cubic B-spline of their distance. Along either axis, samples `h` px
+        apart thus have sum_k B(k h) / B(0) times the variance of independent samples.
         """
         half = np.minimum(self.half_cells * self.side_px, MAX_HALF_PX)
         samples = round(np.sqrt(len(self.u)))
@@ -198,14 +200,14 @@ def _square(samples: int) -> tuple[Image, Image, Image]:
 
 @dataclass(frozen=True)
 class LinearModel:
-    """Terms (n, c, m) whose linear combination models the grey values, each divided by its `scale` (n, c)."""
+    """Terms (n, c, m), each divided by its `scale` (n, c), whose linear combination models the grey values."""
 
     terms: Image
     scale: Image
 
     @classmethod
     def of(cls, expected: ExpectedCorners, patches: Patches, appearance: Appearance, seen: Image) -> LinearModel:
-        """The model of corners (n); `seen` (n, m) are the grey values where they are expected."""
+        """Build the model at corners (n); `seen` (n, m) are the grey values at the expected positions."""
         local, places = local_print(appearance.target, expected.places)
         squares_per_px = expected.squares_per_px
         metric = squares_per_px @ squares_per_px.transpose(0, 2, 1)
@@ -222,11 +224,11 @@ class LinearModel:
         elif appearance.fit_encoding:
             ghosts = [*ghosts, value * sum(ghosts)]
         right, down = np.moveaxis(squares_per_px.transpose(0, 2, 1).astype(np.float32) @ printed.first, 1, 0)
-        # Light that fades to one side dims what is printed: of black it takes little. Subtracted from both alike, the
-        # fading of a lens towards the rim would pull all corners inwards.
+        # A brightness gradient dims what is printed, and black little. Subtracting it from black and white alike would
+        # let a lens's vignetting pull all corners inwards.
         level = 1.0 + _modulation(value, seen, patches.near) * value
         look = [np.ones_like(value), level * patches.u, level * patches.v, value, np.hypot(right, down), xx + yy]
-        # What moves is blurred along its motion, which shifts the corners of either colour apart by a tenth of a pixel.
+        # Motion blur acts along the motion and would shift corners of opposite polarity apart by a tenth of a pixel.
         motion = [xx - yy, xy] if appearance.motion else []
         terms = np.stack([*look, right, down, *motion, *ghosts], axis=1)
         scale = np.maximum(np.sqrt(np.einsum("ncm,ncm->nc", terms, terms) / terms.shape[2]), 1e-9)
@@ -235,7 +237,7 @@ class LinearModel:
 
 
 def _second_by_px(squares_per_px: FloatArray) -> FloatArray:
-    """Matrices (n, 3, 3) that take second derivatives xx, xy, yy by squares to those by px."""
+    """Matrices (n, 3, 3) from second derivatives xx, xy, yy by squares to second derivatives by px."""
     (a, b), (c, d) = np.moveaxis(squares_per_px, 0, -1)
     return np.moveaxis(
         np.array([[a * a, 2.0 * a * c, c * c], [a * b, a * d + b * c, c * d], [b * b, 2.0 * b * d, d * d]]), 2, 0
@@ -243,7 +245,7 @@ def _second_by_px(squares_per_px: FloatArray) -> FloatArray:
 
 
 def _modulation(value: Image, seen: Image, near: Image) -> float:
-    """(white - black) / (white + black) of a print of values (n, m) in a picture: the median of patches (n)."""
+    """(white - black) / (white + black) of a print of values (n, m) in a picture: the median over patches (n)."""
     weights = near / near.sum()
     mean, level = value @ weights, seen @ weights
     variance = (value * value) @ weights - mean**2
@@ -258,7 +260,7 @@ def _modulation(value: Image, seen: Image, near: Image) -> float:
 def _ghosts(
     target: Target, blurred: BlurredPrint, at: Image, squares_per_px: FloatArray, ghosts: GhostImages
 ) -> list[Image]:
-    """The ghost images (n, m) of a print at places (n, m, 2) on it, those of each kind together."""
+    """Ghost images (n, m) of a print at places (n, m, 2) on it, summed for each kind."""
     shifts = px_per_pitch(target) * ghosts.offsets_px @ squares_per_px.transpose(0, 2, 1)
     in_print = in_print_px(target, at)
     images = [

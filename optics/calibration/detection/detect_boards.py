@@ -23,8 +23,8 @@ from mirrorcam.optics.geometry.targets import Checkerboard, Target
 def find_boards(grey: Grey, target: Target, *, mirrored: bool, most: int) -> list[tuple[Corners, ...]]:
     """Find up to `most` boards in a picture (h, w), the largest first, each in all of its possible numberings.
 
-    `mirrored` is whether the picture shows them through mirrors. Boards with few corners, or with corners near one
-    line, are left out, because they do not determine a pose; so are parts of checkerboards that could be several ones.
+    `mirrored`: whether the boards are seen in mirrors. Boards with few or collinear corners are left out, because they
+    do not determine a pose, and so are parts of checkerboards that fit the target in several places.
     """
     if isinstance(target, Checkerboard):
         found = [tuple(grid.numberings(target, mirrored=mirrored)) for grid in find_checkerboards(grey, target)]
@@ -35,40 +35,43 @@ def find_boards(grey: Grey, target: Target, *, mirrored: bool, most: int) -> lis
 
 
 def direct_view(grey: Grey, target: Target) -> Observations:
-    """Corners that the bare camera sees, as frame 0; those of the largest board where there are several."""
+    """Return the corners that the bare camera sees, as frame 0; if there are several boards, of the largest."""
     for numberings in find_boards(grey, target, mirrored=False, most=1):
         return Observations.of_view(0, DIRECT, numberings[0].ids, numberings[0].pixels, numberings[0].sigma_px)
     return Observations.none()
 
 
 def sub_images(grey: Grey, layout: Layout, target: Target, results: Results | None = None) -> DetectedFrame:
-    """Corners in every mirror of a frame (h, w), as frame 0; a view that shows no board adds no rows.
+    """Return the corners in every mirror of a frame (h, w), as frame 0; views without a board add no rows.
 
-    The boards are kept where there is a store: they are the same in the mirrors of any layout.
+    A results store caches the boards, which do not depend on the layout.
     """
-    most = 2 * len(layout.mirrors)  # more boards than there are mirrors, as some may belong to none
+    most = 2 * len(layout.mirrors)  # more boards than mirrors, because some may be stray
     if isinstance(target, Checkerboard):
-        kept = _kept(grey, target, most, results, lambda: _as_grids(find_checkerboards(grey, target)))
-        return _checkerboards([grid for _, grid in kept.grids], layout, target)
-    kept = _kept(grey, target, most, results, lambda: _as_views(find_boards(grey, target, mirrored=True, most=most)))
-    boards = _boards_of(kept.corners)
+        cached = _cached(grey, target, most, results, lambda: _as_grids(find_checkerboards(grey, target)))
+        return _checkerboards([grid for _, grid in cached.grids], layout, target)
+    cached = _cached(
+        grey, target, most, results, lambda: _as_views(find_boards(grey, target, mirrored=True, most=most))
+    )
+    parts = [cached.corners.where(cached.corners.view == place) for place in np.unique(cached.corners.view)]
+    boards = [(Corners(part.corner, part.pixels, part.sigma_px),) for part in parts]
     assigned = assign(boards, layout, target)
     views = [Observations.of_view(0, index, seen.ids, seen.pixels, seen.sigma_px) for index, seen in assigned]
     return DetectedFrame(Observations.join(views), unassigned_px(boards, assigned, layout))
 
 
-def _kept(
+def _cached(
     grey: Grey, target: Target, boards: int, results: Results | None, find: Callable[[], DetectedFrame]
 ) -> DetectedFrame:
-    """What a store keeps of a picture whatever the mirrors are: up to `boards` in mirrors; 0: the direct view."""
+    """Return cached detections of a picture, or find and cache them; `boards` in mirrors, 0 for the direct view."""
     if results is None:
         return find()
     name = detection_cache.name_of(grey, target, boards)
-    kept = detection_cache.load(results, name, views=boards, corners=len(target.corners_in_board_mm))
-    if kept is None:
-        kept = find()
-        detection_cache.save(results, name, kept)
-    return kept
+    cached = detection_cache.load(results, name, views=boards, corners=len(target.corners_in_board_mm))
+    if cached is None:
+        cached = find()
+        detection_cache.save(results, name, cached)
+    return cached
 
 
 def _as_grids(grids: Sequence[SeenGrid]) -> DetectedFrame:
@@ -76,20 +79,15 @@ def _as_grids(grids: Sequence[SeenGrid]) -> DetectedFrame:
 
 
 def _as_views(boards: Sequence[tuple[Corners, ...]]) -> DetectedFrame:
-    """Boards of one numbering each as the views of a frame, numbered in their order."""
+    """Return boards of one numbering each as the views of a frame, numbered in order."""
     parts = [
         Observations.of_view(0, place, board.ids, board.pixels, board.sigma_px) for place, (board,) in enumerate(boards)
     ]
     return DetectedFrame(Observations.join(parts))
 
 
-def _boards_of(views: Observations) -> list[tuple[Corners, ...]]:
-    parts = [views.where(views.view == place) for place in np.unique(views.view)]
-    return [(Corners(part.corner, part.pixels, part.sigma_px),) for part in parts]
-
-
 def _checkerboards(found: Sequence[SeenGrid], layout: Layout, target: Checkerboard) -> DetectedFrame:
-    """What a frame shows of checkerboards: corners of those that a view alone can number, and all of them as grids."""
+    """Return a frame's corners of the checkerboards that a single view can number, and all checkerboards as grids."""
     grids = [grid for grid in found if len(spread_out(grid.corners))]
     numbered = [(grid, tuple(grid.numberings(target, mirrored=True))) for grid in grids[: 2 * len(layout.mirrors)]]
     boards = [options for _, options in numbered if 0 < len(options) <= 1 + target.looks_same_upside_down]
@@ -123,30 +121,30 @@ def detect_frames(
     Parameters
     ----------
     pictures
-        Grey pictures (h, w), of the size of the layout's camera; at most two per worker are held at a time. None is a
-        frame that could not be read, and shows nothing.
+        Grey pictures (h, w) of the size of the layout's camera; at most two per worker are in memory at a time. None
+        stands for an unreadable frame, which shows nothing.
     layout
-        Where the sub-images are, exactly or nominally.
+        Nominal or calibrated layout: locates the sub-images.
     target
         The board.
     mirrored
-        Whether the pictures show the board through the mirrors (`sub_images`), or directly (`direct_view`).
+        Whether the pictures show the board through the mirrors (`sub_images`) or directly (`direct_view`).
     folder
-        Folder that keeps what is found in a picture, if there is one.
+        Folder that caches detections, if any.
     workers
         Number of threads.
     on_frame
-        Called after each frame with all that was detected so far.
+        Called after each frame with all detections so far.
 
     Returns
     -------
     list of DetectedFrame
-        One per picture, in their order, each as frame 0.
+        One per picture, in order, each as frame 0.
 
     Raises
     ------
     InputError
-        Where a picture does not have the size of the layout's camera, and where nothing can be kept in the folder.
+        If a picture's size differs from the layout's camera, or the folder cannot be written.
     """
     expected = (layout.camera.height_px, layout.camera.width_px)
     results = None if folder is None else Results(folder)
@@ -156,7 +154,7 @@ def detect_frames(
             return DetectedFrame(Observations.none())
         if mirrored:
             return sub_images(grey, layout, target, results)
-        return _kept(grey, target, 0, results, lambda: DetectedFrame(direct_view(grey, target)))
+        return _cached(grey, target, 0, results, lambda: DetectedFrame(direct_view(grey, target)))
 
     def sized() -> Iterator[Grey | None]:
         for number, grey in enumerate(pictures):

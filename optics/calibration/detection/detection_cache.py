@@ -1,4 +1,4 @@
-"""Detections that are kept: what was found in a picture is found again only by another program."""
+"""Cache of detections: a picture is searched again only after the detection code has changed."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ FIELDS = ("view", "corner", "pixels", "sigma_px")
 UNASSIGNED = "unassigned"
 GRIDS = ("grid_mirror", "grid_of", "grid_places", "grid_pixels", "grid_sigma_px", "grid_limits")
 MOST_BYTES = 10_000_000
-"""Bytes of the largest file: a corner takes 40."""
+"""Largest size of a file; a corner takes 40 bytes."""
 
 
 CODE = "mirrorcam.optics.calibration.detection.detect_boards"
@@ -29,19 +29,19 @@ _FRAME = "frame.npz"
 
 
 def name_of(grey: Grey, target: Target, boards: int) -> str:
-    """Return 64 hexadecimal digits of a picture (h, w), the target, and how many boards are searched in mirrors."""
+    """Return 64 hexadecimal digits for a picture (h, w), the target, and the number of boards to find in mirrors."""
     request = f"{target.model_dump_json()} {boards} {grey.shape}\n"
     return digest(request.encode(), np.ascontiguousarray(grey).data)
 
 
 def load(results: Results, name: str, *, views: int, corners: int) -> DetectedFrame | None:
-    """Load the detections of a name, as frame 0; None where they are not kept.
+    """Load the detections of a name, as frame 0; None if they are not cached or invalid.
 
-    `views` and `corners` are the numbers of views and of corners on the target that they may be of.
+    `views` and `corners` are the numbers of views, and of corners on the target.
     """
-    kept = results.get(name, program_of(CODE))
+    cached = results.get(name, program_of(CODE))
     try:
-        content = io.BytesIO(b"" if kept is None else kept[_FRAME])
+        content = io.BytesIO(b"" if cached is None else cached[_FRAME])
         if sum(each.file_size for each in zipfile.ZipFile(content).infolist()) > MOST_BYTES:
             return None
         with np.load(content, allow_pickle=False) as file:
@@ -49,7 +49,7 @@ def load(results: Results, name: str, *, views: int, corners: int) -> DetectedFr
             seen = Observations(np.zeros(view.size, dtype=np.int64), view, corner, pixels, sigma_px)
             frame = DetectedFrame(seen, file[UNASSIGNED], _grids(*(np.asarray(file[name]) for name in GRIDS)))
     except (OSError, ValueError, TypeError, KeyError, EOFError, MemoryError, zipfile.BadZipFile, zlib.error):
-        return None  # nothing is kept, or somebody else wrote it
+        return None  # nothing is cached, or another program wrote it
 
     known = (seen.view >= DIRECT) & (seen.view < views) & (seen.corner >= 0) & (seen.corner < corners)
     return frame if known.all() and all(0 <= mirror < views for mirror, _ in frame.grids) else None
@@ -58,7 +58,7 @@ def load(results: Results, name: str, *, views: int, corners: int) -> DetectedFr
 def _grids(
     mirrors: IntArray, of: IntArray, places: IntArray, pixels: FloatArray, sigma_px: FloatArray, limits: FloatArray
 ) -> tuple[tuple[int, SeenGrid], ...]:
-    """The grids (k), whose corners (n) are of those with the numbers `of` (n,); ValueError for other shapes."""
+    """Build the grids (k), with corners (n) assigned by grid numbers `of` (n,); raises ValueError for other shapes."""
     count, rows = len(mirrors), len(of)
     shapes = [places.shape, pixels.shape, sigma_px.shape, limits.shape]
     if shapes != [(rows, 2), (rows, 2), (rows,), (count, 2, 2)] or not (
@@ -74,7 +74,7 @@ def _grids(
 
 
 def save(results: Results, name: str, frame: DetectedFrame) -> None:
-    """Keep what was found in a picture."""
+    """Save the detections of a picture."""
     content = io.BytesIO()
     arrays = {field: getattr(frame.corners, field) for field in FIELDS} | {UNASSIGNED: frame.unassigned_px}
     grids = [grid for _, grid in frame.grids]

@@ -1,4 +1,4 @@
-"""Detections: the part of a board that a picture shows, which of its corners these may be, and all of one frame."""
+"""Detections: the visible part of a board, its possible numberings, and all detections of a frame."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ FLIP, RIGHT = np.array([[-1, 0], [0, 1]]), np.array([1, 0])
 
 @dataclass(frozen=True)
 class SeenGrid:
-    """Corners of a checkerboard of which any part may be visible.
+    """Visible corners of a checkerboard, which may be any part of it.
 
     Attributes
     ----------
     places
-        Integer positions (n, 2) on a grid of its own, as of `corner_grids`: the second axis is turned from the first
-        one as y is from x in the picture; right of and below a corner with an even sum there is white.
+        Integer coordinates (n, 2) on a separate grid, as from `corner_grids`: the axes have the handedness of the
+        picture's x and y, and a corner with an even sum has white at its lower right.
     corners
-        The corners (n) in the picture, whose ids number them in this order.
+        The corners (n,) in the picture, with ids numbering them in this order.
     limits
-        The lowest and the highest coordinates (2, 2) that corners have where the board is seen to end, in rows;
-        infinite where it is not.
+        Lowest and highest coordinates (2, 2), in rows, of corners at the board's visible ends; infinite where an end is
+        not visible.
     """
 
     places: IntArray
@@ -42,39 +42,39 @@ class SeenGrid:
 
     @property
     def extent(self) -> tuple[int, int]:
-        """Numbers of corners along both axes."""
+        """Number of corners along each axis."""
         across, down = np.ptp(self.places, axis=0) + 1
         return int(across), int(down)
 
     @property
     def as_printed(self) -> SeenGrid:
-        """The grid of a board seen in a mirror as it is on the print: its axes turn, and its colours are, as there."""
+        """The grid of a mirrored board as on the print: with the print's handedness and colours."""
         return replace(self, places=self.places @ FLIP + RIGHT, limits=_turned(self.limits, FLIP) + RIGHT)
 
     def moved(self, turn: int, by: IntArray) -> SeenGrid:
-        """The grid with its coordinates turned by quarters, and moved (2,); their parities must add up to even."""
+        """Rotate the coordinates by quarter turns and shift them by (2,); turn and shift must have an even sum."""
         matrix = TURNS[turn]
         return replace(self, places=self.places @ matrix.T + by, limits=_turned(self.limits, matrix) + by)
 
     def where(self, mask: NDArray[np.bool_]) -> SeenGrid:
-        """The corners of a mask (n,)."""
+        """Select the corners of a mask (n,)."""
         corners = self.corners.where(mask)
         return replace(self, places=self.places[mask], corners=replace(corners, ids=np.arange(len(corners))))
 
     def numberings(self, target: Checkerboard, *, mirrored: bool) -> list[Corners]:
-        """All the ways in which these may be the target's corners, by their colours, extent and ends.
+        """Return all numberings as the target's corners that match its colours, extent and ends.
 
         Parameters
         ----------
         target
             The board.
         mirrored
-            Whether the picture shows it through a mirror.
+            Whether the board is seen in a mirror.
 
         Returns
         -------
         list of Corners
-            One or two for a board whose full extent is known, none where it does not fit the target.
+            One or two for a board of known full extent; none if it does not fit the target.
         """
         if mirrored:
             return self.as_printed.numberings(target, mirrored=False)
@@ -89,8 +89,8 @@ class SeenGrid:
         return found
 
     @classmethod
-    def together(cls, grids: Sequence[SeenGrid]) -> SeenGrid:
-        """Grids of one board in several views, with common coordinates; ends beyond which others go on are none."""
+    def join(cls, grids: Sequence[SeenGrid]) -> SeenGrid:
+        """Join grids of one board with common coordinates; an end that another grid passes is dropped."""
         places = np.concatenate([grid.places for grid in grids])
         corners = Corners(
             np.arange(len(places)),
@@ -104,7 +104,7 @@ class SeenGrid:
 
 
 def _shifts(grid: SeenGrid, last: IntArray) -> list[IntArray]:
-    """The shifts (2,) that move a grid to within 0 and `last`, and its limits to there."""
+    """Return the shifts (2,) that move a grid into the range from 0 to `last`, with its limits on the ends."""
     first, final = -grid.places.min(axis=0), last - grid.places.max(axis=0)
     for axis in range(2):
         for limit, end in zip(grid.limits[:, axis], (0, last[axis]), strict=True):
@@ -116,7 +116,7 @@ def _shifts(grid: SeenGrid, last: IntArray) -> list[IntArray]:
 
 
 def _turned(limits: FloatArray, matrix: IntArray) -> FloatArray:
-    """Limits (2, 2) after a turn or flip of the coordinates."""
+    """Limits (2, 2) after a rotation or flip of the coordinates."""
     turned = np.empty_like(limits)
     for axis in range(2):
         source = int(np.flatnonzero(matrix[axis])[0])
@@ -126,22 +126,22 @@ def _turned(limits: FloatArray, matrix: IntArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class DetectedFrame:
-    """Corners in the views of one picture, and boards that belong to none of them.
+    """Corners in the views of one picture, and stray boards.
 
     Attributes
     ----------
     corners
         The corners, as frame 0.
     unassigned_px
-        Middles (k, 2) of boards in no mirror of the layout.
+        Middles (k, 2) of boards that no mirror of the layout explains, px.
     grids
-        Checkerboards, or parts of them, each with the mirror that shows it, whether it could be numbered or not; none
-        where all of them could.
+        Checkerboards, or parts of them, with the index of the mirror that shows each, numbered or not; empty if all
+        could be numbered.
 
     Raises
     ------
     ValueError
-        Where a middle is not finite, or not two numbers.
+        If `unassigned_px` does not hold pairs of finite numbers.
     """
 
     corners: Observations

@@ -1,4 +1,4 @@
-"""Which frames of a video a calibration uses: sharp ones, and of these those that show what others do not."""
+"""Choice of a video's frames for calibration: sharp ones, and among these those with the most new information."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.solver.observations import Corners
 
 CELLS_ACROSS = 16
-"""Cells across a picture, in which corners and boards count as being at the same place."""
+"""Number of cells across a picture; corners in one cell count as the same place."""
 TURN_BIN_DEG, SHORTENED_BIN, SIZE_BIN = 20.0, 0.12, 0.35
-"""Steps in which the poses of boards differ: direction, shortening by tilt, and the logarithm of their size."""
+"""Bin sizes of board poses: direction, foreshortening, and logarithm of the size."""
 MIN_CORNERS = 4
 
 
 @dataclass(frozen=True, eq=False)
 class SharpFrame:
-    """A frame of a video in grey (h, w), its number from 0, and its sharpness: the mean squared Laplacian."""
+    """A grey frame (h, w) of a video, its number from 0, and its sharpness: the mean squared Laplacian."""
 
     number: int
     picture: Grey
@@ -34,9 +34,9 @@ class SharpFrame:
 
 
 class SharpestFrames:
-    """The sharpest frame of each of up to `most` stretches of equal length of a video whose length is not known.
+    """The sharpest frame of each of up to `most` stretches of equal length of a video of unknown length.
 
-    Frames are added one at a time. Once there are twice as many stretches, every two become one.
+    Frames are added one at a time. Whenever there are twice as many stretches, pairs of them are merged.
     """
 
     def __init__(self, most: int) -> None:
@@ -44,18 +44,21 @@ class SharpestFrames:
         self._best: list[SharpFrame] = []
 
     def add(self, frame: SharpFrame) -> None:
-        """Take the next frame in."""
+        """Add the next frame."""
         if self._count % self._length == 0:
             self._best.append(frame)
         elif frame.sharpness > self._best[-1].sharpness:
             self._best[-1] = frame
         self._count += 1
         if len(self._best) == 2 * self._most and self._count % self._length == 0:
-            self._best = [_sharper(*pair) for pair in zip(self._best[::2], self._best[1::2], strict=True)]
+            self._best = [
+                max(pair, key=lambda frame: frame.sharpness)
+                for pair in zip(self._best[::2], self._best[1::2], strict=True)
+            ]
             self._length *= 2
 
     def chosen(self) -> list[SharpFrame]:
-        """At most `most` frames by number: the sharpest of each stretch, neighbouring stretches joined as needed."""
+        """Return at most `most` frames, by number: the sharpest of each stretch, after merging stretches as needed."""
         if len(self._best) <= self._most:
             return list(self._best)
         stretches = np.arange(len(self._best)) * self._most // len(self._best)
@@ -65,50 +68,46 @@ class SharpestFrames:
         ]
 
 
-def _sharper(a: SharpFrame, b: SharpFrame) -> SharpFrame:
-    return a if a.sharpness >= b.sharpness else b
-
-
-def most_telling(
+def most_informative(
     boards: Sequence[Sequence[Corners]], corners_in_board_mm: FloatArray, *, width_px: int, most: int
 ) -> list[int]:
-    """Numbers of at most `most` frames whose boards cover the picture and differ in pose.
+    """Choose at most `most` frames whose boards cover the picture and differ in pose; return their numbers.
 
-    A frame is worth what it shows: the cells of the picture that each board covers, together as much as its pose, count
-    1 / (1 + n) where n chosen frames show the same. The frame of the largest worth is chosen, and so on.
+    A frame's value is the sum over its features, the picture cells that each board covers (together weighted as much as
+    its pose) and its poses, of 1 / (1 + n), n chosen frames having the feature. Frames are chosen greedily by value.
 
     Parameters
     ----------
     boards
         Boards found in each frame, each in one of its numberings.
     corners_in_board_mm
-        The board's corners (c, 3) as drawn.
+        The board's corners (c, 3) in the board frame as drawn, mm.
     width_px
-        Width of the pictures.
+        Width of the pictures, px.
     most
-        Number of frames to choose; fewer where fewer show a board.
+        Largest number of frames; fewer are chosen if fewer show a board.
     """
-    shown = [dict(_shown(frame, corners_in_board_mm, width_px / CELLS_ACROSS)) for frame in boards]
+    features = [dict(_features(frame, corners_in_board_mm, width_px / CELLS_ACROSS)) for frame in boards]
     seen: dict[Hashable, int] = {}
-    left = [number for number, some in enumerate(shown) if some]
+    candidates = [number for number, of_frame in enumerate(features) if of_frame]
     chosen: list[int] = []
 
-    def worth(number: int) -> float:
-        return sum(share / (1 + seen.get(item, 0)) for item, share in shown[number].items())
+    def value(number: int) -> float:
+        return sum(share / (1 + seen.get(item, 0)) for item, share in features[number].items())
 
-    while left and len(chosen) < most:
-        best = max(left, key=worth)
-        left.remove(best)
+    while candidates and len(chosen) < most:
+        best = max(candidates, key=value)
+        candidates.remove(best)
         chosen.append(best)
-        for item in shown[best]:
+        for item in features[best]:
             seen[item] = seen.get(item, 0) + 1
     return sorted(chosen)
 
 
-def _shown(
+def _features(
     boards: Sequence[Corners], corners_in_board_mm: FloatArray, cell_px: float
 ) -> Iterator[tuple[Hashable, float]]:
-    """What a frame shows, and how much each of it counts: cells with corners, and the poses of its boards."""
+    """Yield a frame's features and their weights: cells with corners, and the poses of its boards."""
     for board in boards:
         if len(board) < MIN_CORNERS:
             continue

@@ -1,28 +1,28 @@
-"""Ghost images of second-surface mirrors, and corners refined together with them.
+"""Ghost images of second-surface mirrors, and corner refinement that accounts for them.
 
-The uncoated front of a second-surface mirror reflects a few percent of the light itself, and reflects as much of what
-comes back from the coating to the coating again. So the picture has a faint ghost image on either side, a few pixels
-off in the plane of incidence. At an edge one ghost image is white already (or the other one still black), which moves
-the edge by some hundredths of a pixel: in the same direction in all views, as if the plate were thicker.
+The uncoated front of a second-surface mirror reflects a few percent of the incoming light, and the same share of the
+light coming back from the coating. So the picture has a faint ghost image on either side, a few pixels off in the plane
+of incidence. At an edge one ghost image is already white (or the other one still black), which shifts the edge by some
+hundredths of a pixel: in the same direction in all views, as if the plate were thicker.
 
-The layout and the board's pose give the offsets of the ghost images, and Fresnel's equations their strengths. One ghost
-image ends before the picture does, where its light would leave the plate past the edge. Exactly where depends on how
-the plate was cut and glued, so corners near that place are left out.
+The layout and the board's pose give the offsets of the ghost images; Fresnel's equations give their strengths. One
+ghost image ends before the picture does, where its light would leave the plate beyond the edge. The exact place depends
+on how the plate was cut and glued, so corners near it are left out.
 
-Offsets must be known well: along an edge, a ghost image that is wrong by a tenth of a pixel across it moves the edge by
-some thousandths of a pixel. So the mirrors are those of a first estimate, not the nominal ones.
+Offsets must be accurate: an error of a tenth of a pixel across an edge shifts the edge by some thousandths of a pixel.
+So the mirrors come from a first estimate, not from the nominal layout.
 
-How strong ghost images are depends on the coating, and how they look on how the camera encodes light: both are the same
-in all frames, and estimated from those that show the board largest, where ghost images are farthest from the edges that
-they belong to.
+The strengths of ghost images depend on the coating, and their appearance on the camera's encoding of light. Both are
+the same in all frames, and are estimated from the frames that show the board largest, where ghost images are farthest
+from their edges.
 
-Light adds, grey values do not: a camera that encodes light by a power shows what is added to black several times as
-strong as what is added to white. So everything is done in light, as that power encodes it for which ghost images show
-as strong on black as on white.
+Light adds, grey values do not: a camera that encodes light by a power law shows light added to black several times as
+strongly as light added to white. So the fit uses linear light, with the power at which ghost images are equally strong
+on black and on white.
 
 The better the coating reflects, the fainter is one ghost image and the stronger the other, relative to the picture:
-their ratio gives the reflectance. Their sum is less informative, as blur of another shape than a Gaussian looks like a
-pair of ghost images.
+their ratio gives the reflectance. Their sum is less informative, because a blur that is not Gaussian resembles a pair
+of ghost images.
 """
 
 from __future__ import annotations
@@ -59,26 +59,26 @@ from mirrorcam.optics.geometry.plate import surface_reflectance
 from mirrorcam.optics.geometry.targets import Target
 from mirrorcam.optics.geometry.transforms import transform
 
-REFLECTANCE = 0.92  # of the coating, assumed; `without_ghost_images` corrects it
-PASSES = (0, 2, 3)  # to the coating and back, of the ghost images; the picture itself has one
-KIND = (0, 1, 1)  # light that the front reflects from outside; light that it reflects back to the coating
-COMPLETE = 2  # passes of the ghost images that must be complete; more carry 1/500 of the light
+REFLECTANCE = 0.92  # assumed for the coating; `without_ghost_images` corrects it
+PASSES = (0, 2, 3)  # of each ghost image, to the coating and back; the picture itself has one
+KIND = (0, 1, 1)  # reflected at the front from outside; reflected back to the coating
+COMPLETE = 2  # largest number of passes of a ghost image that must be complete; more carry 1/500 of the light
 MARGIN_PX = 2.0
 EDGE_POINTS = 8  # along each edge of an outline, which lens distortion curves
 FEW = 60  # corners of a view that determine its blur and strengths
 MOST_FRAMES = 4  # that determine the encoding and the strengths
-MIN_CORNERS_FOR_STRENGTH = 40  # with fewer in all, the strengths are those of Fresnel's equations
-ROUNDS = 2  # of estimating strengths and blur: wrong blur looks like ghost images that are stronger
+MIN_CORNERS_FOR_STRENGTH = 40  # with fewer in total, the strengths are those of Fresnel's equations
+ROUNDS = 2  # of estimating strengths and blur: a wrong blur resembles stronger ghost images
 ROUNDS_FOR_GAMMA = 5
 FIRST_GAMMA, MAX_GAMMA = 1.5, 3.0
-GAIN = 0.7  # too large a power makes ghost images stronger on white by about half the logarithm of white / black
-LEAST_STRENGTH = 0.5  # relative to Fresnel's equations: a fainter ghost image is not there
-MOST_OFF = 1.15  # by which a coating may make a ghost image stronger or fainter
+GAIN = 0.7  # too large a power strengthens ghost images on white by about half the logarithm of white / black
+LEAST_STRENGTH = 0.5  # relative to Fresnel's equations: a fainter ghost image is treated as absent
+MOST_OFF = 1.15  # largest factor by which a coating strengthens or weakens a ghost image
 
 
 @dataclass(frozen=True)
 class GhostedView:
-    """The corners (n) of a view with complete ghost images: where they are expected, these, and the blur."""
+    """A view's corners (n) with complete ghost images: ids, expected positions, ghost images, and blur."""
 
     ids: IntArray
     expected: ExpectedCorners
@@ -95,15 +95,15 @@ class GhostedView:
         return replace(self, ids=self.ids[kept], expected=self.expected.where(kept), ghosts=self.ghosts.where(kept))
 
     def of_ghosts(self, mask: NDArray[np.bool_]) -> GhostedView:
-        """The same with some kinds of ghost images."""
+        """Select some kinds of ghost images."""
         return replace(self, ghosts=self.ghosts.of_kinds(mask))
 
     def times(self, factors: FloatArray) -> GhostedView:
-        """The same with ghost images of other strengths, by a factor for each kind."""
+        """Scale the strengths of the ghost images by a factor for each kind."""
         return replace(self, ghosts=self.ghosts.times(factors))
 
     def fitted(self, light: Image, target: Target, *, fit_encoding: bool = False) -> tuple[GhostedView, RefinedCorners]:
-        """The same where, and as blurred as, a picture of light shows them, and the fit, which gives the strengths."""
+        """Fit a picture of light; return the view at the fitted positions and blur, and the fit with the strengths."""
         look = Appearance(target, self.blur_px, self.ghosts, fit_strengths=True, fit_encoding=fit_encoding)
         seen = refine(light, self.expected, look)
         pixels = np.where(np.isfinite(seen.pixels), seen.pixels, self.expected.pixels)
@@ -111,7 +111,7 @@ class GhostedView:
         return replace(self, expected=expected, blur_px=float(np.median(seen.blur_px))), seen
 
     def corners(self, light: Image, target: Target) -> Corners:
-        """The corners as a picture of light shows them, without those that do not lie smoothly among the others."""
+        """Return the corners in a picture of light, without those off the smooth surface through the others."""
         seen = refine(light, self.expected, Appearance(target, self.blur_px, self.ghosts))
         found = np.asarray(np.isfinite(seen.pixels).all(axis=1))
         refined = Corners(self.ids, seen.pixels, seen.sigma_px).where(found)
@@ -121,9 +121,9 @@ class GhostedView:
 def ghosted_view(
     corners: Corners, rig_from_board: FloatArray, camera: Camera, mirror: Mirror, target: Target
 ) -> GhostedView | None:
-    """The corners (n) that a second-surface mirror shows with complete ghost images, at a pose (4, 4) of the board.
+    """Return the corners (n) in a second-surface mirror with complete ghost images, given the board's pose (4, 4).
 
-    None where too few are left.
+    None if too few remain.
     """
     corners = corners.where(_inside(corners, camera, _passed(mirror, COMPLETE), target))
     if len(corners) < MIN_CORNERS:
@@ -138,7 +138,7 @@ def ghosted_view(
 def ghost_images_of(
     corners: Corners, rig_from_board: FloatArray, camera: Camera, mirror: Mirror, target: Target
 ) -> GhostImages | None:
-    """The ghost images that a second-surface mirror adds at corners (n); None where it does not show these."""
+    """Return the ghost images that a second-surface mirror adds at corners (n); None if it cannot show them."""
     points = transform(rig_from_board, target.corners_in_board_mm[corners.ids])
     picture = camera.project(mirror.image_of(points))
     mirrors = [_passed(mirror, passes) for passes in PASSES]
@@ -154,7 +154,7 @@ def ghost_images_of(
 
 
 def _passed(mirror: Mirror, passes: int) -> Mirror:
-    """The mirror that shows the same image as light that makes `passes` passes to the coating and back.
+    """Return the mirror that shows the image made by light with `passes` passes to the coating and back.
 
     Unfolded, light with k passes crosses 2 k t of the plate, as in a plate k times as thick with the same front.
     """
@@ -168,7 +168,7 @@ def _passed(mirror: Mirror, passes: int) -> Mirror:
 
 
 def _inside(corners: Corners, camera: Camera, mirror: Mirror, target: Target) -> NDArray[np.bool_]:
-    """Mask (n,) of the corners that a mirror shows together with the whole patch that they are refined with."""
+    """Mask (n,) of the corners that a mirror shows including the patch used for refinement."""
     outline = mirror.usable_normalized
     if not len(outline) or len(corners) < 2:
         return np.zeros(len(corners), dtype=np.bool_)
@@ -177,7 +177,7 @@ def _inside(corners: Corners, camera: Camera, mirror: Mirror, target: Target) ->
     pixels = camera.pixels_from_normalized(edges.reshape(-1, 2))
     shown = shapely.Polygon(pixels[np.isfinite(pixels).all(axis=1)])
     points = shapely.points(corners.pixels)
-    # To the corners of the patch compared with the print; the nearest neighbour is across a gap of an AprilGrid.
+    # Distance to the corners of the patch; the nearest neighbour is across a gap of an AprilGrid.
     half_px = half_cells(target) / (2.0 - target.longest_step) * cell_px(corners.pixels)
     reach = np.sqrt(2.0) * np.minimum(half_px, MAX_HALF_PX) + MARGIN_PX
     return np.asarray(shapely.contains(shown, points) & (shapely.distance(shown.exterior, points) > reach))
@@ -185,7 +185,7 @@ def _inside(corners: Corners, camera: Camera, mirror: Mirror, target: Target) ->
 
 @dataclass(frozen=True)
 class _Look:
-    """The power that encodes light, the blur, and a factor on each kind of ghost image; 0 for one not there."""
+    """The power law of the camera's encoding, the blur, and a factor for each kind of ghost image; 0 if absent."""
 
     gamma: float
     factors: FloatArray
@@ -201,20 +201,20 @@ def without_ghost_images(
     *,
     workers: int = 1,
 ) -> list[Observations]:
-    """Refine the corners of views in second-surface mirrors with their ghost images.
+    """Refine the corners of views in second-surface mirrors by the ghost images.
 
-    Only corners with complete ghost images are kept. Corners in first-surface mirrors are returned as they are.
+    Only corners with complete ghost images are kept. Corners in first-surface mirrors are returned unchanged.
 
     Parameters
     ----------
     seen
         Corners of each frame, as frame 0.
     pictures
-        The frames (None: not at hand, so that none of its corners in second-surface mirrors is kept).
+        The frames. None: not available, so its corners in second-surface mirrors are dropped.
     rig_from_board
-        Pose (4, 4) of the board in each frame that shows any.
+        Pose (4, 4) of the board in each frame with corners.
     layout
-        Camera and mirrors, as nearly as corners tell that ghost images have pulled by some hundredths of a pixel.
+        Camera and mirrors, estimated from corners that ghost images still shift by some hundredths of a pixel.
     target
         The board.
     workers
@@ -223,7 +223,7 @@ def without_ghost_images(
     Returns
     -------
     list of Observations
-        As many as were given.
+        One per frame.
     """
     ghosted = {
         number: _ghosted(rows, rig_from_board[number], layout, target)
@@ -247,7 +247,7 @@ def without_ghost_images(
 
 
 def in_light(grey: Grey, gamma: float) -> Image:
-    """The light behind grey values that its power 1 / gamma encodes, of the same white."""
+    """Decode grey values to light with the power `gamma`, keeping the white level."""
     white = max(int(grey.max()), 1)
     return np.asarray(cv2.LUT(grey, (white * (np.arange(256) / white) ** gamma).astype(np.float32)))
 
@@ -257,7 +257,7 @@ def _second_surface(layout: Layout) -> list[int]:
 
 
 def _ghosted(rows: Observations, rig_from_board: FloatArray, layout: Layout, target: Target) -> dict[int, GhostedView]:
-    """The views of a frame in second-surface mirrors, by these."""
+    """Return a frame's views in second-surface mirrors, by mirror index."""
     views = {}
     for mirror in np.intersect1d(rows.view, _second_surface(layout)).tolist():
         own = rows.where(rows.view == mirror)
@@ -274,12 +274,12 @@ def _size_px(views: Mapping[int, GhostedView]) -> float:
 
 def _grey(picture: Grey | Path | None) -> Grey:
     if picture is None:
-        raise ValueError("no picture at hand")
+        raise ValueError("no picture available")
     return read_image(picture, grey=True) if isinstance(picture, Path) else picture
 
 
 def _look(frames: Sequence[tuple[Grey, list[GhostedView]]], target: Target) -> _Look:
-    """What all corners of some frames show together."""
+    """Estimate encoding, blur and strengths jointly from corners of some frames."""
     few = [(grey, [view.few for view in views]) for grey, views in frames]
     there = np.ones(2, dtype=np.bool_)
     if sum(len(view) for _, views in few for view in views) < MIN_CORNERS_FOR_STRENGTH:
@@ -300,7 +300,7 @@ def _look(frames: Sequence[tuple[Grey, list[GhostedView]]], target: Target) -> _
 def _gamma(
     frames: Sequence[tuple[Grey, list[GhostedView]]], target: Target
 ) -> tuple[float, list[tuple[Grey, list[GhostedView]]]]:
-    """The power of light for which ghost images show as strong on white as on black, and views with their blur."""
+    """Return the power for which ghost images are equally strong on white and black, and views with fitted blur."""
     gamma, shown = FIRST_GAMMA, list(frames)
     for _ in range(ROUNDS_FOR_GAMMA):
         lights = [in_light(grey, gamma) for grey, _ in shown]
@@ -315,10 +315,10 @@ def _gamma(
 
 
 def _of_one_coating(factors: FloatArray) -> FloatArray:
-    """The factors (2,) nearest to those estimated that some reflectance of the coating explains.
+    """Return the factors (2,) nearest to the estimated ones that some reflectance of the coating explains.
 
-    Relative to the picture, the strength of light reflected at the front is inversely proportional to it, that of light
-    reflected back to the coating proportional.
+    Relative to the picture, light reflected at the front is inversely proportional to the reflectance, and light
+    reflected back to the coating is proportional to it.
     """
     there = factors > 0.0
     if not there.all():
@@ -328,14 +328,14 @@ def _of_one_coating(factors: FloatArray) -> FloatArray:
 
 
 def _blurred(view: GhostedView, light: Image, target: Target) -> tuple[GhostedView, RefinedCorners]:
-    """A view with the blur that a picture of light shows, and the last fit."""
+    """Fit a view's blur to a picture of light; return the view and the last fit."""
     for _ in range(ROUNDS):
         view, seen = view.fitted(light, target)
     return view, seen
 
 
 def _refined(light: Image, view: GhostedView, look: _Look, target: Target) -> Corners:
-    """The corners of a view, with the blur that some of them show."""
+    """Return the corners of a view, with the blur estimated from some of them."""
     view = view.times(look.factors)
     start = view.few if look.blur_px is None else replace(view.few, blur_px=look.blur_px)
     return replace(view, blur_px=_blurred(start, light, target)[0].blur_px).corners(light, target)

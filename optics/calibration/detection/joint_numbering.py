@@ -1,9 +1,9 @@
-"""Numbering of checkerboards of which each mirror shows only a part, by all views of all frames together.
+"""Numbering of checkerboards of which each mirror shows only a part, from all views of all frames jointly.
 
-One view determines where its part of the board is in space, up to a shift by squares and a turn by quarters. From the
-image of a board in one mirror to that in another one, the same rigid motion leads in every frame. So the motions that
-the possible shifts in some frames propose are put to the vote of all frames. With the motions known, the parts that all
-mirrors of a frame show make up one larger part, and often one that can be numbered.
+One view gives the pose of its part of the board up to a shift by squares and quarter turns. The rigid motion from a
+board's image in one mirror to its image in another is the same in every frame. So some frames propose motions for their
+possible shifts, and all frames vote. Given the motions, the parts in all mirrors of a frame join to a larger part,
+which can often be numbered.
 """
 
 from __future__ import annotations
@@ -25,24 +25,24 @@ from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.targets import Checkerboard
 from mirrorcam.optics.geometry.transforms import inverse, transform
 
-MIN_CORNERS = 20  # of a part whose pose is trusted
+MIN_CORNERS = 20  # of a part whose pose is used
 MIN_FRAMES = 4  # that must agree on a motion
 MIN_AGREEING = 0.8  # of the frames that show the board in both mirrors
-MAX_RIVAL = 0.5  # of the frames that agree, for those that agree on another motion
-MAX_OFF = 0.2  # squares, between what two mirrors show of one board
-FARTHEST = 8  # squares by which mirrors that are not at their nominal places may seem to shift a board
-MAX_TURN = np.deg2rad(20.0)  # by which they may seem to turn it
+MAX_RIVAL = 0.5  # frames that agree on another motion, relative to those that agree on the best
+MAX_OFF = 0.2  # squares, between two mirrors' images of one board
+FARTHEST = 8  # squares of apparent shift of a board, if mirrors are off their nominal positions
+MAX_TURN = np.deg2rad(20.0)  # apparent rotation, likewise
 SAME = 0.5  # squares, between the shifts of one motion as two frames propose it
-POSED = 24  # parts, and other pictures, that the camera is estimated from
+POSED = 24  # parts, and other pictures, used to estimate the camera
 PROPOSING = 3  # frames that propose motions
 SAMPLED = 20  # corners of a part that vote
 
 
 @dataclass(frozen=True)
 class _Part:
-    """What a mirror shows of the board in a frame: a grid as on the print, and the pose (4, 4) of its image.
+    """A mirror's part of the board in a frame: a grid as on the print, and the pose (4, 4) of its image.
 
-    Lengths are in squares. `rays` (n, 3) and `places` (n, 2) are of some of its corners.
+    Lengths are in squares. `rays` (n, 3) and `places` (n, 2) belong to some of its corners.
     """
 
     grid: SeenGrid
@@ -52,7 +52,7 @@ class _Part:
 
     @classmethod
     def of(cls, seen: SeenGrid, camera: Camera) -> _Part | None:
-        """None where no pose explains the corners."""
+        """Return the part, or None if no pose explains the corners."""
         grid = seen.as_printed
         points = np.column_stack([grid.places, np.zeros(len(grid))]).astype(np.float64)
         pose = initial_estimates.camera_from_flat_board(camera, grid.corners, points)
@@ -65,7 +65,7 @@ class _Part:
         return len(self.grid)
 
     def seen_on(self, camera_from_board: FloatArray) -> FloatArray:
-        """Where the rays meet boards at poses (..., 4, 4): (..., n, 2)."""
+        """Intersect the rays with boards at poses (..., 4, 4): places (..., n, 2)."""
         board_from_camera = inverse(camera_from_board)
         along = self.rays @ board_from_camera[..., :3, :3].swapaxes(-1, -2)
         start = board_from_camera[..., None, :3, 3]
@@ -75,7 +75,7 @@ class _Part:
 
 @dataclass(frozen=True)
 class _Fit:
-    """How a part continues another view's: turns (...) by quarters, shifts (..., 2), how far off (...), in squares."""
+    """How a part continues another view's: quarter turns (...), shifts (..., 2), and error (...) in squares."""
 
     turn: IntArray
     by: IntArray
@@ -83,7 +83,7 @@ class _Fit:
 
     @classmethod
     def of(cls, part: _Part, camera_from_board: FloatArray) -> _Fit:
-        """That of a part which should be an image of a board, for poses (..., 4, 4) of the board."""
+        """Fit a part as the image of a board, for poses (..., 4, 4) of the board."""
         places = part.seen_on(camera_from_board)
         finite = np.asarray(np.isfinite(places).all(axis=(-2, -1)))
         places = np.where(finite[..., None, None], places, 0.0)
@@ -99,15 +99,15 @@ class _Fit:
 _ALL_TURNS = np.array([turn.T for turn in TURNS])
 
 
-def numbered_together(
+def number_jointly(
     frames: Sequence[DetectedFrame], base: Sequence[DetectedFrame], layout: Layout, target: Checkerboard
 ) -> list[DetectedFrame]:
-    """Number the boards of frames by what all views of a frame show of it.
+    """Number the boards of frames from all views of each frame jointly.
 
     Parameters
     ----------
     frames, base
-        What was detected in pictures through the mirrors, and without them.
+        Detections in pictures through the mirrors, and without them.
     layout
         The nominal layout.
     target
@@ -116,8 +116,8 @@ def numbered_together(
     Returns
     -------
     list of DetectedFrame
-        The frames, with more corners where those of several views can be numbered together. What stays ambiguous is
-        left out, and so is a frame whose views contradict each other.
+        The frames, with more corners where several views can be numbered jointly. Ambiguous views are left out, and so
+        are frames whose views contradict each other.
     """
     if not any(frame.grids for frame in frames):
         return list(frames)
@@ -133,9 +133,9 @@ def numbered_together(
 def _camera(
     frames: Sequence[DetectedFrame], base: Sequence[DetectedFrame], nominal: Camera, target: Checkerboard
 ) -> Camera:
-    """The camera from the largest parts in the mirrors, which reach the picture's edges, and from the other pictures.
+    """Estimate the camera from the largest parts in the mirrors, which reach the picture's edges, and other pictures.
 
-    Each part is a view of a flat board, whichever of its corners it shows.
+    Each part is a view of a flat board; its numbering does not matter.
     """
     largest = sorted((grid for frame in frames for _, grid in frame.grids), key=len, reverse=True)[:POSED]
     views = [(grid.places, grid.corners.pixels) for grid in largest]
@@ -154,7 +154,7 @@ def _camera(
 
 
 def _parts(frame: DetectedFrame, camera: Camera) -> dict[int, _Part]:
-    """The largest part in each mirror whose pose can be found."""
+    """Return the largest part with a known pose in each mirror."""
     found: dict[int, _Part] = {}
     for mirror, seen in sorted(frame.grids, key=lambda pair: -len(pair[1])):
         part = None if mirror in found else _Part.of(seen, camera)
@@ -164,7 +164,7 @@ def _parts(frame: DetectedFrame, camera: Camera) -> dict[int, _Part]:
 
 
 def _motions(parts: list[dict[int, _Part]], layout: Layout, square_mm: float) -> dict[int, FloatArray]:
-    """Motions (4, 4) from images in one mirror to those in each other mirror about which the frames agree."""
+    """Return the motions (4, 4) from images in one mirror to images in each other mirror on which the frames agree."""
     shown = [sum(len(p[m]) >= MIN_CORNERS for p in parts if m in p) for m in range(len(layout.mirrors))]
     order = np.argsort(shown)[::-1].tolist()
     reflections = [_reflection(mirror, square_mm) for mirror in layout.mirrors]
@@ -182,7 +182,7 @@ def _motions(parts: list[dict[int, _Part]], layout: Layout, square_mm: float) ->
 
 
 def _reflection(mirror: Mirror, square_mm: float) -> FloatArray:
-    """The reflection (4, 4) in a mirror, in squares."""
+    """Return the reflection (4, 4) in a mirror, in squares."""
     seen = mirror.apparent
     normal = seen.normal_in_rig
     matrix = np.eye(4)
@@ -194,7 +194,7 @@ def _reflection(mirror: Mirror, square_mm: float) -> FloatArray:
 def _agreed(
     parts: list[dict[int, _Part]], mirror: int, motions: dict[int, FloatArray], nominal: FloatArray
 ) -> FloatArray | None:
-    """The motion under which a mirror continues, in most frames, what others show; None where there is none."""
+    """Return the motion by which a mirror continues the other views in most frames; None if there is none."""
     pairs = [
         (pose, in_frame[mirror])
         for in_frame in parts
@@ -216,7 +216,7 @@ def _agreed(
 
 
 def _same(motions: FloatArray, other: FloatArray, pairs: Sequence[tuple[FloatArray, _Part]]) -> NDArray[np.bool_]:
-    """Mask of the motions (m, 4, 4) that lead to the same place as another one in the middle of the boards."""
+    """Mask of the motions (m, 4, 4) that move the middles of the boards to about the same place as `other`."""
     middles = np.array([transform(pose, part.places.mean(axis=0) @ np.eye(2, 3)) for pose, part in pairs])
     moved = middles @ motions[:, :3, :3].swapaxes(1, 2) + motions[:, None, :3, 3]
     apart = np.linalg.norm(moved - transform(other, middles), axis=2)
@@ -224,7 +224,7 @@ def _same(motions: FloatArray, other: FloatArray, pairs: Sequence[tuple[FloatArr
 
 
 def _reference(in_frame: dict[int, _Part], motions: dict[int, FloatArray]) -> FloatArray | None:
-    """The pose (4, 4) of the board's image in the first mirror, from the largest part whose motion is known."""
+    """Return the pose (4, 4) of the board's image in the first mirror, from the largest part with a known motion."""
     known = [m for m in in_frame if m in motions and len(in_frame[m]) >= MIN_CORNERS]
     if not known:
         return None
@@ -233,7 +233,7 @@ def _reference(in_frame: dict[int, _Part], motions: dict[int, FloatArray]) -> Fl
 
 
 def _proposed(pose: FloatArray, part: _Part, nominal: FloatArray) -> list[FloatArray]:
-    """Motions under which a mirror's part is an image of the board at a pose, for all shifts near the nominal one."""
+    """Propose motions that make a part an image of the board at a pose, for all shifts near the nominal one."""
     found: list[FloatArray] = []
     places = part.seen_on(nominal @ pose)
     if not np.isfinite(places).all():
@@ -244,8 +244,8 @@ def _proposed(pose: FloatArray, part: _Part, nominal: FloatArray) -> list[FloatA
     for turn, matrix in enumerate(TURNS):
         board_from_part = np.eye(4)
         board_from_part[:2, :2] = matrix
-        turned = (part.camera_from_image @ inverse(board_from_part) @ inverse(pose))[:3, :3] @ nominal[:3, :3].T
-        if np.arccos(np.clip((np.trace(turned) - 1.0) / 2.0, -1.0, 1.0)) > MAX_TURN:
+        rotation = (part.camera_from_image @ inverse(board_from_part) @ inverse(pose))[:3, :3] @ nominal[:3, :3].T
+        if np.arccos(np.clip((np.trace(rotation) - 1.0) / 2.0, -1.0, 1.0)) > MAX_TURN:
             continue
         near = np.rint(np.median(places - part.places @ matrix.T, axis=0)).astype(np.int64)
         for by in near + around:
@@ -266,11 +266,11 @@ def _numbered(
     if len(views) < 2:
         return frame
     moved = [in_frame[m].grid.moved(int(fits[m].turn), fits[m].by) for m in views]
-    whole = SeenGrid.together(moved)
+    joined = SeenGrid.join(moved)
     view = np.repeat(views, [len(grid) for grid in moved])
     numberings = [
         Observations(np.zeros(len(view), dtype=np.int64), view, corners.ids, corners.pixels, corners.sigma_px)
-        for corners in whole.numberings(target, mirrored=False)
+        for corners in joined.numberings(target, mirrored=False)
     ]
     if not numberings:
         return replace(frame, corners=Observations.none())
@@ -283,7 +283,7 @@ def _numbered(
 
 
 def _agreement(found: Observations, other: Observations) -> int:
-    """Number of corners that two numberings of a frame have in common."""
+    """Number of common corners of two numberings of a frame."""
     common = 0
     for view in np.unique(found.view):
         own, others = found.where(found.view == view), other.where(other.view == view)

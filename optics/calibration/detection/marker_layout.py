@@ -1,7 +1,7 @@
-"""The layout of a board's markers by the pictures alone: their size, and the numbers of neighbouring ones.
+"""The layout of a board's markers from pictures alone: their size, and the numbers of adjacent markers.
 
-Markers are numbered row by row, those of an AprilGrid from below, so that the number of one differs from that of the
-next one straight below by the board's columns.
+Markers are numbered row by row, on an AprilGrid from below, so the numbers of two markers straight above each other
+differ by the board's number of columns.
 """
 
 from __future__ import annotations
@@ -32,30 +32,30 @@ from mirrorcam.optics.calibration.solver.observations import Corners, IntArray
 from mirrorcam.optics.geometry import marker_dictionaries as dictionaries
 from mirrorcam.optics.geometry.targets import SQUARES, TAG_FAMILY, TAGS, AprilGrid, Charuco
 
-ROUGH = tuple(np.arange(0.3, 0.96, 0.06).tolist())  # sides of markers, in squares, with which pictures are read
-FINE, REACH = 0.01, 0.09  # step of the sides that are compared, and how far they are from the best rough one
+ROUGH = tuple(np.arange(0.3, 0.96, 0.06).tolist())  # trial sides of markers, in squares, for reading pictures
+FINE, REACH = 0.01, 0.09  # step of the compared sides, and their range about the best rough one
 BLURS = (0.015, 0.03, 0.045, 0.06, 0.08, 0.1, 0.125, 0.155)  # sigma in squares
-LIKELY = 0.85  # correlation of what is read with the stated side, for it to be about right
-MOST_MOVES = 4  # of the sides that are compared, where the best one is the first or last of them
-ROUNDS = 2  # of the likeliest blur and side, each with the other
+LIKELY = 0.85  # correlation with the stated side above which it is about right
+MOST_MOVES = 4  # of the range of compared sides, while the best one is at its end
+ROUNDS = 2  # of alternating between the likeliest blur and side
 MOST_SQUARES = 16  # compared in each grid
 MIN_SQUARES = 8  # in all grids
-AS_CLEAR = 0.85  # of the correlation that the clearest grid's squares have: others are of other boards, or flipped
+AS_CLEAR = 0.85  # least correlation relative to the clearest grid; others are from other boards, or flipped
 MIN_ALIKE = 0.7  # correlation of the squares with markers of the best side and blur
 AROUND = np.array([[-0.5, -0.5], [0.5, -0.5], [-0.5, 0.5], [0.5, 0.5]])  # squares, from a middle to the corners
 PADDING = 8  # px of the black squares around a white one
 FEW = 12
-"""Pairs straight above each other in grids below which markers are also sought one by one."""
+"""Number of pairs straight above each other in grids below which single markers are searched, too."""
 OFF = 2.0 * PREDICTION_ERROR + 0.1
-"""Squares between a marker and its prediction by one two squares above; less by one nearer."""
+"""Squares between a marker and its prediction from a marker two squares above; less for a nearer one."""
 BELOW = ((0, 2), (1, 1), (-1, 1))
-"""Squares from a marker of a checkerboard to its nearest neighbours below it: only the first has one on AprilGrids."""
+"""Squares from a marker of a checkerboard to its nearest neighbours below; AprilGrids have only the first."""
 NO_PLACES = np.empty((0, 2), dtype=np.int64)
 
 
 @dataclass(frozen=True, eq=False)
 class _MarkedSquares:
-    """Squares of a picture that hold markers: the markers' ids (n,), and pixels (n, 4, 2) of corners, row by row."""
+    """Squares of a picture that hold markers: ids (n,), and pixels (n, 4, 2) of the corners, row by row."""
 
     picture: Image
     ids: IntArray
@@ -63,16 +63,16 @@ class _MarkedSquares:
 
 
 def marker_side(shown: Sequence[GriddedPicture], target: Charuco, *, mirrored: bool | None) -> float | None:
-    """Side of the markers, in squares, that pictures show; None where too few markers can be read.
+    """Estimate the side of the markers in pictures, in squares; None if too few markers can be read.
 
-    `mirrored` is whether they show the board through mirrors; None: directly and through mirrors.
-    Every marker is compared with its print at several sides and blurs. Blur and brightness change the edge of the
-    square and those of the marker alike, so that they do not move the best side.
+    `mirrored` states whether the pictures show the board in mirrors; None: both directly and in mirrors.
+    Every marker is compared with its print at several sides and blurs. Blur and brightness change the edges of the
+    square and of the marker alike, so they do not bias the side.
     """
-    ways = (False, True) if mirrored is None else (mirrored,)
-    side, squares = _squares_in_grids(shown, target, ways)
+    flips = (False, True) if mirrored is None else (mirrored,)
+    side, squares = _squares_in_grids(shown, target, flips)
     if sum(len(some.ids) for some in squares) < MIN_SQUARES:
-        side, squares = _between_markers(shown, target, ways)
+        side, squares = _between_markers(shown, target, flips)
     count = sum(len(some.ids) for some in squares)
     if count < MIN_SQUARES:
         return None
@@ -97,13 +97,13 @@ def _sized(target: Charuco, side: float) -> Charuco:
 
 
 def _squares_in_grids(
-    shown: Sequence[GriddedPicture], target: Charuco, ways: Sequence[bool]
+    shown: Sequence[GriddedPicture], target: Charuco, flips: Sequence[bool]
 ) -> tuple[float, list[_MarkedSquares]]:
-    """About the side of the markers, and the squares of grids of corners that hold them."""
+    """Return a rough side of the markers, and the squares of grids of corners that hold them."""
 
     def read(side: float) -> list[tuple[GriddedPicture, ReadMarkers]]:
         sized = _sized(target, side)
-        grids = [(one, grid) for one in shown for flipped in ways for grid in one.read(sized, mirrored=flipped)]
+        grids = [(one, grid) for one in shown for flipped in flips for grid in one.read(sized, mirrored=flipped)]
         return [(one, grid) for one, grid in grids if len(grid.ids)]
 
     def likelihood(grids: list[tuple[GriddedPicture, ReadMarkers]]) -> float:
@@ -123,10 +123,10 @@ def _squares_in_grids(
 
 
 def _between_markers(
-    shown: Sequence[GriddedPicture], target: Charuco, ways: Sequence[bool]
+    shown: Sequence[GriddedPicture], target: Charuco, flips: Sequence[bool]
 ) -> tuple[float, list[_MarkedSquares]]:
-    """The same of squares whose corners follow from the middles of markers that are found one by one."""
-    seen = [(one, *find_markers(one.grey, target, mirrored=flipped)) for one in shown for flipped in ways]
+    """Like `_squares_in_grids`, for squares located by the middles of single markers."""
+    seen = [(one, *find_markers(one.grey, target, mirrored=flipped)) for one in shown for flipped in flips]
 
     def grouped(side: float) -> list[list[IntArray]]:
         places = marker_places(_sized(target, side))
@@ -150,7 +150,7 @@ def _between_markers(
 
 
 def _alike(squares: _MarkedSquares, target: Charuco, sides: FloatArray) -> FloatArray:
-    """Sum (s,) of the correlations of squares with their markers at sides (s,), with the likeliest blur."""
+    """Sum (s,) of the correlations of squares with their markers at sides (s,), at the likeliest blur."""
     at = (np.arange(PX_PER_SQUARE) + 0.5) / PX_PER_SQUARE
     v, u = (axis.ravel() for axis in np.meshgrid(at, at, indexing="ij"))
     shares = np.stack([(1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v], axis=1)
@@ -176,14 +176,14 @@ def _alike(squares: _MarkedSquares, target: Charuco, sides: FloatArray) -> Float
 
 @dataclass(frozen=True)
 class MarkerPairs:
-    """Neighbouring markers.
+    """Adjacent markers.
 
     Attributes
     ----------
     upper, lower
-        The numbers (n,) of both markers of each pair.
+        Numbers (n,) of both markers of each pair.
     by
-        Squares (n, 2) from the upper to the lower one, along x and y of the print: one of `BELOW`.
+        Squares (n, 2) from the upper to the lower marker, along x and y of the print: one of `BELOW`.
     inner
         Whether both (n,) lie among inner corners, so that another row of squares follows.
     """
@@ -194,13 +194,13 @@ class MarkerPairs:
     inner: NDArray[np.bool_]
 
     @classmethod
-    def together(cls, parts: Sequence[MarkerPairs]) -> MarkerPairs:
-        """Those of several pictures."""
+    def join(cls, parts: Sequence[MarkerPairs]) -> MarkerPairs:
+        """Join the pairs of several pictures."""
         return cls(*(np.concatenate([getattr(part, each.name) for part in parts]) for each in fields(cls)))
 
     @classmethod
     def of(cls, pairs: Sequence[tuple[int, int, tuple[int, int]]], *, inner: bool) -> MarkerPairs:
-        """Pairs of an upper and a lower number, and where one lies from the other."""
+        """Build pairs from upper and lower numbers and the offsets between them."""
         numbers = np.array([pair[:2] for pair in pairs], dtype=np.int64).reshape(-1, 2)
         by = np.array([pair[2] for pair in pairs], dtype=np.int64).reshape(-1, 2)
         return cls(numbers[:, 0], numbers[:, 1], by, np.full(len(pairs), inner))
@@ -210,15 +210,15 @@ class MarkerPairs:
 
     @property
     def numbers(self) -> IntArray:
-        """All numbers, once each."""
+        """All numbers, without repetitions."""
         return np.unique(np.concatenate([self.upper, self.lower]))
 
     def where(self, kept: NDArray[np.bool_]) -> MarkerPairs:
-        """The pairs of a mask (n,)."""
+        """Select the pairs of a mask (n,)."""
         return MarkerPairs(*(getattr(self, each.name)[kept] for each in fields(self)))
 
     def steps(self, target: Charuco | AprilGrid) -> Steps:
-        """Those straight above each other."""
+        """Return the pairs straight above each other."""
         straight = self.where(self.by[:, 0] == 0)
         tags = isinstance(target, AprilGrid)
         columns = (straight.upper - straight.lower) if tags else (straight.lower - straight.upper)
@@ -227,12 +227,12 @@ class MarkerPairs:
         return Steps(columns[possible], highest[possible], follows[possible].astype(np.int64))
 
     def explained(self, cols: int, first: int, *, white_first: bool) -> int:
-        """How many of the pairs on a slant are as on a ChArUco board of so many columns.
+        """Count the diagonal pairs that match a ChArUco board with `cols` columns.
 
-        `first` is the number of its first marker, and `white_first` whether its top-left square is white. Numbers go on
-        above and below the board. Markers among inner corners do not lie in the first or last column.
+        `first` is the number of its first marker, and `white_first` whether its top-left square is white. Numbers
+        continue above and below the board. Markers among inner corners do not lie in the first or last column.
         """
-        # Of two rows, the first holds fewer where the number of columns is odd and its first square is black.
+        # Of two rows, the first holds fewer markers if the number of columns is odd and its first square is black.
         of_first = (cols + white_first) // 2
 
         def place(numbers: IntArray) -> IntArray:
@@ -255,11 +255,11 @@ class Steps:
     Attributes
     ----------
     columns
-        The number of columns (n,) by each pair.
+        Number of columns (n,) implied by each pair.
     highest
-        The higher marker's number (n,) of each.
+        Higher marker number (n,) of each pair.
     follows
-        1 (n,) where the lower marker lies among inner corners, so that another row of squares follows, or 0.
+        1 (n,) if the lower marker lies among inner corners, so that another row of squares follows, else 0.
     """
 
     columns: IntArray
@@ -268,7 +268,7 @@ class Steps:
 
     @property
     def likely(self) -> tuple[int, Steps]:
-        """The number of columns on which more than half of the pairs agree, and these pairs; 0 for none."""
+        """The number of columns that more than half of the pairs imply, and these pairs; 0 without a majority."""
         if len(self.columns):
             numbers, counts = np.unique(self.columns, return_counts=True)
             if 2 * counts.max() > len(self.columns):
@@ -282,14 +282,14 @@ class Steps:
 
 @dataclass(frozen=True, eq=False)
 class GriddedPicture:
-    """A picture (h, w) and the grids of corners in it, of a board of any size but otherwise like a target."""
+    """A picture (h, w) and its grids of corners, for a board of any size but otherwise like a target."""
 
     grey: Grey
     grids: tuple[SeenGrid, ...]
 
     @classmethod
     def of(cls, grey: Grey, target: Charuco | AprilGrid) -> GriddedPicture:
-        """The picture with its grids."""
+        """Find the grids of a picture."""
         linked = linked_tags(grey, target) if isinstance(target, AprilGrid) else linked_grids(grey)
         return cls(
             grey,
@@ -302,19 +302,19 @@ class GriddedPicture:
         return np.asarray(self.grey, dtype=np.float32)
 
     def read(self, target: Charuco | AprilGrid, *, mirrored: bool) -> list[ReadMarkers]:
-        """The markers in each grid, whatever part of whatever board they are."""
+        """Read the markers in each grid, from any part of any board."""
         picture, markers = self.picture, _every_marker(target)
         return [read_markers(picture, grid.as_printed if mirrored else grid, markers) for grid in self.grids]
 
 
 def marker_pairs(shown: GriddedPicture, target: Charuco | AprilGrid, *, mirrored: bool) -> MarkerPairs:
-    """Pairs of markers of all boards in a picture, of any size but otherwise like the target.
+    """Return pairs of markers of all boards in a picture, of any size but otherwise like the target.
 
-    Markers are read in grids of corners or, where these show few, as OpenCV finds them one by one.
+    Markers are read in grids of corners or, if these show few, one by one by OpenCV.
     """
     pairs = _pairs_in_grids(shown.read(target, mirrored=mirrored))
     if len(pairs.steps(target).columns) < FEW:
-        pairs = MarkerPairs.together([pairs, _one_by_one(shown.grey, target, mirrored=mirrored)])
+        pairs = MarkerPairs.join([pairs, _one_by_one(shown.grey, target, mirrored=mirrored)])
     return pairs
 
 
@@ -328,12 +328,12 @@ def _pairs_in_grids(grids: Sequence[ReadMarkers]) -> MarkerPairs:
 
 
 def _one_by_one(grey: Grey, target: Charuco | AprilGrid, *, mirrored: bool) -> MarkerPairs:
-    """The same of markers that lie where their maps from the print predict each other."""
+    """Return pairs of single markers whose maps from the print predict each other."""
     ids, quads = find_markers(grey, _with_every_marker(target), mirrored=mirrored)
     if not len(ids):
         return MarkerPairs.of([], inner=False)
     centres, maps = quads.mean(axis=1), marker_maps(marker_places(target)[0], quads)
-    # The mean of two maps is that between them, up to second order of the perspective.
+    # The mean of two maps is the map halfway, up to second order of the perspective.
     between = (maps[:, None] + maps) / 2.0
     side = np.sqrt(np.abs(np.linalg.det(between)))
     pairs = []
@@ -344,7 +344,7 @@ def _one_by_one(grey: Grey, target: Charuco | AprilGrid, *, mirrored: bool) -> M
 
 
 def _with_every_marker(target: Charuco | AprilGrid) -> Charuco | AprilGrid:
-    """A board like the target with as many rows as there are markers for."""
+    """Return a board like the target with as many rows as its marker family allows."""
     if isinstance(target, AprilGrid):
         return target.replaced(rows=min(len(TAG_FAMILY.bytesList) // target.cols, int(TAGS.most)))
     markers = dictionaries.count(target.dictionary)
@@ -352,7 +352,7 @@ def _with_every_marker(target: Charuco | AprilGrid) -> Charuco | AprilGrid:
 
 
 def _every_marker(target: Charuco | AprilGrid) -> Markers:
-    """All markers of a target's family or dictionary."""
+    """Return all markers of a target's family or dictionary."""
     if isinstance(target, AprilGrid):
         return Markers(_codes_of_tags(), NO_PLACES, 1.0, parity=0, every_other=True)
     codes = dictionaries.white_modules(target.dictionary)[:, 1:-1, 1:-1]

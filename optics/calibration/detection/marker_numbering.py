@@ -1,8 +1,8 @@
-"""Numbering of a grid of corners by the markers between them, read where they must be and compared all at once.
+"""Numbering of a grid of corners by the markers between them, all compared at once where they must be.
 
-Every square of the grid that may hold a marker is sampled where the marker's modules would be. How well it agrees
-with each marker counts for the numbering that puts that marker there, so that markers which are too blurred to be read
-one by one still number a board together.
+Every square of the grid that may hold a marker is sampled at the positions of the marker's modules. Its agreement with
+each marker counts for the numbering that puts that marker there, so markers too blurred to be read one by one can still
+number a board jointly.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from mirrorcam.optics.calibration.detection.blurred_print import Image, sample
 from mirrorcam.optics.calibration.detection.detections import SeenGrid
 from mirrorcam.optics.calibration.solver.observations import IntArray
 
-MIN_CORRELATION = 0.5  # of what the squares show with the markers of a numbering, on average
-MIN_SIGMAS = 5.0  # of chance, for that average
-MAX_RIVAL = 0.6  # of it, for any other numbering
-WITHIN = (-0.2, 0.2)  # modules from the middle of one, where it is sampled
+MIN_CORRELATION = 0.5  # mean correlation of the squares with the markers of a numbering
+MIN_SIGMAS = 5.0  # of chance, for that mean
+MAX_RIVAL = 0.6  # of that mean, for any other numbering
+WITHIN = (-0.2, 0.2)  # sample positions from a module's middle, in modules
 
 
 @dataclass(frozen=True)
@@ -32,14 +32,14 @@ class Markers:
     codes
         White modules (m, b, b) of each marker, inside its black border.
     places
-        Lowest coordinates (m, 2), along x and y, of the corners of the square that holds each.
+        Lowest corner coordinates (m, 2), along x and y, of the square that holds each marker.
     side
         Side of a marker with its border, in sides of that square.
     parity
         Which squares hold markers: 1 for white ones, 0 for black ones.
     every_other
-        Whether only every other square of that colour holds a marker, those with even coordinates on the print. On a
-        grid, these have odd x and even y.
+        Whether only every other square of that colour holds a marker: even coordinates on the print, odd x and even y
+        on a grid.
     """
 
     codes: NDArray[np.bool_]
@@ -50,22 +50,22 @@ class Markers:
 
 
 def numbered_by_markers(picture: Image, grid: SeenGrid, markers: Markers) -> SeenGrid | None:
-    """Move a grid to where its corners are on the print.
+    """Shift and turn a grid to the coordinates of the print.
 
     Parameters
     ----------
     picture
         Grey values (h, w).
     grid
-        Corners, as on the print (`SeenGrid.as_printed`) but for a shift and a turn.
+        Corners as on the print (`SeenGrid.as_printed`), up to a shift and a turn.
     markers
         The markers of the print.
 
     Returns
     -------
     SeenGrid or None
-        The grid, in the coordinates of the markers' places; None where its squares show no markers of the print, or
-        more than one numbering is as likely.
+        The grid in the coordinates of the markers' places; None if its squares show no markers of the print, or several
+        numberings are about as likely.
     """
     codes = standardised(markers.codes.reshape(len(markers.codes), -1).astype(np.float64))
     scores: list[tuple[float, int, IntArray, int]] = []
@@ -100,13 +100,13 @@ class ReadMarkers:
     Attributes
     ----------
     low
-        Lowest coordinates (n, 2) of the squares, along x and y of the print but for a shift.
+        Lowest coordinates (n, 2) of the squares, along x and y of the print, up to a shift.
     ids
-        Which marker (n,) each shows.
+        Marker (n,) in each square.
     quads
         Pixels (n, 4, 2) of their corners, row by row.
     alike
-        Mean correlation of all squares that may hold markers with the markers that they are most like.
+        Mean correlation of all candidate squares with their most similar markers.
     """
 
     low: IntArray
@@ -116,16 +116,16 @@ class ReadMarkers:
 
 
 def read_markers(picture: Image, grid: SeenGrid, markers: Markers) -> ReadMarkers:
-    """Read the squares of a grid one by one, whatever board it is of.
+    """Read the squares of a grid one by one, for any board.
 
     Parameters
     ----------
     picture
         Grey values (h, w).
     grid
-        Corners, as on the print but for a shift and a turn.
+        Corners as on the print, up to a shift and a turn.
     markers
-        The markers that there may be, with no places.
+        All possible markers, without places.
     """
     codes = standardised(markers.codes.reshape(len(markers.codes), -1).astype(np.float64))
     none = np.empty(0, dtype=np.int64)
@@ -144,9 +144,9 @@ def read_markers(picture: Image, grid: SeenGrid, markers: Markers) -> ReadMarker
 
 
 def _turned(grid: SeenGrid, turn: int, markers: Markers) -> tuple[IntArray, FloatArray]:
-    """Lowest coordinates (n, 2) and pixels of the corners (n, 4, 2) of what may be markers, after quarter turns."""
+    """Return lowest coordinates (n, 2) and corner pixels (n, 4, 2) of the candidate squares, after quarter turns."""
     turned = grid.moved(turn, np.zeros(2, dtype=np.int64))
-    # Right of and below even corners is white on a grid, black on a print; a quarter turn swaps them.
+    # An even corner has white at its lower right on a grid, black on a print; a quarter turn swaps them.
     low, quads = _squares(turned, markers.parity + turn + 1)
     if markers.every_other:
         held = low[:, 0] % 2 == (turn < 2)
@@ -155,13 +155,13 @@ def _turned(grid: SeenGrid, turn: int, markers: Markers) -> tuple[IntArray, Floa
 
 
 def standardised(values: FloatArray) -> FloatArray:
-    """Rows with the mean 0 and the norm 1."""
+    """Normalise rows to mean 0 and norm 1."""
     apart = values - values.mean(axis=1, keepdims=True)
     return np.asarray(apart / np.maximum(np.linalg.norm(apart, axis=1, keepdims=True), 1e-9))
 
 
 def _squares(grid: SeenGrid, parity: int) -> tuple[IntArray, FloatArray]:
-    """Lowest coordinates (n, 2) of the squares of one colour, and the pixels (n, 4, 2) of their corners, row by row."""
+    """Return lowest coordinates (n, 2) of the squares of one colour, and pixels (n, 4, 2) of their corners."""
     low = grid.places.min(axis=0)
     index = np.full(np.ptp(grid.places, axis=0) + 2, -1)
     index[tuple((grid.places - low).T)] = np.arange(len(grid))
@@ -173,7 +173,7 @@ def _squares(grid: SeenGrid, parity: int) -> tuple[IntArray, FloatArray]:
 
 
 def _modules(picture: Image, quads: FloatArray, markers: Markers) -> FloatArray:
-    """Mean grey values (n, b * b) where squares (n, 4, 2) should show the modules of a marker, row by row."""
+    """Mean grey values (n, b * b) of squares (n, 4, 2) at the modules of a marker, row by row."""
     count = markers.codes.shape[1]
     middles = 0.5 + markers.side * ((np.arange(count) + 1.5) / (count + 2) - 0.5)
     at = (middles[:, None] + np.array(WITHIN) * markers.side / (count + 2)).ravel()

@@ -24,13 +24,13 @@ from mirrorcam.optics.geometry.transforms import rigid, transform
 
 TILT_DEG = 30.0
 TILTS = ((0.0, 0.0), (TILT_DEG, 0.0), (-TILT_DEG, 0.0), (0.0, TILT_DEG), (0.0, -TILT_DEG))
-SHIFTS = (-0.6, 0.0, 0.6)  # of half the board's size
+SHIFTS = (-0.6, 0.0, 0.6)  # in half sizes of the board
 NOISE_PX = 0.1  # of a corner, in frames of a webcam
 BUILT_MM = 3.5  # prior sigma of a virtual centre about the nominal one: 2 degrees or 2 mm of the mirror
 PRIOR = 0.02, 0.02, 0.2  # sigmas of the intrinsics: relative focal length and centre, distortion coefficients
-ENOUGH_DEG, ENOUGH_PICTURES = 0.01, 8  # of every mirror's normal; and so that frames can be held out
-HELD_DEG = 1e-3  # prior sigma of the turn of two mirrors that no picture determines, and that no pose is to lower
-NORM = 8  # p-norm in place of the maximum, so that a picture that helps the second worst mirror counts, too
+ENOUGH_DEG, ENOUGH_PICTURES = 0.01, 8  # for every mirror's normal; pictures, so that frames can be held out
+HELD_DEG = 1e-3  # prior sigma of two mirrors' common rotation, which no picture determines and no pose should lower
+NORM = 8  # p-norm instead of the maximum, so that a picture that helps the second worst mirror counts, too
 
 
 @dataclass(frozen=True)
@@ -40,21 +40,21 @@ class NextPose:
     Attributes
     ----------
     sentence
-        The recommendation in words.
+        The recommendation as text.
     rig_from_board
-        The pose (4, 4), mm.
+        Pose (4, 4) of the board in rig, mm.
     depth_mm
-        Depth of the board's middle.
+        Depth of the board's middle, mm.
     tilt_deg
-        Tilts about the view's x and y.
+        Tilts about the view's x and y axes, degrees.
     mirror
-        The least certain mirror.
+        Index of the least certain mirror.
     sigma_deg
-        Standard deviations (mirrors,) of the normals, each along its weakest direction, from the pictures so far.
+        Standard deviations (mirrors,) of the normals along their weakest directions, from the pictures so far.
     predicted_deg
         The same after the next picture.
     enough
-        Whether every normal is known to `ENOUGH_DEG`, from at least `ENOUGH_PICTURES` pictures.
+        Whether every normal is known to `ENOUGH_DEG` from at least `ENOUGH_PICTURES` pictures.
     """
 
     sentence: str
@@ -69,20 +69,20 @@ class NextPose:
 
 @dataclass(frozen=True)
 class Placement:
-    """A pose that the board could have in the next picture.
+    """A candidate pose of the board for the next picture.
 
     Attributes
     ----------
     rig_from_board
-        The pose (4, 4), mm.
+        Pose (4, 4) of the board in rig, mm.
     depth_mm
-        Depth of the board's middle.
+        Depth of the board's middle, mm.
     tilt_deg
-        Tilts about the view's x and y.
+        Tilts about the view's x and y axes, degrees.
     words
-        The pose in words.
+        The pose as text.
     seen
-        The corners that a picture of it would show, as frame 0.
+        The corners that a picture would show, as frame 0.
     """
 
     rig_from_board: FloatArray
@@ -93,24 +93,24 @@ class Placement:
 
 
 class NextPosePlanner:
-    """Plan the next pose of the board while pictures are taken, one after the other.
+    """Plans the next pose of the board while pictures are taken one by one.
 
-    Among some poses, the planner picks the one that most lowers the standard deviations of the mirrors' normals, the
-    largest first. The deviations are those of a joint fit of intrinsics, mirrors and poses to corners with noise
-    `NOISE_PX`, of a device that is known to some standard deviations before.
+    Among candidate poses, the planner picks the pose that most lowers the standard deviations of the mirrors' normals,
+    the largest first. They are predicted for a joint fit of intrinsics, mirrors and poses to corners with noise
+    `NOISE_PX`, starting from prior standard deviations of the device.
 
     Parameters
     ----------
     estimate
-        Camera and mirrors, about.
+        Approximate camera and mirrors.
     model
-        What is estimated of them.
+        Model to be estimated.
     sigmas
         Standard deviations of the model's globals before the first picture.
     mirrors
-        What each mirror is called.
+        Names of the mirrors in texts.
     placements
-        The poses to choose from.
+        The candidate poses.
     """
 
     def __init__(
@@ -131,7 +131,7 @@ class NextPosePlanner:
 
     @classmethod
     def designed(cls, layout: Layout, target: Target) -> Self:
-        """A planner for a device built about as a layout, within `BUILT_MM`."""
+        """Return a planner for a device built to a layout within `BUILT_MM`."""
         camera, (focal, centre, distortion) = layout.camera, PRIOR
         intrinsics = [focal * camera.fx_px, focal * camera.fy_px, centre * camera.width_px, centre * camera.width_px]
         return cls(
@@ -146,12 +146,12 @@ class NextPosePlanner:
         )
 
     def add(self, rig_from_board: FloatArray, picture: Observations) -> None:
-        """Count a picture at about this pose, whose corners are given as frame 0."""
+        """Add the information of a picture at about this pose, with corners given as frame 0."""
         self._information = self._information + self._information_in(rig_from_board, picture)
         self._pictures += bool((picture.view != DIRECT).any())
 
     def next(self) -> NextPose:
-        """The recommendation after the pictures so far."""
+        """Return the recommendation after the pictures so far."""
         now = self._sigma_deg(self._information)
         predicted = self._sigma_deg(self._information + self._added)
         best = int(np.argmin(np.sum(predicted**NORM, axis=1)))
@@ -173,7 +173,7 @@ class NextPosePlanner:
         )
 
     def _information_in(self, pose: FloatArray, picture: Observations) -> FloatArray:
-        """Fisher information (g, g) on the globals in a picture at about this pose, with the pose itself unknown."""
+        """Fisher information (g, g) on the globals from a picture at about this pose, with the pose itself unknown."""
         noisy = replace(picture, sigma_px=np.full(len(picture), NOISE_PX))
         estimate = self._estimate.with_poses(pose[None])
         return normal_equations(estimate, Grouped.of(noisy, self._model), self._model).reduced(0.0)[0]
@@ -193,13 +193,13 @@ class NextPosePlanner:
 
 
 def planning_model(intrinsics: Sequence[str], target: Target) -> Model:
-    """Planes, intrinsics and poses of a board as drawn."""
+    """Return the model of planes, intrinsics and poses of a board as drawn."""
     board = Board.rigid(target.corners_in_board_mm)
     return Model(tuple(intrinsics), thickness=False, curvature=False, board=board)
 
 
 def pose_by_layout(layout: Layout, target: Target, picture: Observations) -> FloatArray | None:
-    """The board's pose (4, 4) in a picture; None where no view shows enough corners."""
+    """Return the board's pose (4, 4) in a picture; None if no view shows enough corners."""
     views = []
     for mirror in np.unique(picture.view).tolist():
         of_view = picture.view == mirror
@@ -212,7 +212,7 @@ def pose_by_layout(layout: Layout, target: Target, picture: Observations) -> Flo
 
 
 def _placements(layout: Layout, target: Target) -> Iterator[Placement]:
-    """The poses, at three depths, five tilts and nine places, in which a mirror shows enough of the board."""
+    """Yield the poses, at three depths, five tilts and nine places, in which a mirror shows enough of the board."""
     corners = target.corners_in_board_mm
     sensor = shapely.box(0.0, 0.0, layout.camera.width_px - 1.0, layout.camera.height_px - 1.0)
     regions = []
@@ -232,12 +232,12 @@ def _placements(layout: Layout, target: Target) -> Iterator[Placement]:
 
 
 def shown_in(region: shapely.Geometry, pixels: FloatArray) -> IntArray:
-    """Which of pixels (n, 2), NaN where there is none, are in a region of the sensor."""
+    """Return which pixels (n, 2) lie in a region of the sensor; NaN do not."""
     return np.flatnonzero(shapely.contains_xy(region, *np.nan_to_num(pixels, nan=-1e9).T))
 
 
 def _in_words(layout: Layout, target: Target, pose: FloatArray, tilt_deg: tuple[float, float]) -> str:
-    """Tilt and place, as the camera sees the board in its middle."""
+    """Describe tilt and place, as seen by the camera."""
     half = np.array([*target.size_mm, 0.0])[None] / 2.0
     centre = layout.view_from_rig @ transform(pose, half)[0]
     x, y = (centre - layout.virtual_centres_in_view_mm.reshape(-1, 3).mean(axis=0))[:2]
@@ -247,7 +247,7 @@ def _in_words(layout: Layout, target: Target, pose: FloatArray, tilt_deg: tuple[
 
 
 def moved_in_words(x: float, y: float) -> str:
-    """A shift to the right and down; empty where there is none."""
+    """Describe a shift to the right and down; empty without a shift."""
     column = "left" if x < 0.0 else "right" if x > 0.0 else ""
     row = "up" if y < 0.0 else "down" if y > 0.0 else ""
     place = " and ".join(word for word in (row, column) if word)
@@ -255,7 +255,7 @@ def moved_in_words(x: float, y: float) -> str:
 
 
 def poses_of(layout: Layout, target: Target) -> Iterator[tuple[FloatArray, float, tuple[float, float]]]:
-    """Poses, rig_from_board (4, 4), with the depth of their middle in mm and their tilts in degrees."""
+    """Yield poses, rig_from_board (4, 4), with the depth of their middle in mm and their tilts in degrees."""
     depths = (300.0, 500.0) if layout.spec is None else (min(layout.spec.depths_mm), max(layout.spec.depths_mm))
     half = np.array([*target.size_mm, 0.0]) / 2.0
     middle = layout.virtual_centres_in_view_mm.reshape(-1, 3).mean(axis=0)
@@ -270,7 +270,7 @@ def poses_of(layout: Layout, target: Target) -> Iterator[tuple[FloatArray, float
 
 
 def tilt_in_words(tilt_deg: tuple[float, float], what: str) -> str:
-    """A tilt about x or y towards the mirrors or the camera; empty where there is none."""
+    """Describe a tilt about x or y towards the mirrors or the camera; empty without a tilt."""
     about_x, about_y = tilt_deg
     if about_x == about_y == 0.0:
         return ""
@@ -280,7 +280,7 @@ def tilt_in_words(tilt_deg: tuple[float, float], what: str) -> str:
 
 
 def place_in_words(camera: Camera, pixel: FloatArray) -> str:
-    """Where a pixel (2,) is in the picture: "upper left of the picture", "top of the picture"."""
+    """Describe the position of a pixel (2,), such as "upper left of the picture" or "top of the picture"."""
     x, y = pixel / [camera.width_px, camera.height_px]
     row = -1 if y < 0.38 else 1 if y > 0.62 else 0
     column = "left" if x < 0.38 else "right" if x > 0.62 else ""

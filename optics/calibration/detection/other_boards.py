@@ -1,9 +1,9 @@
-"""Which board pictures show that do not show the stated one: another size, another dictionary, or a flipped picture.
+"""Recognition of boards other than the stated one: of another size or dictionary, or in a flipped picture.
 
-Only a few pictures are looked at, so that this costs little. What is recognised is refused with its likely cause.
+To limit the cost, only a few pictures are examined. A recognised board is refused with its likely cause.
 
-The markers' numbers reveal a board of another size, of OpenCV's old pattern, or numbered from another marker on. Where
-they cannot be read, they are tried flipped, of another size, inverted, and of another dictionary.
+The markers' numbers reveal a board of another size, with OpenCV's old pattern, or with another first marker. If they
+cannot be read, flipped and inverted pictures, other marker sizes and other dictionaries are tried.
 """
 
 from __future__ import annotations
@@ -27,19 +27,19 @@ from mirrorcam.optics.calibration.detection.marker_layout import (
 from mirrorcam.optics.geometry import marker_dictionaries as dictionaries
 from mirrorcam.optics.geometry.targets import AprilGrid, Charuco, Checkerboard, Target
 
-MOST_PICTURES = 2  # looked at of each kind
-FILLED = 0.9  # of the corners of a grid's rectangle, for a board that is completely visible
-PARTS = 0.5  # of the boards of any size, for the largest size that counts: parts of a board look like smaller ones
-MIN_BEYOND = 2  # pairs with a marker that the stated board lacks, by picture
-MIN_STEPS = 3  # pairs of markers that give the same number of columns, by picture
-UNEXPLAINED = 0.05  # of the pairs that some numbering explains, for another one to be as likely
-MAX_OFF = 0.035  # squares, between the side of markers as stated and as seen
+MOST_PICTURES = 2  # examined, of each kind
+FILLED = 0.9  # share of the corners of a grid's rectangle, for a completely visible board
+PARTS = 0.5  # share of all boards for the largest size that counts: parts of a board look like smaller ones
+MIN_BEYOND = 2  # per picture, pairs with a marker that the stated board lacks
+MIN_STEPS = 3  # per picture, pairs of markers that give the same number of columns
+UNEXPLAINED = 0.05  # share of the explained pairs by which a numbering may fall short and still be as likely
+MAX_OFF = 0.035  # squares, between the stated and the visible side of markers
 
 
 def other_board(
     pictures: Sequence[Grey], target: Target, *, mirrored: bool | None, found: bool, fits: bool = True
 ) -> str | None:
-    """Say that pictures show another board than the stated one, or are flipped; None where they seem to be right.
+    """Explain how pictures show a board other than the stated one, or are flipped; None if they seem right.
 
     Parameters
     ----------
@@ -48,12 +48,12 @@ def other_board(
     target
         The stated board.
     mirrored
-        Whether they show it through mirrors; None: directly and through mirrors.
+        Whether they show the board in mirrors; None: both directly and in mirrors.
     found
-        Whether the stated board was found in any picture, of whatever kind. Otherwise more is tried.
+        Whether the stated board was found in any picture of either kind. Otherwise more is tried.
     fits
-        Whether it was found in pictures of this kind, and fits as far as is known. Otherwise what was found may be part
-        of a larger board.
+        Whether it was found in pictures of this kind and fits so far. Otherwise, the detected board may be part of a
+        larger one.
     """
     pictures = pictures[:MOST_PICTURES]
     if not pictures:
@@ -69,10 +69,10 @@ def _other_checkerboard(
     grids = [grid for picture in pictures for grid in find_checkerboards(picture, target)]
     counts = Counter(_size_like(target, grid) for grid in grids if len(grid) >= FILLED * np.prod(grid.extent))
     own = counts.pop((target.cols, target.rows), 0)
-    # Parts of a board look like smaller ones, so that one as large as the stated one is none smaller.
+    # Parts of a board look like smaller boards, so once the stated size is found, smaller ones do not count.
     if own or found:
-        counts = Counter({size: count for size, count in counts.items() if _at_least(size, target)})
-    # Now and then a board with its mirror image is taken for a larger one.
+        counts = Counter({size: n for size, n in counts.items() if size[0] >= target.cols and size[1] >= target.rows})
+    # Occasionally, a board and its mirror image together look like a larger board.
     least = max(len(pictures), PARTS * max([*counts.values(), own], default=0))
     often = [size for size, count in counts.items() if count >= least]
     if often:
@@ -80,8 +80,8 @@ def _other_checkerboard(
         return f"the pictures show a checkerboard of {cols} x {rows} squares, board.toml says {_size(target)}"
     if mirrored is None or found:
         return None
-    whole = [grid for grid in grids if _size_like(target, grid) == (target.cols, target.rows)]
-    if own >= len(pictures) and not any(grid.numberings(target, mirrored=mirrored) for grid in whole):
+    complete = [grid for grid in grids if _size_like(target, grid) == (target.cols, target.rows)]
+    if own >= len(pictures) and not any(grid.numberings(target, mirrored=mirrored) for grid in complete):
         return (
             f"the {_size(target)} checkerboard in the pictures has black where it should be white: they are mirrored, "
             "as those of a selfie camera (switch that off, or flip them left to right), or cols and rows are exchanged "
@@ -91,14 +91,10 @@ def _other_checkerboard(
 
 
 def _size_like(target: Checkerboard, grid: SeenGrid) -> tuple[int, int]:
-    """Numbers of columns and rows of squares of a board that ends where a grid does, in the order nearer the target."""
+    """Columns and rows of squares of a board that ends where a grid does, in the order closer to the target."""
     long, short = max(grid.extent) + 1, min(grid.extent) + 1
     sizes = [(long, short), (short, long)] if target.cols >= target.rows else [(short, long), (long, short)]
     return min(sizes, key=lambda size: abs(size[0] - target.cols) + abs(size[1] - target.rows))
-
-
-def _at_least(size: tuple[int, int], target: Checkerboard) -> bool:
-    return size[0] >= target.cols and size[1] >= target.rows
 
 
 def _size(target: Target) -> str:
@@ -108,9 +104,9 @@ def _size(target: Target) -> str:
 def other_markers(
     pictures: Sequence[Grey], target: Charuco | AprilGrid, *, mirrored: bool | None, found: bool
 ) -> str | None:
-    """How pictures (h, w) show another ChArUco board or AprilGrid than the stated one; None where they seem right.
+    """Explain how pictures (h, w) show a marked board other than the stated one; None if they seem right.
 
-    `mirrored` and `found` are as in `other_board`.
+    For `mirrored` and `found`, see `other_board`.
     """
     shown = [GriddedPicture.of(picture, target) for picture in pictures]
     least = MIN_STEPS * len(shown)
@@ -121,7 +117,7 @@ def other_markers(
             return _unreadable(shown, target, mirrored=mirrored)
         if not isinstance(target, Charuco):
             return None
-        # Markers of a wrong side are hardly read.
+        # Markers of a different side can hardly be read.
         other = _pattern_with_more_corners(pictures, target, mirrored=mirrored)
         return other or _other_side(shown, target, mirrored=mirrored)
     tags = isinstance(target, AprilGrid)
@@ -140,13 +136,15 @@ def other_markers(
     if not isinstance(target, Charuco):
         return None
     white = not target.black[0, 0]
-    own, others = (pairs.explained(columns, target.first_marker, white_first=bool(way)) for way in (white, not white))
+    own, others = (
+        pairs.explained(columns, target.first_marker, white_first=bool(first)) for first in (white, not white)
+    )
     other = _pattern_with_more_corners(pictures, target, mirrored=mirrored) if own - others < least else None
     return other or _other_side(shown, target, mirrored=mirrored)
 
 
 def _other_numbers(pairs: MarkerPairs, steps: Steps, target: Charuco, pictures: int) -> str | None:
-    """Whether markers are in other places than on the target, or have other numbers."""
+    """Explain whether markers are in other places than on the target, or have other numbers."""
     first, count = target.first_marker, len(target.markers)
     white = bool(not target.black[0, 0])
     votes = [pairs.explained(target.cols, phase, white_first=white) for phase in range(first, first + target.cols)]
@@ -161,14 +159,14 @@ def _other_numbers(pairs: MarkerPairs, steps: Steps, target: Charuco, pictures: 
         return None
     other_pattern = not as_stated and pairs.explained(target.cols, first, white_first=not white) > close
     phase = 0 if as_stated else int(np.argmax(votes))
-    # The numbers of whole pairs of rows, from the one that holds the lowest number.
+    # The numbers of complete pairs of rows, from the pair that holds the lowest number.
     begin = first + phase + (lowest - first - phase) // target.cols * target.cols
     fits = begin != first and begin >= 0 and highest < begin + count
     if other_pattern and (few_beyond or not fits):
         return _other_pattern(target)
     if not fits:
         return None
-    # Where neither side of the board is visible, several numberings are as likely.
+    # If neither side of the board is visible, several numberings are equally likely.
     known = str(begin) if votes.count(votes[phase]) == 1 else "the id of the board's first marker"
     return (
         f"the pictures show markers {lowest} to {highest}, the {target.cols} x {target.rows} ChArUco board of "
@@ -178,17 +176,18 @@ def _other_numbers(pairs: MarkerPairs, steps: Steps, target: Charuco, pictures: 
 
 
 def _pattern_with_more_corners(pictures: Sequence[Grey], target: Charuco, *, mirrored: bool | None) -> str | None:
-    """Whether more corners are found where the board is of the other pattern: a wrong one lacks a side of it.
+    """Explain whether the other pattern gives more corners: the wrong pattern lacks a side of the board.
 
-    With an odd number of columns, the patterns differ by a shift: only the corners at the sides differ.
+    With an odd number of columns, the patterns differ by a shift, so only the corners at the sides differ.
     """
     if target.rows % 2:
         return None
     other = target.replaced(legacy=not target.legacy)
     more = []
-    for picture, way in itertools.product(pictures, (False, True) if mirrored is None else (mirrored,)):
+    for picture, flipped in itertools.product(pictures, (False, True) if mirrored is None else (mirrored,)):
         own, others = (
-            max(map(len, find_marked_boards(picture, one, mirrored=way, most=1)), default=0) for one in (target, other)
+            max(map(len, find_marked_boards(picture, one, mirrored=flipped, most=1)), default=0)
+            for one in (target, other)
         )
         if own and others:
             more.append(others - own)
@@ -222,7 +221,7 @@ def _other_side(shown: Sequence[GriddedPicture], target: Charuco, *, mirrored: b
 
 
 def _unreadable(shown: Sequence[GriddedPicture], target: Charuco | AprilGrid, *, mirrored: bool | None) -> str | None:
-    """Why the markers cannot be read."""
+    """Explain why the markers cannot be read."""
     flipped = bool(mirrored)
     if mirrored is not None and _readable(shown, target, mirrored=not flipped):
         return (
@@ -261,4 +260,4 @@ def _readable(shown: Sequence[GriddedPicture], target: Charuco | AprilGrid, *, m
 
 
 def _pairs(shown: Sequence[GriddedPicture], target: Charuco | AprilGrid, *, mirrored: bool) -> MarkerPairs:
-    return MarkerPairs.together([marker_pairs(one, target, mirrored=mirrored) for one in shown])
+    return MarkerPairs.join([marker_pairs(one, target, mirrored=mirrored) for one in shown])

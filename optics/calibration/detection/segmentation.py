@@ -1,8 +1,8 @@
-"""Segmentation of the sub-images: where each mirror's sub-image ends on the sensor, and outlines moved to there.
+"""Segmentation of the sub-images: where each mirror's sub-image ends on the sensor, and outlines moved there.
 
 The image in a mirror changes from frame to frame; the gaps between mirrors and the holder do not. A mirror that was cut
-too short or glued beside its place shows the same corners, only less or more of the scene: its plane is right and its
-outline is not. Its edges are where the change ends.
+too short or glued off its place shows the same corners, but less or more of the scene: its plane is right, its outline
+is wrong. Its edges are where the change ends.
 """
 
 from __future__ import annotations
@@ -20,20 +20,20 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.plate import outer_tangent
 
-REACH_PX = 40.0  # to either side of an edge; 2 mm within the plane are 32 px on a C920
+REACH_PX = 40.0  # search range on either side of an edge; 2 mm within the plane are 32 px on a C920
 STEP_PX = 4.0  # along an edge
 FINE_PX = 0.5  # across it
-MIN_CHANGE = 25.0  # grey levels between a pixel's darkest and brightest, within a sub-image
-MIN_VISIBLE = 0.5, 0.2, 0.2  # fraction of an edge's length that must be visible: in all frames, and in each half
+MIN_CHANGE = 25.0  # grey levels between a pixel's darkest and brightest value, within a sub-image
+MIN_VISIBLE = 0.5, 0.2, 0.2  # visible share of an edge's length: in all frames, and in each half
 MIN_LENGTH_PX = 40.0
-TOLERANCE_PX = 1.5  # of a point to the straight line through the others
+TOLERANCE_PX = 1.5  # between a point and the straight line through the others
 ALONG = 0.97  # cosine between the edge of a mirror and the edge of its sub-image
-HALVES_PX = 1.5  # by which an edge may differ between halves of the frames
-AGREES_PX = 3.0  # an edge this near to its place is left there: dim or still parts of a scene move it by 2
+HALVES_PX = 1.5  # largest difference of an edge between halves of the frames
+AGREES_PX = 3.0  # smallest move of an edge: dim or still parts of a scene shift it by 2
 
 
 class Extremes:
-    """The minimum and maximum of each pixel (h, w) over frames, separately for the even and the odd ones."""
+    """The minimum and maximum of each pixel (h, w) over frames, separately for even and odd frames."""
 
     def __init__(self) -> None:
         self._halves: list[tuple[Grey, Grey]] = []
@@ -51,28 +51,28 @@ class Extremes:
             np.maximum(brightest, grey, out=brightest)
 
     def changes(self) -> tuple[Grey, Grey, Grey] | None:
-        """Range of each pixel in grey levels: in all frames and in either half; None for fewer than four frames."""
+        """Range of each pixel in grey levels, in all frames and in either half; None for fewer than four frames."""
         if self._count < 4:
             return None
         (dark, bright), (other_dark, other_bright) = self._halves
-        whole = np.maximum(bright, other_bright) - np.minimum(dark, other_dark)
-        return whole, bright - dark, other_bright - other_dark
+        total = np.maximum(bright, other_bright) - np.minimum(dark, other_dark)
+        return total, bright - dark, other_bright - other_dark
 
 
 @dataclass(frozen=True)
 class SeenEdge:
-    """Where the frames show an edge of a mirror.
+    """Position of a mirror's edge as the frames show it.
 
     Attributes
     ----------
     line
-        nx x + ny y = d in the mirror's own frame, mm.
+        (3,): nx x + ny y = d in the mirror's own frame, mm.
     off_px
-        Offsets (2,) of its ends from the layout's edge, outwards.
+        Outward offsets (2,) of its ends from the layout's edge, px.
     off_mm
-        Mean offset within the mirror's plane, outwards.
+        Mean outward offset within the mirror's plane, mm.
     middle_in_rig_mm, outward_in_rig
-        Middle (3,) of the layout's edge, and its normal (3,) within the mirror's plane, away from the mirror.
+        Middle (3,) of the layout's edge, and its outward normal (3,) within the mirror's plane.
     """
 
     line: FloatArray
@@ -83,30 +83,30 @@ class SeenEdge:
 
 
 def seen_edges(layout: Layout, extremes: Extremes) -> list[dict[int, SeenEdge]]:
-    """The edges of each mirror that the frames show, by their number in the outline.
+    """Return the edges of each mirror that the frames show, by their number in the outline.
 
-    Edges are searched within `REACH_PX`. An edge is left out where it is not visible (off the sensor, or where another
-    sub-image begins without a gap), and where it differs between the halves of the frames, as when a board was held in
+    Edges are searched within `REACH_PX`. An edge is left out if it is not visible (off the sensor, or adjacent to
+    another sub-image without a gap), or if it differs between the halves of the frames, as when a board was held in
     front of the mirror's edge.
 
     Parameters
     ----------
     layout
-        A layout whose mirror planes are right.
+        A layout with calibrated mirror planes.
     extremes
-        Extremes of the frames.
+        Pixel-wise extremes of the frames.
     """
     changes = extremes.changes()
     if changes is None:
         return [{} for _ in layout.mirrors]
     found = []
     for index in range(len(layout.mirrors)):
-        whole, first, second = (
+        in_all, first, second = (
             _edges(change, layout, index, least) for change, least in zip(changes, MIN_VISIBLE, strict=True)
         )
         agreeing = {
             edge: seen
-            for edge, seen in whole.items()
+            for edge, seen in in_all.items()
             if edge in first and edge in second
             if np.abs(first[edge].off_px - second[edge].off_px).max() < HALVES_PX
         }
@@ -115,7 +115,7 @@ def seen_edges(layout: Layout, extremes: Extremes) -> list[dict[int, SeenEdge]]:
 
 
 def _edges(change: Grey, layout: Layout, index: int, min_visible: float) -> dict[int, SeenEdge]:
-    """The visible edges of an outline, by number."""
+    """Return the visible edges of an outline, by number."""
     mirror, camera = layout.mirrors[index], layout.camera
     seen, shown = mirror.apparent, shown_in_plane_mm(mirror)
     found = {}
@@ -128,19 +128,19 @@ def _edges(change: Grey, layout: Layout, index: int, min_visible: float) -> dict
             continue
 
         def pixels(s: FloatArray, d: FloatArray, side: Side = side) -> FloatArray:
-            """Pixels (..., 2) at `s` along a side and `d` out of it, in mm."""
+            """Pixels (..., 2) at `s` along a side and `d` outwards, mm."""
             flat = side.start + s[..., None] * side.along + d[..., None] * side.outward
             points = seen.rig_from_plane[:3, 3] + flat @ seen.rig_from_plane[:3, :2].T
             return camera.project(points + seen.sag_mm(points)[..., None] * seen.normal_in_rig)
 
         first, last = pixels(np.array([0.0, side.length_mm]), np.zeros(2))
         length_px = float(np.linalg.norm(last - first))
-        beside = pixels(np.full(2, side.length_mm / 2.0), np.array([0.0, 0.1]))
-        px_per_mm = float(np.linalg.norm(beside[1] - beside[0])) / 0.1
+        near = pixels(np.full(2, side.length_mm / 2.0), np.array([0.0, 0.1]))
+        px_per_mm = float(np.linalg.norm(near[1] - near[0])) / 0.1
         count = int(length_px / STEP_PX) if np.isfinite(length_px) else 0
         if count < 4:
             continue
-        # Not near the ends, where the neighbouring edges are.
+        # Skip the ends, where the adjacent edges are.
         s = side.length_mm * np.linspace(0.06, 0.94, count)
         d = np.arange(-REACH_PX, REACH_PX + FINE_PX / 2.0, FINE_PX) / px_per_mm
         at = pixels(s[:, None] + 0.0 * d, d + 0.0 * s[:, None])
@@ -163,7 +163,7 @@ def _edges(change: Grey, layout: Layout, index: int, min_visible: float) -> dict
 
 
 def _line(positions: FloatArray, offsets: FloatArray, *, least: float) -> tuple[float, float] | None:
-    """Slope and constant of the consensus line of offsets (n,), if at least `least` agree; NaN are left out."""
+    """Slope and constant of the consensus line of offsets (n,), if at least `least` agree; NaN are ignored."""
     have = np.flatnonzero(np.isfinite(offsets))
     if len(have) < least:
         return None
@@ -183,7 +183,7 @@ def _line(positions: FloatArray, offsets: FloatArray, *, least: float) -> tuple[
 
 
 def _ends_of_change(change: Grey, at: FloatArray, depths_px: FloatArray) -> FloatArray:
-    """Depth (n,) of the end of the change along profiles of pixels (n, m, 2), at depths (m,); NaN where not visible."""
+    """Depth (n,) at which the change ends along profiles of pixels (n, m, 2), at depths (m,); NaN if not visible."""
     size = np.array(change.shape[::-1], dtype=np.float64)
     on_sensor = (np.isfinite(at) & (at >= 0) & (at <= size - 1.0)).all(axis=2)
     where = np.nan_to_num(at, nan=-1.0).astype(np.float32)
@@ -194,7 +194,7 @@ def _ends_of_change(change: Grey, at: FloatArray, depths_px: FloatArray) -> Floa
 
 
 def _end_of_change(profile: FloatArray, depths: FloatArray) -> float:
-    """Depth where a profile from inside to outside falls below half of its value inside; NaN where it does not."""
+    """Depth where a profile from inside to outside falls below half of its value inside; NaN if it does not."""
     usable = np.isfinite(profile)
     if usable.sum() < 20:
         return float("nan")
@@ -203,7 +203,7 @@ def _end_of_change(profile: FloatArray, depths: FloatArray) -> float:
     if inside < MIN_CHANGE:
         return float("nan")
     below = profile < 0.5 * inside
-    # The first point from which it stays below for three pixels.
+    # The first point from which the profile stays below for three pixels.
     run = np.convolve(below, np.ones(6), mode="valid") == 6
     if not run.any() or run[0]:
         return float("nan")
@@ -213,21 +213,21 @@ def _end_of_change(profile: FloatArray, depths: FloatArray) -> float:
 
 
 def outlined(layout: Layout, edges: Sequence[dict[int, SeenEdge]]) -> tuple[Layout, tuple[str, ...]]:
-    """Move the mirrors' outlines to where the frames show them.
+    """Move the mirrors' outlines to the edges that the frames show.
 
-    An edge stays where it was not seen. A mirror stays as it is where the new edges would make the layout invalid.
+    An edge that is not visible stays. A mirror keeps its outline if the new edges would make the layout invalid.
 
     Parameters
     ----------
     layout
-        A layout whose mirror planes are right.
+        A layout with calibrated mirror planes.
     edges
-        Its `seen_edges`.
+        Result of `seen_edges`.
 
     Returns
     -------
     layout, notes
-        The layout with moved outlines, and a note on each mirror whose edges are beside their places.
+        The layout with moved outlines, and a note on each mirror with displaced edges.
     """
     waiting = {}
     for index, (mirror, seen) in enumerate(zip(layout.mirrors, edges, strict=True)):
@@ -235,13 +235,13 @@ def outlined(layout: Layout, edges: Sequence[dict[int, SeenEdge]]) -> tuple[Layo
         if moves:
             far = max(float(np.abs(edge.off_px).max()) for edge in moves.values())
             count = f"{len(moves)} of {len(mirror.outline_in_rig_mm)}"
-            text = f"mirror {layout.mirror_names[index]}: {count} edges are seen up to {far:.0f} px"
+            text = f"mirror {layout.mirror_names[index]}: {count} edges are displaced by up to {far:.0f} px"
             waiting[index] = {number: edge.line for number, edge in moves.items()}, text
     return _moved(layout, waiting)
 
 
 def _moved(layout: Layout, waiting: dict[int, tuple[dict[int, FloatArray], str]]) -> tuple[Layout, tuple[str, ...]]:
-    """The layout with the edges of some mirrors on other lines, where that is possible, and a note on each of them."""
+    """Move edges of mirrors to other lines where the layout stays valid, and return a note on each mirror."""
     notes = []
     # A mirror whose new outline overlaps another one is tried again once the other one has moved.
     refused = dict.fromkeys(waiting, "")
@@ -256,13 +256,13 @@ def _moved(layout: Layout, waiting: dict[int, tuple[dict[int, FloatArray], str]]
             else:
                 del refused[index]
     for index, (_, edges) in waiting.items():
-        outcome = f"not moved: {refused[index]}" if index in refused else "moved there"
-        notes.append(f"{edges} beside their places, {outcome}")
+        outcome = f"not moved: {refused[index]}" if index in refused else "outline moved there"
+        notes.append(f"{edges}, {outcome}")
     return layout, tuple(notes)
 
 
 def with_edges(mirror: Mirror, lines: dict[int, FloatArray]) -> Mirror:
-    """The mirror with some edges on other lines of its plane frame; raises InvalidValue where that is impossible."""
+    """Return the mirror with some edges on other lines of its plane frame; raises InvalidValue if impossible."""
     corners = mirror.outline_in_plane_mm
     unmoved = [side.moved(side, np.zeros(2)) for side in (Side.of(corners, edge) for edge in range(len(corners)))]
     edges = [lines.get(edge, line) for edge, line in enumerate(unmoved)]
@@ -272,8 +272,8 @@ def with_edges(mirror: Mirror, lines: dict[int, FloatArray]) -> Mirror:
     outline = frame[:3, 3] + found @ frame[:3, :2].T
     if not mirror.curvature_per_m.any():
         return mirror.replaced(outline_in_rig_mm=outline)
-    # The same surface, described by its tangent plane in the new middle; the angle between the two planes is so small
-    # that the curvature is the same in both.
+    # The same surface, described by its tangent plane in the new middle. The two planes differ so little that the
+    # curvature is the same in both.
     middle = found.mean(axis=0)
     xx, yy, xy = mirror.curvature_per_m / 1e3
     rise = frame[:3, :2] @ np.array([[xx, xy], [xy, yy]]) @ middle
@@ -289,7 +289,7 @@ def with_edges(mirror: Mirror, lines: dict[int, FloatArray]) -> Mirror:
 
 @dataclass(frozen=True)
 class Side:
-    """An edge of a polygon in a mirror's own frame, in mm, from `start` (2,) on; `outward` is its normal."""
+    """An edge of a polygon in a mirror's own frame, mm, from `start` (2,); `outward` (2,) is its normal."""
 
     start: FloatArray
     along: FloatArray
@@ -305,7 +305,7 @@ class Side:
         return cls(start, along, outward * np.sign(outward @ (start - polygon.mean(axis=0))), length_mm)
 
     def moved(self, other: Side, off_mm: FloatArray) -> FloatArray:
-        """The line (3,), nx x + ny y = d, of this edge moved by the offsets (2,) at the ends of the nearby `other`."""
+        """The line (3,), nx x + ny y = d, of this edge after moves (2,) at the ends of the nearby edge `other`."""
         ends = np.array([other.start, other.start + other.length_mm * other.along])
         at = (ends - self.start) @ self.along
         first, second = self.start + at[:, None] * self.along + off_mm[:, None] * self.outward
@@ -314,12 +314,12 @@ class Side:
 
 
 def shown_in_plane_mm(mirror: Mirror) -> FloatArray:
-    """The part (n, 2) of a mirror that shows the scene, where the camera sees it on the `apparent` mirror's plane.
+    """Return the part (n, 2) of a mirror that shows the scene, as seen by the camera on the `apparent` mirror's plane.
 
-    For a first-surface mirror this is all of it. For a second-surface mirror, whose front is cut like its coating, it
-    is where light both enters and leaves through the front. `Mirror.usable_normalized` approximates this by the chief
-    ray, with errors of some pixels towards the sides. Here the corners are exact: each corner of the front is seen
-    directly, and again where light leaves that entered at the corner, after twice the plate's thickness.
+    For a first-surface mirror, this is the entire mirror. For a second-surface mirror, whose front is cut like its
+    coating, it is where light both enters and leaves through the front. `Mirror.usable_normalized` approximates this by
+    the chief ray, with errors of some pixels towards the sides. Here the corners are exact: each corner of the front
+    appears directly, and again where the light that entered at the corner leaves, after twice the plate's thickness.
     """
     seen = mirror.apparent
     if not mirror.is_second_surface:

@@ -1,13 +1,12 @@
-"""Tests of the common scale of all lengths, which show a wrong size of the board's squares.
+"""Tests of the common scale of all lengths, which reveal a wrong size of the board's squares.
 
-Each mirror shows the middle of the board at a distance in proportion to the board's size. Reflected back, all of them
-show one point, which holds only at one size. A size that was stated in another unit is recognised by its ratio.
+Each mirror shows the middle of the board at a distance proportional to the board's size. Reflected back, all of these
+points coincide, which holds only at one size. The ratio reveals a size stated in another unit.
 
-A board whose squares are k times as large as stated makes all lengths 1/k times the true ones, and the pictures fit as
-well as before: corners alone cannot show it. The nominal layout can, by two kinds of lengths: distances of the virtual
-centres, and the places of the mirrors' edges, which frames show at a direction from the pupil. Both follow from a
-device that deviates from its design as a hobbyist builds it, whose camera may sit elsewhere; the remaining common
-factor is the scale.
+A board whose squares are k times as large as stated scales all lengths by 1/k, and the pictures fit as well as before:
+corners alone cannot reveal it. Two kinds of lengths of the nominal layout can: the distances of the virtual centres,
+and the positions of the mirrors' edges, which frames show as directions from the pupil. Both vary with a hobbyist's
+building tolerances and the position of the camera; the remaining common factor is the scale.
 """
 
 from __future__ import annotations
@@ -31,22 +30,22 @@ from mirrorcam.optics.geometry.tolerances import Tolerances
 from mirrorcam.optics.geometry.transforms import transform
 
 UNITS = ((10.0, "cm"), (25.4, "inches"), (1000.0, "m"))
-SAME_UNIT = 1.15  # ratio of the sizes, to that of two units
-OTHER_SIZE = 1.5  # ratio of the sizes, from which they do not differ by a print's scale
-AGREEING = 0.9  # correlation of where mirrors show the board with where they are
+SAME_UNIT = 1.15  # largest ratio of the sizes, relative to the ratio of two units
+OTHER_SIZE = 1.5  # ratio of the sizes that a print's scale cannot explain
+AGREEING = 0.9  # correlation between where mirrors show the board and where they are
 BUILT = Tolerances.hobby()
 """Standard deviations of a device from its layout, as a prior."""
 IN_PLANE_MM = 0.3  # of a mirror along its own plane, in a pocket of this clearance
-CUT_MM = 0.1  # all mirrors alike cut too large or too small: half of an uncompensated kerf
-EDGE_MM = 0.2  # one edge alone, cut and seen
-FAR_OFF = 2.0  # residual in sigmas from which an edge counts less: a mirror that was cut by hand
+CUT_MM = 0.1  # common error of the cut of all mirrors: half of an uncompensated kerf
+EDGE_MM = 0.2  # error of a single edge, in cutting and detection
+FAR_OFF = 2.0  # residual in sigmas above which an edge loses weight: a mirror that was cut by hand
 ROUNDS = 20
 ALARM_SIGMAS, REFUSED = 3.5, 0.1
 NOTED_SIGMAS, NOTED = 2.0, 0.01
 
 
 def other_size(pictures: Sequence[Grey], layout: Layout, target: Target) -> str | None:
-    """Say that pictures through the mirrors of a layout fit a board of another size; None where they do not."""
+    """Explain that pictures through a layout's mirrors fit a board of another size; None if they do not."""
     ratio = size_ratio(pictures, layout, target)
     if ratio is None or 1.0 / OTHER_SIZE < ratio < OTHER_SIZE:
         return None
@@ -55,11 +54,11 @@ def other_size(pictures: Sequence[Grey], layout: Layout, target: Target) -> str 
     for factor, unit in UNITS:
         if max(ratio / factor, factor / ratio) < SAME_UNIT:
             return f"{stated} {side * factor:.3g} mm: were they measured in {unit}?"
-    return f"{stated} {side * ratio:.2g} mm in this layout: is either of them of another device?"
+    return f"{stated} {side * ratio:.2g} mm in this layout: is either of them for another device?"
 
 
 def size_ratio(pictures: Sequence[Grey], layout: Layout, target: Target) -> float | None:
-    """Size of the board that pictures imply by the stated one; None where they do not agree on any."""
+    """Return the board's size implied by pictures, relative to the stated one; None if they are inconsistent."""
     shown, places = [], []
     for picture in pictures:
         middles = _middles(picture, layout, target)
@@ -79,7 +78,7 @@ def size_ratio(pictures: Sequence[Grey], layout: Layout, target: Target) -> floa
 
 
 def _middles(picture: Grey, layout: Layout, target: Target) -> dict[int, FloatArray]:
-    """Where the largest board in each mirror has its middle (3,), as it is seen and of the stated size."""
+    """Return the middle (3,) of the largest board in each mirror, as seen and assuming the stated size, in rig, mm."""
     found: dict[int, FloatArray] = {}
     middle = target.corners_in_board_mm.mean(axis=0, keepdims=True)
     for board, *_ in find_boards(picture, target, mirrored=True, most=2 * len(layout.mirrors)):
@@ -107,20 +106,20 @@ class CommonScale:
 def common_scale(
     layout: Layout, virtual_centres: FloatArray, edges: Sequence[Mapping[int, SeenEdge]] = ()
 ) -> CommonScale:
-    """Determine the common scale of all lengths against the nominal layout.
+    """Determine the common scale of all lengths relative to the nominal layout.
 
-    Least squares over one factor, a shift and a turn of the camera, a shift along each mirror's plane, and one error of
-    the cut; shift along the normal and tilt of each mirror are errors of its virtual centre. Edges far off count less.
-    Where the device deviates more than its tolerances, the standard deviation grows accordingly.
+    Least squares over one factor, a shift and a rotation of the camera, a shift along each mirror's plane, and one
+    error of the cut. Each mirror's shift along its normal and tilt are errors of its virtual centre. Outlying edges
+    lose weight. If the device deviates more than its tolerances, the standard deviation grows accordingly.
 
     Parameters
     ----------
     layout
         The nominal layout.
     virtual_centres
-        Those of the calibration (m, 3), in rig, mm.
+        The calibrated virtual centres (m, 3), in rig, mm.
     edges
-        What the frames show of each mirror's edges, against its nominal outline at its calibrated plane.
+        Visible edges of each mirror, relative to its nominal outline on its calibrated plane.
     """
     seen = [(mirror, edge) for mirror, of_mirror in enumerate(edges) for edge in of_mirror.values()]
     centre_rows, centres_off = _of_centres(layout, virtual_centres)
@@ -141,7 +140,7 @@ def common_scale(
 
 
 def _of_centres(layout: Layout, virtual_centres: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Rows (3m, 8 + 2m) and values of the virtual centres, in standard deviations."""
+    """Rows (3m, 8 + 2m) and values (3m,) of the virtual centres, in standard deviations."""
     nominal = layout.virtual_centres_in_rig_mm
     count = len(nominal)
     lengths = np.linalg.norm(nominal, axis=1)
@@ -149,7 +148,7 @@ def _of_centres(layout: Layout, virtual_centres: FloatArray) -> tuple[FloatArray
     along = normals[:, :, None] * normals[:, None, :]
     design = np.zeros((count, 3, 8 + 2 * count))
     design[:, :, 0] = nominal
-    # A pupil that sits t away from where it should moves each virtual centre by -2 (n.t) n.
+    # A pupil displaced by t moves each virtual centre by -2 (n.t) n.
     design[:, :, 1:4] = -2.0 * along
     design[:, :, 4:7] = -np.stack([np.cross(axis, nominal) for axis in np.eye(3)], axis=2)
     across = np.eye(3) - along
@@ -173,9 +172,9 @@ def _of_edge(layout: Layout, mirror: int, edge: SeenEdge) -> FloatArray:
 
 
 def _prior(mirrors: int) -> FloatArray:
-    """Rows (7 + 2m, 8 + 2m) that hold all unknowns but the factor near zero."""
-    turn = np.radians(BUILT.camera_turn_deg)
-    sigmas = [*[BUILT.camera_offset_mm] * 3, *[turn] * 3, CUT_MM, *[IN_PLANE_MM] * (2 * mirrors)]
+    """Rows (7 + 2m, 8 + 2m) of a zero-mean prior on all unknowns but the factor."""
+    rotation = np.radians(BUILT.camera_turn_deg)
+    sigmas = [*[BUILT.camera_offset_mm] * 3, *[rotation] * 3, CUT_MM, *[IN_PLANE_MM] * (2 * mirrors)]
     return np.eye(8 + 2 * mirrors)[1:] / np.array(sigmas)[:, None]
 
 
@@ -186,7 +185,7 @@ def scale_doubt(
     side_mm: float,
     what: Literal["square", "tag"] = "square",
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Alarms and notes on the common scale; raises InputError where it is far off and the board must be another."""
+    """Return alarms and notes on the common scale; raise InputError if it is so far off that the board is another."""
     scale = common_scale(layout, virtual_centres, edges)
     fitting_mm, sigma_mm = side_mm / scale.factor, side_mm * scale.sigma / scale.factor**2
     message = (

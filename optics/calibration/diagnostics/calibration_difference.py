@@ -1,9 +1,9 @@
-"""The difference of two calibrations of one device, as pixels of each view, and what their covariances predict of it.
+"""The difference of two calibrations of one device, in pixels of each view, and its prediction by their covariances.
 
-After the projection difference of mrcal and its implied transformation (Kogan). Two calibrations may place the rig
-differently in space: a common motion of all mirrors, or of the principal point, is nearly a motion of the scene. The
-rigid motion that makes the projections by B agree best with those by A, over points in the working volume, is taken
-out; the rest is what differs in a measurement.
+After mrcal's projection difference with an implied transformation (Kogan). Two calibrations may place the rig
+differently in space: a common motion of all mirrors, or of the principal point, nearly equals a motion of the scene. So
+the rigid motion that best aligns the projections by B with the projections by A, over points in the working volume, is
+removed; the rest is the difference that affects a measurement.
 """
 
 from __future__ import annotations
@@ -32,12 +32,12 @@ from mirrorcam.optics.geometry.layout import VOLUME, Layout
 from mirrorcam.optics.geometry.transforms import rigid, transform
 
 NOISE_RATIO = 2.5
-"""Ratio of difference and sigma in the worst view that noise alone exceeds in one comparison of a hundred, or fewer."""
+"""Ratio of difference to sigma in the worst view that noise alone exceeds in at most 1 % of comparisons."""
 UNLIKE = 3.0
-"""Views that differ by more than this many times the median view hardly count in the motion."""
+"""Multiple of the median view's difference above which a view hardly counts in the motion."""
 MOST_STEPS, STEADY_MM, ROUNDING_PX = 100, 1e-8, 1e-9
 ProjectPoints = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
-"""Pixels (n, 2) of points (n, 3) in mm, each by its own view, and their derivatives (n, 2, 3) by the points, px/mm."""
+"""Maps points (n, 3), mm, each in its view, to pixels (n, 2) and their derivatives (n, 2, 3), px/mm."""
 
 
 @dataclass(frozen=True)
@@ -49,13 +49,13 @@ class ViewDifference:
     view
         Mirror index, or DIRECT.
     pixels
-        Where A shows the points (n, 2).
+        Pixels (n, 2) at which A shows the points.
     difference_px
-        Where B shows the same points, less `pixels` (n, 2).
+        Pixels (n, 2) at which B shows the same points, minus `pixels`.
     difference_mm
-        The shortest shift (n,) of a point that A would show so.
+        Shortest shift (n,) of a point that has the same effect in A.
     covariance_px
-        Predicted covariance (n, 2, 2) of `difference_px`; zero where neither calibration has one.
+        Predicted covariance (n, 2, 2) of `difference_px`; zero if neither calibration has one.
     sigma_mm
         Predicted standard deviation (n,) of the shift, over both directions.
     """
@@ -85,17 +85,17 @@ class CalibrationDifference:
     Attributes
     ----------
     views
-        Mirrors in their order, then the direct view where the device has one.
+        Mirrors in order, then the direct view if the device has one.
     range_mm
         Distance of the points from the centre of projection of each view.
     b_from_a
-        The rigid motion (4, 4) that was taken out, mm, from A's rig to B's.
+        The removed rigid motion (4, 4), mm, from A's rig to B's.
     turn_deg
-        Its rotation vector (3,).
+        Its rotation vector (3,), degrees.
     shift_mm
-        Its shift (3,) of the middle of the points.
+        Its displacement (3,) of the middle of the points, mm.
     predicted
-        Whether A and whether B has a covariance.
+        Whether A and B each have a covariance.
     """
 
     views: tuple[ViewDifference, ...]
@@ -106,7 +106,7 @@ class CalibrationDifference:
     predicted: tuple[bool, bool]
 
     def figures(self, views: Sequence[ViewDifference]) -> dict[str, Metric]:
-        """Root mean square and largest difference over some views; with a covariance also sigma, and their ratio."""
+        """Rms and largest difference over some views; with a covariance, also sigma and their ratio."""
         rms, sigma = _rms([each.length_px for each in views]), _rms([each.sigma_px for each in views])
         figures = {
             "rms_px": (rms, "px"),
@@ -123,13 +123,13 @@ class CalibrationDifference:
 
     @property
     def worst(self) -> tuple[ViewDifference, float] | None:
-        """The view whose difference is largest in its predicted sigma, and that ratio; None without a covariance."""
+        """The view with the largest ratio of difference to sigma, and that ratio; None without a covariance."""
         ratios = [(each, figures["ratio"].value) for each in self.views if "ratio" in (figures := self.figures([each]))]
         return max(ratios, key=lambda pair: pair[1], default=None)
 
     @property
     def motion(self) -> dict[str, Metric]:
-        """Size of the motion that was taken out, and its components."""
+        """Size and components of the removed motion."""
         figures = {}
         for name, unit, vector in (("turn_deg", "deg", self.turn_deg), ("shift_mm", "mm", self.shift_mm)):
             figures[f"motion_{name}"] = Metric(value=_beyond_rounding(float(np.linalg.norm(vector))), unit=unit)
@@ -140,7 +140,7 @@ class CalibrationDifference:
 
 
 def _beyond_rounding(value: float) -> float:
-    """A figure; 0 where it is smaller than what rounding leaves of equal layouts."""
+    """Return a figure, or 0 if rounding of equal layouts explains it."""
     return value if abs(value) > ROUNDING_PX else 0.0
 
 
@@ -154,14 +154,14 @@ def calibration_difference(a: Layout, b: Layout, *, range_mm: float) -> Calibrat
     Parameters
     ----------
     a, b
-        The layouts. Their noise is taken as independent, so that covariances add.
+        The layouts. Their noise is assumed independent, so covariances add.
     range_mm
-        Distance of the points of the map from the centre of projection of each view.
+        Distance of the points of the map from each view's centre of projection, mm.
 
     Raises
     ------
     InputError
-        Where the layouts are of different devices, or B does not show what A shows.
+        If the layouts belong to different devices, or B does not show the points that A shows.
     """
     _refuse_other_device(a, b)
     points = _Points.in_volume(a, b, range_mm)
@@ -190,17 +190,17 @@ def calibration_difference(a: Layout, b: Layout, *, range_mm: float) -> Calibrat
 
 
 def _predicted(layout: Layout, shown: ProjectedPoints, columns: FloatArray, weights: FloatArray) -> FloatArray:
-    """Covariances (n, 2, 2) of differences due to one layout's, where the motion follows; zero without a covariance."""
+    """Covariances (n, 2, 2) of the differences from one layout, with the motion refitted; zero without a covariance."""
     if layout.uncertainty is None:
         return np.zeros((len(weights), 2, 2))
-    left = without_motion(shown.by_parameter, columns, weights)
-    return propagated(left, layout.uncertainty.covariance)
+    rest = without_motion(shown.by_parameter, columns, weights)
+    return propagated(rest, layout.uncertainty.covariance)
 
 
 def _of_view(
     view: int, pixels: FloatArray, difference: FloatArray, by_point: FloatArray, covariance: FloatArray
 ) -> ViewDifference:
-    """The difference in one view, also as shifts of the points by which A's pixels change by `by_point`."""
+    """Build the difference in one view, also as shifts of the points, given A's pixel derivatives `by_point`."""
     across: FloatArray = np.linalg.pinv(by_point).astype(np.float64)
     shifts = np.linalg.norm(np.einsum("nij,nj->ni", across, difference), axis=1)
     variances = np.trace(propagated(across, covariance), axis1=1, axis2=2)
@@ -208,18 +208,18 @@ def _of_view(
 
 
 def view_label(layout: Layout, view: int) -> str:
-    """What people call a view."""
+    """Name of a view in texts."""
     return "direct view" if view == DIRECT else f"mirror {layout.mirror_names[view]}"
 
 
 def _views(layout: Layout) -> tuple[int, ...]:
-    """The mirrors, and the direct view where the scene lies before the camera itself."""
+    """The mirrors, and the direct view if the scene lies in front of the camera itself."""
     mirrors = tuple(range(len(layout.mirrors)))
     return (*mirrors, DIRECT) if np.array_equal(layout.view_from_rig, np.eye(3)) else mirrors
 
 
 def _refuse_other_device(a: Layout, b: Layout) -> None:
-    """Raise InputError where two layouts cannot be calibrations of one device."""
+    """Raise InputError if two layouts cannot be calibrations of one device."""
     sizes = [f"{each.camera.width_px}x{each.camera.height_px} px" for each in (a, b)]
     if sizes[0] != sizes[1]:
         raise InputError(f"the second layout's pictures have {sizes[1]}, expected {sizes[0]} as the first's")
@@ -247,14 +247,14 @@ def _refuse_other_device(a: Layout, b: Layout) -> None:
 
 
 def _extent(layout: Layout, view: int) -> FloatArray:
-    """Least and greatest pixel (2, 2) of a sub-image."""
+    """Lowest and highest pixel (2, 2) of a sub-image."""
     outline = outline_px(layout, view)
     return np.array([outline.min(axis=0), outline.max(axis=0)])
 
 
 @dataclass(frozen=True)
 class _Points:
-    """Points of the working volume: their views (n,), pixels (n, 2) and places (n, 3) in the rigs of A and of B."""
+    """Points of the working volume: views (n,), pixels (n, 2), and positions (n, 3) in the rigs of A and of B, mm."""
 
     view: IntArray
     pixels: FloatArray
@@ -264,7 +264,7 @@ class _Points:
 
     @classmethod
     def in_volume(cls, a: Layout, b: Layout, range_mm: float) -> _Points:
-        """Points that A shows; those in B are where B sees the pixels of A, at the same distance."""
+        """Sample points that A shows; B sees its points at the same pixels and distances."""
         parts = []
         for view in _views(a):
             pixels = grid_px(a, view)
@@ -279,12 +279,12 @@ class _Points:
         return points
 
     def where(self, mask: NDArray[np.bool_]) -> _Points:
-        """The points of a boolean mask (n,)."""
+        """Select the points of a boolean mask (n,)."""
         return _Points(self.view[mask], self.pixels[mask], self.in_a[mask], self.in_b[mask], self.on_map[mask])
 
 
 def _shown(layout: Layout, view: IntArray, points_in_rig: FloatArray) -> NDArray[np.bool_]:
-    """Which of points (n, 3) their views (n,) show: in front of the mirror and of the camera, and within the lens."""
+    """Mask of points (n, 3) that their views (n,) show: in front of mirror and camera, and within the lens's range."""
     seen = np.array(np.isfinite(project_points(layout, view, points_in_rig).pixels).all(axis=1))
     for each in np.unique(view):
         at = view == each
@@ -294,9 +294,9 @@ def _shown(layout: Layout, view: IntArray, points_in_rig: FloatArray) -> NDArray
 
 
 def _rigid_motion(a: Layout, b: Layout, points: _Points) -> tuple[FloatArray, FloatArray]:
-    """The motion b_from_a (4, 4) that makes projections agree best, and the weights (n,) of the points in it.
+    """Return the motion b_from_a (4, 4) that best aligns the projections, and the weights (n,) of the points in it.
 
-    It starts from the motion that takes the points of A nearest to those of B.
+    It starts from the motion that best aligns the points themselves.
     """
 
     def project_in_b(points_in_b: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -308,7 +308,7 @@ def _rigid_motion(a: Layout, b: Layout, points: _Points) -> tuple[FloatArray, Fl
 
 
 def _nearest_motion(points: _Points) -> FloatArray:
-    """The rigid motion b_from_a (4, 4) that takes the points of A nearest to those of B, by least squares."""
+    """Return the rigid motion b_from_a (4, 4) that aligns the points of A with the points of B by least squares."""
     middle_a, middle_b = points.in_a.mean(axis=0), points.in_b.mean(axis=0)
     turn = Rotation.align_vectors(points.in_b - middle_b, points.in_a - middle_a)[0].as_matrix()
     return rigid(turn, middle_b - turn @ middle_a)
@@ -323,11 +323,10 @@ def best_motion(
     *,
     scaled: bool = False,
 ) -> tuple[FloatArray, FloatArray]:
-    """The motion b_from_a (4, 4) after which B shows points (n, 3) of A where A does, and their weights (n,) in it.
+    """Return the motion b_from_a (4, 4) with which B best shows points (n, 3) at A's pixels, and the weights (n,).
 
-    A weighted least squares of pixels, by Gauss and Newton. Weights are Geman and McClure's of the views' root mean
-    squares, so that one mirror that moved shows in its own view alone.
-
+    Weighted least squares of pixels by Gauss-Newton. Geman-McClure weights of the views' rms differences limit the
+    effect of a mirror that moved to its own view.
     Parameters
     ----------
     shown_px
@@ -335,13 +334,13 @@ def best_motion(
     view
         The view (n,) of each point.
     points_in_a
-        Points (n, 3), mm.
+        Points (n, 3) in A's rig, mm.
     project_in_b
-        B's projection of points in its own rig, each by its view; NaN where B does not show one.
+        B's projection of points in its own rig, each in its view; NaN where B does not show one.
     start
         Motion (4, 4) to start from.
     scaled
-        Whether B has no scale of its own: then the motion is a similarity.
+        Whether B's scale is free, so that the motion is a similarity.
     """
     b_from_a, weights = start, np.ones(len(shown_px))
     lever_mm = float(np.linalg.norm(points_in_a - points_in_a.mean(axis=0), axis=1).max())
@@ -350,7 +349,7 @@ def best_motion(
         pixels, by_point = project_in_b(moved)
         off = pixels - shown_px
         kept = np.isfinite(off).all(axis=1) & np.isfinite(by_point).all(axis=(1, 2))
-        off[~kept], by_point[~kept] = 0.0, 0.0  # some may be behind a mirror on the way
+        off[~kept], by_point[~kept] = 0.0, 0.0  # during iterations, points may lie behind a mirror
         weights = view_weights(off, view)
         root = np.sqrt(weights)[:, None]
         columns = by_motion(by_point, moved, lever_mm, scaled=scaled)
@@ -366,7 +365,7 @@ def best_motion(
 
 
 def view_weights(off_px: FloatArray, view: NDArray[np.int64]) -> FloatArray:
-    """Weights (n,) of points with differences (n, 2), one for each view."""
+    """Weights (n,) of points with differences (n, 2); all points of a view have the same weight."""
     views, place = np.unique(view, return_inverse=True)
     rms = np.array([np.sqrt(np.mean(off_px[view == each] ** 2)) for each in views])
     usual = UNLIKE * max(float(np.median(rms)), ROUNDING_PX)
@@ -376,8 +375,8 @@ def view_weights(off_px: FloatArray, view: NDArray[np.int64]) -> FloatArray:
 def by_motion(by_point: FloatArray, points: FloatArray, lever_mm: float, *, scaled: bool = False) -> FloatArray:
     """Derivatives (n, 2, 6) of pixels by a motion of their points (n, 3), all in px/mm; (n, 2, 7) with a scale.
 
-    The first three are of a rotation about the points' middle, in mm at the lever, the next of a shift, the last of a
-    scale about the middle, in mm at the lever.
+    The first three columns rotate about the points' middle, in mm at the lever, the next three shift, and the last one
+    scales about the middle, in mm at the lever.
     """
     from_middle = (points - points.mean(axis=0)) / lever_mm
     by_turn = np.cross(from_middle[:, None, :], by_point)  # J (w x p) = w . (p x J)
@@ -388,7 +387,7 @@ def by_motion(by_point: FloatArray, points: FloatArray, lever_mm: float, *, scal
 
 
 def without_motion(by_parameter: FloatArray, columns: FloatArray, weights: FloatArray) -> FloatArray:
-    """Derivatives (n, 2, g) of differences by parameters, where the motion (n, 2, 6 or 7) follows the parameters."""
+    """Derivatives (n, 2, g) of differences by parameters, with the motion (n, 2, 6 or 7) refitted to the change."""
     root = np.repeat(np.sqrt(weights), 2)[:, None]
     flat = by_parameter.reshape(-1, by_parameter.shape[-1])
     follows = np.linalg.lstsq(root * columns.reshape(-1, columns.shape[-1]), root * flat, rcond=None)[0]

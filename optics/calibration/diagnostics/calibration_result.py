@@ -1,4 +1,4 @@
-"""The result of a calibration: the calibrated layout, how well it fits, and its uncertainty."""
+"""The result of a calibration: the calibrated layout, its fit, and its uncertainty."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ HOLD_OUT_EVERY = 5
 
 @dataclass(frozen=True)
 class Calibration:
-    """A calibrated layout, the fit behind it, and its diagnostics.
+    """A calibrated layout with its fit and diagnostics.
 
     Attributes
     ----------
@@ -35,21 +35,21 @@ class Calibration:
     rig_from_board
         Board poses (f, 4, 4), rigid, mm: frames with mirrors first, then frames of the bare camera.
     observations
-        The corners (n rows) that the fit used.
+        The corners (n rows) used for the fit.
     residuals_px
         Predicted minus observed pixels (n, 2).
     inliers
-        Which corners took part in the final least squares (n,).
+        Mask (n,) of the corners in the final least-squares fit.
     metrics
-        Flat figures, as in `metrics.json`.
+        Scalar results, as in `metrics.json`.
     notes
         What was not found or not used, one sentence each.
     diagnostics
-        Uncertainty of the result and tests of its model.
+        Uncertainty of the result, and tests of its model.
     pictures
         Name of the picture of each frame (f).
     residual_scale
-        Standard deviation of residuals in those that the observations state; None where only residuals give it.
+        Standard deviation of residuals relative to the stated ones; None if it can only be estimated from residuals.
     """
 
     layout: Layout
@@ -65,7 +65,7 @@ class Calibration:
 
     @property
     def corner_sigma_px(self) -> FloatArray:
-        """Standard deviation (n,) of each corner, per axis, as the residuals of all of them scale it."""
+        """Standard deviation (n,) of each corner, per axis, scaled to the residuals of all corners."""
         if self.residual_scale is not None:
             return self.residual_scale * self.observations.sigma_px
         relative = self.observations.standardised(self.residuals_px)[self.inliers]
@@ -88,7 +88,7 @@ class Calibration:
         diagnostics: Diagnostics,
         pictures: tuple[str, ...],
     ) -> Self:
-        """The calibration of a solution; `layout` gets its covariance and the metrics."""
+        """Build the calibration of a solution; `layout` gets its covariance and metrics."""
         return cls(
             layout=layout.replaced(metrics=metrics, uncertainty=uncertainty(solution)),
             rig_from_board=solution.estimate.rig_from_board,
@@ -103,7 +103,7 @@ class Calibration:
         )
 
     def with_damaged_pictures(self, damaged: Sequence[DamagedPicture]) -> Self:
-        """The calibration with a note of each picture that was left out as damaged, and their number in the metrics."""
+        """Add a note on each damaged picture that was skipped, and their number to the metrics."""
         if not damaged:
             return self
         metrics = self.metrics | {"damaged_pictures": Metric(value=len(damaged), unit="1")}
@@ -112,7 +112,7 @@ class Calibration:
 
 
 def uncertainty(solution: Solution) -> Uncertainty:
-    """The covariance of camera and mirrors with the names of the parameters; the board's modes are marginalised."""
+    """Return the named covariance of camera and mirrors, marginalised over the board's modes."""
     places = [place for place, name in enumerate(solution.parameters) if not name.startswith("board ")]
     covariance = solution.covariance[np.ix_(places, places)]
     names = tuple(solution.parameters[place] for place in places)
@@ -120,9 +120,9 @@ def uncertainty(solution: Solution) -> Uncertainty:
 
 
 def mirror_sigmas(layout: Layout) -> list[tuple[float, float]]:
-    """Standard deviations of each mirror's normal (rad), along its worst direction, and distance (mm)."""
+    """Standard deviations of each mirror's normal along its worst direction (rad), and of its distance (mm)."""
     if layout.uncertainty is None:
-        raise ValueError("the layout carries no uncertainty, expected a calibrated one")
+        raise ValueError("the layout has no uncertainty, expected a calibrated one")
     centres = np.array([mirror.virtual_centre_in_rig_mm for mirror in layout.mirrors])
     tilts, distances = normal_and_distance_sigmas(centres, mirror_covariance(layout.uncertainty))
     return list(zip(tilts.tolist(), distances.tolist(), strict=True))
@@ -141,7 +141,7 @@ def angle_between_mirrors(centre_a: FloatArray, centre_b: FloatArray, covariance
     Returns
     -------
     angle, sigma
-        In radians.
+        Radians.
     """
     a, b = centre_a / np.linalg.norm(centre_a), centre_b / np.linalg.norm(centre_b)
     cosine = float(np.clip(a @ b, -1.0, 1.0))
@@ -153,7 +153,7 @@ def angle_between_mirrors(centre_a: FloatArray, centre_b: FloatArray, covariance
 
 
 def fit_metrics(observations: Observations, solution: Solution) -> dict[str, Metric]:
-    """Root mean square residuals per axis and per view, counts, and the standard deviations of the mirrors."""
+    """Rms residuals per axis and per view, counts, and standard deviations of the mirrors."""
     used = solution.residuals[solution.inliers]
     rms = solution.rms_px
     metrics = {
@@ -183,10 +183,10 @@ def fit_metrics(observations: Observations, solution: Solution) -> dict[str, Met
 
 
 def spatial_rms_mm(estimate: Estimate, observations: Observations, inliers: BoolArray, board: Board) -> float:
-    """Root mean square distance of each corner from the ray traced from its pixel, mm.
+    """Rms distance of each corner from the ray traced from its pixel, mm.
 
-    This is the paper's spatial reprojection error. Mirrors preserve distances, so it is computed where the base camera
-    sees the corner, in front of the reflection.
+    This is the paper's spatial reprojection error. Mirrors preserve distances, so it is computed at the corner's image
+    in front of the base camera.
     """
     rows = observations.where(inliers)
     _, _, seen = points_at_camera(estimate, rows, board)
@@ -198,30 +198,30 @@ def spatial_rms_mm(estimate: Estimate, observations: Observations, inliers: Bool
 def held_out_metrics(
     solution: Solution, observations: Observations, model: Model, *, mirrored_frames: int
 ) -> dict[str, Metric]:
-    """Errors of predicting every fifth mirrored frame by a calibration without these; only their poses are fitted.
+    """Errors of every fifth mirrored frame as predicted by a fit without these; only their poses are fitted.
 
-    Empty where there are too few frames to leave one out.
+    Empty if there are too few frames to hold one out.
     """
     if mirrored_frames <= HOLD_OUT_EVERY:
         return {}
     out = np.zeros(len(solution.estimate.rig_from_board), dtype=bool)
     out[HOLD_OUT_EVERY - 1 : mirrored_frames : HOLD_OUT_EVERY] = True
-    left = held_out(solution.estimate, observations, model, out)
+    predicted = held_out(solution.estimate, observations, model, out)
     rms_sigmas = float(np.sqrt(np.mean(solution.standardised[solution.inliers] ** 2)))
-    spatial = spatial_rms_mm(left.estimate, left.observations, left.inliers, left.board)
+    spatial = spatial_rms_mm(predicted.estimate, predicted.observations, predicted.inliers, predicted.board)
     return {
-        "held_out_rms_x_px": Metric(value=left.rms_px[0], unit="px"),
-        "held_out_rms_y_px": Metric(value=left.rms_px[1], unit="px"),
-        "held_out_scale": Metric(value=left.rms_sigmas / rms_sigmas, unit="1"),
-        "held_out_outliers": Metric(value=int((~left.inliers).sum()), unit="1"),
+        "held_out_rms_x_px": Metric(value=predicted.rms_px[0], unit="px"),
+        "held_out_rms_y_px": Metric(value=predicted.rms_px[1], unit="px"),
+        "held_out_scale": Metric(value=predicted.rms_sigmas / rms_sigmas, unit="1"),
+        "held_out_outliers": Metric(value=int((~predicted.inliers).sum()), unit="1"),
         "held_out_spatial_rms_mm": Metric(value=spatial, unit="mm"),
     }
 
 
 def as_estimated(layout: Layout, estimate: Estimate) -> Layout:
-    """A nominal layout with the camera, planes, plates and curvatures of an estimate, without figures.
+    """Return a nominal layout with an estimate's camera, planes, plates and curvatures, and without metrics.
 
-    A plate that comes out as none, which raises an alarm, is as thin as a layout can have it.
+    A plate thickness at or below zero, which raises an alarm, is replaced by the least valid one.
     """
     thickness_mm = np.maximum(estimate.thickness_mm, LENGTH_MM.least)
     mirrors = tuple(
@@ -240,11 +240,11 @@ def as_estimated(layout: Layout, estimate: Estimate) -> Layout:
 
 
 def moved_to(mirror: Mirror, virtual_centre: FloatArray) -> Mirror:
-    """The mirror as a rigid body, moved the shortest way (tilt, then shift along the normal) to a measured plane."""
+    """Move a mirror rigidly to a measured plane by the least motion: a tilt, then a shift along the normal."""
     normal = -virtual_centre / np.linalg.norm(virtual_centre)
     axis = np.cross(mirror.normal_in_rig, normal)
     cosine = float(mirror.normal_in_rig @ normal)
-    # Rodrigues' formula with sine and axis in one vector; the planes are never opposite.
+    # Rodrigues' formula with the sine included in the axis; the planes are never opposite.
     skew = np.array([[0.0, -axis[2], axis[1]], [axis[2], 0.0, -axis[0]], [-axis[1], axis[0], 0.0]])
     rotation = np.eye(3) + skew + skew @ skew / (1.0 + cosine)
     middle = mirror.outline_in_rig_mm.mean(axis=0)

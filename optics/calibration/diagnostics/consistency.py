@@ -1,7 +1,6 @@
-"""Consistency of observed corners before a calibration, and plausibility of the finished fit.
+"""Consistency of the observed corners before a calibration, and plausibility of the finished fit.
 
-A refusal is an InputError with what was observed, where, and what to do. Everything else is returned as notes for the
-user.
+A refusal is an InputError with the observation, its place, and a remedy. Everything else is returned as notes.
 """
 
 from __future__ import annotations
@@ -20,23 +19,23 @@ from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 
 MIN_CORNERS_PER_MIRROR = 20
-ELSEWHERE_CELLS = 0.5  # a corner farther than this from its prediction is nearer to another corner's
-MAX_VIEWS_ELSEWHERE = 0.2  # fraction of all views; more, and the pictures as a whole are refused
+ELSEWHERE_CELLS = 0.5  # a corner farther than this from its prediction is closer to another corner's
+MAX_VIEWS_ELSEWHERE = 0.2  # fraction of all views above which all pictures are refused
 MAX_MIRROR_ELSEWHERE = 0.5  # the same for the views of one mirror
-MAX_ODD_CORNERS = 0.1  # fraction of all corners, likewise
+MAX_ODD_CORNERS = 0.1  # the same for corners
 MAX_CAMERA_SIGMAS = 5.0  # rms over the intrinsics, between frames with and without mirrors
-# Sigmas between them from which error bounds are widened (by chance once in 1,000 sets), and from which a note is made:
-# errors of corners in one view are correlated, so that up to about 2.5 occurs in good sets.
+# Sigmas between them above which error bounds are widened (by chance once in 1,000 sets), and above which a note is
+# added: errors of corners in one view are correlated, so good sets reach about 2.5.
 DRIFT_WIDENS, DRIFT_NOTED = 1.8, 3.0
 PLAIN_INTRINSICS = 9  # of a Brown-Conrady lens
 MAX_OUTLIERS = 0.1  # fraction of all corners
-MAX_NORMAL_DEG, MAX_DISTANCE = 1.0, 0.05  # sigmas beyond which a linear error bound is meaningless
+MAX_NORMAL_DEG, MAX_DISTANCE = 1.0, 0.05  # sigmas above which linear error bounds are invalid
 PARALLEL_DEG = 5.0
 OTHER_FOCAL = 0.05  # relative
 
 
 def every_mirror_shown(mirrored: Observations, frames: int, mirrors: Sequence[str]) -> None:
-    """Raise InputError where one of the named mirrors shows too few corners in all `frames` frames together."""
+    """Raise InputError if a named mirror shows too few corners in all `frames` frames together."""
     if not len(mirrored):
         raise InputError(f"no corner of the board found in any of {frames} frames")
     counts = np.bincount(mirrored.view, minlength=len(mirrors))
@@ -49,9 +48,9 @@ def every_mirror_shown(mirrored: Observations, frames: int, mirrors: Sequence[st
 
 
 def unseen_rows(frames: Sequence[Observations], corners_in_board_mm: FloatArray) -> tuple[str, ...]:
-    """A note where the board's last rows are in no picture: it may have fewer, which changes no corner's place.
+    """Note rows at the end of the board that no picture shows: the board may be shorter, with its corners unchanged.
 
-    Of a board of tags, which are numbered from below, these are the first ones.
+    For a board of tags, which are numbered from below, these are the first rows.
     """
     heights = np.unique(corners_in_board_mm[:, 1])
     seen = np.concatenate([corners_in_board_mm[o.corner, 1] for o in frames])
@@ -74,8 +73,8 @@ def unseen_rows(frames: Sequence[Observations], corners_in_board_mm: FloatArray)
 def repeated_frames(frames: Sequence[Observations]) -> dict[int, int]:
     """Map each frame that repeats an earlier one to the first frame with the same corners at the same pixels.
 
-    Two pictures never agree to the last digit: such a frame is one picture given twice, and counting it twice would
-    make the error bounds too narrow.
+    Noise makes two pictures differ, so a repeated frame is one picture given twice, which would make the error bounds
+    too narrow.
     """
     first: dict[bytes, int] = {}
     found = {}
@@ -90,10 +89,10 @@ def repeated_frames(frames: Sequence[Observations]) -> dict[int, int]:
 
 
 def odd_corners(observations: Observations, camera: Camera, corners_in_board_mm: FloatArray) -> BoolArray:
-    """Rows (n,) that contradict the homography through the other corners of their view.
+    """Mask (n,) of corners that contradict the homography through the other corners of their view.
 
-    A flat board's undistorted picture is a homography, wherever mirrors and board are. A view in which fewer than half
-    of the corners agree is odd as a whole.
+    An undistorted picture of a flat board is a homography of it, in any mirror. In a view where fewer than half of the
+    corners agree, all are marked.
     """
     normalized = camera.normalized_from_pixels(observations.pixels)
     ideal = normalized * [camera.fx_px, camera.fy_px]
@@ -114,14 +113,14 @@ def odd_corners(observations: Observations, camera: Camera, corners_in_board_mm:
 def board_fits(
     observations: Observations, odd: BoolArray, names: Sequence[str], mirrors: Sequence[str]
 ) -> tuple[str, ...]:
-    """Notes on the odd corners found by `odd_corners`; `names` are those of the frames.
+    """Return notes on the corners marked by `odd_corners`; `names` are the frames' names.
 
-    Raises InputError where they are so many that the pictures must show another board.
+    Raises InputError if they are so many that the pictures must show another board.
     """
     if len(odd) and odd.mean() > MAX_ODD_CORNERS:
         raise InputError(
             f"{odd.mean():.0%} of the corners lie where no flat board of this drawing has them, expected under "
-            f"{MAX_ODD_CORNERS:.0%}: are rows, columns and markers those of board.toml, and is one board in view?"
+            f"{MAX_ODD_CORNERS:.0%}: are rows, columns and markers as in board.toml, and is one board in view?"
         )
     notes = []
     for rows in _by_view(observations):
@@ -134,10 +133,9 @@ def board_fits(
 def consistent_views(
     observations: Observations, residuals_px: FloatArray, names: Sequence[str], mirrors: Sequence[str]
 ) -> tuple[BoolArray, tuple[str, ...]]:
-    """Keep the views that show the board where the other views of their frame do.
+    """Keep the views that agree with the other views of their frame on the board's pose.
 
-    A frame in which half of the views or more disagree is left out as a whole.
-
+    A frame is dropped if half of its views or more disagree.
     Parameters
     ----------
     observations
@@ -150,12 +148,12 @@ def consistent_views(
     Returns
     -------
     kept, notes
-        The rows to keep (n,), and a note on each view or frame that is left out.
+        Mask (n,) of the rows to keep, and a note on each dropped view or frame.
 
     Raises
     ------
     InputError
-        Where many views, or most views of one mirror, disagree.
+        If many views, or most views of one mirror, disagree.
     """
     groups = _by_view(observations)
     if not groups:
@@ -167,10 +165,10 @@ def consistent_views(
     torn = [number for number in np.unique(frame[elsewhere]) if elsewhere[frame == number].mean() >= 0.5]
     elsewhere |= np.isin(frame, torn)
     _refuse_many_elsewhere(elsewhere, shift, view, mirrors)
-    notes = [f"{names[number]}: its views do not agree on one place of the board, not used" for number in torn]
+    notes = [f"{names[number]}: its views disagree on the board's pose, not used" for number in torn]
     kept = np.ones(len(observations), dtype=bool)
-    for rows, away, by in zip(groups, elsewhere, shift, strict=True):
-        if away:
+    for rows, is_off, by in zip(groups, elsewhere, shift, strict=True):
+        if is_off:
             kept[rows] = False
             if observations.frame[rows[0]] not in torn:
                 where = _place(observations, rows, names, mirrors)
@@ -179,24 +177,24 @@ def consistent_views(
 
 
 def _refuse_many_elsewhere(elsewhere: BoolArray, shift: FloatArray, view: IntArray, mirrors: Sequence[str]) -> None:
-    """Raise InputError where too many of all views (k,), or of one mirror's, show the board `elsewhere`."""
+    """Raise InputError if too many of all views (k,), or of one mirror's, show the board `elsewhere`."""
     cause = "two boards in view, a board that moved, or pictures of another device?"
     if elsewhere.mean() > MAX_VIEWS_ELSEWHERE:
         raise InputError(
-            f"{int(elsewhere.sum())} of {len(view)} views show the board elsewhere than the others of their frames, "
+            f"{int(elsewhere.sum())} of {len(view)} views disagree with others of their frames on the board's place "
             f"by {np.median(shift[elsewhere]):.1f} squares: {cause}"
         )
     for mirror in np.unique(view[elsewhere]):
         of = view == mirror
         if elsewhere[of].mean() > MAX_MIRROR_ELSEWHERE:
             raise InputError(
-                f"mirror {mirrors[mirror]} shows the board elsewhere than the other views in "
+                f"mirror {mirrors[mirror]} disagrees with the other views on the board's place in "
                 f"{int(elsewhere[of].sum())} of {int(of.sum())} frames: {cause}"
             )
 
 
 def _by_view(observations: Observations) -> list[IntArray]:
-    """The rows of each view of each frame, by frame and view."""
+    """Row indices of each view of each frame, ordered by frame and view."""
     order = np.lexsort((observations.view, observations.frame))
     changes = np.flatnonzero(np.diff(observations.frame[order]) | np.diff(observations.view[order])) + 1
     return [rows for rows in np.split(order, changes) if len(rows)]
@@ -216,11 +214,10 @@ def _place(observations: Observations, rows: IntArray, names: Sequence[str], mir
 
 
 def camera_disagreement(apart: Sequence[FloatArray], together: FloatArray, *, unknowns: int, common: int) -> float:
-    """Disagreement of two sets of frames about the camera, in sigmas (1 is expected where they agree).
+    """Disagreement of two sets of frames on the camera, in sigmas (about 1 if they agree).
 
-    The square is the F statistic of G. C. Chow's test (Econometrica 28, 591, 1960) for nine intrinsics; for more, what
-    exceeds the expected statistic is counted as if it were of nine.
-
+    The square is the F statistic of G. C. Chow's test (Econometrica 28, 591, 1960) for nine intrinsics. For more
+    intrinsics, the excess over its expectation is treated as if there were nine.
     Parameters
     ----------
     apart
@@ -230,20 +227,20 @@ def camera_disagreement(apart: Sequence[FloatArray], together: FloatArray, *, un
     unknowns
         Number of parameters of the separate fits.
     common
-        Number of those that the common fit has once, the intrinsics.
+        Number of parameters that the common fit has once: the intrinsics.
     """
     separate = np.concatenate([r.ravel() for r in apart])
     noise = float(separate @ separate) / max(separate.size - unknowns, 1)
     worse = float(np.sum(together**2)) - float(separate @ separate)
-    # Of a lens with more numbers, those that agree would hide the few that do not.
+    # Otherwise, the agreeing parameters of a lens with many would hide the few that disagree.
     excess = worse / noise - common
     return float(np.sqrt(max(1.0 + excess / PLAIN_INTRINSICS, 0.0)))
 
 
 def drift_note(disagreement: float, focal_px: tuple[float, float]) -> tuple[str, ...]:
-    """A note where frames with and without mirrors disagree about the camera by more sigmas than chance explains.
+    """Note a disagreement on the camera between frames with and without mirrors beyond chance.
 
-    `focal_px` are the focal lengths that each kind gives. Raises InputError where it cannot be one camera.
+    `focal_px` are the focal lengths from either kind. Raises InputError if it cannot be one camera.
     """
     if disagreement > MAX_CAMERA_SIGMAS:
         raise InputError(
@@ -255,12 +252,12 @@ def drift_note(disagreement: float, focal_px: tuple[float, float]) -> tuple[str,
         return ()
     return (
         f"frames with and without mirrors disagree about the camera by {disagreement:.1f} sigmas, as if its focus had "
-        "changed between them: all error bounds are that much wider",
+        "changed between them: all error bounds are widened by this factor",
     )
 
 
 def pose_notes(rig_from_board: FloatArray) -> tuple[str, ...]:
-    """Notes on poses (f, 4, 4) of the board that make the error bounds wider than necessary."""
+    """Return notes on poses (f, 4, 4) of the board that make the error bounds wider than necessary."""
     if len(rig_from_board) == 1:
         return ("one picture through the mirrors: it cannot be checked against another, take more",)
     normals = rig_from_board[:, :3, 2]
@@ -272,7 +269,7 @@ def pose_notes(rig_from_board: FloatArray) -> tuple[str, ...]:
 
 
 def camera_note(layout: Layout, camera: Camera) -> tuple[str, ...]:
-    """A note where the camera's focal length is not that of the layout."""
+    """Note a focal length that differs from the layout's."""
     ratio = camera.fx_px / layout.camera.fx_px
     if abs(ratio - 1.0) < OTHER_FOCAL:
         return ()
@@ -283,7 +280,7 @@ def camera_note(layout: Layout, camera: Camera) -> tuple[str, ...]:
 
 
 def refuse_implausible(solution: Solution, mirrors: Sequence[str]) -> None:
-    """Raise InputError where too many corners misfit, or a named mirror is too uncertain for a linear error bound."""
+    """Raise InputError if too many corners are outliers, or a mirror is too uncertain for linear error bounds."""
     misfits = float((~solution.inliers).mean())
     if misfits > MAX_OUTLIERS:
         raise InputError(
@@ -311,7 +308,7 @@ def check_plausible(solution: Solution, layout: Layout, *, mirrored_frames: int)
     Parameters
     ----------
     solution
-        The fit, whose first frames are those with mirrors.
+        The fit, with mirrored frames first.
     layout
         The nominal layout.
     mirrored_frames
@@ -320,12 +317,12 @@ def check_plausible(solution: Solution, layout: Layout, *, mirrored_frames: int)
     Returns
     -------
     notes
-        What is doubtful, one sentence each.
+        Doubts about the fit, one sentence each.
 
     Raises
     ------
     InputError
-        Where the fit is implausible.
+        If the fit is implausible.
     """
     refuse_implausible(solution, layout.mirror_names)
     estimate = solution.estimate

@@ -1,17 +1,17 @@
-"""Noise of corners: by view, from its scatter about a smooth field of residuals, and its correlation within a frame.
+"""Noise of corners: per view, from the scatter about a smooth field of residuals, and its correlation within frames.
 
-The fit of a corner gives its standard deviation by the noise of the pixels around it, but not by errors that these
-share: blur by motion, resampling, compression, edges that lie along the rows of the sensor. These differ severalfold
-between the views of one frame, and show as scatter of its corners. A wrong model does not: its residuals are smooth
-over a view, and are subtracted.
+The fit of a corner gives its standard deviation from the noise of the pixels around it. It misses errors that these
+share: motion blur, resampling, compression, edges along the sensor's rows. These differ severalfold between the views
+of a frame, and appear as scatter of its corners. Errors of the model do not: they are smooth over a view and are
+subtracted.
 
 The remaining scatter has longer tails than a normal distribution: dust, glare, a corner near an edge. It is modelled by
-Student's t distribution, whose degrees of freedom are estimated from the corners, and each corner's variance is its
-estimate of maximum likelihood (Lange, Little and Taylor 1989, "Robust statistical modeling using the t distribution").
+Student's t distribution with degrees of freedom estimated from the corners, and each corner gets its maximum-likelihood
+variance (Lange, Little and Taylor 1989, "Robust statistical modeling using the t distribution").
 
-A ghost image, an asymmetric blur, a lens whose focus drifts, or a board that sags differently each time puts similar
-errors on many corners, which then carry less information than their number suggests. The scores of whole frames show it
-(Liang and Zeger 1986, "Longitudinal data analysis using generalized linear models").
+A ghost image, an asymmetric blur, a lens whose focus drifts, or a board that sags differently each time causes similar
+errors in many corners, which then carry less information than their number suggests. The scores of entire frames reveal
+this (Liang and Zeger 1986, "Longitudinal data analysis using generalized linear models").
 """
 
 from __future__ import annotations
@@ -29,32 +29,32 @@ from mirrorcam.optics.calibration.solver.parameterisation import Model
 from mirrorcam.optics.calibration.solver.residuals import global_names, residuals_with_jacobians
 
 CORNERS_OF_DEGREE = ((3, 40), (2, 16), (1, 8))
-"""Degree of the smooth field, by the number of a view's corners; with fewer than the last, it is constant."""
-REACH_SIGMAS = 2.5  # residuals beyond count as this many: outliers
+"""Degree of the smooth field by the least number of a view's corners; below the last, it is constant."""
+REACH_SIGMAS = 2.5  # larger residuals are clipped to this: outliers
 CLIPPED_VARIANCE = float(chi2.cdf(REACH_SIGMAS**2, 3) + REACH_SIGMAS**2 * chi2.sf(REACH_SIGMAS**2, 1))
 """Mean of min(x^2, REACH_SIGMAS^2) for a normal variable x."""
 PRIOR_FREEDOM = 8.0
-"""Degrees of freedom of the prior that all views give for each: a view of few corners is near the others."""
+"""Degrees of freedom of the prior from all views: a view with few corners gets nearly the median variance."""
 STEPS = 20
 TAILS = (3.0, 5.0, 9.0, 17.0, 33.0, np.inf)
-"""Degrees of freedom of the t distributions that are tried."""
+"""Trial degrees of freedom of the t distribution."""
 SIGNIFICANT_CHANCE = 1e-3
 
 
 def with_noise_of_views(observations: Observations, residuals_px: FloatArray) -> Observations:
-    """Observations whose standard deviations are scaled, view by view, to how their corners scatter.
+    """Scale the standard deviations of observations, view by view, to the scatter of their corners.
 
-    The variance of a view is that of its corners about a polynomial field, drawn towards the median of all views in
-    proportion to what few corners leave open (the mean of the posterior of a scaled inverse chi squared prior). Corners
-    in the tails of the distribution are wider by what they are off; those off by more than `FIND_SIGMAS` are not, so
-    that a fit finds them as outliers.
+    The variance of a view is estimated about a polynomial field, and shrunk towards the median of all views according
+    to its degrees of freedom (posterior mean under a scaled inverse chi-squared prior). Corners in the tails get larger
+    standard deviations by their own deviation, up to `FIND_SIGMAS`; beyond it they do not, so that a fit can reject
+    them as outliers.
 
     Parameters
     ----------
     observations
         Corners (n), with standard deviations up to a factor for each view.
     residuals_px
-        Their residuals (n, 2) to a fit of any model whose errors are smooth over a view.
+        Residuals (n, 2) of any fit whose errors are smooth over a view.
     """
     if not len(observations):
         return observations
@@ -67,15 +67,15 @@ def with_noise_of_views(observations: Observations, residuals_px: FloatArray) ->
     typical = max(float(np.median(variance[freedom > 0.0])), NEGLIGIBLE_PX**2)
     shrunk = (freedom * variance + PRIOR_FREEDOM * typical) / (freedom + PRIOR_FREEDOM)
     sigma_px = observations.sigma_px * np.sqrt(shrunk)[group]
-    left_px = np.empty_like(residuals_px)
+    scatter_px = np.empty_like(residuals_px)
     for mask, each in zip(masks, scattered, strict=True):
-        left_px[mask] = each.left_px * np.sqrt(2.0 * mask.sum() / max(each.freedom, 1.0))
-    sigma_px *= _tails(left_px / sigma_px[:, None])
+        scatter_px[mask] = each.scatter_px * np.sqrt(2.0 * mask.sum() / max(each.freedom, 1.0))
+    sigma_px *= _tails(scatter_px / sigma_px[:, None])
     return replace(observations, sigma_px=np.maximum(sigma_px, NEGLIGIBLE_PX))
 
 
 def _tails(standardised: FloatArray) -> FloatArray:
-    """Factors (n,) on the standard deviations of residuals (n, 2), by the t distribution that suits them best."""
+    """Factors (n,) on the standard deviations of residuals (n, 2), from the most likely t distribution."""
     inner = np.abs(standardised).max(axis=1) <= FIND_SIGMAS
     squared = np.sum(standardised[inner] ** 2, axis=1)
     factors = np.ones(len(standardised))
@@ -86,7 +86,7 @@ def _tails(standardised: FloatArray) -> FloatArray:
 
 
 def _t_distribution(squared: FloatArray, freedom: float) -> tuple[float, FloatArray]:
-    """Log likelihood of squared lengths (n,) of pairs under a t distribution of any scale, and factors (n,) by it."""
+    """Log likelihood of squared lengths (n,) of pairs under a scaled t distribution, and factors (n,) from it."""
     scale2 = float(np.mean(squared)) / 2.0
     if np.isinf(freedom) or scale2 == 0.0:
         return -len(squared) * (float(np.log(max(scale2, 1e-300))) + 1.0), np.full(len(squared), np.sqrt(scale2))
@@ -100,17 +100,17 @@ def _t_distribution(squared: FloatArray, freedom: float) -> tuple[float, FloatAr
 
 @dataclass(frozen=True)
 class _Scatter:
-    """What a smooth field leaves of a view's residuals (n, 2), the variance of it standardised, degrees of freedom."""
+    """Residuals (n, 2) of a view minus a smooth field, their standardised variance, and degrees of freedom."""
 
-    left_px: FloatArray
+    scatter_px: FloatArray
     variance: float
     freedom: float
 
 
 def _scatter(view: Observations, residuals_px: FloatArray) -> _Scatter:
-    """Scatter of a view's residuals (n, 2) about a smooth field.
+    """Estimate the scatter of a view's residuals (n, 2) about a smooth field.
 
-    Huber's second proposal: squares beyond the reach count as the reach, whose own scale is the result.
+    Uses Huber's proposal 2: squares are clipped at a reach that is proportional to the estimated scale.
     """
     terms = _terms(view.pixels)
     freedom = 2.0 * (len(view) - terms.shape[1])
@@ -121,19 +121,19 @@ def _scatter(view: Observations, residuals_px: FloatArray) -> _Scatter:
     scale, root = np.inf, np.ones((len(view), 1))
     for _ in range(STEPS):
         basis, _ = np.linalg.qr(terms * weights * root)
-        left = seen - (basis @ (basis.T @ (seen * root))) / root
-        squared = np.minimum(left**2, (REACH_SIGMAS * scale) ** 2)
+        rest = seen - (basis @ (basis.T @ (seen * root))) / root
+        squared = np.minimum(rest**2, (REACH_SIGMAS * scale) ** 2)
         reached = CLIPPED_VARIANCE if np.isfinite(scale) else 1.0
         previous, scale = scale, float(np.sqrt(squared.sum() / (reached * freedom)))
         if scale == 0.0 or abs(scale - previous) < 1e-3 * scale:
             break
-        size = np.abs(left).max(axis=1, keepdims=True)
+        size = np.abs(rest).max(axis=1, keepdims=True)
         root = np.sqrt(REACH_SIGMAS * scale / np.maximum(size, REACH_SIGMAS * scale))
-    return _Scatter(left / weights, scale**2, freedom)
+    return _Scatter(rest / weights, scale**2, freedom)
 
 
 def _terms(pixels: FloatArray) -> FloatArray:
-    """Powers (n, k) of pixels (n, 2), of a degree that their number determines."""
+    """Powers (n, k) of pixels (n, 2), up to a degree that follows from their number."""
     degree = next((degree for degree, corners in CORNERS_OF_DEGREE if len(pixels) >= corners), 0)
     centred = pixels - pixels.mean(axis=0)
     x, y = (centred / max(float(np.abs(centred).max()), 1e-9)).T
@@ -142,16 +142,15 @@ def _terms(pixels: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class CorrelatedErrors:
-    """Spread of the parameters relative to that of independent errors.
+    """Spread of the parameters relative to independent errors.
 
-    Errors that are the same in all frames do not show in it.
-
+    Errors common to all frames do not affect it.
     Attributes
     ----------
     ratio
-        Root mean square in sigmas; 1 on average where errors are independent.
+        Rms in sigmas; 1 on average for independent errors.
     chance
-        Probability of a larger ratio where they are independent.
+        Probability of a larger ratio for independent errors.
     """
 
     ratio: float
@@ -159,20 +158,19 @@ class CorrelatedErrors:
 
     @property
     def widening(self) -> float:
-        """Factor by which standard deviations are too small: the ratio, where it is significant."""
+        """Factor by which standard deviations are too small: the ratio if significant, else 1."""
         return max(self.ratio, 1.0) if self.chance < SIGNIFICANT_CHANCE else 1.0
 
 
 def correlated_errors(solution: Solution, observations: Observations, model: Model) -> CorrelatedErrors:
-    """Compare the scores of whole frames with those that independent errors of the inliers would have.
+    """Compare the scores of entire frames with their expectation for independent errors of the inliers.
 
-    Residuals r and their derivatives are standardised. Let G be the derivatives by the free globals, less what the
-    frame's pose and other own numbers explain of them, N_f = G_f^T G_f, and N the sum of N_f and of the priors of the
-    lens. At the minimum, independent errors give the scores s_f = G_f^T r_f the covariance
-    scale^2 (N_f - N_f N^-1 N_f), so that, in coordinates where N = 1, sum |s_f|^2 / scale^2 has the mean
-    sum tr N_f - sum tr N_f^2, whose first sum is g without priors, and the variance
-    2 (sum tr (N_f^2 - 2 N_f^3) + tr (sum N_f^2)^2). Its distribution is approximated by a scaled chi squared
-    distribution.
+    Residuals r and their derivatives are standardised. G holds the derivatives by the free globals, after projecting
+    out the frame's pose and other own parameters; N_f = G_f^T G_f, and N is the sum of all N_f and of the priors of the
+    lens. At the minimum, independent errors give the scores s_f = G_f^T r_f the covariance scale^2 (N_f - N_f N^-1
+    N_f). In coordinates with N = 1, sum |s_f|^2 / scale^2 thus has the mean sum tr N_f - sum tr N_f^2 (the first sum is
+    g without priors) and the variance 2 (sum tr (N_f^2 - 2 N_f^3) + tr (sum N_f^2)^2). Its distribution is approximated
+    by a scaled chi-squared distribution.
     """
     if solution.sigma_px < NEGLIGIBLE_PX:
         return CorrelatedErrors(1.0, 1.0)
@@ -189,13 +187,13 @@ def correlated_errors(solution: Solution, observations: Observations, model: Mod
     scores, squares = [], []
     for frame in np.unique(rows.frame):
         of = rows.frame == frame
-        # Priors are rows of their own, on which the globals have no effect.
+        # Priors are separate rows, which the globals do not affect.
         own = np.concatenate([by_frame[of][:, :, terms.free].reshape(-1, len(priors)), priors])
         globals_ = by_global[of][:, :, places].reshape(-1, len(places))
         globals_ = np.concatenate([globals_, np.zeros((len(priors), len(places)))])
-        left = globals_ - own @ np.linalg.lstsq(own, globals_, rcond=None)[0]
-        scores.append(left.T @ np.concatenate([r[of].ravel(), values[frame]]))
-        squares.append(left.T @ left)
+        rest = globals_ - own @ np.linalg.lstsq(own, globals_, rcond=None)[0]
+        scores.append(rest.T @ np.concatenate([r[of].ravel(), values[frame]]))
+        squares.append(rest.T @ rest)
     every, lens = np.sum(squares, axis=0), np.zeros(len(places))
     lens[: len(model.intrinsics)] = model.intrinsic_priors(solution.estimate.camera)
     every += np.diag(lens**2)

@@ -1,4 +1,4 @@
-"""All diagnostics of one calibration in one value, for its report and its metrics."""
+"""All diagnostics of a calibration, for its report and its metrics."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from mirrorcam.optics.geometry.layout import Layout
 
 MATCHING_PX = 0.1
 RANGES = np.linspace(0.5, 2.5, 17)
-"""Distances at which depth is judged, per working range."""
+"""Distances at which depth uncertainty is evaluated, in working ranges."""
 
 
 @dataclass(frozen=True)
@@ -41,11 +41,11 @@ class Diagnostics:
     Attributes
     ----------
     level
-        Name of the selected model, as `joint+bend`.
+        Level of the selected model, such as `joint+bend`.
     comparisons
-        Every model that was fitted, against the one nested in it.
+        Each fitted model compared with the model nested in it.
     free_views
-        The comparison with free virtual cameras, where it was possible.
+        Comparison with free virtual cameras, if possible.
     splits
         Agreement of halves of the frames.
     mirrors
@@ -55,21 +55,21 @@ class Diagnostics:
     projection
         Standard deviations of projected pixels, a map per view, at the working range.
     depth
-        Standard deviations of depth against range.
+        Standard deviations of depth by range.
     reference
-        The view that the others are measured against: a mirror's index, or DIRECT.
+        View that the others are measured against: a mirror's index, or DIRECT.
     range_mm
         Working range, mm: median distance of the observed corners from the virtual centres.
     widened
-        Factor on all standard deviations here, against those that independent corner errors would give.
+        Factor on all standard deviations here, relative to independent corner errors.
     alarms
-        What contradicts the model, one sentence each.
+        Contradictions to the model, one sentence each.
     notes
         What could not be determined, one sentence each.
     other_surface
-        Evidence that the mirrors are of another kind than in the layout, where there is any.
+        Evidence that the mirrors are of another kind than in the layout, if any.
     mismatches
-        Those alarms that say that the pictures are not of the board or layout that was given.
+        The alarms that the pictures do not match the given board or layout.
     """
 
     level: str
@@ -90,7 +90,7 @@ class Diagnostics:
 
     @property
     def metrics(self) -> dict[str, Metric]:
-        """The figures that a calibrated layout's file carries."""
+        """The metrics stored with a calibrated layout."""
         mirrors = self.mirrors
         figures: dict[str, tuple[float, str]] = {
             "common_turn_sigma_deg": (float(np.linalg.norm(mirrors.common_turn_deg)), "deg"),
@@ -121,7 +121,7 @@ def _rms(parts: list[FloatArray]) -> float:
 
 
 def reference_of(observations: Observations, layout: Layout) -> int:
-    """The direct view where a frame shows its board both directly and in a mirror, else the central mirror's view."""
+    """The direct view if a frame shows its board both directly and in a mirror, else the central mirror's view."""
     return DIRECT if observations.both_ways else layout.central_index
 
 
@@ -130,19 +130,19 @@ def diagnose(
 ) -> Diagnostics:
     """Determine the uncertainty of a calibration and test its model.
 
-    Where halves of the frames differ by more than their covariances allow, all uncertainties in the result are wider
-    than those of `layout`: `selection.widened_to(diagnostics.widened)` has the covariance that belongs to them.
+    If halves of the frames differ by more than their covariances allow, all uncertainties in the result are wider than
+    those of `layout`; `selection.widened_to(diagnostics.widened)` has the matching covariance.
 
     Parameters
     ----------
     selection
         The selected model and its fit.
     observations
-        The corners that were fitted.
+        The fitted corners.
     layout
         The calibrated layout, with the covariance of the fit.
     mismatches
-        Alarms on the board or the nominal layout, which are known before.
+        Alarms about the board or the nominal layout that were found before.
     """
     solution = selection.solution
     mirrored = observations.view != DIRECT

@@ -1,7 +1,8 @@
-"""Comparison with free virtual cameras: each mirror's view has the six numbers of a pose instead of three of a plane.
+"""Comparison with free virtual cameras: each mirror's view gets the six parameters of a pose instead of a plane's
+three.
 
-What this model explains beyond the planes is what they leave unexplained, whatever the cause. It is only a check and
-never the result, because its views no longer come from one camera and mirrors.
+The improvement by this model measures what the planes leave unexplained, for any reason. It is only a check and never
+the result, because its views no longer come from one camera and mirrors.
 """
 
 from __future__ import annotations
@@ -34,14 +35,14 @@ class FreeViews:
     Attributes
     ----------
     parameters
-        Number of parameters that they have more.
+        Number of additional parameters.
     rms_px
-        Root mean square residual per axis with free virtual cameras, of a typical corner.
+        Rms residual per axis of a typical corner with free virtual cameras.
     unexplained_px
-        Root mean square per axis that only they explain, less the expected effect of as many parameters on noise,
-        likewise.
+        Rms per axis of the part that only they explain, minus the expected effect of the additional parameters on
+        noise.
     chance
-        Probability of so large an improvement by noise alone (F test).
+        Probability of such an improvement by noise alone (F test).
     """
 
     parameters: int
@@ -54,13 +55,13 @@ def free_views(solution: Solution, observations: Observations, model: Model) -> 
     """Compare a solution with free virtual cameras, on its inliers.
 
     A view shows the image X' of a point in its mirror at exp(w) (X' - o) + o + t, with o the centroid of the view's
-    corners. Unless some frame also shows its board directly, the images of all mirrors may move as one body with the
-    boards: w and t of the first mirror are held.
+    corners. Unless a frame also shows its board directly, the images of all mirrors may move as one body with the
+    boards, so w and t of the first mirror are fixed.
 
     Raises
     ------
     UndeterminedError
-        Where that leaves no more unknowns than the planes had, or the corners leave a virtual camera undetermined.
+        If there are no more unknowns than with planes, or the corners leave a virtual camera undetermined.
     """
     rows = observations.where(solution.inliers)
     mirrors = len(solution.estimate.virtual_centres_in_rig_mm)
@@ -89,7 +90,7 @@ def free_views(solution: Solution, observations: Observations, model: Model) -> 
 
 @dataclass(frozen=True)
 class _Views:
-    """Turns (m, 3) rad about points (m, 3) mm, and shifts (m, 3) mm, of the images in every mirror."""
+    """Rotations (m, 3), rad, about points (m, 3), mm, and shifts (m, 3), mm, of the images in every mirror."""
 
     turns: FloatArray
     shifts: FloatArray
@@ -97,9 +98,9 @@ class _Views:
 
 
 def _minimum(estimate: Estimate, rows: Observations, model: Model, held: int) -> float:
-    """The standardised sum of squares at the minimum over virtual cameras, poses, intrinsics and modes of the board.
+    """Minimise over virtual cameras, poses, intrinsics and modes of the board; return the standardised sum of squares.
 
-    Priors of the lens add to it.
+    The priors of the lens are included.
     """
     mirrors = len(estimate.virtual_centres_in_rig_mm)
     names = global_names(estimate.camera.intrinsic_names, mirrors, len(model.board.modes))
@@ -138,10 +139,10 @@ def _minimum(estimate: Estimate, rows: Observations, model: Model, held: int) ->
 def _linearised(
     estimate: Estimate, views: _Views, rows: Observations, model: Model, kept: list[int], held: int
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Standardised residuals (n, 2), their derivatives by the globals, rotations and shifts (n, 2, g), and the twist.
+    """Return standardised residuals (n, 2), and derivatives by globals, rotations and shifts (n, 2, g), and by twists.
 
-    The derivatives by pose and board neglect the views' rotations: these are far below a degree, so that the steps
-    still converge, and the residuals are exact. These are infinite where there are no derivatives.
+    The derivatives by pose and board neglect the views' rotations, which are far below a degree: the steps still
+    converge, and the residuals are exact. Residuals are infinite if a derivative does not exist.
     """
     mirrored = rows.view != DIRECT
     view = rows.view[mirrored]
@@ -163,7 +164,7 @@ def _linearised(
         moves[number, :, 6 * view + 3 + k] = by_seen[mirrored][:, :, k]
     every = np.concatenate([by_global[:, :, kept], moves[:, :, 6 * held :]], axis=2)
     if not (np.isfinite(every).all() and np.isfinite(by_frame).all()):
-        return impossible  # where the planes alone show a corner outside the lens's range, they have no derivatives
+        return impossible  # a corner that the planes alone show outside the lens's range has no derivatives
     sigma = rows.sigma_px[:, None, None]
     return rows.standardised(pixels - rows.pixels), every / sigma, by_frame[:, :, :6] / sigma
 
@@ -171,9 +172,9 @@ def _linearised(
 def _step(
     r: FloatArray, by_global: FloatArray, by_twist: FloatArray, rows: Observations, priors: FloatArray, damping: float
 ) -> tuple[FloatArray, FloatArray]:
-    """The damped Gauss-Newton step of the globals (g,) and of the poses (f, 6), poses eliminated.
+    """Return the damped Gauss-Newton step of the globals (g,) and of the poses (f, 6), with poses eliminated.
 
-    `priors` (2, g) are those of the globals and their weighted values.
+    `priors` (2, g) are the weights of the globals' priors, and their weighted values.
     """
     size = by_global.shape[2]
     reduced, right = np.diag(priors[0] ** 2), priors[0] * priors[1]

@@ -1,6 +1,4 @@
-"""Tests of whether frames fit the nominal layout: upside down, or with more mirrors than the layout has, whose boards
-would be left out without a word.
-"""
+"""Tests of whether frames fit the nominal layout: they may be upside down, or show more mirrors than the layout has."""
 
 from __future__ import annotations
 
@@ -26,12 +24,12 @@ UNEVEN = 0.25  # scatter of boards about a grid along an axis, relative to its s
 
 
 def fits_upside_down(seen: Sequence[Observations], layout: Layout, target: Target) -> bool:
-    """Return whether the corners of frames with mirrors agree once the pictures are turned by 180 degrees.
+    """Return whether the corners of mirrored frames are consistent once the pictures are rotated by 180 degrees.
 
     Parameters
     ----------
     seen
-        Observations of each frame with mirrors, as frame 0.
+        Observations of each mirrored frame, as frame 0.
     layout
         The nominal layout.
     target
@@ -45,7 +43,7 @@ def fits_upside_down(seen: Sequence[Observations], layout: Layout, target: Targe
 
 
 def _turned(frame: Observations, layout: Layout, target: Target) -> Observations:
-    """A frame's boards as the turned picture shows them, assigned to mirrors anew."""
+    """Return a frame's boards as in the rotated picture, reassigned to mirrors."""
     last = np.array([layout.camera.width_px, layout.camera.height_px]) - 1.0
     boards = []
     for view in np.unique(frame.view):
@@ -63,18 +61,18 @@ def _turned(frame: Observations, layout: Layout, target: Target) -> Observations
 
 @dataclass(frozen=True)
 class UnknownMirrors:
-    """Boards that belong to no mirror of a layout.
+    """Boards that no mirror of a layout explains.
 
     Attributes
     ----------
     frames
         Number of frames that show any.
     alarms
-        Sentences on the layout, where there are many such frames.
+        Alarms about the layout, if there are many such frames.
     notes
-        Sentences on single frames otherwise.
+        Notes on single frames otherwise.
     question
-        Which grid of mirrors the frames seem to show, where it is not the layout's; else empty.
+        Question about the grid of mirrors that the frames seem to show, if it is not the layout's; else empty.
     """
 
     frames: int = 0
@@ -84,28 +82,28 @@ class UnknownMirrors:
 
     @property
     def metrics(self) -> dict[str, Metric]:
-        """The number of such frames, where there are any."""
+        """The number of frames with unknown mirrors, if there are any."""
         return {"frames_with_unknown_mirrors": Metric(value=self.frames, unit="1")} if self.frames else {}
 
     def explained(self, refusal: str) -> InputError:
-        """Return why frames are refused: the alarm, which may cause the other failures, or the refusal as it is."""
+        """Return the error for a refusal, replaced by the alarm, its probable cause, if there is one."""
         if self.alarms:
             return InputError(self.alarms[0])
         return InputError(f"{refusal}; {self.question}" if self.question else refusal)
 
 
 def unknown_mirrors(layout: Layout, frames: Sequence[DetectedFrame]) -> UnknownMirrors:
-    """Judge the boards that were assigned to no mirror.
+    """Examine the boards that were assigned to no mirror.
 
-    A board counts that lies in no sub-image of the layout, or in one that shows another board: the layout has no
-    mirror for it. Where every fifth frame has one, the layout is that of another device.
+    A board counts if it lies in no sub-image of the layout, or in one that already shows another board. If a fifth of
+    the frames have one, the layout is probably for another device.
 
     Parameters
     ----------
     layout
         The nominal layout.
     frames
-        What was detected in each frame with mirrors.
+        Detections in each mirrored frame.
     """
     regions = regions_px(layout)
     surplus = {number: _surplus_px(frame, regions) for number, frame in enumerate(frames)}
@@ -128,7 +126,7 @@ def unknown_mirrors(layout: Layout, frames: Sequence[DetectedFrame]) -> UnknownM
 
 
 def _side(places_px: FloatArray, regions: Sequence[shapely.Polygon]) -> str:
-    """On which side of all sub-images most of the places (k, 2) are, in words; empty where on none."""
+    """Describe the side of all sub-images on which most of the places (k, 2) lie; empty if there is none."""
     left, top, right, bottom = shapely.union_all(regions).bounds
     x, y = places_px.T
     beyond = {"left of": x < left, "right of": x > right, "above": y < top, "below": y > bottom}
@@ -137,9 +135,10 @@ def _side(places_px: FloatArray, regions: Sequence[shapely.Polygon]) -> str:
 
 
 def grid_shown(middles_px: Sequence[FloatArray]) -> tuple[int, int] | None:
-    """Rows and columns of the views that frames show, from the middles (k, 2) of the boards in each; None if unclear.
+    """Return the rows and columns of the views that frames show, from board middles (k, 2) per frame; None if unclear.
 
-    Most of the frames with the largest number of boards agree on them; of several frames, two or more have that number.
+    Most of the frames with the largest number of boards must agree; if there are several frames, at least two must have
+    that number.
     """
     counts = np.array([len(middles) for middles in middles_px])
     often = min(2, len(counts))
@@ -152,7 +151,7 @@ def grid_shown(middles_px: Sequence[FloatArray]) -> tuple[int, int] | None:
 
 
 def _grid(middles_px: FloatArray) -> tuple[int, int] | None:
-    """The rows and columns into which points (k, 2) fall, None where they do not."""
+    """Return the rows and columns of a grid of points (k, 2); None if they form none."""
     count = len(middles_px)
     best, least = None, UNEVEN
     for rows in (number for number in range(1, count + 1) if count % number == 0):
@@ -160,7 +159,7 @@ def _grid(middles_px: FloatArray) -> tuple[int, int] | None:
         grid = np.array([row[np.argsort(row[:, 0], kind="stable")] for row in middles_px[order]])
         across, down = grid[..., 0].mean(axis=0), grid[..., 1].mean(axis=1)
         steps_across, steps_down = np.diff(across), np.diff(down)
-        # Of a single row or column, the scatter across it is relative to the spacing along it.
+        # For a single row or column, the scatter across it is relative to the spacing along it.
         uneven = max(
             float((grid[..., axis] - middles).std()) / max(float(min(steps if len(steps) else others)), 1e-9)
             for axis, middles, steps, others in (

@@ -1,4 +1,4 @@
-"""Uncertainty of the mirrors' planes, alone, together and relative, and the least determined directions by name."""
+"""Uncertainty of the mirrors' planes, individual, common and relative; the least determined directions by name."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from mirrorcam.optics.geometry.layout import Layout, Uncertainty
 
 MOTIONS_NAMED = 3
 SUFFICIENT_SHARE = 0.9
-"""Motions are added to a description until they make up this share of the direction."""
+"""Share of a direction at which no further motions are added to its description."""
 MIN_SHARE = 0.02
-"""A further motion is added only if it makes up this much more."""
+"""Least share that a further motion must add."""
 
 
 @dataclass(frozen=True)
@@ -34,13 +34,13 @@ class MirrorUncertainty:
     normal_deg
         Of each normal (m,), along its worst direction.
     distance_mm
-        Of each distance from the pupil (m,).
+        Of each mirror's distance (m,) from the pupil.
     common_turn_deg
-        Of the rotation (3,) of all mirrors as one body about the rig's x, y and z through the middle of the mirrors.
+        Of the rotation (3,) of all mirrors as one body about the rig's axes, through the middle of the mirrors.
     common_shift_mm
-        Of their shift (3,) along these axes.
+        Of the shift (3,) of all mirrors along these axes.
     relative_normal_deg, relative_distance_mm
-        Of each mirror (m,) without the common motion.
+        Of each mirror (m,) after removing the common motion.
     """
 
     normal_deg: FloatArray
@@ -54,9 +54,8 @@ class MirrorUncertainty:
 def rigid_motion_derivatives(layout: Layout) -> FloatArray:
     """Derivatives (3 m, 6) of the virtual centres by a motion of all mirrors as one body, mm per rad and mm per mm.
 
-    The rotation (columns 0 to 2) is about the rig's axes through the middle of the mirrors, the shift (3 to 5) along
-    them. Points p of a plane n.p = -d go to p + w x (p - o) + s, so that dn = w x n and dd = w.(o x n) - n.s;
-    c = -2 d n.
+    Columns 0 to 2 rotate about the rig's axes through the middle of the mirrors, columns 3 to 5 shift along them.
+    Points p of a plane n.p = -d go to p + w x (p - o) + s, so dn = w x n and dd = w.(o x n) - n.s; c = -2 d n.
     """
     middle = np.mean([mirror.outline_in_rig_mm.mean(axis=0) for mirror in layout.mirrors], axis=0)
     motions = np.zeros((3 * len(layout.mirrors), 6))
@@ -76,9 +75,10 @@ def mirror_covariance(known: Uncertainty) -> FloatArray:
 
 
 def normal_and_distance_sigmas(virtual_centres: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Worst sigmas of normals (m,) rad and sigmas of distances (m,) mm, from centres (m, 3) and covariance (3 m, 3 m).
+    """Worst sigmas of normals (m,), rad, and sigmas of distances (m,), mm, of centres (m, 3) with covariance (3 m, 3
+    m).
 
-    With c = -2 d n, a change of c across n tilts n by it over |c|, and one along n changes d by half of it.
+    With c = -2 d n, a displacement of c across n, over |c|, tilts n; half of a displacement along n changes d.
     """
     tilts, distances = [], []
     for m, centre in enumerate(virtual_centres):
@@ -92,17 +92,17 @@ def normal_and_distance_sigmas(virtual_centres: FloatArray, covariance: FloatArr
 
 
 def common_motion(layout: Layout, *, lever_mm: float) -> FloatArray:
-    """The map (6, 3 m) from changes of all virtual centres to the motion of one body that fits them best.
+    """The map (6, 3 m) from displacements of all virtual centres to the best-fitting motion of one body.
 
     Least squares over all mirrors, with a tilt weighted by its displacement at `lever_mm` and a shift along the normal
-    by itself; the solution of minimum norm where it is not unique.
+    by itself; of minimum norm if not unique.
     """
     weights = np.zeros((3 * len(layout.mirrors),) * 2)
     for m, mirror in enumerate(layout.mirrors):
         along = np.outer(mirror.normal_in_rig, mirror.normal_in_rig)
         rows = slice(3 * m, 3 * m + 3)
         weights[rows, rows] = lever_mm * (np.eye(3) - along) / (2.0 * mirror.distance_mm) + along / 2.0
-    # In units of mm at the lever the six columns are of one size, so that the cut-off of pinv means something.
+    # In mm at the lever, the six columns have similar size, so the cut-off of pinv is meaningful.
     scale = np.array([lever_mm] * 3 + [1.0] * 3)
     return np.asarray(
         np.linalg.pinv(weights @ rigid_motion_derivatives(layout) / scale, rcond=1e-6) @ weights / scale[:, None]
@@ -110,7 +110,7 @@ def common_motion(layout: Layout, *, lever_mm: float) -> FloatArray:
 
 
 def mirror_uncertainty(layout: Layout, *, lever_mm: float) -> MirrorUncertainty:
-    """The standard deviations of a calibrated layout's mirrors; tilts are weighted by their effect at `lever_mm`."""
+    """Return the standard deviations of a calibrated layout's mirrors; tilts are weighted at `lever_mm`."""
     covariance = mirror_covariance(uncertainty_of(layout))
     centres = np.array([mirror.virtual_centre_in_rig_mm for mirror in layout.mirrors])
     normal, distance = normal_and_distance_sigmas(centres, covariance)
@@ -130,7 +130,7 @@ def mirror_uncertainty(layout: Layout, *, lever_mm: float) -> MirrorUncertainty:
 
 @dataclass(frozen=True)
 class NamedMotion:
-    """A change of parameters that has a name: `name` in words, `change` (g,) of the parameters by one `unit`."""
+    """A named change of parameters: `change` (g,) is the change for one `unit` of the motion."""
 
     name: str
     unit: str
@@ -146,13 +146,13 @@ class WeakDirection:
     words
         Its description.
     sigmas
-        Its standard deviation in each motion of the description, as (name, value, unit).
+        Standard deviation in each motion of the description, as (name, value, unit).
     share
-        Fraction of the direction (0 to 1) that these motions make up.
+        Fraction (0 to 1) of the direction that these motions explain.
     apart_px
-        Root mean square shift of the pixels of all views by one standard deviation, if each parameter acted alone.
+        Rms shift of the pixels of all views by one standard deviation, if each parameter acted alone.
     together_px
-        The actual shift: the smaller it is relative to `apart_px`, the more the parameters compensate each other.
+        The actual shift: if much smaller than `apart_px`, the parameters compensate each other.
     """
 
     words: str
@@ -163,7 +163,7 @@ class WeakDirection:
 
 
 def motions_of(layout: Layout) -> list[NamedMotion]:
-    """The motions with a name that the layout's parameters can make, the simplest first."""
+    """Return the named motions that the layout's parameters allow, the simplest first."""
     parameters = _Parameters(uncertainty_of(layout).parameters)
     has_mirrors = "mirror 0 x_mm" in parameters.names
     found = _common_motions(layout, parameters) if has_mirrors and len(layout.mirrors) > 1 else []
@@ -177,7 +177,7 @@ def motions_of(layout: Layout) -> list[NamedMotion]:
 
 @dataclass(frozen=True)
 class _Parameters:
-    """Parameters by name, and changes (g,) of them."""
+    """Parameter names, and changes (g,) of the parameters."""
 
     names: tuple[str, ...]
 
@@ -188,7 +188,7 @@ class _Parameters:
         return vector
 
     def centres(self, moved: FloatArray) -> FloatArray:
-        """The change by which all virtual centres move by (3 m,) mm."""
+        """The change that moves the virtual centres by (3 m,) mm."""
         rows = enumerate(moved.reshape(-1, 3))
         return self.change({f"mirror {m} {axis}_mm": row[k] for m, row in rows for k, axis in enumerate("xyz")})
 
@@ -242,10 +242,10 @@ def _mirror_motions(layout: Layout, m: int, parameters: _Parameters) -> list[Nam
 
 
 def weak_directions(layout: Layout, *, range_mm: float, count: int = 3) -> tuple[WeakDirection, ...]:
-    """The `count` least determined directions of a calibrated layout, weakest first.
+    """Return the `count` least determined directions of a calibrated layout, weakest first.
 
-    Principal axes of the covariance in pixels: each parameter is scaled by the root mean square shift that it alone
-    causes, over all views and points `range_mm` from them. A direction is described by orthogonal matching pursuit over
+    They are principal axes of the covariance in pixels: each parameter is scaled by the rms shift that it alone causes,
+    over all views, at points `range_mm` away. A direction is described by orthogonal matching pursuit over
     `motions_of`.
     """
     derivatives = np.concatenate(
@@ -256,7 +256,7 @@ def weak_directions(layout: Layout, *, range_mm: float, count: int = 3) -> tuple
     )
     derivatives = derivatives.reshape(-1, derivatives.shape[-1]) / np.sqrt(len(derivatives))
     scale = np.linalg.norm(derivatives, axis=0)
-    scale = np.where(scale > 0.0, scale, 1.0)  # nothing that is shown depends on some numbers of a field
+    scale = np.where(scale > 0.0, scale, 1.0)  # some parameters of a lens's field may have no effect in any view
     covariance = uncertainty_of(layout).covariance * np.outer(scale, scale)
     variances, axes = np.linalg.eigh(covariance)
     motions = motions_of(layout)
@@ -274,7 +274,7 @@ def weak_directions(layout: Layout, *, range_mm: float, count: int = 3) -> tuple
 
 
 def _named(axis: FloatArray, dictionary: Sequence[FloatArray]) -> tuple[list[int], FloatArray, float]:
-    """Entries of a dictionary that approximate a unit vector, their amounts, and the share of it they make up."""
+    """Return dictionary entries that approximate a unit vector, their amounts, and the explained share."""
     lengths = np.array([np.linalg.norm(entry) for entry in dictionary])
     units = np.array(dictionary) / lengths[:, None]
     chosen: list[int] = []
@@ -287,7 +287,7 @@ def _named(axis: FloatArray, dictionary: Sequence[FloatArray]) -> tuple[list[int
             columns = units[[*chosen, i]].T
             fitted, *_ = np.linalg.lstsq(columns, axis, rcond=1e-6)
             explained = 1.0 - float(np.sum((axis - columns @ fitted) ** 2))
-            # A later, more special motion must be better by more than rounding.
+            # A later, more specific motion must be better by more than rounding.
             if explained > best_share + 1e-9:
                 best, best_amounts, best_share = i, fitted, explained
         if best < 0 or (chosen and best_share - share < MIN_SHARE):

@@ -26,7 +26,7 @@ from mirrorcam.optics.calibration.solver.residuals import Board, Estimate, resid
 FOLDS = 3
 SUPPORTED_CHANCE = 1e-3
 MIN_GAIN_SIGMAS = 2.0
-"""Standard errors by which held-out frames must be predicted better."""
+"""Standard errors by which the prediction of held-out frames must improve."""
 
 
 @dataclass(frozen=True)
@@ -36,16 +36,16 @@ class ModelComparison:
     Attributes
     ----------
     name
-        Level of the model, as `joint+bend`.
+        Level of the model, such as `joint+bend`.
     against
         Level of the nested model; None for the smallest model.
     parameters
-        Number of free parameters besides the board's poses; of those that single frames have under a prior, as many as
-        the corners determine.
+        Number of free parameters besides the board's poses. Parameters of single frames under a prior count as far as
+        the corners determine them.
     rms_px
-        Root mean square residual per axis over the inliers.
+        Rms residual per axis over the inliers.
     sigma_px
-        Standard deviation of a residual of a typical corner, which accounts for the number of unknowns.
+        Standard deviation of a typical corner's residual, corrected for the number of unknowns.
     drop
         Decrease of the sum of squared standardised residuals of the same corners, in units of their variance.
     chance
@@ -53,10 +53,10 @@ class ModelComparison:
     information_gain
         Decrease of the Bayesian information criterion.
     held_out_rms_px
-        Root mean square residual of frames that a fit without them predicts.
+        Rms residual of frames predicted by a fit without them.
     held_out_gain
-        Significance of its improvement over frames, in standard deviations of a normal distribution. Both are NaN where
-        they were not computed: the likelihood rejects the model already, or another addition gains more.
+        Significance of its improvement over frames, in standard deviations of a normal distribution. Both are NaN if
+        not computed: the likelihood already rejects the model, or another addition gains more.
     supported
         Whether the data support the model over the nested one.
     """
@@ -75,13 +75,13 @@ class ModelComparison:
 
 
 def smallest_model(fitted: Fitted) -> ModelComparison:
-    """The entry of the smallest model, which is compared with none."""
+    """Return the entry of the smallest model, which is compared with none."""
     solution = fitted.solution
     return ModelComparison(
         name=fitted.name,
         against=None,
         parameters=round(_parameters(solution)),
-        rms_px=_rms(solution),
+        rms_px=float(np.sqrt(np.mean(solution.residuals[solution.inliers] ** 2))),
         sigma_px=solution.sigma_px,
         drop=np.nan,
         chance=np.nan,
@@ -96,29 +96,25 @@ def _parameters(solution: Solution) -> float:
     return len(solution.parameters) + solution.frame_terms
 
 
-def _rms(solution: Solution) -> float:
-    return float(np.sqrt(np.mean(solution.residuals[solution.inliers] ** 2)))
-
-
 def compare(larger: Fitted, smaller: Fitted, observations: Observations) -> ModelComparison:
-    """Compare a model with the one nested in it, by likelihood and by cross-validation."""
+    """Compare a model with the model nested in it, by likelihood and by cross-validation."""
     return cross_validated(compare_likelihood(larger, smaller, observations), larger, smaller, observations)
 
 
 def compare_likelihood(larger: Fitted, smaller: Fitted, observations: Observations) -> ModelComparison:
     """Compare two nested models by likelihood, on the inliers of the larger one.
 
-    Priors count as likelihood: numbers that they hold neither cost nor gain anything.
+    Priors count as likelihood, so parameters that they determine neither cost nor gain anything.
     """
     rows = larger.solution.inliers
     seen = observations.where(rows)
-    # Simulated corners without noise would turn rounding errors into significance.
+    # Without noise, as in simulated corners, rounding errors would become significant.
     floor = 2.0 * float(np.sum((NEGLIGIBLE_PX / seen.sigma_px) ** 2))
     squares = float(np.sum(larger.solution.standardised[rows] ** 2)) + floor
     squares += larger.model.prior_squares(larger.solution.estimate)
     at_smaller = _at_minimum(smaller, observations, rows)
-    left = seen.standardised(residuals(at_smaller, seen, smaller.model.board))
-    squares_smaller = float(np.sum(left**2)) + floor + smaller.model.prior_squares(at_smaller)
+    at_nested = seen.standardised(residuals(at_smaller, seen, smaller.model.board))
+    squares_smaller = float(np.sum(at_nested**2)) + floor + smaller.model.prior_squares(at_smaller)
     added = max(_parameters(larger.solution) - _parameters(smaller.solution), 1.0)
     spare = 2 * len(seen) - _parameters(larger.solution) - 6 * len(at_smaller.rig_from_board)
     drop = max(squares_smaller - squares, 0.0) / (squares / spare)
@@ -134,7 +130,7 @@ def compare_likelihood(larger: Fitted, smaller: Fitted, observations: Observatio
 
 
 def _at_minimum(fitted: Fitted, observations: Observations, rows: BoolArray) -> Estimate:
-    """The estimate of a model at the minimum over other rows than its own inliers."""
+    """Return the estimate of a model at the minimum over rows other than its own inliers."""
     if np.array_equal(rows, fitted.solution.inliers):
         return fitted.solution.estimate
     return minimise(fitted.solution.estimate, observations.where(rows), fitted.model)[0]
@@ -145,25 +141,25 @@ def cross_validated(
 ) -> ModelComparison:
     """Complete a comparison by cross-validation over frames, unless the likelihood rejects the larger model.
 
-    The gain is the significance of the gains of frames, which are independent where corners of one frame may not be. A
-    model is not supported where there are too few frames to hold any out.
+    The gain is the significance of the frames' gains, which are independent even if corners of a frame are not. The
+    model is not supported if there are too few frames to hold any out.
     """
     seen = observations.where(larger.solution.inliers)
     enough = len(np.unique(seen.frame)) >= FOLDS
     if not (comparison.chance < SUPPORTED_CHANCE and comparison.information_gain > 0.0 and enough):
         return comparison
     fold = balanced_folds(smaller.solution.estimate, seen, smaller.model.board, FOLDS)
-    # What a frame has of its own would also fit the errors of a frame that is left out: its corners predict each other.
+    # A frame's own parameters could also fit the errors of a held-out frame, so its corners must predict each other.
     across = larger.model.frame_terms != smaller.model.frame_terms
     predict = held_out_corners if across else held_out_residuals
     squares, rms_px = [], []
     for fitted in (larger, smaller):
         try:
-            left = predict(fitted.solution.estimate, seen, fitted.model, fold)
+            errors = predict(fitted.solution.estimate, seen, fitted.model, fold)
         except UndeterminedError:
             return comparison
-        squares.append(np.bincount(seen.frame, weights=np.sum(seen.standardised(left) ** 2, axis=1)))
-        rms_px.append(float(np.sqrt(np.mean(left**2))))
+        squares.append(np.bincount(seen.frame, weights=np.sum(seen.standardised(errors) ** 2, axis=1)))
+        rms_px.append(float(np.sqrt(np.mean(errors**2))))
     gain = gain_sigmas(np.asarray(squares[1] - squares[0], dtype=np.float64))
     return replace(
         comparison,
@@ -174,10 +170,10 @@ def cross_validated(
 
 
 def gain_sigmas(gains: FloatArray) -> float:
-    """How significant the gains (f,) of frames are, in standard deviations of a normal distribution.
+    """Return the significance of the gains (f,) of frames, in standard deviations of a normal distribution.
 
-    The larger of two figures: the mean in its standard errors, and Wilcoxon's signed-rank test, which sees that nearly
-    all frames gain where a few, at the border of a wrong lens, gain far more than the others.
+    It is the larger of two figures: the mean in standard errors, and Wilcoxon's signed-rank test, which detects that
+    nearly all frames gain when a few, at the border of a wrong lens, gain far more than the others.
     """
     error = float(np.std(gains, ddof=1)) * float(np.sqrt(len(gains)))
     if error == 0.0 or gains.sum() <= 0.0:
@@ -195,13 +191,13 @@ class HeldOut:
     estimate
         The fit without the frames, with their poses (f, 4, 4).
     observations
-        Their corners (n).
+        Corners (n) of the frames.
     residuals
         Predicted minus observed pixels (n, 2).
     inliers
-        Which corners are no outliers (n,).
+        Mask (n,) of the inliers.
     board
-        The board with the shape that the fit without the frames found.
+        The board with its shape fitted without the frames.
     """
 
     estimate: Estimate
@@ -212,24 +208,24 @@ class HeldOut:
 
     @property
     def rms_px(self) -> FloatArray:
-        """Root mean square residual (2,) per axis over the inliers."""
+        """Rms residual (2,) per axis over the inliers."""
         return np.sqrt(np.mean(self.residuals[self.inliers] ** 2, axis=0))
 
     @property
     def rms_sigmas(self) -> float:
-        """Root mean square residual of the inliers in standard deviations of the corners, as the observations state."""
+        """Rms residual of the inliers, in stated standard deviations of the corners."""
         return float(np.sqrt(np.mean(self.observations.standardised(self.residuals)[self.inliers] ** 2)))
 
 
 def frames_of(observations: Observations, estimate: Estimate, frames: BoolArray) -> tuple[Observations, Estimate]:
-    """The rows and poses of some frames (f,), renumbered from 0."""
+    """Select rows and poses of some frames (f,), renumbered from 0."""
     number = np.cumsum(frames) - 1
     rows = observations.where(frames[observations.frame])
     return replace(rows, frame=number[rows.frame]), estimate.of_frames(frames)
 
 
 def _frames_alone(fitted: Estimate, model: Model, rest: Estimate) -> tuple[Estimate, Model]:
-    """The globals of one estimate with the frames of another, and the model in which only these frames are free."""
+    """Return the globals of one estimate with the frames of another, and the model in which only these are free."""
     shaped = Board.rigid(model.board.shaped(fitted.shape))
     frames = replace(
         fitted,
@@ -243,7 +239,7 @@ def _frames_alone(fitted: Estimate, model: Model, rest: Estimate) -> tuple[Estim
 
 
 def held_out(start: Estimate, observations: Observations, model: Model, out: BoolArray) -> HeldOut:
-    """Predict the frames `out` (f,) by a robust fit without them."""
+    """Predict the frames of mask `out` (f,) by a robust fit without them."""
     kept, kept_start = frames_of(observations, start, ~out)
     fitted = fit(kept_start, kept, model).estimate
     rest, rest_start = frames_of(observations, start, out)
@@ -253,37 +249,37 @@ def held_out(start: Estimate, observations: Observations, model: Model, out: Boo
 
 
 def held_out_residuals(start: Estimate, observations: Observations, model: Model, fold: IntArray) -> FloatArray:
-    """Residuals (n, 2) px of every frame, as a fit to the other folds predicts it; `fold` (f,) numbers the folds.
+    """Residuals (n, 2), px, of every frame predicted by a fit to the other folds; `fold` (f,) numbers the folds.
 
-    All rows take part, so that models can be compared on the same ones.
+    All rows are used, so that models are compared on equal terms.
     """
-    left = np.empty((len(observations), 2))
+    errors = np.empty((len(observations), 2))
     for out, placed, rest, frames in _left_out(start, observations, model, fold):
         found, _ = minimise(placed, rest, frames)
-        left[out[observations.frame]] = residuals(found, rest, frames.board)
-    return left
+        errors[out[observations.frame]] = residuals(found, rest, frames.board)
+    return errors
 
 
 def held_out_corners(start: Estimate, observations: Observations, model: Model, fold: IntArray) -> FloatArray:
-    """Residuals (n, 2) px of every corner, as a fit to the other folds and half of its own frame's corners predict it.
+    """Residuals (n, 2), px, of every corner predicted by a fit to the other folds and half of its own frame's corners.
 
-    A frame's own numbers are fitted to every other corner of each view, and predict those between them.
+    A frame's own parameters are fitted to every other corner of each view, and predict the corners between them.
     """
-    left = np.empty((len(observations), 2))
+    errors = np.empty((len(observations), 2))
     for out, placed, rest, frames in _left_out(start, observations, model, fold):
-        errors = np.empty((len(rest), 2))
+        in_fold = np.empty((len(rest), 2))
         for half in (0, 1):
             hidden = rest.corner % 2 == half
             found, _ = minimise(placed, rest.where(~hidden), frames)
-            errors[hidden] = residuals(found, rest.where(hidden), frames.board)
-        left[out[observations.frame]] = errors
-    return left
+            in_fold[hidden] = residuals(found, rest.where(hidden), frames.board)
+        errors[out[observations.frame]] = in_fold
+    return errors
 
 
 def _left_out(
     start: Estimate, observations: Observations, model: Model, fold: IntArray
 ) -> Iterator[tuple[BoolArray, Estimate, Observations, Model]]:
-    """For each fold: its frames (f,), a start with the globals of a fit to the others, its rows, and their model."""
+    """Yield for each fold: mask (f,) of its frames, a start from the fit to the others, its rows, and their model."""
     for number in range(int(fold.max()) + 1):
         out = fold == number
         kept, kept_start = frames_of(observations, start, ~out)
@@ -294,15 +290,15 @@ def _left_out(
 
 
 def is_mirrored(observations: Observations, frames: int) -> BoolArray:
-    """Mask (f,) of the frames that show anything through a mirror."""
+    """Mask (f,) of the frames with a mirrored view."""
     return np.isin(np.arange(frames), observations.frame[observations.view != DIRECT])
 
 
 def balanced_folds(estimate: Estimate, observations: Observations, board: Board, parts: int) -> IntArray:
     """Assign each frame (f,) to one of `parts` folds so that every fold holds similar board poses.
 
-    Frames with and without mirrors are assigned separately. Each kind is ordered along a path from one pose to the next
-    most similar one and dealt to the folds back and forth, so that what changes along the path is balanced.
+    Frames with and without mirrors are assigned separately. Each kind is ordered along a path of similar poses and
+    dealt to the folds back and forth, which balances changes along the path.
     """
     part = np.empty(len(estimate.rig_from_board), dtype=np.int64)
     mirrored = is_mirrored(observations, len(part))
@@ -310,29 +306,29 @@ def balanced_folds(estimate: Estimate, observations: Observations, board: Board,
     size = float(np.linalg.norm(np.ptp(corners, axis=0)))
     poses = estimate.rig_from_board
     middles = poses[:, :3, :3] @ corners.mean(axis=0) + poses[:, :3, 3]
-    # A board turned by a radian is as unlike as one shifted by its own size.
-    likeness = np.concatenate([middles, size * poses[:, :3, :3].reshape(-1, 9) / np.sqrt(2.0)], axis=1)
+    # A rotation by a radian counts like a shift by the board's size.
+    features = np.concatenate([middles, size * poses[:, :3, :3].reshape(-1, 9) / np.sqrt(2.0)], axis=1)
     to_and_fro = [*range(parts), *reversed(range(parts))]
-    walk = [frame for kind in (mirrored, ~mirrored) for frame in _path(likeness, np.flatnonzero(kind))]
+    walk = [frame for kind in (mirrored, ~mirrored) for frame in _path(features, np.flatnonzero(kind))]
     for turn, frame in enumerate(walk):
         part[frame] = to_and_fro[turn % len(to_and_fro)]
     return part
 
 
 def _path(points: FloatArray, members: IntArray) -> list[int]:
-    """Members in the order of a greedy path: from the outermost one always on to the nearest one left."""
-    left = list(members)
-    if not left:
+    """Order members along a greedy path: from the outermost one always to the nearest remaining one."""
+    remaining = list(members)
+    if not remaining:
         return []
     middle = points[members].mean(axis=0)
-    walk = [left.pop(int(np.argmax(np.linalg.norm(points[left] - middle, axis=1))))]
-    while left:
-        walk.append(left.pop(int(np.argmin(np.linalg.norm(points[left] - points[walk[-1]], axis=1)))))
+    walk = [remaining.pop(int(np.argmax(np.linalg.norm(points[remaining] - middle, axis=1))))]
+    while remaining:
+        walk.append(remaining.pop(int(np.argmin(np.linalg.norm(points[remaining] - points[walk[-1]], axis=1)))))
     return [int(frame) for frame in walk]
 
 
 def near_and_far(estimate: Estimate, observations: Observations, board: Board) -> IntArray:
-    """Mirrored frames with the board nearer (0) or farther (1) than their median; the other frames are balanced."""
+    """Number mirrored frames by board distance, 0 below and 1 above the median; the other frames are balanced."""
     part = balanced_folds(estimate, observations, board, 2)
     mirrored = np.flatnonzero(is_mirrored(observations, len(part)))
     poses = estimate.rig_from_board[mirrored]

@@ -1,4 +1,4 @@
-"""Forward selection among nested models: which parameters the data support."""
+"""Forward selection among nested models by the support of the data."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ from mirrorcam.optics.calibration.diagnostics.nested_models import (
     Fitted,
     fit_as,
     fit_with,
-    foreseen_gain,
     further_lenses,
     joint_model,
     paper_model,
     plate_thickness,
+    predicted_gain,
 )
 from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import NEGLIGIBLE_PX
 from mirrorcam.optics.calibration.diagnostics.requested_model import AUTO, RequestedModel
@@ -37,18 +37,18 @@ from mirrorcam.optics.calibration.solver.parameterisation import CentresPrior, M
 from mirrorcam.optics.calibration.solver.residuals import Estimate
 
 MIN_UNEXPLAINED = 0.1
-"""Fraction of the noise that mirrors must leave unexplained beyond it to raise an alarm."""
-NEAR_GREATEST, LEAST_FORESEEN = 0.5, 1e-6
-"""A lens is fitted where its foreseen gain is at least this fraction of the greatest, and positive."""
-MIN_PLATE_MM = 0.1  # no plate that holds a mirror is thinner
+"""Least share of the noise that mirrors must leave unexplained to raise an alarm."""
+NEAR_GREATEST, LEAST_GAIN = 0.5, 1e-6
+"""A lens is fitted if its predicted gain is at least this fraction of the greatest, and positive."""
+MIN_PLATE_MM = 0.1  # thinner than any plate of a mirror
 
 
 @dataclass(frozen=True)
 class OtherSurface:
     """Evidence that the mirrors are of another kind than in the layout: the thickness of their plates, mm.
 
-    `sigma_mm` is the standard deviation that independent corner errors would give; `second` is whether the pictures
-    show second-surface mirrors.
+    `sigma_mm` is the standard deviation for independent corner errors; `second` states whether the pictures show
+    second-surface mirrors.
     """
 
     thickness_mm: float
@@ -56,7 +56,7 @@ class OtherSurface:
     second: bool
 
     def sentence(self, widened: float) -> str:
-        """What the pictures show, with the standard deviation widened by a factor."""
+        """Describe the evidence, with the standard deviation widened by a factor."""
         thickness = f"{self.thickness_mm:.3g} +- {widened * self.sigma_mm:.2g} mm"
         if self.second:
             return (
@@ -74,28 +74,28 @@ Alarm = str | OtherSurface
 
 @dataclass(frozen=True)
 class ModelSelection:
-    """The selected model and how it was selected.
+    """The selected model and its selection.
 
     Attributes
     ----------
     level
-        Name of the selected model, as `joint+bend`.
+        Level of the selected model, such as `joint+bend`.
     model
-        Its free parameters.
+        The selected model with its free parameters.
     solution
         Its fit. The covariance is scaled by `widened` squared.
     comparisons
-        Every model that was fitted, against the one nested in it.
+        Each fitted model compared with the model nested in it.
     free_views
-        Comparison with free virtual cameras, where it was possible.
+        Comparison with free virtual cameras, if possible.
     alarms
-        What contradicts the model, one sentence each.
+        Contradictions to the model, one sentence each.
     other_surface
-        Evidence that the mirrors are of another kind than in the layout, where there is any.
+        Evidence that the mirrors are of another kind than in the layout, if any.
     notes
         What could not be determined, one sentence each.
     widened
-        Factor on the standard deviations, against those that independent corner errors would give.
+        Factor on the standard deviations, relative to independent corner errors.
     """
 
     level: str
@@ -109,7 +109,7 @@ class ModelSelection:
     widened: float = 1.0
 
     def widened_to(self, factor: float) -> ModelSelection:
-        """The same with standard deviations at least `factor` times those that independent errors would give."""
+        """Return the selection with standard deviations of at least `factor` times those for independent errors."""
         further = max(factor / self.widened, 1.0)
         solution = replace(self.solution, covariance=further**2 * self.solution.covariance)
         return replace(self, solution=solution, widened=further * self.widened)
@@ -123,12 +123,12 @@ def select_model(
     model: RequestedModel = AUTO,
     prior: CentresPrior | None = None,
 ) -> ModelSelection:
-    """Fit the requested model, and where it is automatic select a larger one by forward selection.
+    """Fit the requested model and, if it is automatic, extend it by forward selection.
 
-    The camera was found from the same corners as the rest, so that `joint` is the smallest model whose uncertainty is
-    right: `paper` is used only on request, or where the corners do not determine the intrinsics. From `joint` on, the
-    addition that gains most information is made as long as one is supported: its likelihood ratio exceeds noise, and
-    held-out frames are predicted better.
+    The camera was estimated from the same corners, so `joint` is the smallest model with a valid uncertainty: `paper`
+    is used only on request, or if the corners do not determine the intrinsics. From `joint` on, the most informative
+    addition is made as long as one is supported: its likelihood ratio exceeds noise, and held-out frames are predicted
+    better.
 
     Parameters
     ----------
@@ -137,19 +137,19 @@ def select_model(
     observations
         The corners, by frame and view.
     corners_in_board_mm
-        The board's corners (c, 3) as drawn.
+        The board's corners (c, 3) in the board frame as drawn, mm.
     model
-        Model to fit; the start has its lens. An alarm is raised where a larger model is supported, unless it is
-        automatic.
+        Model to fit; `start` already has its lens. If a larger model is supported, an automatic model is extended;
+        others raise an alarm.
     prior
-        Of the virtual centres, in every model.
+        Prior on the virtual centres, in every model.
 
     Raises
     ------
     UndeterminedError
-        Where the corners do not suffice.
+        If the corners do not determine the model.
     InputError
-        Where plates are requested that the layout does not have.
+        If plates are requested that the layout does not have.
     """
     paper = fit_as("paper", start, observations, paper_model(corners_in_board_mm, prior))
     comparisons = [smallest_model(paper)]
@@ -159,11 +159,11 @@ def select_model(
     except UndeterminedError:
         if not model.paper and (not model.auto or model.additions):
             raise
-        note = "the corners leave the intrinsics open: they are held as they were"
+        note = "the corners do not determine the intrinsics: they are fixed at their initial values"
         return conclude(paper, comparisons, observations, notes=[note])
     comparisons.append(compare(current, paper, observations))
     if model.paper:
-        note = "the intrinsics are held: what they may be off is in no uncertainty"
+        note = "the intrinsics are fixed: no uncertainty includes their errors"
         doubts = [_alarm(current, "joint")] if comparisons[-1].supported else []
         return conclude(paper, comparisons, observations, doubts, [note])
     additions = [name for name in ADDITIONS if not (model.lens is not None and name in LENS_ADDITIONS)]
@@ -180,20 +180,20 @@ def select_model(
 def forward(
     current: Fitted, observations: Observations, additions: Sequence[str], *, extend: bool, unplated: str = "glass"
 ) -> tuple[Fitted, list[ModelComparison], list[Alarm], list[str]]:
-    """The largest supported model, the comparisons made, alarms and notes.
+    """Return the largest supported model, the comparisons made, alarms and notes.
 
-    Unless the model may be extended, the first supported addition raises an alarm instead, as plates always do where
-    the layout has none; `unplated` is the addition that takes the place of "sheet" there.
+    If the model may not be extended, the first supported addition raises an alarm instead, as do plates that the layout
+    lacks; `unplated` then replaces the addition "sheet".
     """
     comparisons: list[ModelComparison] = []
     alarms: list[Alarm] = []
     notes: list[str] = []
-    while left := _left(current, additions):
-        tried, undetermined = _tried(current, left, observations, unplated)
+    while remaining := _remaining(current, additions):
+        tried, undetermined = _tried(current, remaining, observations, unplated)
         notes += undetermined
         best = None
         likelihoods = [(fitted, compare_likelihood(fitted, current, observations)) for fitted in tried]
-        # Cross-validation is expensive: the most informative addition comes first, the others only if it fails.
+        # Cross-validation is expensive: the most informative addition is tried first, the others only if it fails.
         for fitted, made in sorted(likelihoods, key=lambda pair: -pair[1].information_gain):
             comparisons.append(made if best is not None else cross_validated(made, fitted, current, observations))
             if comparisons[-1].supported:
@@ -208,7 +208,7 @@ def forward(
     return current, comparisons, alarms, notes
 
 
-def _left(current: Fitted, additions: Sequence[str]) -> list[str]:
+def _remaining(current: Fitted, additions: Sequence[str]) -> list[str]:
     """The additions that a model does not have yet."""
     made = current.name.split("+")
     lenses = further_lenses(current.solution.estimate.camera, made)
@@ -216,17 +216,17 @@ def _left(current: Fitted, additions: Sequence[str]) -> list[str]:
 
 
 def _tried(
-    current: Fitted, left: Sequence[str], observations: Observations, unplated: str
+    current: Fitted, remaining: Sequence[str], observations: Observations, unplated: str
 ) -> tuple[list[Fitted], list[str]]:
-    """The fits with one more addition each, and a note on each addition that the corners do not determine.
+    """Fit each further addition; also return a note on each addition that the corners do not determine.
 
-    Another lens is fitted only where one step towards it foresees a gain of information, near the greatest.
+    Another lens is fitted only if one step towards it predicts a gain of information close to the greatest.
     """
     plates = (current.solution.estimate.thickness_mm > 0.0).any()
     found, notes = [], []
-    gains = {name: foreseen_gain(name, current, observations) for name in left if name in LENS_ADDITIONS}
-    least = max(NEAR_GREATEST * max(gains.values(), default=0.0), LEAST_FORESEEN)
-    for name in (name for name in left if gains.get(name, least) >= least):
+    gains = {name: predicted_gain(name, current, observations) for name in remaining if name in LENS_ADDITIONS}
+    least = max(NEAR_GREATEST * max(gains.values(), default=0.0), LEAST_GAIN)
+    for name in (name for name in remaining if gains.get(name, least) >= least):
         addition = unplated if name == "sheet" and not plates else name
         try:
             found.append(fit_with(addition, current, observations))
@@ -255,7 +255,7 @@ def conclude(
     alarms: Sequence[Alarm] = (),
     notes: Sequence[str] = (),
 ) -> ModelSelection:
-    """The selection of `current`, with the check by free virtual cameras and the correlation of errors."""
+    """Build the selection of `current`, with the check by free virtual cameras and the correlation of errors."""
     free = None
     try:
         free = free_views(current.solution, observations, current.model)
@@ -267,7 +267,7 @@ def conclude(
         and free.unexplained_px > max(MIN_UNEXPLAINED * free.rms_px, NEGLIGIBLE_PX)
     ):
         alarm = (
-            f"mirrors as {current.name} describes them leave {free.unexplained_px:.2g} px unexplained "
+            f"the mirrors of {current.name} leave {free.unexplained_px:.2g} px unexplained "
             "that free virtual cameras explain"
         )
         alarms = [*alarms, alarm]

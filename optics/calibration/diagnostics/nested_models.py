@@ -1,10 +1,10 @@
-"""The family of nested calibration models, from three numbers per mirror up.
+"""The family of nested calibration models, from three parameters per mirror upwards.
 
-`paper`: virtual centres and board poses, with the camera held. `joint`: intrinsics as well. Above that, in any order:
-`sheet`: the plate thickness of second-surface mirrors. `bend`: the curvature of each mirror. `warp`: two bows of the
-board. `bow`: a board that bows otherwise in each frame. `turn`: a camera that yields between frames. `board`: free
-corners of the board. `turn` and `board` need a board that is seen directly and in mirrors at once. `rational`, `prism`:
-further numbers of the lens; `spline`: a field over the view; `fisheye`: another lens (`LENS_ADDITIONS`).
+`paper`: virtual centres and board poses, with the camera fixed. `joint`: intrinsics as well. Further additions, in any
+order: `sheet`: the plate thickness of second-surface mirrors. `bend`: the curvature of each mirror. `warp`: two bows of
+the board. `bow`: a bow of the board in each frame. `turn`: a rotation of the camera in each frame. `board`: free
+corners of the board. `turn` and `board` need a board that is seen both directly and in mirrors. `rational`, `prism`:
+further lens parameters; `spline`: a field over the view; `fisheye`: another lens (`LENS_ADDITIONS`).
 """
 
 from __future__ import annotations
@@ -29,25 +29,25 @@ from mirrorcam.optics.geometry.nearest_lens import nearest_lens, with_lens
 from mirrorcam.optics.geometry.plate import rise_mm
 
 PRIOR_ROUNDS = 3
-"""Fits after which the width of a prior, which follows the fit, changes no more."""
+"""Number of fits after which a prior's width, which follows the fit, has converged."""
 TURN_PX = 0.5
-"""Standard deviation of what is left of a camera's turn once the background's is taken out."""
+"""Standard deviation of the camera's rotation that remains after the background's is removed, px."""
 FIRST_BOW, LEAST_BOW = 0.02, 1e-4
-"""Standard deviation of the bow of boards to start from, and the smallest, relative to a board's larger side."""
+"""Initial and least standard deviation of the bow of boards, relative to a board's larger side."""
 PATTERN_CELLS, LEAST_IN_CELL, PATTERN_CHANCE = (12, 7), 5, 1e-3
-"""Cells across and down the sensor, corners that each needs, and how seldom noise may look like a pattern."""
+"""Cells across and down the sensor, corners required in each, and the chance of a pattern by noise."""
 STEP_DAMPING = 1e-9
-"""Relative damping against rounding, where two numbers of a lens are nearly one."""
+"""Relative damping against rounding, if two parameters of a lens are nearly degenerate."""
 LEAST_LEFT = 1e-3
-"""Fraction of a cost that one step can leave at least, for its prediction is a linear one."""
+"""Least fraction of the cost after one step: its prediction is only linear."""
 PLATE_MM, PLATE_INDEX = 1.0, 1.49
-"""The plate to start from where the layout has first-surface mirrors; its index is that of acrylic."""
+"""Initial plate if the layout has first-surface mirrors; the index is acrylic's."""
 THIN, GLASS_INDEX = 0.01, 1.52
-"""Thickness relative to the mirrors' mean distance, and index of soda-lime glass, where there is no layout."""
+"""Thickness relative to the mirrors' mean distance, and index of soda-lime glass, without a layout."""
 LENS_ADDITIONS: Mapping[str, LensName] = MappingProxyType(
     {"rational": "rational", "prism": "thin_prism", "fisheye": "fisheye", "spline": "spline"}
 )
-"""Additions by the lens model that has their numbers. A fisheye is no larger lens but another one."""
+"""Lens model of each addition. A fisheye is no extension but another lens."""
 ADDITIONS = ("sheet", "bend", "warp", "bow", *LENS_ADDITIONS)
 _FURTHER: Mapping[LensName, tuple[str, ...]] = MappingProxyType(
     {
@@ -62,7 +62,7 @@ _FURTHER: Mapping[LensName, tuple[str, ...]] = MappingProxyType(
 
 @dataclass(frozen=True)
 class Fitted:
-    """A model under the name of its level, and its fit."""
+    """A fitted model with the name of its level."""
 
     name: str
     model: Model
@@ -70,25 +70,25 @@ class Fitted:
 
 
 def fit_as(name: str, start: Estimate, observations: Observations, model: Model) -> Fitted:
-    """Fit a model under the name of its level; raises UndeterminedError where the corners do not suffice."""
+    """Fit a model under the name of its level; raises UndeterminedError if the corners do not determine it."""
     return Fitted(name, model, fit(start, observations, model))
 
 
 def paper_model(corners_in_board_mm: FloatArray, prior: CentresPrior | None = None) -> Model:
-    """The model with the camera held: 3 numbers per mirror and the board's poses."""
+    """Return the model with a fixed camera: 3 parameters per mirror, and the board's poses."""
     board = Board.rigid(corners_in_board_mm)
     return Model((), thickness=False, curvature=False, board=board, centres_prior=prior)
 
 
 def joint_model(camera: Camera, corners_in_board_mm: FloatArray, prior: CentresPrior | None = None) -> Model:
-    """The model with all intrinsics of a camera free."""
+    """Return the model with all intrinsics of a camera free."""
     return replace(paper_model(corners_in_board_mm, prior), intrinsics=camera.intrinsic_names)
 
 
 def first_fit(
     start: Estimate, observations: Observations, corners_in_board_mm: FloatArray, prior: CentresPrior | None
 ) -> Estimate:
-    """The estimate of `joint`, or of `paper` where the corners leave the intrinsics open."""
+    """Return the estimate of `joint`, or of `paper` if the corners do not determine the intrinsics."""
     paper = fit(start, observations, paper_model(corners_in_board_mm, prior)).estimate
     try:
         return fit(paper, observations, joint_model(paper.camera, corners_in_board_mm, prior)).estimate
@@ -97,7 +97,7 @@ def first_fit(
 
 
 def extended(model: Model, addition: str) -> Model:
-    """The next larger model: one with an addition whose numbers all frames share."""
+    """Return the model extended by an addition whose parameters all frames share."""
     if addition in {"sheet", "glass", "plates"}:
         return replace(model, thickness=True)
     if addition == "bend":
@@ -107,11 +107,11 @@ def extended(model: Model, addition: str) -> Model:
 
 
 def fit_with(addition: str, smaller: Fitted, observations: Observations) -> Fitted:
-    """Fit the next larger model: a fitted one with an addition.
+    """Fit a fitted model extended by an addition.
 
-    Two additions stand for "sheet" where the mirrors are described as first-surface: "glass", for comparison alone, and
-    "plates", where nothing is known of the mirrors beforehand. Raises InputError for "sheet" there, and
-    UndeterminedError where the corners do not suffice.
+    For first-surface mirrors, two additions replace "sheet": "glass", only for comparison, and "plates", if nothing is
+    known of the mirrors. Raises InputError for "sheet" then, and UndeterminedError if the corners do not determine the
+    model.
     """
     estimate = smaller.solution.estimate
     name = f"{smaller.name}+{'sheet' if addition == 'plates' else addition}"
@@ -134,7 +134,7 @@ def fit_with(addition: str, smaller: Fitted, observations: Observations) -> Fitt
 
 
 def _with_lens(addition: str, smaller: Fitted) -> tuple[Estimate, Model]:
-    """Estimate and model with another lens; raises InputError where the camera's own lens cannot become that."""
+    """Return estimate and model with another lens; raises InputError if the camera's own lens cannot become it."""
     estimate, made = smaller.solution.estimate, smaller.name.split("+")
     if addition not in further_lenses(estimate.camera, made):
         raise InputError(f"level {smaller.name}+{addition}: the camera already has a {estimate.camera.lens_model} lens")
@@ -144,11 +144,11 @@ def _with_lens(addition: str, smaller: Fitted) -> tuple[Estimate, Model]:
     )
 
 
-def foreseen_gain(addition: str, smaller: Fitted, observations: Observations) -> float:
-    """The decrease of the Bayesian information criterion that one step towards another lens predicts.
+def predicted_gain(addition: str, smaller: Fitted, observations: Observations) -> float:
+    """Predict the decrease of the Bayesian information criterion from one step towards another lens.
 
-    This is Rao's score test, whose statistic needs no fit of the larger model. Of a field, with its many numbers, none
-    is foreseen where the residuals have no pattern over the sensor.
+    This is Rao's score test, which needs no fit of the larger model. For a field, with its many parameters, the gain is
+    0 if the residuals have no pattern over the sensor.
     """
     if addition == "spline" and not _has_pattern(smaller.solution, observations):
         return 0.0
@@ -166,21 +166,21 @@ def foreseen_gain(addition: str, smaller: Fitted, observations: Observations) ->
 
 
 def _has_pattern(solution: Solution, observations: Observations) -> bool:
-    """Whether the mean residuals in cells of the sensor are larger than noise makes them by chance."""
+    """Whether the mean residuals in cells of the sensor are larger than by chance."""
     camera, rows = solution.estimate.camera, solution.inliers
     along = observations.pixels[rows] / [camera.width_px, camera.height_px] * PATTERN_CELLS
     col, row = np.clip(along.astype(np.int64), 0, np.array(PATTERN_CELLS) - 1).T
     cell = row * PATTERN_CELLS[0] + col
     counts = np.bincount(cell)
-    sums = [np.bincount(cell, weights=left) for left in solution.standardised[rows].T]
+    sums = [np.bincount(cell, weights=component) for component in solution.standardised[rows].T]
     shown = counts >= LEAST_IN_CELL
     squares = float(sum(np.sum(each[shown] ** 2 / counts[shown]) for each in sums))
-    # Not relative to the noise: simulated corners have none.
+    # Not relative to the noise, because simulated corners have none.
     return squares > solution.scale**2 * float(chi2.isf(PATTERN_CHANCE, 2 * int(shown.sum())))
 
 
 def _fit_with_terms(name: str, smaller: Fitted, observations: Observations, addition: str) -> Fitted:
-    """Fit with one more kind of numbers of single frames, under priors that follow the noise and the bows found."""
+    """Fit with one more kind of per-frame parameters, under priors that follow the noise and the fitted bows."""
     scale, terms = smaller.solution.scale, smaller.model.frame_terms
     turns = addition == "turn" or terms.turn_per_rad is not None
     bows = addition == "bow" or terms.bow_per_mm is not None
@@ -200,7 +200,7 @@ def _fit_with_terms(name: str, smaller: Fitted, observations: Observations, addi
 
 
 def _width_of_bows(fitted: Fitted, observations: Observations) -> float:
-    """Standard deviation of the bows of all frames: what was found, and what it may be off (a step of EM)."""
+    """Standard deviation of the bows of all frames, from their estimates and variances (a step of EM)."""
     solution, model = fitted.solution, fitted.model
     rows = observations.where(solution.inliers)
     own = normal_equations(solution.estimate, Grouped.of(rows, model), model).v
@@ -209,12 +209,13 @@ def _width_of_bows(fitted: Fitted, observations: Observations) -> float:
 
 
 def as_second_surface(estimate: Estimate, thickness_mm: float, index: float) -> Estimate:
-    """The estimate with second-surface mirrors that look the same along the chief ray of each."""
+    """Return the estimate with second-surface mirrors that look the same along the chief ray of each."""
     centres = estimate.virtual_centres_in_rig_mm
     distance = np.linalg.norm(centres, axis=1) / 2.0
     foot = centres / 2.0
-    middles = estimate.middles_in_rig_mm
-    across = np.linalg.norm(middles - foot - _projected(middles - foot, centres), axis=1)
+    offset = estimate.middles_in_rig_mm - foot
+    along = np.sum(offset * centres, axis=1, keepdims=True) / np.sum(centres * centres, axis=1, keepdims=True) * centres
+    across = np.linalg.norm(offset - along, axis=1)
     rise = rise_mm(across / distance, thickness_mm, index)
     mirrors = len(centres)
     return replace(
@@ -223,11 +224,6 @@ def as_second_surface(estimate: Estimate, thickness_mm: float, index: float) -> 
         thickness_mm=np.full(mirrors, thickness_mm),
         refractive_index=np.full(mirrors, index),
     )
-
-
-def _projected(vectors: FloatArray, axes: FloatArray) -> FloatArray:
-    """The components (n, 3) of vectors along axes (n, 3)."""
-    return np.asarray(np.sum(vectors * axes, axis=1, keepdims=True) / np.sum(axes * axes, axis=1, keepdims=True) * axes)
 
 
 def plate_thickness(fitted: Fitted) -> tuple[float, float]:
@@ -239,14 +235,14 @@ def plate_thickness(fitted: Fitted) -> tuple[float, float]:
 
 
 def further_lenses(camera: Camera, additions: Collection[str]) -> tuple[str, ...]:
-    """The additions to the lens of a camera that a model with some additions leaves."""
+    """Additions to a camera's lens that a model with some additions still allows."""
     if camera.lens_model == "thin_prism" and "prism" in additions and "rational" not in additions:
         return ("rational",)
     return tuple(name for name in _FURTHER[camera.lens_model] if name not in additions)
 
 
 def with_addition(camera: Camera, addition: str) -> Camera:
-    """The camera in the lens model of an addition: the same one, except for a fisheye, which is the nearest."""
+    """Convert a camera to the lens model of an addition: exactly, except for the nearest fisheye."""
     model = LENS_ADDITIONS[addition]
     if model == "fisheye":
         return nearest_lens(camera, model)[0]
@@ -254,6 +250,6 @@ def with_addition(camera: Camera, addition: str) -> Camera:
 
 
 def free_intrinsics(camera: Camera, additions: Collection[str]) -> tuple[str, ...]:
-    """Names of the intrinsics that a model with some additions frees: all, or those without a quotient's divisor."""
+    """Names of the free intrinsics of a model with some additions: all, or all but a quotient's divisor."""
     without_divisor = "prism" in additions and "rational" not in additions
     return tuple(name for name in camera.intrinsic_names if not (without_divisor and name in {"k4", "k5", "k6"}))

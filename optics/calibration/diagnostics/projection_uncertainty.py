@@ -1,10 +1,10 @@
-"""The covariance of a calibration, propagated to the pixels of each view and to triangulated depth.
+"""Propagation of a calibration's covariance to the pixels of each view and to triangulated depth.
 
-After the projection uncertainty of mrcal (Kogan). The frame is the rig, which is the camera's own: pinhole, optical
-axis and pixel axes define it, and the board's poses, free in the fit, are marginalised. The rig's own pose is therefore
-determined, and a point can be held in rig while camera and mirrors vary. An error common to all views (an error of the
-principal point is nearly a rotation of all mirrors) counts in full there; relative to the reference view, on which
-depth depends, it cancels.
+After mrcal's projection uncertainty (Kogan). The frame is the rig, i.e. the camera: pinhole, optical axis and pixel
+axes define it, and the board's poses, free in the fit, are marginalised. The rig's own pose is therefore determined,
+and a point can be fixed in rig while camera and mirrors vary. An error common to all views counts in full there (an
+error of the principal point is nearly a rotation of all mirrors); relative to the reference view, on which depth
+depends, it cancels.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ from mirrorcam.optics.calibration.solver.residuals import Board, Estimate, globa
 from mirrorcam.optics.geometry.layout import Layout, Uncertainty
 
 NEGLIGIBLE_PX = 1e-4
-"""Below the precision of any detected corner: smaller differences are not significant."""
+"""Below the precision of any detected corner: smaller differences are insignificant."""
 GRID = 9
-"""Points along the longer side of a sub-image at which a map is taken."""
+"""Points of a map along the longer side of a sub-image."""
 
 
 @dataclass(frozen=True)
@@ -55,13 +55,13 @@ class ProjectionMap:
     view
         Mirror index, or DIRECT.
     range_mm
-        Distance of the points from the view's virtual centre.
+        Distance of the points from the view's virtual centre, mm.
     pixels
-        Where the points appear (n, 2).
+        Pixels (n, 2) of the points.
     in_rig
-        Covariance (n, 2, 2), px^2, of the pixel of a point held in rig.
+        Covariance (n, 2, 2), px^2, of the pixel of a point fixed in rig.
     against_reference
-        The same for a point held where the reference view shows it; zero for the reference view itself.
+        The same for a point fixed in the reference view; zero for the reference view itself.
     """
 
     view: int
@@ -82,21 +82,21 @@ class ProjectionMap:
 
 
 def worst_sigmas(covariances: FloatArray) -> FloatArray:
-    """Standard deviations (...) along the direction of the largest variance, of covariances (..., k, k)."""
+    """Standard deviations (...) along the direction of largest variance of covariances (..., k, k)."""
     return np.asarray(np.sqrt(np.maximum(np.linalg.eigvalsh(covariances)[..., -1], 0.0)))
 
 
 def uncertainty_of(layout: Layout) -> Uncertainty:
-    """The covariance of a calibrated layout; raises ValueError where there is none."""
+    """Return the covariance of a calibrated layout; raises ValueError if it has none."""
     if layout.uncertainty is None:
-        raise ValueError("the layout carries no uncertainty, expected a calibrated one")
+        raise ValueError("the layout has no uncertainty, expected a calibrated one")
     return layout.uncertainty
 
 
 def project_points(layout: Layout, view: int | NDArray[np.int64], points_in_rig: FloatArray) -> ProjectedPoints:
-    """Project points (n, 3) mm in rig by a view (a mirror, or DIRECT) or one view (n,) each.
+    """Project points (n, 3), mm in rig, in one view (a mirror, or DIRECT) or each in its own view (n,).
 
-    The model is the one that the solver fits. A layout without covariance has no parameters.
+    The model is the solver's. A layout without covariance has no parameters.
     """
     known = () if layout.uncertainty is None else layout.uncertainty.parameters
     count = len(points_in_rig)
@@ -115,9 +115,9 @@ def virtual_centre(layout: Layout, view: int) -> FloatArray:
 
 
 def points_at_pixels(layout: Layout, view: int, pixels: FloatArray, range_mm: float) -> FloatArray:
-    """Points (n, 3) mm in rig that appear at pixels (n, 2) of a view, `range_mm` from its centre of projection.
+    """Return points (n, 3), mm in rig, at pixels (n, 2) of a view, `range_mm` from its centre of projection.
 
-    Mirrors are taken as their flat apparent first-surface mirrors, an approximation for plates and bent mirrors.
+    Plates and bent mirrors are approximated by their apparent flat first-surface mirrors.
     """
     rays = layout.camera.unproject(pixels)
     rays = rays / np.linalg.norm(rays, axis=1, keepdims=True)
@@ -126,7 +126,7 @@ def points_at_pixels(layout: Layout, view: int, pixels: FloatArray, range_mm: fl
 
 
 def outline_px(layout: Layout, view: int) -> FloatArray:
-    """Outline (n, 2) of a view's sub-image on the sensor; the whole sensor if DIRECT."""
+    """Outline (n, 2) of a view's sub-image on the sensor; the complete sensor if DIRECT."""
     if view != DIRECT:
         return layout.outline_px(view)
     return np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) * [layout.camera.width_px, layout.camera.height_px] - 0.5
@@ -144,9 +144,9 @@ def grid_px(layout: Layout, view: int) -> FloatArray:
 
 
 def derivatives_held_in(layout: Layout, reference: int, points_in_rig: FloatArray) -> FloatArray:
-    """Derivatives (n, 3, g) by the parameters, mm, of points (n, 3) that are held in the reference view.
+    """Derivatives (n, 3, g), mm, by the parameters of points (n, 3) that are fixed in the reference view.
 
-    Their pixels in the reference view and their distance from its virtual centre are held.
+    Their pixels in the reference view and their distances from its virtual centre are fixed.
     """
     seen = project_points(layout, reference, points_in_rig)
     along = points_in_rig - virtual_centre(layout, reference)
@@ -160,8 +160,8 @@ def derivatives_held_in(layout: Layout, reference: int, points_in_rig: FloatArra
 def centre_derivatives(layout: Layout, view: int) -> FloatArray:
     """Derivatives (3, g) of a view's virtual centre by the parameters.
 
-    The distance between the apparent mirror and the coating is held: it changes with the plate's thickness, but which
-    point of a ray counts as its origin is a convention that no picture determines.
+    The distance between apparent mirror and coating is fixed. It varies with the plate's thickness, but the origin of a
+    ray along its line is a convention that no picture determines.
     """
     names = uncertainty_of(layout).parameters
     derivatives = np.zeros((3, len(names)))
@@ -173,7 +173,7 @@ def centre_derivatives(layout: Layout, view: int) -> FloatArray:
 
 
 def projection_map(layout: Layout, view: int, *, reference: int, range_mm: float) -> ProjectionMap:
-    """Projection uncertainty of a view over its sub-image, for points `range_mm` from its centre of projection."""
+    """Return the projection uncertainty over a view's sub-image, for points `range_mm` from the view's centre."""
     at = grid_px(layout, view)
     points = points_at_pixels(layout, view, at, range_mm)
     covariance = uncertainty_of(layout).covariance
@@ -189,12 +189,12 @@ def projection_map(layout: Layout, view: int, *, reference: int, range_mm: float
 
 
 def propagated(derivatives: FloatArray, covariance: FloatArray) -> FloatArray:
-    """Covariances (..., k, k) of quantities with derivatives (..., k, g) by parameters of covariance (g, g)."""
+    """Propagate a covariance (g, g) by derivatives (..., k, g) to covariances (..., k, k)."""
     return np.asarray(derivatives @ covariance @ np.swapaxes(derivatives, -1, -2))
 
 
 def median_distance_mm(layout: Layout, points_in_rig: FloatArray, views: NDArray[np.int64]) -> float:
-    """Median distance of observed points (n, 3) mm from the virtual centre of the view (n,) that shows each."""
+    """Median distance of observed points (n, 3), mm, from the virtual centres of their views (n,)."""
     centres = np.array([virtual_centre(layout, view) for view in (*range(len(layout.mirrors)), DIRECT)])
     return float(np.median(np.linalg.norm(points_in_rig - centres[views], axis=1)))
 
@@ -206,11 +206,11 @@ class DepthUncertainty:
     Attributes
     ----------
     range_mm
-        Distances (k,) of the point.
+        Distances (k,) of the point, mm.
     matching_mm
-        Standard deviations (k,) by matching noise; NaN where fewer than two views show the point.
+        Standard deviations (k,) from matching noise; NaN if fewer than two views show the point.
     calibration_mm
-        Standard deviations (k,) by the calibration; NaN likewise.
+        Standard deviations (k,) from the calibration; NaN likewise.
     views
         Number of views (k,) that show the point.
     at_px
@@ -228,7 +228,7 @@ class DepthUncertainty:
 
     @property
     def total_mm(self) -> FloatArray:
-        """Both together (k,), as the two are independent."""
+        """Combination (k,) of both, which are independent."""
         return np.hypot(self.matching_mm, self.calibration_mm)
 
 
@@ -238,15 +238,14 @@ def depth_uncertainty(
     """Propagate matching noise and a calibration's covariance to triangulated distances.
 
     Least squares over the pixels q of all views: dX = -(J^T J)^-1 J^T (noise + G dp) with J = dq/dX and G = dq/dp. The
-    distance is measured from the virtual centre of the reference view, so that a motion of the whole rig changes
-    nothing.
+    distance is measured from the virtual centre of the reference view, so a motion of the entire rig has no effect.
 
     Parameters
     ----------
     layout
         A calibrated layout, with covariance.
     ranges_mm
-        Distances (k,).
+        Distances (k,), mm.
     reference
         The reference view: a mirror's index, or DIRECT.
     at_px

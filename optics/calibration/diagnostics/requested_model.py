@@ -1,10 +1,10 @@
-"""The model that a calibration is requested to fit: words joined by "+".
+"""The requested model of a calibration: words joined by "+".
 
-`joint` (the default) solves the camera with the mirrors; `paper` holds it as the pictures without mirrors determine it.
-A lens is the camera's for certain; without one it is the layout's. `sheet`, `bend`, `warp`, `bow` and `prism` free more
-numbers (`nested_models`); with a direct view `sheet`, `bow`, `turn` and `board`. `auto` selects what the pictures
-support beyond the words before it. `first_surface` and `second_surface` correct the layout's mirrors. The names of
-levels in results, such as joint+bend, are such models.
+`joint` (the default) solves the camera jointly with the mirrors; `paper` fixes it as estimated from the pictures
+without mirrors. A lens name fixes the lens model; without one, it is the layout's. `sheet`, `bend`, `warp`, `bow` and
+`prism` free further parameters (`nested_models`); with a direct view, `sheet`, `bow`, `turn` and `board`. `auto` adds
+whatever else the pictures support. `first_surface` and `second_surface` correct the layout's mirrors. Levels in
+results, such as joint+bend, have the same form.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from mirrorcam.core.errors import InputError
 from mirrorcam.optics.geometry.lenses.families import LensName
 
 LAYOUT_ADDITIONS = ("sheet", "bend", "warp", "bow", "prism")
-"""Additions to `joint`, besides lenses, that can be requested with a layout."""
+"""Additions to `joint`, besides lenses, available with a layout."""
 DIRECT_ADDITIONS = ("sheet", "turn", "bow", "board")
-"""Those that are tried where frames show their board directly and in mirrors at once."""
+"""Additions that are tried if frames show their board both directly and in mirrors."""
 SURFACES: dict[str, Literal["first", "second"]] = {"first_surface": "first", "second_surface": "second"}
 
 
@@ -29,15 +29,15 @@ class RequestedModel:
     Attributes
     ----------
     lens
-        Lens model of the camera, so that no other is tried; None: the layout's.
+        Lens model of the camera, the only one tried; None: the layout's.
     additions
-        What is freed besides the camera, the virtual centres and the board's poses.
+        Parameters to free besides the camera, the virtual centres and the board's poses.
     paper
-        Whether the camera is held, without additions.
+        Whether the camera is fixed, without additions.
     auto
-        Whether further additions are made where the pictures support them; else an alarm is raised there.
+        Whether further additions are made if the pictures support them; otherwise they raise an alarm.
     surface
-        Which surface of the mirrors reflects; None: as the layout states.
+        Reflecting surface of the mirrors; None: as the layout states.
     """
 
     lens: LensName | None = None
@@ -48,7 +48,7 @@ class RequestedModel:
 
     @classmethod
     def parse(cls, text: str) -> RequestedModel:
-        """Parse words joined by "+"; raises InputError for an unknown word, and for contradictory ones."""
+        """Parse words joined by "+"; raises InputError for unknown or contradictory words."""
         words = text.split("+")
         lenses = [word for word in get_args(LensName) if word in words]
         surfaces = [surface for word, surface in SURFACES.items() if word in words]
@@ -58,10 +58,10 @@ class RequestedModel:
             known = ("auto", "joint", "paper", *get_args(LensName), *dict.fromkeys(LAYOUT_ADDITIONS + DIRECT_ADDITIONS))
             raise InputError(f"unknown word {unknown[0]!r} of a model, expected {', '.join((*known, *SURFACES))}")
         paper, auto = "paper" in words, "auto" in words
-        held = paper and (auto or additions or "joint" in words)
-        if len(set(words)) < len(words) or len(lenses) > 1 or len(surfaces) > 1 or held:
+        fixed = paper and (auto or additions or "joint" in words)
+        if len(set(words)) < len(words) or len(lenses) > 1 or len(surfaces) > 1 or fixed:
             raise InputError(
-                "a model has each word once, one lens, one surface, and paper without joint, auto and additions"
+                "a model has each word once, one lens, one surface, and paper without joint, auto or additions"
             )
         return cls(
             lens=lenses[0] if lenses else None,
@@ -72,7 +72,7 @@ class RequestedModel:
         )
 
     def check_mirrored(self) -> None:
-        """Raise InputError where a word needs a direct view of the board, or another layout."""
+        """Raise InputError if a word needs a direct view of the board, or another layout."""
         if self.surface is not None:
             raise InputError(f"model: {self.surface}_surface, expected it in the layout")
         if direct := [name for name in self.additions if name not in LAYOUT_ADDITIONS]:
@@ -81,7 +81,7 @@ class RequestedModel:
             )
 
     def check_direct(self) -> None:
-        """Raise InputError where a word needs a layout."""
+        """Raise InputError if a word needs a layout."""
         needs_layout = self.lens is not None or self.paper or self.surface is not None
         if needs_layout or any(name not in DIRECT_ADDITIONS for name in self.additions):
             raise InputError(f"model: expected auto or joint, with any of {', '.join(DIRECT_ADDITIONS)}: no layout")

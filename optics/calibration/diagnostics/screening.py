@@ -1,4 +1,4 @@
-"""Screening of observations before a calibration: contradictory corners, views and frames are left out or refused.
+"""Screening of observations before a calibration: contradictory corners, views and frames are dropped or refused.
 
 The nominal layout is only the start: every test compares the pictures with each other.
 """
@@ -36,11 +36,11 @@ class ScreenedFrames:
     Attributes
     ----------
     seen, base
-        Corners by frame, with and without mirrors, with standard deviations that follow the noise of each view.
+        Corners by frame, with and without mirrors, with standard deviations from the noise of each view.
     notes
-        What was left out, one sentence each.
+        What was dropped, one sentence each.
     widened
-        Factor on the error bounds of a common fit; 1 where both kinds of frames agree about the camera.
+        Factor on the error bounds of a common fit; 1 if both kinds of frames agree on the camera.
     """
 
     seen: list[Observations]
@@ -52,7 +52,7 @@ class ScreenedFrames:
 def screen(
     seen: Sequence[Observations], base: Sequence[Observations], layout: Layout, corners_in_board_mm: FloatArray
 ) -> ScreenedFrames:
-    """Leave out repeated pictures, corners off the board, and views that show the board elsewhere than the others.
+    """Drop repeated pictures, corners off the board, and views that contradict the others on the board's pose.
 
     Parameters
     ----------
@@ -61,19 +61,19 @@ def screen(
     layout
         The nominal layout.
     corners_in_board_mm
-        The board's corners (c, 3) as drawn.
+        The board's corners (c, 3) in the board frame as drawn, mm.
 
     Returns
     -------
     ScreenedFrames
-        With as many frames as were given.
+        As many frames as given.
 
     Raises
     ------
     InputError
-        Where so much is contradictory that nothing can be trusted.
+        If the observations are too contradictory to calibrate.
     UndeterminedError
-        Where nothing can be solved.
+        If nothing can be solved.
     """
     names = [f"frame {n}" for n in range(len(seen))] + [f"base frame {n}" for n in range(len(base))]
     frames = [*seen, *base]
@@ -105,7 +105,7 @@ def _agreeing(
     layout: Layout,
     corners_in_board_mm: FloatArray,
 ) -> tuple[Observations, Observations, float, tuple[str, ...]]:
-    """The mirrored views that agree with each other, the direct ones, the widening by these, and notes.
+    """Return the mirrored views that agree, the direct views, the widening that both require, and notes.
 
     The standard deviations of both follow the noise of each view.
     """
@@ -116,9 +116,9 @@ def _agreeing(
     paper, _ = start_robustly(start, packed, replace(free, intrinsics=()))
     estimate, _ = start_robustly(paper, packed, free)
     numbers = np.unique(mirrored.frame)
-    left = residuals(estimate, packed, free.board)
-    kept, notes = consistency.consistent_views(packed, left, [names[n] for n in numbers], layout.mirror_names)
-    mirrored = with_noise_of_views(mirrored.where(kept), left[kept])
+    errors = residuals(estimate, packed, free.board)
+    kept, notes = consistency.consistent_views(packed, errors, [names[n] for n in numbers], layout.mirror_names)
+    mirrored = with_noise_of_views(mirrored.where(kept), errors[kept])
     if not len(direct):
         return mirrored, direct, 1.0, notes
     direct = with_noise_of_views(direct, _direct_residuals(_packed(direct), estimate, layout, free))
@@ -130,14 +130,14 @@ def _agreeing(
 
 
 def _direct_residuals(direct: Observations, estimate: Estimate, layout: Layout, free: Model) -> FloatArray:
-    """Residuals (n, 2) px of frames without mirrors to a robust fit of their own, from the camera of an estimate."""
+    """Residuals (n, 2), px, of frames without mirrors to their own robust fit, started from an estimate's camera."""
     start = initial_estimates.first_estimate(direct, estimate.camera, layout, free.board.corners_in_board_mm)
     alone, _ = start_robustly(start, direct, replace(free, mirrors=False))
     return residuals(alone, direct, free.board)
 
 
 def _packed(observations: Observations) -> Observations:
-    """The same rows with the frames numbered from 0 without a gap."""
+    """Renumber the frames from 0 without gaps."""
     _, frame = np.unique(observations.frame, return_inverse=True)
     return replace(observations, frame=frame)
 
@@ -145,9 +145,9 @@ def _packed(observations: Observations) -> Observations:
 def _least_disagreement(
     estimate: Estimate, mirrored: Observations, direct: Observations, layout: Layout, free: Model
 ) -> float:
-    """The camera disagreement; where it is large, the least of those with plates, bent mirrors and other lenses.
+    """Camera disagreement; if large, the least one with plates, bent mirrors or other lenses.
 
-    A plate or a bend that the layout leaves out biases the intrinsics, too, as does a lens that they do not describe.
+    A plate or a bend missing from the layout also biases the intrinsics, as does an unsuitable lens model.
     """
     ratio = _camera_disagreement(estimate, mirrored, direct, layout, free)
     if ratio <= consistency.DRIFT_WIDENS:
@@ -171,9 +171,9 @@ def _least_disagreement(
 def _camera_disagreement(
     with_mirrors: Estimate, mirrored: Observations, direct: Observations, layout: Layout, model: Model
 ) -> float:
-    """`consistency.camera_disagreement` of fits to frames with mirrors, without, and to both.
+    """`consistency.camera_disagreement` of fits to frames with mirrors, without mirrors, and to both.
 
-    The common fit uses all corners that fit either kind alone, so that no contradiction is dropped as an outlier.
+    The common fit uses all corners that fit either kind alone, so that no contradiction is rejected as an outlier.
     """
     mirrored, with_mirrors = _cleaned(mirrored, with_mirrors, model)
     start = initial_estimates.first_estimate(direct, with_mirrors.camera, layout, model.board.corners_in_board_mm)
@@ -195,7 +195,7 @@ def _standardised(estimate: Estimate, observations: Observations, model: Model) 
 
 
 def _cleaned(observations: Observations, start: Estimate, model: Model) -> tuple[Observations, Estimate]:
-    """The inliers of a robust fit, and the least-squares fit to them."""
+    """Return the inliers of a robust fit, and the least-squares fit to them."""
     if not (observations.view != DIRECT).any():
         model = replace(model, mirrors=False, thickness=False, curvature=False)
     estimate, _ = start_robustly(start, observations, model)

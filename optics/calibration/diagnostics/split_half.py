@@ -1,4 +1,4 @@
-"""Split-half test: whether halves of the frames, each calibrated alone, agree within their uncertainties."""
+"""Split-half test: whether halves of the frames, calibrated separately, agree within their uncertainties."""
 
 from __future__ import annotations
 
@@ -32,30 +32,30 @@ from mirrorcam.optics.geometry.layout import Layout
 ALARM_RATIO = 2.0
 ALARM_CHANCE = 1e-3
 MIN_HALF = 3
-"""Mirrored frames that a half must have."""
+"""Least number of mirrored frames in a half."""
 
 
 @dataclass(frozen=True)
 class Split:
-    """Comparison of two halves of the frames, each calibrated alone.
+    """Comparison of two halves of the frames, calibrated separately.
 
     Attributes
     ----------
     key
         Name of the split in metrics.
     how
-        How the frames are split, in words.
+        How the frames are split, as text.
     mirrors
         Names of the mirrors (m).
     frames
         Number of frames in each half.
     difference_px, predicted_px, chance
-        For each mirror's view (m,), root mean square over its sub-image at the working range: the difference between
-        the halves, that predicted by both covariances, and the probability of a larger one where both are right.
+        Rms over each mirror's sub-image (m,) at the working range: the difference between the halves, the difference
+        predicted by both covariances, and the probability of a larger one if both are right.
     relative_difference_px, relative_predicted_px, relative_chance
-        The same for points held in the reference view.
+        The same for points fixed in the reference view.
     overall_ratio, overall_chance
-        Over all parameters: the root mean square difference in standard deviations, 1 on average, and its probability.
+        Over all parameters: the rms difference in standard deviations (1 on average), and its probability.
     """
 
     key: str
@@ -86,7 +86,7 @@ class Split:
 
     @property
     def _worst(self) -> tuple[float, str]:
-        """The largest ratio that is both large and improbable, and what differs; (1, "") where none is."""
+        """The largest ratio that is both large and improbable, and a description; (1, "") if there is none."""
         enough = ALARM_CHANCE / len(self.chance)
         ratios = [(self.overall_ratio, self.overall_chance < ALARM_CHANCE, "the halves differ overall")]
         for where, in_views, chances, differences in (
@@ -101,7 +101,7 @@ class Split:
 
     @property
     def alarm(self) -> str | None:
-        """A sentence on what differs by more than `ALARM_RATIO` times the prediction; None where nothing does."""
+        """Description of the differences above `ALARM_RATIO` times the prediction; None without."""
         ratio, words = self._worst
         if not words:
             return None
@@ -124,29 +124,29 @@ def splits(
 ) -> tuple[tuple[Split, ...], tuple[str, ...]]:
     """Split a calibration's frames into similar halves, and into near and far boards, and compare the halves.
 
-    A wrong model fits near and far boards differently. The predicted difference is that of independent corner errors,
-    whatever the uncertainties of `layout` were widened by: a larger difference is an error of the model even where
-    these allow for it.
+    A wrong model fits near and far boards differently. The predicted difference is for independent corner errors,
+    without the widening of `layout`'s uncertainties: a larger difference is an error of the model even if they allow
+    for it.
 
     Parameters
     ----------
     solution, observations, model
-        The fit of all frames.
+        Fit of all frames.
     layout
         The calibrated layout, with covariance.
     reference
-        The view that others are measured against: a mirror's index, or DIRECT.
+        View that the others are measured against: a mirror's index, or DIRECT.
     range_mm
         Distance at which views are compared, mm.
 
     Returns
     -------
     splits, notes
-        A split is left out, with a note, where a half has fewer than `MIN_HALF` mirrored frames or determines no
+        A split is left out, with a note, if a half has fewer than `MIN_HALF` mirrored frames or does not determine the
         camera.
     """
     if solution.sigma_px < NEGLIGIBLE_PX:
-        return (), ("not split: the corners have no noise that halves could differ by",)
+        return (), ("not split: the corners have no noise to compare halves by",)
     rows = observations.where(solution.inliers)
     shown = [_shown(layout, view, reference, range_mm) for view in range(len(layout.mirrors))]
     found, notes = [], []
@@ -173,7 +173,7 @@ def _half(estimate: Estimate, observations: Observations, model: Model, frames: 
 
 
 def _shown(layout: Layout, view: int, reference: int, range_mm: float) -> tuple[FloatArray, FloatArray]:
-    """Derivatives (n, 2, g) of a view's pixels by the parameters: of points held in rig, and in the reference view."""
+    """Derivatives (n, 2, g) of a view's pixels by the parameters, for points fixed in rig and in the reference view."""
     points = points_at_pixels(layout, view, grid_px(layout, view), range_mm)
     shown = project_points(layout, view, points)
     return shown.by_parameter, shown.by_parameter + shown.by_point @ derivatives_held_in(layout, reference, points)
@@ -213,7 +213,7 @@ def _quadratic(derivatives: FloatArray, difference: FloatArray, covariance: Floa
     """Rms of derivatives (n, 2, g) times a difference (g,), its prediction by the covariance, and its probability.
 
     The squared rms is a sum of squared normal variables with unequal variances; its distribution is approximated by the
-    scaled chi squared distribution with the same mean and variance (Satterthwaite 1946).
+    scaled chi-squared distribution with the same mean and variance (Satterthwaite 1946).
     """
     flat = derivatives.reshape(-1, derivatives.shape[-1]) * np.sqrt(2.0 / derivatives[..., 0].size)
     squared = float(np.sum((flat @ difference) ** 2))
@@ -226,7 +226,7 @@ def _quadratic(derivatives: FloatArray, difference: FloatArray, covariance: Floa
 
 
 def global_values(estimate: Estimate) -> FloatArray:
-    """The numbers of an estimate in the order of `global_names`, with the plates' mean thickness for its correction."""
+    """Values of an estimate in the order of `global_names`, with the mean plate thickness instead of its correction."""
     plates = estimate.thickness_mm[estimate.thickness_mm > 0.0]
     return np.concatenate(
         [

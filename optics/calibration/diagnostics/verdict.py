@@ -1,4 +1,4 @@
-"""Verdict on a calibration, in words and figures, and the pictures that would make it better."""
+"""Verdict on a calibration, in words and figures, with advice on further pictures."""
 
 from __future__ import annotations
 
@@ -25,25 +25,25 @@ from mirrorcam.optics.calibration.diagnostics.view_statistics import (
 from mirrorcam.optics.calibration.solver.observations import DIRECT
 
 MAX_OUTLIERS = 0.02
-MAX_BEYOND_3_SIGMA = 0.01  # of Gaussian noise it is 0.0027
-MAX_UNEVEN = 1.5  # of the noisiest view and axis to the quietest
+MAX_BEYOND_3_SIGMA = 0.01  # for Gaussian noise, 0.0027 is expected
+MAX_UNEVEN = 1.5  # ratio of the noisiest to the quietest view and axis
 MIN_COVERAGE = 0.6
 MIN_FRAMES = 5
 MIN_TURN_DEG = 30.0  # between the most different boards
-MIN_DISTANCE_RATIO = 1.25  # of the farthest board to the nearest
+MIN_DISTANCE_RATIO = 1.25  # of the farthest to the nearest board
 MAX_HELD_OUT_RATIO = 1.25
 CHANCE = 1e-3
 State = Literal["good", "look", "stop"]
 STATES: dict[State, str] = {"good": "Good to use", "look": "Look at this before you use it", "stop": "Do not use it"}
 LARGE_PART = 0.8
-FEW_PICTURES = 0.15  # fraction of all pictures: a cause in these is none of the others
+FEW_PICTURES = 0.15  # fraction of all pictures that identifies them as the cause
 MOST = 0.6  # fraction of corners in one view
-TIMES_ITS_SHARE = 2.0  # and that in relation to how many of all corners it shows
+TIMES_ITS_SHARE = 2.0  # least ratio of that fraction to the view's fraction of all corners
 
 
 @dataclass(frozen=True)
 class Check:
-    """One figure with its limit: what it is, what it means where it fails, and what to do then."""
+    """A figure with its limit, the reason if it fails, and the advice then."""
 
     label: str
     metric: Metric
@@ -53,7 +53,7 @@ class Check:
 
 @dataclass(frozen=True)
 class Verdict:
-    """The state, why, what to do next, and the checks behind it."""
+    """The state, its reasons, advice, and the checks behind it."""
 
     state: State
     reasons: tuple[str, ...]
@@ -62,7 +62,7 @@ class Verdict:
 
 
 def check_solution(calibration: Calibration, views: Sequence[ViewFigures]) -> Verdict:
-    """An alarm of the diagnostics forbids the use; a figure past its limit calls for an inspection."""
+    """Return the verdict: alarms of the diagnostics forbid use, figures beyond their limits call for inspection."""
     checks = (
         *_noise_checks(calibration, views),
         *_evenness(views),
@@ -75,18 +75,18 @@ def check_solution(calibration: Calibration, views: Sequence[ViewFigures]) -> Ve
     reasons = [*alarms, *(check.reason for check in failed)]
     advice = [*_cures(diagnostics), *(check.advice for check in failed)]
     if diagnostics is None:
-        reasons.append("nothing checked whether the model is right")
+        reasons.append("the model was not checked")
         advice.append("Calibrate with a nominal layout, so that models can be compared.")
     state: State = "stop" if alarms else "look" if reasons else "good"
     return Verdict(state, tuple(dict.fromkeys(reasons)), tuple(dict.fromkeys(advice)), checks)
 
 
 def _cures(diagnostics: Diagnostics | None) -> list[str]:
-    """Advice on alarms: the model that the data ask for where one was tried, else to look for what moved."""
+    """Advice on alarms: the model that the data support if one was tried, else to look for motion."""
     if diagnostics is None or not diagnostics.alarms:
         return []
     if diagnostics.mismatches:  # other failures may follow from these
-        return ["Correct the board or layout as the alarm says, and calibrate again."]
+        return ["Correct the board or layout as the alarm states, and calibrate again."]
     if diagnostics.other_surface is not None:
         kind = "second" if diagnostics.other_surface.second else "first"
         option = f"--model {kind}_surface+auto"
@@ -113,13 +113,13 @@ def _noise_checks(calibration: Calibration, views: Sequence[ViewFigures]) -> lis
         Check(
             "Corners rejected as outliers",
             Metric(value=outliers, unit="of the corners", limit=MAX_OUTLIERS),
-            f"{outliers:.1%} of the corners fit nothing",
+            f"{outliers:.1%} of the corners fit no model",
             advice_on_corners(calibration, views, ~calibration.inliers),
         ),
         Check(
             f"Residuals beyond 3 {SIGMA}",
             Metric(value=beyond, unit="of the corners", limit=MAX_BEYOND_3_SIGMA),
-            f"{beyond:.1%} of the residuals are beyond 3 {SIGMA}, where noise alone gives 0.3 %",
+            f"{beyond:.1%} of the residuals are beyond 3 {SIGMA}; noise alone gives 0.3 %",
             advice_on_corners(calibration, views, large.any(axis=1) & calibration.inliers),
         ),
         Check(
@@ -133,7 +133,7 @@ def _noise_checks(calibration: Calibration, views: Sequence[ViewFigures]) -> lis
 
 
 def _evenness(views: Sequence[ViewFigures]) -> list[Check]:
-    """Check that all views and both axes fit alike, as noise does: an error of one view can hide in the rms of all."""
+    """Check that all views and both axes fit equally well: the rms of all can hide an error in one view."""
     rms = {
         (view.called, axis): float(value) for view in views for axis, value in zip("xy", view.rms_sigmas, strict=True)
     }
@@ -145,7 +145,7 @@ def _evenness(views: Sequence[ViewFigures]) -> list[Check]:
             "RMS of the noisiest view and axis, relative to the quietest",
             Metric(value=ratio, unit="1", limit=MAX_UNEVEN),
             f"the residuals of {worst[0]} in {worst[1]} are {ratio:.1f} times those of {best[0]} in {best[1]}",
-            f"Look at the arrows of {worst[0]}: the model leaves more there than its corners scatter.",
+            f"Look at the arrows of {worst[0]}: its residuals exceed the scatter of its corners.",
         )
     ]
 
@@ -157,7 +157,7 @@ def _diagnostic_checks(calibration: Calibration) -> list[Check]:
         ratio = metrics["held_out_scale"].value
         checks.append(
             Check(
-                "RMS of held-out frames, relative to that of the fit",
+                "RMS of held-out frames, relative to the fit",
                 Metric(value=ratio, unit="1", limit=MAX_HELD_OUT_RATIO),
                 f"residuals of held-out frames are {ratio:.2f} times those of the fit",
                 "Take more pictures: with these few, the model overfits.",
@@ -185,8 +185,8 @@ def _diagnostic_checks(calibration: Calibration) -> list[Check]:
             Check(
                 f"Depth {SIGMA} at {at:.0f} mm, calibration relative to matching",
                 Metric(value=calibration_mm / matching_mm, unit="1", limit=1.0),
-                f"at {at:.0f} mm the depth uncertainty of calibration ({calibration_mm:.2g} mm) exceeds matching's",
-                "Take more pictures with tilted boards: they reduce the depth uncertainty of calibration.",
+                f"at {at:.0f} mm the calibration's depth uncertainty ({calibration_mm:.2g} mm) exceeds matching's",
+                "Take more pictures with tilted boards: they reduce the calibration's depth uncertainty.",
             )
         )
     return checks
@@ -211,7 +211,7 @@ def _picture_checks(calibration: Calibration, views: Sequence[ViewFigures]) -> l
             "Fewest frames with a board in a view",
             Metric(value=rarest.frames, unit="1", limit=MIN_FRAMES, lower_is_better=False),
             f"{rarest.name} shows the board in {rarest.frames} frames",
-            f"Take {MIN_FRAMES - rarest.frames} pictures more with the board in {rarest.name}.",
+            f"Take {MIN_FRAMES - rarest.frames} more pictures with the board in {rarest.name}.",
         ),
         Check(
             "Largest rotation between two boards",
@@ -229,23 +229,23 @@ def _picture_checks(calibration: Calibration, views: Sequence[ViewFigures]) -> l
 
 
 def _widest_deg(normals: FloatArray) -> float:
-    """The largest angle between two boards, from their unit normals (f, 3)."""
+    """Largest angle between two boards, from their unit normals (f, 3)."""
     return float(np.degrees(np.arccos(np.clip((normals @ normals.T).min(), -1.0, 1.0))))
 
 
 def _untried(normals: FloatArray) -> str:
-    """The direction that boards were turned least, in words, from their unit normals (f, 3) in view axes."""
-    ways = {
+    """Describe the direction in which boards were tilted least, from their unit normals (f, 3) in view axes."""
+    tilts = {
         "left edge nearer": -normals[:, 0].min(),
         "right edge nearer": normals[:, 0].max(),
         "top edge nearer": -normals[:, 1].min(),
         "bottom edge nearer": normals[:, 1].max(),
     }
-    return f"{min(ways, key=lambda way: ways[way])}, by 30° or so"
+    return f"{min(tilts, key=lambda tilt: tilts[tilt])}, by 30° or so"
 
 
 def empty_region(view: ViewFigures) -> str:
-    """The one of nine regions of a view with the fewest corners, in words."""
+    """Describe the region, of nine regions of a view, with the fewest corners."""
     low, high = view.outline_px.min(axis=0), view.outline_px.max(axis=0)
     middles = (view.cells_px[:, :2] + view.cells_px[:, 2:]) / 2.0
     thirds = np.minimum((3 * (middles - low) / (high - low)).astype(int), 2)
@@ -260,7 +260,7 @@ def empty_region(view: ViewFigures) -> str:
 
 
 def advice_on_corners(calibration: Calibration, views: Sequence[ViewFigures], rows: NDArray[np.bool_]) -> str:
-    """What to do about some corners (n,), by where they lie: pictures, a view, or neither in particular."""
+    """Advise on some corners (n,) by where they lie: in few pictures, in one view, or spread out."""
     seen = calibration.observations
     count, frames = int(rows.sum()), len(np.unique(seen.frame))
     by_frame = np.sort(np.bincount(seen.frame[rows], minlength=frames))[::-1]
@@ -269,23 +269,23 @@ def advice_on_corners(calibration: Calibration, views: Sequence[ViewFigures], ro
         pictures = "1 picture" if needed == 1 else f"{needed} pictures"
         return (
             f"{LARGE_PART:.0%} of these corners are in {pictures} of {frames}: look there for glare, motion blur or "
-            "something in front of the board, and take these again."
+            "an obstacle in front of the board, and take these pictures again."
         )
     for view in views:
         own = seen.view == view.view
         share, expected = rows[own].sum() / max(count, 1), own.mean()
         if share > MOST and share > TIMES_ITS_SHARE * expected:
             return f"{share:.0%} of these corners are in {view.called}: look for dirt, an edge or glare there."
-    return "These corners are spread over pictures and views, so that none is to blame: the noise has long tails."
+    return "These corners are spread over pictures and views, so there is no single cause: the noise has long tails."
 
 
 def advice_on_cells(cells: Sequence[CellMeans], views: Sequence[ViewFigures]) -> str:
-    """What to do about cells of views with significant mean residuals: in some views, or in all of them."""
+    """Advise on cells of views with significant mean residuals, in some views or in all."""
     unlikely = [
         view.called
         for view, means in zip(views, cells, strict=True)
         if means.systematic.sum() > binom.isf(CHANCE, len(means.systematic), SYSTEMATIC_CHANCE)
     ]
     if 0 < len(unlikely) <= len(views) / 2.0:
-        return f"See the red arrows of {', '.join(unlikely)}: a mirror there may be bent, or have moved."
+        return f"See the red arrows of {', '.join(unlikely)}: a mirror there may be bent or displaced."
     return "See the red arrows, which are in most views: the board may be bent, or the lens beyond its model."

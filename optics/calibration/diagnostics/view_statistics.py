@@ -13,25 +13,34 @@ from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibrat
 from mirrorcam.optics.calibration.solver.observations import DIRECT
 from mirrorcam.optics.geometry.layout import Layout
 
-CELLS = (6, 5)  # across and down the bounding rectangle of a view, for its coverage
-MIN_CELL_SHARE = 0.25  # of a cell that must lie in the view for the cell to count
-ARROWS_ACROSS = 60  # cells of the sensor whose residuals are averaged, across its width
+CELLS = (6, 5)  # across and down the bounding rectangle of a view, to measure its coverage
+MIN_CELL_SHARE = 0.25  # least share of a cell inside the view, for the cell to count
+ARROWS_ACROSS = 60  # cells across the sensor over which residuals are averaged
 SYSTEMATIC_CHANCE = 0.01
 
 
 @dataclass(frozen=True)
 class ViewFigures:
-    """One view (a mirror's index, or DIRECT) in figures.
+    """Statistics of one view.
 
-    `rms_px` and `rms_sigmas` (2,) are the root mean square residual per axis, in pixels and in standard deviations of
-    the corners.
-
-    DIRECT is called "direct view" where a picture shows the board both directly and in a mirror, and "bare
-    camera" where it was photographed without mirrors.
-
-    `outline_px` (n, 2) on the sensor; `cells_px` (k, 4) left, top, right, bottom of the cells that count, with the
-    corners in each, `cell_counts` (k,); per frame that shows the board there: `distances_mm` (f,) of its seen part from
-    where the view looks from, `tilts_deg` (f,) of the board from the line of sight.
+    Attributes
+    ----------
+    view
+        Mirror index, or DIRECT.
+    name
+        "mirror 1-2"; for DIRECT, "direct view" if a picture shows the board both directly and in a mirror, else "bare
+        camera".
+    corners, outliers, frames
+        Number of inliers, of outliers, and of frames with a board in the view.
+    rms_px, rms_sigmas
+        Rms residual (2,) per axis, in pixels and in standard deviations of the corners.
+    outline_px
+        Outline (n, 2) on the sensor.
+    cells_px, cell_counts
+        Left, top, right, bottom (k, 4) of the cells that count, and the number (k,) of corners in each.
+    distances_mm, tilts_deg
+        Per frame (f,): distance of the visible part of the board from the view's centre, and tilt of the board relative
+        to the line of sight.
     """
 
     view: int
@@ -54,12 +63,12 @@ class ViewFigures:
 
     @property
     def coverage(self) -> float:
-        """Part of the cells in which a corner was seen."""
+        """Share of the cells with at least one corner."""
         return float((self.cell_counts > 0).mean())
 
 
 def view_outline_px(layout: Layout, view: int) -> FloatArray:
-    """A view's sub-image (n, 2) on the sensor; of the view without a mirror all of the sensor."""
+    """Outline (n, 2) of a view's sub-image on the sensor; the complete sensor for DIRECT."""
     if view != DIRECT:
         return layout.outline_px(view)
     right, bottom = layout.camera.width_px - 0.5, layout.camera.height_px - 0.5
@@ -67,7 +76,7 @@ def view_outline_px(layout: Layout, view: int) -> FloatArray:
 
 
 def view_figures(calibration: Calibration) -> tuple[ViewFigures, ...]:
-    """The figures of every mirror, and of the view without a mirror where there was one, which comes last."""
+    """Return the statistics of every mirror, then of the direct view if there is one."""
     views = list(range(len(calibration.layout.mirrors)))
     if (calibration.observations.view == DIRECT).any():
         views.append(DIRECT)
@@ -111,7 +120,7 @@ def _name(calibration: Calibration, view: int) -> str:
 
 
 def _cells(outline: FloatArray) -> FloatArray:
-    """Cells (k, 4) of the bounding rectangle of which enough lies within the outline."""
+    """Cells (k, 4) of the bounding rectangle with a sufficient share inside the outline."""
     low, high = outline.min(axis=0), outline.max(axis=0)
     x, y = (np.linspace(low[axis], high[axis], CELLS[axis] + 1) for axis in (0, 1))
     polygon = shapely.Polygon(outline)
@@ -122,9 +131,9 @@ def _cells(outline: FloatArray) -> FloatArray:
 
 
 def _board_met(calibration: Calibration, view: int, pixels: FloatArray, frame: int) -> tuple[float, float]:
-    """Median distance (mm) at which viewing rays of a view meet the board, and median angle (deg) from its normal.
+    """Median distance (mm) at which a view's rays hit the board, and median angle (deg) from its normal.
 
-    Mirrors keep distances and angles, so that both are taken before the base camera, from the board's mirror image.
+    Mirrors preserve distances and angles, so both are taken from the board's mirror image in front of the base camera.
     """
     rig_from_board = calibration.rig_from_board[frame]
     point, normal = rig_from_board[:3, 3], rig_from_board[:3, 2]
@@ -139,9 +148,9 @@ def _board_met(calibration: Calibration, view: int, pixels: FloatArray, frame: i
 
 
 def board_normals(calibration: Calibration) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Unit normals (f, 3) of every frame's board, into the paper, and which frames (f,) show it in a mirror.
+    """Unit normals (f, 3) of every frame's board, into the paper, and a mask (f,) of the mirrored frames.
 
-    Frames that show mirrors in the axes of the views, the others in those of the camera.
+    Normals of mirrored frames are in view axes, the others in the camera's axes.
     """
     seen = calibration.observations
     mirrored = np.isin(np.arange(len(calibration.rig_from_board)), seen.frame[seen.view != DIRECT])
@@ -151,7 +160,7 @@ def board_normals(calibration: Calibration) -> tuple[FloatArray, NDArray[np.bool
 
 @dataclass(frozen=True)
 class CellMeans:
-    """Mean residuals of cells of the sensor: `at_px` (k, 2), `mean_px` (k, 2), which (k,) noise does not explain."""
+    """Mean residuals in cells of the sensor: centres and means (k, 2); `systematic` (k,) marks significant ones."""
 
     at_px: FloatArray
     mean_px: FloatArray
@@ -159,10 +168,10 @@ class CellMeans:
 
 
 def cell_means(calibration: Calibration, view: int) -> CellMeans:
-    """Mean residuals of one view in square cells, weighted by the inverse variances of the corners.
+    """Average the residuals of one view in square cells, weighted by the inverse variances of the corners.
 
-    The square of such a mean over its variance has a chi-square distribution of two degrees of freedom; a cell is
-    systematic where that exceeds what has a chance of `SYSTEMATIC_CHANCE`.
+    The square of such a mean over its variance has a chi-squared distribution with two degrees of freedom; a cell is
+    systematic if it exceeds the quantile of `SYSTEMATIC_CHANCE`.
     """
     used = calibration.inliers & (calibration.observations.view == view)
     pixels, residuals = calibration.observations.pixels[used], calibration.residuals_px[used]

@@ -1,4 +1,4 @@
-"""Boards in pictures that show them directly and in mirrors, with all that their numbering leaves open."""
+"""Boards in pictures that show them directly and in mirrors, with every numbering that remains possible."""
 
 from __future__ import annotations
 
@@ -18,31 +18,31 @@ from mirrorcam.optics.calibration.solver.observations import DIRECT, Corners, Ob
 from mirrorcam.optics.calibration.solver.residuals import Board, Estimate, residuals
 from mirrorcam.optics.geometry.targets import AprilGrid, Charuco, Checkerboard, Target
 
-MOST_FLIPPED = 0.003  # of the picture's diagonal, rms of the corners of flipped pictures to their first estimate
-NEAREST_MM, FARTHEST_MM = 60.0, 20000.0  # distances of boards that cameras with mirrors see sharp
-MOST_NUMBERINGS = 8  # of a partly visible board, for it to help locate the mirrors
-FLIPPED = "the pictures are flipped left to right, as those of a selfie camera: switch that off, or flip them all back"
+MOST_FLIPPED = 0.003  # largest rms error of flipped pictures' first estimate, relative to the picture's diagonal
+NEAREST_MM, FARTHEST_MM = 60.0, 20000.0  # distances at which cameras with mirrors see boards in focus
+MOST_NUMBERINGS = 8  # of a partly visible board that is used to locate the mirrors
+FLIPPED = "the pictures are flipped left to right, as from a selfie camera: switch that off, or flip all of them back"
 INVERTED = (
-    "the board in the pictures has black and white exchanged, as where cols and rows are exchanged in board.toml: its "
+    "the board in the pictures has black and white exchanged, as if cols and rows were exchanged in board.toml: its "
     "corners are numbered as if its top left square were black"
 )
 
 
 @dataclass(frozen=True)
 class SeenBoard:
-    """A board in a picture: its numberings with the colours as stated, and with black and white exchanged."""
+    """A board in a picture: its numberings with the stated colours, and with black and white exchanged."""
 
     stated: FoundBoard
     inverted: FoundBoard
 
     @property
     def any(self) -> Corners | None:
-        """One of its numberings; None where it has none."""
+        """Any of its numberings; None if there is none."""
         every = [*self.stated.direct, *self.stated.image, *self.inverted.direct, *self.inverted.image]
         return every[0] if every else None
 
     def flipped(self, width_px: int) -> SeenBoard:
-        """The board in the picture flipped left to right, which shows it directly for in a mirror, and vice versa."""
+        """Return the board in the picture flipped left to right, which swaps direct and mirrored numberings."""
         return SeenBoard(_flipped(self.stated, width_px), _flipped(self.inverted, width_px))
 
 
@@ -55,7 +55,7 @@ def _flipped(board: FoundBoard, width_px: int) -> FoundBoard:
 
 
 def boards_in(pictures: Sequence[Grey], target: Target, *, most: int, progress: Progress) -> list[list[SeenBoard]]:
-    """The boards in each picture, up to `most` of each handedness; raises InputError where there are none at all."""
+    """Detect boards in each picture, up to `most` of each handedness; raises InputError if there are none."""
     found = []
     for number, picture in enumerate(pictures):
         if isinstance(target, Checkerboard):
@@ -73,7 +73,7 @@ def boards_in(pictures: Sequence[Grey], target: Target, *, most: int, progress: 
 
 
 def more_mirrors(boards: Sequence[Sequence[SeenBoard]], names: Sequence[str], mirrors: int) -> str:
-    """A clause for an error where a picture shows more boards than so many mirrors can, one after the other too."""
+    """Return a clause for an error if a picture shows more boards than the mirrors explain, with double reflections."""
     count, number = max((len(some), -number) for number, some in enumerate(boards))
     if count <= 1 + mirrors**2:
         return ""
@@ -81,7 +81,7 @@ def more_mirrors(boards: Sequence[Sequence[SeenBoard]], names: Sequence[str], mi
 
 
 def _with_markers(picture: Grey, target: Charuco | AprilGrid, most: int) -> list[SeenBoard]:
-    """ChArUco boards and AprilGrids, whose markers show whether they are seen in a mirror."""
+    """Detect ChArUco boards and AprilGrids, whose markers reveal whether they are mirrored."""
     direct, image = (
         [board for board in find_with_markers(picture, target, mirrored=mirrored, most=most) if len(spread_out(board))]
         for mirrored in (False, True)
@@ -101,23 +101,23 @@ def _numbered(grid: SeenGrid, target: Checkerboard) -> FoundBoard:
 
 
 def _inverted(grid: SeenGrid) -> SeenGrid:
-    """The grid with black and white exchanged, as in the negative of its picture."""
+    """Exchange black and white in a grid, as in the negative of its picture."""
     step = np.array([1, 0])
     return replace(grid, places=grid.places + step, limits=grid.limits + step)
 
 
 def negative(picture: Grey) -> Grey:
-    """The picture with black and white exchanged."""
+    """Exchange black and white in a picture."""
     return np.asarray(255 - picture, dtype=np.uint8)
 
 
 def start_of(
     boards: Sequence[Sequence[SeenBoard]], target: Target, *, mirrors: int, width_px: int, height_px: int
 ) -> tuple[Start, bool]:
-    """The first estimate, and whether the print has black and white exchanged, which the mirrors' geometry decides.
+    """Return the first estimate, and whether the print has black and white exchanged, as the mirrors' geometry reveals.
 
-    Of a board whose numbers of columns and rows are both even, exchanged colours look like its mirror image. Raises
-    InputError where the boards do not determine the camera, or show fewer mirrors.
+    If a board's numbers of columns and rows are both even, exchanged colours look like its mirror image. Raises
+    InputError if the boards do not determine the camera, or show fewer mirrors.
     """
     starts, refusals = [], []
     for inverted in (False, True):
@@ -140,14 +140,14 @@ def start_of(
             refusals.append(error)
     if not starts:
         raise refusals[0] if refusals else InputError("the parts of boards in the pictures cannot be numbered")
-    # Colours as stated are believed unless they explain the corners much worse.
+    # The stated colours are assumed unless they explain the corners much worse.
     return min(starts, key=lambda pair: pair[0].error_px * (2.0 if pair[1] else 1.0))
 
 
 def fits_flipped(
     boards: Sequence[Sequence[SeenBoard]], target: Target, *, mirrors: int, width_px: int, height_px: int
 ) -> bool:
-    """Return whether boards of which no first estimate can be made have one once left and right are exchanged."""
+    """Return whether boards without a first estimate have one once left and right are exchanged."""
     flipped = [[seen.flipped(width_px) for seen in in_picture] for in_picture in boards]
     try:
         start, _ = start_of(flipped, target, mirrors=mirrors, width_px=width_px, height_px=height_px)
@@ -157,28 +157,25 @@ def fits_flipped(
 
 
 def nearness_note(estimate: Estimate, target: Target) -> tuple[str, ...]:
-    """A note where the board is so near to the camera, or so far, that its size seems to be in another unit than mm."""
+    """Note a board so near to the camera, or so far, that its size seems to be in a unit other than mm."""
     middle = np.append(target.corners_in_board_mm.mean(axis=0), 1.0)
     distance_mm = float(np.median((estimate.rig_from_board @ middle)[:, 2]))
     if NEAREST_MM < distance_mm < FARTHEST_MM:
         return ()
     return (
         f"the board of {target.layout_text} is {distance_mm:.3g} mm from the camera: is its size in mm? Without a "
-        "layout, pictures do not tell it",
+        "layout, pictures do not reveal it",
     )
 
 
 def confirmed(pictures: Sequence[Grey], start: Start, target: Target) -> Observations:
-    """All corners of all views of a checkerboard, detected again where the estimate predicts them.
+    """Detect all corners of a checkerboard again near their predictions, in all views.
 
-    This completes hidden boards; those of boards with markers are complete.
+    This completes partly hidden boards; boards with markers are already complete.
     """
-    if isinstance(target, Checkerboard):
-        return _confirmed(pictures, start.estimate, target)
-    return start.observations
-
-
-def _confirmed(pictures: Sequence[Grey], estimate: Estimate, target: Checkerboard) -> Observations:
+    if not isinstance(target, Checkerboard):
+        return start.observations
+    estimate = start.estimate
     board = Board.rigid(target.corners_in_board_mm)
     ids = np.arange(len(board.corners_in_board_mm))
     parts = []

@@ -1,4 +1,4 @@
-"""The result of a calibration with a direct view: layout, diagnostics, metrics, and notes on what was not found."""
+"""The result of a calibration with a direct view: layout, diagnostics, metrics, and notes on missing views."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror, cut
 
 MOST_NAMED = 8
-"""Pictures that notes name one by one."""
+"""Largest number of pictures that notes name one by one."""
 
 
 def direct_result(
@@ -39,29 +39,29 @@ def direct_result(
     turns: FloatArray | None,
     shutter: Shutter | None = None,
 ) -> Calibration:
-    """The calibration of a selected model.
+    """Build the calibration of a selected model.
 
     Parameters
     ----------
     selection
         The selected model.
     drawn
-        The best fit with the board as drawn, for comparison.
+        Best fit with the board as drawn, for comparison.
     observations
         The corners, by frame.
     pictures
-        Index into `names` of each frame.
+        Index into `names` for each frame.
     names
-        Names of all pictures, for the notes.
+        Names of all pictures, for notes.
     turns
-        Rotation vectors (f, 3), rad, of the camera, where they were compensated.
+        Rotation vectors (f, 3), rad, of the camera, if they were compensated.
     shutter
-        The rolling shutter, where it was searched for; the corners are those of the middle row where it is supported.
+        The rolling shutter, if it was estimated; if supported, the corners are corrected to the middle row.
 
     Raises
     ------
     UndeterminedError
-        Where the corners do not determine the result.
+        If the corners do not determine the result.
     """
     layout = _layout(selection, observations)
     diagnostics = diagnose(selection, observations, layout)
@@ -86,8 +86,8 @@ def direct_result(
     views, notes = _views(observations, len(board.corners_in_board_mm), pictures, names, layout.mirror_names)
     if shutter is not None and shutter.supported:
         sentence = (
-            f"a rolling shutter reads a frame in {shutter.readout:.2f} ± {shutter.sigma:.1g} of the time to the next: "
-            "moving corners were moved to where the middle row saw them"
+            f"a rolling shutter reads a frame in {shutter.readout:.2f} ± {shutter.sigma:.1g} of the frame period: "
+            "moving corners were corrected to the time of the middle row"
         )
         notes = (sentence, *notes)
     metrics["views"] = Metric(value=views, unit="1")
@@ -105,7 +105,7 @@ def direct_result(
 
 
 def _board_shape(shift_mm: FloatArray) -> dict[str, Metric]:
-    """Root mean square deviations of the board's corners (c, 3) from the drawing."""
+    """Rms deviations of the board's corners (c, 3) from the drawing."""
     in_plane = np.sqrt(np.mean(np.sum(shift_mm[:, :2] ** 2, axis=1)))
     return {
         "board_shift_in_plane_rms_mm": Metric(value=in_plane, unit="mm"),
@@ -114,7 +114,7 @@ def _board_shape(shift_mm: FloatArray) -> dict[str, Metric]:
 
 
 def _angles(solution: Solution) -> dict[str, Metric]:
-    """The angle between every two mirrors, and its standard deviation."""
+    """Angle between each pair of mirrors, and its standard deviation."""
     centres = solution.estimate.virtual_centres_in_rig_mm
     covariance = mirror_covariance(uncertainty(solution))
     metrics = {}
@@ -129,7 +129,7 @@ def _angles(solution: Solution) -> dict[str, Metric]:
 def _views(
     observations: Observations, corners: int, pictures: Sequence[int], names: Sequence[str], mirrors: Sequence[str]
 ) -> tuple[int, tuple[str, ...]]:
-    """Number of views that show corners, and notes on those that show none or not all."""
+    """Return the number of views that show corners, and notes on views that show none or not all."""
     unused = [f"{picture}: no board found, not used" for n, picture in enumerate(names) if n not in pictures]
     shown = [names[number] for number in pictures]
     observations = observations.where(observations.frame < len(shown))
@@ -170,7 +170,7 @@ def _layout(selection: ModelSelection, observations: Observations) -> Layout:
 
 
 def _seen_mirror(estimate: Estimate, observations: Observations, inliers: BoolArray, mirror: int) -> Mirror:
-    """The mirror, cut to the convex hull of the corners observed in it, as nothing is known beyond them."""
+    """Return a mirror cut to the convex hull of its observed corners, because nothing is known beyond them."""
     centre = estimate.virtual_centres_in_rig_mm[mirror]
     pixels = observations.pixels[inliers & (observations.view == mirror)]
     normalized = estimate.camera.normalized_from_pixels(pixels)

@@ -1,7 +1,7 @@
-"""First estimate of camera, planes and poses from pictures that show a board directly and in mirrors, without a layout.
+"""First estimate of camera, planes and poses from pictures of a board seen directly and in mirrors, without a layout.
 
-Each plane is the bisector between a board and its image, as far as pictures agree on it; then every detected board is
-assigned to the direct view or to one of the mirrors.
+Each plane bisects a board and its image; planes on which pictures agree are kept. Then every detected board is assigned
+to the direct view or to one of the mirrors.
 """
 
 from __future__ import annotations
@@ -25,24 +25,24 @@ from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.mirror import reflect
 from mirrorcam.optics.geometry.transforms import transform
 
-PAIR_MISFIT = 0.15  # of the diagonal across all corners: a pose from one view is rough
-AGREEING = 0.5  # of the same diagonal, between the middles of one board from several views
-FAR = 10.0  # of the same diagonal: a board is no image
+PAIR_MISFIT = 0.15  # in diagonals across all corners: a pose from a single view is rough
+AGREEING = 0.5  # in diagonals, between the middles of a board from several views
+FAR = 10.0  # in diagonals, for a board that is no image
 MOST_COMBINATIONS = 500
 SPARE_PLANES = 3  # besides the mirrors, for coincidences and images of images
-SAME_PLANE = 0.1  # of the distance of the virtual centre
+SAME_PLANE = 0.1  # relative to the distance of the virtual centre
 FOCAL = ("fx_px", "fy_px")
-FOCAL_LENGTHS = (0.6, 0.8, 1.1, 1.5, 2.2)  # of common cameras, relative to the width of the picture
-LIKELY_BOW = 0.02  # of the larger side of a board, where corners are 1 px off
-GOOD_ERROR = 2e-4  # of the diagonal of the picture: no other camera is tried
-MOST_ERROR = 0.01  # of the diagonal of the picture, that a corner counts as off
+FOCAL_LENGTHS = (0.6, 0.8, 1.1, 1.5, 2.2)  # of common cameras, in widths of the picture
+LIKELY_BOW = 0.02  # in larger sides of a board, for corners that are off by 1 px
+GOOD_ERROR = 2e-4  # in diagonals of the picture, below which no other camera is tried
+MOST_ERROR = 0.01  # in diagonals of the picture, at which a corner's error is capped
 
 
 @dataclass(frozen=True)
 class FoundBoard:
     """A board detected in a picture, with its numberings as a direct view and as an image in a mirror.
 
-    The colours of a board with even numbers of rows and columns of squares determine which of the two it is.
+    For a board with even numbers of rows and columns of squares, the colours determine which of the two it is.
     """
 
     direct: list[Corners]
@@ -53,7 +53,7 @@ class FoundBoard:
 class Start:
     """A first estimate, the corners by view with frames numbered from 0, and the picture number of each frame.
 
-    `error_px` is the root mean square error of all corners found, none of which counts as more than `MOST_ERROR`.
+    `error_px` is the rms error of all detected corners, capped at `MOST_ERROR` each.
     """
 
     estimate: Estimate
@@ -73,14 +73,14 @@ class _PosedCorners:
 
 @dataclass(frozen=True)
 class _PosedBoard:
-    """One detected board in each of its numberings, as a direct view and as an image in a mirror."""
+    """A detected board in each of its numberings, as a direct view and as an image in a mirror."""
 
     direct: list[_PosedCorners]
     image: list[_PosedCorners]
 
     @property
     def points(self) -> FloatArray:
-        """Apparent positions (n, 3) of its corners, however they are numbered."""
+        """Apparent positions (n, 3) of its corners, which do not depend on the numbering."""
         return (self.direct or self.image)[0].points
 
 
@@ -92,12 +92,12 @@ def first_direct_estimate(
     width_px: int,
     height_px: int,
 ) -> Start:
-    """Camera, planes and poses from the boards detected in each picture.
+    """Estimate camera, planes and poses from the boards detected in each picture.
 
-    Boards that bow, or are all tilted alike, give a wrong camera or none: several are tried, and that one is used whose
-    mirrors and boards explain the corners best.
+    Boards that bow, or are all tilted alike, give a wrong camera or none. So several cameras are tried, and the one
+    whose mirrors and boards explain the corners best is used.
 
-    Raises InputError where the boards do not determine the camera, or show fewer mirrors.
+    Raises InputError if the boards do not determine the camera, or show fewer mirrors.
     """
     views = [(board.direct or board.image)[0] for in_picture in found for board in in_picture]
     size_px = float(np.hypot(width_px, height_px))
@@ -120,7 +120,7 @@ def first_direct_estimate(
 def _cameras(
     views: Sequence[Corners], corners_in_board_mm: FloatArray, width_px: int, height_px: int
 ) -> Iterator[Camera]:
-    """Cameras to try: as the views determine one, with one focal length alone, and of common fields of view."""
+    """Yield cameras to try: as the views determine one, then centred ones with the focal lengths of common cameras."""
     size = {"width_px": width_px, "height_px": height_px}
     yield initial_estimates.intrinsics(views, corners_in_board_mm, **size, full_distortion=False)
     middle = {"cx_px": (width_px - 1) / 2.0, "cy_px": (height_px - 1) / 2.0}
@@ -136,7 +136,7 @@ def _start(
     *,
     cap_px: float,
 ) -> Start:
-    """The first estimate of a camera, after a robust fit of its focal lengths, planes, poses and bows."""
+    """Return the first estimate of a camera, after a robust fit of its focal lengths, planes, poses and bows."""
     boards = []
     for in_picture in found:
         candidates = [_placed(camera, board, corners_in_board_mm) for board in in_picture]
@@ -153,14 +153,14 @@ def _start(
     except UndeterminedError as error:
         raise InputError(f"the pictures do not determine camera and mirrors: {error}") from None
     errors = np.linalg.norm(residuals(estimate, observations, board), axis=1)
-    # A board that is in no view counts as far off: a start that explains few of them well is none.
+    # A board in no view counts as far off, so a start that explains only few boards is rejected.
     every = sum(len((one.direct or one.image)[0]) for in_picture in found for one in in_picture)
     squares = float(np.sum(np.minimum(errors, cap_px) ** 2)) + (every - len(observations)) * cap_px**2
     return Start(estimate, observations, pictures, float(np.sqrt(squares / every)))
 
 
 def _placed(camera: Camera, board: FoundBoard, corners_in_board_mm: FloatArray) -> _PosedBoard:
-    """The board in space, without the numberings for which no pose fits."""
+    """Locate a board in space, without the numberings for which no pose fits."""
 
     def place(numberings: list[Corners]) -> list[_PosedCorners]:
         placed = []
@@ -174,11 +174,11 @@ def _placed(camera: Camera, board: FoundBoard, corners_in_board_mm: FloatArray) 
 
 
 def _seed_mirrors(boards: list[list[_PosedBoard]], mirrors: int, *, size_mm: float) -> FloatArray:
-    """Virtual centres (m, 3), left to right: the planes that most pictures agree on.
+    """Return the virtual centres (m, 3), left to right, of the planes on which most pictures agree.
 
     Every ordered pair of boards in a picture proposes the plane in which one would be the other's image. True planes
-    recur from picture to picture, coincidences rarely do. Among the most frequent planes, those are chosen under which
-    most views agree on the board's position.
+    recur from picture to picture, coincidences rarely do. Among the most frequent planes, those under which most views
+    agree on the board's position are chosen.
     """
     proposals: list[tuple[int, FloatArray, float]] = []
     for number, in_picture in enumerate(boards):
@@ -213,7 +213,7 @@ def _seed_mirrors(boards: list[list[_PosedBoard]], mirrors: int, *, size_mm: flo
 
 
 def _agreeing(boards: list[list[_PosedBoard]], centres: FloatArray, *, size_mm: float) -> int:
-    """Number of views that show the board where another view of their picture does."""
+    """Number of views that agree with another view of their picture on the board's position."""
     count = 0
     for in_picture in boards:
         views = _views(in_picture, centres, size_mm=size_mm)
@@ -225,20 +225,20 @@ def _agreeing(boards: list[list[_PosedBoard]], centres: FloatArray, *, size_mm: 
 
 
 def _same_plane(centre: FloatArray, others: FloatArray) -> BoolArray:
-    """Which of other virtual centres (n, 3) are that of the same plane."""
+    """Mask of other virtual centres (n, 3) that belong to the same plane."""
     return np.asarray(np.linalg.norm(others - centre, axis=1) < SAME_PLANE * np.linalg.norm(centre))
 
 
 def _views(in_picture: list[_PosedBoard], centres: FloatArray, *, size_mm: float) -> dict[int, list[_PosedCorners]]:
-    """The numberings of the boards by view.
+    """Return the numberings of the boards by view.
 
-    The direct view is the board that has most images where the mirrors in front of it would show them. Where there is
-    none, a board behind no plane is the direct view, and one behind a single plane its image; boards behind several
-    planes may have been reflected more than once and are left out.
+    The direct view is the board with the most images where the mirrors in front of it would show them. Otherwise, a
+    board behind no plane is the direct view, and a board behind a single plane its image; boards behind several planes
+    may have been reflected more than once and are left out.
     """
     tried = [_images_of(board, in_picture, centres, size_mm=size_mm) for board in in_picture if board.direct]
-    views, likeness = max(tried, key=lambda pair: pair[1], default=({}, 0.0))
-    if likeness > 0.0:
+    views, score = max(tried, key=lambda pair: pair[1], default=({}, 0.0))
+    if score > 0.0:
         return views
     views = {}
     for board in in_picture:
@@ -253,11 +253,11 @@ def _views(in_picture: list[_PosedBoard], centres: FloatArray, *, size_mm: float
 def _images_of(
     direct: _PosedBoard, in_picture: list[_PosedBoard], centres: FloatArray, *, size_mm: float
 ) -> tuple[dict[int, list[_PosedCorners]], float]:
-    """The views that a board seen directly would have, and how well they fit, at most 1 for each mirror.
+    """Return the views of a board assumed to be seen directly, and their score, at most 1 per mirror.
 
-    These are itself, and of each mirror that it is in front of the board behind it that is nearest to its image.
+    The views are the board itself and, for each mirror it is in front of, the board behind it nearest to its image.
     """
-    views, likeness = {DIRECT: direct.direct}, 0.0
+    views, score = {DIRECT: direct.direct}, 0.0
     images = [board for board in in_picture if board.image and board is not direct]
     apart = np.full((len(centres), len(images)), FAR)
     for mirror, centre in enumerate(centres):
@@ -271,8 +271,8 @@ def _images_of(
     for mirror, place in zip(*linear_sum_assignment(np.minimum(apart, FAR)), strict=True):
         if apart[mirror, place] < AGREEING:
             views[int(mirror)] = images[place].image
-            likeness += 1.0 - apart[mirror, place] / AGREEING
-    return views, float(likeness)
+            score += 1.0 - apart[mirror, place] / AGREEING
+    return views, float(score)
 
 
 def _in_rig(board: _PosedCorners, view: int, centres: FloatArray) -> FloatArray:
@@ -283,7 +283,7 @@ def _in_rig(board: _PosedCorners, view: int, centres: FloatArray) -> FloatArray:
 def _assign(
     boards: list[list[_PosedBoard]], centres: FloatArray, *, size_mm: float
 ) -> tuple[Observations, list[int], FloatArray]:
-    """Observations with frames numbered from 0, the picture number of each frame, and a pose (4, 4) per frame."""
+    """Return observations with frames numbered from 0, and the picture number and pose (4, 4) of each frame."""
     parts: list[Observations] = []
     frames: list[int] = []
     poses: list[FloatArray] = []
@@ -295,7 +295,8 @@ def _assign(
         reference = views[first][0]
         reference_points = _in_rig(reference, first, centres)
         for view, options in views.items():
-            # A board that looks the same upside down has two numberings, a part of one more; the surest view decides.
+            # A board that looks the same upside down has two numberings, a part of one more; the most certain view
+            # decides.
             places = [_in_rig(option, view, centres) for option in options]
             best = min(range(len(options)), key=lambda i: float(np.abs(places[i] - reference_points).sum()))
             corners = options[best].corners

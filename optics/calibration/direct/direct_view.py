@@ -1,9 +1,9 @@
-"""Calibration of a camera that sees a board both directly and in its mirrors, with no layout to start from.
+"""Calibration of a camera that sees a board both directly and in its mirrors, without a layout.
 
-From a first estimate (`direct_start`) one camera, 3 numbers per mirror and one pose per picture are solved jointly;
-where the corners support it, also one thickness of second-surface mirrors, and the board's corners: paper is printed
-and glued less exactly than its corners are measured here. Rotations of the camera between the pictures are compensated
-by the static scene.
+From a first estimate (`direct_start`), one camera, 3 parameters per mirror and one pose per picture are solved jointly.
+If the corners support it, so are a common thickness of second-surface mirrors, and the board's corners: paper is
+printed and glued less accurately than its corners are measured here. Rotations of the camera between pictures are
+compensated by the static scene.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from mirrorcam.core.progress import Progress, no_progress
 from mirrorcam.core.values import FloatArray, InvalidValue
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.detect_boards import direct_view
-from mirrorcam.optics.calibration.detection.frame_choice import most_telling
+from mirrorcam.optics.calibration.detection.frame_choice import most_informative
 from mirrorcam.optics.calibration.detection.next_pose import NextPose
 from mirrorcam.optics.calibration.detection.other_boards import other_board
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
@@ -73,7 +73,7 @@ def calibrate_with_direct_view(
     base_names: Sequence[str] = (),
     most: int | None = None,
     model: RequestedModel = AUTO,
-    beside: Callable[[Sequence[int]], Sequence[tuple[Grey, Grey] | None]] | None = None,
+    adjacent: Callable[[Sequence[int]], Sequence[tuple[Grey, Grey] | None]] | None = None,
     progress: Progress = no_progress,
     on_hint: Callable[[str, NextPose], None] | None = None,
 ) -> Calibration:
@@ -84,46 +84,48 @@ def calibrate_with_direct_view(
     pictures
         Grey pictures (h, w) of one camera.
     target
-        The board; lengths come out in the unit of `target.square_mm`.
+        The board; lengths are in the unit of `target.square_mm`.
     mirrors
         Number of mirrors.
     names
-        Names of the pictures, for the notes.
+        Names of the pictures, for notes.
     base
-        Pictures of the board by the same camera that show it without mirrors, which help to find the intrinsics.
+        Pictures of the board by the same camera without mirrors, which improve the intrinsics.
     base_names
-        Their names, for messages.
+        Names of `base`, for messages.
     most
-        Number of pictures to use: those whose boards cover the picture and differ in pose; None: all.
+        Largest number of pictures to use, chosen so that boards cover the picture and differ in pose; None: all.
     model
         Model to fit, with any of `DIRECT_ADDITIONS`. Default: the largest one that the pictures support.
-    beside
-        Gives of some pictures, by number, the frames before and after them, where they are of a video: a rolling
-        shutter is searched for.
+    adjacent
+        Returns the frames before and after each picture of the given numbers, if these are frames of a video; then a
+        rolling shutter is estimated.
     progress
-        Called with the number of pictures searched and of all.
+        Called with the number of pictures searched and the total.
     on_hint
-        Called, as soon as the mirrors are about known, with the name of the last picture and the pose that the next one
-        should show.
+        Called, as soon as the mirrors are roughly known, with the name of the last picture and the recommended pose for
+        the next one.
 
     Returns
     -------
     Calibration
-        Its layout has one row of mirrors, numbered from left to right, in the frame `rig` of the camera.
+        Its layout has one row of mirrors, numbered from left to right, in the camera's frame `rig`.
 
     Raises
     ------
     InputError
-        Where the pictures do not determine camera and mirrors.
+        If the pictures do not determine the camera and the mirrors.
     """
     if not pictures:
         raise InputError("no pictures given")
     _check_sizes((*pictures, *base), (*names, *base_names))
     model.check_direct()
     boards = boards_in(pictures, target, most=mirrors + 1, progress=progress)
-    # The first pictures may show no board yet.
-    telling = [pictures[number] for number in sorted(range(len(pictures)), key=lambda number: -_shown(boards[number]))]
-    if other := other_board(telling, target, mirrored=None, found=True):
+    # Pictures with the most corners first: the first ones may show no board yet.
+    by_corners = [
+        pictures[number] for number in sorted(range(len(pictures)), key=lambda number: -_shown(boards[number]))
+    ]
+    if other := other_board(by_corners, target, mirrored=None, found=True):
         raise InputError(other)
     corners_mm = target.corners_in_board_mm
     height, width = pictures[0].shape
@@ -131,15 +133,15 @@ def calibrate_with_direct_view(
     used = list(range(len(pictures)))
     if most is not None and len(pictures) > most:
         each = [[board.any for board in some if board.any is not None] for some in boards]
-        used = most_telling(each, corners_mm, width_px=width, most=most)
+        used = most_informative(each, corners_mm, width_px=width, most=most)
         notes = (f"{len(used)} of {len(pictures)} pictures used: {names_together([names[number] for number in used])}",)
         boards = [boards[number] for number in used]
         pictures, names = [pictures[number] for number in used], [names[number] for number in used]
     try:
         start, inverted = start_of(boards, target, mirrors=mirrors, width_px=width, height_px=height)
     except InputError as error:
-        # Parts of a larger checkerboard are taken for the stated one here and there.
-        other = other_board(telling, target, mirrored=None, found=True, fits=False)
+        # The stated board was found but gives no estimate: a larger checkerboard can pass for it in places.
+        other = other_board(by_corners, target, mirrored=None, found=True, fits=False)
         if other is None and fits_flipped(boards, target, mirrors=mirrors, width_px=width, height_px=height):
             other = FLIPPED
         raise InputError(other or f"{error}{more_mirrors(boards, names, mirrors)}") from None
@@ -161,13 +163,17 @@ def calibrate_with_direct_view(
                 on_hint(names[-1], hint)
         plain = start.estimate.with_poses(start.estimate.rig_from_board)
         flat = fit_as("joint", plain, observations, rigid)
-        flat, observations, turns = _steadied(shown, flat, observations)
+        flat, observations, turns = _compensated(shown, flat, observations)
         flat, observations = _with_base(flat, observations, alone)
         selection, drawn = select_direct_model(flat, observations, model=model)
         shutter = None
-        if beside is not None:
+        if adjacent is not None:
             numbers = [used[number] for number in start.pictures]
-            velocity = _velocities(observations, [pictures[n] for n in start.pictures], beside(numbers))
+            triples = [
+                None if pair is None else (pair[0], pictures[n], pair[1])
+                for n, pair in zip(start.pictures, adjacent(numbers), strict=True)
+            ]
+            velocity = corner_velocities(observations, triples)
             shutter = rolling_shutter(selection, observations, velocity, height)
             if shutter is not None and shutter.supported:
                 observations = at_middle_row(observations, velocity, shutter.readout, height)
@@ -180,19 +186,19 @@ def calibrate_with_direct_view(
         more = more_mirrors(boards, names, mirrors)
         raise InputError(f"the pictures do not determine camera and mirrors: {error}{more}") from None
     except InvalidValue as error:
-        # What parts of another board are taken for leads to no possible mirrors.
+        # Parts of another board that pass for the stated one lead to impossible mirrors.
         other = other_board(pictures, target, mirrored=None, found=False)
         raise InputError(other or f"the pictures lead to impossible mirrors: {error}") from None
     return replace(found, notes=(*notes, *found.notes))
 
 
 def _shown(boards: Sequence[SeenBoard]) -> int:
-    """Corners of all boards in a picture."""
+    """Number of corners of all boards in a picture."""
     return sum(len(board.any) for board in boards if board.any is not None)
 
 
 def _check_sizes(pictures: Sequence[Grey], names: Sequence[str]) -> None:
-    """Raise InputError for the first picture of another size than most of them."""
+    """Raise InputError for the first picture whose size differs from most."""
     sizes = [(picture.shape[1], picture.shape[0]) for picture in pictures]
     ((usual, count),) = Counter(sizes).most_common(1)
     for number, size in enumerate(sizes):
@@ -203,7 +209,7 @@ def _check_sizes(pictures: Sequence[Grey], names: Sequence[str]) -> None:
 
 
 def _with_base(flat: Fitted, observations: Observations, base: Sequence[Observations]) -> tuple[Fitted, Observations]:
-    """The fit and the corners together with those of pictures without mirrors, each as frame 0."""
+    """Add the corners of pictures without mirrors, each as frame 0, and fit again."""
     estimate = flat.solution.estimate
     poses, parts = [*estimate.rig_from_board], [observations]
     for rows in base:
@@ -214,23 +220,14 @@ def _with_base(flat: Fitted, observations: Observations, base: Sequence[Observat
             poses.append(pose)
     if len(parts) == 1:
         return flat, observations
-    together = Observations.join(parts)
-    return fit_as("joint", estimate.with_poses(np.array(poses)), together, flat.model), together
+    joined = Observations.join(parts)
+    return fit_as("joint", estimate.with_poses(np.array(poses)), joined, flat.model), joined
 
 
-def _velocities(
-    observations: Observations, pictures: Sequence[Grey], beside: Sequence[tuple[Grey, Grey] | None]
-) -> FloatArray:
-    frames = [
-        None if pair is None else (pair[0], picture, pair[1]) for picture, pair in zip(pictures, beside, strict=True)
-    ]
-    return corner_velocities(observations, frames)
-
-
-def _steadied(
+def _compensated(
     pictures: Sequence[Grey], flat: Fitted, observations: Observations
 ) -> tuple[Fitted, Observations, FloatArray | None]:
-    """The fit, the corners and the camera's rotations, where compensating these improves the fit; else None of them."""
+    """Return fit, corners and camera rotations with these compensated if that improves the fit; None without."""
     camera = flat.solution.estimate.camera
     turns = camera_rotations(pictures, camera)
     if turns is None:
@@ -245,7 +242,7 @@ def _steadied(
 def select_direct_model(
     flat: Fitted, observations: Observations, *, model: RequestedModel = AUTO
 ) -> tuple[ModelSelection, Solution]:
-    """Fit the requested model, and where it is automatic select a larger one among `DIRECT_ADDITIONS`.
+    """Fit the requested model and, if it is automatic, extend it with `DIRECT_ADDITIONS`.
 
     Parameters
     ----------
@@ -261,7 +258,7 @@ def select_direct_model(
     selection
         The selected model.
     drawn
-        The fit of the same mirrors and camera with the board as drawn, in all frames.
+        The fit of the same mirrors and camera with the board as drawn in all frames.
     """
     comparisons, current = [smallest_model(flat)], flat
     for name in model.additions:

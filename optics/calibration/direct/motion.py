@@ -1,13 +1,13 @@
-"""Motion while pictures are taken: of the camera between pictures, and of the board while a frame is read out.
+"""Motion while pictures are taken: of the camera between pictures, and of the board during readout.
 
-A tripod yields when the shutter is touched. A rotation of the camera about the pupil moves every image point by the
-same homography, whatever the point's distance and whether it is seen directly or in mirrors, so that the whole static
-scene determines it. Moving boards and hands do not agree.
+A tripod yields when the shutter button is pressed. A rotation of the camera about the pupil moves every image point by
+one homography, whatever the point's distance and whether it is mirrored, so the entire static scene determines it.
+Moving boards and hands are outliers.
 
-A rolling shutter exposes the rows of a frame one after another, so that a moving board is sheared. A corner in row v of
-h is seen (v / h - 1/2) of the readout after the middle row, and its velocity gives its place at that time. Velocities
-are measured between the frames before and after, by the method of Lucas and Kanade, so that one number describes the
-shutter: the readout of a frame as a part of the time from frame to frame.
+A rolling shutter exposes the rows of a frame one after another, which shears the image of a moving board. A corner in
+row v of h is exposed (v / h - 1/2) of the readout after the middle row, and its velocity gives its position at the time
+of the middle row. Velocities are measured between the frames before and after by Lucas-Kanade tracking, so a single
+number describes the shutter: the readout of a frame as a fraction of the frame period.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from mirrorcam.optics.calibration.solver.residuals import residuals
 from mirrorcam.optics.geometry.camera import Camera
 
 FEATURES, FEATURE_QUALITY, FEATURE_GAP_PX = 6000, 0.003, 10.0
-CELLS, PER_CELL = (16, 8), 8  # moving objects often have most texture: no part of the picture counts for more
+CELLS, PER_CELL = (16, 8), 8  # moving objects often have the most texture: limits the weight of each part
 SCENE_WINDOW_PX, BOARD_WINDOW_PX = (21, 21), (15, 15)
 PYRAMID_LEVELS = 2
 SETTLED = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 60, 1e-4)
@@ -45,15 +45,15 @@ STATIC_PX = 0.4
 DRAWS = 300
 MIN_STATIC = 40
 TRIED = 0.5
-"""Readout at which the cost is computed beside 0 and twice this: a parabola goes through the three."""
+"""Readout at which the cost is evaluated, besides 0 and twice this, to fit a parabola."""
 MIN_TRACKED = 6
-STRAY = 3.0  # of the median distance of velocities from those of the other corners of their view
+STRAY = 3.0  # of the median distance between velocities and the field through the corners of their view
 
 
 def camera_rotations(pictures: Sequence[Grey], camera: Camera) -> FloatArray | None:
-    """Rotation vectors (n, 3), rad, from rays of the first picture to rays of each; None where undetermined.
+    """Rotation vectors (n, 3), rad, from rays of the first picture to rays of each; None if undetermined.
 
-    Random sample consensus over features tracked by the method of Lucas and Kanade, then least squares.
+    Random sample consensus over features tracked by Lucas-Kanade, then least squares.
     """
     turns = [np.zeros(3)]
     for picture in pictures[1:]:
@@ -66,14 +66,14 @@ def camera_rotations(pictures: Sequence[Grey], camera: Camera) -> FloatArray | N
 
 
 def stabilised(observations: Observations, camera: Camera, turns: FloatArray) -> Observations:
-    """The corners where they would be if the camera had not rotated by `turns` (f, 3) since the first frame."""
+    """Correct corners for the camera's rotations `turns` (f, 3) since the first frame."""
     back = Rotation.from_rotvec(turns[observations.frame]).inv().as_matrix()
     rays = np.einsum("nij,nj->ni", back, camera.unproject(observations.pixels))
     return replace(observations, pixels=camera.project(rays))
 
 
 def _tracked(first: Grey, other: Grey) -> tuple[FloatArray, FloatArray]:
-    """Features (n, 2) of the first picture and their positions in the other, evenly over the picture."""
+    """Features (n, 2) of the first picture and their positions in the other, spread evenly over the picture."""
     found = cv2.goodFeaturesToTrack(first, FEATURES, FEATURE_QUALITY, FEATURE_GAP_PX)
     if found is None:
         return np.empty((0, 2)), np.empty((0, 2))
@@ -85,7 +85,7 @@ def _tracked(first: Grey, other: Grey) -> tuple[FloatArray, FloatArray]:
     good &= np.linalg.norm(there - here, axis=1) < MAX_MOVE_PX
     here, there = here[good], there[good]
     cell = (here / np.array(first.shape[::-1]) * CELLS).astype(np.int64) @ [CELLS[1], 1]
-    # Features come by quality, so that the first of a cell are its best.
+    # Features are sorted by quality, so the first of a cell are its best.
     order = np.argsort(cell, kind="stable")
     starts = np.searchsorted(cell[order], cell[order])
     kept = np.sort(order[np.arange(len(order)) - starts < PER_CELL])
@@ -93,13 +93,13 @@ def _tracked(first: Grey, other: Grey) -> tuple[FloatArray, FloatArray]:
 
 
 def _flowed(first: Grey, other: Grey, pixels: FloatArray) -> tuple[FloatArray, BoolArray, FloatArray]:
-    """Positions (n, 2) of points in the other picture, which were found (n,), and their mean grey difference (n,)."""
+    """Track points: positions (n, 2) in the other picture, success (n,), and mean grey difference (n,)."""
     seeds = pixels.astype(np.float32)[:, None]
     found, status, unlike = cv2.calcOpticalFlowPyrLK(
         first, other, seeds, seeds.copy(), winSize=SCENE_WINDOW_PX, maxLevel=PYRAMID_LEVELS, criteria=SETTLED
     )
     seen = status.ravel() > 0
-    # Where nothing was found, the difference is not set.
+    # The difference of a lost point is undefined.
     difference = np.full(len(seen), np.inf)
     difference[seen] = unlike.ravel()[seen]
     return np.asarray(found, dtype=np.float64)[:, 0], seen, difference
@@ -128,7 +128,7 @@ def _turned(camera: Camera, rays: FloatArray, turn: FloatArray) -> FloatArray:
 
 
 def _refined(camera: Camera, rays: FloatArray, there: FloatArray, turn: FloatArray, *, steps: int) -> FloatArray:
-    """The rotation vector (3,) that takes rays (n, 3) to pixels (n, 2), by Gauss-Newton steps from a near one."""
+    """Rotation vector (3,) from rays (n, 3) to pixels (n, 2), by Gauss-Newton steps from a nearby one."""
     for _ in range(steps):
         rotated = rays @ Rotation.from_rotvec(turn).as_matrix().T
         pixels, by_ray, _ = camera.project_with_jacobians(rotated)
@@ -140,10 +140,10 @@ def _refined(camera: Camera, rays: FloatArray, there: FloatArray, turn: FloatArr
 
 @dataclass(frozen=True)
 class Shutter:
-    """A rolling shutter as the corners show it.
+    """An estimated rolling shutter.
 
-    `readout` is that of a frame, as a part of the time from frame to frame, and `sigma` its standard deviation; it is
-    `supported` where the likelihood, the information criterion and frames left out all speak for it.
+    `readout` is the readout of a frame as a fraction of the frame period, and `sigma` its standard deviation. It is
+    `supported` if the likelihood, the information criterion and held-out frames all favour it.
     """
 
     readout: float
@@ -151,13 +151,13 @@ class Shutter:
     supported: bool
 
 
-def corner_velocities(observations: Observations, beside: Sequence[tuple[Grey, Grey, Grey] | None]) -> FloatArray:
+def corner_velocities(observations: Observations, adjacent: Sequence[tuple[Grey, Grey, Grey] | None]) -> FloatArray:
     """Velocities (n, 2) of corners, px per frame, smooth over each view; 0 where they cannot be measured.
 
-    `beside` has for each frame the picture before, its own, and the one after.
+    `adjacent` holds for each frame the picture before, its own, and the picture after.
     """
     found = np.zeros((len(observations), 2))
-    for frame, pictures in enumerate(beside):
+    for frame, pictures in enumerate(adjacent):
         rows = np.flatnonzero(observations.frame == frame)
         if pictures is None or not len(rows):
             continue
@@ -180,7 +180,7 @@ def _flow(own: Grey, other: Grey, pixels: FloatArray) -> tuple[FloatArray, np.nd
 
 
 def _smooth(pixels: FloatArray, velocity: FloatArray, tracked: np.ndarray) -> FloatArray:
-    """The velocities (n, 2) of a view as an affine function of the pixel, without stray ones; 0 where few are known."""
+    """Fit the velocities (n, 2) of a view by an affine function of the pixel, without outliers; 0 if few are known."""
     terms = np.column_stack([np.ones(len(pixels)), pixels - pixels.mean(axis=0)])
     for _ in range(2):
         if tracked.sum() < MIN_TRACKED:
@@ -192,7 +192,7 @@ def _smooth(pixels: FloatArray, velocity: FloatArray, tracked: np.ndarray) -> Fl
 
 
 def at_middle_row(observations: Observations, velocity: FloatArray, readout: float, height_px: int) -> Observations:
-    """The corners where they would be had every row been exposed with the middle one."""
+    """Correct corners to their positions at the exposure of the middle row."""
     late = readout * ((observations.pixels[:, 1] + 0.5) / height_px - 0.5)
     return replace(observations, pixels=observations.pixels - late[:, None] * velocity)
 
@@ -200,14 +200,14 @@ def at_middle_row(observations: Observations, velocity: FloatArray, readout: flo
 def rolling_shutter(
     selection: ModelSelection, observations: Observations, velocity: FloatArray, height_px: int
 ) -> Shutter | None:
-    """The readout that explains the inliers of a fit best; None where no corner moves.
+    """Estimate the readout that best explains the inliers of a fit; None if no corner moves.
 
     Parameters
     ----------
     selection
-        The model, fitted to corners as they are.
+        The model, fitted to uncorrected corners.
     observations
-        These corners.
+        The uncorrected corners.
     velocity
         Their velocities (n, 2), px per frame.
     height_px
@@ -215,10 +215,10 @@ def rolling_shutter(
     """
     solution = selection.solution
     rows, moving = observations.where(solution.inliers), velocity[solution.inliers]
-    none, half, whole = (
+    none, half, full = (
         _cost(selection, at_middle_row(rows, moving, readout, height_px)) for readout in (0.0, TRIED, 2.0 * TRIED)
     )
-    bend = (whole - 2.0 * half + none) / (2.0 * TRIED**2)
+    bend = (full - 2.0 * half + none) / (2.0 * TRIED**2)
     if bend <= 0.0:
         return None
     readout = (none - half) / (2.0 * TRIED * bend) + TRIED / 2.0
@@ -235,12 +235,12 @@ def rolling_shutter(
 def _cost(selection: ModelSelection, rows: Observations) -> float:
     model = selection.model
     estimate, _ = minimise(selection.solution.estimate, rows, model)
-    left = rows.standardised(residuals(estimate, rows, model.board))
-    return float(np.sum(left**2) + np.sum(model.frame_terms.values(estimate) ** 2))
+    r = rows.standardised(residuals(estimate, rows, model.board))
+    return float(np.sum(r**2) + np.sum(model.frame_terms.values(estimate) ** 2))
 
 
 def _gain(selection: ModelSelection, rows: Observations, shifted: Observations) -> float:
-    """By how many standard errors frames left out are predicted better with the corners shifted."""
+    """Standard errors by which held-out frames are predicted better with corrected corners."""
     estimate, model = selection.solution.estimate, selection.model
     fold = balanced_folds(estimate, rows, model.board, FOLDS)
     plain, better = (

@@ -1,7 +1,7 @@
-"""Next best view where the board is also seen directly: with no layout, the pictures so far show what can be seen.
+"""Next best view with a direct view and without a layout: visibility is predicted from the pictures so far.
 
-The poses to choose from are those of pictures so far, tilted, moved, nearer and farther. A mirror is taken to show
-somewhat more than the corners that were seen in it.
+The candidate poses are those of previous pictures, tilted, shifted, nearer and farther. A mirror is assumed to reach
+somewhat beyond the corners seen in it.
 """
 
 from __future__ import annotations
@@ -37,13 +37,13 @@ from mirrorcam.optics.geometry.transforms import inverse, rigid, transform
 
 DEPTHS = {0.8: "nearer by a fifth", 1.0: "", 1.25: "farther by a quarter"}
 MOST_EXAMPLES = 3
-"""Pictures whose poses are varied: those that show the most corners."""
+"""Number of pictures whose poses are varied: those with the most corners."""
 GROWN = 0.25
-"""How much further a mirror reaches than the corners seen in it, relative to the square root of their area."""
+"""Assumed reach of a mirror beyond its corners, relative to the square root of their area."""
 LEAST_FACING = 0.25
-"""Cosine between a board's normal and the line of sight, so that the print can be read."""
+"""Least cosine between a board's normal and the line of sight for which the print can be read."""
 CENTRE = 0.3
-"""Standard deviation of a virtual centre before the first picture, relative to its distance."""
+"""Prior standard deviation of a virtual centre, relative to its distance."""
 
 
 def next_direct_pose(
@@ -55,18 +55,18 @@ def next_direct_pose(
     pictures: Sequence[str],
     base: Sequence[Observations] = (),
 ) -> NextPose | None:
-    """The recommendation after some pictures that show a board directly and in mirrors.
+    """Return the recommendation after some pictures that show a board directly and in mirrors.
 
     Parameters
     ----------
     start
-        A first estimate of camera, mirrors and poses.
+        First estimate of camera, mirrors and poses.
     observations
         The corners of all frames.
     target
         The board.
     intrinsics
-        Names of the camera's parameters that are estimated.
+        Names of the estimated camera parameters.
     pictures
         Names of the frames.
     base
@@ -75,7 +75,7 @@ def next_direct_pose(
     Returns
     -------
     NextPose or None
-        None where no such pose shows the board, as where the estimate explains none of its pictures.
+        None if no candidate pose shows the board, as when the estimate explains none of its pictures.
     """
     camera, centres = start.camera, start.virtual_centres_in_rig_mm
     focal, centre, distortion = PRIOR
@@ -117,7 +117,7 @@ def _name(camera: Camera, observations: Observations, mirror: int) -> str:
 def _placements(
     start: Estimate, observations: Observations, target: Target, pictures: Sequence[str]
 ) -> Iterator[Placement]:
-    """The poses of the pictures with the most corners, and how each of them could be changed."""
+    """Yield variations of the poses of the pictures with the most corners."""
     counts = np.bincount(observations.frame, minlength=len(pictures))
     regions = _regions(start, observations)
     for frame in np.argsort(-counts, kind="stable")[:MOST_EXAMPLES].tolist():
@@ -134,7 +134,7 @@ def _placements(
 def _changed(
     pose: FloatArray, target: Target, factor: float, tilt_deg: tuple[float, float], shift: tuple[float, float]
 ) -> tuple[FloatArray, float]:
-    """A pose (4, 4) at `factor` times its distance, tilted, moved by halves of the board's size; and its depth."""
+    """Return a pose (4, 4) at `factor` times its distance, tilted, shifted in half board sizes; and its depth."""
     half = np.array([*target.size_mm, 0.0]) / 2.0
     turn = Rotation.from_euler("xy", tilt_deg, degrees=True).as_matrix() @ pose[:3, :3]
     middle = factor * transform(pose, half) + half.max() * np.array([*shift, 0.0])
@@ -142,7 +142,7 @@ def _changed(
 
 
 def _regions(start: Estimate, observations: Observations) -> dict[int, shapely.Geometry]:
-    """Where views can show corners: the whole sensor directly, and a little more than was seen in mirrors."""
+    """Regions where views can show corners: the entire sensor directly, slightly beyond the corners in mirrors."""
     camera = start.camera
     sensor = shapely.box(0.0, 0.0, camera.width_px - 1.0, camera.height_px - 1.0)
     regions = {DIRECT: sensor}
@@ -153,7 +153,7 @@ def _regions(start: Estimate, observations: Observations) -> dict[int, shapely.G
 
 
 def _seen(start: Estimate, pose: FloatArray, regions: dict[int, shapely.Geometry], target: Target) -> Observations:
-    """The corners of a pose, as frame 0, in all views that see its print and enough of it, if the direct one does."""
+    """Return the corners of a pose, as frame 0, in all views that see enough of it; none if the direct one fails."""
     board = Board.rigid(target.corners_in_board_mm)
     at, ids = start.with_poses(pose[None]), np.arange(len(board.corners_in_board_mm))
     parts = []

@@ -1,4 +1,4 @@
-"""First estimates from single views: intrinsics, board poses and mirror planes."""
+"""Initial estimates from single views: intrinsics, board poses and mirror planes."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from mirrorcam.optics.geometry.nearest_lens import nearest_lens
 from mirrorcam.optics.geometry.transforms import rigid, transform
 
 MIN_VIEWS = 3
-MAX_FOCAL_RATIO = 1.5  # between the fitted and the nominal focal length, or its inverse
+MAX_FOCAL_RATIO = 1.5  # of fitted to nominal focal length, or its inverse
 
 
 @contextmanager
 def _one_thread() -> Iterator[None]:
-    """Run OpenCV on one thread: calibrateCamera sums over threads as they finish, so its last digits would vary."""
+    """Run OpenCV on one thread: calibrateCamera's sums depend on the order of threads, in their last digits."""
     threads = cv2.getNumThreads()
     cv2.setNumThreads(1)
     try:
@@ -41,25 +41,25 @@ def intrinsics(
     height_px: int,
     full_distortion: bool,
 ) -> Camera:
-    """Calibrate a camera from views of a flat board, by OpenCV.
+    """Calibrate a camera from views of a flat board, with OpenCV.
 
-    A view through a mirror serves as well as a direct one: a flat board seen from behind is still a flat board.
+    Mirrored views are as good as direct ones: a flat board seen from behind is still a flat board.
 
     Parameters
     ----------
     views
         Corners of each view.
     corners_in_board_mm
-        The board's corners (c, 3).
+        The board's corners (c, 3), mm.
     width_px, height_px
         Size of the sensor.
     full_distortion
-        Whether k1 k2 p1 p2 k3 are free; otherwise k1 and k2 only, which a few views determine.
+        Whether k1 k2 p1 p2 k3 are free; otherwise only k1 and k2, which a few views determine.
 
     Raises
     ------
     InputError
-        Where fewer than three views are given, or they do not determine the camera.
+        If there are fewer than three views, or they do not determine the camera.
     """
     if len(views) < MIN_VIEWS:
         raise InputError(
@@ -86,9 +86,9 @@ def intrinsics(
 
 
 def camera_from_flat_board(camera: Camera, view: Corners, corners_in_board_mm: FloatArray) -> FloatArray | None:
-    """Pose (4, 4) of a flat board that explains a view, mirrored or not; None where no pose does.
+    """Return the pose (4, 4) of a flat board that explains a view, mirrored or not; None if there is none.
 
-    For a mirrored view this is the pose of the board's *image*, in which the sign of the board's z axis is lost.
+    For a mirrored view, it is the pose of the board's *image*, in which the sign of the board's z axis is lost.
     """
     normalized = camera.normalized_from_pixels(view.pixels)
     found, turn, shift = cv2.solvePnP(
@@ -103,16 +103,16 @@ def camera_from_flat_board(camera: Camera, view: Corners, corners_in_board_mm: F
 def rig_from_board(
     camera: Camera, view: Corners, corners_in_board_mm: FloatArray, virtual_centre: FloatArray | None
 ) -> FloatArray | None:
-    """Pose (4, 4) of the board itself from one view: direct (None), or through the mirror with that virtual centre.
+    """Return the pose (4, 4) of the board itself from a direct view (None) or the view of a mirror's virtual centre.
 
-    None where no pose explains the view.
+    None if no pose explains the view.
     """
     matrix = camera_from_flat_board(camera, view, corners_in_board_mm)
     return matrix if virtual_centre is None or matrix is None else before_mirror(matrix, virtual_centre)
 
 
 def before_mirror(matrix: FloatArray, virtual_centre: FloatArray) -> FloatArray:
-    """Pose (4, 4) of a flat board from that of its image in the mirror with a virtual centre.
+    """Return the pose (4, 4) of a flat board from the pose of its image in the mirror with a virtual centre.
 
     With F = diag(1, 1, -1), which leaves a flat board unchanged, and the mirror's reflection S, the image of the board
     has the rotation S R F. So R = S (S R F) F.
@@ -125,7 +125,7 @@ def before_mirror(matrix: FloatArray, virtual_centre: FloatArray) -> FloatArray:
 
 
 def virtual_centre_between(points_in_rig: FloatArray, image_in_rig: FloatArray) -> tuple[FloatArray, float]:
-    """Virtual centre (3,) of the mirror that images points (n, 3) at `image_in_rig` (n, 3), and the rms misfit, mm.
+    """Return the virtual centre (3,) of the mirror that images points (n, 3) at `image_in_rig`, and the rms misfit, mm.
 
     The differences between points and their images are all parallel to the normal, and the plane bisects them.
     """
@@ -140,7 +140,7 @@ def virtual_centre_between(points_in_rig: FloatArray, image_in_rig: FloatArray) 
 
 
 def behind(points_in_rig: FloatArray, virtual_centre: FloatArray) -> bool:
-    """Return whether points (n, 3) lie, on average, behind the mirror's plane, as images in it do."""
+    """Return whether points (n, 3) lie, on average, behind the mirror's plane, as its images do."""
     return bool(np.mean(points_in_rig @ virtual_centre) > virtual_centre @ virtual_centre / 2.0)
 
 
@@ -149,9 +149,9 @@ def best_pose(
     views: Sequence[tuple[Mirror | None, Corners]],
     corners_in_board_mm: FloatArray,
 ) -> FloatArray:
-    """The board pose (4, 4) of one frame, from the view whose pose predicts all views best.
+    """Return the board pose (4, 4) of a frame from the view whose pose best predicts all views.
 
-    Raises InputError where no view gives a pose.
+    Raises InputError if no view gives a pose.
     """
     best, best_cost = None, np.inf
     for mirror, view in views:
@@ -180,10 +180,10 @@ def _corner_radius(camera: Camera) -> float:
 
 
 def base_camera(direct: Observations, nominal: Camera, corners_in_board_mm: FloatArray) -> Camera:
-    """The camera to start from: that of the frames without mirrors where they determine it, else the nominal one.
+    """Return the initial camera: estimated from the frames without mirrors if they determine it, else the nominal one.
 
-    Boards that all face the camera do not determine its focal length, whatever value the fit ends at: a focal length
-    far from the nominal one is rejected.
+    Boards that all face the camera do not determine its focal length, although the fit converges: a focal length far
+    from the nominal one is rejected.
     """
     if not len(direct):
         return nominal
@@ -202,14 +202,14 @@ def base_camera(direct: Observations, nominal: Camera, corners_in_board_mm: Floa
     if not plausible:
         return nominal
     camera, _ = nearest_lens(camera, nominal.lens_model)
-    # Size, name and pupil are the nominal ones.
+    # Keep the nominal size, name and pupil.
     return nominal.with_intrinsics(camera.intrinsics)
 
 
 def first_estimate(
     observations: Observations, camera: Camera, layout: Layout, corners_in_board_mm: FloatArray
 ) -> Estimate:
-    """The nominal mirrors, and for every frame the board pose from the view that explains the frame best."""
+    """Return the nominal mirrors, and for each frame the board pose from the view that explains the frame best."""
     poses = []
     for frame in range(int(observations.frame[-1]) + 1):
         rows = observations.where(observations.frame == frame)

@@ -1,8 +1,8 @@
 """Levenberg-Marquardt for camera, mirrors and board poses: a robust start, then least squares without outliers.
 
-Noise averages out over corners and frames; errors that all corners of a view share do not, and are added to the
-covariance. In second-surface mirrors ghost images leave such errors: they move edges by some hundredths of a pixel, of
-which a few percent remain however well they are modelled. No residual shows it, as mirrors and camera follow it.
+Noise averages out over corners and frames. Errors that all corners of a view share do not, and are added to the
+covariance. Ghost images of second-surface mirrors cause such errors: they shift edges by some hundredths of a pixel, of
+which a few percent remain even when modelled. Residuals do not reveal them, because mirrors and camera compensate.
 """
 
 from __future__ import annotations
@@ -33,21 +33,21 @@ HUBER_SCALE = 1.345
 SETTLED = 0.99
 FIND_SIGMAS, DROP_SIGMAS = 5.0, 4.0
 MOST_OUTLIERS = 0.5
-"""Fraction of the corners of a mirror: more contradict the model, not the others."""
+"""Largest fraction of outliers in a mirror: more contradict the model rather than the other corners."""
 MAX_ITERATIONS = 50
 RELATIVE_GAIN = 1e-9
-"""Fraction of the cost: a step with a smaller predicted decrease is the last one. For 60,000 residuals that is a step
-of 0.008 sigma, and a further step would be a few hundredths of that."""
+"""Least predicted decrease, as a fraction of the cost, for another step. With 60,000 residuals it corresponds to a
+step of 0.008 sigma, and the next step would be a few hundredths of that."""
 ROUNDING_PX = 1e-10
-"""Rounding of a residual: a cost of this size is zero."""
+"""Rounding error of a residual: a cost of this size is zero."""
 SINGULAR = 5e-14
-"""Smallest eigenvalue of the scaled information that counts as determined; rounding errors are below 1e-14. That of
-what only the prior of a rational lens determines is 5e-13 with 15,000 corners, and less with more."""
+"""Least eigenvalue of the scaled information that counts as determined; rounding errors are below 1e-14. For a
+direction that only the prior of a rational lens determines, it is 5e-13 with 15,000 corners, and less with more."""
 SHARED_PX = 0.0005
-"""Standard deviation of what the corners of a second-surface mirror share: of a shift along each axis, and of what
-grows along each axis, at its root mean square over the corners."""
+"""Standard deviation of the errors that corners of a second-surface mirror share: of a shift along each axis, and of
+linear fields along each axis, at their rms over the corners."""
 FIELDS = 6
-"""Shared errors of a view: of x and of y, a shift, and what grows along x and along y."""
+"""Shared error fields of a view: for x and y each, a shift and linear fields along x and along y."""
 
 
 class UndeterminedError(Exception):
@@ -65,23 +65,23 @@ class Solution:
     residuals
         Predicted minus observed pixels (n, 2) of all rows.
     inliers
-        Which rows took part (n,).
+        Mask (n,) of the rows used.
     iterations
         Number of linearisations.
     standardised
-        The residuals (n, 2) in standard deviations of the corners, as the observations state them.
+        The residuals (n, 2) in stated standard deviations of the corners.
     scale
-        Standard deviation of a standardised residual, by the degrees of freedom: 1 where the stated standard deviations
-        are right, and the model is.
+        Standard deviation of a standardised residual, corrected for the degrees of freedom: 1 if the stated standard
+        deviations and the model are right.
     sigma_px
-        Standard deviation of a residual of a typical corner, the median.
+        Standard deviation of the residual of a typical (median) corner.
     parameters
         Names (g,) of the free globals.
     covariance
-        Covariance (g, g) of the free globals, with the board's poses and what else is of single frames marginalised:
-        scale^2 times the inverse of the reduced normal matrix, and what corners share (`shared_covariance`).
+        Covariance (g, g) of the free globals, marginalised over board poses and other per-frame parameters: scale^2
+        times the inverse of the reduced normal matrix, plus the shared errors (`shared_covariance`).
     frame_terms
-        How many numbers of single frames, besides the poses, the corners determine rather than their priors.
+        Number of per-frame parameters, besides the poses, that the corners rather than their priors determine.
     """
 
     estimate: Estimate
@@ -97,37 +97,37 @@ class Solution:
 
     @property
     def rms_px(self) -> FloatArray:
-        """Root mean square residual (2,) per axis over the rows that took part."""
+        """Rms residual (2,) per axis over the rows used."""
         return np.sqrt(np.mean(self.residuals[self.inliers] ** 2, axis=0))
 
 
 def fit(start: Estimate, observations: Observations, model: Model) -> Solution:
     """Fit a model to observed corners: robust start (Huber), least squares without outliers, covariance.
 
-    Outliers follow the rule of mrcal: where any corner of a view lies beyond 5 sigma, that view's corners beyond
-    4 sigma are dropped and the fit is repeated, until none is found. Sigma is re-estimated from the remaining corners.
-    Where that would drop more than `MOST_OUTLIERS` of the corners of a mirror, none further is.
+    Outliers follow mrcal's rule: if any corner of a view lies beyond 5 sigma, that view's corners beyond 4 sigma are
+    dropped and the fit is repeated, until there are none. Sigma is re-estimated from the remaining corners. If that
+    would drop more than `MOST_OUTLIERS` of a mirror's corners, no more are dropped.
 
     Parameters
     ----------
     start
-        The estimate to start from.
+        Initial estimate.
     observations
         The corners.
     model
-        What is free.
+        The model with its free parameters.
 
     Raises
     ------
     UndeterminedError
-        Where the corners leave a free parameter undetermined, or the start predicts a corner that cannot be seen.
+        If the corners leave a free parameter undetermined, or the start predicts a corner that cannot be seen.
     """
     if model.thickness and not (start.thickness_mm > 0.0).any():
         raise UndeterminedError("no mirror is second-surface, so no plate thickness can be determined")
     parameters = model.parameters(start.camera, len(start.virtual_centres_in_rig_mm))
     frames = len(start.rig_from_board)
     estimate, iterations = start, 0
-    # Far from the minimum, free curvatures would mislead the thickness, which has little effect beside them.
+    # Far from the minimum, free curvatures would dominate and mislead the thickness, which has little effect.
     for stage in [replace(model, thickness=False)] * (model.thickness and model.curvature) + [model]:
         estimate, steps = start_robustly(estimate, observations, stage)
         iterations += steps
@@ -155,20 +155,20 @@ def fit(start: Estimate, observations: Observations, model: Model) -> Solution:
 
 
 def effective_frame_terms(estimate: Estimate, observations: Observations, model: Model) -> float:
-    """How many of the numbers of single frames besides the poses the corners determine, rather than their priors."""
+    """Number of per-frame parameters, besides the poses, that the corners rather than their priors determine."""
     weights = model.frame_terms.weights[6:]
     if not weights.size:
         return 0.0
     normal = normal_equations(estimate, Grouped.of(observations, model), model)
     try:
-        left = np.linalg.inv(normal.v)[:, 6:, 6:]
+        covariance = np.linalg.inv(normal.v)[:, 6:, 6:]
     except np.linalg.LinAlgError:
         raise UndeterminedError(f"{len(observations)} corners do not determine the pose of a board") from None
-    return float(weights.size * len(left) - np.sum(np.einsum("fii->fi", left) * weights**2))
+    return float(weights.size * len(covariance) - np.sum(np.einsum("fii->fi", covariance) * weights**2))
 
 
 def _inverse_information(estimate: Estimate, observations: Observations, model: Model) -> FloatArray:
-    """Inverse (g, g) of the reduced normal matrix; raises UndeterminedError that names what is undetermined."""
+    """Inverse (g, g) of the reduced normal matrix; raises UndeterminedError, naming undetermined parameters."""
     parameters = model.parameters(estimate.camera, len(estimate.virtual_centres_in_rig_mm))
     normal = normal_equations(estimate, Grouped.of(observations, model), model)
     information = np.diag(normal.u)
@@ -191,13 +191,13 @@ def _inverse_information(estimate: Estimate, observations: Observations, model: 
 
 
 def _without_outliers(r: FloatArray, view: NDArray[np.int64], inliers: BoolArray, scale: float) -> BoolArray:
-    """The inliers that are no outliers; all of them where a mirror would keep few, which the model is wrong about."""
+    """Mask of the inliers without outliers; unchanged if a mirror would lose too many, because the model is wrong."""
     norm = np.abs(r).max(axis=1)
     found = inliers & (norm > FIND_SIGMAS * scale)
-    left = inliers & ~(np.isin(view, view[found]) & (norm > DROP_SIGMAS * scale))
+    remaining = inliers & ~(np.isin(view, view[found]) & (norm > DROP_SIGMAS * scale))
     _, mirror, corners = np.unique(view, return_inverse=True, return_counts=True)
-    kept = np.bincount(mirror, weights=left) / corners
-    return left if (kept >= 1.0 - MOST_OUTLIERS).all() else inliers
+    kept = np.bincount(mirror, weights=remaining) / corners
+    return remaining if (kept >= 1.0 - MOST_OUTLIERS).all() else inliers
 
 
 def _robust_scale(r: FloatArray) -> float:
@@ -207,9 +207,9 @@ def _robust_scale(r: FloatArray) -> float:
 def minimise(
     start: Estimate, observations: Observations, model: Model, *, max_iterations: int = MAX_ITERATIONS
 ) -> tuple[Estimate, int]:
-    """Least squares from `start` until a step predicts a relative decrease of the cost below RELATIVE_GAIN.
+    """Minimise the squares from `start` until a step predicts a relative decrease of the cost below RELATIVE_GAIN.
 
-    Returns the estimate and the number of iterations. Raises UndeterminedError where the start predicts a corner that
+    Returns the estimate and the number of iterations. Raises UndeterminedError if the start predicts a corner that
     cannot be seen.
     """
     grouped = Grouped.of(observations, model)
@@ -230,10 +230,10 @@ def minimise(
 
 
 def start_robustly(start: Estimate, observations: Observations, model: Model) -> tuple[Estimate, int]:
-    """An estimate near the minimum of Huber's loss, which outliers hardly influence, and the number of iterations.
+    """Return an estimate near the minimum of Huber's loss, which limits outliers, and the number of iterations.
 
     Scale and weights are updated after every step, until the median residual decreases by less than 1 %. Raises
-    UndeterminedError where the start predicts a corner that cannot be seen.
+    UndeterminedError if the start predicts a corner that cannot be seen.
     """
     grouped = Grouped.of(observations, model)
     estimate, damping = start, _Damping()
@@ -310,7 +310,7 @@ def _descend(
     loss: Callable[[FloatArray], float],
     cost: float,
 ) -> tuple[Estimate, FloatArray, float] | None:
-    """The first step that lowers the loss: estimate, residuals and predicted decrease; None where no step does."""
+    """Return estimate, residuals and predicted decrease of the first step that lowers the loss; None if none does."""
     while damping.value < 1e9:
         try:
             step_global, step_poses, predicted = normal.step(damping.value)
@@ -331,7 +331,7 @@ def _descend(
 
 
 def _trial(estimate: Estimate, model: Model, step_free: FloatArray, step_own: FloatArray) -> Estimate | None:
-    """The estimate after a step; None where the camera or a plate would become impossible."""
+    """Return the estimate after a step; None if the camera or a plate would become invalid."""
     mirrors = len(estimate.virtual_centres_in_rig_mm)
     step = np.zeros(len(global_names(estimate.camera.intrinsic_names, mirrors, estimate.shape.size)))
     step[model.free(estimate.camera, mirrors)] = step_free
@@ -345,16 +345,16 @@ def _trial(estimate: Estimate, model: Model, step_free: FloatArray, step_own: Fl
 
 
 def shared_covariance(estimate: Estimate, observations: Observations, model: Model) -> FloatArray:
-    """Covariance (g, g) of the free globals by errors that corners share.
+    """Covariance (g, g) of the free globals from errors that corners share.
 
     Parameters
     ----------
     estimate
         The minimum of the sum of squares.
     observations
-        The corners that it was fitted to.
+        The fitted corners.
     model
-        What is free.
+        The model with its free parameters.
     """
     mirrors = len(estimate.virtual_centres_in_rig_mm)
     places = Places.of(model, mirrors)
@@ -382,7 +382,7 @@ def shared_covariance(estimate: Estimate, observations: Observations, model: Mod
 
 
 def _groups(chunk: Chunk, places: Places) -> list[tuple[FloatArray, int, int, int, int]]:
-    """Places among the globals, mirror, frame, first and last row of the groups of a chunk."""
+    """For each group of a chunk: indices among the globals, mirror, frame, first and last row."""
     ends = zip(chunk.edges[:-1], chunk.edges[1:], strict=True)
     at = places.of_groups(chunk.group_view)
     return [
@@ -394,7 +394,7 @@ def _groups(chunk: Chunk, places: Places) -> list[tuple[FloatArray, int, int, in
 
 
 def _extents(observations: Observations, mirrors: int) -> tuple[FloatArray, FloatArray]:
-    """Mean and standard deviation (mirrors, 2) of the pixels of each mirror's corners; 0 and 1 where it shows none."""
+    """Mean and standard deviation (mirrors, 2) of each mirror's corner pixels; 0 and 1 without corners."""
     means, deviations = np.zeros((mirrors, 2)), np.ones((mirrors, 2))
     for mirror in range(mirrors):
         pixels = observations.pixels[observations.view == mirror]
@@ -404,6 +404,6 @@ def _extents(observations: Observations, mirrors: int) -> tuple[FloatArray, Floa
 
 
 def _fields(at: FloatArray) -> FloatArray:
-    """Shared errors (f, 2, n) of corners at places (2, n) in their view, of size 1."""
+    """Shared error fields (f, 2, n), of rms 1, at corner positions (2, n) normalised within their view."""
     one, none = np.ones(at.shape[1]), np.zeros(at.shape[1])
     return np.stack([pair for field in (one, *at) for pair in (np.stack([field, none]), np.stack([none, field]))])

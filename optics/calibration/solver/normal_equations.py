@@ -1,9 +1,8 @@
 """Normal equations of a calibration, summed over groups of corners that share frame and view.
 
-The pixels of a corner depend on the intrinsics, its own mirror, the plate thickness, the board's modes and the pose of
-its own frame: some 20 parameters, where a dense row would have hundreds of columns. The products of each group are
-computed separately and added in their places. The poses, and what else is of single frames, are then eliminated by the
-Schur complement.
+A corner's pixels depend on the intrinsics, its mirror, the plate thickness, the board's modes and the pose of its
+frame: some 20 parameters, where a dense row would have hundreds of columns. The products of each group are computed
+separately and scattered into the matrix. The Schur complement then eliminates the poses and other per-frame parameters.
 """
 
 from __future__ import annotations
@@ -27,15 +26,15 @@ from mirrorcam.optics.calibration.solver.residuals import (
 from mirrorcam.optics.geometry.mirror_imaging import images
 
 ROWS_AT_ONCE = 4096
-"""Corners that are linearised together: few enough that their derivatives stay in the processor's cache."""
+"""Corners linearised at once: few enough that their derivatives fit the processor's cache."""
 
 
 @dataclass(frozen=True)
 class Chunk:
-    """Corners (n,) of whole groups (k,), all seen directly or all in mirrors, with their pixels (2, n).
+    """Corners (n,) of complete groups (k,), all direct or all mirrored, with their pixels (2, n).
 
-    `per_sigma` (n,) is the inverse of their standard deviations, by which residuals and derivatives are multiplied.
-    `edges` (k + 1) are the groups' first rows within the chunk; `runs` are frames with their first and last row.
+    `per_sigma` (n,) is the inverse of their standard deviations, which scales residuals and derivatives. `edges` (k +
+    1,) are the groups' first rows within the chunk; `runs` are frames with their first and last row.
     """
 
     rows: slice
@@ -50,7 +49,7 @@ class Chunk:
 
     @classmethod
     def of(cls, observations: Observations, order: IntArray, bounds: IntArray) -> Chunk:
-        """The groups that start at `bounds` (k + 1,), whose last entry is their end, in an order of the rows."""
+        """Collect the groups that start at `bounds` (k + 1,), whose last entry is their end, in a row order."""
         rows = slice(int(bounds[0]), int(bounds[-1]))
         taken = order[rows]
         frame, view = observations.frame[taken], observations.view[taken]
@@ -76,7 +75,7 @@ class Chunk:
 
 @dataclass(frozen=True)
 class Grouped:
-    """Observations in groups of one frame and one view each, direct views first; `order` (n,) are their rows.
+    """Observations in groups of one frame and one view, direct views first; `order` (n,) holds their row numbers.
 
     `per_variance` is the sum of the inverse variances of the corners.
     """
@@ -106,7 +105,7 @@ class Grouped:
 class NormalEquations:
     """Normal equations with a block per frame: globals u (g, g), frames v (f, d, d), coupling w (f, d, g).
 
-    The numbers of a frame are those of its pose and of the model's `frame_terms`, with their priors.
+    The parameters of a frame are its pose and the model's `frame_terms`, with their priors.
     """
 
     u: FloatArray
@@ -116,9 +115,10 @@ class NormalEquations:
     gradient_poses: FloatArray
 
     def reduced(self, damping: float) -> tuple[FloatArray, FloatArray]:
-        """The matrix (g, g) of the globals with the frames eliminated, and V^-1 [W, gradient] (f, d, g + 1).
+        """Eliminate the frames; return the matrix (g, g) of the globals, and V^-1 [W, gradient] (f, d, g + 1).
 
-        Every diagonal is raised by `damping` of itself. Raises LinAlgError where a frame has no definite pose.
+        Every diagonal is increased by `damping` times itself. Raises LinAlgError if the pose of a frame is
+        undetermined.
         """
         own = self.v.shape[1]
         v = self.v + damping * self.v * np.eye(own)
@@ -128,9 +128,9 @@ class NormalEquations:
         return matrix + damping * np.diag(np.diag(self.u)), solved
 
     def step(self, damping: float) -> tuple[FloatArray, FloatArray, float]:
-        """The damped step of globals (g,) and frames (f, d), and the decrease of the cost that it predicts.
+        """Return the damped step of globals (g,) and frames (f, d), and the predicted decrease of the cost.
 
-        Raises LinAlgError where the matrix is not definite.
+        Raises LinAlgError if the matrix is not positive definite.
         """
         matrix, solved = self.reduced(damping)
         right = self.gradient_global - np.einsum("fij,fi->j", self.w, solved[:, :, -1])
@@ -145,7 +145,7 @@ class NormalEquations:
 def normal_equations(
     estimate: Estimate, grouped: Grouped, model: Model, root_weights: FloatArray | None = None
 ) -> NormalEquations:
-    """Normal equations at an estimate; rows (n,) in `grouped.order` have the squares of `root_weights` as weights."""
+    """Build the normal equations at an estimate; `root_weights` (n,) are per row in `grouped.order`, unsquared."""
     places = Places.of(model, len(estimate.virtual_centres_in_rig_mm))
     size, frames = places.size, len(estimate.rig_from_board)
     weights = model.frame_terms.weights
@@ -181,7 +181,7 @@ def normal_equations(
 
 @dataclass(frozen=True)
 class Places:
-    """Indices of the columns of a group among the free globals."""
+    """Indices of a group's columns among the free globals."""
 
     intrinsics: int
     mirrors: int
@@ -203,11 +203,11 @@ class Places:
 
     @property
     def centres(self) -> slice:
-        """Where the virtual centres are, if they are free."""
+        """Slice of the virtual centres, if they are free."""
         return slice(self.intrinsics, self.intrinsics + 3 * self.mirrors)
 
     def of_groups(self, view: IntArray) -> IntArray:
-        """Indices (k, c) of the columns of groups of these views (k,), all direct or all mirrored."""
+        """Indices (k, c) of the columns of groups with views (k,), all direct or all mirrored."""
         shared = [np.arange(self.intrinsics), np.arange(self.size - self.rest, self.size)]
         first, last = (np.broadcast_to(part, (len(view), len(part))) for part in shared)
         if view[0] == DIRECT:
@@ -218,9 +218,10 @@ class Places:
 
 
 def columns_of(estimate: Estimate, chunk: Chunk, model: Model, corners: FloatArray) -> FloatArray:
-    """Derivatives (c, 2, n) of a chunk's standardised pixels: by the frame's own, the residual (1), the free globals.
+    """Derivatives (c, 2, n) of a chunk's standardised pixels: by the frame's parameters, the residual (1), by the
+    globals.
 
-    These are the intrinsics, the centre and the curvature of the mirror (unless direct), the plate thickness, and the
+    The free globals are the intrinsics, the mirror's centre and curvature (unless direct), the plate thickness, and the
     modes.
     """
     turned, in_rig = _in_rig(estimate, chunk, corners, model.board)
@@ -257,7 +258,7 @@ def columns_of(estimate: Estimate, chunk: Chunk, model: Model, corners: FloatArr
 
 
 def _in_rig(estimate: Estimate, chunk: Chunk, corners: FloatArray, board: Board) -> tuple[FloatArray, FloatArray]:
-    """The chunk's corners (3, n) of a board's (3, c): in rig axes about the board's origin, and in rig."""
+    """Transform a chunk's corners of a board (3, c): (3, n) about the board's origin in rig axes, and in rig."""
     in_board = corners[:, chunk.corner]
     if estimate.bow_mm.any():
         for frame, first, last in chunk.runs:
@@ -271,7 +272,7 @@ def _in_rig(estimate: Estimate, chunk: Chunk, corners: FloatArray, board: Board)
 
 
 def _camera_from_rig(estimate: Estimate, chunk: Chunk) -> FloatArray | None:
-    """Rotations (3, 3, n) of the camera at the chunk's corners; None where it was not turned in any frame."""
+    """Rotations (3, 3, n) of the camera at the chunk's corners; None if it is not rotated in any frame."""
     if not estimate.camera_turn.any():
         return None
     turns = Rotation.from_rotvec(estimate.camera_turn).as_matrix()
@@ -280,13 +281,13 @@ def _camera_from_rig(estimate: Estimate, chunk: Chunk) -> FloatArray | None:
 
 
 def _by_modes(at: LinearizedResiduals, estimate: Estimate, chunk: Chunk, modes: FloatArray) -> FloatArray:
-    """Derivatives (2, k, n) by the modes (k, n, 3) of the corners."""
+    """Derivatives (2, k, n) by the modes (k, n, 3) at the corners."""
     by_board = _by_board(at, estimate, chunk)
     return np.asarray(sum(by_board[:, None, axis] * modes[None, :, :, axis] for axis in range(3)))
 
 
 def _by_board(at: LinearizedResiduals, estimate: Estimate, chunk: Chunk) -> FloatArray:
-    """Derivatives (2, 3, n) by the corners in the frame of the board."""
+    """Derivatives (2, 3, n) by the corners in the board frame."""
     by_board = np.empty_like(at.corner)
     for frame, first, last in chunk.runs:
         by_board[:, :, first:last] = estimate.rig_from_board[frame, :3, :3].T @ at.corner[:, :, first:last]
@@ -294,9 +295,9 @@ def _by_board(at: LinearizedResiduals, estimate: Estimate, chunk: Chunk) -> Floa
 
 
 def residuals_of(estimate: Estimate, grouped: Grouped, model: Model) -> FloatArray:
-    """Standardised residuals (2, n) of the rows in `grouped.order`; NaN where a corner cannot be seen.
+    """Standardised residuals (2, n) of the rows in `grouped.order`; NaN if a corner cannot be seen.
 
-    These are predicted minus observed pixels, in standard deviations of the corners.
+    They are predicted minus observed pixels, in standard deviations of the corners.
     """
     found = np.empty((2, len(grouped.order)))
     corners = np.ascontiguousarray(model.board.shaped(estimate.shape).T)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from mirrorcam.core.values import FloatArray
 
 DIRECT = -1
-"""The view index of corners that the camera sees without a mirror."""
+"""View index of corners seen without a mirror."""
 
 IntArray = NDArray[np.int64]
 
@@ -25,14 +25,14 @@ def _unknown_sigma() -> FloatArray:
 
 @dataclass(frozen=True)
 class Corners:
-    """Corners of one target in one image.
+    """Corners of one target in one picture.
 
     Attributes
     ----------
     ids
-        On the target (n,).
+        Corner numbers on the target (n,).
     pixels
-        Where they were found (n, 2).
+        Detected positions (n, 2).
     sigma_px
         Standard deviations of the pixels (n,), per axis, up to a common factor. Default: equal, 1.
     """
@@ -47,14 +47,14 @@ class Corners:
 
     @classmethod
     def none(cls) -> Self:
-        """No corners."""
+        """Return no corners."""
         return cls(np.empty(0, dtype=np.int64), np.empty((0, 2)))
 
     def __len__(self) -> int:
         return len(self.ids)
 
     def where(self, mask: NDArray[np.bool_]) -> Self:
-        """The corners of a boolean mask (n,)."""
+        """Select the corners of a boolean mask (n,)."""
         return type(self)(self.ids[mask], self.pixels[mask], self.sigma_px[mask])
 
 
@@ -65,21 +65,21 @@ class Observations:
     Attributes
     ----------
     frame
-        Frame number (n,).
+        Frame numbers (n,).
     view
-        Mirror index (n,), or DIRECT.
+        Mirror indices (n,), or DIRECT.
     corner
-        Id on the target (n,).
+        Corner numbers on the target (n,).
     pixels
-        Where the corner was found (n, 2).
+        Detected positions (n, 2).
     sigma_px
-        Standard deviations of the pixels (n,), per axis, up to a factor that all rows share. Default: equal, 1.
+        Standard deviations of the pixels (n,), per axis, up to a factor common to all rows. Default: equal, 1.
 
     Raises
     ------
     ValueError
-        Where shapes do not match, a pixel is not finite, a standard deviation is not positive, or rows are not sorted
-        by frame.
+        If shapes do not match, a pixel is not finite, a standard deviation is not positive, or rows are not sorted by
+        frame.
     """
 
     frame: IntArray
@@ -111,13 +111,13 @@ class Observations:
 
     @property
     def both_ways(self) -> bool:
-        """Whether a frame shows its board both directly and in a mirror; else frames without mirrors are separate."""
+        """Whether a frame shows its board both directly and in a mirror; otherwise, direct frames are separate."""
         direct = self.view == DIRECT
         return bool(np.isin(self.frame[direct], self.frame[~direct]).any())
 
     @classmethod
     def none(cls) -> Self:
-        """No rows."""
+        """Return no rows."""
         empty = np.empty(0, dtype=np.int64)
         return cls(empty, empty, empty, np.empty((0, 2)))
 
@@ -125,13 +125,13 @@ class Observations:
     def of_view(
         cls, frame: int, view: int, corner: IntArray, pixels: FloatArray, sigma_px: FloatArray | None = None
     ) -> Self:
-        """The corners (n,) of one view in one frame at pixels (n, 2), with their standard deviations (n,)."""
+        """Build the rows of corners (n,) of one view in one frame, at pixels (n, 2) with standard deviations (n,)."""
         sigmas = np.ones(len(corner)) if sigma_px is None else sigma_px
         return cls(np.full(len(corner), frame), np.full(len(corner), view), corner, pixels, sigmas)
 
     @classmethod
     def join(cls, parts: list[Self]) -> Self:
-        """All rows of several observations, sorted by frame (stable)."""
+        """Join the rows of several observations, sorted by frame (stable)."""
         if not parts:
             return cls.none()
         frame = np.concatenate([part.frame for part in parts])
@@ -145,18 +145,18 @@ class Observations:
         )
 
     def where(self, mask: NDArray[np.bool_]) -> Self:
-        """The rows of a boolean mask (n,)."""
+        """Select the rows of a boolean mask (n,)."""
         return type(self)(self.frame[mask], self.view[mask], self.corner[mask], self.pixels[mask], self.sigma_px[mask])
 
     def shifted(self, frames: int) -> Self:
-        """The same rows with `frames` added to each frame number."""
+        """Add `frames` to each frame number."""
         return replace(self, frame=self.frame + frames)
 
     @property
     def scattered(self) -> bool:
-        """Whether the rows state standard deviations of their own, in pixels, not all the default."""
+        """Whether the rows have standard deviations other than the default."""
         return bool((self.sigma_px != 1.0).any())
 
     def standardised(self, residuals_px: FloatArray) -> FloatArray:
-        """Residuals (n, 2) in standard deviations of their pixels."""
+        """Divide residuals (n, 2) by the standard deviations of their pixels."""
         return residuals_px / self.sigma_px[:, None]

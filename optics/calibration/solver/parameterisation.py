@@ -1,9 +1,9 @@
-"""The parameterisation of a calibration: which parameters a model leaves free, and the prior on pairs of mirrors.
+"""The parameterisation of a calibration: the free parameters of a model, and the prior on pairs of mirrors.
 
-No picture determines how two mirrors are turned together about the line where their planes meet. Turned about that
-line, with the boards, they show exactly the same pictures: with virtual images S_i B of boards B, S_i Q is a reflection
-for every rotation Q about a line in plane i, and (S_i Q)(Q^-1 B) = S_i B. The views relative to each other do not
-depend on it; everything measured in space is turned by it.
+No picture determines the common rotation of two mirrors about the line where their planes meet. Rotated about that line
+together with the boards, they produce exactly the same pictures: with virtual images S_i B of boards B, S_i Q is a
+reflection for every rotation Q about a line in plane i, and (S_i Q)(Q^-1 B) = S_i B. The relative poses of the views do
+not depend on it, but every measured position rotates with it.
 """
 
 from __future__ import annotations
@@ -23,23 +23,22 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.tolerances import Tolerances
 
 PAIR_DEG = Tolerances().tilt_deg
-"""Standard deviation of that rotation about the design, which is that of mirrors as they are assembled."""
+"""Standard deviation of that rotation about the design: the assembly tolerance of mirrors."""
 LEAST_SINE = 1e-3
 
 
 @dataclass(frozen=True)
 class FrameTerms:
-    """What a fit may change in single frames besides the board's pose, each with a normal prior around zero.
+    """Per-frame parameters besides the board's pose, each with a normal prior around zero.
 
-    A prior is given as the standardised residual that is as improbable as a value of 1: the scale of such residuals
-    over the standard deviation of the value.
-
+    A prior is the weight that turns a value into an equally improbable standardised residual: the scale of such
+    residuals over the standard deviation of the value.
     Attributes
     ----------
     turn_per_rad
-        Prior of the camera's rotation vector; None where the camera is not turned.
+        Prior of the camera's rotation vector; None if the camera is not rotated.
     bow_per_mm
-        Prior of the bow of the board; None where every frame has the same board.
+        Prior of the bow of the board; None if the board is the same in all frames.
     """
 
     turn_per_rad: float | None = None
@@ -47,58 +46,60 @@ class FrameTerms:
 
     @property
     def free(self) -> IntArray:
-        """Which of the numbers of a frame (12), as `Estimate.moved` has them, are free."""
-        turn, bow = (given is not None for given in (self.turn_per_rad, self.bow_per_mm))
+        """Indices of the free parameters among the 12 of a frame, in the order of `Estimate.moved`."""
+        turn, bow = (prior is not None for prior in (self.turn_per_rad, self.bow_per_mm))
         return np.array([*range(6), *range(6, 6 + 3 * turn), *range(9, 9 + 3 * bow)], dtype=np.int64)
 
     @property
     def weights(self) -> FloatArray:
-        """The priors (d,) of the free numbers of a frame; 0 for the pose."""
-        given = [weight for weight in (self.turn_per_rad, self.bow_per_mm) if weight is not None]
-        return np.concatenate([np.zeros(6), np.repeat(given, 3)])
+        """Priors (d,) of a frame's free parameters; 0 for the pose."""
+        priors = [weight for weight in (self.turn_per_rad, self.bow_per_mm) if weight is not None]
+        return np.concatenate([np.zeros(6), np.repeat(priors, 3)])
 
     def values(self, estimate: Estimate) -> FloatArray:
-        """The weighted values (f, d) of the free numbers of all frames: their squares add to the cost."""
+        """Weighted values (f, d) of the free parameters of all frames; their squares add to the cost."""
         every = np.concatenate([np.zeros((len(estimate.rig_from_board), 6)), estimate.camera_turn, estimate.bow_mm], 1)
         return np.asarray(every[:, self.free] * self.weights)
 
 
 @dataclass(frozen=True, eq=False)
 class CentresPrior:
-    """A normal prior on a combination of the virtual centres: the sum of `along` (m, 3), per mm, times the centres.
+    """Normal prior on a linear combination of the virtual centres: the sum over `along` (m, 3), per mm, times the
+    centres.
 
-    It is `expected` with a standard deviation of 1.
+    It has the mean `expected` and a standard deviation of 1.
     """
 
     along: FloatArray
     expected: float
 
     def value(self, centres_mm: FloatArray) -> float:
-        """The value of centres (m, 3) in standard deviations, whose square adds to the cost."""
+        """Deviation of centres (m, 3) from the mean, in standard deviations; its square adds to the cost."""
         return float(np.sum(self.along * centres_mm)) - self.expected
 
 
 @dataclass(frozen=True)
 class Model:
-    """Parameters that a fit may change besides the board's poses, which are always free.
+    """Free parameters of a fit besides the board's poses, which are always free.
 
     Attributes
     ----------
     intrinsics
-        Free intrinsics, of `Camera.intrinsic_names`; none in the paper's calibration.
+        Free intrinsics, from `Camera.intrinsic_names`; empty in the paper's calibration.
     thickness
-        One correction, in mm, to the thickness of all plates of second-surface mirrors. Their refractive index is held:
-        only t (1 - tan' / tan) is observable, in which thickness and index are nearly one number.
+        Whether one correction, in mm, applies to the thickness of all plates of second-surface mirrors. Their
+        refractive index is fixed: only t (1 - tan' / tan) is observable, in which thickness and index are nearly
+        degenerate.
     curvature
-        Three numbers per mirror, the curvature of its reflecting surface.
+        Whether each mirror has three curvatures of its reflecting surface.
     board
-        The corners as drawn and the modes by which they may differ; every mode is free.
+        The corners as drawn, and the modes by which they may deviate; every mode is free.
     mirrors
-        The virtual centres; where they are held, a fit only finds the board's poses.
+        Whether the virtual centres are free; otherwise a fit only estimates the board's poses.
     frame_terms
-        What is free in single frames besides the pose.
+        Free per-frame parameters besides the pose.
     centres_prior
-        Prior on the virtual centres, for what no picture determines; None where pictures can determine all.
+        Prior on the virtual centres for a direction that no picture determines; None if pictures determine all.
     """
 
     intrinsics: tuple[str, ...]
@@ -111,22 +112,22 @@ class Model:
 
     @property
     def prior_of_centres(self) -> CentresPrior | None:
-        """The prior on the virtual centres, where they are free."""
+        """The prior on the virtual centres, if they are free."""
         return self.centres_prior if self.mirrors else None
 
     def intrinsic_priors(self, camera: Camera) -> FloatArray:
-        """Priors (i,) of the free intrinsics around zero, as `FrameTerms` has them; 0 where there is none."""
+        """Priors (i,) of the free intrinsics around zero, in the form of `FrameTerms`; 0 without a prior."""
         sigmas = [*[np.inf] * len(PINHOLE_NAMES), *camera.lens.prior_sigmas]
         free = [name in self.intrinsics for name in camera.intrinsic_names]
         return np.asarray(1.0 / np.array(sigmas)[free])
 
     def intrinsic_values(self, camera: Camera) -> FloatArray:
-        """The weighted values (i,) of the free intrinsics: their squares add to the cost."""
+        """Weighted values (i,) of the free intrinsics; their squares add to the cost."""
         free = [name in self.intrinsics for name in camera.intrinsic_names]
         return np.asarray(self.intrinsic_priors(camera) * camera.intrinsics[free])
 
     def prior_squares(self, estimate: Estimate) -> float:
-        """What the priors of frames, intrinsics and centres add to the cost."""
+        """Cost of the priors of frames, intrinsics and centres."""
         intrinsics, prior = self.intrinsic_values(estimate.camera), self.prior_of_centres
         centres = 0.0 if prior is None else prior.value(estimate.virtual_centres_in_rig_mm)
         return float(np.sum(self.frame_terms.values(estimate) ** 2) + np.sum(intrinsics**2) + centres**2)
@@ -139,7 +140,7 @@ class Model:
     def free(self, camera: Camera, mirrors: int) -> NDArray[np.int64]:
         """Indices (g,) of the free globals among `global_names`, increasing.
 
-        Raises ValueError where a free intrinsic is none of the camera's.
+        Raises ValueError if a free intrinsic is unknown to the camera.
         """
         every = camera.intrinsic_names
         if unknown := [name for name in self.intrinsics if name not in every]:
@@ -155,9 +156,9 @@ class Model:
 
 
 def pair_prior(layout: Layout, sigma_deg: float = PAIR_DEG) -> CentresPrior | None:
-    """A prior that holds the rotation near that of a layout; None for more than two mirrors.
+    """Return a prior that keeps the common rotation near a layout's; None for more than two mirrors.
 
-    Raises InputError for one mirror, which no picture determines, and for parallel ones, whose planes do not
+    Raises InputError for one mirror, which pictures cannot determine, and for parallel mirrors, whose planes do not
     meet.
     """
     if len(layout.mirrors) > 2:
@@ -170,10 +171,10 @@ def pair_prior(layout: Layout, sigma_deg: float = PAIR_DEG) -> CentresPrior | No
     return CentresPrior(along, float(np.sum(along * centres)))
 
 
-def turned_like(layout: Layout, other: Layout) -> tuple[Layout, float]:
-    """A layout of two mirrors, turned about the line where their planes meet to have the normals of another.
+def rotated_like(layout: Layout, other: Layout) -> tuple[Layout, float]:
+    """Rotate a layout of two mirrors about their planes' line of intersection to best match another's normals.
 
-    The angle, in rad, is returned beside it. Views are turned along, so that they are to each other what they were.
+    Returns the layout and the angle, rad. The views rotate along, so their relative poses are unchanged.
     """
     line = _Line.of(layout)
     cosines, sines = [], []
@@ -182,12 +183,12 @@ def turned_like(layout: Layout, other: Layout) -> tuple[Layout, float]:
         cosines.append(across @ like.normal_in_rig)
         sines.append(np.cross(line.direction, across) @ like.normal_in_rig)
     angle = float(np.arctan2(sum(sines), sum(cosines)))
-    return line.turned(layout, angle), angle
+    return line.rotated(layout, angle), angle
 
 
 @dataclass(frozen=True, eq=False)
 class _Line:
-    """The line where the planes of two mirrors meet: a point (3,) in mm, and its unit direction."""
+    """The line where the planes of two mirrors meet: a point (3,), mm, and its unit direction (3,)."""
 
     point: FloatArray
     direction: FloatArray
@@ -200,19 +201,19 @@ class _Line:
         direction = np.cross(normals[0], normals[1])
         sine = float(np.linalg.norm(direction))
         if sine < LEAST_SINE:
-            raise InputError("both mirrors are parallel, expected two whose planes meet")
+            raise InputError("both mirrors are parallel, expected planes that meet")
         direction = direction / sine
         return cls(np.linalg.solve(np.vstack([normals, direction]), [*lengths / 2.0, 0.0]), direction)
 
     def by_turn(self, centres: FloatArray) -> FloatArray:
-        """Displacements (2, 3), mm per rad, of virtual centres (2, 3) as the planes turn about the line."""
+        """Displacements (2, 3), mm per rad, of virtual centres (2, 3) as the planes rotate about the line."""
         lengths = np.linalg.norm(centres, axis=1)[:, None]
         normals = centres / lengths
-        turned = np.cross(self.direction, normals)
-        return np.asarray(2.0 * (turned @ self.point)[:, None] * normals + lengths * turned)
+        by_normal = np.cross(self.direction, normals)
+        return np.asarray(2.0 * (by_normal @ self.point)[:, None] * normals + lengths * by_normal)
 
-    def turned(self, layout: Layout, angle: float) -> Layout:
-        """A layout turned about the line."""
+    def rotated(self, layout: Layout, angle: float) -> Layout:
+        """Rotate a layout about the line."""
         rotation = Rotation.from_rotvec(angle * self.direction).as_matrix()
         mirrors = tuple(
             mirror.moved(rotation, (rotation - np.eye(3)) @ (mirror.outline_in_rig_mm.mean(axis=0) - self.point))

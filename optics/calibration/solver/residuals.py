@@ -1,8 +1,8 @@
 """Reprojection residuals of corners seen directly or through one mirror, and their exact derivatives.
 
-A corner X_b of the board, with its modes of deformation, is X = R_f (X_b + sum_k a_k B_k + sum_k b_fk C_k) + t_f in rig
-in frame f, where b_f bows the board in this frame alone. Seen directly it projects from X; through a mirror it projects
-from its image (`geometry.mirror_imaging`). Both are rotated by exp(w_f) where the camera was turned in frame f.
+In frame f, a corner X_b of the board is at X = R_f (X_b + sum_k a_k B_k + sum_k b_fk C_k) + t_f in rig, where a deforms
+the board in all frames and b_f bows it in this frame. Seen directly, it projects from X; through a mirror, from its
+image (`geometry.mirror_imaging`). The camera's rotation exp(w_f) in frame f, if any, applies to both.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from mirrorcam.optics.geometry.mirror_imaging import images
 def global_names(intrinsics: Sequence[str], mirrors: int, modes: int) -> tuple[str, ...]:
     """Names of all parameters that the frames of a calibration share, in the order of `Estimate.moved`.
 
-    `intrinsics` are those of the camera (`Camera.intrinsic_names`).
+    `intrinsics` are `Camera.intrinsic_names`.
     """
     return (
         *intrinsics,
@@ -40,26 +40,26 @@ def global_names(intrinsics: Sequence[str], mirrors: int, modes: int) -> tuple[s
 
 @dataclass(frozen=True)
 class Board:
-    """The corners (c, 3) mm as drawn, and the modes (k, c, 3) by which the real board may differ from the drawing."""
+    """The corners (c, 3), mm, as drawn, and the modes (k, c, 3) by which the real board may deviate."""
 
     corners_in_board_mm: FloatArray
     modes: FloatArray
 
     @classmethod
     def rigid(cls, corners_in_board_mm: FloatArray) -> Board:
-        """A board that is exactly as drawn."""
+        """Return a board exactly as drawn."""
         return cls(corners_in_board_mm, np.zeros((0, *corners_in_board_mm.shape)))
 
     @classmethod
     def warped(cls, corners_in_board_mm: FloatArray) -> Board:
-        """A board that bows as two parabolas, along x and along y; a coefficient is the sag in mm at its edge."""
+        """Return a board with two parabolic bows, along x and along y; a coefficient is the sag in mm at its edge."""
         modes = np.zeros((2, *corners_in_board_mm.shape))
         modes[:, :, 2] = cls.rigid(corners_in_board_mm).bows[:2]
         return cls(corners_in_board_mm, modes)
 
     @classmethod
     def free(cls, corners_in_board_mm: FloatArray) -> Board:
-        """A board with every corner free in x, y and z, less the seven directions that move, rotate or scale the whole.
+        """Return a board with every corner free in x, y and z, without the seven rigid motions and scale of the board.
 
         After Strobl and Hirzinger, "More accurate pinhole camera calibration with imperfect planar target" (2011).
         """
@@ -75,32 +75,32 @@ class Board:
 
     @cached_property
     def bows(self) -> FloatArray:
-        """Heights (3, c) of the corners of boards bowed as x^2, y^2 and xy, from -1 to 1 across."""
+        """Heights (3, c) of the corners of boards bowed as x^2, y^2 and xy, with x and y from -1 to 1."""
         x, y = self.middle_to_corners.T
         return np.stack([x * x, y * y, x * y])
 
     @property
     def middle_to_corners(self) -> FloatArray:
-        """Places (c, 2) of the corners on the drawing from its middle, relative to the largest x and y."""
+        """Positions (c, 2) of the corners relative to the drawing's middle, over the largest x and y."""
         flat = self.corners_in_board_mm[:, :2]
         centred = flat - (flat.min(axis=0) + flat.max(axis=0)) / 2.0
         return np.asarray(centred / np.maximum(np.abs(centred).max(axis=0), 1e-9))
 
     def shaped(self, shape: FloatArray) -> FloatArray:
-        """The corners (c, 3) mm with coefficients (k,) of the modes."""
+        """Return the corners (c, 3), mm, deformed by coefficients (k,) of the modes."""
         return self.corners_in_board_mm + np.tensordot(shape, self.modes, axes=1)
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """All values that a calibration solves for, and those that it takes as given about the mirrors.
+    """All values that a calibration estimates, and fixed values of the mirrors.
 
     Attributes
     ----------
     camera
         Intrinsics and distortion.
     virtual_centres_in_rig_mm
-        (m, 3).
+        Virtual centres (m, 3).
     rig_from_board
         Board poses (f, 4, 4), mm.
     shape
@@ -108,14 +108,14 @@ class Estimate:
     thickness_mm
         Thickness (m,) of the plate in front of the reflecting surface; 0 for a first-surface mirror. Default: 0.
     refractive_index
-        Of the plates (m,). Default: 1.
+        Refractive indices (m,) of the plates. Default: 1.
     curvature_per_m
-        (m, 3), as `Mirror.curvature_per_m`. Default: flat.
+        Curvatures (m, 3), as `Mirror.curvature_per_m`. Default: flat.
     middles_in_rig_mm
-        Points (m, 3), the middles of the outlines as designed, whose feet on the planes are the origins of the mirrors'
-        own frames. Default: the feet of the pupil.
+        Middles (m, 3) of the outlines as designed; their feet on the planes are the origins of the mirrors' own frames.
+        Default: the feet of the pupil.
     camera_turn
-        Rotation vectors (f, 3), rad, of the camera in each frame, from rig to the camera's axes. Default: none.
+        Rotation vectors (f, 3), rad, of the camera in each frame, from rig to camera axes. Default: none.
     bow_mm
         Coefficients (f, 3) of `Board.bows` in each frame. Default: none.
     """
@@ -149,7 +149,7 @@ class Estimate:
 
     @classmethod
     def of(cls, camera: Camera, mirrors: tuple[Mirror, ...], rig_from_board: FloatArray) -> Self:
-        """The estimate of a camera, mirrors as a layout describes them, and board poses (f, 4, 4)."""
+        """Build the estimate of a camera, a layout's mirrors, and board poses (f, 4, 4)."""
         return cls(
             camera,
             np.array([mirror.virtual_centre_in_rig_mm for mirror in mirrors]),
@@ -161,12 +161,12 @@ class Estimate:
         )
 
     def with_poses(self, rig_from_board: FloatArray) -> Self:
-        """The same camera and mirrors with other board poses (f, 4, 4), and nothing else that is of single frames."""
+        """Return camera and mirrors with other board poses (f, 4, 4), without other per-frame parameters."""
         none = np.zeros((0, 3))
         return replace(self, rig_from_board=rig_from_board, camera_turn=none, bow_mm=none)
 
     def of_frames(self, frames: NDArray[np.bool_] | IntArray) -> Self:
-        """The same with the numbers of some frames."""
+        """Select some frames."""
         return replace(
             self,
             rig_from_board=self.rig_from_board[frames],
@@ -175,11 +175,11 @@ class Estimate:
         )
 
     def moved(self, step_global: FloatArray, step_frames: FloatArray) -> Estimate:
-        """Apply a step of all globals, in the order of `global_names`, and of each frame's own numbers.
+        """Apply a step of all globals, in the order of `global_names`, and of each frame's parameters.
 
-        These are (f, 6), a twist of rotation and translation, or (f, 12), then also the camera's turn and the bow. A
-        rotation vector w rotates the board about its origin, R <- exp(w) R; the translation is added. The correction of
-        thickness applies to every plate.
+        `step_frames` is (f, 6), a twist of rotation and translation, or (f, 12), followed by the camera's rotation and
+        the bow. A rotation vector w rotates the board about its origin, R <- exp(w) R; the translation is added. The
+        thickness correction applies to every plate.
         """
         step_poses, step_turn, step_bow = np.split(step_frames, [6, 9], axis=1)
         poses = self.rig_from_board.copy()
@@ -197,13 +197,13 @@ class Estimate:
             shape=self.shape + shape,
             thickness_mm=np.where(self.thickness_mm > 0.0, self.thickness_mm + thickness, 0.0),
             curvature_per_m=self.curvature_per_m + curvatures.reshape(-1, 3),
-            camera_turn=_turned_on(self.camera_turn, step_turn),
+            camera_turn=_rotated_by(self.camera_turn, step_turn),
             bow_mm=self.bow_mm + step_bow if step_bow.size else self.bow_mm,
         )
 
 
-def _turned_on(turn: FloatArray, step: FloatArray) -> FloatArray:
-    """Rotation vectors (f, 3) with steps (f, 3), or none, applied after them."""
+def _rotated_by(turn: FloatArray, step: FloatArray) -> FloatArray:
+    """Rotation vectors (f, 3) followed by steps (f, 3), if any."""
     if not step.size:
         return turn
     return np.asarray((Rotation.from_rotvec(step) * Rotation.from_rotvec(turn)).as_rotvec())
@@ -212,7 +212,7 @@ def _turned_on(turn: FloatArray, step: FloatArray) -> FloatArray:
 def points_at_camera(
     estimate: Estimate, observations: Observations, board: Board
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Positions of the observed corners from the base camera.
+    """Positions of the observed corners relative to the base camera.
 
     Returns
     -------
@@ -221,8 +221,8 @@ def points_at_camera(
     in_rig
         The corners in rig (n, 3), mm.
     seen
-        Their images in the mirrors of their views (n, 3), mm, exact in direction; `in_rig` where seen directly. Where
-        the camera was turned, in its axes.
+        Their images in the mirrors of their views (n, 3), mm, exact in direction; `in_rig` for direct views. In camera
+        axes if the camera is rotated.
     """
     poses = estimate.rig_from_board[observations.frame]
     in_board = board.shaped(estimate.shape)[observations.corner]
@@ -240,7 +240,7 @@ def points_at_camera(
 
 
 def mirrors_of_views(estimate: Estimate, view: IntArray) -> MirrorArrays:
-    """The mirrors of views (n,)."""
+    """Gather the mirrors of views (n,)."""
     return MirrorArrays(
         centre_mm=estimate.virtual_centres_in_rig_mm.T[:, view],
         middle_mm=estimate.middles_in_rig_mm.T[:, view],
@@ -251,7 +251,7 @@ def mirrors_of_views(estimate: Estimate, view: IntArray) -> MirrorArrays:
 
 
 def residuals(estimate: Estimate, observations: Observations, board: Board) -> FloatArray:
-    """Predicted minus observed pixels (n, 2); NaN where a corner is predicted behind the camera or a mirror."""
+    """Predicted minus observed pixels (n, 2); NaN if a corner is predicted behind the camera or a mirror."""
     _, _, seen = points_at_camera(estimate, observations, board)
     return estimate.camera.project(seen) - observations.pixels
 
@@ -260,9 +260,9 @@ def residuals(estimate: Estimate, observations: Observations, board: Board) -> F
 class LinearizedResiduals:
     """Predicted pixels (2, n) and their derivatives, component first.
 
-    The derivatives are with respect to the intrinsics (2, k, n), the mirror's virtual centre (2, 3, n), thickness
-    (2, n) and curvature (2, 3 or 0, n), the corner in rig axes (2, 3, n), the rotation of the board about its origin
-    (2, 3, n), and the camera's turn (2, 3, n).
+    The derivatives are by the intrinsics (2, k, n), the mirror's virtual centre (2, 3, n), thickness (2, n) and
+    curvature (2, 3 or 0, n), the corner in rig axes (2, 3, n), the rotation of the board about its origin (2, 3, n),
+    and the rotation of the camera (2, 3, n).
     """
 
     pixels: FloatArray
@@ -293,11 +293,11 @@ def linearized(
     turned, in_rig
         The corners (3, n), mm: about their board's origin in rig axes, and in rig.
     mirrors
-        The mirror of each corner; None where they are seen directly.
+        The mirror of each corner; None for direct views.
     bent
-        Whether the derivatives by curvature are needed.
+        Whether derivatives by curvature are needed.
     camera_from_rig
-        Rotations (3, 3, n) of the camera at each corner; None where it was not turned.
+        Rotations (3, 3, n) of the camera at each corner; None if it is not rotated.
     """
     found = None if mirrors is None else images(in_rig, mirrors, bent=bent)
     seen = in_rig if found is None else found.image_mm
@@ -322,7 +322,7 @@ def linearized(
 
 
 def _by_rotation(points: FloatArray, by_point: FloatArray) -> FloatArray:
-    """Derivatives (2, 3, n) by a rotation of points (3, n), from those by the points: J (w x p) = w . (p x J)."""
+    """Derivatives (2, 3, n) by a rotation of points (3, n), from derivatives by the points: J (w x p) = w . (p x J)."""
     x, y, z = by_point[:, 0], by_point[:, 1], by_point[:, 2]
     return np.stack(
         [points[1] * z - points[2] * y, points[2] * x - points[0] * z, points[0] * y - points[1] * x], axis=1
@@ -332,10 +332,10 @@ def _by_rotation(points: FloatArray, by_point: FloatArray) -> FloatArray:
 def residuals_with_jacobians(
     estimate: Estimate, observations: Observations, board: Board
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Residuals (n, 2), and their derivatives by the globals (n, 2, g) and by the frame's own numbers (n, 2, 12).
+    """Residuals (n, 2), and their derivatives by the globals (n, 2, g) and by the frame's parameters (n, 2, 12).
 
-    The globals are those of `global_names`, the frame's own numbers those of `Estimate.moved`. The result is dense and
-    mostly zeros; the solver itself sums the same blocks by groups (`normal_equations`).
+    The globals are ordered as `global_names`, the frame's parameters as in `Estimate.moved`. The result is dense and
+    mostly zeros; the solver sums the same blocks by groups (`normal_equations`).
     """
     turned, in_rig, _ = points_at_camera(estimate, observations, board)
     count = len(estimate.virtual_centres_in_rig_mm)

@@ -1,4 +1,4 @@
-"""The competition of views, sector by sector: costs of places by the views in each direction."""
+"""Competition of views, sector by sector: the cost of a place from the views in each direction."""
 
 from __future__ import annotations
 
@@ -13,22 +13,24 @@ Float32 = NDArray[np.float32]
 Int64 = NDArray[np.int64]
 
 UNITS = 64
-"""Costs are stored in parts of one, one UNITS-th each."""
+"""Costs are stored as integer multiples of 1 / UNITS."""
 UNSEEN = 1e6
-"""Cost of what no view of a sector sees: sorted last and then left out."""
+"""Cost of a place that no view of a sector sees: sorted last, then left out."""
 TRUNCATION = 6.0
-"""Largest difference, in contrasts, that counts as such: what is hidden may look like anything."""
+"""Largest difference that counts, in contrasts: an occluder may look like anything."""
 BETTER_SHARE, SEEING_SHARE = 0.4, 0.6
-"""Share of the directions that decides: of all, and of those that see the place by a first depth."""
+"""Share of the cheapest directions that decides: of all, and of those that see the place by a first depth."""
 FEWER = 1.0
-"""Surcharge, in contrasts, where half of that share decides alone."""
+"""Surcharge, in contrasts, if half of that share decides alone."""
 HIDDEN, USUALLY_HIDDEN = 3.0, 0.5
-"""Surcharge, in contrasts a part of the views, for each part more than the usual that a place is hidden from: few views
-match by chance, and an edge hides what is beside it from half of them at most."""
+"""Surcharge, in contrasts per share of the views, for each share above the usual from which a place is hidden.
+
+Few views match by chance, and an edge hides a place beside it from at most half of the views.
+"""
 
 
 class Work(NamedTuple):
-    """Rows to work in: sums of costs and of weights of the sectors, of all views and of those that see the place."""
+    """Work arrays: sums of costs and weights per sector, for all views and for those that see the place."""
 
     sums: Any
     weights: Any
@@ -39,12 +41,12 @@ class Work(NamedTuple):
     decided: Any
 
 
-# Loops over few arrays each, and over slices, whose indices cannot be negative: these run many pixels at a time.
+# Each loop runs over few arrays, and over slices, whose indices cannot be negative: this lets the compiler vectorise.
 
 
 @compiled
 def _sorted(costs: Float32, count: int) -> None:
-    """Sort costs (m, u) along their first axis in place, `count` columns side by side (odd-even transposition)."""
+    """Sort the first `count` columns of costs (m, u) along the first axis in place (odd-even transposition)."""
     rows = len(costs)
     for turn in range(rows):
         for number in range(turn % 2, rows - 1, 2):
@@ -57,7 +59,7 @@ def _sorted(costs: Float32, count: int) -> None:
 
 @compiled
 def _add_better(costs: Float32, count: Float32, share: Float32, weight: Float32, work: Work, total: Float32) -> None:
-    """Add, times a weight (u,), the mean of the least share (u,) of `count` (u,) sorted costs (m, u)."""
+    """Add weight (u,) times the mean of the cheapest share (u,) of the `count` (u,) sorted costs (m, u)."""
     zero, one, half, fewer = np.float32(0.0), np.float32(1.0), np.float32(0.5), np.float32(FEWER)
     mean, mean_of_less = work.ring[5, : len(total)], work.ring[6, : len(total)]
     mean[:], mean_of_less[:] = 0.0, 0.0
@@ -76,9 +78,10 @@ def _add_better(costs: Float32, count: Float32, share: Float32, weight: Float32,
 
 @compiled
 def decide(rings: Int64, known: bool, work: Work, count: int) -> None:
-    """Costs `decided` of `count` pixels by the sums of the sectors: of all views, and of those that see the place.
+    """Write the costs `decided` of `count` pixels from the sums of the sectors.
 
-    `rings` (r + 1,) has the first sector of each ring and the number of sectors; `known`: whether a first depth is.
+    `rings` (r + 1,) holds the first sector of each ring and the number of sectors; `known`: whether a first depth is
+    known.
     """
     zero, one, two = np.float32(0.0), np.float32(1.0), np.float32(2.0)
     out = work.decided[:count]

@@ -1,9 +1,9 @@
-"""Matching cost of planes across all views, with occlusion reasoned for each view.
+"""Matching cost of planes across all views, with occlusion handled view by view.
 
-Colours and slopes of brightness are compared. Before occlusion is known, views at similar distance from the reference
+Colours and brightness gradients are compared. Before occlusion is known, views at similar distance from the reference
 view compete: a near object hides a place from the views in some directions only, so the better half of the directions
-decides. Once a first depth is known, the views from which a nearer surface hides the place are left out. Loops run over
-runs of pixels in a row that search the same plane.
+decides. Once a first depth is known, the views in which a nearer surface hides the place are left out. Loops run over
+runs of adjacent pixels that search the same plane.
 """
 
 from __future__ import annotations
@@ -34,45 +34,45 @@ Float32 = NDArray[np.float32]
 Map = Callable[..., Any]
 CHANNELS = 5
 COLOUR, SLOPE = 1.0, 2.0
-"""Weights of the mean difference of three colours and of the difference of each of the two slopes of brightness."""
+"""Weights of the mean difference of three colours, and of the difference of each brightness gradient."""
 CONTRAST_PX = 7
 CONTRAST_GREY = 4.0
 CONTRAST_FLOOR = 0.3
 HIDING_PX = 1.5
-"""Motion of the farthest view by which a surface must be nearer to hide another."""
+"""Least difference in motion of the farthest view by which a nearer surface hides another."""
 WEAK_PX = 5
 WEAK_GREY = 1.5
-"""Slope of brightness, per px, below which costs are averaged over a square of WEAK_PX; at twice that they are not."""
+"""Gradient of brightness, per px, below which costs are averaged over WEAK_PX squared; no averaging above twice it."""
 BAND_ROWS = 16
 LONGEST_PX = 512
-"""Most pixels of a row that are worked on at once, a multiple of the tile's: what they take stays in the cache."""
+"""Most pixels of a row processed at once, a multiple of the tile's side: the work arrays fit the cache."""
 
 
 def channels(colours: Float32) -> Float32:
-    """What is compared of a picture (v, u, 3), 0 to 255: its colours and the two slopes of brightness.
+    """Return the compared channels (5, v + 1, u + 1) of a picture (v, u, 3) from 0 to 255: colours and two gradients.
 
-    Of (5, v + 1, u + 1): the last row and column are there twice, so that each sample has a next one.
+    The last row and column are repeated, so that each sample has a next one.
     """
     grey: Any = cv2.cvtColor(colours, cv2.COLOR_RGB2GRAY)
-    slopes = [cv2.Sobel(grey, cv2.CV_32F, *way, ksize=1, scale=0.5) for way in ((1, 0), (0, 1))]
+    gradients = [cv2.Sobel(grey, cv2.CV_32F, *order, ksize=1, scale=0.5) for order in ((1, 0), (0, 1))]
     return np.stack(
-        [cv2.copyMakeBorder(each, 0, 1, 0, 1, cv2.BORDER_REPLICATE) for each in (*cv2.split(colours), *slopes)]
+        [cv2.copyMakeBorder(each, 0, 1, 0, 1, cv2.BORDER_REPLICATE) for each in (*cv2.split(colours), *gradients)]
     )
 
 
 def mean_slope(reference: Float32, side_px: int) -> Float32:
-    """Mean sum (v, u) of both absolute slopes of brightness over a square, of `channels` of the reference view."""
+    """Mean over a square of the sum (v, u) of both absolute brightness gradients of `channels`."""
     across, down = reference[3:, :-1, :-1]
     return np.asarray(cv2.blur(np.abs(across) + np.abs(down), (side_px, side_px)))
 
 
 def bands(rows: int) -> list[tuple[int, int]]:
-    """First and last row, exclusive, of bands of a picture, to be worked on side by side."""
+    """First and last row, exclusive, of bands of a picture, to be processed in parallel."""
     return [(first, min(first + BAND_ROWS, rows)) for first in range(0, rows, BAND_ROWS)]
 
 
 def _wider(maps: Float32) -> Float32:
-    """Maps (K, v, u) with their last column twice."""
+    """Repeat the last column of maps (K, v, u)."""
     return np.concatenate([maps, maps[:, :, -1:]], axis=2)
 
 
@@ -85,24 +85,24 @@ def matching_costs(
     nearest: Float32 | None = None,
     ranges: Ranges | None = None,
 ) -> Volume:
-    """Costs of planes of a sweep at each pixel of the reference view, in UNITS-ths of a contrast.
+    """Compute the costs of a sweep's planes at each pixel of the reference view, in 1 / UNITS of a contrast.
 
     Parameters
     ----------
     reference
         `channels` of the reference view.
     others
-        Those of the other views, (K, 5, v + 1, u + 1).
+        `channels` of the other views, (K, 5, v + 1, u + 1).
     seen
         (K, v, u), 1 where a view has samples within the pixel and the next ones, else 0.
     planes
         The sweep of these views.
     run
-        `map`, or that of a pool of threads.
+        `map`, or the `map` of a thread pool.
     nearest
-        Plane (K, v, u) of the nearest surface that each view sees by a first depth, as `nearest_planes` has it.
+        Plane (K, v, u) of the nearest surface in each view by a first depth, from `nearest_planes`.
     ranges
-        The planes that are searched at each pixel; all by default.
+        Planes to search at each pixel; all by default.
     """
     slope = mean_slope(reference, CONTRAST_PX)
     shape = slope.shape
@@ -127,23 +127,22 @@ def matching_costs(
 
 
 class ComparedViews(NamedTuple):
-    """What is compared.
+    """Views to compare.
 
     Attributes
     ----------
     reference, others
         `channels` of the reference view (5, v + 1, u + 1) and of the K others (K, 5, v + 1, u + 1).
     weights
-        (5,) of the channels.
+        (5,), one per channel.
     contrast
-        Factor (v, u) of the reference view.
+        Factor (v, u) per pixel of the reference view.
     seen
         (K, v, u), 1 where a view has samples within the pixel and the next ones, else 0.
     nearest
-        Plane (K, v, u + 1) of the nearest surface in each view, the last column twice; (0, v, u + 1) where nothing is
-        known of it.
+        Plane (K, v, u + 1) of the nearest surface in each view, last column repeated; (0, v, u + 1) if unknown.
     hiding
-        Planes by which a surface must be nearer to hide another.
+        Least difference in planes by which a nearer surface hides another.
     """
 
     reference: Float32
@@ -155,7 +154,7 @@ class ComparedViews(NamedTuple):
     hiding: np.float32
 
 
-# Loops over few arrays each, and over slices, whose indices cannot be negative: these run many pixels at a time.
+# Each loop runs over few arrays, and over slices, whose indices cannot be negative: this lets the compiler vectorise.
 
 
 @compiled
@@ -173,9 +172,10 @@ def _differences(
     line: Float32,
     cost: Float32,
 ) -> None:
-    """Weighted absolute differences of a run of pixels of row `y` from `x` on to a view between its rows `y0` and next.
+    """Weighted absolute differences between pixels of row `y` from `x` on and a view between rows `y0` and `y0` + 1.
 
-    The view's samples follow each other from column x + `shift` on, with a share that starts and grows.
+    The run's samples in the view are adjacent from column x + `shift` on; their fraction starts at `start` and grows by
+    `grows` per pixel.
     """
     cost[:] = 0.0
     between = line[: len(cost) + 1]
@@ -200,7 +200,7 @@ def _truncate(cost: Float32, contrast: Float32) -> None:
 
 @compiled
 def _add(cost: Float32, sight: Float32, total: Float32, part: Float32) -> None:
-    """Add costs (u,) to sums, and to the number of views, where the view sees: sight (u,), 0 or 1."""
+    """Add costs (u,) to `total`, and 1 to `part`, where the view sees: sight (u,) is 0 or 1."""
     for x in range(len(cost)):
         total[x] += sight[x] * cost[x]
     for x in range(len(cost)):
@@ -209,7 +209,7 @@ def _add(cost: Float32, sight: Float32, total: Float32, part: Float32) -> None:
 
 @compiled
 def _uncover(sight: Float32, seen: UInt8, surface: Float32, behind: float, grows: float, start: float) -> None:
-    """Where (u,) a view sees and nothing nearer than `behind` in the nearest column of `surface` (u + 1,) hides it."""
+    """Fill `sight` (u,): 1 where the view has samples and no surface in `surface` (u + 1,) is nearer than `behind`."""
     half = np.float32(0.5)
     for x in range(len(sight)):
         nearest = surface[x] if grows * np.float32(x) + start < half else surface[x + 1]
@@ -230,24 +230,24 @@ def _compare_row(
     sight: Float32,
     sees: Float32,
 ) -> None:
-    """Costs (u,) of a view for a plane at pixels `first` to `last` of row `y`, and where it has samples and sees it."""
+    """Fill costs (u,) of a view for a plane at pixels `first` to `last` of row `y`, and masks of samples and sight."""
     height, width = pictures.contrast.shape
     cost[:], sight[:], sees[:] = 0.0, 0.0, 0.0
     scale, across = motion.scale[plane, view], motion.across[plane, view]
     row = scale * np.float32(y) + motion.down[plane, view]
     if row < 0 or row > height - 1:
         return
-    # Places scale x + across from 0 to width - 1.
-    trifle = np.float32(1e-4)
-    x = max(first, int(np.ceil(-across / scale - trifle)))
-    x1 = min(last, int(np.floor((np.float32(width - 1) - across) / scale + trifle)) + 1)
+    # Restrict to places scale x + across from 0 to width - 1.
+    tolerance = np.float32(1e-4)
+    x = max(first, int(np.ceil(-across / scale - tolerance)))
+    x1 = min(last, int(np.floor((np.float32(width - 1) - across) / scale + tolerance)) + 1)
     y0 = int(np.floor(row))
     near_row = int(row + np.float32(0.5))
     share, grows = np.float32(row - np.float32(y0)), scale - np.float32(1.0)
     other = pictures.others[view]
     while x < x1:
-        # A run within which the view's samples follow each other, too.
-        shift = int(np.floor(grows * np.float32(x) + across + trifle))
+        # A run of pixels whose samples in the view are adjacent, too.
+        shift = int(np.floor(grows * np.float32(x) + across + tolerance))
         end = x1
         if grows > 0:
             end = min(end, int(np.floor((np.float32(shift + 1) - across) / grows)) + 1)
@@ -272,7 +272,7 @@ def _compare_row(
 def _block(
     top: int, bottom: int, plane: int, first: int, last: int, pictures: ComparedViews, motion: PlaneMotion, work: Work
 ) -> None:
-    """Costs `decided` of a plane at pixels `first` to `last` of rows `top` to `bottom`, row after row."""
+    """Compute the costs `decided` of a plane at pixels `first` to `last` of rows `top` to `bottom`, row by row."""
     count, known = last - first, len(pictures.nearest) > 0
     every = (bottom - top) * count
     for kind in range(2 if known else 1):
@@ -295,7 +295,7 @@ def _block(
 def fill_costs(
     first: int, last: int, pictures: ComparedViews, motion: PlaneMotion, ranges: Ranges, costs: UInt16
 ) -> None:
-    """Costs of rows `first` to `last` of the reference view at the planes of their ranges; `first` begins a tile."""
+    """Fill the costs of rows `first` to `last` of the reference view over their ranges; `first` begins a tile."""
     width, sectors = pictures.contrast.shape[1], motion.rings[-1]
     most = TILE_PX * LONGEST_PX
     work = Work(
@@ -333,9 +333,9 @@ def fill_costs(
 
 @compiled
 def average_weak(first: int, last: int, weak: Float32, reach: int, ranges: Ranges, costs: UInt16, out: UInt16) -> None:
-    """Blend costs with their mean over a square, the more the weaker the texture (v, u) is: rows `first` to `last`.
+    """Blend the costs of rows `first` to `last` with their mean over a square, by the weakness (v, u) of the texture.
 
-    What a neighbour has no cost of, at the sides of the picture or of its range, counts as the pixel's own.
+    Where a neighbour lacks a cost, at picture borders or outside its range, the pixel's own cost is used.
     """
     height, width = weak.shape
     squares = np.float32((2 * reach + 1) ** 2)

@@ -1,4 +1,4 @@
-"""Depth maps as NumPy's .npz, with a record of what they were measured in."""
+"""Depth maps as NumPy's .npz, with a record of the light field and the search range."""
 
 from __future__ import annotations
 
@@ -22,8 +22,7 @@ LONGEST_IDENTITY = 64
 
 @dataclass(frozen=True)
 class DepthRecord:
-    """What a depth map was measured in: `content_digest` of the light field, and the nearest and farthest depth that
-    were searched, mm."""
+    """Record of a depth map: `content_digest` of its light field, and the nearest and farthest depth searched, mm."""
 
     light_field_sha256: str
     searched_mm: tuple[float, float]
@@ -35,7 +34,7 @@ class DepthRecord:
 
 
 def content_digest(light_field: LightField) -> str:
-    """The sha256 of samples, weights and geometry: that of the same light field, whatever file it was read from."""
+    """Return the sha256 of samples, weights and geometry, which does not depend on the file they were read from."""
     parts = []
     for field in fields(LightField):
         value = getattr(light_field, field.name)
@@ -45,8 +44,7 @@ def content_digest(light_field: LightField) -> str:
 
 
 def save_depth(path: Path, depth: DepthMap, record: DepthRecord | None = None) -> None:
-    """Write depth_mm, sigma_mm and confidence (v, u) of a view, and the record if there is one, to an .npz file,
-    atomically."""
+    """Write depth_mm, sigma_mm and confidence (v, u), and the record if given, to an .npz file, atomically."""
     arrays: dict[str, NDArray[Any]] = {
         "depth_mm": depth.depth_mm,
         "sigma_mm": depth.sigma_mm,
@@ -61,9 +59,9 @@ def save_depth(path: Path, depth: DepthMap, record: DepthRecord | None = None) -
 
 
 def load_depth(path: Path, light_field: LightField) -> NDArray[np.float32]:
-    """The depth (v, u) in mm that `save_depth` wrote for a light field.
+    """Return the depth (v, u) in mm that `save_depth` wrote for a light field.
 
-    Raises InputError for another file, and for a depth map of another layout, view or size.
+    Raises InputError for any other file, and for a depth map of another layout, view or size.
     """
     arrays = read_npz(path, ("depth_mm", "layout_identity", "view"), WHAT)
     with refusing(path, WHAT):
@@ -72,9 +70,9 @@ def load_depth(path: Path, light_field: LightField) -> NDArray[np.float32]:
     if depth_mm.dtype.kind != "f":
         raise InputError(f"{path}: depth is {depth_mm.dtype}, expected floating point")
     if identity != light_field.layout_identity:
-        raise InputError(f"{path}: of layout {identity!r}, but the light field is of {light_field.layout_identity!r}")
+        raise InputError(f"{path}: layout {identity!r}, expected {light_field.layout_identity!r} of the light field")
     if not (0 <= row < light_field.rows and 0 <= col < light_field.cols) or light_field.positions_mm[row, col].any():
-        raise InputError(f"{path}: depth of view {(row, col)}, expected that of the reference view")
+        raise InputError(f"{path}: depth of view {(row, col)}, expected the reference view")
     if depth_mm.shape != light_field.weights.shape[2:]:
         height, width = light_field.weights.shape[2:]
         raise InputError(f"{path}: depth of {depth_mm.shape} px, expected {(height, width)} of the views")

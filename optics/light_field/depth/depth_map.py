@@ -20,15 +20,15 @@ class DepthMap:
     Attributes
     ----------
     views : Views
-        Geometry of the light field that it was found in.
+        Geometry of the light field used for the measurement.
     view : tuple of int
         Row t and column s of the reference view.
     depth_mm : ndarray of float32
-        (v, u), from the pupil along view z; NaN where fewer than two other views see the pixel.
+        (v, u), from the pupil along view z; NaN where fewer than two other views see the point.
     sigma_mm : ndarray of float32
-        (v, u), standard deviation of the depth where it is right (see `confidence`); NaN with depth.
+        (v, u), standard deviation of the depth if it is right (see `confidence`); NaN without depth.
     confidence : ndarray of float32
-        (v, u), the probability that the depth is right to half a pixel of the farthest view's motion; 0 without depth.
+        (v, u), probability that the depth is right to half a pixel of the farthest view's motion; 0 without depth.
     """
 
     views: Views

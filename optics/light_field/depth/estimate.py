@@ -1,9 +1,9 @@
-"""Depth of the reference view from all views of a light field, with its uncertainty; also of videos.
+"""Depth of the reference view from all views of a light field, with its uncertainty; also for videos.
 
-Small pictures are searched first, in all planes, larger ones near the depth found before (`search`): a sweep of planes
-gives each pixel a cost at each depth (`cost`), first with competing views, then with occlusion by the depth found
-before (`sweep`), and paths along slanted surfaces choose among them (`semiglobal`). Edges follow the picture, and
-Gauss-Newton steps over smooth surfaces refine the depth (`refine`).
+Small pictures are searched first, over all planes; larger ones, near the depth found before (`search`). A plane sweep
+gives each pixel a cost at each depth (`cost`): first with competing views, then with the occlusion of the depth found
+before (`sweep`). Paths along slanted surfaces select a plane (`semiglobal`). Depth edges are moved to picture edges,
+and Gauss-Newton steps with a smoothness prior refine the depth (`refine`).
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from mirrorcam.optics.light_field.depth.photometry import (
     matching_gain,
     patches,
 )
-from mirrorcam.optics.light_field.depth.refine import JUMP_PX, Match, Refiner, SlopePicture, follow_edges
+from mirrorcam.optics.light_field.depth.refine import JUMP_PX, GradientPicture, Match, Refiner, follow_edges
 from mirrorcam.optics.light_field.depth.search import MOST_SEARCHED, Size, search
 from mirrorcam.optics.light_field.depth.semiglobal import Cheapest
 from mirrorcam.optics.light_field.depth.sweep import range_around
@@ -38,28 +38,28 @@ from mirrorcam.optics.light_field.temporal import TemporalFilter
 Float32 = NDArray[np.float32]
 Quality = Literal["best", "fast"]
 NEAR, FAR = 0.6, 2.0
-"""Nearest and farthest depth that is searched by default, in reference depths."""
+"""Default search range, in reference depths."""
 MOST_CELLS = 2**26
-"""Most pixels times planes that are searched without knowing where."""
+"""Most pixels times planes of the first search, over all planes."""
 MOST_NEAR_CELLS = 2**28
-"""Most pixels times planes near what is known; where depth changes so much, the result of smaller pictures stands."""
+"""Most pixels times planes of a search near a known depth; above it, the result of the smaller pictures is kept."""
 SMALLEST_SEARCHED_PX = 48
-"""Pictures are not halved to less than that."""
+"""Smallest side of a picture that is searched after halving."""
 SMALLEST_PX = 16
 
 
 @dataclass(frozen=True)
 class _Effort:
-    """How much work a quality takes.
+    """Work per quality level.
 
     Attributes
     ----------
     first_halvings, last_halvings
-        How often pictures are halved for the first search and for the last.
+        How often pictures are halved for the first search, and for the last.
     slanted_rounds
-        Rounds of the first search along slanted surfaces.
+        Further rounds of the first search along the slanted surfaces found.
     with_occlusion
-        Whether each search is repeated with what the first result hides from each view.
+        Whether each search is repeated with the occlusions found.
     steps
         Gauss-Newton steps of the refinement.
     iterations
@@ -79,8 +79,7 @@ EFFORTS = {"best": _Effort(1, 0, 2, True, 2, 60), "fast": _Effort(2, 1, 1, False
 
 @dataclass(frozen=True, eq=False)
 class _Found:
-    """What searches found, at full size: planes, the rivals (v, u) of the first search, and whether the last was of
-    halved pictures."""
+    """Search results at full size: planes, rivals (v, u) of the first search, whether the last was at half size."""
 
     cheapest: Cheapest
     everywhere: Float32
@@ -88,25 +87,25 @@ class _Found:
 
 
 class DepthEstimator:
-    """Finds the depth of light fields of one geometry; what does not change from frame to frame is built once.
+    """Estimates the depth of light fields of one geometry; everything common to all frames is built once.
 
     Parameters
     ----------
     light_field
-        One of those to come: views and weights are taken from it.
+        A light field whose views and weights equal those to be estimated.
     near_mm, far_mm
-        Depths between which is searched, from the pupil along view z; by default 0.6 and 2 times that of the reference
-        plane. Infinity is a depth.
+        Nearest and farthest depth to search, from the pupil along view z; by default 0.6 and 2 times the reference
+        depth. `far_mm` may be infinite.
     quality
-        "best", or "fast" for videos: searched at a quarter and at half of the size.
+        "best", or "fast" for videos: searches at a quarter and at half the size.
     workers
-        Number of threads; by default as many as OpenCV uses.
+        Number of threads; default: OpenCV's.
 
     Raises
     ------
     InputError
-        If there are fewer than two views, all views are in one place, views are too small, or the depths do not grow,
-        lie within the views or are too far apart for the pixels there are.
+        If there are fewer than two views, all views coincide, views are too small, or the depths do not increase, lie
+        within the views or span too many planes.
     """
 
     def __init__(
@@ -137,7 +136,7 @@ class DepthEstimator:
         self._refiner = Refiner(self._full.sweep, self._parallaxes, self._run)
 
     def _chosen_sizes(self) -> list[Size]:
-        """The sizes that are searched at, smallest first."""
+        """The sizes to search at, smallest first."""
 
         def size(halvings: int, most: int = MOST_PLANES) -> Size:
             return Size.of(self.views, self.near_mm, self.far_mm, halvings, most)
@@ -154,15 +153,15 @@ class DepthEstimator:
         return self._sizes[-1].sweep.planes
 
     def fits(self, light_field: LightField) -> bool:
-        """Return whether a light field has the views and weights that this estimator was built for."""
+        """Return whether a light field has the views and weights of this estimator."""
         names = [field.name for field in fields(Views)]
         same = all(np.array_equal(getattr(light_field, name), getattr(self.views, name)) for name in names)
         return same and np.array_equal(light_field.weights, self.weights)
 
     def estimate(self, light_field: LightField) -> DepthMap:
-        """The depth of the reference view of a light field of this estimator's geometry.
+        """Return the depth of the reference view of a light field with this estimator's geometry.
 
-        Raises InputError for a light field of other views or weights.
+        Raises InputError if the light field has other views or weights.
         """
         if not self.fits(light_field):
             raise InputError("light field has other views or weights than the one the estimator was built for")
@@ -173,13 +172,13 @@ class DepthEstimator:
         others = [other.brighter(gain) for other, gain in zip(others, gains, strict=True)]
         found, others = self._searched(reference, others)
         planes = follow_edges(found.cheapest.planes, reference.colours, JUMP_PX / self._full.sweep.reach_px, self._run)
-        own, *slopes = self._run(lambda each: SlopePicture.of(each.brightness, each.seen), [reference, *others])
+        own, *gradients = self._run(lambda each: GradientPicture.of(each.brightness, each.seen), [reference, *others])
         steps, iterations = self._effort.steps, self._effort.iterations
-        planes, match, smooth = self._refiner.refined(planes, own, slopes, steps, iterations)
+        planes, match, smooth = self._refiner.refined(planes, own, gradients, steps, iterations)
         return self._depth_map(planes, match, smooth, found, reference.known)
 
     def _searched(self, reference: ViewPicture, others: list[ViewPicture]) -> tuple[_Found, list[ViewPicture]]:
-        """What is found, and the other views made as bright as the reference view."""
+        """Return the search result, and the other views equalised to the reference view."""
         size, *larger = self._sizes
         found = search(size, reference, others, self._run, rounds=self._effort.slanted_rounds)
         gains = self._gains(reference, others, self._full.enlarged(found, size).planes)
@@ -198,7 +197,7 @@ class DepthEstimator:
         return _Found(self._full.enlarged(found, size), everywhere, size.halvings > 0), others
 
     def _gains(self, reference: ViewPicture, others: list[ViewPicture], planes: Float32) -> list[Float32]:
-        """Gains (v, u) that make the other views as bright as the reference view, by what both show at a map (v, u)."""
+        """Return gains (v, u) that equalise the other views to the reference view, given its planes (v, u)."""
         every = slice(GAIN_STRIDE_PX // 2, None, GAIN_STRIDE_PX)
         rows, columns = np.indices(planes.shape, dtype=np.float32)[:, every, every]
         inverse, ours = self._full.sweep.inverse_distance(planes[every, every]), patches(reference.grey)[every, every]
@@ -216,7 +215,7 @@ class DepthEstimator:
         found: _Found,
         known: NDArray[np.bool_],
     ) -> DepthMap:
-        """The depth map of planes (v, u) and what is known of them."""
+        """Build the depth map from refined planes (v, u) and the statistics of their match."""
         full = self._full.sweep
         inverse = full.inverse_distance(np.clip(planes, np.float32(-1.0), np.float32(full.planes)))
         inverse = np.maximum(inverse, np.float32(0.0))
@@ -261,15 +260,15 @@ def _check(views: Views, near_mm: float, far_mm: float) -> None:
 
 
 def estimate_depth(light_field: LightField, *, near_mm: float | None = None, far_mm: float | None = None) -> DepthMap:
-    """Measure the depth of the reference view of one light field; for a video, one `DepthEstimator` serves all frames.
+    """Estimate the depth of the reference view; for a video, use one `DepthEstimator` for all frames.
 
     Parameters
     ----------
     light_field
-        Two or more views; colour or grey.
+        Two or more views, colour or grey.
     near_mm, far_mm
-        Depths between which is searched, from the pupil along view z; by default 0.6 and 2 times that of the reference
-        plane. Infinity is a depth.
+        Nearest and farthest depth to search, from the pupil along view z; by default 0.6 and 2 times the reference
+        depth. `far_mm` may be infinite.
 
     Returns
     -------
@@ -279,15 +278,15 @@ def estimate_depth(light_field: LightField, *, near_mm: float | None = None, far
     Raises
     ------
     InputError
-        For a light field or depths that `DepthEstimator` refuses.
+        If `DepthEstimator` refuses the light field or the depths.
     """
     return DepthEstimator(light_field, near_mm=near_mm, far_mm=far_mm).estimate(light_field)
 
 
 class VideoDepth:
-    """Depth of the light fields of one video, filtered in time (`TemporalFilter`), in their order.
+    """Depth of the frames of one video, in order, from light fields filtered in time (`TemporalFilter`).
 
-    The first is that of `DepthEstimator.estimate`; later ones depend on the frames before, too.
+    The first result equals `DepthEstimator.estimate`; later ones also depend on earlier frames.
     """
 
     def __init__(self, estimator: DepthEstimator) -> None:
@@ -295,5 +294,5 @@ class VideoDepth:
         self._filter = TemporalFilter()
 
     def estimate(self, light_field: LightField) -> DepthMap:
-        """The depth of the next frame; raises InputError as `DepthEstimator.estimate`."""
+        """Return the depth of the next frame; raises InputError like `DepthEstimator.estimate`."""
         return self._estimator.estimate(self._filter.filtered(light_field))

@@ -1,4 +1,4 @@
-"""Positions in the other views of what the reference view sees, as a function of inverse distance."""
+"""Positions in the other views of the points that the reference view sees, as a function of inverse distance."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ MOST_PLANES = 2048
 
 @dataclass(frozen=True)
 class Parallax:
-    """Motion of a pixel (u, v) of the reference view in the view at (x, y, z) with q = 1 / Z, Z the distance.
+    """Position of a reference pixel (u, v) in the view at (x, y, z), as a function of q = 1 / Z, Z the distance.
 
-    From the pinholes of `Views`, with e = 1 / (1 - z q) and g = 1 - z / Z0:
-    u' = g e (u - cx) - f g x q e + cx + f x / Z0, and alike for v with y.
+    By the pinholes of `Views`, with e = 1 / (1 - z q) and g = 1 - z / Z0:
+    u' = g e (u - cx) - f g x q e + cx + f x / Z0, and likewise for v with y.
     """
 
     focal_px: float
@@ -29,7 +29,7 @@ class Parallax:
     reference_distance_mm: float
 
     def affine(self, inverse_distance: float) -> FloatArray:
-        """The (2, 3) matrix that takes reference pixels of a plane across the view axis to pixels of this view."""
+        """The (2, 3) matrix from reference pixels to pixels of this view, for a plane across the view axis."""
         x, y, z = self.position_mm
         scale = (1.0 - z / self.reference_distance_mm) / (1.0 - z * inverse_distance)
         shift = self.focal_px * (1.0 / self.reference_distance_mm - scale * inverse_distance)
@@ -37,7 +37,7 @@ class Parallax:
         return np.array([[scale, 0.0, (1.0 - scale) * cx + shift * x], [0.0, scale, (1.0 - scale) * cy + shift * y]])
 
     def pixels(self, columns: Float32, rows: Float32, inverse_distance: Float32) -> tuple[Float32, Float32]:
-        """Pixels of this view, u' and v' (v, u), where reference pixels lie at inverse distances (v, u)."""
+        """Pixels (u', v') in this view, each (v, u), of reference pixels at inverse distances (v, u)."""
         x, y, z = (np.float32(length) for length in self.position_mm)
         (cx, cy), focal = self.centre_px, np.float32(self.focal_px)
         front = np.float32(1.0 - self.position_mm[2] / self.reference_distance_mm)
@@ -48,7 +48,7 @@ class Parallax:
         return across, down
 
     def slopes(self, columns: Float32, rows: Float32, inverse_distance: Float32) -> tuple[Float32, Float32]:
-        """Derivatives (v, u) of `pixels` by the inverse distance, px mm: g e^2 (z (u - cx) - f x), and alike for v."""
+        """Derivatives (v, u) of `pixels` by the inverse distance, px mm: g e^2 (z (u - cx) - f x), likewise for v."""
         x, y, z = (np.float32(length) for length in self.position_mm)
         (cx, cy), focal = self.centre_px, np.float32(self.focal_px)
         front = np.float32(1.0 - self.position_mm[2] / self.reference_distance_mm)
@@ -69,14 +69,14 @@ def other_views(views: Views) -> list[tuple[int, int]]:
 
 
 def parallax(views: Views, index: tuple[int, int]) -> Parallax:
-    """Parallax of the reference view's pixels in view `index` = (t, s)."""
+    """Return the parallax of the reference view's pixels in view `index` = (t, s)."""
     x, y, z = views.positions_mm[index].tolist()
     cx, cy = views.centre_px.tolist()
     return Parallax(views.focal_px, (cx, cy), (x, y, z), views.reference_distance_mm)
 
 
 def halved(views: Views) -> Views:
-    """The views with two by two pixels joined to one; an odd last column or row is left out."""
+    """Return the views with blocks of two by two pixels merged; an odd last column or row is dropped."""
     return replace(
         views,
         focal_px=views.focal_px / 2.0,
@@ -87,9 +87,10 @@ def halved(views: Views) -> Views:
 
 
 def plane_inverse_distances(views: Views, near_mm: float, far_mm: float, step_px: float) -> FloatArray:
-    """Inverse distances (n,) of planes from depth `far_mm` to `near_mm`; between two, no view moves by over `step_px`.
+    """Return inverse distances (n,) of planes from depth `far_mm` to `near_mm`, at most `step_px` of motion apart.
 
-    Evenly spaced, so that disparity is, too; far first. Raises InputError where that takes more than `MOST_PLANES`.
+    They are evenly spaced in inverse distance, hence in disparity; far first. Raises InputError if more than
+    `MOST_PLANES` are needed.
     """
     behind = views.reference_view_depth_mm
     low, high = 1.0 / (far_mm - behind), 1.0 / (near_mm - behind)
@@ -97,7 +98,7 @@ def plane_inverse_distances(views: Views, near_mm: float, far_mm: float, step_px
     count = int(np.ceil(min(views.focal_px * reach_mm * (high - low) / step_px, 1e9))) + 1
     if count > MOST_PLANES:
         raise InputError(
-            f"depths {near_mm:g} to {far_mm:g} mm take {count} planes between which no view moves by over "
-            f"{step_px:g} px, expected {MOST_PLANES} at most"
+            f"depths {near_mm:g} to {far_mm:g} mm need {count} planes at {step_px:g} px of motion from plane to plane, "
+            f"expected at most {MOST_PLANES}"
         )
     return np.linspace(low, high, max(count, 3))

@@ -1,6 +1,6 @@
-"""Making pictures of views comparable: equal brightness, roughly before depth is known and to a plane after.
+"""Equalising the brightness of views: roughly before depth is known, and by a plane of gains afterwards.
 
-Mirrors reflect unevenly and a lens darkens its corners, so that the same thing differs by up to a fifth between views.
+Mirrors reflect unevenly and a lens darkens its corners, so a point's brightness differs by up to a fifth between views.
 """
 
 from __future__ import annotations
@@ -17,29 +17,29 @@ from mirrorcam.optics.light_field.light_field import LightField
 Float32 = NDArray[np.float32]
 
 NO_SAMPLE = -1e4
-"""What a grey picture holds where there is no sample: whatever is blended with some of it is negative."""
+"""Value of a grey picture without a sample: any blend with it is negative."""
 FILL_PX = 5
-"""Side of the square whose mean stands where a sample is missing, so that no false edge is seen beside it."""
+"""Side of the square whose mean replaces a missing sample, so that no false edge arises there."""
 LEAST_GAIN, MOST_GAIN = np.float32(0.4), np.float32(2.5)
 GAIN_STRIDE_PX = 8
 GAIN_PATCH_PX = 5
 FEWEST_SAMPLES = 50
 SURE_GAIN = 0.03
-"""Part by which views must differ in brightness before anything is known of depth, to be made alike."""
+"""Least relative difference in brightness that is equalised before depth is known."""
 HIDDEN = (24.0, 12.0, 6.0, 6.0)
-"""Difference, of 255, from which on two samples probably do not show the same place, round after round."""
+"""Difference, of 255, above which two samples probably show different places, per round."""
 
 
 @dataclass(frozen=True, eq=False)
 class ViewPicture:
-    """A view made ready for comparison.
+    """A view prepared for comparison.
 
     Attributes
     ----------
     colours
-        (v, u, 3), 0 to 255, the means of samples near by where there is none.
+        (v, u, 3), 0 to 255; missing samples are filled with the mean of neighbours.
     known
-        Mask (v, u) of samples.
+        Mask (v, u) of valid samples.
     """
 
     colours: Float32
@@ -47,7 +47,7 @@ class ViewPicture:
 
     @classmethod
     def of(cls, light_field: LightField, index: tuple[int, int]) -> ViewPicture:
-        """View (t, s) of a light field; a grey one has three like colours."""
+        """Return view (t, s) of a light field; a grey view gets three equal colours."""
         samples: Any = light_field.samples[index]
         colours = samples.astype(np.float32)
         if samples.dtype == np.float32:
@@ -72,11 +72,11 @@ class ViewPicture:
 
     @property
     def seen(self) -> NDArray[np.uint8]:
-        """Mask (v, u) of samples whose neighbours are samples, too, as uint8."""
+        """Mask (v, u), as uint8, of samples whose neighbours are all valid, too."""
         return np.asarray(cv2.erode(self.known.astype(np.uint8), np.ones((3, 3), np.uint8), borderValue=1))
 
     def halved(self) -> ViewPicture:
-        """Two by two pixels joined; what one of them lacks is unknown. An odd last column or row is left out."""
+        """Merge blocks of two by two pixels, unknown if a sample is missing; drop an odd last column or row."""
         rows, columns = self.known.shape[0] // 2, self.known.shape[1] // 2
         even = (slice(2 * rows), slice(2 * columns))
         joined = cv2.resize(self.colours[even], (columns, rows), interpolation=cv2.INTER_AREA)
@@ -85,7 +85,7 @@ class ViewPicture:
         return ViewPicture(np.asarray(joined), both[:, ::2] & both[:, 1::2])
 
     def brighter(self, gain: Float32 | float) -> ViewPicture:
-        """The view with its brightness times a gain, a number or a map (v, u)."""
+        """Return the view with its brightness multiplied by a gain, a number or a map (v, u)."""
         factor = np.asarray(gain, dtype=np.float32)
         if factor.ndim == 0 and factor == 1:
             return self
@@ -93,9 +93,9 @@ class ViewPicture:
 
 
 def first_gain(picture: Float32, reference: Float32) -> float:
-    """Factor that makes a grey view (v, u) about as bright as the reference view, before depth is known; else 1.
+    """Return the factor that roughly equalises a grey view (v, u) to the reference view, before depth is known.
 
-    The median ratio of means over large squares; below `SURE_GAIN`, depth itself may explain it.
+    It is the median ratio of means over large squares; 1 below `SURE_GAIN`, which depth alone may explain.
     """
     side = max(3, min(picture.shape) // 8)
     both = (picture >= 0) & (reference >= 0)
@@ -113,24 +113,24 @@ def first_gain(picture: Float32, reference: Float32) -> float:
 
 
 def patches(picture: Float32) -> Float32:
-    """Means over small squares of a grey picture (v, u); negative where one holds no sample."""
+    """Means over small squares of a grey picture (v, u); negative where a square has a missing sample."""
     return np.asarray(cv2.blur(picture, (GAIN_PATCH_PX, GAIN_PATCH_PX)))
 
 
 def matching_gain(picture: Float32, across: Float32, down: Float32, reference: Float32) -> Float32:
-    """Gain (v, u) that brings a grey view to the brightness of the reference view; ones where too little is shared.
+    """Return the gain (v, u) that equalises a grey view to the reference view; ones if too little is shared.
 
-    The gain is a plane over the view, g = a + b u + c v, fitted to what both show of the same places; places that
-    differ too much, hidden in one of them, lose weight round after round (Geman-McClure).
+    The gain is a plane over the view, g = a + b u + c v, fitted to the places that both views show; places that differ
+    too much, probably occluded in one view, lose weight round by round (Geman-McClure).
 
     Parameters
     ----------
     picture
         The view (v, u), 0 to 255, `NO_SAMPLE` where there is none.
     across, down
-        Pixels u, v (m, n) of the view that show some places of the reference view.
+        Pixels u, v (m, n) of the view that show given places of the reference view.
     reference
-        Brightness (m, n) of these places in the reference view, as `patches` gives it.
+        Brightness (m, n) of these places in the reference view, from `patches`.
     """
     theirs = np.asarray(
         cv2.remap(patches(picture), across, down, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=-1.0)
@@ -144,7 +144,7 @@ def matching_gain(picture: Float32, across: Float32, down: Float32, reference: F
     terms, weight = basis * theirs[both].astype(float)[:, None], np.ones(len(target))
     for hidden in HIDDEN:
         weighted = terms * weight[:, None]
-        # A trifle of a gain of one, so that a black picture has a gain.
+        # A weak prior of gain 1, so that a black picture has a gain, too.
         gain = np.linalg.solve(weighted.T @ terms + np.eye(3), weighted.T @ target + [1.0, 0.0, 0.0])
         weight = 1.0 / np.square(1.0 + np.square((terms @ gain - target) / hidden))
     columns = np.arange(width, dtype=np.float32) / np.float32(width) - np.float32(0.5)

@@ -1,8 +1,8 @@
-"""Refinement of a depth map to a fraction of a pixel by all views together, and depth edges moved to the picture's.
+"""Sub-pixel refinement of a depth map by all views jointly, and alignment of depth edges with picture edges.
 
-Slopes of brightness in the views are fitted by Gauss-Newton steps; second differences of the map are kept small where
-there is no depth edge (robust weights), so that surfaces may bend but not ripple. Both give the information from which
-the uncertainty follows. Weighted medians move depth edges to the edges of the picture.
+Gauss-Newton steps fit the brightness gradients of the views. Robust weights penalise second differences of the map,
+except at depth edges, so that surfaces may bend but not ripple. Both terms give the information from which the
+uncertainty follows. Weighted medians move depth edges to picture edges.
 """
 
 from __future__ import annotations
@@ -33,44 +33,44 @@ from mirrorcam.optics.light_field.depth.sweep import Sweep, nearest_planes
 Float32 = NDArray[np.float32]
 Map = Callable[..., Any]
 NOISE_GREY = 0.25
-"""Standard deviation, of 255, that a difference of slopes of brightness is taken to have."""
+"""Assumed standard deviation, of 255, of a difference of brightness gradients."""
 MISPLACED_PX = 0.1
-"""Shift to which interpolation is exact: it makes slopes differ the more the finer the texture is."""
+"""Accuracy of interpolation as a shift: the error it causes in gradients grows with the detail of the texture."""
 DETAIL_PX = 3
 SMOOTH = 300.0
 """Inverse variance of second differences of a surface, 1/px^2 of the farthest view's motion."""
 EDGE_PX = 0.15
-"""Second difference, px of the farthest view's motion, from which on there is probably a depth edge."""
+"""Second difference, px of the farthest view's motion, above which a depth edge is likely."""
 ANCHOR = 1.0
-"""Inverse variance with which a value is drawn to where it was, 1/px^2."""
+"""Inverse variance, 1/px^2, that anchors a value at its previous one."""
 LEAST_AGREEING = np.float32(1e-6)
 SHARED_POWER = 0.8
-"""Views share errors, those of the reference view's slopes: of many, the information counts for less than its sum."""
+"""Views share the errors of the reference view's gradients, so the information of many counts less than its sum."""
 LONGEST_PX, LONGEST_AT_EDGE_PX = 1.0, 0.15
-"""Largest change of a value, px of the farthest view's motion: away from depth edges, and at them."""
+"""Largest total change of a value, px of the farthest view's motion: off depth edges, and at them."""
 JUMP_PX = 0.6
-"""Difference within 3x3 pixels, px of the farthest view's motion, that is a depth edge."""
+"""Range within 3x3 pixels, px of the farthest view's motion, that marks a depth edge."""
 RADIUS_PX = 3
 JUMP_RADIUS_PX = 2
 COLOUR_GREY = 20.0
-"""Sum of the differences of three colours, of 255 each, at which a neighbour's weight falls by a factor of e."""
+"""Sum of differences of three colours, of 255 each, that lowers a neighbour's weight by a factor of e."""
 
 
 @dataclass(frozen=True, eq=False)
 class Match:
-    """Statistics (v, u) of the match of the views with the reference view at a depth map.
+    """Statistics (v, u) of how well the views match the reference view at a depth map.
 
     Attributes
     ----------
     information
-        Inverse variance of the place that the slopes of a pixel itself give, 1/px^2 of the farthest view's motion.
+        Inverse variance of a pixel's place from its own gradients, 1/px^2 of the farthest view's motion.
     agreeing, seeing
-        Sums of weights of the other views that show the same there, and number of those that see it.
+        Sum of weights of the other views that match the pixel, and number of those that see it.
     residual
-        Weighted mean square difference of the two slopes, in their variances: 2 where these are true.
+        Weighted mean square of the two gradient differences, over their variances: 2 if these are true.
     products, energies
-        Sums over the views of the products of both views' slopes, and of the means of their squares, grey^2 per px^2:
-        alike where views show the same; where what they show has nothing in common, products sum to nothing.
+        Sums over the views of the products of both views' gradients, and of their mean squares, grey^2 per px^2. They
+        are equal where the views match; for unrelated views, the products sum to about zero.
     """
 
     information: Float32
@@ -81,7 +81,7 @@ class Match:
     energies: Float32
 
     def after(self, gradient: Float32, step: Float32) -> Match:
-        """The match after a small step (v, u), px of the farthest view's motion, by the gradient that goes with it."""
+        """Return the match after a small step (v, u), px of the farthest view's motion, given its gradient."""
         fewer = (
             (np.float32(2.0) * gradient + self.information * step) * step / np.maximum(self.agreeing, LEAST_AGREEING)
         )
@@ -93,7 +93,7 @@ def _solved(
 ) -> Float32:
     """Solve A x = target for a map x (v, u), from `start`, by conjugate gradients with a Jacobi preconditioner.
 
-    A is the diagonal `anchors` plus the second differences across and down, with their weights.
+    A is the diagonal `anchors` plus the weighted second differences across and down.
     """
     work: Any = np.empty_like(start), np.empty_like(start)
     product = np.empty_like(start)
@@ -125,74 +125,86 @@ def _solved(
     return x
 
 
-def brightness_slopes(picture: Float32) -> Float32:
-    """The two slopes of brightness (2, v, u) of a grey picture (v, u), per px (Scharr's)."""
+def brightness_gradients(picture: Float32) -> Float32:
+    """Gradients of brightness (2, v, u) of a grey picture (v, u), across and down, per px (Scharr's kernel)."""
     return np.stack([cv2.Scharr(picture, cv2.CV_32F, *order, scale=1.0 / 32.0) for order in ((1, 0), (0, 1))])
 
 
 def unshared(views: int) -> float:
-    """The part of the information of a number of views that counts: of more than eight, less than all."""
+    """Share of the summed information that counts: 1 up to eight views, less for more."""
     return float((8.0 / max(views, 8)) ** SHARED_POWER)
 
 
 def jumps(moved: Float32) -> NDArray[np.bool_]:
-    """Mask (v, u) of pixels at a depth edge, whose slopes of brightness are of two surfaces."""
+    """Mask (v, u) of pixels at a depth edge, whose gradients may mix two surfaces."""
     three = np.ones((3, 3), np.uint8)
     return np.asarray(cv2.dilate(moved, three)) - np.asarray(cv2.erode(moved, three)) > np.float32(JUMP_PX)
 
 
 @dataclass(frozen=True, eq=False)
-class SlopePicture:
-    """Slopes of brightness (v, u, 2) of a picture, grey per px, across and down, and where there are samples.
+class GradientPicture:
+    """Brightness gradients of a picture, grey per px, and its valid pixels.
 
     Attributes
     ----------
-    slopes
-        (v, u, 2).
+    gradients
+        Gradients (v, u, 2), across and down.
     seen
-        (v, u), uint8: 0 where there is no sample near.
+        (v, u), uint8: 0 near a missing sample.
     """
 
-    slopes: Float32
+    gradients: Float32
     seen: NDArray[np.uint8]
 
     @classmethod
-    def of(cls, grey: Float32, seen: NDArray[np.uint8]) -> SlopePicture:
-        return cls(np.ascontiguousarray(np.moveaxis(brightness_slopes(grey), 0, -1)), seen)
+    def of(cls, grey: Float32, seen: NDArray[np.uint8]) -> GradientPicture:
+        return cls(np.ascontiguousarray(np.moveaxis(brightness_gradients(grey), 0, -1)), seen)
 
     @cached_property
     def derivatives(self) -> Float32:
-        """Slopes (2, 2, v, u) of each slope, across and down."""
-        return np.stack([brightness_slopes(self.slopes[..., axis]) for axis in range(2)])
+        """Derivatives (2, 2, v, u) of each gradient component, across and down."""
+        return np.stack([brightness_gradients(self.gradients[..., axis]) for axis in range(2)])
 
     @cached_property
     def variance(self) -> Float32:
-        """Variance (v, u) of a difference of slopes between views, for noise and for interpolation."""
+        """Variance (v, u) of a gradient difference between views, from noise and interpolation."""
         detail: Any = cv2.blur(np.square(self.derivatives).sum(axis=(0, 1)) * np.float32(0.5), (DETAIL_PX, DETAIL_PX))
         return np.asarray(np.float32(NOISE_GREY**2) + np.float32(MISPLACED_PX**2) * detail)
 
 
 class Refiner:
-    """Refines maps (v, u) of planes of a sweep."""
+    """Refines maps (v, u) of planes of a sweep.
+
+    Parameters
+    ----------
+    sweep
+        The sweep that the planes belong to.
+    parallaxes
+        Parallax of each other view.
+    run
+        `map`, or the `map` of a thread pool.
+    """
 
     def __init__(self, sweep: Sweep, parallaxes: Sequence[Parallax], run: Map = map):
         self.sweep, self.run = sweep, run
         self.pinholes = [SweepPinhole.of(view, sweep) for view in parallaxes]
 
-    def match(self, planes: Float32, reference: SlopePicture, others: Sequence[SlopePicture]) -> tuple[Match, Float32]:
-        """The match at a map (v, u), and the gradient that goes with its information."""
+    def match(
+        self, planes: Float32, reference: GradientPicture, others: Sequence[GradientPicture]
+    ) -> tuple[Match, Float32]:
+        """Return the match at a map (v, u), and the gradient of its cost."""
         nearest = nearest_planes(planes, self.sweep, self.run)
-        views = [View(each.slopes, each.seen, surface) for each, surface in zip(others, nearest, strict=True)]
+        views = [View(each.gradients, each.seen, surface) for each, surface in zip(others, nearest, strict=True)]
         derivatives, variance = reference.derivatives, reference.variance
         hiding = np.float32(HIDING_PX / self.sweep.reach_px)
         terms = Terms(*(np.zeros(planes.shape, np.float32) for _ in Terms._fields))
 
         def fill(band: tuple[int, int]) -> None:
-            for hole, view in zip(self.pinholes, views, strict=True):
-                add_terms(*band, planes, reference.slopes, derivatives, variance, hole, view, hiding, terms)
+            for pinhole, view in zip(self.pinholes, views, strict=True):
+                add_terms(*band, planes, reference.gradients, derivatives, variance, pinhole, view, hiding, terms)
 
         list(self.run(fill, bands(planes.shape[0])))
-        # Per px of the farthest view's motion.
+        # Convert to px of the farthest view's motion.
         reach = np.float32(self.sweep.reach_px)
         residual = terms.squares / np.maximum(terms.agreeing, LEAST_AGREEING)
         information, agreeing = terms.information / np.square(reach), terms.agreeing
@@ -200,9 +212,14 @@ class Refiner:
         return found, terms.gradient / reach
 
     def refined(
-        self, planes: Float32, reference: SlopePicture, others: Sequence[SlopePicture], steps: int, iterations: int
+        self,
+        planes: Float32,
+        reference: GradientPicture,
+        others: Sequence[GradientPicture],
+        steps: int,
+        iterations: int,
     ) -> tuple[Float32, Match, Float32]:
-        """Refine a map (v, u) by Gauss-Newton steps, each solved in a number of iterations of conjugate gradients.
+        """Refine a map (v, u) by `steps` Gauss-Newton steps, each solved by `iterations` of conjugate gradients.
 
         Returns the map, the match at it, and the weight of its smoothness (v, u), 0 to 1.
         """
@@ -224,12 +241,12 @@ class Refiner:
         return moved / reach, match.after(gradient, moved - before), np.minimum(across, down) * np.float32(1.0 / SMOOTH)
 
     def _noise(self, match: Match) -> np.float32:
-        """Variance of the differences of slopes in most of the picture, in those assumed; one at least."""
+        """Median variance of the gradient differences, relative to the assumed variance; at least 1."""
         usual = match.residual[match.agreeing > 0]
         return np.float32(max(1.0, float(np.median(usual)) / 2.0)) if usual.size else np.float32(1.0)
 
     def _smoothness(self, moved: Float32) -> tuple[Float32, Float32]:
-        """Weights (v, u) of the second differences across and down."""
+        """Weights (v, u) of the second differences, across and down."""
         result = []
         for axis in (1, 0):
             bend = np.roll(moved, 1, axis) - 2.0 * moved + np.roll(moved, -1, axis)
@@ -277,9 +294,9 @@ def _medians(first: int, last: int, planes: Float32, picture: Float32, jump: flo
 
 
 def follow_edges(planes: Float32, picture: Float32, jump: float, run: Map = map) -> Float32:
-    """A map (v, u) whose values beside jumps are those of neighbours of like colour (Ma et al., ICCV 2013).
+    """Replace values near jumps by the weighted median of neighbours of similar colour (Ma et al., ICCV 2013).
 
-    `picture` has colours (v, u, 3), 0 to 255; a jump is a difference of more than `jump` nearby.
+    `picture` holds colours (v, u, 3), 0 to 255; a jump is a difference of more than `jump` within the neighbourhood.
     """
     out = np.empty_like(planes)
     list(run(lambda band: _medians(*band, planes, picture, np.float32(jump), out), bands(planes.shape[0])))

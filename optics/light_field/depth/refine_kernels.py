@@ -1,4 +1,4 @@
-"""The loops of the refinement: views compared at a depth map, and second differences."""
+"""Compiled loops of the refinement: comparison of views at a depth map, and second differences."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from mirrorcam.optics.light_field.depth.sweep import Sweep
 Float32 = NDArray[np.float32]
 
 OUTLIER = 3.0
-"""Multiple of the standard deviation from which on a view probably shows something else, in 3 x 3 pixels."""
+"""Residual over 3x3 pixels, in standard deviations, above which a view probably shows another surface."""
 HIDING_PX = 1.0
-"""Motion of the farthest view by which a surface must be nearer to hide another."""
+"""Least difference in motion of the farthest view by which a nearer surface hides another."""
 
 
 class SweepPinhole(NamedTuple):
-    """A `Parallax` for planes of a sweep."""
+    """A `Parallax` as a function of the planes of a sweep."""
 
     focal: np.float32
     cx: np.float32
@@ -42,9 +42,9 @@ class SweepPinhole(NamedTuple):
 
 
 class View(NamedTuple):
-    """Slopes of brightness (v, u, 2) of a view, its mask (v, u) of samples, and the nearest plane (v, u) it sees."""
+    """Gradients of brightness (v, u, 2) of a view, its mask (v, u) of samples, and its nearest planes (v, u)."""
 
-    slopes: Any
+    gradients: Any
     seen: Any
     nearest: Any
 
@@ -55,13 +55,13 @@ class Terms(NamedTuple):
     Attributes
     ----------
     information, gradient
-        Of the squares of residuals by the plane: half of the second and of the first derivative.
+        Gauss-Newton Hessian and gradient of half the sum of squared residuals, by the plane.
     agreeing, seeing
-        Sums of weights, and number of views that see the place.
+        Sum of weights, and number of views that see the pixel.
     squares
-        Weighted squares of residuals, in their variances.
+        Weighted squared residuals, over their variances.
     products, energies
-        Of the slopes of both, where the view sees the place: their products, and half of the sum of their squares.
+        Products of both views' gradients, and half the sum of their squares, where the view is not hidden.
     """
 
     information: Any
@@ -75,7 +75,7 @@ class Terms(NamedTuple):
 
 @compiled
 def _cubic(t: float, out: Float32) -> None:
-    """Weights (4,) of Catmull-Rom interpolation at `t` between the middle two samples."""
+    """Weights (4,) of Catmull-Rom interpolation at fraction `t` between the middle two samples."""
     half, one = np.float32(0.5), np.float32(1.0)
     out[0] = ((-half * t + one) * t - half) * t
     out[1] = (np.float32(1.5) * t - np.float32(2.5)) * t * t + one
@@ -89,24 +89,24 @@ def _compared(
     planes: Float32,
     own: Float32,
     derivatives: Float32,
-    hole: SweepPinhole,
+    pinhole: SweepPinhole,
     view: View,
     hiding: float,
     out: Float32,
 ) -> None:
-    """Residuals of two slopes, their rise with the plane, and sight: rows of `out` (6, u), of row `y`."""
+    """Fill rows of `out` (6, u) for row `y`: residuals of two gradients, their derivatives by the plane, two masks."""
     height, width = planes.shape
     half, one = np.float32(0.5), np.float32(1.0)
     across, down = np.empty(4, np.float32), np.empty(4, np.float32)
     value = np.empty(2, np.float32)
     for x in range(width):
         plane = planes[y, x]
-        inverse = plane * hole.step + hole.first
-        grown = one / (one - hole.z * inverse)
-        scale = hole.front * grown
-        shift = hole.focal * (hole.reference - scale * inverse)
-        column = scale * (np.float32(x) - hole.cx) + (shift * hole.x + hole.cx)
-        row = scale * (np.float32(y) - hole.cy) + (shift * hole.y + hole.cy)
+        inverse = plane * pinhole.step + pinhole.first
+        grown = one / (one - pinhole.z * inverse)
+        scale = pinhole.front * grown
+        shift = pinhole.focal * (pinhole.reference - scale * inverse)
+        column = scale * (np.float32(x) - pinhole.cx) + (shift * pinhole.x + pinhole.cx)
+        row = scale * (np.float32(y) - pinhole.cy) + (shift * pinhole.y + pinhole.cy)
         for part in range(6):
             out[part, x] = 0.0
         if not (column >= 0 and row >= 0 and column <= width - 1 and row <= height - 1):
@@ -119,7 +119,7 @@ def _compared(
         value[:] = 0.0
         if x0 >= 1 and y0 >= 1 and x0 + 2 < width and y0 + 2 < height:
             for j in range(4):
-                line = view.slopes[np.uint32(y0 - 1 + j)]
+                line = view.gradients[np.uint32(y0 - 1 + j)]
                 for c in range(2):
                     part_of_row = np.float32(0.0)
                     for i in range(4):
@@ -127,15 +127,15 @@ def _compared(
                     value[c] += down[j] * part_of_row
         else:
             for j in range(4):
-                line = view.slopes[min(max(y0 - 1 + j, 0), height - 1)]
+                line = view.gradients[min(max(y0 - 1 + j, 0), height - 1)]
                 for c in range(2):
                     part_of_row = np.float32(0.0)
                     for i in range(4):
                         part_of_row += across[i] * line[min(max(x0 - 1 + i, 0), width - 1), c]
                     value[c] += down[j] * part_of_row
-        along = scale * grown * hole.step
-        move_across = along * (hole.z * (np.float32(x) - hole.cx) - hole.focal * hole.x)
-        move_down = along * (hole.z * (np.float32(y) - hole.cy) - hole.focal * hole.y)
+        along = scale * grown * pinhole.step
+        move_across = along * (pinhole.z * (np.float32(x) - pinhole.cx) - pinhole.focal * pinhole.x)
+        move_down = along * (pinhole.z * (np.float32(y) - pinhole.cy) - pinhole.focal * pinhole.y)
         for c in range(2):
             out[c, x] = value[c] - own[y, x, c]
             out[2 + c, x] = derivatives[c, 0, y, x] * move_across + derivatives[c, 1, y, x] * move_down
@@ -152,14 +152,14 @@ def add_terms(
     own: Float32,
     derivatives: Float32,
     variance: Float32,
-    hole: SweepPinhole,
+    pinhole: SweepPinhole,
     view: View,
     hiding: float,
     terms: Terms,
 ) -> None:
     """Add the terms of a view in rows `first` to `last` of a map of planes (v, u).
 
-    `own` (v, u, 2), `derivatives` (2, 2, v, u) and `variance` (v, u) are those of the reference view's slopes.
+    `own` (v, u, 2), `derivatives` (2, 2, v, u) and `variance` (v, u) describe the reference view's gradients.
     """
     height, width = planes.shape
     top, bottom = max(first - 1, 0), min(last + 1, height)
@@ -167,13 +167,13 @@ def add_terms(
     squares = np.empty((bottom - top, width), np.float32)
     for y in range(top, bottom):
         row = rows[y - top]
-        _compared(y, planes, own, derivatives, hole, view, hiding, row)
+        _compared(y, planes, own, derivatives, pinhole, view, hiding, row)
         for x in range(width):
             squares[y - top, x] = (row[0, x] * row[0, x] + row[1, x] * row[1, x]) / variance[y, x]
     mean = np.empty(width, np.float32)
     ninth, limit, one, half = np.float32(1.0 / 9.0), np.float32(1.0 / OUTLIER**2), np.float32(1.0), np.float32(0.5)
     for y in range(first, last):
-        # Beyond the border, pictures are mirrored at their last pixels.
+        # Reflect at the picture border.
         above = y - 1 if y > 0 else 1
         below = y + 1 if y < height - 1 else height - 2
         for x in range(width):
@@ -202,7 +202,7 @@ def add_terms(
 
 @compiled
 def bends(values: Float32, across: Float32, down: Float32, bend_across: Float32, bend_down: Float32) -> None:
-    """Weighted second differences of a map (v, u); weights are zero in the first and last column or row."""
+    """Fill the weighted second differences of a map (v, u); weights are zero in the outer columns or rows."""
     height, width = values.shape
     for y in range(height):
         for x in range(width):
@@ -215,8 +215,8 @@ def bends(values: Float32, across: Float32, down: Float32, bend_across: Float32,
 
 
 @compiled
-def applied(held: Float32, values: Float32, bend_across: Float32, bend_down: Float32, out: Float32) -> None:
-    """The normal matrix of values held with weights (v, u) and of weighted second differences, applied."""
+def applied(anchors: Float32, values: Float32, bend_across: Float32, bend_down: Float32, out: Float32) -> None:
+    """Apply the normal matrix of `anchors` (v, u) plus weighted second differences to `values` (v, u)."""
     height, width = values.shape
     two = np.float32(2.0)
     for y in range(height):
@@ -230,4 +230,4 @@ def applied(held: Float32, values: Float32, bend_across: Float32, bend_down: Flo
                 total += bend_down[y - 1, x]
             if y < height - 1:
                 total += bend_down[y + 1, x]
-            out[y, x] = held[y, x] * values[y, x] + total
+            out[y, x] = anchors[y, x] * values[y, x] + total

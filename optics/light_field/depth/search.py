@@ -1,4 +1,4 @@
-"""The search for depth at one size of the pictures: of all planes, or of those near what a smaller size found."""
+"""The depth search at one picture size: over all planes, or over those near the result of a smaller size."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from mirrorcam.optics.light_field.depth.competition import UNITS
 from mirrorcam.optics.light_field.depth.cost import CHANNELS, channels, matching_costs
 from mirrorcam.optics.light_field.depth.parallax import MOST_PLANES, halved, plane_inverse_distances
 from mirrorcam.optics.light_field.depth.photometry import ViewPicture
-from mirrorcam.optics.light_field.depth.semiglobal import WAYS, Cheapest, aggregate, cheapest, leans_of
+from mirrorcam.optics.light_field.depth.semiglobal import PATH_DIRECTIONS, Cheapest, aggregate, cheapest, slants_of
 from mirrorcam.optics.light_field.depth.sweep import Ranges, Sweep, nearest_planes, sweep
 from mirrorcam.optics.light_field.depth.uncertainty import DOUBTFUL_MARGIN
 from mirrorcam.optics.light_field.light_field import Views
@@ -23,17 +23,17 @@ Float32 = NDArray[np.float32]
 Map = Callable[..., Any]
 
 FINE_PX, COARSE_PX = 0.5, 1.0
-"""How far the farthest view moves from one plane to the next, in pixels of the size that is searched at."""
+"""Motion of the farthest view from plane to plane, in pixels of the searched size: fine and coarse."""
 MOST_SEARCHED = 192
-"""More planes than that are taken farther apart, where all of them are searched."""
+"""Most planes of a search over all planes at fine spacing; more are spaced coarsely."""
 NEXT_PLANE, ANY_PLANE = 2.5, 18.0
-"""Penalties, in contrasts, of eight views; more views are surer."""
+"""Penalties, in contrasts of eight views; more views justify larger ones."""
 PENALTY_POWER = 0.55
 
 
 @dataclass(frozen=True, eq=False)
 class Size:
-    """A size that is searched at: pictures halved so often, of (v, u) px then, and the sweep at that size."""
+    """A picture size to search at: number of halvings, resulting size (v, u) in px, and the sweep at that size."""
 
     halvings: int
     shape: tuple[int, int]
@@ -41,7 +41,7 @@ class Size:
 
     @classmethod
     def of(cls, views: Views, near_mm: float, far_mm: float, halvings: int, most: int = MOST_PLANES) -> Size:
-        """The size of views halved so often, with planes between two depths: fine ones if no more than most."""
+        """Return the size after `halvings`, with planes between two depths: finely spaced if at most `most`."""
         for _ in range(halvings):
             views = halved(views)
         planes = plane_inverse_distances(views, near_mm, far_mm, COARSE_PX)
@@ -55,13 +55,13 @@ class Size:
         return self.shape[0] * self.shape[1] * self.sweep.planes
 
     def picture(self, picture: ViewPicture) -> ViewPicture:
-        """A picture of full size at this one."""
+        """Return a full-size picture at this size."""
         for _ in range(self.halvings):
             picture = picture.halved()
         return picture
 
     def enlarged(self, found: Cheapest, smaller: Size) -> Cheapest:
-        """What was found at a smaller size, at this one and in its planes."""
+        """Return a smaller size's result at this size and in this sweep's planes."""
         maps = {name: getattr(found, name) for name in ("planes", "margin", "rivals")}
         for halvings in range(smaller.halvings - 1, self.halvings - 1, -1):
             shape = self.shape if halvings == self.halvings else None
@@ -72,7 +72,7 @@ class Size:
 
 
 def _doubled(small: Float32, shape: tuple[int, int] | None) -> Float32:
-    """A map of two by two pixels (v, u) at twice the size; an odd last row or column repeats the one before."""
+    """Return a map (v, u) at twice the size; an odd last row or column repeats the previous one."""
     full = cv2.resize(small, (2 * small.shape[1], 2 * small.shape[0]), interpolation=cv2.INTER_LINEAR)
     if shape is None:
         return np.asarray(full)
@@ -81,7 +81,7 @@ def _doubled(small: Float32, shape: tuple[int, int] | None) -> Float32:
 
 
 def _stacked(pictures: Sequence[ViewPicture], run: Map) -> Float32:
-    """`channels` of pictures."""
+    """Stack `channels` of pictures."""
     height, width = pictures[0].known.shape
     result = np.empty((len(pictures), CHANNELS, height + 1, width + 1), np.float32)
 
@@ -102,25 +102,25 @@ def search(
     known: Cheapest | None = None,
     ranges: Ranges | None = None,
 ) -> Cheapest:
-    """The planes of a size that cost least, and how sure that is: margins in contrasts of eight views.
+    """Return the cheapest planes at a size, with margins in contrasts of eight views.
 
     Parameters
     ----------
     size
-        Size and sweep.
+        Picture size and sweep.
     reference, others
-        The views, at full size and equally bright.
+        The views, at full size and equalised.
     run
-        `map`, or that of a pool of threads.
+        `map`, or the `map` of a thread pool.
     rounds
-        So often paths are followed again, along the surfaces that were found.
+        Number of further passes along the surfaces found before.
     known
-        What is known already, at this size: of what hides what, and of how surfaces lean.
+        Earlier result at this size: gives occlusion and the slant of surfaces.
     ranges
-        The planes that are searched at each pixel; all by default.
+        Planes to search at each pixel; all by default.
     """
     own, *small = run(size.picture, [reference, *others])
-    # One contrast of the cost of a path where there are eight views.
+    # One contrast in path costs, for up to eight views.
     unit = UNITS * ((8.0 / len(others)) ** PENALTY_POWER if len(others) > 8 else 1.0)
     penalties = round(NEXT_PLANE * unit), round(ANY_PLANE * unit)
     volume = matching_costs(
@@ -133,13 +133,13 @@ def search(
         ranges,
     )
 
-    def chosen(leans: tuple[Float32, Float32]) -> Cheapest:
-        total = aggregate(volume, own.colours, leans, penalties, run)
-        found = cheapest(total, DOUBTFUL_MARGIN * len(WAYS) * unit, run)
-        return replace(found, margin=found.margin * np.float32(1.0 / (len(WAYS) * unit)))
+    def chosen(slants: tuple[Float32, Float32]) -> Cheapest:
+        total = aggregate(volume, own.colours, slants, penalties, run)
+        found = cheapest(total, DOUBTFUL_MARGIN * len(PATH_DIRECTIONS) * unit, run)
+        return replace(found, margin=found.margin * np.float32(1.0 / (len(PATH_DIRECTIONS) * unit)))
 
     level = np.zeros(size.shape, np.float32)
-    found = chosen((level, level) if known is None else leans_of(known.planes, known.margin))
+    found = chosen((level, level) if known is None else slants_of(known.planes, known.margin))
     for _ in range(rounds):
-        found = chosen(leans_of(found.planes, found.margin))
+        found = chosen(slants_of(found.planes, found.margin))
     return found

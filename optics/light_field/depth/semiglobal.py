@@ -1,6 +1,6 @@
-"""Semi-global aggregation of a cost volume along eight directions, along surfaces that lean, up to the picture's edges.
+"""Semi-global aggregation of a cost volume along eight directions, following slanted surfaces and picture edges.
 
-After Hirschmueller, PAMI 30(2), 2008, and, for surfaces that lean, Scharstein, Taniai and Sinha, 3DV 2017.
+After Hirschmueller, PAMI 30(2), 2008; for slanted surfaces, Scharstein, Taniai and Sinha, 3DV 2017.
 """
 
 from __future__ import annotations
@@ -21,36 +21,36 @@ UInt16 = NDArray[np.uint16]
 Float32 = NDArray[np.float32]
 Map = Callable[..., Any]
 
-WAYS = ((0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (-1, -1), (1, -1), (-1, 1))
+PATH_DIRECTIONS = ((0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (-1, -1), (1, -1), (-1, 1))
 EDGE_GREY = 10.0
-"""Step of a colour, of 255, that makes leaving a surface cheaper by a factor of e."""
+"""Step of a colour, of 255, that lowers the penalty of a depth edge by a factor of e."""
 EDGE_LEAST = 0.2
-"""Part of the penalty that remains at the strongest edge."""
+"""Share of the penalty that remains at the strongest edge."""
 LEAST_RATIO = 1.5
-"""Least ratio of the penalty of any step to that of a step to the next plane."""
+"""Least ratio of the penalty of any step to the penalty of a step to the next plane."""
 SLOPE_REACH_PX, SLOPE_MEDIAN_PX = 3, 21
 SLOPE_MEAN_PX = (145, 49, 17, 9)
 SLOPE_HELD = 0.03
-"""Share of sure places in a square at which these count as much as a larger square."""
+"""Share of certain pixels in a square at which they count as much as a larger square."""
 SURE = 12.0
-"""Margin, in contrasts of eight views, from which on a lean is sure."""
+"""Margin, in contrasts of eight views, above which a slant is certain."""
 STEEPEST = 2.0
-"""Steepest lean, in planes a pixel."""
+"""Steepest slant, in planes per pixel."""
 LEVEL = 0.02
-"""Leans below that, in planes a pixel, count as none."""
+"""Slant, in planes per pixel, below which a surface counts as level."""
 SAME_PLANES = 2
-"""Planes so near each other are one place, when rivals that are as cheap are counted."""
+"""Distance in planes up to which equally cheap planes are one place, not rivals."""
 PLACE_PLANES = 3
-"""Planes that are right together, to half a pixel of the farthest view's motion."""
+"""Planes within half a pixel of the farthest view's motion around a place."""
 LINES = 32
 
 
 class _Surface(NamedTuple):
-    """What paths follow: colours (v, u, 3), and the planes (v, u) that the surface rises per pixel, across and down."""
+    """Surfaces that paths follow: colours (v, u, 3), and slants (v, u) in planes per pixel, across and down."""
 
     picture: Any
-    lean_across: Any
-    lean_down: Any
+    slant_across: Any
+    slant_down: Any
 
 
 class _Penalties(NamedTuple):
@@ -62,21 +62,21 @@ class _Penalties(NamedTuple):
 def _step(
     path: UInt16, before: int, offset: int, least: int, penalty: int, next_plane: int, own: UInt16, on: UInt16
 ) -> None:
-    """Costs `on` of the paths at the planes of a pixel, from those of the pixel before.
+    """Fill the path costs `on` at the planes of a pixel from the path costs of the previous pixel.
 
-    Plane i here is plane i + `offset` there, of `before` planes, which lie in `path` from 2 on.
+    Plane i of this pixel is plane i + `offset` of the previous one, whose `before` planes start at index 2 of `path`.
     """
     count = len(own)
     first = min(max(-1 - offset, 0), count)
     last = max(min(before + 1 - offset, count), first)
-    # Sums of 16 bits stay such, so that the loop runs many planes at a time.
+    # The sums fit in 16 bits, which lets the loop run over many planes at once.
     most = np.uint16(least + penalty)
     for plane in range(first):
         on[plane] = np.uint16(own[plane] + penalty)
     there, here, result = path[first + offset + 1 : last + offset + 3], own[first:last], on[first:last]
     for plane in range(last - first):
-        beside = np.uint16(min(there[plane], there[plane + 2]) + next_plane)
-        best = min(there[plane + 1], beside, most)
+        nearby = np.uint16(min(there[plane], there[plane + 2]) + next_plane)
+        best = min(there[plane + 1], nearby, most)
         result[plane] = np.uint16(here[plane] + np.uint16(best - least))
     for plane in range(last, count):
         on[plane] = np.uint16(own[plane] + penalty)
@@ -95,7 +95,7 @@ def _path(
     dx: int,
     work: UInt16,
 ) -> None:
-    """Add to `total` the costs of the cheapest paths along one line from a pixel on; `work` (2, n + 4)."""
+    """Add to `total` the costs of the cheapest paths along one line from a pixel on; `work` (2, n + 4) is scratch."""
     height, width = ranges.low.shape
     path, on = work[0], work[1]
     carried = np.float32(0.0)
@@ -107,7 +107,7 @@ def _path(
     picture, next_plane = surface.picture, np.uint16(penalties.next_plane)
     y, x = y + dy, x + dx
     while 0 <= y < height and 0 <= x < width:
-        carried += surface.lean_across[y, x] * np.float32(dx) + surface.lean_down[y, x] * np.float32(dy)
+        carried += surface.slant_across[y, x] * np.float32(dx) + surface.slant_down[y, x] * np.float32(dy)
         shift = int(np.floor(carried + np.float32(0.5)))
         carried -= np.float32(shift)
         known = path[2 : count + 2]
@@ -144,7 +144,7 @@ def _paths(
     surface: _Surface,
     penalties: _Penalties,
 ) -> None:
-    """All lines `first` to `last` of one direction: from the first row, then from the first column."""
+    """Follow lines `first` to `last` of one direction: those from the first row, then those from the first column."""
     height, width = ranges.low.shape
     work = np.empty((2, ranges.planes.max() + 4), np.uint16)
     for line in range(first, last):
@@ -161,30 +161,30 @@ def _paths(
 def aggregate(
     volume: Volume,
     picture: Float32,
-    leans: tuple[Float32, Float32],
+    slants: tuple[Float32, Float32],
     penalties: tuple[int, int],
     run: Map = map,
 ) -> Volume:
-    """The path costs of a volume of matching costs, summed over the directions.
+    """Return the path costs of a volume of matching costs, summed over the directions.
 
     Parameters
     ----------
     volume
         Matching costs; eight times (the largest + the second penalty) must fit 16 bits.
     picture
-        Colours (v, u, 3) of the reference view, 0 to 255: where they change, surfaces may end.
-    leans
-        Planes (v, u) that the surface rises per pixel, across and down: a path follows them free of charge.
+        Colours (v, u, 3) of the reference view, 0 to 255; depth edges are cheaper at colour edges.
+    slants
+        Slants (v, u) of the surface in planes per pixel, across and down; paths follow them without a penalty.
     penalties
-        Of a step to the next plane, and of one to any other.
+        Penalty of a step to the adjacent plane, and of a step to any other.
     run
-        `map`, or that of a pool of threads.
+        `map`, or the `map` of a thread pool.
     """
     height, width = volume.ranges.low.shape
     total = np.zeros_like(volume.costs)
-    surface = _Surface(picture, *leans)
+    surface = _Surface(picture, *slants)
     prices = _Penalties(*(np.uint16(penalty) for penalty in penalties))
-    for dy, dx in WAYS:
+    for dy, dx in PATH_DIRECTIONS:
         lines = height if dy == 0 else width if dx == 0 else width + height - 1
         jobs = [(first, min(first + LINES, lines)) for first in range(0, lines, LINES)]
 
@@ -197,7 +197,7 @@ def aggregate(
 
 @compiled
 def _least(first: int, last: int, ranges: Ranges, total: UInt16, doubtful: float, found: Float32) -> None:
-    """Fill rows `first` to `last` of `found` (3, v, u): place, margin and rivals."""
+    """Fill rows `first` to `last` of `found` (3, v, u): plane, margin and rivals."""
     one = np.float32(1.0)
     for y in range(first, last):
         for x in range(ranges.low.shape[1]):
@@ -231,11 +231,11 @@ class Cheapest:
     Attributes
     ----------
     planes
-        Plane (v, u), to part of one.
+        Plane (v, u), with sub-plane interpolation.
     margin
-        By how much (v, u) the next best is dearer that is farther than SAME_PLANES away.
+        Cost difference (v, u) to the cheapest plane farther than SAME_PLANES away.
     rivals
-        Number (v, u) of other places that are about as cheap, as a sum of weights.
+        Number (v, u) of other places with about the same cost, as a sum of weights.
     """
 
     planes: Float32
@@ -244,9 +244,9 @@ class Cheapest:
 
 
 def cheapest(total: Volume, doubtful: float, run: Map = map) -> Cheapest:
-    """The planes of least summed path cost.
+    """Return the planes of least summed path cost.
 
-    A place that is dearer by `doubtful` is no rival.
+    Places that cost at least `doubtful` more are no rivals.
     """
     shape = total.ranges.low.shape
     found = np.empty((3, *shape), np.float32)
@@ -254,11 +254,11 @@ def cheapest(total: Volume, doubtful: float, run: Map = map) -> Cheapest:
     return Cheapest(found[0], found[1], found[2])
 
 
-def leans_of(planes: Float32, margin: Float32) -> tuple[Float32, Float32]:
-    """Planes (v, u) that the surfaces of a map (v, u) rise per pixel, across and down.
+def slants_of(planes: Float32, margin: Float32) -> tuple[Float32, Float32]:
+    """Return the slants (v, u) of the surfaces of a map (v, u), in planes per pixel, across and down.
 
-    Medians over a square; where the map is unsure, by its margin (v, u) in contrasts of eight views, the lean is that
-    of surer places around, the farther away the fewer are near.
+    They are medians over a square. Where the map's margin (v, u), in contrasts of eight views, is low, the slant comes
+    from more certain pixels around, at larger distances the fewer are near.
     """
     sure = np.square(np.clip(margin * np.float32(1.0 / SURE), 0.0, 1.0))
     weights = [cv2.blur(sure, (side, side), borderType=cv2.BORDER_REPLICATE) for side in SLOPE_MEAN_PX]
@@ -268,19 +268,19 @@ def leans_of(planes: Float32, margin: Float32) -> tuple[Float32, Float32]:
         coded = np.clip(rise * np.float32(127.0 / STEEPEST) + np.float32(128.5), 0.0, 255.0).astype(np.uint8)
         median: Any = cv2.medianBlur(coded, SLOPE_MEDIAN_PX).astype(np.float32)
         median = (median - np.float32(128.0)) * np.float32(STEEPEST / 127.0) * sure
-        lean = np.zeros_like(planes)
+        slant = np.zeros_like(planes)
         for side, weight in zip(SLOPE_MEAN_PX, weights, strict=True):
             sums = cv2.blur(median, (side, side), borderType=cv2.BORDER_REPLICATE)
-            lean = (sums + np.float32(SLOPE_HELD) * lean) / (weight + np.float32(SLOPE_HELD))
-        lean[np.abs(lean) < LEVEL] = 0.0
-        result.append(np.asarray(lean, dtype=np.float32))
+            slant = (sums + np.float32(SLOPE_HELD) * slant) / (weight + np.float32(SLOPE_HELD))
+        slant[np.abs(slant) < LEVEL] = 0.0
+        result.append(np.asarray(slant, dtype=np.float32))
     return result[0], result[1]
 
 
 def _rise(planes: Float32, axis: int) -> Float32:
-    """Rise per pixel (v, u) along an axis, over SLOPE_REACH_PX ahead and behind, fewer at the sides."""
+    """Slope per pixel (v, u) along an axis, over SLOPE_REACH_PX ahead and behind, less at the borders."""
     count = planes.shape[axis]
-    ahead, behind = (np.clip(np.arange(count) + way * SLOPE_REACH_PX, 0, count - 1) for way in (1, -1))
+    ahead, behind = (np.clip(np.arange(count) + sign * SLOPE_REACH_PX, 0, count - 1) for sign in (1, -1))
     apart = (ahead - behind).astype(np.float32)
     rise = np.take(planes, ahead, axis) - np.take(planes, behind, axis)
     return np.asarray(rise / (apart if axis == 1 else apart[:, None]))

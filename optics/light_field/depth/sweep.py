@@ -1,6 +1,6 @@
-"""The planes of a sweep: where each view shows the pixels of the reference view, which views compete, and their costs.
+"""A plane sweep: where each view shows the pixels of the reference view, which views compete, and the cost volume.
 
-Each pixel has costs of a range of planes of its own: near the depth known from a smaller picture, or all planes.
+Each pixel searches a range of planes of its own: near the depth known from a smaller picture, or all planes.
 """
 
 from __future__ import annotations
@@ -20,22 +20,22 @@ from mirrorcam.optics.light_field.light_field import Views
 
 Float32 = NDArray[np.float32]
 DIRECTIONS = 16
-"""Directions from the reference view that are distinguished: an occluder hides a place from neighbouring directions."""
+"""Number of directions from the reference view: an occluder hides a place from adjacent directions."""
 MOST_RINGS = 4
 Map = Callable[..., Any]
 NOTHING = np.float32(-1e9)
-"""Plane of what no pixel of the reference view is seen at: it hides nothing."""
+"""Plane of a pixel without a surface: it hides nothing."""
 TILE_PX = 8
-"""Pixels of a tile of that side have the same range."""
+"""Side of a tile; all its pixels search the same range."""
 AROUND_PX = 8
-"""What is known within that distance of the tile is searched, too: edges are found anew."""
+"""Distance around a tile whose known depths are searched, too, so that edges can move."""
 MARGIN_PLANES = 6
-"""Planes that are searched nearer and farther than what is known."""
+"""Planes searched beyond the known ones, nearer and farther."""
 FEWEST_PLANES = 3
 
 
 class PlaneMotion(NamedTuple):
-    """Where K views show the planes of a sweep, and which of them compete.
+    """Where K views show the planes of a sweep, and which views compete.
 
     Plane i shows pixel (u, v) of the reference view at (scale u + across, scale v + down) of view k.
 
@@ -44,9 +44,9 @@ class PlaneMotion(NamedTuple):
     scale, across, down : ndarray of float32
         (n, K).
     sector : ndarray of int64
-        (K,): views at like distance from the reference view form a ring, those of one ring in like direction a sector.
+        (K,): views at similar distance from the reference view form a ring; in similar direction, too, a sector.
     rings : ndarray of int64
-        (r + 1,): the first sector of each ring, and the number of sectors.
+        (r + 1,): first sector of each ring, and number of sectors.
     """
 
     scale: Float32
@@ -58,16 +58,16 @@ class PlaneMotion(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Sweep:
-    """Planes across the view axis, evenly spaced in inverse distance, seen by the K views other than the reference.
+    """Planes perpendicular to the view axis, evenly spaced in inverse distance, for the K other views.
 
     Attributes
     ----------
     inverse_distances : ndarray
         (n,), 1/mm from the reference view.
     motion : Motion
-        Where the views show the planes.
+        Mapping of the planes into the views.
     reach_px : float
-        Px that the farthest view moves from one plane to the next.
+        Motion of the farthest view from plane to plane, px.
     """
 
     inverse_distances: FloatArray
@@ -85,12 +85,12 @@ class Sweep:
         return float(self.inverse_distances[1] - self.inverse_distances[0])
 
     def inverse_distance(self, planes: Float32) -> Float32:
-        """Inverse distances of places between planes, counted from the first plane."""
+        """Inverse distances, 1/mm, of plane coordinates, counted from the first plane."""
         return np.asarray(planes * np.float32(self.step) + np.float32(self.inverse_distances[0]))
 
 
 def sweep(views: Views, inverse_distances: FloatArray) -> Sweep:
-    """The sweep of views over planes at inverse distances (n,) from the reference view, evenly spaced."""
+    """Build the sweep of the other views over evenly spaced inverse distances (n,) from the reference view."""
     others = other_views(views)
     matrices = np.array([[parallax(views, index).affine(q) for index in others] for q in inverse_distances])
     positions = np.array([views.positions_mm[index] for index in others])
@@ -117,7 +117,7 @@ def sweep(views: Views, inverse_distances: FloatArray) -> Sweep:
 
 @compiled
 def _splat(planes: Float32, scale: Float32, across: Float32, down: Float32, out: Float32) -> None:
-    """The nearest of the surfaces that land in each pixel (v, u) of a view, and single gaps between two closed."""
+    """Project the nearest surface into each pixel (v, u) of a view, and fill gaps of a single pixel."""
     height, width = planes.shape
     last = len(scale) - 1
     for y in range(height):
@@ -138,24 +138,24 @@ def _splat(planes: Float32, scale: Float32, across: Float32, down: Float32, out:
 
 
 def nearest_planes(planes: Float32, sweep: Sweep, run: Map = map) -> Float32:
-    """Plane (K, v, u), counted along a sweep, of the nearest surface in each view; NOTHING where there is none.
+    """Return the plane (K, v, u) of the nearest surface in each view; NOTHING without one.
 
-    `planes` (v, u) are those of the pixels of the reference view.
+    `planes` (v, u) are the planes of the reference view's pixels.
     """
     motion = sweep.motion
     views = motion.scale.shape[1]
     out = np.full((views, *planes.shape), NOTHING, np.float32)
 
     def fill(view: int) -> None:
-        ways = (np.ascontiguousarray(way[:, view]) for way in (motion.scale, motion.across, motion.down))
-        _splat(planes, *ways, out[view])
+        maps = (np.ascontiguousarray(each[:, view]) for each in (motion.scale, motion.across, motion.down))
+        _splat(planes, *maps, out[view])
 
     list(run(fill, range(views)))
     return out
 
 
 class Ranges(NamedTuple):
-    """The planes that are searched at each pixel (v, u), tile by tile, and where their costs lie, one after the other.
+    """Planes to search at each pixel (v, u), constant per tile, and the location of their costs in one array.
 
     Attributes
     ----------
@@ -176,7 +176,7 @@ class Ranges(NamedTuple):
 
     @classmethod
     def of(cls, low: NDArray[np.int32], count: NDArray[np.int32]) -> Ranges:
-        """Ranges of given first planes and numbers of planes (v, u)."""
+        """Build ranges from first planes and numbers of planes (v, u)."""
         ends = np.cumsum(count.ravel(), dtype=np.int64).reshape(count.shape)
         return cls(np.ascontiguousarray(low), np.ascontiguousarray(count), ends - count)
 
@@ -187,9 +187,9 @@ def whole_range(shape: tuple[int, int], planes: int) -> Ranges:
 
 
 def range_around(known: Float32, planes: int) -> Ranges:
-    """The ranges near a map of planes (v, u), tile by tile, within the number of `planes` that there are."""
+    """Return the ranges near a map of planes (v, u), constant per tile and limited to `planes` planes."""
     side = TILE_PX + 2 * AROUND_PX
-    # OpenCV's kernels of even sides reach one pixel farther up and left; tiles are sampled so that they are centred.
+    # OpenCV's kernels of even side reach one pixel farther up and left, so the anchor centres them on the tiles.
     height, width = known.shape
     rows, columns = -(-height // TILE_PX), -(-width // TILE_PX)
     grown = cv2.copyMakeBorder(
@@ -214,7 +214,7 @@ def range_around(known: Float32, planes: int) -> Ranges:
 
 @dataclass(frozen=True, eq=False)
 class Volume:
-    """Costs (cells,), uint16, of the planes of ranges."""
+    """Costs (cells,), uint16, over the planes of ranges."""
 
     ranges: Ranges
     costs: NDArray[np.uint16]

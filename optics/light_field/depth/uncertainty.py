@@ -1,9 +1,9 @@
-"""How sure depth is: a standard deviation, and the probability of being right.
+"""Uncertainty of depth: a standard deviation, and the probability that the depth is right.
 
-The forms follow from what is measured: the error of a surface that is smoothed at inverse variance SMOOTH grows with
-about a root of noise over information, and the odds of being right fall with the number of other places that are about
-as cheap. Their constants were fitted to public scenes with true depth, by quantile and by logistic regression;
-`python -m benchmarks.light_field_depth scenes` prints how true they are.
+The forms follow from measurement: the error of a surface smoothed with inverse variance SMOOTH grows with a root of
+noise over information, and the odds of a right depth fall with the number of other places of about the same cost. The
+constants were fitted to public scenes with true depth, by quantile and by logistic regression;
+`python -m benchmarks.light_field_depth scenes` prints how well they hold.
 """
 
 from __future__ import annotations
@@ -20,30 +20,30 @@ Float32 = NDArray[np.float32]
 
 AVERAGED_PX = 7
 SIGMA_PX = 0.043
-"""Standard deviation, px of the farthest view's motion, at INFORMATION and at margins of SURE_MARGIN and more."""
+"""Standard deviation, px of the farthest view's motion, at INFORMATION and at a margin of SURE_MARGIN or more."""
 INFORMATION = 50.0
 ROOT, MARGIN_ROOT, ROUGH_POWER = 0.18, 0.14, 7
 LEAST_NOISE, LEAST_INFORMATION = 0.3, 0.5
 SURE_MARGIN, LEAST_MARGIN = 12.0, 0.1
 LEAST_SMOOTH = 0.5
 HALVED = 1.7
-"""Factor of a search at half size."""
+"""Factor for a search at half size."""
 RIGHT_PX = 0.5
-"""The probability is that of an error below that, px of the farthest view's motion."""
+"""A depth is right if its error is below this, px of the farthest view's motion."""
 DOUBTFUL_MARGIN = 9.0
-"""Margin from which on another place is no rival, in the unit of the penalties of eight views."""
+"""Margin above which another place is no rival, in contrasts of eight views."""
 AT_EDGE, NEAR_EDGE, ELSEWHERE = 1.27, 1.59, 1.65
 """Logarithm of the odds of being right at a depth edge, within NEAR_EDGE_PX, and elsewhere."""
 NEAR_EDGE_PX = 3
 RIVALS, FEWEST_RIVALS, SMOOTH, HALVED_ODDS = -0.81, 0.02, 1.2, -1.33
-"""What the logarithm of the number of rivals, smoothness, and a search at half size add to it."""
+"""Addends to the log odds: per logarithm of the number of rivals, per smoothness, for a search at half size."""
 
 CORRELATED_PX = 41
 UNRELATED, RELATED = 0.04, 0.16
-"""Correlation of slopes up to which views show different things, and from which on they show the same."""
+"""Correlation of gradients below which views show unrelated things, and above which they show the same."""
 LEAST_ENERGY = 1e-3
 USUAL_RIVALS = 2.0
-"""Number of rivals that a first search leaves since it does not separate places near each other."""
+"""Number of rivals that a first search always leaves, because it does not separate adjacent places."""
 
 
 def _mean(values: Float32) -> Any:
@@ -53,22 +53,22 @@ def _mean(values: Float32) -> Any:
 def standard_deviation_px(
     match: Match, smooth: Float32, margin: Float32, views: int, halved: bool, range_px: float
 ) -> Float32:
-    """Standard deviation (v, u) of the place, px of the farthest view's motion, that of an even `range_px` at most.
+    """Standard deviation (v, u), px of the farthest view's motion, at most that of a uniform distribution.
 
     Parameters
     ----------
     match
-        The match of the views at the place.
+        The match of the views at the depth map.
     smooth
-        Weight (v, u), 0 to 1, of the surface's being smooth.
+        Weight (v, u), 0 to 1, of the surface's smoothness.
     margin
-        By how much (v, u) the next best place is dearer, in the unit of the penalties of eight views.
+        Cost difference (v, u) to the next best place, in contrasts of eight views.
     views
-        Number of views but the reference view.
+        Number of views without the reference view.
     halved
-        Whether planes were searched at half size.
+        Whether the planes were searched at half size.
     range_px
-        Motion of the farthest view between the nearest and the farthest plane.
+        Motion of the farthest view between the nearest and the farthest plane, px.
     """
     weight = np.maximum(match.agreeing, np.float32(1e-3))
     noise = np.maximum(_mean(match.residual * weight) / _mean(weight) / 2.0, LEAST_NOISE)
@@ -88,25 +88,25 @@ def probability(
     Parameters
     ----------
     moved
-        Places (v, u), px of the farthest view's motion: at edges, pixels are of two surfaces.
+        Depth map (v, u) in px of the farthest view's motion; its jumps mark depth edges.
     match
-        The match of the views there: where, over CORRELATED_PX, their slopes of brightness are not correlated with
-        those of the reference view, no depth of the range is right.
+        The match of the views there. Where their gradients do not correlate with the reference view's over
+        CORRELATED_PX, no depth in the range is right.
     rivals
-        Number (v, u) of other places that are about as cheap, of those searched last.
+        Number (v, u) of other places of about the same cost in the last search.
     everywhere
-        The same of all places, by the first search: many where nothing is determined; one of all these is right then.
+        The same for the first search, over all planes: many where the depth is undetermined, and only one is right.
     smooth
-        Weight (v, u), 0 to 1, of the surface's being smooth.
+        Weight (v, u), 0 to 1, of the surface's smoothness.
     halved
-        Whether planes were searched at half size.
+        Whether the planes were searched at half size.
     """
     away: Any = cv2.distanceTransform((~jumps(moved)).astype(np.uint8), cv2.DIST_L2, 3)
     odds = np.where(away < 1, AT_EDGE, np.where(away < NEAR_EDGE_PX, NEAR_EDGE, ELSEWHERE)) + SMOOTH * smooth
     odds += RIVALS * np.log(rivals + FEWEST_RIVALS) + (HALVED_ODDS if halved else 0.0)
     energies = cv2.blur(match.energies, (CORRELATED_PX, CORRELATED_PX))
     correlation = cv2.blur(match.products, (CORRELATED_PX, CORRELATED_PX)) / np.maximum(energies, LEAST_ENERGY)
-    # Where there is no texture at all, rivals show that.
+    # Without texture, the rivals already lower the probability.
     alike = np.where(energies > LEAST_ENERGY, correlation, 1.0)
     shown = np.clip((alike - UNRELATED) / (RELATED - UNRELATED), 0.0, 1.0)
     shared = 1.0 + np.maximum(everywhere - USUAL_RIVALS, 0.0)

@@ -1,11 +1,10 @@
-"""Sub-pixel alignment of a keypoint's patch in the reference view with the other views.
+"""Sub-pixel alignment of keypoints' patches from the reference view with the other views.
 
-Inverse compositional Gauss-Newton (Baker and Matthews, IJCV 2004) on patches of mean zero and length one, so that views
-need be neither equally bright nor equally rich in contrast. A patch moves by itself in each view; the shape of the
-surface that it lies on, slanted and curved, is estimated from all views together: with the inverse distance
-w + n.o + c(o) at an offset o, where c has powers of two and three, a view at p sees the offset moved by
--f p (n.o + c(o)). Without a shape, patches would move by unlike amounts along s and t, as by refraction. Residuals that
-move patches as no shape does give the size of the noise.
+Inverse compositional Gauss-Newton (Baker and Matthews, IJCV 2004) on patches normalised to mean zero and length one, so
+views may differ in brightness and contrast. A patch shifts separately in each view, while the shape of its surface,
+slanted and curved, is estimated from all views jointly: with the inverse distance w + n.o + c(o) at an offset o, where
+c holds powers of two and three, a view at p sees the offset shifted by -f p (n.o + c(o)). Without a shape, shifts along
+s and t would differ, as by refraction. The part of the residuals that no shape explains gives the noise.
 """
 
 from __future__ import annotations
@@ -29,40 +28,39 @@ from mirrorcam.optics.light_field.features.patches import (
     normalized,
 )
 
-# Rounds that move patches only, then rounds that also shape them.
+# Rounds that shift patches only, then rounds that also estimate shapes.
 MOVING_ROUNDS = 2
 SHAPING_ROUNDS = 3
-# A step of more than a pixel of its scale is cut: the patches' gradients are not valid beyond it.
+# Steps are limited to a pixel of the level, beyond which the patches' gradients are invalid.
 MOST_STEP_PX = 1.0
-# Views that look less like the reference's patch give no information on its shape.
+# Least similarity of a view to the reference patch, to contribute to the shape.
 LEAST_ALIKE_FOR_SHAPE = 0.7
 KEYPOINTS_AT_ONCE = 128
-# Standard deviations of surfaces before anything is seen of them: tan(slant) (60 degrees), and how much it changes over
-# half the side of the patch.
+# Prior standard deviations of surfaces: tan(slant) (60 degrees), and its change over half the side of the patch.
 USUAL_SHAPE = np.array([1.7] * 2 + [0.7] * 7)
-# Surfaces are no polynomials: what the curvatures, and what their changes, contribute to a slope has an error of this
-# share of it. Measured on rendered scenes of rough surfaces.
+# Surfaces are no polynomials: the contributions of curvatures and their changes to a slope have errors of this share,
+# measured on rendered scenes of rough surfaces.
 UNSURE_SHARE = 0.4
 ORDERS = np.repeat(np.eye(3)[:, 1:], [2, 3, 4], axis=0)
-# w, d, e as matrices of slopes.
+# Matrices of the slopes w, d, e.
 SLOPES = np.array([[[1.0, 0.0], [0.0, 1.0]], [[1.0, 0.0], [0.0, -1.0]], [[0.0, 1.0], [1.0, 0.0]]])
-# Matrices of motions that no surface shape causes: across the view's position, and different ones along s and t.
+# Matrices of shifts that no surface causes: across the view's position, and different ones along s and t.
 NO_SHAPES = np.array([[[0.0, 1.0], [-1.0, 0.0]], SLOPES[1], SLOPES[2]])
-# Of residuals of patches of length one: 8-bit pictures are no better, however alike they seem.
+# Least residual variance of patches of length one: 8-bit pictures are no better, however similar.
 LEAST_VARIANCE = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
 class PatchWarp:
-    """How views show patches of another light field: turned, grown and sheared, and bent as their surfaces are.
+    """Warp of patches into views of another light field: rotated, scaled, sheared, and bent by their surfaces.
 
     Attributes
     ----------
     linear
-        Moves (n, 2, 2) in a view by moves in the patch.
+        Shifts (n, 2, 2) in a view by shifts in the patch.
     bend, shapes
-        Position (n, 2) of the patch's view from that view, mm, and coefficients (n, 9) of SHAPES that move the patch
-        along it beside `linear`.
+        Position (n, 2) of the patch's view relative to that view, mm, and coefficients (n, 9) of SHAPES that shift the
+        patch along it, in addition to `linear`.
     """
 
     linear: FloatArray
@@ -79,26 +77,26 @@ class PatchWarp:
 
 @dataclass(frozen=True, eq=False)
 class AlignedPatches:
-    """Positions at which views see the patches of keypoints.
+    """Positions of keypoints' patches in views.
 
     Attributes
     ----------
     pixels
-        Pixels (views, n, 2) where the patches are seen; NaN where a view was not looked at.
+        Pixels (views, n, 2) of the patches; NaN where a view was skipped.
     alike
-        Normalized cross-correlation (views, n) with the patch; 0 where a view was not looked at, and for keypoints
-        without a template.
+        Normalised cross-correlation (views, n) with the patch; 0 where a view was skipped, and for keypoints without a
+        template.
     precision
-        Inverse covariance (n, 2, 2) of a pixel in any of the views, for residuals of variance one, 1/px^2.
+        Inverse covariance (n, 2, 2) of a pixel in any view, for residuals of unit variance, 1/px^2.
     variance
-        Variance (n,) of residuals, as far as they are in proportion to the views' positions as a wrong slope's are:
-        so they are not less in more views, where views are wrong alike.
+        Variance (n,) of residuals, from their part proportional to the views' positions, as a wrong slope's residuals
+        are: it does not decrease with more views if their errors are alike.
     shape_covariance
-        Covariance (n, 3, 3) of w, d, e (see `slope`) due to the uncertainty of the shapes, as the whole movement in px
-        per mm of view position. The error is common to all views, so that no residual shows it.
+        Covariance (n, 3, 3) of w, d, e (see `slope`) from the uncertainty of the shapes, as a shift of the entire patch
+        in px per mm of view position. The error is common to all views, so residuals do not reveal it.
     shapes
-        Coefficients (n, 9) of SHAPES, px of the level per mm. The first two are also the change of the inverse distance
-        with the direction in the template's view, 1/mm.
+        Coefficients (n, 9) of SHAPES, px of the level per mm. The first two are also the derivative of the inverse
+        distance by direction in the template's view, 1/mm.
     """
 
     pixels: FloatArray
@@ -119,7 +117,7 @@ def align(
     run: Callable[..., Any] = map,
     warp: PatchWarp | None = None,
 ) -> AlignedPatches:
-    """Move and shape the patches of keypoints until views look like them.
+    """Align the patches of keypoints with views, with shifts and surface shapes.
 
     Parameters
     ----------
@@ -128,17 +126,17 @@ def align(
     given
         Patches of the reference view.
     views
-        Numbers of the views to look at.
+        Numbers of the views to align.
     start_px
-        Pixels (views, n, 2) where these are expected to see the keypoints; NaN where not to look.
+        Expected pixels (views, n, 2) of the keypoints; NaN to skip a view.
     across_mm
         Positions (views, 2) of these views across the view axis.
     distance_mm
         Approximate distance (n,) of the keypoints.
     run
-        `map`, or that of a pool of threads.
+        `map`, or the `map` of a thread pool.
     warp
-        How the views show the patches, where they are those of another light field.
+        Warp of the patches into the views, if they belong to another light field.
     """
     pixels, alike = start_px.copy(), np.zeros(start_px.shape[:2])
     count = start_px.shape[1]
@@ -163,7 +161,7 @@ def align(
 
 
 def _parts(given: Templates) -> list[Templates]:
-    """Templates in parts that fit into the caches of a processor's core, and keep several busy."""
+    """Split templates into parts that fit a core's cache and keep several cores busy."""
     cuts = itertools.pairwise([*range(0, len(given.index), KEYPOINTS_AT_ONCE), len(given.index)])
     arrays = {field.name: getattr(given, field.name) for field in fields(given)}
     return [
@@ -181,13 +179,13 @@ def _align_level(
     distance_mm: FloatArray,
     warp: PatchWarp,
 ) -> AlignedPatches:
-    """Align the keypoints of one level, as `align` does."""
+    """Align the keypoints of one level; see `align`."""
     linear = warp.linear.astype(np.float32)
     offsets = linear @ OFFSETS + (warp.bend[:, :, None] * (warp.shapes @ SHAPES)[:, None]).astype(np.float32)
     shape = (*start_px.shape[:2], SAMPLES)
     looked = np.isfinite(start_px[..., 0])
     origin = pyramid.origins[each.level][views, None]
-    # Places that are not looked at are computed with the rest, somewhere, and left out at the end.
+    # Skipped positions are computed with the others, at arbitrary pixels, and discarded at the end.
     centre = np.where(looked[..., None], start_px, 0.0).astype(np.float32) / np.float32(2**each.level) + origin
     solved = PatchShapes(each, across_mm, distance_mm)
     alike = np.zeros(shape[:2], np.float32)
@@ -223,7 +221,7 @@ def _align_level(
 
 
 class PatchShapes:
-    """Shapes (n, 9) of the surfaces of patches, from all views together, with a prior: few are seen edge-on."""
+    """Shapes (n, 9) of the patches' surfaces from all views jointly, with a prior, because few are seen edge-on."""
 
     def __init__(self, each: Templates, across_mm: Floats, distance_mm: FloatArray) -> None:
         self.each, self.across_mm = each, across_mm
@@ -235,9 +233,9 @@ class PatchShapes:
         self.normal = self.prior[:, :, None] * np.eye(len(SHAPES))
 
     def step(self, difference: Floats, usable: NDArray[np.bool_]) -> Floats:
-        """Correct the shapes by differences (views, n, SAMPLES) in the views that show them (views, n).
+        """Update the shapes from differences (views, n, SAMPLES) in the usable views (views, n).
 
-        Returns the move (views, n, 2) of the patches' middles for which the correction makes up.
+        Returns the shift (views, n, 2) of the patches' middles that compensates the update.
         """
         each = self.each
         weighted = usable.astype(np.float32)[..., None] * self.across_mm[:, None]
@@ -261,18 +259,18 @@ class PatchShapes:
         return np.asarray(-(moved @ self.across_mm.T).transpose(2, 0, 1))
 
     def _variance(self, projected: FloatArray, positions: FloatArray) -> FloatArray:
-        """Variance (n,) of residuals by their part (n, 9, 2, 2) that no shape explains: moves across epipolar lines."""
+        """Variance (n,) of residuals from the part (n, 9, 2, 2) that no shape explains, across epipolar lines."""
         squares = np.einsum("skj,nbkj->nsb", NO_SHAPES, projected) ** 2
         moved = NO_SHAPES @ positions[:, None] @ NO_SHAPES.transpose(0, 2, 1)
         usual = np.einsum("nskm,nkmbb->nsb", moved, self.each.products)
         share = squares / np.maximum(usual, 1e-12)
-        # Views in one line determine the first alone.
+        # Collinear views determine only the first.
         values = np.linalg.eigvalsh(positions)
         flat = values[:, 0] < 1e-6 * values[:, 1]
         return np.maximum(np.where(flat, share[:, 0].mean(axis=1), share.mean(axis=(1, 2))), LEAST_VARIANCE)
 
     def covariance(self) -> FloatArray:
-        """Covariance (n, 3, 3) of w, d, e by the uncertainty of the shapes, px of the level per mm."""
+        """Covariance (n, 3, 3) of w, d, e from the uncertainty of the shapes, px of the level per mm."""
         moved = 0.5 * np.einsum("skj,nkbj->nsb", SLOPES, self.each.leaning.astype(np.float64))
         bent = np.einsum("nsb,nb,bo->nso", moved, self.shape, ORDERS) * UNSURE_SHARE
         return np.asarray(

@@ -1,4 +1,4 @@
-"""The features of one light field, where the views see them, with slopes, depths and descriptors, and their files."""
+"""The features of a light field, with their positions in the views, slopes, depths and descriptors; and their files."""
 
 from __future__ import annotations
 
@@ -22,19 +22,19 @@ COLUMNS = (
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Features:
-    """Features of one light field (n of them), in the order of their keypoints; arrays are read-only.
+    """Features (n) of one light field, in the order of their keypoints; arrays are read-only.
 
     Attributes
     ----------
     detector
         Name of the detector.
     pixels
-        Pixels (n, 2) of the consolidated fit in the reference view, as (u, v).
+        Pixels (n, 2), (u, v), of the consolidated fit in the reference view.
     scale_px
-        Scale (n,) they were found at, 1 the finest.
+        Scale (n,) of detection; 1 is the finest.
     disparity_px
-        Consolidated slope (n,), px per mean step along s (of one column of views: along t), positive nearer than the
-        reference plane: -du/ds.
+        Consolidated slope (n,), px per mean step along s (along t for a single column of views), positive nearer than
+        the reference plane: -du/ds.
     disparity_sigma_px
         Standard deviation (n,) of the disparity.
     points_in_rig_mm
@@ -44,23 +44,23 @@ class Features:
     depth_sigma_mm
         Standard deviation (n,) of the depth.
     residual_px
-        Root mean square distance (n,) between the pixels where views see them and those that the fit predicts.
+        Rms distance (n,) between detected and fitted pixels over the views.
     seen
-        Views (n, t, s) in which they were found, the reference view included.
+        Views (n, t, s) in which they were found, including the reference view.
     seen_px
-        Pixels (n, t, s, 2) where they were found; NaN where they were not.
+        Pixels (n, t, s, 2) at which they were found; NaN if not found.
     apart_disparity_px
-        Slopes (n, 2) along s and along t estimated apart, each as `disparity_px` (both in px per mean step of the same
-        axis, so that they are equal for a point); NaN where the views lie in one line or are too few.
+        Slopes (n, 2) along s and t, estimated separately, in the unit of `disparity_px` (both per mean step of the same
+        axis, so they are equal for a point); NaN if the views are collinear or too few.
     two_slope_sigma
-        Difference (n,) of the two principal slopes in standard deviations; NaN where unknown.
+        Difference (n,) of the two principal slopes in standard deviations; NaN if unknown.
     refracted
-        Whether (n,) that difference exceeds the test's limit: the feature is seen via a curved mirror or through a
-        refracting surface, and its depth is not that of anything at this pixel.
+        Whether (n,) that difference exceeds the test's limit: the feature is seen in a curved mirror or through a
+        refracting surface, so its depth does not belong to a surface at this pixel.
     descriptors
-        Descriptors (n, d) in the reference view: bits as uint64 words, those of SIFT as float32 (RootSIFT).
+        Descriptors (n, d) in the reference view: bits as uint64 words, or RootSIFT as float32.
     layout_identity
-        Identity of the layout of the light field.
+        `Layout.identity` of the light field.
     """
 
     detector: str
@@ -94,12 +94,12 @@ class Features:
 
 
 def save_features(path: Path, features: Features) -> None:
-    """Write the fields of features to an .npz file, atomically; the same features give the same bytes."""
+    """Write the fields of features to an .npz file, atomically; equal features give equal bytes."""
     write_npz(path, {field.name: getattr(features, field.name) for field in fields(features)})
 
 
 def save_csv(path: Path, features: Features) -> None:
-    """Write a table with one line per feature, atomically; an unknown value is an empty cell."""
+    """Write a table with one line per feature, atomically; unknown values are empty cells."""
     numbers = np.column_stack(
         [
             features.pixels,

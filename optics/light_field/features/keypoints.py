@@ -1,8 +1,8 @@
-"""Keypoints and descriptors of the views, by OpenCV's detectors or by extrema in the focal stack.
+"""Keypoints and descriptors of the views, from OpenCV's detectors or from extrema in the focal stack.
 
-In the focal stack, views moved and added for one slope show sharply the objects with that slope, with less noise than
-any single view; everything else is blurred, and so are objects that hide it in some views. A keypoint is the strongest
-difference of Gaussians around, over place, scale and slope at once.
+The focal stack averages the views after shifting them by a slope: objects with that slope are sharp, with less noise
+than in any single view; others, including occluders in some views, are blurred. A keypoint is a local extremum of the
+difference of Gaussians over place, scale and slope.
 
 Dansereau, Girod and Wetzstein, "LiFF: Light field features in scale and depth", CVPR 2019.
 """
@@ -24,17 +24,17 @@ from mirrorcam.optics.light_field.features.slope import Geometry
 from mirrorcam.optics.light_field.light_field import LightField
 
 DetectorName = Literal["SIFT", "ORB", "AKAZE"]
-# A keypoint this near to what a view does not show would be a corner of the border.
+# Closer to unseen pixels, keypoints would be corners of the border.
 BORDER_PX = 5
 ORB_SCALE_STEP = 1.2
-# What OpenCV gives as the size of a keypoint of the finest scale: the diameter of ORB's patch; twice (AKAZE: three
-# times) the scale 1.6 at which SIFT and AKAZE begin.
+# OpenCV's keypoint size at the finest scale: ORB's patch diameter; for SIFT (AKAZE), twice (three times) the initial
+# scale 1.6.
 FINEST_SIZE_PX: dict[DetectorName, float] = {"SIFT": 2 * 1.6, "ORB": 31.0, "AKAZE": 3 * 1.6}
-# The step from slope to slope moves the view farthest from the reference view by this.
+# Motion of the view farthest from the reference view, from slope to slope.
 STEP_PX = 1.0
-# Keypoints nearer to a stronger one than this, in px of its scale and octaves of scale, are the same.
+# Distance, in px of its scale and octaves of scale, below which a weaker keypoint duplicates a stronger one.
 SAME_PX, SAME_OCTAVES = 2.0, 0.6
-# Less contrast than of one picture is enough where noise is less.
+# Lower contrast than in a single picture suffices, because noise is lower.
 CONTRAST = 0.01
 DARKEST, BRIGHTEST = 0.5, 99.5
 LEAST_RANGE_GREY = 8.0
@@ -47,13 +47,13 @@ class Keypoints:
     Attributes
     ----------
     pixels
-        Pixels (n, 2) as (u, v).
+        Pixels (n, 2), (u, v).
     scale_px
-        Size (n,), in pixels of the view, of one pixel of the image scale that a keypoint was found at.
+        Size (n,), in pixels of the view, of a pixel at the scale of detection.
     angle
         Orientation (n,), radians.
     descriptors
-        Descriptors (n, d): binary ones as uint64 words, those of SIFT as float32 of unit length.
+        Descriptors (n, d): binary ones as uint64 words, SIFT's as float32 of unit length.
     """
 
     pixels: FloatArray
@@ -63,10 +63,9 @@ class Keypoints:
 
 
 def detector(name: DetectorName, keypoints: int) -> Any:
-    """Make an OpenCV detector that keeps about this number of the strongest keypoints; thresholds suit dim, soft views.
+    """Create an OpenCV detector for about this number of the strongest keypoints, with thresholds for dim, soft views.
 
-    Raises InputError for another name, and where this OpenCV comes without AKAZE (since version 5 it is among the
-    contributed modules).
+    Raises InputError for an unknown name, and if this OpenCV lacks AKAZE (since version 5, it is a contributed module).
     """
     if name == "SIFT":
         return cv2.SIFT.create(keypoints, contrastThreshold=0.015)
@@ -76,14 +75,14 @@ def detector(name: DetectorName, keypoints: int) -> Any:
         raise InputError(f"detector {name!r}, expected {', '.join(get_args(DetectorName))}")
     if not hasattr(cv2, "xfeatures2d"):
         raise InputError(
-            "detector AKAZE is not in this OpenCV, expected opencv-contrib-python-headless in place of "
+            "detector AKAZE is not in this OpenCV, expected opencv-contrib-python-headless instead of "
             "opencv-python-headless"
         )
     return cv2.xfeatures2d.AKAZE.create(threshold=2e-4, max_points=keypoints)
 
 
 def grey_views(light_field: LightField) -> NDArray[np.uint8]:
-    """The views in 8-bit grey (t * s, v, u)."""
+    """Convert the views to 8-bit grey (t * s, v, u)."""
     samples: Any = light_field.samples.reshape(-1, *light_field.samples.shape[2:])
     if samples.dtype == np.float32:
         samples = np.rint(np.clip(samples, 0.0, 1.0) * np.float32(255.0)).astype(np.uint8)
@@ -93,7 +92,7 @@ def grey_views(light_field: LightField) -> NDArray[np.uint8]:
 
 
 def inner_masks(light_field: LightField) -> NDArray[np.uint8]:
-    """Masks (t * s, v, u), 255 where keypoints may be: away from unseen pixels and from the frames of the views."""
+    """Masks (t * s, v, u), 255 where keypoints are allowed: away from invalid pixels and from the views' frames."""
     size = 2 * BORDER_PX + 1
     kernel = np.ones((size, size), np.uint8)
     valid = light_field.valid.reshape(-1, light_field.height_px, light_field.width_px).astype(np.uint8) * 255
@@ -108,7 +107,7 @@ def detect(
     name: DetectorName,
     run: Callable[..., Any],
 ) -> list[Keypoints]:
-    """Keypoints of every image (n, v, u) by its own detector; `run` is `map`, or that of a pool of threads."""
+    """Detect keypoints in every image (n, v, u) by its own detector; `run` is `map`, or that of a thread pool."""
 
     def one(image: NDArray[np.uint8], mask: NDArray[np.uint8], with_: Any) -> Keypoints:
         found, descriptors = with_.detectAndCompute(image, mask)
@@ -120,7 +119,7 @@ def detect(
 
 
 def _keypoints(found: Any, descriptors: NDArray[Any], name: DetectorName) -> Keypoints:
-    """OpenCV's keypoints as arrays."""
+    """Convert OpenCV's keypoints to arrays."""
     numbers = np.array([(*point.pt, point.size, point.angle) for point in found], dtype=np.float64).reshape(-1, 4)
     return Keypoints(
         pixels=numbers[:, :2],
@@ -131,7 +130,7 @@ def _keypoints(found: Any, descriptors: NDArray[Any], name: DetectorName) -> Key
 
 
 def comparable(descriptors: NDArray[Any]) -> NDArray[Any]:
-    """Descriptors as they are compared: bits in words of 64; SIFT's by the square roots of their parts (RootSIFT).
+    """Convert descriptors for comparison: bits to 64-bit words, SIFT to square roots of its elements (RootSIFT).
 
     Arandjelovic and Zisserman, "Three things everyone should know to improve object retrieval", CVPR 2012.
     """
@@ -143,7 +142,7 @@ def comparable(descriptors: NDArray[Any]) -> NDArray[Any]:
 
 
 def distances(one: NDArray[Any], other: NDArray[Any]) -> NDArray[np.float32]:
-    """Distances of descriptors (n, d) pair by pair: bits that differ, or 1 less the cosine."""
+    """Distances of pairs of descriptors (n, d): number of different bits, or 1 minus the cosine."""
     if one.dtype == np.uint64:
         return np.bitwise_count(one ^ other).sum(axis=1).astype(np.float32)
     return 1.0 - np.einsum("nd,nd->n", one, other)
@@ -152,7 +151,8 @@ def distances(one: NDArray[Any], other: NDArray[Any]) -> NDArray[np.float32]:
 def nearest_pairs(
     one: NDArray[Any], other: NDArray[Any], ratio: float = 0.8
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Numbers (m,) and (m,) of descriptors that are each other's nearest, and nearer than `ratio` times the second.
+    """Indices (m,) and (m,) of descriptors that are mutual nearest neighbours, at under `ratio` times the second's
+    distance.
 
     Lowe, "Distinctive image features from scale-invariant keypoints", IJCV 2004.
     """
@@ -163,14 +163,14 @@ def nearest_pairs(
     rows = np.arange(len(one))
     best = apart[rows, nearest]
     second = np.partition(apart, 1, axis=1)[:, 1]
-    # Of unit vectors, 1 less the cosine is half the squared distance.
+    # For unit vectors, 1 minus the cosine is half the squared distance.
     limit = ratio if one.dtype == np.uint64 else ratio**2
     chosen = (back[nearest] == rows) & (best < limit * second)
     return np.flatnonzero(chosen), nearest[chosen]
 
 
 def all_distances(one: NDArray[Any], other: NDArray[Any]) -> NDArray[np.float32]:
-    """Distances (n, m) of all descriptors of two pictures, as `distances` has them."""
+    """Distances (n, m) between all descriptors of two pictures, as in `distances`."""
     if one.dtype != np.uint64:
         return np.asarray(1.0 - one @ other.T, dtype=np.float32)
     bits = np.zeros((len(one), len(other)), np.float32)
@@ -180,7 +180,7 @@ def all_distances(one: NDArray[Any], other: NDArray[Any]) -> NDArray[np.float32]
 
 
 def stack_slopes(geometry: Geometry, inverse_range_mm: tuple[float, float]) -> FloatArray:
-    """Inverse distances (n,) of the slices of a focal stack, from far to near."""
+    """Inverse distances (n,) of the slices of a focal stack, far to near."""
     far, near = min(inverse_range_mm), max(inverse_range_mm)
     farthest = np.hypot(*geometry.across_mm.T).max() * geometry.focal_px[geometry.reference]
     return np.linspace(far, near, max(int(np.ceil((near - far) * farthest / STEP_PX)) + 1, 2))
@@ -189,7 +189,7 @@ def stack_slopes(geometry: Geometry, inverse_range_mm: tuple[float, float]) -> F
 def slice_of(
     geometry: Geometry, images: NDArray[Any], seen: NDArray[np.uint8], inverse_mm: float
 ) -> NDArray[np.float32]:
-    """The mean (v, u), at an inverse distance, of the views (views, v, u) that see each pixel; 0 without any."""
+    """Mean (v, u), at an inverse distance, over the views (views, v, u) that see each pixel; 0 without any."""
     height, width = images.shape[1:]
     total, weight = np.zeros((height, width), np.float32), np.zeros((height, width), np.float32)
     corners = np.array([[0.0, 0.0], [width, 0.0], [0.0, height]])
@@ -217,22 +217,22 @@ def stack_keypoints(
     count: int,
     run: Callable[..., Any] = map,
 ) -> tuple[Keypoints, FloatArray]:
-    """The strongest keypoints of a light field, and their inverse distances (n,), 1/mm.
+    """Detect the strongest keypoints of a light field, with inverse distances (n,), 1/mm.
 
     Parameters
     ----------
     geometry
         Geometry of the views.
     images, seen
-        Grey views (views, v, u), and masks of what they show.
+        Grey views (views, v, u), and masks of their valid pixels.
     inner
-        Mask (v, u) of where keypoints of the reference view may be.
+        Mask (v, u) of where keypoints of the reference view are allowed.
     inverse_range_mm
-        Inverse distances between which they are sought.
+        Range of inverse distances to search.
     count
         Largest number of keypoints.
     run
-        `map`, or that of a pool of threads.
+        `map`, or the `map` of a thread pool.
     """
     slopes = stack_slopes(geometry, inverse_range_mm)
     reference = images[geometry.reference]
@@ -240,11 +240,11 @@ def stack_keypoints(
     low, high = np.percentile(shown, [DARKEST, BRIGHTEST]) if len(shown) else (0.0, 255.0)
     gain = 250.0 / max(high - low, LEAST_RANGE_GREY)
 
-    # What a cubic mixes with pixels that are not seen is left out.
-    whole = np.stack([np.asarray(cv2.erode(mask, np.ones((5, 5), np.uint8)), dtype=np.uint8) for mask in seen])
+    # Exclude what cubic interpolation blends with invalid pixels.
+    valid = np.stack([np.asarray(cv2.erode(mask, np.ones((5, 5), np.uint8)), dtype=np.uint8) for mask in seen])
 
     def one(inverse_mm: float) -> tuple[Any, Any]:
-        grey = (slice_of(geometry, images, whole, inverse_mm) - low) * gain
+        grey = (slice_of(geometry, images, valid, inverse_mm) - low) * gain
         picture = np.rint(np.clip(grey, 0.0, 255.0)).astype(np.uint8)
         return cv2.SIFT.create(2 * count, contrastThreshold=CONTRAST).detectAndCompute(picture, inner)
 
@@ -266,9 +266,9 @@ def stack_keypoints(
 
 
 def _strongest(pixels: FloatArray, scale_px: FloatArray, strength: FloatArray) -> NDArray[np.int64]:
-    """Numbers of keypoints without a stronger one at the same place and scale, the strongest first."""
+    """Indices of keypoints without a stronger one at the same place and scale, the strongest first."""
     octave = np.log2(scale_px)
-    # Neighbours within the distance of the coarser scale, found scale by scale.
+    # Neighbours are searched scale by scale, within a distance in the coarser scale.
     weaker = np.zeros(len(pixels), dtype=bool)
     for level in range(int(np.floor(octave.min(initial=0.0))), int(np.ceil(octave.max(initial=0.0))) + 1):
         near = np.flatnonzero(np.abs(octave - level) <= 1.0)
@@ -278,7 +278,7 @@ def _strongest(pixels: FloatArray, scale_px: FloatArray, strength: FloatArray) -
         tree = cKDTree(np.c_[pixels[near] / unit, octave[near] / SAME_OCTAVES])
         pairs = tree.query_pairs(1.0, output_type="ndarray")
         one, other = near[pairs[:, 0]], near[pairs[:, 1]]
-        # Orientations of one keypoint are as strong as each other.
+        # Several orientations of one keypoint are equally strong.
         weaker[one[strength[one] < strength[other]]] = True
         weaker[other[strength[other] < strength[one]]] = True
     kept = np.flatnonzero(~weaker)

@@ -1,9 +1,9 @@
-"""Features of a light field: 2-D keypoints of the reference view that all views agree on, with slope and place.
+"""Features of a light field: 2-D keypoints of the reference view on which all views agree, with slope and position.
 
-As in the paper (Light Field Features): one match of a keypoint in another view gives a slope, and with it where the
-feature is to be in all views; what is found farther from there than a maximum distance is not of it; at least N_MIN
-views must find it; all that do, consolidate its slope. Keypoints are detected and described in the reference view and
-at the ends of its row and column; from the slope on which these agree, its patch is aligned in every view.
+As in the paper (Light Field Features): a match of a keypoint in another view gives a slope, which predicts the
+feature's position in all views. Detections beyond a maximum distance from it are rejected; at least N_MIN views must
+find the feature, and these views consolidate its slope. Keypoints are detected and described in the reference view and
+at the ends of its row and column; starting from the slope on which these agree, the patch is aligned in every view.
 """
 
 from __future__ import annotations
@@ -42,41 +42,41 @@ from mirrorcam.optics.light_field.features.slope import (
 from mirrorcam.optics.light_field.light_field import Axis, LightField, Views
 
 FeatureDetector = Literal["SIFT", "ORB", "AKAZE", "SIFT4D"]
-"""Detectors in pictures, and SIFT in the focal stack of a light field."""
+"""Detectors in single views, and SIFT4D in the focal stack of a light field."""
 
-# How far, in pixels of its scale, a keypoint may be found from where it is.
+# Largest error of a keypoint's position, in pixels of its scale.
 MATCH_PX = 1.0
-# How like the reference's patch (normalized cross-correlation) another view's must look to be the same thing.
+# Least normalised cross-correlation of a view with the reference patch, to show the same point.
 LEAST_ALIKE = 0.85
-# Residuals count as if this number of usual ones had been added (see `moderated_variance`).
+# Weight of the prior variance, in degrees of freedom (see `moderated_variance`).
 PRIOR_FREEDOM = 4.0
 
 
 class FeatureFinder:
-    """Finds the features of light fields of the same views; keep one for a video, its detectors and threads stay.
+    """Finds the features of light fields with the same views; for a video, reuse it with its detectors and threads.
 
     Parameters
     ----------
     views
         Geometry of the light fields.
     name
-        SIFT, ORB or AKAZE, in single views; SIFT4D, in the focal stack of all of them, for little light.
+        SIFT, ORB or AKAZE, in single views; SIFT4D, in the focal stack, for low light.
     keypoints
-        Number of each view's strongest keypoints that are kept, about.
+        Approximate number of strongest keypoints per view.
     max_distance_px
-        Farther from where its slope expects it, a view does not see the feature.
+        Largest distance from the position predicted by the slope at which a view sees the feature.
     min_views
-        N_MIN, the number of views beside the reference view in which a feature must be found. Default: most of them.
+        N_MIN, least number of views, besides the reference view, that must find a feature. Default: most of them.
     nearest_mm, farthest_mm
-        Depths between which features are sought. Default: from half the distance of the reference plane to infinity.
+        Depth range of features. Default: from half the distance of the reference plane to infinity.
     two_slope_sigma
-        Features whose slopes are more standard deviations apart are flagged.
+        Difference of the two slopes, in standard deviations, above which features are flagged.
 
     Raises
     ------
     InputError
-        For fewer views than `min_views` asks for, depths out of order or nearer than a view, and AKAZE where OpenCV
-        has none.
+        If there are fewer views than `min_views` requires, depths are out of order or nearer than a view, or OpenCV
+        lacks AKAZE.
     """
 
     def __init__(
@@ -96,7 +96,7 @@ class FeatureFinder:
             raise InputError("features of one view, expected at least two views")
         least = (count - 1) // 2 + 1 if min_views is None else min_views
         if not 1 <= least <= count - 1:
-            raise InputError(f"features in {least} views beside the reference view, expected 1 to {count - 1}")
+            raise InputError(f"features in {least} views besides the reference view, expected 1 to {count - 1}")
         if not (np.isfinite(max_distance_px) and max_distance_px > 0):
             raise InputError(f"maximum distance is {max_distance_px:g} px, expected a positive number")
         if keypoints < 1:
@@ -119,11 +119,11 @@ class FeatureFinder:
         self._pool = ThreadPoolExecutor(min(len(self._described), os.cpu_count() or 1))
 
     def find(self, light_field: LightField) -> Features:
-        """The features of a light field; raises InputError for one of other views."""
+        """Return the features of a light field; raises InputError if its views differ."""
         if not self.fits(light_field):
             raise InputError(
-                f"light field of layout {light_field.layout_identity} has other views than those of layout "
-                f"{self.views.layout_identity} that the finder was made for"
+                f"light field of layout {light_field.layout_identity} has other views than layout "
+                f"{self.views.layout_identity}, which the finder was built for"
             )
         images, inner = grey_views(light_field), inner_masks(light_field)
         if self.name == "SIFT4D":
@@ -141,19 +141,19 @@ class FeatureFinder:
     def _matched(
         self, images: NDArray[np.uint8], inner: NDArray[np.uint8], name: DetectorName
     ) -> tuple[Keypoints, NDArray[np.int64], FloatArray]:
-        """Keypoints of the reference view, and the inverse distances that matches in other views give some of them."""
+        """Return keypoints of the reference view, and the inverse distances that matches give some of them."""
         run, described = self._pool.map, self._described
         keypoints = detect(images[described], inner[described], self._detectors, name, run)
         at, others = keypoints[0], dict(zip(described[1:], keypoints[1:], strict=True))
         tolerance = MATCH_PX * at.scale_px
         found = candidates(self.geometry, at, others, name, self.inverse_range_mm, tolerance, run)
         agreed, competing = vote(found, tolerance)
-        # Where two slopes compete, what all views show decides; where it shows both, the keypoint determines neither.
+        # If two slopes compete, all views decide; if the views support both, the keypoint is ambiguous.
         tried = np.concatenate([np.flatnonzero(np.isfinite(each)) for each in (agreed, competing)])
         return at, tried, np.concatenate([each[np.isfinite(each)] for each in (agreed, competing)])
 
     def fits(self, light_field: LightField) -> bool:
-        """Return whether a light field has the views that this finder was built for."""
+        """Return whether a light field has this finder's views."""
         return (
             light_field.layout_identity == self.views.layout_identity
             and light_field.weights.shape[2:] == (self.views.height_px, self.views.width_px)
@@ -169,7 +169,7 @@ class FeatureFinder:
         tried: NDArray[np.int64],
         inverse_mm: FloatArray,
     ) -> tuple[FloatArray, AlignedPatches]:
-        """Pixels (views, n, 2) of the tried keypoints in each view; NaN where it shows nothing, or something else."""
+        """Return pixels (views, n, 2) of the tried keypoints; NaN where a view shows nothing, or something else."""
         geometry = self.geometry
         pyramid = ImagePyramid(images.reshape(self.views.rows, self.views.cols, *images.shape[1:]))
         pixels, directions = at.pixels[tried], geometry.directions(at.pixels[tried])
@@ -194,7 +194,7 @@ class FeatureFinder:
         inverse_mm: FloatArray,
         aligned: AlignedPatches,
     ) -> Features:
-        """Features of the keypoints that enough views see where one slope expects them."""
+        """Build features from the keypoints that enough views see where one slope predicts them."""
         mean = np.trace(aligned.precision, axis1=1, axis2=2) / 2.0
         precision, variance = aligned.precision / mean[:, None, None], aligned.variance / mean
         used = agreeing_views(self.geometry, seen_px, inverse_mm, precision, self.max_distance_px)
@@ -210,7 +210,7 @@ class FeatureFinder:
             widest * solved.inverse_mm[keep],
             2.0 * self.max_distance_px,
         )
-        # In the order of keypoints, whichever of their slopes it is.
+        # Restore the order of keypoints, whichever slope was chosen.
         keep = np.flatnonzero(keep)[np.argsort(tried[keep], kind="stable")]
         kept = (self.geometry, seen_px[:, keep], used[:, keep], inverse_mm[keep], precision[keep])
         solved, apart = fit_slope(*kept), fit_two_slopes(*kept)
@@ -269,9 +269,9 @@ class FeatureFinder:
 
 
 def _ends(views: Views, reference: int) -> list[int]:
-    """The views at the ends of the reference view's row and column: the widest that move along s or t alone.
+    """Views at the ends of the reference view's row and column: the widest baselines along s and t alone.
 
-    Where the views are no grid, the farthest to the left, to the right, up and down.
+    If the views form no grid: the farthest to the left, to the right, up and down.
     """
     if not views.is_grid:
         places = views.positions_mm[..., :2].reshape(-1, 2)
@@ -284,7 +284,7 @@ def _ends(views: Views, reference: int) -> list[int]:
 
 
 def shown_by_views(inner: NDArray[np.uint8], pixels: FloatArray) -> NDArray[np.bool_]:
-    """Mask of what views (views, v, u) show at pixels (views, n, 2) and around; False at NaN."""
+    """Mask of the pixels (views, n, 2) whose surroundings the masks (views, v, u) contain; False at NaN."""
     _, height, width = inner.shape
     near = np.rint(np.where(np.isfinite(pixels), pixels, -1.0))
     u, v = np.moveaxis(np.clip(near, -1, [width, height]).astype(np.int64), -1, 0)
@@ -296,9 +296,9 @@ def shown_by_views(inner: NDArray[np.uint8], pixels: FloatArray) -> NDArray[np.b
 def _one_of_each(
     pixels: FloatArray, views: NDArray[np.int64], moved_px: FloatArray, most_px: float
 ) -> NDArray[np.bool_]:
-    """Keep one keypoint at most of those (n, 2) at the same place (two slopes tried, or two orientations of SIFT).
+    """Keep at most one of the keypoints (n, 2) at the same place (two slopes tried, or two orientations of SIFT).
 
-    The one that most views see; none where the moves by their slopes (n,) differ by more than `most_px`.
+    It is the one that most views see; none, if the shifts by their slopes (n,) differ by more than `most_px`.
     """
     chosen = np.zeros(len(pixels), dtype=bool)
     if len(pixels) == 0:

@@ -1,4 +1,4 @@
-"""Matches of keypoints along the lines on which they can move, and the slope on which most views agree."""
+"""Matches of keypoints along their epipolar lines, and the slope on which most views agree."""
 
 from __future__ import annotations
 
@@ -13,33 +13,33 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.light_field.features.keypoints import DetectorName, Keypoints, distances
 from mirrorcam.optics.light_field.features.slope import Geometry
 
-# Views are parallel and near each other: what a keypoint shows neither grows nor turns from one to the other.
+# Views are parallel and close together: keypoints neither scale nor rotate between them.
 MOST_SCALE_RATIO = 1.5
 MOST_TURN_DEG = 25.0
-# Most candidates for a keypoint in a view, the likest ones; consistency over the views chooses between them.
+# Largest number of candidates per keypoint and view, the most similar ones; consistency over the views selects.
 KEPT = 4
-# More of them as like as that to the likest (in parts of its distance, and of the limit), in any view, show that a
-# keypoint is part of a pattern that repeats along the line, and gives no information.
+# More candidates than KEPT within this margin of the best (factor on its distance, plus a share of the limit) in any
+# view mean that the keypoint is part of a repetitive pattern along the line, and uninformative.
 REPEATED = (1.25, 0.1)
-# How unlike two descriptors of one point may be: bits of 256, bits of 488, 1 less the cosine of RootSIFT.
+# Largest distance between descriptors of one point: bits of 256, bits of 488, 1 minus the cosine of RootSIFT.
 MOST_UNLIKE: dict[DetectorName, float] = {"ORB": 64.0, "AKAZE": 110.0, "SIFT": 0.20}
-# Another slope competes where it is that far away in the view that moves most, and has nearly as many votes.
+# Another slope competes if it is this far away in the view that shifts most, with nearly as many votes.
 OTHER_PX = 3.0
 ENOUGH_VOTES = 0.8
 
 
 @dataclass(frozen=True, eq=False)
 class Candidates:
-    """Matches of n keypoints of the reference view in other views; NaN where there are fewer.
+    """Matches of n keypoints of the reference view in other views; NaN if there are fewer than KEPT.
 
     Attributes
     ----------
     inverse_mm
         Inverse distance (n, views, KEPT) of each match, 1/mm.
     off_line_px
-        Distance (n, views, KEPT) of the match from the line that the keypoint moves on.
+        Distance (n, views, KEPT) of the match from the keypoint's epipolar line.
     rate_px_mm
-        Rate (n, views, KEPT) at which a match moves on this line, px per 1/mm.
+        Rate (n, views, KEPT) at which a match moves along this line, px per 1/mm.
     """
 
     inverse_mm: FloatArray
@@ -56,9 +56,9 @@ def candidates(
     tolerance_px: FloatArray,
     run: Callable[..., Any],
 ) -> Candidates:
-    """Matches of the reference view's keypoints between two inverse distances, by the numbers of the other views.
+    """Match the reference view's keypoints between two inverse distances; `others` are keyed by view number.
 
-    At most `tolerance_px` (n,) off the line; `run` is `map`, or that of a pool of threads.
+    Matches lie at most `tolerance_px` (n,) off the line; `run` is `map`, or the `map` of a thread pool.
     """
     arrays = [np.full((len(reference.pixels), len(others), KEPT), np.nan) for _ in range(3)]
     repeating = np.zeros(len(reference.pixels), dtype=bool)
@@ -106,11 +106,11 @@ def _near_the_line(
     inverse_range_mm: tuple[float, float],
     tolerance_px: FloatArray,
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Pairs (reference keypoint, keypoint of a view) of like scale and angle, on the line and between its ends."""
+    """Pairs (reference keypoint, keypoint of a view) of similar scale and angle, on the line and between its ends."""
     directions = geometry.directions(reference.pixels)
     ends = np.stack([geometry.predict(view, directions, inverse) for inverse in inverse_range_mm])
     x, y = geometry.across_mm[view]
-    # Lines are parallel but for the views' positions along z: sorted across them, each is a short stretch.
+    # Lines are parallel except for the views' z positions: sorted across them, candidates are a short range.
     normal = np.array([-y, x]) / max(np.hypot(x, y), 1e-12)
     across = other.pixels @ normal
     order = np.argsort(across, kind="stable")
@@ -132,10 +132,10 @@ def _near_the_line(
 
 
 def vote(found: Candidates, tolerance_px: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """The inverse distance (n,) on which most views agree, and one that competes with it; NaN where there is none.
+    """Return the inverse distance (n,) on which most views agree, and a competing one; NaN if there is none.
 
-    Each match of a keypoint proposes its slope; every view votes by how near its nearest match is to that: at
-    `tolerance_px` (n,) or more not at all. The slope with the most votes is refined by the matches that gave them.
+    Each match of a keypoint proposes its slope; every view votes by the distance of its nearest match, with no vote
+    beyond `tolerance_px` (n,). The slope with the most votes is refined by the matches that voted for it.
     """
     count, views, kept = found.inverse_mm.shape
     proposed = found.inverse_mm.reshape(count, views * kept)

@@ -1,6 +1,6 @@
-"""Patches of the reference view around keypoints, sampled from an image pyramid, and their warps by views and surfaces.
+"""Patches of the reference view around keypoints, sampled from an image pyramid, and their derivatives by warps.
 
-The pyramid has the views of a light field on several scales, side by side in one picture per scale.
+The pyramid holds the views of a light field at several scales, as one mosaic per scale.
 """
 
 from __future__ import annotations
@@ -17,18 +17,18 @@ from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
 
 RADIUS_PX = 4
-"""Half the side of the patches that are sampled, without the pixel in the middle."""
+"""Half the side of the sampled patches, excluding the middle pixel."""
 LEVELS = 5
 FRAME_PX = RADIUS_PX + 3
 Floats = NDArray[np.float32]
-# The coefficients of the cubic B-spline that goes through samples: their filter, cut off where it is below 1e-5.
+# Filter to the coefficients of the interpolating cubic B-spline, truncated below 1e-5.
 _POLE = np.sqrt(3.0) - 2.0
 _SPLINE = _POLE ** np.abs(np.arange(-9, 10))
 SIDE = 2 * RADIUS_PX + 1
 SAMPLES = SIDE**2
-# Of the two directions of a patch, the worse one must have this part of the information of the better one.
+# Least information along the weaker direction of a patch, relative to the stronger one.
 LEAST_ROUNDNESS = 0.015
-# A patch of less contrast (standard deviation in grey levels) shows noise.
+# Contrast (standard deviation in grey levels) below which a patch shows only noise.
 LEAST_CONTRAST_GREY = 1.5
 _ACROSS, _DOWN = np.meshgrid(*[np.arange(-RADIUS_PX, RADIUS_PX + 1, dtype=np.float32)] * 2)
 OFFSETS = np.stack([_ACROSS.ravel(), _DOWN.ravel()])
@@ -40,18 +40,17 @@ SHAPES = np.concatenate(
         np.stack([OFFSETS[0] ** (3 - power) * OFFSETS[1] ** power for power in range(4)]) / _SIDE**2,
     ]
 )
-"""Moves (9, SAMPLES) of a patch along the view's position: by slants, curvatures and their changes."""
+"""Shifts (9, SAMPLES) of a patch's samples along the view's position: by slants, curvatures and their changes."""
 
 _SPLINE /= _SPLINE.sum()
 
 
 class ImagePyramid:
-    """The views (t, s, v, u) in grey, side by side; pixel x of level l is pixel x * 2**l of the views.
+    """The grey views (t, s, v, u) as mosaics; pixel x of level l is pixel x * 2**l of a view.
 
-    Views are framed by what is at their border, so that a patch around a pixel at the edge of a view is of that
-    view alone.
+    Views are padded with their border pixels, so that a patch at the edge of a view contains that view alone.
 
-    Raises InputError for views that side by side are larger than OpenCV's tables address.
+    Raises InputError if the mosaic is larger than OpenCV's tables can address.
     """
 
     def __init__(self, images: NDArray[np.uint8]) -> None:
@@ -80,14 +79,14 @@ class ImagePyramid:
             self.origins.append((np.stack([s * wide, t * high], axis=1) + FRAME_PX).astype(np.float32))
 
     def level_of(self, scale_px: FloatArray) -> NDArray[np.int64]:
-        """The level (n,) on which a pixel is nearest to half a scale (n,).
+        """Level (n,) whose pixel size is closest to half a scale (n,).
 
-        A smaller patch is nearer to a plane, and shows more detail.
+        A smaller patch is closer to a plane, and shows more detail.
         """
         return np.clip(np.rint(np.log2(scale_px / 2.0)), 0, len(self.mosaics) - 1).astype(np.int64)
 
     def samples(self, level: int, across: Floats, down: Floats, *, exact: bool = True) -> Floats:
-        """Samples (n, k) of a mosaic at its pixels (n, k); not exact ones are a little sharper, and fast."""
+        """Sample a mosaic at its pixels (n, k); inexact samples are slightly sharper, and fast."""
         sampled = _spline_samples if exact else _linear_samples
         parts = [
             sampled(self.mosaics[level], across[start:end], down[start:end])
@@ -101,7 +100,7 @@ def _linear_samples(coefficients: Floats, across: Floats, down: Floats) -> Float
 
 
 def _spline_samples(coefficients: Floats, across: Floats, down: Floats) -> Floats:
-    """Samples of a cubic B-spline as mixtures of four bilinear ones, each of four of its sixteen coefficients.
+    """Sample a cubic B-spline as mixtures of four bilinear samples, each of four of its sixteen coefficients.
 
     Sigg and Hadwiger, "Fast third-order texture filtering", GPU Gems 2, 2005.
     """
@@ -117,7 +116,7 @@ def _spline_samples(coefficients: Floats, across: Floats, down: Floats) -> Float
 
 
 def _linear_pairs(at: Floats) -> tuple[Floats, Floats, Floats]:
-    """Where linear samples mix the first two and the last two of four B-spline weights, and the weight of the first."""
+    """Positions where linear samples blend the first two and last two B-spline weights, and the weight of the first."""
     start = np.floor(at)
     part = at - start
     square, rest = part * part, np.float32(1.0) - part
@@ -131,7 +130,7 @@ def _linear_pairs(at: Floats) -> tuple[Floats, Floats, Floats]:
 
 @dataclass(frozen=True, eq=False)
 class Templates:
-    """Patches of the reference view on one level of the pyramid, SAMPLES each.
+    """Patches of the reference view at one level of the pyramid, SAMPLES each.
 
     Attributes
     ----------
@@ -142,16 +141,16 @@ class Templates:
     patches
         Samples (m, SAMPLES), of mean zero and length one.
     gradients
-        Change (m, 2, SAMPLES) of the patch by a move along u and v, px of the level.
+        Derivatives (m, 2, SAMPLES) of the patch by shifts along u and v, per px of the level.
     steps
-        Least-squares operator (m, 2, SAMPLES) from a difference from the patch to its move, px of the level.
+        Least-squares operator (m, 2, SAMPLES) from a patch difference to its shift, px of the level.
     shapes
-        Change (m, 9, 2, SAMPLES) of the patch by a move along u and v in proportion to each of SHAPES, less the part
-        that a move of the whole patch explains.
+        Derivatives (m, 9, 2, SAMPLES) of the patch by shifts along u and v proportional to each of SHAPES, without the
+        part that a shift of the entire patch explains.
     products
-        Inner products (m, 2, 2, 9, 9) of the shapes with each other, by the axes of moves first.
+        Inner products (m, 2, 2, 9, 9) of the shapes, with the shift axes first.
     leaning
-        Apparent move (m, 2, 9, 2) of the whole patch along u and v by each of these moves, px of the level.
+        Apparent shift (m, 2, 9, 2) of the entire patch along u and v by each of these, px of the level.
     """
 
     level: int
@@ -165,7 +164,7 @@ class Templates:
 
 
 def templates(pyramid: ImagePyramid, view: int, pixels: FloatArray, scale_px: FloatArray) -> list[Templates]:
-    """Templates for aligning keypoints (n, 2) of a view; those whose patch cannot be localised are left out."""
+    """Build templates for keypoints (n, 2) of a view, without those whose patch cannot be localised."""
     level_of = pyramid.level_of(scale_px)
     return [
         _templates(pyramid, view, level, np.flatnonzero(level_of == level), pixels) for level in np.unique(level_of)
@@ -192,7 +191,7 @@ def _templates(pyramid: ImagePyramid, view: int, level: int, index: NDArray[np.i
     light = _light(wide[:, 1:-1, 1:-1], patches)
 
     def beyond_light(rows: Floats) -> Floats:
-        """Remove from rows what free brightness, contrast and sharpness explain."""
+        """Remove the part that free brightness, contrast and sharpness explain."""
         flat = rows.reshape(len(rows), -1, SAMPLES)
         return np.asarray(flat - (flat @ light.transpose(0, 2, 1)) @ light, dtype=np.float32).reshape(rows.shape)
 
@@ -215,8 +214,8 @@ def _templates(pyramid: ImagePyramid, view: int, level: int, index: NDArray[np.i
 
 def _light(wide: Floats, patches: Floats) -> Floats:
     """Orthonormal changes (n, 3, SAMPLES) of patches by brightness, contrast and sharpness, from their surroundings."""
-    beside = wide[:, :-2, 1:-1] + wide[:, 2:, 1:-1] + wide[:, 1:-1, :-2] + wide[:, 1:-1, 2:]
-    blur = (beside - np.float32(4.0) * wide[:, 1:-1, 1:-1]).reshape(patches.shape)
+    neighbours = wide[:, :-2, 1:-1] + wide[:, 2:, 1:-1] + wide[:, 1:-1, :-2] + wide[:, 1:-1, 2:]
+    blur = (neighbours - np.float32(4.0) * wide[:, 1:-1, 1:-1]).reshape(patches.shape)
     blur = blur - blur.mean(axis=1, keepdims=True)
     blur -= np.einsum("np,np->n", blur, patches)[:, None] * patches
     blur /= np.maximum(np.linalg.norm(blur, axis=1, keepdims=True), np.float32(1e-6))
@@ -224,7 +223,7 @@ def _light(wide: Floats, patches: Floats) -> Floats:
 
 
 def normalized(patches: Floats) -> tuple[Floats, Floats]:
-    """Patches (n, p) of mean zero and length one, and what their lengths were."""
+    """Normalise patches (n, p) to mean zero and length one; also return their lengths."""
     centred = patches - patches.mean(axis=1, keepdims=True)
     length = np.maximum(np.sqrt(np.einsum("np,np->n", centred, centred)), np.float32(1e-6))
     return centred / length[:, None], length

@@ -1,13 +1,13 @@
-"""The point-plane law of parallel views, linear in the unknowns: where one point appears in all views, and its slope.
+"""The point-plane law of parallel views, linear in the unknowns: the position of a point in all views, and its slope.
 
 With w = 1 / Z the inverse distance of a point from the reference view and a = (X / Z, Y / Z) its direction from there,
 the pinhole of a view at p_i = (x_i, y_i), z_i is
 
     b_i = f_i a + w A_i,    b_i = u_i - c_i,    A_i = z_i b_i - f_i p_i,
 
-in units of (1 - z_i w) pixels: the paper's (u, v) = (D / P_z) (P_x - s, P_y - t) where z_i = 0. A point seen via
-a curved surface or through one has two slopes, along directions at right angles (rays stay perpendicular to wavefronts,
-so the matrix below is symmetric):
+in units of (1 - z_i w) pixels: the paper's (u, v) = (D / P_z) (P_x - s, P_y - t) if z_i = 0. A point seen in or through
+a curved surface has two slopes, along perpendicular directions (rays stay perpendicular to wavefronts, so the matrix
+below is symmetric):
 
     b_i = f_i a + W A_i,    W = [[w + d, e], [e, w - d]],    slopes w +- sqrt(d^2 + e^2).
 
@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.light_field.light_field import Views
 
-# Pictures of eight bits locate nothing better than this, however well views seem to agree.
+# Best accuracy of localisation in 8-bit pictures, however well views agree.
 LEAST_NOISE_PX = 0.003
 
 
@@ -51,24 +51,24 @@ class Geometry:
         )
 
     def directions(self, pixels: FloatArray) -> FloatArray:
-        """The direction a (n, 2) of pixels (n, 2) of the reference view."""
+        """Directions a (n, 2) of pixels (n, 2) of the reference view."""
         return (pixels - self.centre_px[self.reference]) / self.focal_px[self.reference]
 
     def predict(self, view: int, directions: FloatArray, inverse_mm: FloatArray | float) -> FloatArray:
-        """Pixels (n, 2) in a view of points with these directions (n, 2) and inverse distances (n,)."""
+        """Pixels (n, 2) in a view of points with directions (n, 2) and inverse distances (n,)."""
         w = np.asarray(inverse_mm, dtype=np.float64)[..., None]
         ahead = 1.0 - self.forward_mm[view] * w
         return self.focal_px[view] * (directions - self.across_mm[view] * w) / ahead + self.centre_px[view]
 
     def terms(self, view: int, pixels: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """A and b (n, 2) of pixels (n, 2) in a view."""
+        """A and b (n, 2) of the law for pixels (n, 2) in a view."""
         b = pixels - self.centre_px[view]
         return self.forward_mm[view] * b - self.focal_px[view] * self.across_mm[view], b
 
 
 @dataclass(frozen=True, eq=False)
 class SlopeFit:
-    """Points by least squares over the views that see them.
+    """Least-squares fit of points to the views that see them.
 
     Attributes
     ----------
@@ -77,14 +77,13 @@ class SlopeFit:
     inverse_mm
         Inverse distances w (n,).
     distances_px
-        Distance (views, n) between the pixel where a point is seen and the one that the fit predicts; NaN where it is
-        not seen.
+        Distance (views, n) between the observed and the fitted pixel of a point; NaN if not seen.
     information
-        Information (n,) on w, in 1 / (mm^-2), for noise of one pixel: the variance of w is noise^2 / information.
+        Information (n,) on w, mm^2, for noise of one pixel: the variance of w is noise^2 / information.
     squares_px2
         Sum (n,) of squared distances over the views used, weighted by the precision.
     freedom
-        Degrees of freedom (n,): measured numbers less the three unknowns.
+        Degrees of freedom (n,): measured coordinates minus the three unknowns.
     """
 
     directions: FloatArray
@@ -102,11 +101,11 @@ def fit_slope(
     about_inverse_mm: FloatArray,
     precision: FloatArray,
 ) -> SlopeFit:
-    """The consolidated slope of points seen at (views, n, 2) in the views `used` (views, n).
+    """Fit the consolidated slope of points seen at (views, n, 2) in the views `used` (views, n).
 
-    `about_inverse_mm` (n,) gives the units of the equations well enough: (1 - z_i w) hardly differs from one.
-    `precision` (n, 2, 2) is how well each point is located along u and v, of mean one.
-    A point that is used in no view but the reference has information 0 and slope NaN.
+    `about_inverse_mm` (n,) need only be approximate: it sets the units of the equations, (1 - z_i w) being close to
+    one. `precision` (n, 2, 2) is the relative precision along u and v, with mean one.
+    A point used in no view but the reference has information 0 and slope NaN.
     """
     a_, b, focal = _equations(geometry, seen_px, about_inverse_mm)
     root = np.linalg.cholesky(precision).transpose(0, 2, 1)
@@ -141,9 +140,10 @@ def agreeing_views(
     precision: FloatArray,
     max_distance_px: float,
 ) -> NDArray[np.bool_]:
-    """Views (views, n) that see points where one slope expects them, at most that far off; NaN where they see none.
+    """Mask (views, n) of views that see points within `max_distance_px` of where one slope predicts them; `seen_px` may
+    be NaN.
 
-    From far to near: one view that saw something else moves the first fit of a point, not the last.
+    The limit decreases in steps, so that one wrong view affects only the first fit of a point.
     """
     shown = np.isfinite(seen_px[..., 0])
     used = shown.copy()
@@ -155,12 +155,12 @@ def agreeing_views(
 
 @dataclass(frozen=True, eq=False)
 class TwoSlopes:
-    """Slopes along s and t estimated apart.
+    """Slopes along s and t, estimated separately.
 
     Attributes
     ----------
     matrices_mm
-        Matrices W (n, 2, 2), 1/mm; NaN where the views used do not determine them.
+        Matrices W (n, 2, 2), 1/mm; NaN if the views used do not determine them.
     apart_mm
         The components d and e (n, 2), 1/mm.
     apart_covariance
@@ -168,7 +168,7 @@ class TwoSlopes:
     squares_px2
         Sum (n,) of squared residual distances.
     freedom
-        Degrees of freedom (n,): measured numbers less the five unknowns.
+        Degrees of freedom (n,): measured coordinates minus the five unknowns.
     """
 
     matrices_mm: FloatArray
@@ -185,21 +185,21 @@ def fit_two_slopes(
     about_inverse_mm: FloatArray,
     precision: FloatArray,
 ) -> TwoSlopes:
-    """Fit a symmetric matrix in place of the slope, otherwise as `fit_slope`."""
+    """Fit a symmetric matrix instead of the slope, otherwise like `fit_slope`."""
     a_, b, focal = _equations(geometry, seen_px, about_inverse_mm)
     use = used.astype(np.float64)
-    # Columns of the unknowns w, d, e in the two rows of each view, less what a, free too, takes up of them.
+    # Columns of the unknowns w, d, e in the two rows of each view, after projecting out a, which is free, too.
     x, y = a_[..., 0], a_[..., 1]
     columns = np.stack([np.stack([x, y], -1), np.stack([x, -y], -1), np.stack([y, x], -1)], axis=-1)
     root = np.linalg.cholesky(precision).transpose(0, 2, 1)
     columns, b = np.einsum("nij,vnjk->vnik", root, columns), np.einsum("nij,vnj->vni", root, b)
     ff = np.maximum((use * focal**2).sum(axis=0), 1e-12)
 
-    def less_direction(rows: FloatArray) -> FloatArray:
+    def without_direction(rows: FloatArray) -> FloatArray:
         taken = np.einsum("vn,vn,vnk...->nk...", use, focal, rows) / ff.reshape(-1, *(1,) * (rows.ndim - 2))
         return rows - focal.reshape(*focal.shape, *(1,) * (rows.ndim - 2)) * taken
 
-    columns, rest = less_direction(columns), less_direction(b)
+    columns, rest = without_direction(columns), without_direction(b)
     normal = np.einsum("vn,vnki,vnkj->nij", use, columns, columns)
     right = np.einsum("vn,vnki,vnk->ni", use, columns, rest)
     freedom = 2 * used.sum(axis=0) - 5
@@ -220,11 +220,11 @@ def fit_two_slopes(
 
 
 def moderated_variance(squares: FloatArray, freedom: NDArray[np.int64], prior_freedom: float) -> FloatArray:
-    """Variances (n,) of points from their few residuals, drawn towards what is usual among all of them.
+    """Variances (n,) of points from their few residuals, shrunk towards the median variance of all.
 
-    Squares are in px^2 of the keypoints' scales, and no variance is less than that of LEAST_NOISE_PX.
+    Squares are in px^2 of the keypoints' scales, and no variance is below LEAST_NOISE_PX squared.
 
-    Smyth, "Linear models and empirical Bayes methods", SAGMB 2004, with the usual variance from the median.
+    Smyth, "Linear models and empirical Bayes methods", SAGMB 2004, with the prior variance from the median.
     """
     determined = freedom > 0
     if not determined.any():

@@ -1,14 +1,14 @@
 """4-D filters of light fields in the frequency domain.
 
-Views are extended beyond their borders by as much as the passband moves anything between two of them, so that nothing
-wraps around. Samples beyond the borders, missing ones, and the missing part of those that weigh less than 1 are first a
-plain guess, then the filter's result from the others, in a few passes: expectation and maximisation for missing data
-(Dempster, Laird and Rubin, Journal of the Royal Statistical Society B 39, 1977).
+Views are padded by the largest shift between two views in the passband, so that nothing wraps around. Samples beyond
+the borders, missing ones, and the missing part of those with weights below 1 start from a guess and are replaced by the
+filter's result from the others, in a few passes: expectation maximisation for missing data (Dempster, Laird and Rubin,
+Journal of the Royal Statistical Society B 39, 1977).
 
-At every frequency the views form a vector v. Its covariance is P S + N: S is the coherence of the passband, P the power
-in the passband, and N the power of noise and everything else, which differs from view to view. Both are measured in
-rings of equal frequency from the spectra themselves: of n views, E[v* v] = n P + n N and E[v* S v] = tr(S S) P + n N.
-The linear estimate with the least squared error is then P S (P S + N)^-1 v (Wiener).
+At every frequency, the views form a vector v with covariance P S + N: S is the coherence of the passband, P the power
+in the passband, and N the power of noise and everything else, which is independent between views. Both are measured
+from the spectra in rings of equal frequency: for n views, E[v* v] = n P + n N and E[v* S v] = tr(S S) P + n N. The
+linear estimate with the least squared error is then P S (P S + N)^-1 v (Wiener).
 """
 
 from __future__ import annotations
@@ -29,22 +29,22 @@ Float32 = NDArray[np.float32]
 PASSES = 3
 OUTLIER_PASSES = 12
 OUTLYING = 14.0
-"""Residual, in robust standard deviations, from which on a sample counts a quarter and less."""
+"""Residual, in robust standard deviations, at which a sample's weight falls to a quarter."""
 LEAST_VARIANCE = (1.0 / 255.0) ** 2
-"""Of residuals: where they are less than a grey level, none of them exceeds rounding."""
+"""Least variance of residuals: below a grey level, residuals do not exceed rounding."""
 MEDIAN_OF_SQUARES = {1: 0.455, 3: 2.366}
-"""Of chi-square distributions."""
+"""Medians of chi-squared distributions."""
 MARGIN_PX = 8
 BRIGHTNESS_AND_COLOUR = (np.array([[1, 1, 1], [1, 0, -1], [1, -2, 1]]) / np.sqrt([[3], [2], [6]])).astype(np.float32)
 """Rotation of RGB: surfaces vary more in brightness than in colour, noise does not."""
 Complex64 = NDArray[np.complex64]
 RINGS = 48
 AT_ONCE = 60_000_000
-"""Bytes of coherences that are held at a time."""
+"""Bytes of coherences in memory at a time."""
 LEAST_EXCESS = 0.1
-"""Of tr(S S) / n - 1 of a ring, below which signal and noise look alike to the views."""
+"""Least tr(S S) / n - 1 of a ring for separating signal from noise."""
 LEAST_NOISE = 1e-5
-"""Of the signal's power: a coherence is singular."""
+"""Least noise relative to the signal's power: coherences are singular."""
 MOST_NOISE = 1e5
 
 
@@ -55,12 +55,12 @@ class Filtered:
     Attributes
     ----------
     light_field
-        With the geometry, weights and type of samples of the given one.
+        The result, with the geometry, weights and sample type of the input.
     outside
-        Root mean square per sample, 0 to 1, of what did not agree with the passband: noise, what lies at other depths,
-        occlusions and reflections.
+        Rms per sample, 0 to 1, of what contradicts the passband: noise, objects at other depths, occlusions and
+        reflections.
     left_out
-        Share of the samples that counted less than half.
+        Share of the samples with a weight below one half.
     """
 
     light_field: LightField
@@ -69,23 +69,23 @@ class Filtered:
 
 
 def filter_light_field(light_field: LightField, passband: Passband, *, leave_out: bool = False) -> Filtered:
-    """Keep of all views what lies in a passband, weighed against noise as measured in the light field.
+    """Keep the part of all views that lies in a passband, given the noise measured in the light field.
 
     Parameters
     ----------
     light_field
-        Samples at views in any places. Views before or behind the others are taken as beside them: what is kept is then
-        off by up to |z_i| |1 / Z - 1 / Z0| of its distance from the principal point.
+        Samples of views at any positions. Views in front of or behind the others are treated as coplanar: the result is
+        then off by up to |z_i| |1 / Z - 1 / Z0| of its distance from the principal point.
     passband
-        What is kept, of these views.
+        The passband, for these views.
     leave_out
-        Whether samples that are far from what the filter keeps are left out as if they were missing: rain, snow and
-        particles before the depths that pass.
+        Whether samples far from the filter's result are treated as missing: rain, snow and particles in front of the
+        depths that pass.
 
     Returns
     -------
     Filtered
-        Every view, filtered; zero where the given light field has no sample.
+        Every view, filtered; zero where the input has no sample.
     """
     grid, channels = light_field.samples.shape[:2], light_field.samples.shape[-1]
     is_bytes = light_field.samples.dtype == np.uint8
@@ -105,7 +105,7 @@ def filter_light_field(light_field: LightField, passband: Passband, *, leave_out
 
 
 def _kept(samples: Float32, weights: Float32, passband: Passband, leave_out: bool) -> tuple[Float32, Power, Float32]:
-    """Filtered samples (n, v, u, c), the power of the passband and of the rest, and samples' weights (n, v, u)."""
+    """Return filtered samples (n, v, u, c), the power of passband and rest, and the samples' weights (n, v, u)."""
     pads, inside = _extension(samples.shape[1:3], passband)
     given = _extended(samples, weights, pads)
     known = counted = np.pad(weights, pads[:3])[..., None]
@@ -122,7 +122,7 @@ def _kept(samples: Float32, weights: Float32, passband: Passband, leave_out: boo
         power = measured_power(vectors, passband, frequencies.reshape(-1, 2), float(counted.mean()))
         passed = filtered_spectra(vectors, passband, frequencies.reshape(-1, 2), power)
         if number == last:
-            # No more than noise is taken away; what is missing was filled by what views have in common.
+            # Remove no more than noise; missing samples were filled with the common part of the views.
             share = power.noisy[rings_of(frequencies.reshape(-1, 2))].astype(np.float32)
             passed = vectors + share[:, None] * (passed - vectors)
         spectra = np.moveaxis(passed.reshape(*spectra.shape[1:3], *vectors.shape[1:]), 2, 0) * lag.conj()
@@ -131,7 +131,7 @@ def _kept(samples: Float32, weights: Float32, passband: Passband, leave_out: boo
 
 
 def _extension(size: tuple[int, ...], passband: Passband) -> tuple[list[tuple[int, int]], tuple[slice, slice]]:
-    """What `np.pad` adds to samples (n, v, u) of a size (v, u), and where they then are."""
+    """Return the padding of samples (n, v, u) for `np.pad`, and the location of the original samples in the result."""
     least = int(np.ceil(passband.largest_shift_px)) + MARGIN_PX
     sides = [scipy.fft.next_fast_len(side + 2 * least, real=True) for side in size]
     added = [(least, side - length - least) for side, length in zip(sides, size, strict=True)]
@@ -140,23 +140,23 @@ def _extension(size: tuple[int, ...], passband: Passband) -> tuple[list[tuple[in
 
 
 def _extended(samples: Float32, weights: Float32, pads: list[tuple[int, int]]) -> Float32:
-    """Samples with a guess where there are none: the mean of views at a pixel, beyond borders a ramp to that of all.
+    """Fill missing samples with a guess: the mean of views at a pixel, and beyond borders a ramp to the overall mean.
 
-    At both ends of the extension stands the same colour: nothing is cut where it wraps around.
+    Both ends of the padding have the same colour, so that wrapping around creates no edge.
     """
     weight = weights[..., None]
     total = weight.sum(axis=0)
     mean = (weight * samples).sum(axis=(0, 1, 2)) / max(float(weight.sum()), 1e-6)
     guess = np.where(total > 1e-3, (weight * samples).sum(axis=0) / np.maximum(total, 1e-3), mean)
-    whole = weight * samples + (1 - weight) * guess
+    filled = weight * samples + (1 - weight) * guess
     ramps = [
-        np.pad(whole[..., c], pads, mode="linear_ramp", end_values=float(mean[c])) for c in range(samples.shape[-1])
+        np.pad(filled[..., c], pads, mode="linear_ramp", end_values=float(mean[c])) for c in range(samples.shape[-1])
     ]
     return np.stack(ramps, axis=-1).astype(np.float32)
 
 
 def _agreement(given: Float32, kept: Float32, known: Float32) -> Float32:
-    """How much samples count (n, v, u, 1), 0 to 1, by how far they are from what is kept."""
+    """Weights of samples (n, v, u, 1), 0 to 1, by their distance from the filtered ones."""
     squares = np.square(given - kept).sum(axis=-1)
     smooth = np.stack([cv2.GaussianBlur(each, (0, 0), 1.0) for each in squares])
     variance = np.median(squares[known[..., 0] > 0.5]) / MEDIAN_OF_SQUARES[given.shape[-1]]
@@ -166,7 +166,7 @@ def _agreement(given: Float32, kept: Float32, known: Float32) -> Float32:
 
 @dataclass(frozen=True, eq=False)
 class Power:
-    """Power per view of what lies in a passband, and of all else, (rings, components); `counts` of frequencies."""
+    """Power per view in a passband, and of the rest, (rings, components); `counts` are numbers of frequencies."""
 
     signal: FloatArray
     noise: FloatArray
@@ -174,44 +174,44 @@ class Power:
 
     @property
     def ratios(self) -> FloatArray:
-        """Noise for each unit of signal (rings, components)."""
+        """Ratio of noise to signal (rings, components)."""
         most = np.full_like(self.noise, MOST_NOISE)
         ratios = np.divide(self.noise, self.signal, out=most, where=self.signal > 0)
         return np.clip(ratios, LEAST_NOISE, MOST_NOISE)
 
     @property
     def noisy(self) -> FloatArray:
-        """Share (rings, components) that noise has of what views do not have in common, as `ratios` are at least.
+        """Share (rings, components) of noise in the differences between views, as `ratios` are limited from below.
 
-        Where noise is less than `LEAST_NOISE`, views truly differ: at low frequencies, what lies before the borders of
-        some and beyond those of others does.
+        Below `LEAST_NOISE`, the views truly differ: at low frequencies, by what lies inside the borders of some views
+        only.
         """
         share = np.divide(self.noise, LEAST_NOISE * self.signal, out=np.ones_like(self.noise), where=self.signal > 0)
         return np.clip(share, 0.0, 1.0)
 
     @property
     def noise_of_sample(self) -> float:
-        """Mean square of noise in a sample, summed over its components."""
+        """Mean square of the noise in a sample, summed over its components."""
         return float((self.counts @ self.noise).sum() / self.counts.sum())
 
 
 def frequencies_of(height: int, width: int) -> FloatArray:
-    """Frequencies (height, width // 2 + 1, 2), as (wu, wv) in rad per px, of `scipy.fft.rfft2`."""
+    """Frequencies (height, width // 2 + 1, 2), (wu, wv) in rad per px, of `scipy.fft.rfft2`."""
     across = 2.0 * np.pi * np.fft.rfftfreq(width)
     down = 2.0 * np.pi * np.fft.fftfreq(height)
     return np.stack(np.meshgrid(across, down), axis=-1)
 
 
 def rings_of(frequencies: FloatArray) -> NDArray[np.int64]:
-    """The ring (...) of each frequency (..., 2)."""
+    """Ring (...) of each frequency (..., 2)."""
     length = np.linalg.norm(frequencies, axis=-1) / (np.sqrt(2.0) * np.pi)
     return np.minimum((length * RINGS).astype(np.int64), RINGS - 1)
 
 
 def measured_power(spectra: Complex64, passband: Passband, frequencies: FloatArray, seen: float) -> Power:
-    """Power in a passband and beside it of spectra (m, n, c) at frequencies (m, 2).
+    """Measure the power in a passband and the rest, of spectra (m, n, c) at frequencies (m, 2).
 
-    `seen` is the share of samples that were there and not filled in: what is filled in has no noise.
+    `seen` is the share of original samples; filled-in ones have no noise.
     """
     rings, views = rings_of(frequencies), spectra.shape[1]
     sums = np.zeros((RINGS, 2, spectra.shape[2]))
@@ -233,7 +233,7 @@ def measured_power(spectra: Complex64, passband: Passband, frequencies: FloatArr
 
 
 def filtered_spectra(spectra: Complex64, passband: Passband, frequencies: FloatArray, power: Power) -> Complex64:
-    """Spectra (m, n, c) of which the passband is kept."""
+    """Apply the Wiener filter of a passband to spectra (m, n, c)."""
     ratios = power.ratios[rings_of(frequencies)].astype(np.float32)
     views, components = spectra.shape[1:]
     identity = np.eye(views, dtype=np.float32)
@@ -241,7 +241,7 @@ def filtered_spectra(spectra: Complex64, passband: Passband, frequencies: FloatA
     for part in _parts(len(frequencies), views):
         coherence = passband.coherence(frequencies[part]).astype(np.float32)
         for c in range(components):
-            # Real and imaginary part are two right sides of one real system.
+            # Real and imaginary part are two right-hand sides of one real system.
             sides = np.ascontiguousarray(spectra[part, :, c])[..., None].view(np.float32)
             solved = coherence @ np.linalg.solve(coherence + ratios[part, c, None, None] * identity, sides)
             kept[part, :, c] = np.ascontiguousarray(solved).view(np.complex64)[..., 0]
@@ -254,7 +254,7 @@ def _parts(count: int, views: int) -> list[slice]:
 
 
 def _where_known(noise: FloatArray, separated: NDArray[np.bool_]) -> FloatArray:
-    """Noise (rings, c), where views do not separate it from the signal as in the nearest rings where they do."""
+    """Fill noise (rings, c) that views do not separate from the signal by interpolation from other rings."""
     if not separated.any():
         return np.zeros_like(noise)
     at, known = np.arange(len(noise)), np.flatnonzero(separated)

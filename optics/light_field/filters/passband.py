@@ -1,11 +1,11 @@
 """Passbands of 4-D filters of light fields, as the coherence of views at their true positions.
 
-A point at a depth moves by its metric slope m from view to view (`Views.slope_from_depth`), so that what shows it is
-T(u - m x): at the spatial frequency w = (wu, wv), view i holds T(w) exp(-j m w . x_i). A plane is a plane in the 4-D
-spectrum, and depths between two are its fan (Dansereau, Pizarro and Williams, Linear Volumetric Focus for Light Field
-Cameras, ACM Transactions on Graphics 34(2), 2015). The filters of the Light Field Toolbox have their passbands on even
-grids of views; here they are the coherence of two views, which is the passband's Fourier transform over the frequencies
-of the views, at the distance of the two. So views stay where they are, and the last one is no neighbour of the first.
+A point at a depth shifts by its metric slope m from view to view (`Views.slope_from_depth`), so the views show
+T(u - m x): at the spatial frequency w = (wu, wv), view i holds T(w) exp(-j m w . x_i). A plane of constant depth is a
+plane in the 4-D spectrum, and the depths between two planes form a fan (Dansereau, Pizarro and Williams, Linear
+Volumetric Focus for Light Field Cameras, ACM Transactions on Graphics 34(2), 2015). The Light Field Toolbox defines
+passbands on even grids of views. Here, they are coherences of two views: the passband's Fourier transform over the view
+frequencies, at the distance of the two. So views keep their positions, and the last one does not wrap to the first.
 """
 
 from __future__ import annotations
@@ -21,22 +21,22 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.light_field.light_field import Views
 
 SMALL = 1e-4
-"""Radians, below which sin(x) / x is 1 - x^2 / 6 to the last digit."""
+"""Radians below which sin(x) / x is 1 - x^2 / 6 to the last digit."""
 
 FilterKind = Literal["hyperfan", "dual-fan", "hypercone"]
 
 
 @dataclass(frozen=True, eq=False)
 class Passband:
-    """What a filter lets pass: slopes about a middle one, and how those along x and along y belong together.
+    """A filter's passband: the slopes about a middle one, and how slopes along x and y are related.
 
     Attributes
     ----------
     kind
-        "hyperfan": slopes of the range, the same along x and y, as every point has them. "dual-fan": slopes of the
-        range along x, and any others of it along y. "hypercone": any slope, the same along x and y.
+        "hyperfan": slopes of the range, equal along x and y, as for every point. "dual-fan": slopes of the range along
+        x, and independently along y. "hypercone": any slope, equal along x and y.
     middle_px_per_mm, half_width_px_per_mm
-        The range of metric slopes; a hypercone has none.
+        The range of metric slopes; unused for a hypercone.
     places_mm
         Positions (n, 2) of the views, x and y.
     """
@@ -48,9 +48,9 @@ class Passband:
 
     @classmethod
     def of(cls, views: Views, kind: FilterKind, near_mm: float | None, far_mm: float | None) -> Self:
-        """The passband of depths from the pupil between two for views; a hypercone needs none.
+        """Build the passband of depths from the pupil between `near_mm` and `far_mm`; a hypercone needs none.
 
-        Raises InputError for depths that are missing, not in order, or not in front of the views.
+        Raises InputError for depths that are missing, out of order, or not in front of the views.
         """
         places = views.positions_mm[..., :2].reshape(-1, 2)
         if len(places) < 2:
@@ -58,7 +58,7 @@ class Passband:
         if kind == "hypercone":
             return cls(kind, 0.0, 0.0, places)
         if near_mm is None or far_mm is None:
-            raise InputError(f"a {kind} passes depths between two, expected a nearest and a farthest one")
+            raise InputError(f"a {kind} passes a range of depths, expected a nearest and a farthest one")
         least = views.reference_view_depth_mm + max(float(views.positions_mm[..., 2].max()), 0.0)
         if not least < near_mm < far_mm:
             raise InputError(
@@ -69,16 +69,16 @@ class Passband:
 
     @property
     def largest_shift_px(self) -> float:
-        """How far apart two views show the same point, at most, where the passband has it."""
+        """Largest shift of a point between two views, within the passband."""
         across = float(np.ptp(self.places_mm, axis=0).max())
         return (abs(self.middle_px_per_mm) + self.half_width_px_per_mm) * across
 
     def phases(self, frequencies: FloatArray) -> FloatArray:
-        """Phases (n, ...) by which the views lag at frequencies (..., 2), rad per px, at the middle of the range."""
+        """Phases (n, ...) of the views at frequencies (..., 2), rad per px, for the middle of the range."""
         return np.asarray(self.middle_px_per_mm * np.moveaxis(frequencies @ self.places_mm.T, -1, 0))
 
     def coherence(self, frequencies: FloatArray) -> FloatArray:
-        """Coherence (m, n, n) of the views at frequencies (m, 2), rad per px, once phases are taken out.
+        """Coherence (m, n, n) of the views at frequencies (m, 2), rad per px, after removing `phases`.
 
         Real, symmetric, positive semidefinite, with ones on the diagonal.
         """
@@ -90,7 +90,7 @@ class Passband:
             return along_u * along_v
         lags = frequencies @ self.places_mm.T
         if self.kind == "hypercone":
-            # Slopes up to where the nearest views show a wave half a period apart.
+            # Slopes up to where adjacent views show a wave half a period apart.
             length = np.linalg.norm(frequencies, axis=-1, keepdims=True)
             return _sinc(np.divide(lags, length, out=np.zeros_like(lags), where=length > 0) * (np.pi / self._step_mm))
         return _sinc(self.half_width_px_per_mm * lags)

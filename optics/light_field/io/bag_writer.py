@@ -1,4 +1,4 @@
-"""ROS 2 bags of light fields: MCAP files as rosbags writes them, which ros2 bag, Foxglove and rerun open."""
+"""ROS 2 bags of light fields: MCAP files written by rosbags, which ros2 bag, Foxglove and rerun open."""
 
 from __future__ import annotations
 
@@ -15,29 +15,30 @@ from mirrorcam.core.processes.interruption import deferred
 from mirrorcam.optics.light_field.io.ros_messages import Published, RosMessage
 
 NAMESPACE = "/mirrorcam/"
-"""What stands before topics that are below the namespace of the camera."""
+"""Prefix of topics in the camera's namespace."""
 _VERSION: Literal[8] = 8
-"""Of rosbag2's metadata: from 9 on, older distributions cannot read the quality of service."""
+"""Version of rosbag2's metadata: from 9 on, older distributions cannot read the quality of service."""
 
 
 def need_rosbags() -> None:
-    """Raise InputError, naming the command that installs it, where rosbags is missing."""
+    """Raise InputError, with the command that installs it, if rosbags is missing."""
     if find_spec("rosbags") is None:
         raise InputError('rosbags not installed, needed for ROS 2 bags: pip install "mirrorcam[robot]"')
 
 
 class BagWriter:
-    """Writes messages into an MCAP file, which gets its name when the block ends well, and is removed otherwise.
+    """Writes messages to an MCAP file, which gets its name when the block ends without an error, and is removed
+    otherwise.
 
     Parameters
     ----------
     path
-        The file, .mcap; one that is there is replaced.
+        The file, .mcap; an existing one is replaced.
 
     Raises
     ------
     InputError
-        Where rosbags is not installed, and where nothing can be written.
+        If rosbags is not installed, or the file cannot be written.
     """
 
     def __init__(self, path: Path) -> None:
@@ -52,7 +53,7 @@ class BagWriter:
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             self._folder = Path(tempfile.mkdtemp(dir=self.path.parent, prefix=TEMPORARY))
-            # rosbags writes a folder, with a file of its name in it.
+            # rosbags writes a folder that contains a file of the same name.
             self._writer = Writer(self._folder / self.path.stem, version=_VERSION, storage_plugin=StoragePlugin.MCAP)
             self._writer.open()
         except OSError as error:
@@ -87,13 +88,13 @@ class BagWriter:
         return InputError(f"{self.path}: cannot be written: {error.strerror or error}")
 
     def _made(self, value: Any) -> Any:
-        """A message of rosbags' types, with those within it."""
+        """Convert a message and its nested messages to rosbags' types."""
         if isinstance(value, RosMessage):
             return self._store.types[value.type](**{name: self._made(each) for name, each in value.fields.items()})
         return [self._made(each) for each in value] if isinstance(value, list) else value
 
     def _connection(self, published: Published) -> Any:
-        """The connection of a topic, with its quality of service."""
+        """Return the connection of a topic, with its quality of service."""
         from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 
         topic = published.topic if published.topic.startswith("/") else NAMESPACE + published.topic

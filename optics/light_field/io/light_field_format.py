@@ -1,4 +1,4 @@
-"""File formats of light fields, which `formats.registry` collects, and sequences of light fields read one by one."""
+"""File formats of light fields, collected by `formats.registry`, and sequences of light fields read on access."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ Depth = NDArray[np.float32]
 
 
 def views_toml(path: Path) -> Path:
-    """The file with the geometry that a light field lacks: `views.toml` in a folder, `NAME.views.toml` for a file."""
+    """File with a light field's missing geometry: `views.toml` in a folder, `NAME.views.toml` next to a file."""
     return path / "views.toml" if path.is_dir() else path.with_name(f"{path.stem}.views.toml")
 
 
 class Assumed(Value):
-    """Geometry for files that do not state it; what a file states takes precedence.
+    """Assumed geometry for files that do not state it; stated values take precedence.
 
     Attributes
     ----------
     rows, cols
-        Number of views down and across.
+        Numbers of views down and across.
     step_mm
-        Distance of neighbouring views.
+        Distance of adjacent views.
     focal_px
         Focal length of the views.
     reference_depth_mm
@@ -47,15 +47,15 @@ class Assumed(Value):
     reference_depth_mm: DepthOrInf | None = None
 
     def completed(self, path: Path) -> Assumed:
-        """The same with what is None taken from the `views_toml` of a light field, where there is one.
+        """Fill values that are None from the light field's `views_toml`, if it exists.
 
-        Raises InputError in one line for a file that is no such TOML.
+        Raises InputError in one line if the file is invalid.
         """
         file = views_toml(path)
         return read_model(Assumed, file).replaced(**self.model_dump(exclude_none=True)) if file.exists() else self
 
     def need(self, path: Path, *names: str) -> tuple[float, ...]:
-        """The values of names; raises InputError for a light field at `path` where one is not known."""
+        """Return the named values; raises InputError for a light field at `path` if one is unknown."""
         missing = [name for name in names if getattr(self, name) is None]
         if missing:
             file = views_toml(path).relative_to(path.parent)
@@ -73,17 +73,17 @@ class Contents:
     Attributes
     ----------
     frames
-        The light fields; of a recording, each is read when it is asked for.
+        The light fields; in a recording, each is read on access.
     depth_mm
         True depth (v, u) of the central view of a single light field, from the pupil; None without one.
     depth_range_mm
-        Nearest and farthest depth that the file states of its scene; None without them.
+        Nearest and farthest depth of the scene as stated by the file, or None.
     is_recording
-        Whether the frames are numbered ones of a stream, even where there is only one.
+        Whether the frames are a numbered stream, even of a single frame.
     times_s
-        Times of the frames; None without them.
+        Times of the frames, or None.
     notes
-        Lines about what was read in another order than names and options state.
+        Notes on data read in an order other than names and options state.
     """
 
     frames: Sequence[LightField]
@@ -103,15 +103,15 @@ class Format:
     name
         Name of the format and of its module.
     ending
-        Text that names of its files, or of its folders where there is no point in it, end with.
+        Suffix of the names of its files, or of its folders if it has no dot.
     detect
-        Whether a file or folder is in this format, by its name and by what a folder holds.
+        Whether a file or folder has this format, judged by name and folder contents.
     write
-        Writer of a light field and, in formats that have it, the depth (v, u) of the central view.
+        Writer of a light field and, if supported, the depth (v, u) of the central view.
     read
-        Reader, given what is assumed of the geometry; None for a format that is only written.
+        Reader, given the assumed geometry; None for a write-only format.
     needs_grid
-        Whether it holds rows and columns of views only.
+        Whether it holds only rows and columns of views.
     """
 
     name: str
@@ -127,19 +127,19 @@ class Format:
 
 
 def single(read: Callable[[Path, Assumed], LightField]) -> Callable[[Path, Assumed], Contents]:
-    """The reader of a format whose files hold one light field and no depth."""
+    """Adapt the reader of a format with one light field and no depth."""
     return lambda path, assumed: Contents((read(path, assumed),))
 
 
 def without_depth(write: Callable[[Path, LightField], None]) -> Callable[[Path, LightField, Depth | None], None]:
-    """The writer of a format that has no place for a depth."""
+    """Adapt the writer of a format without depth."""
     return lambda path, light_field, depth_mm: write(path, light_field)
 
 
 class StoredFrames(Sequence[LightField]):
-    """The light fields at a path; a format says how many there are, and reads one by its number.
+    """The light fields at a path, each read on access by its number.
 
-    A frame that there is not raises IndexError, as in a list.
+    An index out of range raises IndexError, as for a list.
     """
 
     path: Path
@@ -159,4 +159,4 @@ class StoredFrames(Sequence[LightField]):
 
     @abstractmethod
     def _frame(self, number: int) -> LightField:
-        """Read the frame of a number from 0; raises InputError in one line where it cannot be read."""
+        """Read a frame by its number from 0; raises InputError in one line if it cannot be read."""

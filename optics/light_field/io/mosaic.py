@@ -1,8 +1,8 @@
-"""One picture for all views, as the formats `eslf` and `tiles` have it; weights are opacity, the views in NAME.json.
+"""All views in one picture, for the formats `eslf` and `tiles`; weights are opacity, the geometry is in NAME.json.
 
-Neither the picture nor its name states how many views it shows, nor always whether they lie side by side (tiles) or a
-small picture of the aperture stands in place of every pixel (lenslets, ESLF). The pixels tell: neighbouring tiles are
-alike with a seam between them, and lenslets have edges.
+Neither the picture nor its name states the number of views, nor always whether they are arranged side by side (tiles)
+or as small pictures of the aperture at every pixel (lenslets, ESLF). The pixels reveal it: adjacent tiles are similar
+with a seam between them, and lenslets have edges.
 """
 
 from __future__ import annotations
@@ -28,29 +28,29 @@ Order = Literal["eslf", "tiles"]
 Grid = tuple[int, int]
 Grey = NDArray[np.float32]
 AXES: dict[str, tuple[int, int, int, int]] = {"eslf": (2, 0, 3, 1), "tiles": (0, 2, 1, 3)}
-"""Axes t, s, v, u in the order in which a picture has them, from the slowest: rows, then columns."""
+"""Axes t, s, v, u of a picture, from slowest to fastest: rows, then columns."""
 _SIDE_PX = 32
-"""Side of the views as they are compared; the middle half of one is looked for in its neighbour."""
+"""Side of the views for comparison; the middle half of a view is located in its neighbour."""
 _PAIRS = 6
-"""Pairs of neighbours along each axis that are compared."""
+"""Number of adjacent pairs to compare along each axis."""
 _ALIKE, _UNLIKE = 0.85, 0.75
 """Correlations above which neighbours are views of one scene, and below which they are not."""
 _SEAM, _NO_SEAM = 2.0, 1.5
-"""Contrasts at cuts, relative to elsewhere, above which a picture ends there, and below which it goes on."""
+"""Contrasts at cuts, relative to elsewhere, above which there is a seam, and below which there is none."""
 _WEAKER_SEAM = 0.5
-"""Contrast at cuts that are no seams, relative to those that are, at most."""
+"""Largest contrast at cuts without a seam, relative to cuts with one."""
 _LENS, _CERTAIN = 1.15, 1.5
-"""Contrasts at edges, relative to inside, above which they are of lenses, and not of JPEG's blocks."""
+"""Contrasts at edges, relative to the inside, above which they may be lenslets', and certainly not JPEG blocks'."""
 _LESS_LENS = 0.9
-"""Contrast of a wrong size of lenses relative to the right one, at most."""
+"""Largest contrast of a wrong lenslet size relative to the right one."""
 _NOISE = 0.5
-"""Difference of neighbouring pixels relative to the standard deviation of all, above which a picture is noise."""
+"""Difference of adjacent pixels, relative to the standard deviation of all, above which a picture is noise."""
 _BLOCK_PX = 8
 _STRUCTURE = 0.7
-"""Correlation of neighbouring pixels of a small view above which it shows more than noise."""
+"""Correlation of adjacent pixels of a small view above which it is not just noise."""
 _MOST_VIEWS, _LEAST_VIEW_PX = 32, 8
 _LIKELY_VIEW_PX = 24
-"""Sides of views of a grid that is suggested, at least: smaller parts alike are of a texture."""
+"""Least side of views in a suggested grid: smaller similar parts belong to a texture."""
 
 
 def write_mosaic(path: Path, light_field: LightField, order: Order) -> None:
@@ -65,10 +65,10 @@ def write_mosaic(path: Path, light_field: LightField, order: Order) -> None:
 
 
 def read_mosaic(path: Path, order: Order, assumed: Assumed = NOTHING) -> LightField:
-    """The light field of such a picture; what NAME.json says of it goes before `order` and `assumed`.
+    """Read the light field of a picture of all views; NAME.json takes precedence over `order` and `assumed`.
 
-    Raises InputError in one line where the geometry is not known, the picture does not divide into the views, or its
-    pixels show that it is divided otherwise.
+    Raises InputError in one line if the geometry is unknown, the picture does not divide into the views, or its pixels
+    contradict the division.
     """
     colours, opacity = read_rgba(path)
     stated = read_views(path.with_suffix(".json"))
@@ -77,7 +77,7 @@ def read_mosaic(path: Path, order: Order, assumed: Assumed = NOTHING) -> LightFi
         grid, stated_order = (stated[0].rows, stated[0].cols), stated[1].order
     elif assumed.rows is None or assumed.cols is None:
         raise InputError(
-            f"{path}: a picture without {path.stem}.json, expected --layout of the camera whose frame it is, or rows "
+            f"{path}: a picture without {path.stem}.json, expected --layout of the camera that took the frame, or rows "
             f"and cols of its views in {views_toml(path).name}"
         )
     else:
@@ -103,9 +103,9 @@ def read_mosaic(path: Path, order: Order, assumed: Assumed = NOTHING) -> LightFi
 
 
 def check_division(colours: Bytes, grid: Grid, order: Order) -> None:
-    """Raise InputError, in one line without a path, where the pixels contradict that a picture is divided so.
+    """Raise InputError, in one line without a path, if the pixels contradict a division into views.
 
-    Pictures that do not tell, such as those without texture, pass.
+    Ambiguous pictures, such as those without texture, pass.
     """
     if min(side // count for side, count in zip(colours.shape, grid, strict=False)) < _LEAST_VIEW_PX:
         return
@@ -129,18 +129,18 @@ class _Picture:
         return np.asarray(down, np.float32), np.asarray(across, np.float32)
 
     def divides_into(self, grid: Grid) -> bool:
-        """Whether all views of a grid have one size, and a likely one."""
+        """Whether all views of a grid have the same, plausible size."""
         sides = zip(self.grey.shape, grid, strict=True)
         return all(side % count == 0 and side // count >= _LIKELY_VIEW_PX for side, count in sides)
 
     def views(self, grid: Grid, order: Order) -> Grey:
-        """The views (t, s, v, u) of the picture where it is divided so."""
+        """Divide the picture into views (t, s, v, u)."""
         height, width = (side // count for side, count in zip(self.grey.shape, grid, strict=True))
         shape, axes = (*grid, height, width), AXES[order]
         return self.grey.reshape([shape[axis] for axis in axes]).transpose(np.argsort(axes))
 
     def seams(self, grid: Grid, besides: Grid = (1, 1)) -> float:
-        """Least contrast over the axes at the cuts of a grid, beside those of a coarser one, relative to elsewhere."""
+        """Least relative contrast over the axes at the cuts of a grid, excluding those of a coarser grid `besides`."""
         found = []
         for contrast, side, count, coarser in zip(self.contrasts, self.grey.shape, grid, besides, strict=True):
             cuts = [number * side // count - 1 for number in range(1, count) if (number * coarser) % count]
@@ -149,12 +149,12 @@ class _Picture:
         return min(found, default=1.0)
 
     def lens_contrast(self, count: int, axis: int) -> float:
-        """Contrast between lenses of `count` px along an axis relative to the strongest inside of them."""
+        """Contrast between lenslets of `count` px along an axis, relative to the strongest inside them."""
         folded = self._folded(count, axis)
         return float(folded[-1] / max(float(folded[:-1].max()), 1e-6))
 
     def holds_lenses(self, count: int, size: int, axis: int) -> bool:
-        """Whether all edges of lenses of `size` px stand out alike in each `count` px along an axis."""
+        """Whether all edges of lenslets of `size` px stand out equally in each `count` px along an axis."""
         folded = self._folded(count, axis)
         inside = np.arange(1, count + 1) % size > 0
         edges = folded[~inside]
@@ -166,17 +166,17 @@ class _Picture:
 
     @cached_property
     def is_noisy(self) -> bool:
-        """Whether neighbouring pixels differ about as much as any: noise hides seams."""
+        """Whether adjacent pixels differ about as much as any others, so that noise hides seams."""
         return bool(min(float(np.median(each)) for each in self.contrasts) > _NOISE * float(self.grey.std()))
 
     def repeats(self, grid: Grid, order: Order) -> bool:
-        """Whether the texture of one view of a grid repeats, so that parts of it look like views."""
+        """Whether the texture of a view of a grid repeats, so that parts of it look like views."""
         rows, cols = grid
         grey = self.views(grid, order)[rows // 2, cols // 2]
         return texture_repeats(np.ascontiguousarray(grey))
 
     def others(self) -> Iterator[Grid]:
-        """Grids that have seams, of at most `_MOST_VIEWS` rows and columns."""
+        """Yield grids with seams, of at most `_MOST_VIEWS` rows and columns."""
         for rows in range(1, _MOST_VIEWS + 1):
             for cols in range(1, _MOST_VIEWS + 1):
                 if rows * cols > 1 and self.divides_into((rows, cols)) and self.seams((rows, cols)) > _SEAM:
@@ -199,7 +199,7 @@ def _check_tiles(picture: _Picture, grid: Grid) -> None:
     if picture.is_noisy:
         return
     others = [each for each in picture.others() if _fits_better(picture, each, grid, alike)]
-    # Tiles of several views each are alike, too: the finest grid counts.
+    # Tiles of several views each are similar, too: the finest grid is chosen.
     down, across = max(others, key=lambda each: each[0] * each[1], default=grid)
     if (down, across) != grid:
         raise InputError(f"{unlike}: the picture looks like rows = {down}, cols = {across}")
@@ -208,10 +208,10 @@ def _check_tiles(picture: _Picture, grid: Grid) -> None:
 
 
 def _fits_better(picture: _Picture, other: Grid, grid: Grid, alike: float) -> bool:
-    """Whether another grid than the given one divides a picture into views that are alike, and the given one does not.
+    """Whether another grid than the given one divides a picture into similar views, and the given one does not.
 
-    `alike` is how much the tiles of the given one are. Where it only divides further, or its tiles are alike, too, its
-    cuts must be no seams.
+    `alike` is the similarity of the given grid's tiles. If the other grid only divides further, or the given tiles are
+    similar, too, the given grid must have no seams.
     """
     divides_further = not any(count % each for count, each in zip(grid, other, strict=True))
     if alike > _UNLIKE and divides_further:
@@ -223,7 +223,7 @@ def _fits_better(picture: _Picture, other: Grid, grid: Grid, alike: float) -> bo
 
 
 def _check_single(picture: _Picture, grid: Grid) -> None:
-    """Raise InputError where each tile shows several views, with seams between them."""
+    """Raise InputError if each tile shows several views, with seams between them."""
     rows, cols = grid
     multiples = [(rows * down, cols * across) for down in range(1, 6) for across in range(1, 6) if down * across > 1]
     finer = [
@@ -244,7 +244,7 @@ def _check_single(picture: _Picture, grid: Grid) -> None:
 
 def _check_lenses(picture: _Picture, grid: Grid) -> None:
     if picture.seams(grid) > _SEAM and _likeness(picture.views(grid, "tiles")) > _ALIKE:
-        raise InputError("the picture shows views beside each other and no lenslets, expected a name without _eslf")
+        raise InputError("the picture shows adjacent views and no lenslets, expected a name without _eslf")
     for axis, (count, key) in enumerate(zip(grid, ("rows", "cols"), strict=True)):
         if not 1 < count <= _MOST_VIEWS:
             continue
@@ -252,7 +252,7 @@ def _check_lenses(picture: _Picture, grid: Grid) -> None:
         counts = [each for each in range(2, _MOST_VIEWS + 1) if side % each == 0 and side // each >= _LIKELY_VIEW_PX]
         found = {each: picture.lens_contrast(each, axis) for each in sorted({*counts, count})}
         most = max(found.values())
-        # Several lenses together have the contrast of one at their edges.
+        # Groups of several lenslets have the same contrast at their edges as one.
         size = next(each for each, contrast in found.items() if contrast >= _LESS_LENS * most)
         is_block = 0 in (size % _BLOCK_PX, _BLOCK_PX % size) and most < _CERTAIN
         certain = picture.holds_lenses(count, size, axis) if count % size == 0 else not is_block
@@ -267,7 +267,7 @@ def _small(view: Any) -> Grey:
 
 
 def _likeness(views: Grey) -> float:
-    """Median correlation of neighbours along the axis where it is least; NaN for views without texture."""
+    """Median correlation of adjacent views along the axis where it is lower; NaN without texture."""
     rows, cols = views.shape[:2]
     across = [((t, s), (t, s + 1)) for t in range(rows) for s in range(cols - 1)]
     down = [((t, s), (t + 1, s)) for t in range(rows - 1) for s in range(cols)]
@@ -286,7 +286,7 @@ def _likeness(views: Grey) -> float:
 
 
 def _structure(views: Grey) -> float:
-    """Median correlation of neighbouring pixels in the first small views: of noise, none."""
+    """Median correlation of adjacent pixels in the first views, reduced; 0 for noise."""
     small = [_small(view) for view in views.reshape(-1, *views.shape[2:])[:_PAIRS]]
     found = [np.corrcoef(view[:, 1:].ravel(), view[:, :-1].ravel())[0, 1] for view in small if view.std() > 0]
     return float(np.median(found)) if found else 0.0

@@ -1,4 +1,4 @@
-"""Views as pinholes with one orientation, and back: the form of structure-from-motion tools."""
+"""Views as parallel pinholes, and back: the form of structure-from-motion tools."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from mirrorcam.optics.light_field.light_field import Views
 
 Item = TypeVar("Item")
 SAME_PX = 1e-6
-"""Differences of principal points and focal lengths that are ignored: zero disparity is at infinity."""
+"""Negligible differences of principal points and focal lengths, for zero disparity at infinity."""
 WITHIN_PX = 0.01
-"""Largest difference of principal points and focal lengths from those of views that share a plane."""
+"""Tolerance of principal points and focal lengths for views that share a plane of zero disparity."""
 
 
 def view_name(t: int, s: int) -> str:
-    """The name of a view in files; sorted, names are row by row."""
+    """Name of a view in files; sorted names are row by row."""
     return f"view_{t:02d}_{s:02d}"
 
 
 def row_by_row(views: Mapping[tuple[int, int], Item]) -> tuple[tuple[int, int], list[Item]]:
-    """Rows and columns of views by their indices, and the views row by row; raises ValueError where views are missing.
+    """Return numbers of rows and columns, and the views row by row; raises ValueError if views are missing.
 
-    They are counted first: a grid as large as the numbers in hostile names would fill the memory.
+    The views are counted first, because hostile names could state a grid that fills the memory.
     """
     rows, cols = (1 + max(index[axis] for index in views) for axis in (0, 1))
     if len(views) != rows * cols:
@@ -42,10 +42,10 @@ def centres_in_rig_mm(views: Views) -> FloatArray:
 def views_of_pinholes(
     centres_mm: FloatArray, view_from_world: FloatArray, matrices: FloatArray, size: tuple[int, int], where: str
 ) -> Views:
-    """Views of pinholes at places (t, s, 3) in a world, with intrinsic matrices (t, s, 3, 3); world becomes rig.
+    """Build views of pinholes at positions (t, s, 3) in a world, with matrices (t, s, 3, 3); the world becomes the rig.
 
-    The middle view is the reference. The plane of zero disparity follows from the principal points, which move by
-    f x / Z0, and the focal lengths, f (1 - z / Z0). Raises InputError where they do not.
+    The middle view is the reference. The plane of zero disparity follows from the principal points, which shift by
+    f x / Z0, and the focal lengths, f (1 - z / Z0). Raises InputError if they are inconsistent.
     """
     rows, cols = centres_mm.shape[:2]
     middle = (rows // 2, cols // 2)

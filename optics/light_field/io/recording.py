@@ -1,4 +1,4 @@
-"""Light fields of a stream on disk: written frame by frame, whole under its own name or a beginning to go on from."""
+"""Light fields of a stream on disk, written frame by frame: complete under its name, or a resumable beginning."""
 
 from __future__ import annotations
 
@@ -35,16 +35,16 @@ INDEX = "frames.json"
 
 
 def about(views: Views, source: dict[str, Any], **settings: Any) -> dict[str, Any]:
-    """Attributes of a recording, as JSON: its views and source, and the settings it was decoded with."""
+    """Build a recording's attributes as JSON: its views and source, and the settings used for decoding."""
     return {"schema": SCHEMA, "source": source, **settings, "views": fields_of_views(views)}
 
 
 class NothingDecoded(InputError):
-    """A source of which no frame could be decoded."""
+    """Raised if no frame of a source could be decoded."""
 
 
 class _Frame(Value):
-    """A line of the journal: a frame that is kept, with its time, or lost, with the reason."""
+    """A line of the journal: a written frame with its time, or a lost one with the reason."""
 
     model_config = ConfigDict(extra="ignore")
 
@@ -61,7 +61,7 @@ class _Frame(Value):
 
 @dataclass
 class Entries:
-    """The frames that a recording holds, in order: numbers in the source, times in s; and those lost, with reasons."""
+    """The frames of a recording, in order: numbers in the source and times in s; and lost frames with reasons."""
 
     numbers: list[int] = field(default_factory=list)
     times_s: list[float] = field(default_factory=list)
@@ -69,7 +69,7 @@ class Entries:
 
     @classmethod
     def of(cls, lines: Iterable[Any], where: Path) -> Entries:
-        """The entries of lines as in a journal; raises InputError in one line for any others."""
+        """Parse the lines of a journal; raises InputError in one line if they are invalid."""
         entries = cls()
         for line in lines:
             entries.note(line, where)
@@ -79,7 +79,7 @@ class Entries:
         return entries
 
     def note(self, line: Any, where: Path) -> None:
-        """Add a line of the journal; raises InputError where it is not valid."""
+        """Add a line of the journal; raises InputError if it is invalid."""
         try:
             frame = _Frame.model_validate(line, strict=True)
         except InvalidValue as error:
@@ -93,44 +93,44 @@ class Entries:
 
     @property
     def last(self) -> int:
-        """The highest number of a frame, kept or lost; -1 before the first."""
+        """Highest frame number, written or lost; -1 before the first."""
         return max((*self.numbers[-1:], *self.lost), default=-1)
 
 
 class Sink(Protocol):
-    """Layout of light fields in a folder. The same calls must leave the same bytes."""
+    """Storage of light fields in a folder. Equal calls must produce equal bytes."""
 
     def open(self, folder: Path, about: dict[str, Any]) -> None:
-        """Begin in a folder, or go on in one; what lies there at the index of the next `write` may be half written."""
+        """Begin or resume in a folder; data at the index of the next `write` may be incomplete."""
 
     def write(self, index: int, number: int, light_field: LightField) -> None:
-        """Add the light field at an index that counts up without gaps, frame `number` of the source."""
+        """Add the light field at an index that increases without gaps, for frame `number` of the source."""
 
     def close(self, folder: Path, about: dict[str, Any], entries: Entries) -> None:
-        """Write what is known only at the end."""
+        """Write the values that are known only at the end."""
 
     def read(self, path: Path) -> tuple[dict[str, Any], Entries]:
-        """Read what `close` wrote: the attributes of the recording, and its frames."""
+        """Read the attributes of a recording and its frames, as written by `close`."""
 
 
 class Recording:
     """Light fields being written to `path`.
 
-    Until `finish`, they lie in `path` + ".partial", beside a journal with a line for every frame that is whole there.
-    Opened again with the same `about`, writing goes on after them, and ends in the same bytes as if it had never
-    stopped.
+    Until `finish`, they are in `path` + ".partial", with a journal that has a line for every completely written frame.
+    Reopened with the same `about`, writing resumes after these frames, and ends in the same bytes as without the
+    interruption.
 
     Attributes
     ----------
     entries
-        Journal entries of the frames that have been written.
+        Journal entries of the frames written.
     complete
-        Whether `path` was there already, written with the same `about`; there is nothing left to do then.
+        Whether `path` already existed, written with the same `about`, so that nothing remains to be done.
 
     Raises
     ------
     InputError
-        Where `path` or its beginning is of something else, and where nothing can be written.
+        If `path` or its beginning belongs to another job, or cannot be written.
     """
 
     def __init__(self, path: Path, about: dict[str, Any], sink: Sink) -> None:
@@ -151,11 +151,11 @@ class Recording:
                     f"{path}: exists and holds something else, expected a new name or the same job again: "
                     f"{' and '.join(other)} differ"
                 )
-            # There still where a run was cut off between its last two steps.
+            # It remains if a run was interrupted between its last two steps.
             (path / JOURNAL).unlink(missing_ok=True)
             return
         journal = self._folder / JOURNAL
-        lines = whole_lines(journal)
+        lines = complete_lines(journal)
         if lines and (other := differing(lines[0], self._about)):
             raise InputError(
                 f"{self._folder}: is the beginning of another job, expected the same job or no such folder: "
@@ -177,12 +177,12 @@ class Recording:
             self._note({"number": frame.number, "time_s": frame.time_s})
 
     def lose(self, lost: Lost) -> None:
-        """Note a frame that cannot be used."""
+        """Record a frame that cannot be used."""
         with self._writing():
             self._note({"number": lost.number, "lost": lost.reason})
 
     def finish(self) -> None:
-        """Give the recording its own name, or, where it has no frame, remove its beginning and raise NothingDecoded."""
+        """Give the recording its name; without a frame, remove its beginning and raise NothingDecoded."""
         self.close()
         if not self.entries.numbers:
             shutil.rmtree(self._folder)
@@ -194,7 +194,7 @@ class Recording:
             (self.path / JOURNAL).unlink()
 
     def close(self) -> None:
-        """Let go of the journal; what is written stays to go on from."""
+        """Close the journal; the recording can be resumed."""
         if self._journal is not None:
             self._journal.close()
 
@@ -206,53 +206,53 @@ class Recording:
 
     @contextmanager
     def _writing(self) -> Iterator[None]:
-        kept = "before are whole, and the same command resumes after them"
+        resumable = "written before are complete, and the same command resumes after them"
         try:
-            # Zarr leaves what it has begun unfinished where a signal's exception strikes it.
+            # Zarr leaves writes unfinished if a signal's exception interrupts it.
             with deferred():
                 yield
         except InputError as error:
-            raise InputError(f"{error}; {len(self.entries.numbers)} frames {kept}") from None
+            raise InputError(f"{error}; {len(self.entries.numbers)} frames {resumable}") from None
         except OSError as error:
             reason = error.strerror or error
             raise InputError(
-                f"{self.path}: cannot be written: {reason}; {len(self.entries.numbers)} frames {kept}"
+                f"{self.path}: cannot be written: {reason}; {len(self.entries.numbers)} frames {resumable}"
             ) from None
 
 
 def read_journal(journal: Path) -> tuple[dict[str, Any], Entries]:
-    """The attributes and the frames of a recording that was cut off, as far as its journal was written to the end."""
-    lines = whole_lines(journal)
+    """Return attributes and frames of an interrupted recording, up to its last complete journal line."""
+    lines = complete_lines(journal)
     if not lines or lines[0].get("schema") != SCHEMA:
         raise InputError(f"{journal}: not the journal of a recording, expected the schema {SCHEMA!r} in its first line")
     return lines[0], Entries.of(lines[1:], journal)
 
 
-def whole_lines(journal: Path) -> list[dict[str, Any]]:
-    """The journal's lines up to the first that was not written to its end; none where there is no journal.
+def complete_lines(journal: Path) -> list[dict[str, Any]]:
+    """Return the journal's lines up to the first incomplete one; none without a journal.
 
     Raises InputError for a line that is no JSON object.
     """
     if not journal.exists():
         return []
-    whole = []
+    complete = []
     for line in read_lines(journal)[:-1]:
         try:
-            whole.append(json_of(journal, line))
+            complete.append(json_of(journal, line))
         except InputError:
             break
-        if not isinstance(whole[-1], dict):
-            raise InputError(f"{journal}: holds {str(whole[-1])[:40]!r}, expected lines of a journal")
-    return whole
+        if not isinstance(complete[-1], dict):
+            raise InputError(f"{journal}: holds {str(complete[-1])[:40]!r}, expected lines of a journal")
+    return complete
 
 
 class Folders:
-    """A sink of one folder per frame, named by its number in the source, and `frames.json`.
+    """A sink with one folder per frame, named by its number in the source, and `frames.json`.
 
     Parameters
     ----------
     write_one
-        Function that writes a light field into an empty folder.
+        Function that writes a light field to an empty folder.
     """
 
     def __init__(self, write_one: Callable[[Path, LightField], None]) -> None:
@@ -262,19 +262,19 @@ class Folders:
         self._folder = folder
 
     def write(self, index: int, number: int, light_field: LightField) -> None:
-        """Write the frame's folder, in place of one that an interrupted run has left."""
-        whole, beginning = self._folder / f"{number:06d}", self._folder / f"{number:06d}.partial"
-        for left in (whole, beginning):
-            if left.exists():
-                shutil.rmtree(left)
-        beginning.mkdir()
-        self._write_one(beginning, light_field)
-        beginning.rename(whole)
+        """Write the frame's folder, replacing one that an interrupted run left."""
+        final, partial = self._folder / f"{number:06d}", self._folder / f"{number:06d}.partial"
+        for stale in (final, partial):
+            if stale.exists():
+                shutil.rmtree(stale)
+        partial.mkdir()
+        self._write_one(partial, light_field)
+        partial.rename(final)
 
     def close(self, folder: Path, about: dict[str, Any], entries: Entries) -> None:
-        """Write `frames.json`: the description of the recording, and its frames."""
-        for left in folder.glob("*.partial"):
-            shutil.rmtree(left)
+        """Write `frames.json`: the attributes of the recording, and its frames."""
+        for stale in folder.glob("*.partial"):
+            shutil.rmtree(stale)
         frames = [
             {"number": number, "time_s": time_s, "folder": f"{number:06d}"}
             for number, time_s in zip(entries.numbers, entries.times_s, strict=True)

@@ -1,7 +1,7 @@
-"""Light fields as ROS 2 messages: plain values that a bag writes and a node publishes; no library of ROS is needed.
+"""Light fields as ROS 2 messages: plain values that a bag stores and a node publishes, without any ROS library.
 
-Frames are optical ones (REP 103): x right, y down, z forward. Lengths are metres, stamps nanoseconds. Views are
-rectified: each `camera_info` is an exact pinhole, and each view has its own frame below that of the camera (`rig`).
+Frames are optical (REP 103): x right, y down, z forward. Lengths are metres, stamps nanoseconds. Views are rectified:
+each `camera_info` is an exact pinhole, and each view has its own frame below the camera's (`rig`).
 """
 
 from __future__ import annotations
@@ -22,21 +22,21 @@ from mirrorcam.optics.light_field.io.views_file import SCHEMA, fields_of_views
 from mirrorcam.optics.light_field.light_field import LightField, Views
 
 CAMERA_FRAME = "mirrorcam_camera_optical_frame"
-"""The frame `rig`, as the URDF of `mirrorcam camera export` and the xacro of `mirrorcam cad` call it."""
+"""Frame `rig`, as named in the URDF of `mirrorcam camera export` and the xacro of `mirrorcam cad`."""
 TF_STATIC, VIEWS_TOPIC, WEIGHTS_TOPIC, POINTS_TOPIC = "/tf_static", "views", "weights", "points"
 SURE = 0.5
-"""Confidence above which a depth is given to a robot."""
+"""Confidence above which a depth is published."""
 M_FROM_MM = 1e-3
 _NS_PER_S = 10**9
 _LAST_STAMP_NS = 2**31 * _NS_PER_S - 1
-"""Seconds of a stamp are an int32."""
+"""Seconds of a stamp are int32."""
 _FLOAT32 = 7
-"""Number of the type in sensor_msgs/msg/PointField."""
+"""Type number in sensor_msgs/msg/PointField."""
 
 
 @dataclass(frozen=True, eq=False)
 class RosMessage:
-    """A message by its type, such as `sensor_msgs/msg/Image`, and its fields: numbers, texts, arrays and messages."""
+    """A message with its type, such as `sensor_msgs/msg/Image`, and its fields: numbers, texts, arrays and messages."""
 
     type: str
     fields: Mapping[str, Any]
@@ -44,9 +44,9 @@ class RosMessage:
 
 @dataclass(frozen=True, eq=False)
 class Published:
-    """A message on a topic; a topic without a slash in front is below the namespace of the camera.
+    """A message on a topic; topics without a leading slash are in the camera's namespace.
 
-    A `latched` one is sent once, to whoever listens later, too (durability "transient local").
+    A `latched` message is sent once, and also to later subscribers (durability "transient local").
     """
 
     topic: str
@@ -55,32 +55,32 @@ class Published:
 
 
 def view_topic(view: tuple[int, int]) -> str:
-    """Namespace of the topics of a view, below that of the camera."""
+    """Namespace of a view's topics, below the camera's."""
     return f"view_{view[0]}_{view[1]}"
 
 
 def view_frame(view: tuple[int, int]) -> str:
-    """Optical frame of a view as it is decoded: rectified, unlike the camera of the same mirror in the URDF."""
+    """Optical frame of a decoded view: rectified, unlike the camera of the same mirror in the URDF."""
     return f"mirrorcam_rectified_{view_topic(view)}_optical_frame"
 
 
 def stamp_ns(time_s: float, start_ns: int = 0) -> int:
-    """The stamp of a frame at a time in s after a start; raises InputError for one that ROS 2 cannot hold."""
+    """Stamp of a frame at a time in s after a start; raises InputError if ROS 2 cannot represent it."""
     stamp = start_ns + round(time_s * _NS_PER_S)
     if not 0 <= stamp <= _LAST_STAMP_NS:
-        raise InputError(f"a frame's time is {stamp / _NS_PER_S:.3f} s, expected 0 to 2^31 s, as stamps of ROS 2 hold")
+        raise InputError(f"a frame's time is {stamp / _NS_PER_S:.3f} s, expected 0 to 2^31 s as in ROS 2")
     return stamp
 
 
 def latched_messages(light_field: LightField, stamp: int) -> Iterator[Published]:
-    """What is the same for all frames: /tf_static, the geometry and type of the light field, and the weights."""
+    """Yield messages common to all frames: /tf_static, geometry and type of the light field, and the weights."""
     yield Published(TF_STATIC, tf_static(light_field, stamp), latched=True)
     yield Published(VIEWS_TOPIC, views_text(light_field), latched=True)
     yield Published(WEIGHTS_TOPIC, weights_array(light_field), latched=True)
 
 
 def frame_messages(light_field: LightField, stamp: int, depth: DepthMap | None = None) -> Iterator[Published]:
-    """One frame: image and camera_info of each view and, where there is a depth map, depth image and point cloud."""
+    """Yield one frame: image and camera_info of each view and, given a depth map, depth image and point cloud."""
     for view in np.ndindex(light_field.rows, light_field.cols):
         picture = image(light_field.samples[view], stamp, view_frame(view))
         yield Published(f"{view_topic(view)}/image_rect", picture)
@@ -92,23 +92,23 @@ def frame_messages(light_field: LightField, stamp: int, depth: DepthMap | None =
 
 
 def time_message(stamp: int) -> RosMessage:
-    """A stamp in ns as builtin_interfaces/msg/Time."""
+    """Convert a stamp in ns to builtin_interfaces/msg/Time."""
     seconds, rest = divmod(stamp, _NS_PER_S)
     return RosMessage("builtin_interfaces/msg/Time", {"sec": seconds, "nanosec": rest})
 
 
 def header(stamp: int, frame_id: str) -> RosMessage:
-    """std_msgs/msg/Header of a stamp in ns."""
+    """Build a std_msgs/msg/Header with a stamp in ns."""
     return RosMessage("std_msgs/msg/Header", {"stamp": time_message(stamp), "frame_id": frame_id})
 
 
 def encoding_of(dtype: np.dtype[Any], channels: int) -> str:
-    """Name in `sensor_msgs/image_encodings.hpp` of pixels of a type."""
+    """Encoding name in `sensor_msgs/image_encodings.hpp` for a pixel type."""
     return f"32FC{channels}" if dtype == np.float32 else {1: "mono8", 3: "rgb8"}[channels]
 
 
 def image(pixels: NDArray[Any], stamp: int, frame_id: str) -> RosMessage:
-    """sensor_msgs/msg/Image of pixels (h, w) or (h, w, c), uint8 or float32: rgb8, mono8, 32FC3 or 32FC1."""
+    """Build a sensor_msgs/msg/Image of pixels (h, w) or (h, w, c), uint8 or float32: rgb8, mono8, 32FC3 or 32FC1."""
     channels = 1 if pixels.ndim == 2 else pixels.shape[2]
     height, width = pixels.shape[:2]
     little = np.ascontiguousarray(pixels, pixels.dtype.newbyteorder("<"))
@@ -125,9 +125,9 @@ def image(pixels: NDArray[Any], stamp: int, frame_id: str) -> RosMessage:
 
 
 def camera_info(views: Views, view: tuple[int, int], stamp: int) -> RosMessage:
-    """sensor_msgs/msg/CameraInfo of a view: K is exact, there is no distortion, R = 1 and P = [K 0].
+    """Build a view's sensor_msgs/msg/CameraInfo: K is exact, without distortion, R = 1 and P = [K 0].
 
-    Views have frames of their own, so that P is without the baseline that a stereo pair in one frame has in it.
+    Each view has its own frame, so P has no baseline, unlike for a stereo pair in one frame.
     """
     matrix = views.matrices[view]
     region = {"x_offset": 0, "y_offset": 0, "height": 0, "width": 0, "do_rectify": False}
@@ -148,9 +148,9 @@ def camera_info(views: Views, view: tuple[int, int], stamp: int) -> RosMessage:
 
 
 def depth_m(depth: DepthMap) -> NDArray[np.float32]:
-    """Depth (v, u) in metres along z from the reference view itself (REP 118); NaN where it is not sure.
+    """Depth (v, u) in metres along z from the reference view itself (REP 118); NaN where uncertain.
 
-    `DepthMap.depth_mm` counts from the pupil of the camera, which is no frame of a view.
+    `DepthMap.depth_mm` is measured from the camera's pupil, which is not the frame of a view.
     """
     from_view = depth.depth_mm.astype(np.float64) - depth.views.reference_view_depth_mm
     sure = depth.valid & (depth.confidence > SURE)
@@ -158,22 +158,22 @@ def depth_m(depth: DepthMap) -> NDArray[np.float32]:
 
 
 def points_m(depth: DepthMap) -> NDArray[np.float32]:
-    """Points (v, u, 3) in metres in the frame of the reference view; NaN where depth is not sure."""
+    """Points (v, u, 3) in metres in the frame of the reference view; NaN where depth is uncertain."""
     z = depth_m(depth)[..., None]
     across = (depth.views.pixel_grid() - depth.views.centre_px) / depth.views.focal_px
     return np.concatenate([across.astype(np.float32) * z, z], axis=-1)
 
 
 def depth_image(depth: DepthMap, stamp: int) -> RosMessage:
-    """sensor_msgs/msg/Image of `depth_m`, 32FC1, in the frame of the reference view."""
+    """Build a sensor_msgs/msg/Image of `depth_m`, 32FC1, in the frame of the reference view."""
     return image(depth_m(depth), stamp, view_frame(depth.view))
 
 
 def point_cloud(light_field: LightField, depth: DepthMap, stamp: int) -> RosMessage:
-    """sensor_msgs/msg/PointCloud2 in the frame of the reference view, in rows and columns of its picture.
+    """Build a sensor_msgs/msg/PointCloud2 in the frame of the reference view, organised like its picture.
 
     Fields are x, y, z and sigma (standard deviation along z) in metres, and rgb as PCL packs it; all but rgb are NaN
-    where depth is not sure.
+    where depth is uncertain.
     """
     points = points_m(depth)
     known = np.isfinite(points[..., 2])
@@ -205,7 +205,7 @@ def point_cloud(light_field: LightField, depth: DepthMap, stamp: int) -> RosMess
 
 
 def tf_static(views: Views, stamp: int) -> RosMessage:
-    """tf2_msgs/msg/TFMessage: the frame of every view below that of the camera, in metres."""
+    """Build a tf2_msgs/msg/TFMessage with the frame of every view below the camera's, in metres."""
     turn = dict(zip("xyzw", Rotation.from_matrix(views.view_from_rig.T).as_quat().tolist(), strict=True))
     transforms = []
     for view in np.ndindex(views.rows, views.cols):
@@ -225,7 +225,7 @@ def tf_static(views: Views, stamp: int) -> RosMessage:
 
 
 def views_text(light_field: LightField) -> RosMessage:
-    """std_msgs/msg/String with the geometry as `views.json`, by which a bag reads back as the same light field."""
+    """Build a std_msgs/msg/String with the geometry as in `views.json`, which restores the light field from a bag."""
     content = {
         "schema": SCHEMA,
         "channels": light_field.samples.shape[-1],
@@ -236,7 +236,7 @@ def views_text(light_field: LightField) -> RosMessage:
 
 
 def weights_array(light_field: LightField) -> RosMessage:
-    """std_msgs/msg/Float32MultiArray of the weights (t, s, v, u); as images, viewers would take them for depths."""
+    """Build a std_msgs/msg/Float32MultiArray of the weights (t, s, v, u); viewers would show images as depth."""
     shape = light_field.weights.shape
     strides = [int(np.prod(shape[axis:])) for axis in range(len(shape))]
     dimensions = [

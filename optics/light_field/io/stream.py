@@ -1,4 +1,4 @@
-"""Recording of a stream of frames as light fields on disk: reading, decoding and writing at the same time."""
+"""Recording of a stream of frames as light fields: reading, decoding and writing run concurrently."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ class RecordingCheck(Protocol):
 
     @property
     def file(self) -> str:
-        """Ending of the name of the file that it writes."""
+        """Suffix of the file that it writes."""
 
     def report(self, frames: Sequence[NDArray[np.uint8]], name: str, sources: str) -> None:
-        """Check a few frames of a recording: `name` is of the file, `sources` what a command would be given."""
+        """Check some frames of a recording named `name`; `sources` are the arguments of a command that reads them."""
 
 
 def light_fields(decoder: Decoder, source: Source, after: int = -1, *, ahead: int = AHEAD) -> Iterator[Decoded]:
-    """The light fields of a source's frames after a number, and its lost frames, in order.
+    """Yield the light fields of a source's frames after a number, and its lost frames, in order.
 
-    Frames are read in a thread of their own, `ahead` of them before they are used; with 0, each when it is asked for.
+    Frames are read in a separate thread, `ahead` of them in advance; with 0, each on demand.
     """
     frames = source.frames(after)
     for item in read_ahead(frames, ahead, source.stop) if ahead else frames:
@@ -39,9 +39,9 @@ def light_fields(decoder: Decoder, source: Source, after: int = -1, *, ahead: in
 
 
 def decoded_ahead(decoder: Decoder, source: Source, after: int = -1) -> Iterator[Decoded]:
-    """The same, a few ahead: decoding has its own thread, too, and ends with the iterator that this returns.
+    """Like `light_fields`, decoding a few frames ahead in another thread, which ends with the returned iterator.
 
-    OpenCV, the video's decoder and the writing of files release Python's lock while they work.
+    OpenCV, the video decoder and file writes release Python's lock.
     """
     return read_ahead(light_fields(decoder, source, after), count=2, stop=source.stop)
 
@@ -54,9 +54,9 @@ def record(
     on_frame: Callable[[int, Decoded], None] | None = None,
     limit: int | None = None,
 ) -> None:
-    """Add to a recording what a source has after what is in it already, up to `limit` frames, kept and lost, in all.
+    """Append a source's remaining frames to a recording, up to `limit` frames, written and lost, in total.
 
-    `on_frame` gets the number of frames done, and the last of them. The recording is neither finished nor closed here.
+    `on_frame` gets the number of frames done and the last of them. The recording is neither finished nor closed.
     """
     done = len(recording.entries.numbers) + len(recording.entries.lost)
     more = None if limit is None else max(0, limit - done)

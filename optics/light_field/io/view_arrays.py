@@ -1,4 +1,4 @@
-"""Folders with the views as one NumPy array, as the formats `plenpy` and `plenopticam` have them."""
+"""Folders with the views as one NumPy array, for the formats `plenpy` and `plenopticam`."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ WEIGHTS = "weights.npy"
 
 
 def write_arrays(path: Path, light_field: LightField, largest: float) -> None:
-    """Write the samples as float32 from 0 to `largest`, and the weights and the views beside them."""
+    """Write the samples as float32 from 0 to `largest`, with the weights and the geometry next to them."""
     samples: Any = light_field.samples.astype(np.float32)
     if light_field.samples.dtype == np.uint8:
         samples /= np.float32(255.0)
@@ -40,14 +40,14 @@ def _load(path: Path, dimensions: int) -> Any:
 
 
 def read_arrays(path: Path, largest: float, assumed: Assumed) -> LightField:
-    """The light field of an array [t, s, v, u, c] of floats to `largest`, or of integers up to their largest value.
+    """Read the light field of an array [t, s, v, u, c] of floats up to `largest`, or of integers up to their maximum.
 
-    Without `views.json`, samples are float32 on an even grid, and the geometry is as assumed. Raises InputError in one
-    line for arrays of other shapes, or values that are not finite.
+    Without `views.json`, samples are float32 on an even grid with the assumed geometry. Raises InputError in one line
+    for arrays of other shapes, or non-finite values.
     """
     array, stated = _load(path, 5), read_views(path.with_name(VIEWS))
     largest = float(np.iinfo(array.dtype).max) if array.dtype.kind == "u" else largest
-    with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is refused below
+    with np.errstate(over="ignore", invalid="ignore"):  # non-finite values are refused below
         samples = array.astype(np.float32)
         del array  # as large as memory allows
         samples /= np.float32(largest)

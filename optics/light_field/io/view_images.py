@@ -1,4 +1,4 @@
-"""Views as pictures with 8 bits: colours, and weights as opacity or as a separate picture; all views in one picture."""
+"""Views as 8-bit pictures, with weights as opacity or as a separate picture; and all views in one picture."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ from mirrorcam.optics.light_field.light_field import LightField, Samples, Views
 
 Bytes = NDArray[np.uint8]
 _PIXEL_BYTES = 7
-"""Bytes that a pixel of a view takes: three of colour, and four of weight."""
+"""Bytes per pixel of a view: three for colour, and four for the weight."""
 SEPARATOR_PX = 3
 SEPARATOR_RGB = (255, 255, 255)
 INVALID_RGB = (64, 64, 64)
 RATIOS = (1.0, 0.7, 1.4, 0.5, 2.0)
-"""Factors between distances across and down; of those, the one is taken that leaves the smallest picture."""
+"""Trial ratios of distances across and down; the one with the smallest picture is chosen."""
 FARTHEST = 1e6
 
 
 def as_bytes(samples: Samples) -> Bytes:
-    """Samples of either type with 8 bits."""
+    """Convert samples of either type to 8 bits."""
     if samples.dtype == np.uint8:
         return np.asarray(samples, np.uint8)
     scaled: Any = np.clip(samples, 0.0, 1.0)
@@ -36,23 +36,23 @@ def as_bytes(samples: Samples) -> Bytes:
 
 
 def weight_bytes(weights: NDArray[np.float32]) -> Bytes:
-    """Weights of 0 to 1 as 0 to 255; none that is positive becomes zero."""
+    """Convert weights from 0 to 1 to bytes; positive ones stay positive."""
     return np.where(weights > 0, np.clip(np.rint(weights * 255.0), 1, 255), 0).astype(np.uint8)
 
 
 def weights_of(opacity: Bytes) -> NDArray[np.float32]:
-    """The weights that `weight_bytes` wrote."""
+    """Convert bytes written by `weight_bytes` back to weights."""
     return opacity.astype(np.float32) / np.float32(255.0)
 
 
 def rgb(samples: Samples) -> Bytes:
-    """Samples (..., 1) or (..., 3) as RGB (..., 3) with 8 bits."""
+    """Convert samples (..., 1) or (..., 3) to 8-bit RGB (..., 3)."""
     colours = as_bytes(samples)
     return np.ascontiguousarray(np.broadcast_to(colours, (*colours.shape[:-1], 3)))
 
 
 def write_rgba(path: Path, colours: Bytes, opacity: Bytes | None) -> None:
-    """Write a picture (h, w, 3) in RGB, with an opacity (h, w) where there is one, as PNG."""
+    """Write a picture (h, w, 3) in RGB, and its opacity (h, w) if given, as PNG."""
     swapped = colours[..., ::-1]
     picture = swapped if opacity is None else np.concatenate([swapped, opacity[..., None]], axis=-1)
     encoded, buffer = cv2.imencode(".png", np.ascontiguousarray(picture))
@@ -62,10 +62,10 @@ def write_rgba(path: Path, colours: Bytes, opacity: Bytes | None) -> None:
 
 
 def common_size(pictures: Sequence[Path]) -> tuple[int, int]:
-    """Width and height of pictures that make one light field, by the header of the first; they are scaled alike.
+    """Return width and height of the pictures of one light field from the first one's header, and fix their bit depth.
 
-    Raises InputError where all together would take more memory than their files may; the others are to be checked when
-    they are read.
+    Raises InputError if all together would take more memory than their files justify. The other pictures' sizes must be
+    checked on reading.
     """
     width, height = picture_size(pictures[0])
     stored = sum(picture.stat().st_size for picture in pictures if picture.is_file())
@@ -75,29 +75,29 @@ def common_size(pictures: Sequence[Path]) -> tuple[int, int]:
 
 
 def read_rgba(path: Path) -> tuple[Bytes, Bytes]:
-    """Colours (h, w, 3) in RGB and opacity (h, w) of a picture; 255 throughout where it has none."""
+    """Read colours (h, w, 3) in RGB and opacity (h, w) of a picture; 255 everywhere without opacity."""
     common_size([path])
     colours, opacity = read_image(path), read_opacity(path)
     return colours, np.full(colours.shape[:2], 255, np.uint8) if opacity is None else opacity
 
 
 def light_field_of(views: Views, colours: Bytes, opacity: Bytes, channels: int = 3) -> LightField:
-    """The light field of pictures (t, s, v, u, 3) and opacities (t, s, v, u); samples without weight are zero."""
+    """Build a light field of pictures (t, s, v, u, 3) and opacities (t, s, v, u); samples without weight are zero."""
     samples: Any = np.ascontiguousarray(colours[..., :channels])
     samples[opacity == 0] = 0
     return LightField.of(views, samples, weights_of(opacity))
 
 
 def check_size(path: Path, picture: NDArray[Any], size: tuple[int, int]) -> None:
-    """Raise InputError for a picture (h, w, ...) of another width and height."""
+    """Raise InputError if a picture (h, w, ...) has another width or height."""
     if (picture.shape[1], picture.shape[0]) != size:
         raise InputError(f"{path}: {picture.shape[1]}x{picture.shape[0]} px, expected {size[0]}x{size[1]}")
 
 
 def tiled_views(light_field: LightField) -> NDArray[np.uint8]:
-    """The views beside each other (h, w, 3) in RGB, as they lie in space; dark grey where a view has no sample.
+    """Arrange the views in one picture (h, w, 3), RGB, as in space; dark grey where a view has no sample.
 
-    A grid has row t below row t - 1.
+    For a grid, row t is below row t - 1.
     """
     samples = light_field.samples
     if samples.dtype == np.float32:
@@ -114,7 +114,7 @@ def tiled_views(light_field: LightField) -> NDArray[np.uint8]:
 
 
 def _places(light_field: LightField, tile_px: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Left and top (t, s, 2) of each view in a picture of tiles of a size (across, down), which do not overlap."""
+    """Left and top (t, s, 2) of each view in a picture of non-overlapping tiles of size (across, down)."""
     if light_field.is_grid:
         t, s = np.indices((light_field.rows, light_field.cols))
         return np.stack([s, t], axis=-1) * tile_px
@@ -122,8 +122,8 @@ def _places(light_field: LightField, tile_px: NDArray[np.int64]) -> NDArray[np.i
     apart = np.abs(at[:, None] - at)[~np.eye(len(at), dtype=bool)]
     scales = []
     for ratio in RATIOS:
-        # Two tiles lie apart along the axis along which their views do more.
-        beside = apart[:, 0] * ratio >= apart[:, 1]
-        scales.append(1.0 / np.array([apart[beside, 0].min(initial=FARTHEST), apart[~beside, 1].min(initial=FARTHEST)]))
+        # Two tiles are separated along the axis of the larger distance between their views.
+        wide = apart[:, 0] * ratio >= apart[:, 1]
+        scales.append(1.0 / np.array([apart[wide, 0].min(initial=FARTHEST), apart[~wide, 1].min(initial=FARTHEST)]))
     scale = min(scales, key=lambda scale: float(np.prod(scale * np.ptp(at, axis=0) + 1.0)))
     return np.ceil((at - at.min(axis=0)) * scale * tile_px).astype(np.int64)[None]

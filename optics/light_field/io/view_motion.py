@@ -1,4 +1,4 @@
-"""How the picture moves from view to view: one displacement per pair of views, whatever the depths of the scene."""
+"""Motion of the picture between views: one displacement per pair of views, for any depths of the scene."""
 
 from __future__ import annotations
 
@@ -16,31 +16,31 @@ from mirrorcam.optics.light_field.light_field import LightField, Samples
 MOST_SIDE_PX = 192
 """Longest side at which views are compared."""
 CELLS = 8
-"""Cells across and down a view, each of which may have a depth of its own."""
+"""Cells across and down a view, each with its own depth."""
 _CORNERS, _APART_PX, _ROUND_TRIP_PX = 80, 4, 0.3
 _ITERATIONS = 12
 _LEAST_CELLS = 4
 _LEAST_MOTION_PX = 0.05
 _LEAST_AGREEMENT, _SURE = 0.8, 0.98
-"""Agreement of the displacements by one half of the cells with those by the other, of many and of few pairs."""
+"""Least agreement between displacements by either half of the cells, for many and for few pairs."""
 _FEW_PAIRS = 3
 _LEAST_PAIR_PX = 0.3
-"""Motion of few pairs, at least: cameras of a pair may be out of line by less."""
+"""Least motion of few pairs: cameras of a pair may be misaligned by less."""
 _REPEATED = 0.8
-"""Correlation of a view with itself, moved, above which its texture repeats: motion is known but for a period."""
+"""Correlation of a view with its shifted copy above which its texture repeats, so that motion is ambiguous."""
 _NOT_MOVED_PX, _COARSE_PX = 3.5, 4.0
-"""Motion that is none to such a texture, and the sigma of brightness that is no texture."""
+"""Shifts ignored for this test, and the sigma of brightness variations that are not texture."""
 Pairs = NDArray[np.intp]
 
 
 @dataclass(frozen=True, eq=False)
 class ViewMotion:
-    """Displacement of the picture between views, as of a point of the scene's dominant disparity.
+    """Displacement of the picture between views, for a point with the scene's dominant disparity.
 
     Attributes
     ----------
     pairs
-        Numbers (n, 2) of the views of each pair, row by row.
+        View numbers (n, 2) of each pair, row by row.
     displacement_px
         Displacement (n, 2) from the first view of a pair to the second, along x and y.
     """
@@ -50,7 +50,7 @@ class ViewMotion:
 
 
 def small_views(samples: Samples) -> NDArray[np.uint8]:
-    """Views (t, s, v, u, c) row by row in grey (n, v, u), of `MOST_SIDE_PX` at most, from dark to bright."""
+    """Convert views (t, s, v, u, c) to normalised grey (n, v, u), row by row, at most `MOST_SIDE_PX` large."""
     rows, cols, height, width = samples.shape[:4]
     shrink = max(1.0, max(height, width) / MOST_SIDE_PX)
     size = max(1, round(width / shrink)), max(1, round(height / shrink))
@@ -63,13 +63,13 @@ def small_views(samples: Samples) -> NDArray[np.uint8]:
 
 
 def repeats(light_field: LightField) -> bool:
-    """Whether the texture of the central view repeats."""
+    """Return whether the texture of the central view repeats."""
     t, s = light_field.rows // 2, light_field.cols // 2
     return texture_repeats(small_views(light_field.samples[t : t + 1, s : s + 1])[0].astype(np.float32))
 
 
 def texture_repeats(grey: NDArray[np.float32]) -> bool:
-    """Whether the texture of a picture (h, w) repeats, as stripes and checkerboards do."""
+    """Return whether the texture of a picture (h, w) repeats, as stripes and checkerboards do."""
     fine = grey - cv2.GaussianBlur(grey, (0, 0), _COARSE_PX)
     down, across = (side // 4 for side in fine.shape)
     middle = fine[down : fine.shape[0] - down, across : fine.shape[1] - across]
@@ -80,10 +80,10 @@ def texture_repeats(grey: NDArray[np.float32]) -> bool:
 
 
 def measured_motion(light_field: LightField) -> ViewMotion | None:
-    """The motion between neighbouring views of the grid of arrays; None where the pictures do not show it.
+    """Measure the motion between adjacent views of the grid of arrays; None if the pictures do not show it.
 
-    Each cell of a view has an unknown disparity, and each pair of views a displacement that scales it: the best
-    product of the two (a matrix of rank one) through the corners that optical flow follows there and back.
+    Each cell of a view has an unknown disparity, and each pair of views a displacement that scales it. Their product (a
+    matrix of rank one) is fitted to the corners that optical flow tracks there and back.
     """
     views = small_views(light_field.samples)
     number = np.arange(len(views)).reshape(light_field.rows, light_field.cols)
@@ -112,7 +112,7 @@ def measured_motion(light_field: LightField) -> ViewMotion | None:
 
 
 def _flow(views: NDArray[np.uint8], pairs: Pairs) -> FloatArray:
-    """Mean flow (pair, cell, 2) of the corners in each cell, NaN where there are none."""
+    """Mean flow (pair, cell, 2) of the corners in each cell; NaN without corners."""
     cells = np.full((len(pairs), CELLS * CELLS, 2), np.nan)
     size = np.array([views.shape[2], views.shape[1]])
     corners: dict[int, Any] = {}
@@ -137,15 +137,15 @@ def _flow(views: NDArray[np.uint8], pairs: Pairs) -> FloatArray:
 
 
 def _displacement(flow: FloatArray, factor: FloatArray, weight: FloatArray) -> FloatArray:
-    """Displacements (pair, 2) that fit a flow (pair, cell, 2) best, given the factor of each cell."""
+    """Fit displacements (pair, 2) to a flow (pair, cell, 2), given the factor of each cell."""
     scale = np.maximum((weight * factor**2).sum(axis=1), 1e-9)
     return np.asarray(np.einsum("pkc,k,pk->pc", flow, factor, weight) / scale[:, None])
 
 
 def _rank_one(flow: FloatArray, seen: NDArray[np.bool_]) -> FloatArray:
-    """Displacements (pair, 2) whose products with factors of cells, of mean square 1, fit a flow best but for outliers.
+    """Fit displacements (pair, 2), times factors of cells with mean square 1, robustly to a flow.
 
-    They have the sign of most cells.
+    Their sign follows most cells.
     """
     factor = np.linalg.svd(flow.transpose(0, 2, 1).reshape(-1, flow.shape[1]), full_matrices=False)[2][0]
     weight = seen.astype(np.float64)

@@ -1,11 +1,11 @@
-"""Which picture is which view: by the numbers in their names, tested by the pictures themselves.
+"""Assignment of pictures to views by the numbers in their names, verified by the pictures themselves.
 
-`NAME_ROW_COLUMN_Y_X_.png` has the place of the camera, too. Other names may have more numbers: row and column are the
+`NAME_ROW_COLUMN_Y_X_.png` also holds the camera's position. Other names may have more numbers: row and column are the
 two that take every combination once.
 
-Numbers in names and options do not tell whether the first number is the row, or whether rows run upwards or as a snake.
-The pictures do: along a row they move along x, along a column along y. A wrong order gives depths without meaning, so
-every light field from a file that does not state its geometry exactly passes through `in_order`.
+Numbers in names and options do not state whether the first number is the row, or whether rows run upwards or as a
+snake. The pictures reveal it: along a row they move along x, along a column along y. A wrong order would give
+meaningless depths, so every light field from a file that does not state its exact geometry is checked by `in_order`.
 """
 
 from __future__ import annotations
@@ -27,30 +27,30 @@ from mirrorcam.optics.light_field.light_field import LightField
 _FITS, _MISFITS = 0.35, 0.6
 """Errors of a motion, in steps, that an order explains, and that contradict it."""
 _LONGER = 0.2
-"""Share of a step by which errors may be larger for each further step between two views: small steps are biased."""
+"""Additional tolerance, in steps, for each further step between two views: small steps are biased."""
 _LEAST_SHARE = 0.75
-"""Share of the pairs of views that an order must explain."""
+"""Least share of the pairs of views that an order must explain."""
 _RIVAL = 0.1
-"""Difference of mean errors by which one order is better than another for certain."""
+"""Least difference of mean errors for one order to be certainly better."""
 _LEAST_STEP = 0.2
-"""Ratio of the steps along the two axes, at least."""
+"""Least ratio of the steps along the two axes."""
 _EVEN = 1e-6
-"""Deviation from an even grid, in steps, that is rounding."""
+"""Deviation from an even grid, in steps, that rounding explains."""
 _NUMBER = r"(-?[0-9]{1,12}(?:\.[0-9]{1,20})?)"
 _COUNT = r"([0-9]{1,9})"
-# The shortest beginning counts: where numbers follow that could be a place, they are one.
+# The shortest prefix matches: following numbers that could be a position are taken as one.
 PLACED = re.compile(rf"(?:.*?_)?{_COUNT}_{_COUNT}_{_NUMBER}_{_NUMBER}_?", re.DOTALL)
 UNPLACED = re.compile(rf"(?:.*_)?{_COUNT}_{_COUNT}", re.DOTALL)
-# No parts of longer numbers; the minus sign of a negative one stands after an underscore.
+# Not parts of longer numbers; a negative number's minus sign follows an underscore.
 _WORD = re.compile(r"(?<![0-9])(?<!_-)[0-9]{1,9}(?![0-9])|(?<=_)-[0-9]{1,9}(?![0-9])")
 _NO_WORD = -(10**10)
 _MOST_WORDS = 8
-"""Numbers of a name, counted from its end, that are looked at."""
+"""Number of numbers at the end of a name that are considered."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Order:
-    """An order that pictures may have: its name, rows and columns, and the column and row (n, 2) of each in turn."""
+    """A possible order of pictures: name, rows and columns, and the column and row (n, 2) of each picture."""
 
     name: str
     grid: tuple[int, int]
@@ -61,7 +61,7 @@ class _Order:
 class _Fit:
     """How an order explains the motion: px per step along x and y, displacements (n, 2), and errors (n,) in steps.
 
-    Errors of views several steps apart are relative to more than one step.
+    Errors between views several steps apart have a larger tolerance.
     """
 
     steps_px: FloatArray
@@ -70,14 +70,14 @@ class _Fit:
 
     @classmethod
     def of(cls, motion: ViewMotion, places: FloatArray) -> _Fit:
-        """The fit of places (n, 2) of x and y of all views."""
+        """Fit the motion by places (n, 2), x and y, of all views."""
         moved = places[motion.pairs[:, 1]] - places[motion.pairs[:, 0]]
         steps = np.full(2, np.nan)
         for axis in (0, 1):
             along = np.abs(moved[:, axis]) > 0.5
             if along.any():
                 steps[axis] = np.median(motion.displacement_px[along, axis] / moved[along, axis])
-        # Of one row, or one column, the other axis has no step.
+        # For a single row or column, the other axis has no step.
         steps = np.where(np.isnan(steps), steps[::-1], steps)
         expected = moved * steps
         size = max(float(np.sqrt(np.mean(steps**2))), 1e-9)
@@ -93,16 +93,16 @@ class _Fit:
 
     @property
     def cost(self) -> float:
-        """Mean error of the pairs, each of one step at most."""
+        """Mean error of the pairs, each capped at one step."""
         return float(np.minimum(self.errors, 1.0).mean())
 
     @property
     def is_mirrored(self) -> bool:
-        """Whether the picture moves one way along rows and the other way along columns."""
+        """Whether the picture's motions along rows and along columns have opposite directions."""
         return bool(self.steps_px[0] * self.steps_px[1] < 0)
 
     def beats(self, other: _Fit) -> bool:
-        """Whether this explains nearly all of the pairs for which the two differ, and the other not half of them."""
+        """Whether this explains nearly all pairs for which the two differ, and the other less than half of them."""
         size = float(np.sqrt(np.mean(self.steps_px**2)))
         differ = np.linalg.norm(self.displacement_px - other.displacement_px, axis=1) > 0.5 * size
         if not self.holds or not differ.any():
@@ -112,14 +112,14 @@ class _Fit:
 
 
 def in_order(light_field: LightField, *, may_change: bool = True) -> tuple[LightField, str | None]:
-    """A light field with its views as their pictures show them, and a line about what is changed or doubtful, or None.
+    """Reorder views as their pictures show; also return a note on a change or doubt, or None.
 
-    Views are exchanged where one other order, and no second one, explains how the picture moves. Pictures that do not
-    tell, such as those without texture, stay as they are. Both orders in which the picture moves the same way along
-    rows and columns are right: one is of a scene before the plane of zero disparity, the other of one behind it.
+    Views are reordered if exactly one other order explains the motion of the picture. Ambiguous pictures, such as those
+    without texture, stay in order. Both orders for which the picture moves in the same direction along rows and columns
+    are valid: one for a scene in front of the plane of zero disparity, the other for one behind it.
 
-    Raises InputError in one line for pictures that contradict their order where the right one is not certain, or may
-    not be taken.
+    Raises InputError in one line for pictures that contradict their order, if the right one is uncertain or must not be
+    adopted.
     """
     motion = measured_motion(light_field)
     if motion is None:
@@ -135,13 +135,13 @@ def in_order(light_field: LightField, *, may_change: bool = True) -> tuple[Light
     likely = [(order, fit) for order, fit in fits if fit.cost < fits[0][1].cost + _RIVAL]
     upright = [order for order, fit in likely if not fit.is_mirrored]
     if may_change and len(likely) == len(upright) == 1 and is_even and upright[0].grid in (grid, grid[::-1]):
-        return _rearranged(light_field, upright[0]), f"the pictures show that views are {upright[0].name}: read so"
+        return _rearranged(light_field, upright[0]), f"the pictures show that views are {upright[0].name}: reordered"
     wanted = "expected row by row from the top left; rename or reorder the pictures"
     if upright:
         raise InputError(f"the pictures show that views are {upright[0].name}, {wanted}")
     if given.holds and given.is_mirrored:
         if repeats(light_field):
-            return light_field, "rows may run upwards, or columns leftwards: the texture repeats and does not tell"
+            return light_field, "rows may run upwards, or columns leftwards: the repeating texture is ambiguous"
         raise InputError(f"the pictures show that rows run upwards, or columns leftwards, {wanted}")
     if fits:
         raise InputError(
@@ -155,7 +155,7 @@ def in_order(light_field: LightField, *, may_change: bool = True) -> tuple[Light
 
 
 def _given_places(light_field: LightField) -> tuple[FloatArray, bool]:
-    """Places (n, 2) of views in steps, and whether they are an even grid of rows and columns."""
+    """Return places (n, 2) of views in steps, and whether they are an even grid of rows and columns."""
     rows, cols = light_field.rows, light_field.cols
     t, s = np.indices((rows, cols))
     index = np.stack([s, t], axis=-1).reshape(-1, 2).astype(np.float64)
@@ -170,14 +170,14 @@ def _given_places(light_field: LightField) -> tuple[FloatArray, bool]:
 
 
 def _nearest(positions: FloatArray) -> float:
-    """Median distance of places (n, 2) to the nearest other one."""
+    """Median distance of places (n, 2) to their nearest neighbours."""
     apart = np.linalg.norm(positions[:, None] - positions, axis=-1)
     np.fill_diagonal(apart, np.inf)
     return float(np.median(apart.min(axis=1)))
 
 
 def _orders(grid: tuple[int, int]) -> Iterator[_Order]:
-    """Orders other than row by row, of any number of rows; those with as many as given first."""
+    """Yield orders other than row by row, for any number of rows; those with the given number first."""
     count = grid[0] * grid[1]
     number = np.arange(count)
     shapes = [grid, grid[::-1], *((rows, count // rows) for rows in range(1, count + 1) if count % rows == 0)]
@@ -196,13 +196,13 @@ def _orders(grid: tuple[int, int]) -> Iterator[_Order]:
 
 
 def _places(number: NDArray[np.int_], length: int, *, snake: bool = False) -> FloatArray:
-    """Place in the line, and line (n, 2), of numbers that fill lines of a length; of a snake every second backwards."""
+    """Position in the line, and line (n, 2), of numbers in lines of a length; a snake reverses every second one."""
     line, place = number // length, number % length
     return np.stack([np.where(snake & (line % 2 == 1), length - 1 - place, place), line], axis=1).astype(np.float64)
 
 
 def _sorted(motion: ViewMotion, grid: tuple[int, int]) -> FloatArray | None:
-    """Column and row (n, 2) of each view by where the motion puts it; None where views are not connected."""
+    """Column and row (n, 2) of each view by its measured position; None if the views are not connected."""
     count = grid[0] * grid[1]
     graph = np.zeros((len(motion.pairs), count))
     index = np.arange(len(motion.pairs))
@@ -220,7 +220,7 @@ def _sorted(motion: ViewMotion, grid: tuple[int, int]) -> FloatArray | None:
 
 
 def _rearranged(light_field: LightField, order: _Order) -> LightField:
-    """The light field with its views, row by row, at the places of an order, on an even grid with the same steps."""
+    """Move the views, given row by row, to the places of an order, on an even grid with the same steps."""
     rows, cols = order.grid
     count = rows * cols
     source = np.empty(count, np.intp)
@@ -242,7 +242,7 @@ def _rearranged(light_field: LightField, order: _Order) -> LightField:
 
 @dataclass(frozen=True, eq=False)
 class NamedViews:
-    """Pictures row by row, the places (t, s, 2) of x and y that they name or None, and how many rows and columns."""
+    """Pictures row by row, their places (t, s, 2), x and y, if named, and the numbers of rows and columns."""
 
     files: tuple[Path, ...]
     places: FloatArray | None
@@ -251,7 +251,7 @@ class NamedViews:
 
 @dataclass(frozen=True)
 class _Named:
-    """The place of a picture by its name: the numbers of its row and column, and its place (x, y) or None."""
+    """Row and column of a picture by its name, and its position (x, y) if named."""
 
     file: Path
     row: int
@@ -260,17 +260,17 @@ class _Named:
 
 
 def has_named_views(files: Sequence[Path]) -> bool:
-    """Return whether pictures have names of views: as NAME_ROW_COLUMN, or with numbers that make a grid."""
+    """Return whether pictures are named as views: NAME_ROW_COLUMN, or with numbers that form a grid."""
     if any(PLACED.fullmatch(file.stem) or UNPLACED.fullmatch(file.stem) for file in files):
         return True
     return any(_is_plane(views) for views in _grids(files))
 
 
 def named_views(folder: Path, files: Sequence[Path]) -> NamedViews:
-    """The views of pictures of a folder.
+    """Return the views among the pictures of a folder.
 
-    A grid of rows and columns goes before a single row, and places before none. Raises InputError in one line for names
-    that make no grid.
+    A grid of rows and columns is preferred to a single row, and named positions to none. Raises InputError in one line
+    for names that form no grid.
     """
     placed = [
         _Named(file, int(match[1]), int(match[2]), (float(match[4]), float(match[3])))
@@ -294,8 +294,8 @@ def named_views(folder: Path, files: Sequence[Path]) -> NamedViews:
     views = max(planes, key=lambda views: len(views.files)) if planes else found[0]
     if 2 * len(views.files) < len(files):
         raise InputError(
-            f"{folder}: only {len(views.files)} of {len(files)} pictures make a grid by the numbers in their names, as "
-            f"{views.files[0].name} does, expected NAME_ROW_COLUMN pictures of all views"
+            f"{folder}: only {len(views.files)} of {len(files)} pictures form a grid by the numbers in their names, "
+            f"such as {views.files[0].name}, expected NAME_ROW_COLUMN pictures of all views"
         )
     return views
 
@@ -306,14 +306,14 @@ def _is_plane(views: NamedViews) -> bool:
 
 
 def _grids(files: Sequence[Path]) -> Iterator[NamedViews]:
-    """Grids of several rows and columns that two numbers of the names make, those nearest to the end first."""
+    """Yield grids of several rows and columns formed by two numbers of the names, those nearest to the end first."""
     words = [[int(word) for word in reversed(_WORD.findall(file.stem))][:_MOST_WORDS] for file in files]
     numbers = np.array([each + [_NO_WORD] * (_MOST_WORDS - len(each)) for each in words]).reshape(-1, _MOST_WORDS)
     for col in range(_MOST_WORDS):
         for row in range(col + 1, _MOST_WORDS):
             having = np.flatnonzero(numbers[:, row] > _NO_WORD)
             pairs = numbers[having][:, [row, col]]
-            # Cheap for folders of many pictures: a grid has as many as its numbers span.
+            # A quick test for folders of many pictures: a grid has as many as its numbers span.
             if len(pairs) < 4 or np.prod(np.ptp(pairs, axis=0) + 1.0) != len(pairs):
                 continue
             views = _grid([_Named(files[at], *pair) for at, pair in zip(having.tolist(), pairs.tolist(), strict=True)])
@@ -322,10 +322,10 @@ def _grids(files: Sequence[Path]) -> Iterator[NamedViews]:
 
 
 def _grid(names: Sequence[_Named]) -> NamedViews | str:
-    """Views at all rows and columns from the first, 0, 1 or a negative one, or why they are no grid."""
+    """Return views at all rows and columns from the first (0, 1 or negative), or the reason why they form no grid."""
     numbers = np.array([(name.row, name.col) for name in names])
     first, last = (tuple(ends.tolist()) for ends in (numbers.min(axis=0), numbers.max(axis=0)))
-    # Of numbers about a middle view, some are negative; where all are, the minus sign is a hyphen.
+    # Numbers about a middle view are partly negative; if all are, the minus sign is a hyphen.
     if max(first) > 1 or any(begin < 0 and end <= 0 for begin, end in zip(first, last, strict=True)):
         return f"its first view is {first}, expected rows and columns from 0 or from 1"
     found: dict[tuple[int, int], _Named] = {}

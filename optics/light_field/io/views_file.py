@@ -1,7 +1,7 @@
-"""The geometry of a light field as `views.json`: other tools pass over it, our importers read it.
+"""The geometry of a light field as `views.json`, which other tools ignore and our importers read.
 
-Most formats know a grid with even steps, or none. With this file beside them they lose nothing; without it their
-importers take what the format itself says, and what is `Assumed` for what it does not.
+Most formats support only even grids, or none. This file next to them preserves the exact geometry; without it,
+importers use what the format states, and `Assumed` for the rest.
 """
 
 from __future__ import annotations
@@ -25,21 +25,21 @@ SCHEMA = "mirrorcam.views/1"
 VIEWS = "views.json"
 LARGEST_SIDE_PX = 100_000
 ROUNDING = 1e-3
-"""How much weights may exceed 1 by the rounding of other programs."""
+"""Tolerance for weights above 1, by rounding in other programs."""
 LARGEST_LENGTH = 1e9
-"""Millimetres or px: what is longer overflows in products."""
+"""Largest length, mm or px; larger ones would overflow in products."""
 _Margin = Annotated[int, Field(ge=0, le=LARGEST_SIDE_PX)]
 
 
 def fields_of_views(views: Views) -> dict[str, Any]:
-    """The geometry of views, as lists and numbers by the names of `Views`; JSON has no infinity, which is "inf"."""
+    """Convert the geometry of views to lists and numbers, keyed as in `Views`; infinity becomes "inf", for JSON."""
     geometry = {field.name: getattr(views, field.name) for field in fields(Views)}
     plain = {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in geometry.items()}
     return plain | ({"reference_depth_mm": "inf"} if np.isinf(views.reference_depth_mm) else {})
 
 
 def views_of_fields(given: Mapping[str, Any], where: str) -> Views:
-    """The views of their fields, as lists, numbers or arrays; InputError in one line that begins with `where`."""
+    """Build views from fields of lists, numbers or arrays; raises InputError in one line that begins with `where`."""
     try:
         views = Views(
             positions_mm=given["positions_mm"],
@@ -50,7 +50,7 @@ def views_of_fields(given: Mapping[str, Any], where: str) -> Views:
             reference_depth_mm=np.inf if _is_infinity(given) else _number(given, "reference_depth_mm"),
             reference_view_in_rig_mm=_numbers(given, "reference_view_in_rig_mm"),
             view_from_rig=given["view_from_rig"],
-            # Of an empty text MATLAB keeps an array without letters.
+            # MATLAB stores an empty text as an array without letters.
             layout_identity="".join(np.asarray(given["layout_identity"]).ravel().tolist()),
         )
         _check_plausible(views)
@@ -62,7 +62,7 @@ def views_of_fields(given: Mapping[str, Any], where: str) -> Views:
 
 
 def _numbers(given: Mapping[str, Any], name: str) -> FloatArray:
-    """The numbers of a field in a row: MATLAB's vectors have two dimensions."""
+    """Return a field's numbers as a vector: MATLAB's vectors have two dimensions."""
     array = np.asarray(given[name])
     if array.dtype.kind not in "iuf":
         raise ValueError(f"{name} is {str(given[name])[:40]!r}, expected numbers")
@@ -88,7 +88,7 @@ def _is_infinity(given: Mapping[str, Any]) -> bool:
 
 
 def _check_plausible(views: Views) -> None:
-    """Raise ValueError for views that no light field has: all lengths of it are finite, and one is its reference."""
+    """Raise ValueError for implausible views: excessive lengths, no rotation, no single reference, a bad identity."""
     lengths = (views.positions_mm, views.centre_px, views.reference_view_in_rig_mm, views.focal_px)
     if max(float(np.abs(each).max()) for each in lengths) > LARGEST_LENGTH:
         raise ValueError(f"a length of more than {LARGEST_LENGTH:g} mm or px")
@@ -102,7 +102,7 @@ def _check_plausible(views: Views) -> None:
 
 
 def check_weights(weights: Any) -> None:
-    """Raise InputError for weights (t, s, v, u) outside 0 to 1, and for none that is positive."""
+    """Raise InputError for weights (t, s, v, u) outside 0 to 1, or all zero."""
     least, most = (weights.min(), weights.max()) if weights.size else (0.0, 0.0)
     if not (least >= 0 and most <= 1 + ROUNDING):
         raise InputError("weights lie outside 0 to 1")
@@ -111,7 +111,7 @@ def check_weights(weights: Any) -> None:
 
 
 def light_field_of_fields(given: Mapping[str, Any], where: str) -> LightField:
-    """The light field of its fields by name; InputError in one line that begins with `where`."""
+    """Build a light field from its fields by name; raises InputError in one line that begins with `where`."""
     try:
         light_field = LightField.of(views_of_fields(given, where), given["samples"], given["weights"])
         check_weights(light_field.weights)
@@ -122,12 +122,12 @@ def light_field_of_fields(given: Mapping[str, Any], where: str) -> LightField:
 
 
 def write_views(path: Path, views: Views, **more: Any) -> None:
-    """Write the geometry of views, and what else a format wants to find again, as JSON."""
+    """Write the geometry of views as JSON, with whatever else a format needs to restore."""
     write_json(path, {"schema": SCHEMA, **more, "views": fields_of_views(views)})
 
 
 class ViewsFile(Value):
-    """What `write_views` writes: the geometry, and what a format wants to find again."""
+    """Content of a file written by `write_views`: the geometry, and what a format needs to restore."""
 
     schema_id: Literal["mirrorcam.views/1"] = Field(alias="schema")
     views: dict[str, Any]
@@ -138,16 +138,16 @@ class ViewsFile(Value):
 
 
 def read_views(path: Path) -> tuple[Views, ViewsFile] | None:
-    """Read what `write_views` wrote: the views, and the rest; None without such a file.
+    """Read a file written by `write_views`: the views, and the rest; None if it does not exist.
 
-    Raises InputError in one line for any other file, also for the `views.json` that `evaluate` gives to calibrators.
+    Raises InputError in one line for other files, including the `views.json` that `evaluate` gives to calibrators.
     """
     if not path.exists():
         return None
     tables = tables_of(path, read_bytes(path, LARGEST_LAYOUT_BYTES))
     if isinstance(tables, dict) and isinstance(tables.get("views"), list):
         raise InputError(
-            f"{path}: has the views of a device for calibrators, expected those of a light field ({SCHEMA})"
+            f"{path}: has a device's views for calibrators, expected the views of a light field ({SCHEMA})"
         )
     stated = model_from(ViewsFile, path, tables)
     return views_of_fields(stated.views, str(path)), stated
@@ -160,10 +160,10 @@ def parallel_views(
     distance_mm: float,
     centre_px: FloatArray | None = None,
 ) -> Views:
-    """Views (t, s) at places (t, s, 2) of x and y in a plane, that see the same of the plane at a distance.
+    """Build views (t, s) at places (t, s, 2), x and y, in a plane, which see equal points of the plane at a distance.
 
-    The reference view is the middle one, the pupil lies in it; `size` is width and height in px. Without a principal
-    point it is in the middle of the reference view.
+    The middle view is the reference, with the pupil in it; `size` is width and height in px. The default principal
+    point is the middle of the reference view.
     """
     rows, cols = places_mm.shape[:2]
     positions = np.zeros((rows, cols, 3))
@@ -183,7 +183,7 @@ def parallel_views(
 
 
 def even_views(path: Path, assumed: Assumed, grid: tuple[int, int], size: tuple[int, int]) -> Views:
-    """Views (rows, cols) with even steps, as assumed for the light field at a path."""
+    """Build views (rows, cols) with even steps, as assumed for the light field at a path."""
     down, across = np.meshgrid(np.arange(grid[0]), np.arange(grid[1]), indexing="ij")
     step_mm, focal_px, distance_mm = assumed.need(path, "step_mm", "focal_px", "reference_depth_mm")
     places = np.stack([across, down], axis=-1).astype(np.float64) * step_mm

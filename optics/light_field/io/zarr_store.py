@@ -1,4 +1,4 @@
-"""Light fields of a stream as one Zarr group: a chunk per frame, which any program with Zarr v3 reads."""
+"""Light fields of a stream as one Zarr group, with a chunk per frame, readable by any program with Zarr v3."""
 
 from __future__ import annotations
 
@@ -18,14 +18,16 @@ from mirrorcam.optics.light_field.light_field import LightField
 
 DIMENSIONS = ("frame", "t", "s", "v", "u", "c")
 GROWTH_FRAMES = 256
-"""Number of frames that the array grows by at once while it is written."""
+"""Number of frames by which the array grows during writing."""
 MOST_FRAMES = 10_000_000
-"""Frames of the longest recording that is read: days of video."""
+"""Largest number of frames of a recording that is read: days of video."""
 
 
 class ZarrSink:
-    """Group attributes: `about`, and `lost`. Arrays: `samples` (frame, t, s, v, u, c), `weights` (t, s, v, u), and
-    `number` and `time_s` (frame,), the frames' numbers in the source and times.
+    """Stores a recording as a Zarr group.
+
+    Attributes: `about`, and `lost`. Arrays: `samples` (frame, t, s, v, u, c), `weights` (t, s, v, u), and `number` and
+    `time_s` (frame,), the frames' numbers in the source and times.
     """
 
     def open(self, folder: Path, about: dict[str, Any]) -> None:
@@ -47,8 +49,8 @@ class ZarrSink:
     def close(self, folder: Path, about: dict[str, Any], entries: Entries) -> None:
         import zarr
 
-        for left in folder.rglob("*.partial"):
-            left.unlink()
+        for stale in folder.rglob("*.partial"):
+            stale.unlink()
         self._samples.resize((len(entries.numbers), *self._samples.shape[1:]))
         group = zarr.open_group(folder, mode="r+")
         for name, values in (("number", np.array(entries.numbers)), ("time_s", np.array(entries.times_s))):
@@ -73,13 +75,13 @@ class ZarrSink:
         return attributes, Entries.of(lines, path)
 
     def _created(self, light_field: LightField) -> Any:
-        """The arrays as they are before the first frame."""
+        """Create the arrays before the first frame."""
         import zarr
         from zarr.codecs import BloscCodec
 
         group = zarr.open_group(self._folder, mode="a")
         group.create_array("weights", data=light_field.weights, dimension_names=DIMENSIONS[1:5], overwrite=True)
-        # Pictures hardly shrink: what this fast codec gains is the parts of views without samples.
+        # Pictures hardly compress: this fast codec mainly removes the parts of views without samples.
         fast = BloscCodec(cname="lz4", clevel=1, shuffle="noshuffle")
         shape = light_field.samples.shape
         return group.create_array(
@@ -90,13 +92,13 @@ class ZarrSink:
             compressors=fast,
             dimension_names=DIMENSIONS,
             overwrite=True,
-            # Looking whether a frame is all zero takes three times as long as writing it.
+            # Testing a frame for zeros takes three times as long as writing it.
             config={"write_empty_chunks": True},
         )
 
 
 def _frame_array(path: Path, name: str, kind: str) -> Any:
-    """An array with a number of each frame."""
+    """Return an array with a number per frame."""
     array = ZarrArray(path, name)
     if len(array.shape) != 1 or array.dtype != kind or array.shape[0] > MOST_FRAMES:
         raise InputError(f"{path}: {name} is {array.dtype} of shape {array.shape[:8]}, expected {kind} (frame,)")
@@ -104,10 +106,9 @@ def _frame_array(path: Path, name: str, kind: str) -> Any:
 
 
 class StoredLightFields(StoredFrames):
-    """The light fields of a recording in Zarr, read from disk one by one as they are asked for.
+    """The light fields of a recording in Zarr, each read on access.
 
-    A recording that was cut off (NAME.partial) holds the frames that are whole.
-
+    An interrupted recording (NAME.partial) holds its complete frames.
     Attributes
     ----------
     numbers, times_s
@@ -115,7 +116,7 @@ class StoredLightFields(StoredFrames):
     lost
         Frames of the source that could not be used, with the reasons.
     about
-        Description that the recording was written with.
+        Attributes of the recording.
     """
 
     def __init__(self, path: Path) -> None:
@@ -132,7 +133,7 @@ class StoredLightFields(StoredFrames):
         self._empty = light_field_of_fields(given, str(path))
 
     def _check_shapes(self, weights: ZarrArray, *, is_cut_off: bool) -> None:
-        """Raise InputError where arrays do not agree, or a frame is not a chunk of what memory holds."""
+        """Raise InputError if arrays are inconsistent, or a frame is not a single chunk that fits into memory."""
         shape, count = self._samples.shape, len(self.numbers)
         if len(shape) != 6 or self._samples.chunk_shape != (1, *shape[1:]):
             raise InputError(f"{self.path}: samples of shape {shape[:8]}, expected {DIMENSIONS} with a chunk per frame")

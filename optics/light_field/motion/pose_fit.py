@@ -1,14 +1,14 @@
-"""The pose of a light field among the landmarks of a key frame, with its covariance, from a start in closed form.
+"""The pose of a light field relative to a key frame's landmarks, with its covariance, from a closed-form start.
 
-A landmark is a patch of the key frame's reference view: its direction a = (X / Z, Y / Z) is exact, since the patch
-defines it, and its inverse distance w = 1 / Z has a standard deviation. All views of another light field are aligned
-with the patch, which gives its direction and its inverse distance there: a light field at frame_from_key = [R | t] sees
-it at q = R (a, 1) + t w, in direction (q_x, q_y) / q_z with inverse distance w / q_z. Poses are moved by
+A landmark is a patch of the key frame's reference view: its direction a = (X / Z, Y / Z) is exact, because the patch
+defines it, and its inverse distance w = 1 / Z has a standard deviation. Aligning all views of another light field with
+the patch gives its direction and inverse distance there: a light field at frame_from_key = [R | t] sees it at
+q = R (a, 1) + t w, in direction (q_x, q_y) / q_z with inverse distance w / q_z. Poses are updated by
 exp(xi) frame_from_key, xi = (translation in mm, rotation in radians) in the axes of the frame.
 
-The start is the rigid motion between two sets of points of which some are wrong, in closed form within RANSAC: Horn,
-"Closed-form solution of absolute orientation using unit quaternions", JOSA A 1987, by the singular value decomposition
-of Umeyama, PAMI 1991; Fischler and Bolles, "Random sample consensus", CACM 1981.
+The start is the rigid motion between two sets of points with outliers, in closed form within RANSAC: Horn, "Closed-form
+solution of absolute orientation using unit quaternions", JOSA A 1987, by the singular value decomposition of Umeyama,
+PAMI 1991; Fischler and Bolles, "Random sample consensus", CACM 1981.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from mirrorcam.optics.light_field.light_field import LightField
 LEAST_ALIKE = 0.8
 PRIOR_FREEDOM = 4.0
 ROUNDS = 12
-# Landmarks farther than this off, in standard deviations of what is usual, are not used: squared, of three numbers.
+# Squared error of three components, in typical variances, above which a landmark is an outlier.
 OUTLIER = 16.0
 MEDIAN_OF_THREE = 2.366
 """Median of the chi-squared distribution of three degrees of freedom."""
@@ -46,7 +46,7 @@ LEAST_INLIERS = 8
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """Grey views of a light field (t * s, v, u) in a pyramid, and masks of what they show."""
+    """Grey views of a light field (t * s, v, u) in a pyramid, and masks of their valid pixels."""
 
     pyramid: ImagePyramid
     inner: NDArray[np.uint8]
@@ -69,12 +69,12 @@ class Landmarks:
     inverse_mm, sigma_per_mm
         Inverse distances (n,) and the standard deviations of their noise, 1/mm.
     shape_sigma_per_mm
-        Standard deviations (n,) of what shapes of surfaces add to that. A patch of which the shape is not quite known
-        has the inverse distance that it seems to have, from wherever it is seen.
+        Standard deviations (n,) from the uncertainty of the surfaces' shapes. A patch of uncertain shape has the same
+        apparent inverse distance from wherever it is seen.
     shapes
-        Shapes (n, 9) of their surfaces, as of `AlignedPatches`.
+        Shapes (n, 9) of the surfaces, as in `AlignedPatches`.
     given
-        Their patches.
+        Templates of the patches.
     """
 
     directions: FloatArray
@@ -87,16 +87,16 @@ class Landmarks:
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """Where a light field sees landmarks (n).
+    """Observations of landmarks (n) in a light field.
 
     Attributes
     ----------
     valid
-        Whether (n,) it sees them at all; other values mean nothing where it does not.
+        Whether (n,) they are visible; other values are undefined where not.
     directions, covariance
-        Directions (n, 2) and their covariances (n, 2, 2).
+        Directions (n, 2) and covariances (n, 2, 2).
     inverse_mm, sigma_per_mm, shape_sigma_per_mm, shapes
-        As of `Landmarks`.
+        As in `Landmarks`.
     """
 
     valid: NDArray[np.bool_]
@@ -111,7 +111,7 @@ class Seen:
 def landmarks_of(
     geometry: Geometry, frame: Frame, directions: FloatArray, inverse_mm: FloatArray, scale_px: FloatArray, run: Any
 ) -> Landmarks:
-    """Landmarks at directions (n, 2) and inverse distances (n,) of a light field that it sees there in most views."""
+    """Create landmarks at directions (n, 2) and inverse distances (n,), if most views of the light field see them."""
     pixels = geometry.focal_px[geometry.reference] * directions + geometry.centre_px[geometry.reference]
     given = templates(frame.pyramid, geometry.reference, pixels, scale_px)
     seen = see(geometry, frame, given, directions, inverse_mm, PatchWarp.none(len(directions)), run)
@@ -138,7 +138,7 @@ def see(
 ) -> Seen:
     """Align the views of a light field with patches expected at directions (n, 2) and inverse distances (n,).
 
-    `warp` is how they are seen there.
+    `warp` maps the patches into the views.
     """
     views = np.arange(len(geometry.focal_px))
     start = np.stack([geometry.predict(int(view), directions, inverse_mm) for view in views])
@@ -154,16 +154,16 @@ def see(
     usual = moderated_variance(solved.squares_px2, solved.freedom, PRIOR_FREEDOM)
     noise = np.maximum(usual, aligned.variance / mean)
     focal = geometry.focal_px[geometry.reference]
-    # The patch's own noise moves all views alike; their own noise is less in their mean.
+    # The patch's own noise shifts all views alike; the views' noise averages out.
     times = 1.0 + 1.0 / np.maximum(used.sum(axis=0), 1)
     valid = (used.sum(axis=0) > len(views) // 2) & (solved.inverse_mm > 0)
-    unsure = noise / np.where(valid, solved.information, 1.0)
+    variance = noise / np.where(valid, solved.information, 1.0)
     return Seen(
         valid=valid,
         directions=solved.directions,
         covariance=(noise * times)[:, None, None] * np.linalg.inv(precision) / focal**2,
         inverse_mm=solved.inverse_mm,
-        sigma_per_mm=np.sqrt(unsure),
+        sigma_per_mm=np.sqrt(variance),
         shape_sigma_per_mm=np.sqrt(aligned.shape_covariance[:, 0, 0]) / focal,
         shapes=aligned.shapes,
     )
@@ -171,14 +171,14 @@ def see(
 
 @dataclass(frozen=True)
 class SharedErrors:
-    """Standard deviations of what landmarks are wrong in alike, so that many of them do not lessen it.
+    """Standard deviations of errors that landmarks share, which therefore do not average out.
 
     Attributes
     ----------
     neighbours
-        Of the directions of landmarks in one cell of the picture.
+        Error of the directions of landmarks in one cell of the picture.
     common_per_mm
-        Of the inverse distances of all landmarks of a key frame, 1/mm.
+        Error of the inverse distances of all landmarks of a key frame, 1/mm.
     """
 
     neighbours: float
@@ -195,7 +195,7 @@ class PoseFit:
 
 
 def predicted(landmarks: Landmarks, frame_from_key: FloatArray) -> tuple[FloatArray, FloatArray, PatchWarp]:
-    """Directions (n, 2) and inverse distances (n,) in which a frame sees landmarks, and how it shows their patches."""
+    """Predict directions (n, 2) and inverse distances (n,) of landmarks in a frame, and the warp of their patches."""
     turn, shift = frame_from_key[:3, :3], frame_from_key[:3, 3]
     homogeneous = np.concatenate([landmarks.directions, np.ones((len(landmarks.directions), 1))], axis=1)
     q = homogeneous @ turn.T + landmarks.inverse_mm[:, None] * shift
@@ -209,12 +209,12 @@ def predicted(landmarks: Landmarks, frame_from_key: FloatArray) -> tuple[FloatAr
 
 
 def moved_mm(directions: FloatArray, ahead: FloatArray, shift: FloatArray) -> FloatArray:
-    """How far (n, 2), mm, a shift (3,) moves a view across the directions (n, 2) of what is at q_z (n,)."""
+    """Motion (n, 2), mm, of a view across directions (n, 2) by a shift (3,), for landmarks at q_z (n,)."""
     return np.asarray((shift[:2] - directions * shift[2]) / ahead[:, None])
 
 
 def fit_pose(landmarks: Landmarks, seen: Seen, frame_from_key: FloatArray, sigmas: SharedErrors) -> PoseFit | None:
-    """Refine a pose until it explains best where landmarks are seen; None where too few of them agree."""
+    """Refine a pose to best explain observed landmarks; None if too few agree."""
     pose, used = frame_from_key, seen.valid
     normal, weighted, usual = np.eye(6), np.zeros((0, 6)), 1.0
     for _ in range(ROUNDS):
@@ -228,29 +228,29 @@ def fit_pose(landmarks: Landmarks, seen: Seen, frame_from_key: FloatArray, sigma
         if used.sum() < LEAST_LANDMARKS:
             return None
         robust = 1.0 / (1.0 + square[used] / (OUTLIER * usual))
-        # Rows of all landmarks below one another: products of matrices, which are faster than sums over four indices.
+        # Stack the rows of all landmarks: matrix products are faster than sums over four indices.
         weighted = ((weight[used] * robust[:, None, None]) @ jacobian[used]).reshape(-1, 6)
         normal = weighted.T @ jacobian[used].reshape(-1, 6)
         step = np.linalg.solve(normal, weighted.T @ rest[used].ravel())
         pose = rigid(Rotation.from_rotvec(step[3:]).as_matrix(), step[:3]) @ pose
         if np.abs(step).max() < 1e-9:
             break
-    # Columns: what remains of each landmark, and an error of one along each axis of its direction.
+    # Columns: the residual of each landmark, and an error of one along each axis of its direction.
     stacked = np.concatenate([rest[used][:, :, None], np.broadcast_to(np.eye(3)[:, :2], (used.sum(), 3, 2))], axis=2)
     scores = np.swapaxes(weighted.reshape(-1, 3, 6), 1, 2) @ stacked
-    # Weights that depend on residuals make the curvature of what is least smaller than `normal`.
+    # Weights that depend on residuals make the curvature of the loss smaller than `normal`.
     fall = (2.0 / (OUTLIER * usual)) * scores[..., 0].T @ scores[..., 0]
     covariance = _covariance(normal - fall, scores, landmarks.directions[used], sigmas.neighbours)
-    # An error that the slopes of all landmarks share moves the pose, and no residual shows it.
+    # An error that the slopes of all landmarks share shifts the pose, and no residual reveals it.
     alike = np.linalg.solve(normal, weighted.T @ by_w[used].ravel())
     return PoseFit(pose, covariance + sigmas.common_per_mm**2 * np.outer(alike, alike), used)
 
 
 def _covariance(normal: FloatArray, scores: FloatArray, directions: FloatArray, shared: float) -> FloatArray:
-    """Covariance (6, 6) of a pose from the scores of each landmark (n, 6, 3), with correlated errors of neighbours.
+    """Covariance (6, 6) of a pose from the landmarks' scores (n, 6, 3), with correlated errors of neighbours.
 
-    Landmarks in one cell of CELLS x CELLS count as one, whose sum is as wrong as it is seen to be: the sandwich
-    estimator of White, Econometrica 1980, for clusters; and `shared` is an error of their directions besides.
+    Landmarks in one cell of CELLS x CELLS form a cluster, whose error is estimated from its summed score: the sandwich
+    estimator of White, Econometrica 1980, for clusters. `shared` adds a common error of their directions.
     """
     low, high = directions.min(axis=0), directions.max(axis=0)
     cell = np.minimum((directions - low) / (high - low) * CELLS, CELLS - 1).astype(np.int64)
@@ -258,16 +258,16 @@ def _covariance(normal: FloatArray, scores: FloatArray, directions: FloatArray, 
     np.add.at(sums, cell[:, 0] * CELLS + cell[:, 1], scores)
     count = len(np.unique(cell, axis=0))
     seen = count / max(count - 6, 1) * np.einsum("ci,cj->ij", sums[..., 0], sums[..., 0])
-    besides = shared**2 * np.einsum("cik,cjk->ij", sums[..., 1:], sums[..., 1:])
+    common = shared**2 * np.einsum("cik,cjk->ij", sums[..., 1:], sums[..., 1:])
     inverted = np.linalg.inv(normal)
-    return np.asarray(inverted @ (seen + besides) @ inverted)
+    return np.asarray(inverted @ (seen + common) @ inverted)
 
 
 def _equations(
     landmarks: Landmarks, seen: Seen, frame_from_key: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """What remains (n, 3) of directions and inverse distances, what is expected of them changes by xi (n, 3, 6) and by
-    w (n, 3), and weights (n, 3, 3)."""
+    """Residuals (n, 3) of directions and inverse distances, derivatives of the prediction by xi (n, 3, 6) and by w (n,
+    3), and weights (n, 3, 3)."""
     turn, shift = frame_from_key[:3, :3], frame_from_key[:3, 3]
     w = landmarks.inverse_mm
     homogeneous = np.concatenate([landmarks.directions, np.ones((len(w), 1))], axis=1)
@@ -275,14 +275,14 @@ def _equations(
     q[:, 2] = np.where(q[:, 2] > 0, q[:, 2], np.nan)
     expected = np.concatenate([q[:, :2], w[:, None]], axis=1) / q[:, 2:]
     rest = np.concatenate([seen.directions, seen.inverse_mm[:, None]], axis=1) - expected
-    # Change of what is expected by q.
+    # Derivative of the prediction by q.
     by_q = np.zeros((len(w), 3, 3))
     by_q[:, 0, 0] = by_q[:, 1, 1] = 1.0
     by_q[:, :, 2] = -expected
     by_q /= q[:, 2, None, None]
     by_pose = np.zeros((len(w), 3, 6))
     by_pose[:, range(3), range(3)] = w[:, None]
-    # The cross product of a rotation with q.
+    # Cross product of a rotation with q.
     by_pose[:, 0, 4], by_pose[:, 0, 5] = q[:, 2], -q[:, 1]
     by_pose[:, 1, 3], by_pose[:, 1, 5] = -q[:, 2], q[:, 0]
     by_pose[:, 2, 3], by_pose[:, 2, 4] = q[:, 1], -q[:, 0]
@@ -302,7 +302,7 @@ def rigid_motions(src: FloatArray, dst: FloatArray, weights: FloatArray) -> Floa
     centres = [(share[..., None] * points).sum(axis=-2) for points in (src, dst)]
     away = [points - centre[..., None, :] for points, centre in zip((src, dst), centres, strict=True)]
     u, _, vt = np.linalg.svd(np.swapaxes(share[..., None] * away[1], -1, -2) @ away[0])
-    # No reflection: the direction that the points determine least turns over.
+    # Avoid a reflection by flipping the least determined direction.
     u[..., :, 2] *= np.sign(np.linalg.det(u @ vt))[..., None]
     turn = u @ vt
     return rigid(turn, centres[1] - (turn @ centres[0][..., None])[..., 0])
@@ -311,16 +311,17 @@ def rigid_motions(src: FloatArray, dst: FloatArray, weights: FloatArray) -> Floa
 def robust_motion(
     src: FloatArray, dst: FloatArray, sigmas: FloatArray, seed: int = 0
 ) -> tuple[FloatArray, NDArray[np.bool_]] | None:
-    """Transform dst_from_src (4, 4) of matched points (n, 3), and which of them are inliers; None where too few agree.
+    """Fit dst_from_src (4, 4) to matched points (n, 3) with outliers; also return the inliers, or None if too few
+    agree.
 
     Parameters
     ----------
     src, dst
-        Points (n, 3) of either set, the same numbers matched.
+        Matched points (n, 3) of either set.
     sigmas
         Standard deviations (n, 3) of the differences along the axes of dst.
     seed
-        Seed of the samples that are tried.
+        Seed of the random samples.
     """
     if len(src) < LEAST_INLIERS:
         return None

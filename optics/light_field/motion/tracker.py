@@ -1,8 +1,8 @@
-"""The motion of the camera from a sequence of light fields of a static scene, and its files.
+"""Motion of the camera from a sequence of light fields of a static scene, and its files.
 
-Each light field's features are matched with those of a key frame, the motion between these points in closed form is the
-start, and the landmarks of the key frame, aligned in all views, give the pose and its covariance. Errors of poses add
-up not from frame to frame but from key frame to key frame: a new one is taken where little is left of the last.
+Each light field's features are matched with a key frame's; the closed-form motion between these points is the start.
+The key frame's landmarks, aligned in all views, give the pose and its covariance. Errors of poses accumulate only from
+key frame to key frame: a new one is created when few landmarks of the last one remain visible.
 """
 
 from __future__ import annotations
@@ -37,18 +37,18 @@ from mirrorcam.optics.light_field.motion.pose_fit import (
     see,
 )
 
-# A new key frame is taken where less than this share of the landmarks is seen.
+# Share of visible landmarks below which a new key frame is created.
 LEAST_SHARE = 0.6
-# A pose that the motion before predicts is looked for by features where it has less than this share of its landmarks.
+# Share of the previous landmarks below which the predicted pose is replaced by one from features.
 SAME_SHARE = 0.7
-# Patches are aligned again from a pose that moved them by more, as their shapes depend on it.
+# Shift by a pose update above which patches are aligned again, because their warp depends on the pose.
 SETTLED_PX, MOST_ALIGNMENTS = 0.5, 3
-# Standard deviation of where a detector finds a keypoint again in another picture, in px of the keypoint's scale.
+# Standard deviation of a keypoint's repeated detection in another picture, in px of the keypoint's scale.
 REPEATED_PX = 1.0
-# Standard deviation of an error that all slopes of a light field share, as px in the view farthest from the reference
-# view: interpolation and alignment favour one side. Measured on rendered reliefs.
+# Standard deviation of an error common to all slopes of a light field, in px of the view farthest from the reference
+# view: interpolation and alignment are biased. Measured on rendered reliefs.
 COMMON_PX = 0.002
-# And of one that patches near each other share, where pictures sample them differently.
+# And of an error common to adjacent patches, where pictures sample them differently.
 NEIGHBOURS_PX = 0.005
 SCHEMA = "mirrorcam.trajectory/1"
 
@@ -60,14 +60,14 @@ class TrackedPose:
     Attributes
     ----------
     world_from_view
-        Pose (4, 4) of its reference view; the world is the view frame of the first light field, mm. NaN where lost.
+        Pose (4, 4) of its reference view, mm; the world is the view frame of the first light field. NaN if lost.
     covariance
         Covariance (6, 6) of xi = (translation in mm, rotation in radians) in world_from_view exp(xi), in the axes of
-        the view. NaN where lost.
+        the view. NaN if lost.
     landmarks
-        Number of landmarks that determine it; 0 where lost.
+        Number of landmarks used; 0 if lost.
     is_key
-        Whether later poses are measured from this one.
+        Whether later poses are measured relative to this one.
     """
 
     world_from_view: FloatArray
@@ -89,7 +89,7 @@ class _KeyFrame:
 
 
 class LightFieldTracker:
-    """Tracks the poses of light fields of the same views, given one after the other.
+    """Tracks the poses of light fields with the same views, one after the other.
 
     Parameters
     ----------
@@ -98,12 +98,12 @@ class LightFieldTracker:
     name
         Detector of the features.
     keypoints, nearest_mm, farthest_mm
-        As of `FeatureFinder`.
+        As in `FeatureFinder`.
 
     Raises
     ------
     InputError
-        As of `FeatureFinder`.
+        As in `FeatureFinder`.
     """
 
     def __init__(
@@ -124,11 +124,11 @@ class LightFieldTracker:
         self._shared = SharedErrors(NEIGHBOURS_PX / views.focal_px, COMMON_PX / (views.focal_px * farthest_mm))
 
     def track(self, light_field: LightField) -> TrackedPose:
-        """The pose of the next light field; raises InputError for one of other views."""
+        """Return the pose of the next light field; raises InputError if its views differ."""
         if not self.finder.fits(light_field):
             raise InputError(
-                f"light field of layout {light_field.layout_identity} has other views than those of layout "
-                f"{self.finder.views.layout_identity} that the first one has"
+                f"light field of layout {light_field.layout_identity} has other views than layout "
+                f"{self.finder.views.layout_identity} of the first one"
             )
         frame = Frame.of(light_field)
         if self._key is None:
@@ -154,7 +154,7 @@ class LightFieldTracker:
         return TrackedPose(world_from_view, covariance, self._count, False)
 
     def _refined(self, frame: Frame, frame_from_key: FloatArray) -> PoseFit | None:
-        """The pose by landmarks, aligned from where another pose expects them; None where too few agree."""
+        """Refine a predicted pose by landmarks; None if too few agree."""
         assert self._key is not None
         landmarks, found = self._key.landmarks, None
         for _ in range(MOST_ALIGNMENTS):
@@ -187,7 +187,7 @@ class LightFieldTracker:
         return TrackedPose(world_from_view, covariance, count or len(landmarks.inverse_mm), True)
 
     def _start(self, key: Features, now: Features) -> FloatArray | None:
-        """frame_from_key in closed form from features that look alike; None where too few agree."""
+        """Return frame_from_key in closed form from similar features; None if too few agree."""
         first, second = nearest_pairs(key.descriptors, now.descriptors)
         before, after = self._points_in_view(key, first), self._points_in_view(now, second)
         across = [
@@ -207,14 +207,14 @@ class LightFieldTracker:
 
 
 def adjoint(dst_from_src: FloatArray) -> FloatArray:
-    """The matrix (6, 6) that takes small motions (translation, rotation) in the axes of src to those of dst."""
+    """The matrix (6, 6) from small motions (translation, rotation) in the axes of src to the axes of dst."""
     turn, (x, y, z) = dst_from_src[:3, :3], dst_from_src[:3, 3]
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     return np.block([[turn, cross @ turn], [np.zeros((3, 3)), turn]])
 
 
 def save_tum(path: Path, times_s: Sequence[float], poses: Sequence[TrackedPose]) -> None:
-    """Write `time tx ty tz qx qy qz qw` a line, atomically: metres, world_from_view; lost frames are left out.
+    """Write `time tx ty tz qx qy qz qw` per line, atomically: metres, world_from_view; lost frames are omitted.
 
     Sturm et al., "A benchmark for the evaluation of RGB-D SLAM systems", IROS 2012.
     """
@@ -228,7 +228,7 @@ def save_tum(path: Path, times_s: Sequence[float], poses: Sequence[TrackedPose])
 
 
 def save_json(path: Path, names: Sequence[str], times_s: Sequence[float], poses: Sequence[TrackedPose]) -> None:
-    """Write names, times, poses (4, 4) in mm and covariances (6, 6), atomically; null where a frame is lost."""
+    """Write names, times, poses (4, 4) in mm and covariances (6, 6), atomically; null for lost frames."""
     frames = [
         {
             "name": name,

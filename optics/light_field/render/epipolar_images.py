@@ -1,4 +1,4 @@
-"""Epipolar-plane images: one line of the picture, view beside view, where depth is slope (Bolles et al., IJCV 1987)."""
+"""Epipolar-plane images: one line of the picture stacked over the views; depth is slope (Bolles et al., IJCV 1987)."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ class Epi:
     Attributes
     ----------
     samples
-        Samples (n, length, c), float32, 0 to 1: a line of each of n views; along s left to right, t top to bottom.
+        Samples (n, length, c), float32, 0 to 1: one line of each of n views; along s left to right, t top to bottom.
     weights
-        Weights (n, length), float32, 0 where there is no sample.
+        Weights (n, length), float32, 0 without a sample.
     positions_mm
-        True positions (n,) of the views along the axis, not evenly spaced.
+        True positions (n,) of the views along the axis, possibly uneven.
     axis
         Axis of the views; lines run along u for s, along v for t.
     line
         Row (for s) or column (for t) of the reference view.
     plane_depth_mm
-        Depth of the plane that stays in place from view to view.
+        Depth of the plane that stays fixed from view to view.
     """
 
     samples: Float32
@@ -47,19 +47,19 @@ class Epi:
 
 
 def epi(light_field: LightField, axis: Axis, line: int, *, depth_mm: float | None = None) -> Epi:
-    """Cut the epipolar-plane image of the reference view's row (`axis` s) or column (t) of views.
+    """Extract the epipolar-plane image of the reference view's row (`axis` s) or column (t) of views.
 
     Parameters
     ----------
     light_field
         Two or more views along the axis.
     axis
-        s: views beside each other; t: views above each other.
+        s: views in a row; t: views in a column.
     line
         Row (s) or column (t) of the reference view's picture.
     depth_mm
-        Depth at which all views' lines show the same places, so that it stands upright: by default that of the
-        reference plane. Where views are not quite in one row, lines elsewhere are a little off across.
+        Depth at which all views' lines show the same points, so that it is vertical; default: the reference depth. If
+        the views are not exactly in a row, points at other depths are slightly off the line.
 
     Returns
     -------
@@ -69,7 +69,7 @@ def epi(light_field: LightField, axis: Axis, line: int, *, depth_mm: float | Non
     Raises
     ------
     InputError
-        For a line outside the picture, fewer than two views along the axis, views that are no grid, or a depth within
+        For a line outside the picture, fewer than two views along the axis, views that form no grid, or a depth within
         the views.
     """
     light_field.require_grid("an epipolar-plane image")

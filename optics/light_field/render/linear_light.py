@@ -1,6 +1,6 @@
-"""Grey levels as light and back, by the curve of sRGB (IEC 61966-2-1), which cameras and pictures are coded with.
+"""Conversion between grey levels and light by the sRGB curve (IEC 61966-2-1), with which cameras encode pictures.
 
-A blur adds up light, not grey levels: means of grey levels turn bright spots out of focus dark.
+Blur adds light, not grey levels: a mean of grey levels would darken bright spots out of focus.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _OF_BYTES = _decoded(np.arange(256) / 255.0).astype(np.float32)
 
 
 def light_from_levels(levels: Samples) -> Float32:
-    """Light (...), 1 of white, of grey levels: bytes or float32 from 0 to 1."""
+    """Convert grey levels (...), bytes or float32 from 0 to 1, to light (...), where white is 1."""
     if levels.dtype == np.uint8:
         flat: Any = np.ascontiguousarray(levels).reshape(-1, 1)
         return np.asarray(cv2.LUT(flat, _OF_BYTES), dtype=np.float32).reshape(levels.shape)
@@ -35,7 +35,7 @@ def light_from_levels(levels: Samples) -> Float32:
 
 
 def levels_from_light(light: Float32) -> Float32:
-    """Grey levels (...), 0 to 1, of light; less than none and more than white go on in the same curve."""
+    """Convert light (...) to grey levels (...), 0 to 1; values below black and above white continue the curve."""
     flat = np.ascontiguousarray(light, dtype=np.float32).reshape(light.shape[0], -1)
     root: Any = cv2.pow(np.maximum(flat, np.float32(0.0)), 1.0 / EXPONENT)
     bright = root * np.float32(1.0 + OFFSET) - np.float32(OFFSET)
@@ -44,6 +44,6 @@ def levels_from_light(light: Float32) -> Float32:
 
 
 def light_per_level(light: Float32) -> Float32:
-    """Derivative (...) of light by grey levels, both 1 of white, at a light (...); that of black below none."""
+    """Derivative (...) of light by grey level at light (...), where white is 1 in both; at least black's."""
     slope = EXPONENT / (1.0 + OFFSET) * np.power(np.maximum(light, 0.0), (EXPONENT - 1.0) / EXPONENT)
     return np.where(light > TOE, slope, 1.0 / TOE_SLOPE).astype(np.float32)

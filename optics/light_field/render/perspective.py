@@ -1,10 +1,11 @@
-"""Pictures by depth: everything sharp, from the reference view or from any place between the views.
+"""Rendering by depth: all-in-focus pictures, from the reference view or from any position between the views.
 
-The depths of all views give the surface at each pixel, the nearest hiding the rest; its colour comes from the views
-that see it, weighted by their distance (depth-based rendering; Buehler et al., Unstructured Lumigraph, SIGGRAPH 2001).
+The depths of all views give the surface at each pixel, where the nearest hides the rest; its colour comes from the
+views that see it, weighted by their distance (depth-based rendering; Buehler et al., Unstructured Lumigraph, SIGGRAPH
+2001).
 
-Few views sample the aperture at few places: beyond a pixel of parallax from one to the next, a blur is a row of ghosts
-(Chai et al., Plenoptic sampling, SIGGRAPH 2000). Views in between, interpolated by depth, close the steps.
+Few views sample the aperture sparsely: if the parallax between adjacent views exceeds a pixel, a blur becomes a row of
+ghosts (Chai et al., Plenoptic sampling, SIGGRAPH 2000). Interpolated intermediate views prevent this.
 """
 
 from __future__ import annotations
@@ -31,29 +32,30 @@ from mirrorcam.optics.light_field.render.view_depths import (
 )
 
 UNKNOWN, OTHER = 0.01, 0.0001
-"""Weights of views whose depth is not known there, or contradicts: they count only where no other view does."""
+"""Weights of views with unknown or contradicting depth: they count only where no other view does."""
 LEAST = 1e-20
-"""Below the weight of any view that has a sample: rounding errors."""
+"""Weights below any view's with a sample: rounding errors."""
 ALIKE = 0.03
-"""Standard deviation of the differences between views of the same point, of full brightness: mirrors, glints, noise."""
+"""Standard deviation between views of the same point, relative to white: mirrors, glints, noise."""
 ALIKE_PX = 3
 STAND_IN = 0.1
-"""A view this part of the views' distance away counts as one at the place itself."""
+"""Distance, in view distances, at which a view counts as if it were at the position itself."""
 MOST_PIXELS = 200_000_000
-"""Pixels of all views together, in 16 bytes each at most."""
+"""Most pixels of all views together, at up to 16 bytes each."""
 
 
 def all_in_focus(light_field: LightField, depths: ViewDepths) -> RenderedPicture:
-    """The reference view with less noise: each pixel is the mean of the views that agree at its measured depth."""
+    """Denoise the reference view: each pixel averages the views that agree at its measured depth."""
     return _rendered(light_field, depths, np.zeros(3), np.ones((light_field.rows, light_field.cols)))
 
 
 def seen_from(light_field: LightField, depths: ViewDepths, place_mm: FloatArray) -> RenderedPicture:
-    """The picture of a pinhole at a place (3,) in the view frame, mm right, down and ahead of the reference view.
+    """Render the view of a pinhole at a position (3,) in the view frame, mm right, down and ahead of the reference
+    view.
 
-    Its pixels look at the same points of the reference plane as those of the views: what lies there stays in place.
+    Equal pixels show equal points of the reference plane, as in all views.
 
-    Raises InputError for a place outside the box of the views, where there is nothing to see.
+    Raises InputError for a position outside the bounding box of the views.
     """
     place = np.asarray(place_mm, dtype=np.float64)
     box = light_field.positions_mm.reshape(-1, 3)
@@ -61,7 +63,7 @@ def seen_from(light_field: LightField, depths: ViewDepths, place_mm: FloatArray)
     beyond = np.maximum(low - place, place - high)[:2].max()
     if not beyond <= 1e-6:
         raise InputError(
-            f"place ({place[0]:g}, {place[1]:g}) mm lies outside the views, expected "
+            f"position ({place[0]:g}, {place[1]:g}) mm lies outside the views, expected "
             f"({low[0]:.1f} to {high[0]:.1f}, {low[1]:.1f} to {high[1]:.1f})"
         )
     away = np.square(light_field.positions_mm - place).sum(axis=-1)
@@ -70,7 +72,7 @@ def seen_from(light_field: LightField, depths: ViewDepths, place_mm: FloatArray)
 
 
 def orbit(views: Views, frames: int) -> Iterator[FloatArray]:
-    """Places (3,) on the largest ellipse about the middle of the views' box that stays within the grid's edges."""
+    """Yield positions (3,) on the largest ellipse about the middle of the views' box that stays within the grid."""
     outer = views.positions_mm
     left, right = outer[:, 0, 0].max(), outer[:, -1, 0].min()
     top, bottom = outer[0, :, 1].max(), outer[-1, :, 1].min()
@@ -96,7 +98,7 @@ def _rendered(
         theirs = at(known[index], u, v)
         trust = np.where(np.abs(theirs - nearness) <= apart, 1.0, np.where(np.isnan(theirs), UNKNOWN, OTHER))
         if index in own:
-            trust[...] = 1.0  # From a view's own place, it shows what is to be seen, however deep that is.
+            trust[...] = 1.0  # At its own position, a view shows exactly the visible points, for any depth.
         elif guide is not None:
             trust *= _alike(_softened(shown), guide)
         shown *= trust[..., None].astype(np.float32)
@@ -112,7 +114,7 @@ def _softened(shown: Float32) -> Float32:
 
 
 def _alike(shown: Float32, guide: Float32) -> Float32:
-    """Likelihood (v, u) that two softened pictures (v, u, c + 1), weighted, show the same; 1 where one has nothing."""
+    """Likelihood (v, u) that two softened weighted pictures (v, u, c + 1) show the same; 1 where one has no sample."""
     weight, guiding = shown[..., -1:], guide[..., -1:]
     both = (weight[..., 0] > 0.5) & (guiding[..., 0] > 0.5)
     apart = shown[..., :-1] / np.maximum(weight, 0.5) - guide[..., :-1] / np.maximum(guiding, 0.5)
@@ -121,19 +123,19 @@ def _alike(shown: Float32, guide: Float32) -> Float32:
 
 
 def with_views_between(light_field: LightField, depths: ViewDepths, count: int) -> LightField:
-    """The light field with `count` views more between neighbours, along rows and columns; its own stay as they are.
+    """Insert `count` views between adjacent ones, along rows and columns; the original views are unchanged.
 
-    Each is rendered from the views around it, at their mean position. Where they show nothing, weights are zero.
+    Each is rendered from the views around it, at their mean position. Its weights are zero where these show nothing.
 
-    Raises InputError where the views are no grid, and for more than `MOST_PIXELS` in all.
+    Raises InputError if the views form no grid, or for more than `MOST_PIXELS` in total.
     """
     light_field.require_grid("interpolation between the views")
     step = count + 1
     shape = (light_field.rows - 1) * step + 1, (light_field.cols - 1) * step + 1
     if shape[0] * shape[1] * light_field.height_px * light_field.width_px > MOST_PIXELS:
         raise InputError(
-            f"{count} views between neighbours make {shape[1]}x{shape[0]} views of "
-            f"{light_field.width_px}x{light_field.height_px} px, expected {MOST_PIXELS / 1e6:.0f} million px at most"
+            f"{count} views between adjacent ones make {shape[1]}x{shape[0]} views of "
+            f"{light_field.width_px}x{light_field.height_px} px, expected at most {MOST_PIXELS / 1e6:.0f} million px"
         )
     positions = np.empty((*shape, 3))
     samples = np.empty((*shape, *light_field.samples.shape[2:]), light_field.samples.dtype)
@@ -150,21 +152,21 @@ def with_views_between(light_field: LightField, depths: ViewDepths, count: int) 
         picture = seen_from(around, ViewDepths(depths.nearness[rows, cols], depths.sure[rows, cols]), place)
         positions[row, col] = place
         shown: Any = picture.image * picture.valid[..., None]
-        whole = light_field.samples.dtype == np.uint8
-        samples[row, col] = np.rint(np.clip(shown, 0.0, 1.0) * np.float32(255.0)) if whole else shown
+        is_bytes = light_field.samples.dtype == np.uint8
+        samples[row, col] = np.rint(np.clip(shown, 0.0, 1.0) * np.float32(255.0)) if is_bytes else shown
         weights[row, col] = picture.valid
     geometry: dict[str, Any] = {field.name: getattr(light_field, field.name) for field in fields(Views)}
     return LightField(**(geometry | {"positions_mm": positions}), samples=samples, weights=weights)
 
 
 def _around(number: int, step: int) -> tuple[slice, FloatArray]:
-    """The one or two real views about a number, and how much each counts."""
+    """Return the one or two original views next to a number, and their weights."""
     first, part = divmod(number, step)
     return slice(first, first + 1 + (part > 0)), np.array([1.0 - part / step, part / step])[: 1 + (part > 0)]
 
 
 def part_of(light_field: LightField, rows: slice, cols: slice) -> LightField:
-    """Some of the views, in the same frame, whether or not the reference view is among them."""
+    """Select some of the views, in the same frame, with or without the reference view."""
     geometry: dict[str, Any] = {field.name: getattr(light_field, field.name) for field in fields(Views)}
     geometry["positions_mm"] = light_field.positions_mm[rows, cols]
     return LightField(**geometry, samples=light_field.samples[rows, cols], weights=light_field.weights[rows, cols])

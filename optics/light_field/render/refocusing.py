@@ -1,8 +1,8 @@
-"""Refocusing after the shot: all views, warped to a plane as the reference view sees it, become one picture.
+"""Refocusing after capture: all views, warped to a focal plane as seen by the reference view, are combined.
 
-A plane a X + b Y + c Z = 1 of the view frame, seen by two pinholes, is a homography (Hartley and Zisserman, Multiple
-View Geometry, 13.1): a reference pixel of direction r shows the point r / (p . r) of it, which the view at c_i with
-matrix K_i shows at K_i (I - c_i p^T) r. So true positions cost nothing more than even ones.
+A plane a X + b Y + c Z = 1 of the view frame induces a homography between two pinholes (Hartley and Zisserman, Multiple
+View Geometry, 13.1): with p = (a, b, c), a reference pixel of direction r shows the plane's point r / (p . r), which
+the view at c_i with matrix K_i shows at K_i (I - c_i p^T) r. So true positions cost no more than even ones.
 """
 
 from __future__ import annotations
@@ -35,14 +35,14 @@ ROWS_AT_ONCE = 64
 
 @dataclass(frozen=True, eq=False)
 class RenderedPicture:
-    """A picture made of several views, in the frame of the reference view.
+    """A picture combined from several views, in the frame of the reference view.
 
     Attributes
     ----------
     image
         Picture (h, w, c), float32, 0 to 1, zero where `weights` is zero.
     weights
-        Number (h, w), float32, of samples (in full weights) that each pixel is made of.
+        Sum (h, w), float32, of the weights of the samples in each pixel.
     """
 
     image: Float32
@@ -50,7 +50,7 @@ class RenderedPicture:
 
     @property
     def valid(self) -> NDArray[np.bool_]:
-        """Mask (h, w) of the pixels where the picture shows anything."""
+        """Mask (h, w) of the pixels with samples."""
         return self.weights > 0
 
 
@@ -62,11 +62,11 @@ class FocalPlane:
 
     @classmethod
     def at_depth(cls, views: Views, depth_mm: float, tilt_deg: tuple[float, float] = (0.0, 0.0)) -> FocalPlane:
-        """The plane that the middle of the reference view's picture shows at a depth from the pupil; infinity is one.
+        """Return the plane at a depth from the pupil in the middle of the reference view's picture; may be infinite.
 
-        `tilt_deg` turns it about that point: the first angle moves its right side away, the second its lower side.
+        `tilt_deg` tilts it about that point: the first angle moves its right side away, the second its lower side.
 
-        Raises InputError for a plane not in front of all views, or so steep that the reference view sees its back.
+        Raises InputError if the plane is not in front of all views, or so steep that the reference view sees its back.
         """
         if not all(abs(angle) <= STEEPEST_DEG for angle in tilt_deg):
             raise InputError(f"tilt of {tilt_deg[0]:g} and {tilt_deg[1]:g} degrees, expected {STEEPEST_DEG:g} at most")
@@ -85,35 +85,35 @@ class FocalPlane:
 
     @classmethod
     def through(cls, views: Views, pixels: FloatArray, depths_mm: FloatArray) -> FocalPlane:
-        """The plane through what three or more reference pixels (n, 2) show at depths (n,), by least squares of 1 / Z.
+        """Fit the plane through three or more reference pixels (n, 2) at depths (n,), by least squares of 1 / Z.
 
-        Raises InputError where the pixels lie on a line.
+        Raises InputError if the pixels are collinear.
         """
         behind = views.reference_view_depth_mm
         across = (np.asarray(pixels, dtype=np.float64) - views.centre_px) / views.focal_px
-        ways = np.concatenate([across, np.ones((len(across), 1))], axis=1)
-        normal, _, rank, _ = np.linalg.lstsq(ways, 1.0 / (np.asarray(depths_mm, dtype=np.float64) - behind), rcond=None)
+        rays = np.concatenate([across, np.ones((len(across), 1))], axis=1)
+        normal, _, rank, _ = np.linalg.lstsq(rays, 1.0 / (np.asarray(depths_mm, dtype=np.float64) - behind), rcond=None)
         if rank < 3:
-            raise InputError(f"{len(ways)} pixels on a line, expected three or more that span a plane")
+            raise InputError(f"{len(rays)} pixels on a line, expected three or more that span a plane")
         return cls((float(normal[0]), float(normal[1]), float(normal[2])))
 
     def nearness(self, views: Views) -> FloatArray:
-        """1 / Z (v, u) of what the reference view sees of the plane, 1/mm; negative where it never meets it."""
+        """1 / Z (v, u), 1/mm, where the rays of the reference view meet the plane; negative where they never do."""
         across = (views.pixel_grid() - views.centre_px) / views.focal_px
         return across @ np.array(self.normal_per_mm[:2]) + self.normal_per_mm[2]
 
 
 def homography(views: Views, index: tuple[int, int], plane: FocalPlane) -> FloatArray:
-    """The matrix (3, 3) from reference pixels (u, v, 1) of a plane to w (u', v', 1) of view (t, s); w > 0 ahead."""
+    """Homography (3, 3) of a plane from reference pixels (u, v, 1) to w (u', v', 1) of view (t, s); w > 0 if ahead."""
     reference = views.matrices[reference_index(views)]
     moved = np.eye(3) - np.outer(views.positions_mm[index], plane.normal_per_mm)
     return np.asarray(views.matrices[index] @ moved @ np.linalg.inv(reference))
 
 
 def aperture(views: Views, sigma_mm: float | None = None) -> Float32:
-    """Weights (t, s) of the views that fall off from the reference view as a Gaussian: soft blur without ghosts' edges.
+    """Gaussian weights (t, s) of the views by distance from the reference view, for a blur without hard-edged ghosts.
 
-    By default sigma is the root mean square distance of the other views from the reference view.
+    Default sigma: the rms distance of the other views from the reference view.
     """
     away = np.square(views.positions_mm[..., :2]).sum(axis=-1)
     others = away[away > 0]
@@ -137,15 +137,15 @@ def refocus(
     light_field
         Two or more views.
     plane
-        The focal plane, `FocalPlane.at_depth` or `FocalPlane.through`.
+        The focal plane, from `FocalPlane.at_depth` or `FocalPlane.through`.
     combine
-        `mean` blurs what lies elsewhere; `median` leaves out what few views show.
+        `mean` blurs objects off the plane; `median` removes those that few views show.
     view_weights
-        (t, s) weights of the views, for the mean.
+        Weights (t, s) of the views, for the mean.
     scale
-        Pixels of the picture along one of a view. Beyond one, the picture is sought that explains all samples
-        (`super_resolved`): views that sample in between each other's pixels resolve more than one does. With the
-        median, least absolute differences count.
+        Pixels of the picture per pixel of a view. Above one, the picture that best explains all samples is computed
+        (`super_resolved`): views that sample between each other's pixels resolve more than one view does. With the
+        median, absolute differences are minimised.
 
     Returns
     -------
@@ -155,18 +155,18 @@ def refocus(
     Raises
     ------
     InputError
-        For a scale that is not offered.
+        If the scale is out of range.
 
     Notes
     -----
-    Samples are taken for grey levels of sRGB: means are of their light, and coded as sRGB again.
+    Samples are assumed to be sRGB grey levels: they are averaged as light and converted back to sRGB.
     """
     if view_weights is not None and combine != "mean":
         raise ValueError(f"{combine=} with weights of views, expected the mean")
     if not 1 <= scale <= LARGEST_SCALE:
         raise InputError(f"scale of {scale:g}, expected 1 to {LARGEST_SCALE}")
     size = round(light_field.width_px * scale), round(light_field.height_px * scale)
-    # Pixel centres: the first of `scale` lies (1 - scale) / (2 scale) from that of the view's pixel.
+    # Pixel centres: the first of `scale` fine pixels lies (1 - scale) / (2 scale) from the view's pixel.
     coarse_from_fine = np.diag([1.0 / scale, 1.0 / scale, 1.0])
     coarse_from_fine[:2, 2] = (1.0 - scale) / (2.0 * scale)
     seen = _seen(light_field, plane, coarse_from_fine, size)
@@ -200,7 +200,7 @@ def _finer(
     scale: float,
     combine: Combine,
 ) -> RenderedPicture:
-    """The picture of light with what views (v, u, c + 1), weighted light and weights, show between its pixels."""
+    """Refine a picture of light by the views (v, u, c + 1), weighted light and weights, to a finer scale."""
     weights = [view[..., -1] for view in views]
     light = [
         np.divide(view[..., :-1], view[..., -1:], out=np.zeros_like(view[..., :-1]), where=view[..., -1:] > 0)
@@ -220,30 +220,30 @@ def _finer(
 
 
 def premultiplied(light_field: LightField, index: tuple[int, int]) -> Float32:
-    """Samples of a view, 0 to 1, times their weights, and the weights: (v, u, c + 1) float32."""
+    """Samples of a view, 0 to 1, times their weights, and the weights: (v, u, c + 1), float32."""
     samples: Any = light_field.samples[index]
     weights = light_field.weights[index][..., None]
-    whole = np.float32(1.0 / 255.0) if samples.dtype == np.uint8 else np.float32(1.0)
-    return np.concatenate([samples * (weights * whole), weights], axis=-1, dtype=np.float32)
+    unit = np.float32(1.0 / 255.0) if samples.dtype == np.uint8 else np.float32(1.0)
+    return np.concatenate([samples * (weights * unit), weights], axis=-1, dtype=np.float32)
 
 
 def _weighted_light(light_field: LightField, index: tuple[int, int]) -> Float32:
-    """Light of a view times its weights, and the weights: (v, u, c + 1) float32."""
+    """Light of a view times its weights, and the weights: (v, u, c + 1), float32."""
     weights = light_field.weights[index][..., None]
     return np.concatenate([light_from_levels(light_field.samples[index]) * weights, weights], axis=-1, dtype=np.float32)
 
 
 def picture_of(total: Float32) -> RenderedPicture:
-    """The picture of sums (h, w, c + 1) of weighted samples and weights."""
+    """Normalise sums (h, w, c + 1) of weighted samples and weights to a picture."""
     weights = total[..., -1]
     part = np.where(weights > SEEN, 1.0 / np.maximum(weights, np.float32(SEEN)), np.float32(0.0))
     return RenderedPicture(total[..., :-1] * part[..., None].astype(np.float32), np.where(weights > SEEN, weights, 0.0))
 
 
 def median_of(parts: list[Float32]) -> Float32:
-    """The median (h, w, c + 1) of weighted samples, each channel for itself, times how many there are, and that.
+    """Median (h, w, c) of weighted samples, per channel, times their number, and the number: (h, w, c + 1).
 
-    Of an even number of samples the mean of the middle two. A sample counts with half a weight or more.
+    An even number of samples gives the mean of the middle two. A sample counts if its weight is at least half.
     """
     height, width, channels = parts[0].shape
     total = np.zeros((height, width, channels), np.float32)
@@ -277,7 +277,7 @@ def _warped(flat: Float32, matrix: NDArray[np.floating], size: tuple[int, int]) 
 
 
 def _seen(views: Views, plane: FocalPlane, coarse_from_fine: FloatArray, size: tuple[int, int]) -> Float32 | None:
-    """1 where the plane lies ahead of all views (h, w), else 0; None where it does everywhere."""
+    """Mask (h, w) of where the plane lies ahead of all views, as float; None if it does everywhere."""
     reference = np.linalg.inv(views.matrices[reference_index(views)])
     rows = [np.array(plane.normal_per_mm) @ reference]
     ahead = [homography(views, index, plane)[2] for index in np.ndindex(views.rows, views.cols)]
@@ -291,6 +291,6 @@ def _seen(views: Views, plane: FocalPlane, coarse_from_fine: FloatArray, size: t
 
 
 def to_bytes(picture: RenderedPicture, missing: tuple[int, int, int] = (64, 64, 64)) -> NDArray[np.uint8]:
-    """A picture as 8-bit RGB (h, w, 3), dark grey where it shows nothing."""
+    """Convert a picture to 8-bit RGB (h, w, 3), dark grey without samples."""
     image = np.rint(np.clip(picture.image, 0.0, 1.0) * np.float32(255.0)).astype(np.uint8)
     return np.where(picture.valid[..., None], image, np.array(missing, dtype=np.uint8))

@@ -1,15 +1,16 @@
-"""Super-resolution: the picture in finer pixels that explains best what shifted views show of one plane.
+"""Super-resolution: the picture with finer pixels that best explains shifted views of one plane.
 
-A pixel of a view is the light of the plane over its area, that is a weighted sum of finer pixels. The result minimises
-the squared differences from all samples, in units of their noise, plus squared slopes, in units of those of usual
+A view's pixel integrates the light of the plane over its area, i.e. a weighted sum of finer pixels. The result
+minimises the squared differences from all samples, in units of their noise, plus squared gradients, in units of typical
 scenes (Elad and Feuer, Restoration of a single superresolution image from several blurred, noisy, and undersampled
-measured images, IEEE Transactions on Image Processing 6(12), 1997), by conjugate gradients. Noise is measured: it is
-the residual of a first picture, hardly smoothed. Least absolute differences in place of squares leave out objects that
-few views show (Farsiu, Robinson, Elad and Milanfar, Fast and robust multiframe super resolution, IEEE Transactions on
-Image Processing 13(10), 2004).
+measured images, IEEE Transactions on Image Processing 6(12), 1997), by conjugate gradients. The noise is the residual
+of a first, hardly smoothed picture. Absolute instead of squared differences remove objects that few views show (Farsiu,
+Robinson, Elad and Milanfar, Fast and robust multiframe super resolution, IEEE Transactions on Image Processing 13(10),
+2004).
 
-A finer pixel, too, is the light over its area: the picture is that of a camera with smaller pixels, no sharper. Where
-the residuals of views exceed noise, the views do not show the plane, and the picture stays as it was at the start.
+A finer pixel also integrates light over its area: the picture equals a picture by a camera with smaller pixels, without
+further sharpening. Where the views' residuals exceed noise, they do not show the plane, and the initial picture is
+kept.
 """
 
 from __future__ import annotations
@@ -30,31 +31,31 @@ from mirrorcam.optics.light_field.render.linear_light import light_per_level
 
 Float32 = NDArray[np.float32]
 FIRST_STEPS, STEPS, ROUNDS = 6, 8, 2
-"""Of conjugate gradients, for the picture that noise is measured with and in each round of the picture itself."""
+"""Steps of conjugate gradients for the picture that gives the noise, steps per round, and rounds."""
 SLOPE = 0.05
-"""Root mean square slope of scenes, in grey levels, 1 of white, per pixel of a view."""
+"""Typical rms gradient of scenes, in grey levels (white is 1) per pixel of a view."""
 STEEP = 0.03
-"""Slope in light per pixel of a view from which on it counts by its size, not its square: edges (Huber)."""
+"""Gradient in light per pixel of a view above which it counts linearly: edges (Huber)."""
 FIRST, LEAST, MOST = 1e-3, 1e-4, 0.1
-"""Variance of noise over that of slopes: of the picture that noise is measured with, and its range."""
+"""Variance of noise over gradients: of the first picture, and the range of its estimate."""
 SQUARED = 2.0
-"""Of least absolute differences, those below this number of standard deviations of noise count as squares."""
+"""With absolute differences, multiple of the noise below which differences count as squares."""
 LEAST_NOISE = 1.0 / 255.0
 DARK = 0.3
-"""Light per grey level, at least: of black, rounding is larger than noise."""
+"""Least light per grey level: near black, rounding exceeds noise."""
 IN_FOCUS = 0.2
-"""Share of the samples, at least, that are taken to show the plane, for measuring noise."""
+"""Assumed least share of the samples that show the plane, for measuring noise."""
 UNEXPLAINED = 6.0
-"""Variance over that of noise from which on samples do not show the plane."""
+"""Variance, relative to noise, above which samples do not show the plane."""
 SOME = 1e-6
 FEWEST_FREE = 0.25
-"""Share of samples, at least, that determine noise, not the picture."""
+"""Least share of samples that determine noise rather than the picture."""
 AROUND_PX = 2.5
-"""Pixels of a view around one, over which what is left over is averaged."""
+"""Radius, in pixels of a view, over which residuals are averaged."""
 GROUPS = 4
-"""Sums of views that are made side by side: as many on every machine, for the same rounding."""
+"""Number of partial sums of views: the same on every machine, for the same rounding."""
 AROUND, KAISER = 4, 4.0
-"""Finer pixels that count around one of a view, and the parameter of their window."""
+"""Additional taps of the pixel kernel, and the parameter of its Kaiser window."""
 PHASES = 256
 
 
@@ -67,22 +68,22 @@ def super_resolved(
     *,
     least_absolute: bool = False,
 ) -> Float32:
-    """The picture in finer pixels that explains the views.
+    """Compute the picture with finer pixels that best explains the views.
 
     Parameters
     ----------
     views
         Light (v, u, c) of each view, float32.
     weights
-        How much each of its samples counts, (v, u), float32.
+        Weight (v, u) of each sample, float32.
     fine_from_view
-        Matrices (3, 3) from pixels (u, v, 1) of each view to those of the picture, with w > 0 where it is seen.
+        Homographies (3, 3) from pixels (u, v, 1) of each view to pixels of the picture, with w > 0 where visible.
     start
-        Picture (h, w, c), float32, from which the search starts.
+        Initial picture (h, w, c), float32.
     scale
-        Finer pixels along one of a view.
+        Finer pixels per pixel of a view.
     least_absolute
-        Whether absolute differences count in place of squares.
+        Whether to minimise absolute instead of squared differences.
 
     Returns
     -------
@@ -109,7 +110,7 @@ def super_resolved(
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
-    """Views (c, v, u), weights (v, u) and matrices (3, 3) to pixels of a picture (c, h, w), fitted by threads."""
+    """Views (c, v, u), weights (v, u) and homographies (3, 3) to pixels of a picture (c, h, w), fitted in threads."""
 
     views: list[Float32]
     weights: list[Float32]
@@ -118,9 +119,9 @@ class _Fit:
     pool: ThreadPoolExecutor
 
     def solved(self, start: Float32, counts: list[Float32], smoothness: float, steps: int, large: float) -> Float32:
-        """The picture of least squares of samples that count differently, by conjugate gradients from a start.
+        """Return the least-squares picture for sample weights `counts`, by conjugate gradients from `start`.
 
-        Slopes of the start beyond a large one, in light per pixel of a view, count by their size.
+        Gradients of `start` above `large`, in light per pixel of a view, count linearly.
         """
         smooth, edges = np.float32(smoothness * self.scale**2), steps_count(start, np.float32(large / self.scale))
 
@@ -128,23 +129,22 @@ class _Fit:
             shown = self._gathered(lambda number: self._seen(picture, number), counts, picture)
             return shown + smooth * roughness(picture, edges)
 
-        found = start.copy()
-        rest = self._gathered(lambda number: self.views[number], counts, start) - normal(found)
-        way, left = rest.copy(), _dot(rest, rest)
+        x = start.copy()
+        r = self._gathered(lambda number: self.views[number], counts, start) - normal(x)
+        p, rr = r.copy(), _dot(r, r)
         for _ in range(steps):
-            if left == 0.0:
+            if rr == 0.0:
                 break
-            changed = normal(way)
-            length = np.float32(left / _dot(way, changed))
-            found += length * way
-            rest -= length * changed
-            now = _dot(rest, rest)
-            way = rest + np.float32(now / left) * way
-            left = now
-        return found
+            ap = normal(p)
+            alpha = np.float32(rr / _dot(p, ap))
+            x += alpha * p
+            r -= alpha * ap
+            rr_before, rr = rr, _dot(r, r)
+            p = r + np.float32(rr / rr_before) * p
+        return x
 
     def noise(self, picture: Float32) -> float:
-        """Standard deviation of grey levels about a picture that was fitted to them, where it explains them well."""
+        """Standard deviation of grey levels about a fitted picture, where it explains them well."""
 
         def around(number: int) -> Float32:
             squares, size = self._squares(picture, number), (2 * round(AROUND_PX) + 1,) * 2
@@ -163,7 +163,7 @@ class _Fit:
         return max(1.0 - picture[0].size / max(samples, 1.0), FEWEST_FREE)
 
     def counted(self, picture: Float32, small: float) -> list[Float32]:
-        """Weights (v, u) of samples whose squares stand for absolute differences beyond a small one."""
+        """Weights (v, u) of samples whose weighted squares equal absolute differences above `small`."""
 
         def of_view(number: int) -> Float32:
             apart = np.sqrt(self._squares(picture, number))
@@ -172,21 +172,21 @@ class _Fit:
         return list(self.pool.map(of_view, range(len(self.views))))
 
     def explained(self, picture: Float32, start: Float32, counts: list[Float32], noise: float) -> Float32:
-        """Share (h, w) that a picture explains of what a start leaves over around each pixel beyond noise.
+        """Share (h, w) of the residual of `start` around each pixel, beyond noise, that `picture` explains.
 
-        It is the adjusted coefficient of determination, less noise: as many unknowns as finer pixels explain a part of
-        anything. Where views do not show the plane of the picture, they explain little of each other.
+        It is the adjusted coefficient of determination, corrected for noise: any data is partly explained by as many
+        unknowns as finer pixels. Views that do not show the plane of the picture explain little of each other.
         """
         size = (2 * round(AROUND_PX * self.scale) + 1,) * 2
 
         def gathered(shown: Callable[[int], Float32]) -> Float32:
             return np.asarray(cv2.blur(self._gathered(shown, counts, picture[:1])[0], size), dtype=np.float32)
 
-        def left(picture: Float32) -> Float32:
+        def residual(picture: Float32) -> Float32:
             return gathered(lambda number: self._squares(picture, number)[None])
 
         free = np.float32(self._free(picture))
-        after, before = left(picture) / free, left(start)
+        after, before = residual(picture) / free, residual(start)
         alike = gathered(lambda number: np.ones_like(self.views[number][:1]))
         gained = np.maximum(before - after, 0.0)
         missed = np.maximum(after - np.float32(UNEXPLAINED * noise**2) * alike, 0.0)
@@ -198,7 +198,7 @@ class _Fit:
         return there
 
     def _squares(self, picture: Float32, number: int) -> Float32:
-        """Mean square (v, u) over colours of the difference of a view from what it shows of a picture, grey levels."""
+        """Mean square (v, u) over colours of a view's difference from its prediction by a picture, in grey levels."""
         view = self.views[number]
         rest = np.nan_to_num(view - self._seen(picture, number))
         around = np.asarray(cv2.blur(view.mean(axis=0), (3, 3)), dtype=np.float32)
@@ -206,7 +206,7 @@ class _Fit:
         return np.asarray(np.square(rest).mean(axis=0) / np.square(unit), dtype=np.float32)
 
     def _gathered(self, shown: Callable[[int], Float32], counts: list[Float32], like: Float32) -> Float32:
-        """Sum over the views of what goes back to a picture of what they show, (c, h, w)."""
+        """Sum over the views of the back-projection (c, h, w) of their weighted data."""
 
         def of_group(group: int) -> Float32:
             added = np.zeros_like(like)
@@ -224,9 +224,9 @@ def _dot(one: Float32, other: Float32) -> float:
 
 
 def roughness(picture: Float32, counts: tuple[Float32, Float32]) -> Float32:
-    """Half the gradient (c, h, w) of the sum of squared steps between neighbours (c, h, w), which count differently.
+    """Half the gradient (c, h, w) of the weighted sum of squared differences between adjacent pixels (c, h, w).
 
-    `counts` are those of the steps down (h - 1, w) and to the right (h, w - 1).
+    `counts` are the weights of the differences downwards (h - 1, w) and to the right (h, w - 1).
     """
     changes = np.zeros_like(picture)
     down, right = (counts[axis - 1] * np.diff(picture, axis=axis) for axis in (1, 2))
@@ -238,7 +238,7 @@ def roughness(picture: Float32, counts: tuple[Float32, Float32]) -> Float32:
 
 
 def steps_count(picture: Float32, small: np.float32) -> tuple[Float32, Float32]:
-    """How much steps count, down (h - 1, w) and to the right (h, w - 1): those beyond a small one by their size."""
+    """Weights of differences downwards (h - 1, w) and to the right (h, w - 1): above `small`, they count linearly."""
     down, right = (np.sqrt(np.square(np.diff(picture, axis=axis)).mean(axis=0)) for axis in (1, 2))
     if np.isinf(small):
         return np.ones_like(down), np.ones_like(right)
@@ -247,10 +247,10 @@ def steps_count(picture: Float32, small: np.float32) -> tuple[Float32, Float32]:
 
 @cache
 def pixel_taps(scale: float) -> Float32:
-    """Weights (phases + 1, taps) of finer pixels in one of a view, along one axis.
+    """Weights (phases + 1, taps) of finer pixels in a pixel of a view, along one axis.
 
-    Row k is for a pixel of the view at k / phases between the finer pixels `taps` // 2 - 1 and `taps` // 2. Means over
-    `scale` and over one finer pixel are sinc of the frequency: the ratio of the two, under Kaiser's window.
+    Row k is for a view's pixel at k / phases between the finer pixels `taps` // 2 - 1 and `taps` // 2. Averaging over
+    `scale` or over one finer pixel is a sinc in frequency: the kernel is the ratio of both, with a Kaiser window.
     """
     frequency = (np.arange(512) + 0.5) / 1024.0
     response = np.sinc(scale * frequency) / np.sinc(frequency)
@@ -263,7 +263,7 @@ def pixel_taps(scale: float) -> Float32:
 
 @compiled
 def _first_tap(u: int, v: int, matrix: FloatArray, taps: int, height: int, width: int) -> tuple[int, int, int, int]:
-    """Column and row of the first tap of what a view's pixel shows, and the phases there; -1 where it looks beyond."""
+    """Column, row and phases of the first tap of a view's pixel; -1 where it lies outside the picture."""
     w = matrix[2, 0] * u + matrix[2, 1] * v + matrix[2, 2]
     x = (matrix[0, 0] * u + matrix[0, 1] * v + matrix[0, 2]) / w - (taps // 2 - 1)
     y = (matrix[1, 0] * u + matrix[1, 1] * v + matrix[1, 2]) / w - (taps // 2 - 1)
@@ -275,7 +275,7 @@ def _first_tap(u: int, v: int, matrix: FloatArray, taps: int, height: int, width
 
 @compiled
 def project(picture: Float32, matrix: FloatArray, table: Float32, shown: Float32) -> None:
-    """Write what a view shows of a picture (c, h, w) to (c, v, u); where it looks beyond it, nothing is written."""
+    """Write a view's prediction (c, v, u) by a picture (c, h, w); pixels outside the picture are not written."""
     channels, height, width = picture.shape
     taps = table.shape[1]
     row = np.zeros(taps, np.float32)
@@ -299,7 +299,7 @@ def project(picture: Float32, matrix: FloatArray, table: Float32, shown: Float32
 
 @compiled
 def back_project(shown: Float32, matrix: FloatArray, table: Float32, added: Float32) -> None:
-    """Add to a picture (c, h, w) the transpose of `project` of what a view shows (c, v, u)."""
+    """Add to a picture (c, h, w) the transpose of `project`, applied to a view's data (c, v, u)."""
     channels, height, width = added.shape
     taps = table.shape[1]
     for v in range(shown.shape[1]):

@@ -1,6 +1,6 @@
 """Depth maps of all views, for rendering other views and deciding occlusion.
 
-Holes in maps of nearness that were carried from one view to another are filled from the background.
+Holes in maps of nearness that were warped from one view to another are filled from the background.
 """
 
 from __future__ import annotations
@@ -18,35 +18,35 @@ from mirrorcam.optics.light_field.light_field import LightField, Views
 
 Float32 = NDArray[np.float32]
 AGREE_PX = 1.0
-"""Depths agree where the farthest view shows them at places apart by no more than that."""
+"""Depths agree if the farthest view shows them at positions at most this far apart."""
 EDGE_PX = 2
-"""How far around what is left out samples may still show some of it: they blend two pixels of the frame, softened."""
+"""Distance around a removed object at which samples may still contain it: they blend two pixels of the frame."""
 
 
 @dataclass(frozen=True, eq=False)
 class ViewDepths:
-    """Nearness of what all views of a light field see.
+    """Nearness maps of all views of a light field.
 
     Attributes
     ----------
     nearness
-        Nearness (t, s, v, u), float32: 1 / Z in 1/mm, Z from the reference view along view z; NaN where not known.
+        Nearness (t, s, v, u), float32: 1 / Z in 1/mm, Z from the reference view along view z; NaN if unknown.
     sure
-        Mask (t, s, v, u) of pixels whose nearness was measured, and not filled in.
+        Mask (t, s, v, u) of pixels whose nearness was measured, not filled in.
     """
 
     nearness: Float32
     sure: NDArray[np.bool_]
 
     def depth_mm(self, views: Views) -> Float32:
-        """Depth (t, s, v, u) in mm from the pupil; NaN where not known."""
+        """Depth (t, s, v, u) in mm from the pupil; NaN if unknown."""
         behind = np.float32(views.reference_view_depth_mm)
         with np.errstate(divide="ignore"):
             return np.asarray(np.float32(1.0) / self.nearness + behind)
 
     @classmethod
     def of_depths(cls, views: Views, depth_mm: NDArray[np.floating]) -> ViewDepths:
-        """Depths of views from (t, s, v, u) in mm from the pupil, infinity included; NaN where unknown, sure elsewhere.
+        """Build from depths (t, s, v, u) in mm from the pupil, possibly infinite; NaN if unknown, measured otherwise.
 
         Raises InputError for depths of another shape, or behind the reference view.
         """
@@ -61,12 +61,12 @@ class ViewDepths:
 
     @classmethod
     def of_reference(cls, views: Views, depth_mm: NDArray[np.floating]) -> ViewDepths:
-        """Depths of all views by what the reference view sees of them: (v, u) in mm from the pupil, NaN where unknown.
+        """Build all views' depths from the reference view's (v, u), in mm from the pupil, NaN if unknown.
 
-        What it does not see, another view sees behind what hides it: there, depth is that of the farther neighbour, and
-        not sure.
+        Points that it does not see appear in other views behind their occluders: their depth is taken from the farther
+        neighbour and marked as not measured.
 
-        Raises InputError for depths of another shape, behind the reference view, or not known anywhere.
+        Raises InputError for depths of another shape, behind the reference view, or entirely unknown.
         """
         reference, shape = reference_index(views), (views.rows, views.cols, views.height_px, views.width_px)
         if depth_mm.shape != shape[2:]:
@@ -83,17 +83,17 @@ class ViewDepths:
     def measured(
         cls, light_field: LightField, *, near_mm: float | None = None, far_mm: float | None = None
     ) -> ViewDepths:
-        """Measure by `DepthEstimator` in the reference view, and carry it to the others by `of_reference`.
+        """Measure depth in the reference view with `DepthEstimator`, and transfer it to the others by `of_reference`.
 
-        Raises InputError where no depth can be measured, as `DepthEstimator`.
+        Raises InputError if `DepthEstimator` cannot measure depth.
         """
         return cls.of_reference(light_field, estimate_depth(light_field, near_mm=near_mm, far_mm=far_mm).depth_mm)
 
 
 def without_nearer(light_field: LightField, depths: ViewDepths, depth_mm: float) -> LightField:
-    """The light field less what it shows nearer than a depth from the pupil: weights there, and just around, are zero.
+    """Remove everything nearer than a depth from the pupil: its weights, and those just around, become zero.
 
-    Refocused or rendered, it shows what lies behind, as far as any view looks past (Vaish et al., CVPR 2006, by depth).
+    The refocused or rendered result shows what lies behind, where any view sees it (Vaish et al., CVPR 2006, by depth).
     """
     behind = light_field.reference_view_depth_mm
     if not depth_mm > behind:
@@ -109,14 +109,14 @@ def without_nearer(light_field: LightField, depths: ViewDepths, depth_mm: float)
 
 
 def px_per_nearness(views: Views) -> float:
-    """Shift in px between the reference view and the farthest one per 1/mm of inverse distance."""
+    """Shift in px between the reference view and the farthest one, per 1/mm of inverse distance."""
     return float(views.focal_px * np.abs(views.positions_mm[..., :2]).max())
 
 
 def landed(
     views: Views, source: tuple[int, int], place_mm: NDArray[np.floating], nearness: Float32
 ) -> tuple[Float32, Float32]:
-    """Pixels at which a pinhole at a place (3,) in the view frame, on the views' plane, sees what a view's pixels show.
+    """Project a view's pixels by their nearness into a pinhole at a position in the view frame, on the views' plane.
 
     Parameters
     ----------
@@ -132,7 +132,7 @@ def landed(
     Returns
     -------
     across, down
-        Pixels u, v (v, u) on the grid of the views: those of the reference plane stay where they are.
+        Pixels u, v (v, u) on the grid of the views; points on the reference plane keep theirs.
     """
     return _seen_from(views, views.positions_mm[source], place_mm, nearness)
 
@@ -140,18 +140,19 @@ def landed(
 def sources(
     views: Views, place_mm: NDArray[np.floating], target: tuple[int, int], nearness: Float32
 ) -> tuple[Float32, Float32]:
-    """Pixels at which a view sees what the pixels of a pinhole at a place (3,) show, by their 1 / Z (v, u)."""
+    """Pixels of a view that show the points seen by a pinhole at a position (3,), by their 1 / Z (v, u)."""
     return _seen_from(views, place_mm, views.positions_mm[target], nearness)
 
 
 def _seen_from(
     views: Views, start_mm: NDArray[np.floating], end_mm: NDArray[np.floating], nearness: Float32
 ) -> tuple[Float32, Float32]:
-    """Pixels of the pinhole at `end_mm` that show what those of the one at `start_mm` do.
+    """Pixels of the pinhole at `end_mm` that show the points of the pixels of the pinhole at `start_mm`.
 
-    In both a pixel stands for a point (a, b, Z0) of the reference plane; that of the line through `start` is
-    start + (a - x, b - y, Z0 - z) k with k = (Z - z) / (Z0 - z), and seen from `end` it lies on the plane before
-    (a', b') = end + (point - end) (Z0 - z') / (Z - z'). All divided by Z and by Z0, so that infinity is a place.
+    In both, a pixel stands for a point (a, b, Z0) of the reference plane. The point on its line of sight from `start`
+    is start + (a - x, b - y, Z0 - z) k with k = (Z - z) / (Z0 - z); seen from `end`, it covers the point
+    (a', b') = end + (point - end) (Z0 - z') / (Z - z') of that plane. All terms are divided by Z and Z0, which may be
+    infinite.
     """
     plane = 1.0 / views.reference_distance_mm
     first = (1.0 - start_mm[2] * nearness) / (1.0 - start_mm[2] * plane)
@@ -167,11 +168,11 @@ def _seen_from(
 
 
 def nearness_from(views: Views, known: Float32, place_mm: NDArray[np.floating]) -> Float32:
-    """1 / Z (v, u) of the nearest thing that a pinhole at a place sees.
+    """1 / Z (v, u) of the nearest surface that a pinhole at a position sees.
 
-    Holes are filled from what lies farther, and beyond the borders of the views what is next to them goes on.
+    Holes are filled from farther surfaces; beyond the borders of the views, the adjacent surface continues.
 
-    `known` (t, s, v, u) is that of the views, NaN where it is not known. Raises InputError where it never is.
+    `known` (t, s, v, u) holds the views' values, NaN if unknown. Raises InputError if all are.
     """
     height, width = views.height_px, views.width_px
     nearest = np.full(height * width, -1.0, np.float32)
@@ -184,13 +185,13 @@ def nearness_from(views: Views, known: Float32, place_mm: NDArray[np.floating]) 
         np.maximum.at(nearest, cells, known[index][inside])
     found = nearest.reshape(height, width)
     if not (found >= 0).any():
-        raise InputError("no depth is known in any view, expected some to render by")
-    whole = filled(np.where(found < 0, np.float32(np.nan), found), 2.0 * AGREE_PX / px_per_nearness(views))
-    return np.asarray(cv2.medianBlur(whole.astype(np.float32), 3), dtype=np.float32)
+        raise InputError("no depth is known in any view, expected some to render with")
+    complete = filled(np.where(found < 0, np.float32(np.nan), found), 2.0 * AGREE_PX / px_per_nearness(views))
+    return np.asarray(cv2.medianBlur(complete.astype(np.float32), 3), dtype=np.float32)
 
 
 def _seen_by(views: Views, reference: tuple[int, int], nearness: Float32, known: Float32) -> NDArray[np.bool_]:
-    """Mask (t, s, v, u) of the pixels whose points the reference view has at the same depth (v, u)."""
+    """Mask (t, s, v, u) of the pixels whose points the reference view shows at the same depth (v, u)."""
     apart = np.float32(AGREE_PX / px_per_nearness(views))
     seen = np.zeros(nearness.shape, dtype=bool)
     for index in np.ndindex(views.rows, views.cols):
@@ -200,9 +201,9 @@ def _seen_by(views: Views, reference: tuple[int, int], nearness: Float32, known:
 
 
 def at(values: Float32, u: Float32, v: Float32) -> Float32:
-    """The values (v, u) of the nearest pixels; NaN outside, and where a pixel is NaN."""
+    """Values (v, u) at the nearest pixels; NaN outside and where a value is NaN."""
     known = np.isfinite(u) & np.isfinite(v)
-    # Not as a border's value: OpenCV would blend NaN into what lies beside it.
+    # Not by OpenCV's border value: it would blend NaN into adjacent pixels.
     columns, rows = np.where(known, np.rint(u), -1.0), np.where(known, np.rint(v), -1.0)
     inside = (columns >= 0) & (rows >= 0) & (columns < values.shape[1]) & (rows < values.shape[0])
     picked = values[np.where(inside, rows, 0).astype(np.intp), np.where(inside, columns, 0).astype(np.intp)]
@@ -210,23 +211,23 @@ def at(values: Float32, u: Float32, v: Float32) -> Float32:
 
 
 def filled(nearness: Float32, alike: float) -> Float32:
-    """A map (v, u) of 1 / Z whose holes, NaN, hold what lies behind.
+    """Fill the holes (NaN) of a map (v, u) of 1 / Z with the background.
 
-    A hole opens where something nearer has moved away from what it hid. So of the nearest pixels to its left, right,
-    top and bottom, the farthest counts, and those that differ from it by less than `alike`, by how close they are.
-    Towards a border of the picture, where one of two ends is missing, the nearest pixel goes on. A crack between pixels
-    that have moved apart belongs to the farther. Raises ValueError for a map of nothing but holes.
+    A hole opens where a nearer object has moved off its background. Of the nearest values to the left, right, top and
+    bottom, the farthest surface counts, with any within `alike` of it, weighted by closeness. Towards a border of the
+    picture, where one end is missing, the nearest value continues. Cracks between pixels that have moved apart belong
+    to the farther one. Raises ValueError for a map of holes only.
     """
     if np.isnan(nearness).all():
         raise ValueError("a map of holes, expected some pixel to fill them from")
     nearness = _without_cracks(nearness)
     while (holes := np.isnan(nearness)).any():
-        found = [_beside(nearness, axis, forward=way) for axis in (0, 1) for way in (True, False)]
+        found = [_adjacent(nearness, axis, forward=forward) for axis in (0, 1) for forward in (True, False)]
         values = np.stack([value[holes] for value, _ in found])
         away = np.stack([distance[holes] for _, distance in found])
         there = ~np.isnan(values)
         lines = there.reshape(2, 2, -1)
-        # An end that is missing is the picture's border.
+        # A missing end means the picture's border.
         closed = (lines[:, 0] == lines[:, 1]).all(axis=0)
         farthest = np.where(there, values, np.inf).min(axis=0)
         nearest = np.where(there, away, np.inf).min(axis=0)
@@ -240,7 +241,7 @@ def filled(nearness: Float32, alike: float) -> Float32:
 
 
 def _without_cracks(nearness: Float32) -> Float32:
-    """The map with single pixels between two known ones filled by the farther."""
+    """Fill single pixels between two known ones with the farther value."""
     for axis in (0, 1):
         length = nearness.shape[axis]
         if length < 3:
@@ -252,8 +253,8 @@ def _without_cracks(nearness: Float32) -> Float32:
     return nearness
 
 
-def _beside(nearness: Float32, axis: int, *, forward: bool) -> tuple[Float32, Float32]:
-    """The last known value before each pixel along an axis, or the first after it, and how far it is; NaN without."""
+def _adjacent(nearness: Float32, axis: int, *, forward: bool) -> tuple[Float32, Float32]:
+    """Last known value before each pixel along an axis, or first one after, and its distance; NaN without one."""
     lines = np.moveaxis(nearness, axis, 1)
     lines = lines if forward else lines[:, ::-1]
     columns = np.arange(lines.shape[1])

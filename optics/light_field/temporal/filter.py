@@ -1,12 +1,11 @@
-"""A motion-adaptive recursive filter in time for light fields: static samples are averaged, changing ones are not.
+"""A motion-adaptive recursive temporal filter for light fields: static samples are averaged, changing ones are not.
 
-Each sample is the mean of those before, up to MEMORY frames, as long as the new one differs by no more than noise
-explains. Two tests decide, both over a small square of the view: of the difference itself, and of its running mean,
-which detects a drift too slow for the first. A third one finds the lag that slow changes of depth leave in an area of
-all views. A moving object, and the background that it uncovers, is the new sample alone. Where views share most of the
-change, everything moves, and nothing is averaged: all views show the same motion, at one disparity, but noise of one
-view is independent of the others'. So a scene that moves all over, with a texture as fine as noise, is not taken for
-noise.
+Each sample is the mean of previous ones, up to MEMORY frames, as long as the new one differs by no more than noise
+explains. Two tests decide, both over a small square of the view: on the difference itself, and on its running mean,
+which detects drift too slow for the first. A third test detects the lag that slow depth changes leave in an area of all
+views. A moving object, and the background it uncovers, are the new samples alone. If views share most of the change,
+everything moves and nothing is averaged: all views show the same motion, at one disparity, but noise is independent
+between views. So a scene that moves everywhere, with a texture as fine as noise, is not mistaken for noise.
 """
 
 from __future__ import annotations
@@ -41,41 +40,41 @@ Int64 = NDArray[np.int64]
 Float32 = NDArray[np.float32]
 Map = Callable[..., Any]
 LIKE, UNLIKE = 2.0, 4.0
-"""Standard deviations of chance by which a square may differ before memory shrinks, and before none is left."""
+"""Deviation of a square, in standard deviations of noise, at which memory begins to shrink, and at which it is lost."""
 LAG_LIKE, LAG_UNLIKE = 3.0, 6.0
-"""The same of the lag of an area, over all views."""
+"""The same for the lag of an area, over all views."""
 SOME_LAG_PX, MOST_LAG_PX = 0.25, 0.5
-"""Lag of all views from which on memory shrinks, and at which nothing is left of it: by as much less, and at most."""
+"""Lag of all views over which memory shrinks, and at which it is lost."""
 MOVING, RESTING = 0.82, 0.95
-"""Share of changes that are each view's own, up to which noise cannot be told from motion, and from which it can."""
+"""Share of changes specific to each view: motion below the first, certainly noise above the second."""
 MOST_SAMPLES = 2**26
 SIDE_PX = 10
 BLOCKS = 64
-"""Number of blocks of the reference view that are compared, about."""
+"""Approximate number of blocks of the reference view to compare."""
 NEIGHBOURS = 4
 MOST_DISPARITY_PX = 24
-"""Largest disparity that is tried, of the nearest neighbour."""
+"""Largest trial disparity of the nearest neighbour."""
 LOW_QUANTILE = 0.25
 
 
 @dataclass(frozen=True, eq=False)
 class _State:
-    """What the next frame is compared with.
+    """State that the next frame is compared with.
 
     Attributes
     ----------
     mean
-        The light field filtered so far.
+        The filtered light field so far.
     last
-        The frame before, as it was.
+        The previous frame, unfiltered.
     count
-        Of how many frames samples (k, v, u) are the mean.
+        Number (k, v, u) of frames averaged in each sample.
     drift
-        Running mean (k, v, u) of the differences of brightness to the mean.
+        Running mean (k, v, u) of the brightness differences from the mean.
     most_frames
-        Most frames (i, j) to average in areas of AREA_PX.
+        Largest number of frames (i, j) to average in areas of AREA_PX.
     blocks, noise
-        Those of the frame before; no noise after the first.
+        Blocks and noise of the previous frame; no noise after the first.
     """
 
     mean: LightField
@@ -103,29 +102,29 @@ class _State:
 
 
 class TemporalFilter:
-    """Filters the light fields of one video, one after the other, in order.
+    """Filters the light fields of one video, in order.
 
-    It starts anew at a light field of other views or another kind of samples. The result depends on the frames given so
-    far and on nothing else; memory is that of a few light fields, however long the video. Light fields of more than
-    MOST_SAMPLES samples are left as they are: in floating point, they would take gigabytes.
+    It restarts at a light field with other views or another sample type. The result depends only on the frames so far;
+    memory use is a few light fields, however long the video. Light fields of more than MOST_SAMPLES samples are
+    returned unfiltered: in floating point, they would take gigabytes.
 
     Parameters
     ----------
     workers
-        Number of threads; by default as many as OpenCV uses.
+        Number of threads; default: OpenCV's.
     """
 
     def __init__(self, workers: int | None = None) -> None:
         self._run: Map = ThreadPoolExecutor(workers or cv2.getNumThreads()).map
         self._state: _State | None = None
-        # Memory of the state before the last, used again: new memory takes as long as the work itself.
+        # Arrays of the state before the last, reused: allocating new ones takes as long as the work itself.
         self._spare: tuple[Float32, Float32] | None = None
 
     def filtered(self, light_field: LightField) -> LightField:
-        """The next light field of the video, averaged with those before where nothing moved.
+        """Return the next light field of the video, averaged with previous ones where nothing moved.
 
-        The first one is returned as it is; others have float32 samples, where nothing is averaged the very same ones.
-        One that repeats the frame before, as cameras give in the dark, counts once.
+        The first one is returned unchanged; others have float32 samples, unchanged where nothing is averaged. A frame
+        that repeats the previous one, as cameras deliver in the dark, counts once.
         """
         if light_field.samples.size > MOST_SAMPLES:
             self._state = self._spare = None
@@ -143,7 +142,7 @@ class TemporalFilter:
         return after.mean
 
     def _next(self, before: _State, frame: LightField) -> _State:
-        """The state after a frame."""
+        """Return the state after a frame."""
         blocks = Blocks.of(frame)
         gains = lighting(blocks.means, Blocks.of(before.mean).means)
         blocks, rows = blocks.after(before.blocks, gains), row_gains(gains, frame.height_px)
@@ -164,7 +163,7 @@ class TemporalFilter:
         count, drift = spare
         lag = np.zeros((len(new), *before.most_frames.shape, LAG_SUMS), np.float32)
         tables = measured.information()
-        # Where everything moves, what looks the same is not.
+        # If everything moves, apparent similarity is coincidence.
         most = np.minimum(before.most_frames, np.float32(1.0 + (MEMORY - 1) * trust))
         limits = np.array([measured.limits(LIKE), measured.limits(UNLIKE)], np.float32)
 
@@ -198,20 +197,21 @@ def _by_view(light_field: LightField) -> Any:
 
 
 def _alike(before: LightField, now: LightField) -> bool:
-    """Whether two light fields have the same views, large enough, and the same kind of samples."""
+    """Whether two light fields have the same views, of sufficient size, and the same sample type."""
     same = all(np.array_equal(getattr(before, field.name), getattr(now, field.name)) for field in fields(Views))
     same = same and min(now.height_px, now.width_px) >= SMALL_STRIDE_PX
     return same and before.samples.shape == now.samples.shape and before.samples.dtype == now.samples.dtype
 
 
 def _most_frames(before: Float32, sums: Float32, noise: Noise) -> Float32:
-    """Frames (i, j) that areas average at most after some before, of sums (k, i, j, LAG_SUMS) of the views.
+    """Update the largest numbers of frames (i, j) that areas average, from sums (k, i, j, LAG_SUMS) of the views.
 
-    Drift that follows from the slopes of the mean is lag. Where the views' lags differ, by their chi-squared, depth is
-    changing, which no single square may show. A lag that all share moves a surface by as much in all views, so that its
-    depth is right; it may be a part of a pixel. Means are left out, as they are of lighting.
+    Drift proportional to the gradients of the mean is lag. If the views' lags differ, by their chi-squared statistic,
+    the depth is changing, which no single square may show. A lag common to all views shifts a surface equally in all
+    views, so its depth stays right; a fraction of a pixel is allowed. Means are excluded, since they come from
+    lighting.
     """
-    # Each area with those around it.
+    # Add up each area with its neighbours.
     near = np.stack([9.0 * np.asarray(cv2.blur(view, (3, 3))) for view in sums])
     total, across, down, moved, *products = np.moveaxis(near, -1, 0)
     total = np.maximum(total, np.float32(1e-20))
@@ -223,13 +223,13 @@ def _most_frames(before: Float32, sums: Float32, noise: Noise) -> Float32:
     like, unlike = (chi_square(values - 2, deviations) * noise.joined for deviations in (LAG_LIKE, LAG_UNLIKE))
     kept = np.clip((unlike - squares.sum(axis=0) + shared) / (unlike - like), 0.0, 1.0)
     lagging = shared > chi_square(2, LAG_LIKE) * noise.joined
-    # Of samples beyond all bounds, nothing is known.
+    # Out-of-range samples carry no information.
     kept = np.where(lagging, np.minimum(kept, np.clip((MOST_LAG_PX - lag_px) / SOME_LAG_PX, 0.0, 1.0)), kept)
     return np.clip((before + 1.0) * np.nan_to_num(kept), 1.0, MEMORY).astype(np.float32)
 
 
 def _lag(parts: Any) -> tuple[Any, Any]:
-    """Chi-squared (...) of the lag by weighted sums (5, ...), and its length in px."""
+    """Chi-squared statistic (...) of the lag from weighted sums (5, ...), and its length in px."""
     xx, xy, yy, xe, ye = parts
     least = 1e-6 * (xx + yy) + 1e-20
     xx, yy = xx + least, yy + least
@@ -239,9 +239,10 @@ def _lag(parts: Any) -> tuple[Any, Any]:
 
 
 def neighbours(views: Views) -> tuple[int, NDArray[np.int64], NDArray[np.int64]]:
-    """The reference view, its nearest neighbours (n,) and the shifts (d, n, 2) of disparities in them, right and down.
+    """Return the reference view, its nearest neighbours (n,), and their shifts (d, n, 2), right and down, per
+    disparity.
 
-    Views are numbered row by row; a disparity moves the nearest neighbour by as many pixels.
+    Views are numbered row by row; a disparity is the shift of the nearest neighbour in pixels.
     """
     places = views.positions_mm.reshape(-1, 3)[:, :2]
     distance = np.linalg.norm(places, axis=1)
@@ -258,7 +259,7 @@ def neighbours(views: Views) -> tuple[int, NDArray[np.int64], NDArray[np.int64]]
 
 @compiled
 def _changes(now: Samples, before: Samples, gain: Float32, channel: int, out: Float32) -> None:
-    """Change (v, u) of one channel of a view (v, u, c), with what was before in the light of now by gains (v, c)."""
+    """Change (v, u) of one channel of a view (v, u, c), with the previous frame scaled by gains (v, c)."""
     for y in range(out.shape[0]):
         for x in range(out.shape[1]):
             out[y, x] = np.float32(now[y, x, channel]) - gain[y, channel] * np.float32(before[y, x, channel])
@@ -266,7 +267,7 @@ def _changes(now: Samples, before: Samples, gain: Float32, channel: int, out: Fl
 
 @compiled
 def _compare(own: Float32, others: Float32, shifts: Int64, stride: int, out: Float32) -> int:
-    """Fill energies (2, b) of blocks' changes, all and each view's own, and return their number."""
+    """Fill energies (2, b) of blocks' changes, total and specific to each view; return their number."""
     height, width = own.shape
     found = 0
     for top in range((stride - SIDE_PX) // 2, height - SIDE_PX + 1, stride):
@@ -295,7 +296,7 @@ def _compare(own: Float32, others: Float32, shifts: Int64, stride: int, out: Flo
                 if scale > 0:
                     most, least = max(most, product / scale), min(least, product / scale)
                     tried += 1
-            # By chance, the most and the least are as far from zero.
+            # By chance, the largest and the smallest correlation are equally far from zero.
             shared = max(most + min(least, np.float32(0.0)), np.float32(0.0)) if tried > 0 else np.float32(0.0)
             out[0, found], out[1, found] = energy, energy * (np.float32(1.0) - min(shared, np.float32(1.0)))
             found += 1
@@ -303,14 +304,14 @@ def _compare(own: Float32, others: Float32, shifts: Int64, stride: int, out: Flo
 
 
 def own_share(now: LightField, before: LightField, gains: Float32) -> float:
-    """Share, 0 to 1, of the change between two frames that neighbouring views do not share, where little changes.
+    """Share, 0 to 1, of the change between two frames that adjacent views do not share, in blocks with little change.
 
     Parameters
     ----------
     now, before
         Consecutive frames of the same views.
     gains
-        Gains (k, v, c) of rows that bring what was before to the brightness of now.
+        Gains (k, v, c) of rows from the previous frame's brightness to this one's.
     """
     reference, near, shifts = neighbours(now)
     height, width = now.height_px, now.width_px

@@ -1,8 +1,8 @@
 """Noise of a video of light fields by brightness, measured from frame to frame in small blocks of each view.
 
-Noise is the change where nothing moves. The first difference of consecutive frames shows it, and motion; the second
-cancels slow motion. In each class of brightness a low quantile of many blocks counts, so that most of the picture may
-move. The spread of blocks shows how much of the noise is independent: interpolation and JPEG correlate pixels.
+Noise is the change where nothing moves. First differences of frames contain noise and motion; second differences cancel
+slow motion. In each brightness class, a low quantile of many blocks is used, so that most of the picture may move. The
+spread of blocks shows how much of the noise is independent: interpolation and JPEG correlate pixels.
 """
 
 from __future__ import annotations
@@ -19,30 +19,30 @@ from mirrorcam.optics.light_field.light_field import LightField
 
 Float32 = NDArray[np.float32]
 BINS, LEVELS = 16, 256
-"""Classes of brightness in which noise is measured, and entries of the tables that it is looked up in."""
+"""Number of brightness classes for measuring noise, and of entries in the lookup tables."""
 FEWEST_BLOCKS = 12
 LOW_QUANTILES, NORMAL = (0.1, 0.25), (-1.2816, -0.6745)
-"""Quantiles of the blocks of a class, the second of which counts, and those of a normal distribution."""
+"""Quantiles of the blocks of a class, the second of which is used, and of the normal distribution."""
 LEAST_SPREAD, MOST_SPREAD = 0.03, 0.16
-"""Ends of the spread of blocks: that of 250 and of 9 independent values."""
+"""Limits of the spread of blocks, for 250 and for 9 independent values."""
 STEEP = 2.0
-"""Factor by which noise of a class may exceed what the others make one expect."""
+"""Largest ratio of a class's noise to its expectation from the others."""
 LESSER = 0.9
-"""By how much the lesser of first and second differences is less than either, in spreads."""
+"""Bias of the smaller of first and second differences, in spreads."""
 ROUNDING = 1.0 / 12.0 / 255.0**2
-"""Variance of rounding to 8 bits, which noise has at least; floating-point samples have LEAST."""
+"""Variance of rounding to 8 bits, the least noise; for floating-point samples it is LEAST."""
 LEAST = 1e-10
 LEAST_TRUST = 1e-3
 SLOWLY, QUICKLY, LESS = 1.0 / 16.0, 0.5, 0.7
-"""Share of a frame in the noise so far, and where it has less than a part of that: more may have been motion."""
+"""Update rate of the noise; a higher one if the new noise is below LESS times the old, which may have been motion."""
 BLOCK_PX = 5
 STRIDE_PX, SMALL_STRIDE_PX, SMALL_VIEW = 16, 8, 20_000
-"""Distance of the blocks, and that in views of fewer pixels."""
+"""Spacing of the blocks, and spacing in views of fewer pixels than SMALL_VIEW."""
 DARK = 16.0 / 255.0
-"""Brightness below which a block gives no information on the lighting."""
+"""Brightness below which a block carries no information on the lighting."""
 LEAST_GAIN, MOST_GAIN = 0.5, 2.0
 MEDIAN_ERROR = 1.86
-"""Standard error of a median of one normal value, in median absolute deviations: 1.4826 sqrt(pi / 2)."""
+"""Standard error of the median of one normal value, in median absolute deviations: 1.4826 sqrt(pi / 2)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,11 +52,11 @@ class Noise:
     Attributes
     ----------
     colours, brightness
-        The sum (BINS,) over the channels, and that of their mean.
+        Variance (BINS,) summed over the channels, and of their mean.
     spread
-        Of either, the standard deviation of the cube root of the variance of a block, in that of noise.
+        For either, standard deviation of the cube root of a block's variance over the noise.
     trust
-        How sure it is, 0 to 1, that motion is no part of them.
+        Confidence, 0 to 1, that they contain no motion.
     """
 
     colours: Float32
@@ -65,15 +65,15 @@ class Noise:
     trust: float = 1.0
 
     def information(self) -> Float32:
-        """One over both (2, LEVELS), from brightness 0 to 1."""
+        """Inverse variances (2, LEVELS) of both, from brightness 0 to 1."""
         places, centres = np.linspace(0.0, 1.0, LEVELS), (np.arange(BINS) + 0.5) / BINS
         trust = max(self.trust, LEAST_TRUST)
         curves = [np.interp(places, centres, curve) * trust for curve in (self.colours, self.brightness)]
         return (1.0 / np.array(curves)).astype(np.float32)
 
     def followed(self, new: Noise) -> Noise:
-        """The noise after a frame whose noise is `new`."""
-        # All of it where only now it is sure that nothing moves.
+        """Update the noise with the noise of a new frame."""
+        # Take the new value entirely if only this frame certainly has no motion.
         up = (new.trust - self.trust) / max(new.trust, LEAST_TRUST)
         slowly = max(up, SLOWLY * new.trust)
 
@@ -91,27 +91,27 @@ class Noise:
 
     @property
     def joined(self) -> float:
-        """How many pixels are as good as one where noise joins them, 1 or more."""
+        """Number of correlated pixels that are worth one independent pixel, at least 1."""
         return max(1.0, BLOCK_PX**2 * 4.5 * self.spread[1] ** 2)
 
     def limits(self, deviations: float) -> tuple[float, float]:
-        """What the variance of a block, in that of noise, exceeds as seldom as a normal value that many deviations.
+        """Limits that a block's variance over the noise exceeds as rarely as a normal value exceeds `deviations`.
 
-        Of the channels and of brightness. The cube root of chi-squared is about normal: E. B. Wilson and
-        M. M. Hilferty, "The distribution of chi-square", PNAS 17, 1931.
+        For the channels and for brightness. The cube root of chi-squared is nearly normal: E. B. Wilson and M. M.
+        Hilferty, "The distribution of chi-square", PNAS 17, 1931.
         """
         colours, brightness = (_quantile(spread, deviations) for spread in self.spread)
         return colours, brightness
 
 
 def chi_square(values: int, deviations: float) -> float:
-    """Quantile of chi-squared of some values, as seldom exceeded as a normal value that many deviations."""
+    """Quantile of chi-squared for `values` degrees of freedom, exceeded as rarely as `deviations` by a normal value."""
     return values * _quantile(float(np.sqrt(2.0 / (9.0 * values))), deviations)
 
 
 @compiled
 def _energies(first: Float32, previous: Float32, gains: Float32, out: Float32) -> None:
-    """Variances (2, k, m, n) of noise that blocks show: summed over the channels, and of their mean."""
+    """Fill variances (2, k, m, n) of noise in blocks: summed over the channels, and of their mean."""
     views, down, across, pixels, channels = first.shape
     for k in range(views):
         for m in range(down):
@@ -130,7 +130,7 @@ def _energies(first: Float32, previous: Float32, gains: Float32, out: Float32) -
                             total_two += b
                     one_mean += total * total
                     two_mean += total_two * total_two
-                # Differences of two samples have twice the variance, second ones (1, -2, 1) six times.
+                # First differences have twice the variance of a sample, second differences (1, -2, 1) six times.
                 if len(previous) > 0:
                     one = min(one, two / np.float32(3.0))
                     one_mean = min(one_mean, two_mean / np.float32(3.0))
@@ -140,9 +140,9 @@ def _energies(first: Float32, previous: Float32, gains: Float32, out: Float32) -
 
 
 def measured_noise(now: Blocks, before: Blocks, gains: Float32, least: float, trust: float) -> Noise:
-    """The noise that the blocks of a frame show beside those before, `least` or more, at gains (k, m, c) of lighting.
+    """Measure the noise of a frame's blocks relative to the previous ones, at least `least`, given gains (k, m, c).
 
-    `trust` is how sure it is that not everything moves.
+    `trust` is the confidence that not everything moves.
     """
     first = now.differences
     assert first is not None
@@ -160,20 +160,20 @@ def measured_noise(now: Blocks, before: Blocks, gains: Float32, least: float, tr
 
 
 def _quantile(spread: float, deviations: float) -> float:
-    """Quantile of blocks' variance, in that of noise, by the normal distribution's."""
+    """Quantile of a block's variance over the noise, from the normal distribution's."""
     return float((1.0 - spread**2 + deviations * spread) ** 3)
 
 
 def _low(values: Any, share: float) -> Any:
-    """The value (n,) below which a share of the values lies."""
+    """Value (n,) below which a share of the values lies."""
     number = int(share * len(values))
     return np.partition(values, number)[number]
 
 
 def _expected(known: NDArray[np.int64], found: FloatArray, count: NDArray[np.int64]) -> FloatArray:
-    """What the other classes make one expect of each, in which something may move: the median over the blocks.
+    """Expected noise of each class from the others, in which something may move: the median over the blocks.
 
-    Noise of light grows in proportion to brightness at most, and with a gamma curve falls no faster.
+    Shot noise grows at most in proportion to brightness, and falls no faster with a gamma curve.
     """
     bright = known + 0.5
     ratio = bright[:, None] / bright
@@ -185,9 +185,9 @@ def _expected(known: NDArray[np.int64], found: FloatArray, count: NDArray[np.int
 
 
 def _by_level(energies: Float32, level: NDArray[np.int64], second: bool) -> tuple[Float32, float]:
-    """The noise (BINS,) by the energies (n,) of blocks in each class, and their spread.
+    """Noise (BINS,) from the energies (n,) of blocks in each class, and their spread.
 
-    Classes of few blocks are between their neighbours. With `second`, energies are the lesser of two.
+    Classes with few blocks are interpolated. With `second`, energies are the smaller of two.
     """
     count = np.bincount(level, minlength=BINS)
     known = np.flatnonzero(count >= min(FEWEST_BLOCKS, count.max()))
@@ -213,7 +213,7 @@ class Blocks:
     means
         Their means (k, m, n, c).
     differences
-        What they differ by (k, m, n, p, c) from the frame before, in the light of now; None in the first.
+        Differences (k, m, n, p, c) from the previous frame, scaled to this lighting; None in the first.
     """
 
     samples: Float32
@@ -222,7 +222,7 @@ class Blocks:
 
     @classmethod
     def of(cls, light_field: LightField) -> Blocks:
-        """The blocks of a light field; a view smaller than SMALL_STRIDE_PX has none."""
+        """Extract the blocks of a light field; views smaller than SMALL_STRIDE_PX have none."""
         samples: Any = light_field.samples
         rows, cols, height, width, channels = samples.shape
         stride = SMALL_STRIDE_PX if height * width < SMALL_VIEW else STRIDE_PX
@@ -238,12 +238,12 @@ class Blocks:
         return cls(found, means)
 
     def after(self, before: Blocks, gains: Float32) -> Blocks:
-        """The blocks with what they differ by from those of the frame before, at gains (k, m, c)."""
+        """Add the differences from the previous frame's blocks, scaled by gains (k, m, c)."""
         return replace(self, differences=self.samples - gains[:, :, None, None] * before.samples)
 
 
 def full_brightness(light_field: LightField) -> np.float32:
-    """Sample of full brightness: 255 of 8 bits, and 1."""
+    """Sample value of full brightness: 255 for 8 bits, else 1."""
     return np.float32(255.0 if light_field.samples.dtype == np.uint8 else 1.0)
 
 
@@ -262,10 +262,10 @@ def _means(samples: Float32, means: Float32) -> None:
 
 
 def lighting(now: Float32, before: Float32) -> Float32:
-    """Gains (k, m, c) that bring what was before to the brightness of now, of means (k, m, n, c) of blocks.
+    """Gains (k, m, c) from the previous frame's brightness to this one's, from means (k, m, n, c) of blocks.
 
-    Each row of blocks has its own: mains flicker differs between the rows of a rolling shutter. The median of a row
-    leaves out what moves; a gain within twice its standard error of one is one.
+    Each row of blocks has its own gain: mains flicker differs between the rows of a rolling shutter. The median of a
+    row ignores motion; a gain within twice its standard error of one is set to one.
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         ratio = np.where((now > DARK) & (before > DARK), now / before, np.float32(1.0))
@@ -273,7 +273,7 @@ def lighting(now: Float32, before: Float32) -> Float32:
     gains = _medians(ratio)
     error = MEDIAN_ERROR / np.sqrt(ratio.shape[-1]) * _medians(np.abs(ratio - gains[..., None]))
     gains = np.where(np.abs(gains - 1.0) > 2.0 * error, gains, 1.0)
-    # No frequency of a binomial filter is negative: what is corrected in a row does not grow in the next frame.
+    # A binomial filter has no negative frequency response: a row's correction does not grow in the next frame.
     wider = np.pad(gains, ((0, 0), (1, 1), (0, 0)), mode="edge")
     smooth = 0.25 * wider[:, :-2] + 0.5 * wider[:, 1:-1] + 0.25 * wider[:, 2:]
     return np.clip(smooth, LEAST_GAIN, MOST_GAIN).astype(np.float32)
@@ -286,7 +286,7 @@ def _medians(values: Float32) -> Float32:
 
 
 def row_gains(gains: Float32, height: int) -> Float32:
-    """Gains (k, v, c) of all rows of pixels, of those (k, m, c) of rows of blocks."""
+    """Interpolate gains (k, m, c) of rows of blocks to gains (k, v, c) of all rows of pixels."""
     down = gains.shape[1]
     place = (np.arange(height, dtype=np.float32) + np.float32(0.5)) * np.float32(down / height) - np.float32(0.5)
     place = np.clip(place, 0, down - 1)

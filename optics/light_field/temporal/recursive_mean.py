@@ -11,21 +11,22 @@ from mirrorcam.optics.light_field.light_field import Samples
 Float32 = NDArray[np.float32]
 
 MEMORY = 24
-"""Most frames that are averaged, about; a still sample's noise falls to 0.15 of a frame's."""
+"""Approximate number of frames averaged at most; a static sample's noise falls to 0.15 of a frame's."""
 SIDE_PX = 5
-"""Side of the square over which changes are judged."""
+"""Side of the square over which changes are tested."""
 AREA_PX = 16
 LAG_SUMS = 9
 DRIFT_SHARE = 0.25
-"""Share of a frame in the running mean of differences."""
+"""Weight of a frame in the running mean of differences."""
 MOST = 100.0
-"""Squared differences count as that at most."""
+"""Limit of squared differences."""
 
 
 def _information() -> Float32:
-    """Inverse variance (2, MEMORY + 1) of differences and of their running mean, by the frames averaged, in noise.
+    """Inverse variances (2, MEMORY + 1) of differences and of their running mean, by frames averaged, in units of
+    noise.
 
-    Where nothing moves, differences to a mean of n samples are independent and have a variance of 1 + 1 / n.
+    Without motion, differences from a mean of n samples are independent, with a variance of 1 + 1 / n.
     """
     found = np.ones((2, MEMORY + 1))
     keep = (1.0 - DRIFT_SHARE) ** 2
@@ -41,7 +42,7 @@ INFORMATION = _information()
 
 @compiled
 def _differences(new: Samples, scale: float, mean: Float32, gain: Float32, difference: Float32, level: Float32) -> None:
-    """Differences (u, c) of a row to its mean in the light of now, and the brightness (u,) of that mean."""
+    """Differences (u, c) of a row from its mean scaled to this lighting, and the brightness (u,) of that mean."""
     width, channels = new.shape
     if channels == 3:
         for x in range(width):
@@ -68,9 +69,9 @@ def _tested(
     information: Float32,
     out: Float32,
 ) -> None:
-    """Squares (2, u) of the difference and of its running mean, in those of noise.
+    """Squares (2, u) of the difference and of its running mean, over their variances.
 
-    The running mean is `drifted` (u,), and `information` (u,) one over the variance that noise gives it.
+    The running mean is written to `drifted` (u,), and its inverse variance to `information` (u,).
     """
     width, channels = difference.shape
     last, one = np.float32(tables.shape[1] - 1), np.float32(1.0)
@@ -94,7 +95,7 @@ def _tested(
 def _add_lag(
     above: Float32, level: Float32, below: Float32, drift: Float32, information: Float32, out: Float32
 ) -> None:
-    """Add a row to the weighted sums (j, LAG_SUMS) of areas, of drift and the slopes of the mean and their products."""
+    """Add a row to the weighted sums (j, LAG_SUMS) of areas: drift, gradients of the mean, and their products."""
     width = len(level)
     half = np.float32(0.5)
     for area in range(len(out)):
@@ -126,9 +127,9 @@ def _add_lag(
 
 @compiled
 def _kept(sums: Float32, inverse: Float32, limits: Float32, out: Float32) -> None:
-    """Share (u,) of memory that is kept, of sums (2, u) over the rows of the square, padded at both sides.
+    """Share (u,) of memory that is kept, from sums (2, u) over the rows of the square, padded at both sides.
 
-    `limits` (2, 2) are those from which less is kept and nothing, of the difference and of its running mean.
+    `limits` (2, 2) hold where memory begins to shrink and where it is lost, for the difference and its running mean.
     """
     width = len(out)
     zero, one = np.float32(0.0), np.float32(1.0)
@@ -146,7 +147,7 @@ def _kept(sums: Float32, inverse: Float32, limits: Float32, out: Float32) -> Non
 
 @compiled
 def _blended(new: Samples, full: float, mean: Float32, gain: Float32, part: Float32, out: Float32) -> None:
-    """A row (u, c) of new samples and their mean in the light of now, by the share (u,) of the new ones."""
+    """Blend a row (u, c) of new samples with their mean scaled to this lighting, by the new ones' share (u,)."""
     one = np.float32(1.0)
     for x in range(len(part)):
         rest = one - part[x]
@@ -173,8 +174,8 @@ def filter_view(
 ) -> None:
     """Filter one view: `new` (v, u, c) of `full` brightness, `mean` (v, u, c), `count` and `drift` (v, u).
 
-    `gain` (v, c) brings the mean to the light of now; `tables` and `by_count` are inverse variances by brightness and
-    by count; `most_frames` (i, j) and `out_lag` (i, j, LAG_SUMS) belong to areas.
+    `gain` (v, c) scales the mean to this lighting; `tables` and `by_count` are inverse variances by brightness and by
+    count; `most_frames` (i, j) and `out_lag` (i, j, LAG_SUMS) belong to areas.
     """
     height, width, channels = new.shape
     reach = SIDE_PX // 2

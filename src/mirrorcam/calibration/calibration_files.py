@@ -187,7 +187,7 @@ def _calibrate_directly(
         base_names=base.labels,
         most=taken.most,
         model=request.model,
-        beside=taken.beside if any(taken.sources) else None,
+        adjacent=taken.beside if any(taken.sources) else None,
         progress=progress,
         on_hint=on_hint,
     )

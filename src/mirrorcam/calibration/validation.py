@@ -23,7 +23,7 @@ from mirrorcam.core.values import FloatArray, Matrix4, Metric, Value
 from mirrorcam.optics.calibration.calibration import calibrate
 from mirrorcam.optics.calibration.detection.detect_boards import direct_view
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
-from mirrorcam.optics.calibration.solver.parameterisation import turned_like
+from mirrorcam.optics.calibration.solver.parameterisation import rotated_like
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Target, load_board
 from mirrorcam.optics.geometry.transforms import transform
@@ -109,7 +109,7 @@ def validate(folder: AnyPath, progress: Progress = no_progress) -> Validation:
     poses = read_model(_Poses, folder / "truth" / "poses.json", LARGEST_FILE_BYTES).frames
     layout, apart = calibration.layout, {}
     if len(layout.mirrors) == 2:
-        layout, angle = turned_like(layout, truth)
+        layout, angle = rotated_like(layout, truth)
         apart["pair_turn_deg"] = Metric(value=abs(np.degrees(angle)), unit="deg")
     metrics = mirror_errors(layout, truth) | apart
     metrics |= {name: figure for name, figure in calibration.metrics.items() if not name.startswith("mirror_")}

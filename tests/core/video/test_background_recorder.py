@@ -22,8 +22,8 @@ from mirrorcam.core.video.background_recorder import (
     new_recording,
 )
 from mirrorcam.core.video.frames import Frame, Lost
+from mirrorcam.core.video.newest_frame import NewestFrame
 from mirrorcam.core.video.video import Video
-from mirrorcam.optics.light_field.io.newest_frame import NewestFrame
 from tests.core.video.videos import number_in, pictures
 
 SIZE = 160, 96

@@ -47,7 +47,7 @@ def sound_calibration() -> Calibration:
 
 
 def rows_of(calibration: Calibration, keep: np.ndarray) -> Calibration:
-    """The same with only some of the corners (n,)."""
+    """Return the calibration with only some of the corners (n,)."""
     return replace(
         calibration,
         observations=calibration.observations.where(keep),

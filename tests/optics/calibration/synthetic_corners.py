@@ -22,7 +22,7 @@ MARGIN = 0.95  # of an outline or sensor, about its middle, within which corners
 
 @dataclass(frozen=True)
 class Views:
-    """What frames with and without mirrors show, and the poses that they were drawn from."""
+    """Corners of frames with and without mirrors, and the poses of their boards."""
 
     seen: list[Observations]
     base: list[Observations]
@@ -31,7 +31,7 @@ class Views:
 def mirrored_corners(
     truth: Layout, target: Checkerboard | Charuco, pose: FloatArray, noise_px: float, random: np.random.Generator
 ) -> Observations:
-    """The corners of one frame in every mirror that shows enough of them, each with noise of `noise_px` per axis."""
+    """Return the corners of a frame in every mirror that shows enough, with noise of `noise_px` per axis."""
     points = transform(pose, target.corners_in_board_mm)
     parts = []
     for index, mirror in enumerate(truth.mirrors):
@@ -48,7 +48,7 @@ def mirrored_corners(
 def direct_corners(
     truth: Layout, target: Checkerboard | Charuco, pose: FloatArray, noise_px: float, random: np.random.Generator
 ) -> Observations:
-    """The corners of one frame that the bare camera sees, with noise of `noise_px` per axis."""
+    """Return the corners of a frame of the bare camera, with noise of `noise_px` per axis."""
     pixels = truth.camera.project(transform(pose, target.corners_in_board_mm))
     size = np.array([truth.camera.width_px, truth.camera.height_px])
     ids = np.flatnonzero((np.abs(pixels - (size - 1) / 2.0) < MARGIN * size / 2.0).all(axis=1))
@@ -96,7 +96,7 @@ def views_of(
 
 
 def as_built(nominal: Layout, *, tilt_deg: float = 0.3, offset_mm: float = 0.3, seed: int = 0) -> Layout:
-    """The layout with every mirror tilted and shifted a little, and a lens of its own."""
+    """Return the layout with every mirror slightly tilted and shifted, and another lens."""
     random = np.random.default_rng(seed)
     mirrors = tuple(
         mirror.moved(

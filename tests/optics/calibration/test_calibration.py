@@ -29,7 +29,7 @@ from mirrorcam.optics.geometry.transforms import transform
 from tests.optics.layouts import faceted_parabola
 from tests.optics.synthetic import posed, render
 
-# The renderer of these tests errs by a thousandth of a pixel, which less noise than this would bring to light.
+# The renderer's error of a thousandth of a pixel would be visible with less noise.
 NOISE_GREY = 8.0
 BOARD = Charuco(cols=16, rows=11, square_mm=14.0, marker_mm=8.75)
 PLAIN = Checkerboard(cols=9, rows=6, square_mm=9.0)
@@ -90,13 +90,13 @@ def small_set() -> Set:
 
 @pytest.fixture(scope="module")
 def detections(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder that caches detected corners, so that no picture is searched twice with the same layout."""
+    """A folder that caches detected corners, so that no picture is searched twice."""
     return tmp_path_factory.mktemp("detections")
 
 
 @pytest.fixture(scope="module")
 def corners(small_set: Set, detections: Path) -> tuple[list[Observations], list[Observations]]:
-    """The corners of the frames with and without mirrors, for tests of the solving alone."""
+    """The corners of the frames with and without mirrors, for tests of the solver alone."""
     find = partial(detect_frames, layout=small_set.nominal, target=BOARD, folder=detections)
     seen, base = find(small_set.frames, mirrored=True), find(small_set.base, mirrored=False)
     return [frame.corners for frame in seen], [frame.corners for frame in base]
@@ -139,7 +139,7 @@ def test_the_truth_is_found_from_the_nominal_layout(small_set: Set, calibrated: 
     assert [note for note in calibrated.notes if "pupil" not in note] == []
 
 
-def test_errors_are_what_the_layout_says_they_may_be(small_set: Set, calibrated: Calibration) -> None:
+def test_errors_match_the_layouts_uncertainties(small_set: Set, calibrated: Calibration) -> None:
     sigmas = mirror_sigmas(calibrated.layout)
     tilts = np.radians(angles_deg(calibrated.layout, small_set.truth))
     for (tilt, distance), error, found, true in zip(
@@ -149,7 +149,7 @@ def test_errors_are_what_the_layout_says_they_may_be(small_set: Set, calibrated:
         assert 0 < abs(found.distance_mm - true.distance_mm) < 5 * distance
 
 
-def test_a_calibrated_layout_survives_its_file(calibrated: Calibration, tmp_path: Path) -> None:
+def test_a_calibrated_layout_is_unchanged_by_saving(calibrated: Calibration, tmp_path: Path) -> None:
     path = tmp_path / "layout.json"
     calibrated.layout.save(path)
     assert Layout.load(path) == calibrated.layout
@@ -167,7 +167,7 @@ def test_same_pictures_same_bytes(
     assert again.layout.model_dump_json() == calibrated.layout.model_dump_json()
 
 
-def test_picture_files_are_read_as_they_are_needed(small_set: Set, tmp_path: Path) -> None:
+def test_picture_files_are_read_on_demand(small_set: Set, tmp_path: Path) -> None:
     picture = tmp_path / "small.png"
     write_image(picture, np.zeros((30, 40), dtype=np.uint8))
     with pytest.raises(InputError, match=r"small\.png: 40x30 px, expected 960x540 of the layout's camera"):
@@ -183,16 +183,16 @@ def test_damaged_pictures_are_left_out_named_and_counted(small_set: Set, tmp_pat
     for path in paths:
         write_image(path, frames[0])
         path.write_bytes(path.read_bytes()[:-1000])
-    whole = calibrate(frames, base, small_set.nominal, BOARD)
+    complete = calibrate(frames, base, small_set.nominal, BOARD)
     found = calibrate([*frames[:2], paths[0], *frames[2:]], [paths[1], *base], small_set.nominal, BOARD)
     assert found.metrics["damaged_pictures"].value == 2
-    assert "damaged_pictures" not in whole.metrics
+    assert "damaged_pictures" not in complete.metrics
     for path in paths:
         assert f"{path}: image is truncated; not used" in found.notes
-    assert np.array_equal(found.residuals_px, whole.residuals_px)
+    assert np.array_equal(found.residuals_px, complete.residuals_px)
 
 
-def test_where_no_picture_is_left_the_first_that_cannot_be_read_is_named(small_set: Set, tmp_path: Path) -> None:
+def test_without_a_readable_picture_the_first_damaged_one_is_named(small_set: Set, tmp_path: Path) -> None:
     path = tmp_path / "recording.mp4"
     path.write_bytes(b"a video")
     with pytest.raises(
@@ -201,7 +201,7 @@ def test_where_no_picture_is_left_the_first_that_cannot_be_read_is_named(small_s
         calibrate([path], [], small_set.nominal, BOARD)
 
 
-def test_corners_are_seen_where_the_truth_puts_them(small_set: Set) -> None:
+def test_corners_match_the_truth(small_set: Set) -> None:
     pose = mirrored_pose(0)
     seen = sub_images(small_set.frames[0], small_set.nominal, BOARD).corners
     points = transform(pose, BOARD.corners_in_board_mm)
@@ -212,7 +212,7 @@ def test_corners_are_seen_where_the_truth_puts_them(small_set: Set) -> None:
         assert np.sqrt(np.mean(error**2)) < 0.06
 
 
-def test_a_plain_board_is_numbered_alike_in_all_views(small_set: Set) -> None:
+def test_a_plain_board_has_the_same_numbers_in_all_views(small_set: Set) -> None:
     even = Checkerboard(cols=8, rows=6, square_mm=9.0)
     pose = posed(even, np.array([0.0, 330.0, 85.0]), np.array([10.0, 12.0, 20.0]), direct=False)
     seen = sub_images(render(small_set.truth.camera, small_set.truth, even, pose), small_set.nominal, even).corners
@@ -246,7 +246,7 @@ def test_a_plain_board_with_rows_and_columns_exchanged_is_the_same_board(small_s
         distance = np.linalg.norm(apart, axis=2)
         assert distance.min(axis=1).max() < 0.3
         places[mirror] = dict(zip(seen.corner[rows_of].tolist(), distance.argmin(axis=1).tolist(), strict=True))
-    # Whichever way up it was taken for, it is the same in all mirrors, and a rigid turn of the board that was drawn.
+    # In either orientation, it is the same in all mirrors, and a rigid rotation of the drawn board.
     for corner in set.intersection(*(set(found) for found in places.values())):
         assert len({found[corner] for found in places.values()}) == 1
     shared = sorted(places[0])
@@ -266,7 +266,7 @@ def test_a_plain_board_of_more_squares_than_the_picture_shows_is_not_found(
 
 
 @pytest.mark.parametrize(("cols", "rows", "said"), [(9, 5, "a checkerboard of 9 x 6 squares"), (7, 5, "")])
-def test_a_plain_board_of_fewer_squares_than_the_picture_shows_is_not_believed(
+def test_a_plain_board_of_fewer_squares_than_the_picture_shows_is_rejected(
     small_set: Set, plain_frames: list[Grey], cols: int, rows: int, said: str
 ) -> None:
     with pytest.raises(InputError) as refused:
@@ -287,14 +287,14 @@ def test_no_pictures_are_refused_in_one_line(small_set: Set, base: int) -> None:
 
 
 @pytest.mark.parametrize("model", ["joint+turn", "second_surface"])
-def test_a_model_of_other_pictures_is_refused_before_any_is_searched(
+def test_a_model_for_other_pictures_is_refused_before_any_is_searched(
     small_set: Set, tmp_path: Path, model: str
 ) -> None:
     with pytest.raises(InputError, match="model: "):
         calibrate([tmp_path / "nowhere.png"], [], small_set.nominal, BOARD, model=RequestedModel.parse(model))
 
 
-def test_what_does_not_suffice_is_refused_in_one_line(small_set: Set) -> None:
+def test_insufficient_pictures_are_refused_in_one_line(small_set: Set) -> None:
     blank = np.full_like(small_set.frames[0], 60)
     assert len(sub_images(blank, small_set.nominal, BOARD).corners) == 0
     with pytest.raises(InputError, match="no corner of the board found in any of 2 frames"):
@@ -341,21 +341,21 @@ def test_damaged_files_are_named_and_others_of_another_size_refused(tmp_path: Pa
         list(taken.read([small], mirrored=False))
 
 
-def test_the_first_pictures_of_each_kind_are_looked_at_again(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_first_pictures_of_each_kind_are_searched_for_other_boards(monkeypatch: pytest.MonkeyPatch) -> None:
     taken = PictureReader(TINY_CAMERA)
     list(taken.read([grey(10), grey(20), grey(30), grey(40)], mirrored=True))
     list(taken.read([grey(50)], mirrored=False))
     changes = taken.extremes.changes()
     assert changes is not None
     assert int(changes[0].max()) == 30  # those without mirrors do not count
-    asked: list[tuple[list[int], bool, bool, bool]] = []
+    requests: list[tuple[list[int], bool, bool, bool]] = []
 
     def other(pictures: list[Grey], target: object, *, mirrored: bool, found: bool, fits: bool) -> str | None:
-        asked.append(([int(picture.mean()) for picture in pictures], mirrored, found, fits))
+        requests.append(([int(picture.mean()) for picture in pictures], mirrored, found, fits))
         return "another board" if mirrored and not fits else None
 
     monkeypatch.setattr(calibration, "other_board", other)
     taken.refuse_other_board(TINY_BOARD, seen=True, base=False, fits=True)
-    assert asked == [([50], False, True, False), ([10, 20], True, True, True)]
+    assert requests == [([50], False, True, False), ([10, 20], True, True, True)]
     with pytest.raises(InputError, match="another board"):
         taken.refuse_other_board(TINY_BOARD, seen=False, base=True, fits=False)

@@ -1,4 +1,4 @@
-"""Calibration from corners: what is left out, refused, and refined once the mirrors are nearly known."""
+"""Calibration from corners: omissions, refusals, and refinement once the mirrors are nearly known."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def views() -> Views:
 
 
 def worst_deg(a: Layout, b: Layout) -> float:
-    """The largest angle between a mirror of one layout and that of the other."""
+    """Return the largest angle between corresponding mirrors of two layouts, in degrees."""
     crosses = np.cross([m.normal_in_rig for m in a.mirrors], [m.normal_in_rig for m in b.mirrors])
     return float(np.degrees(np.linalg.norm(crosses, axis=1)).max())
 
@@ -54,12 +54,12 @@ def test_one_frame_of_one_mirror_does_not_determine_a_camera(views: Views) -> No
 
 
 @pytest.mark.slow
-def test_in_second_surface_mirrors_corners_are_refined_where_these_are_found_to_be(
+def test_corners_in_second_surface_mirrors_are_refined_with_the_estimated_mirrors(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     nominal, true = (layout.with_surface("second", 2.0) for layout in (nominal_layout(), true_layout()))
     views = views_of(true, BOARD, *board_poses(), noise_px=0.05)
-    asked: list[tuple[Layout, Mapping[int, FloatArray]]] = []
+    requests: list[tuple[Layout, Mapping[int, FloatArray]]] = []
 
     def shifted(
         seen: Sequence[Observations],
@@ -71,14 +71,14 @@ def test_in_second_surface_mirrors_corners_are_refined_where_these_are_found_to_
         workers: int,
     ) -> list[Observations]:
         assert (len(seen), target, workers) == (len(pictures), BOARD, 3)
-        asked.append((layout, poses))
+        requests.append((layout, poses))
         return [replace(rows, pixels=rows.pixels + np.array([0.0, 0.25])) for rows in seen]
 
     monkeypatch.setattr(corner_calibration, "without_ghost_images", shifted)
     blank = np.zeros((nominal.camera.height_px, nominal.camera.width_px), dtype=np.uint8)
     pictures = BoardPictures([blank] * (len(views.seen) - 1) + [None], BOARD, workers=3)
     found = calibrate_corners(views.seen, views.base, nominal, CORNERS_MM, model=RequestedModel(), pictures=pictures)
-    ((layout, poses),) = asked
+    ((layout, poses),) = requests
     assert worst_deg(layout, true) < 0.2 * worst_deg(nominal, true)
     assert set(range(len(views.seen))) <= set(poses)
     plain = calibrate_corners(views.seen, views.base, nominal, CORNERS_MM, model=RequestedModel())
@@ -90,7 +90,7 @@ def test_in_second_surface_mirrors_corners_are_refined_where_these_are_found_to_
     assert [note for note in found.notes if lost in note]
 
 
-def test_a_rational_lens_that_five_numbers_describe_as_well_is_calibrated_where_the_layout_has_it() -> None:
+def test_a_rational_lens_of_the_layout_is_calibrated_even_if_five_numbers_suffice() -> None:
     rational = true_layout().camera.replaced(
         lens_model="rational", distortion=[0.35, -0.13, 1e-4, -5e-4, 0.01, 0.45, -0.05, 0.02]
     )

@@ -1,4 +1,4 @@
-"""Corners as tables: what is written calibrates again to the same, and each bad line is refused by its number."""
+"""Corners as tables: written tables give the same calibration, and each bad line is refused by its number."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def view(picture: str, name: str, count: int, ending: str = "") -> list[str]:
     return [f"{picture},{name},{corner},{100 + corner},{200.5 + corner}{ending}" for corner in range(count)]
 
 
-def test_corners_written_calibrate_again_to_the_same(tmp_path: Path) -> None:
+def test_written_corners_give_the_same_calibration(tmp_path: Path) -> None:
     first = sound_calibration()
     save_corners(tmp_path / "corners.csv", first)
     found = read(tmp_path / "corners.csv")
@@ -52,7 +52,7 @@ def test_corners_written_calibrate_again_to_the_same(tmp_path: Path) -> None:
     np.testing.assert_allclose(difference.b_from_a, np.eye(4), atol=0.01)
 
 
-def test_the_file_states_its_conventions_and_what_was_left_out(tmp_path: Path) -> None:
+def test_the_file_states_its_conventions_and_omissions(tmp_path: Path) -> None:
     calibration = sound_calibration()
     inliers = calibration.inliers.copy()
     inliers[3] = False
@@ -76,7 +76,7 @@ def test_names_of_pictures_may_be_anything(tmp_path: Path) -> None:
     assert [*read(tmp_path / "corners.csv").seen][:4] == ["# one, two", 'a "b"', "two lines", "not text ?"]
 
 
-def test_a_table_of_others_needs_neither_sigmas_nor_order(tmp_path: Path) -> None:
+def test_a_foreign_table_needs_neither_sigmas_nor_order(tmp_path: Path) -> None:
     lines = [*view("a.png", "0-1", 7), *view("b.png", "direct", 8), *view("a.png", "1-0", 6)]
     path = tmp_path / "others.csv"
     path.write_bytes(("# mine\r\n\r\n" + "\r\n".join([HEADS, *lines])).encode("utf-8-sig"))
@@ -110,7 +110,7 @@ def test_columns_may_stand_in_any_order_and_few_corners_are_left_out(tmp_path: P
         ("a,0-0,1,1", "line 3: 4 cells, expected 5: picture, view, corner, x_px, y_px"),
         (",0-0,1,1,2", "line 3: picture '', expected a name"),
         ("a,0-0,0,1,2", "line 3: corner '0', expected each corner of a view once in a picture"),
-        ("a,direct,1,1,2", "line 3: view 'direct', expected pictures that show the board in mirrors, or directly"),
+        ("a,direct,1,1,2", "line 3: view 'direct', expected pictures that show the board in mirrors or directly"),
         ('a,0-0,"1,1,2', "line 3: unexpected end of data, expected cells between commas"),
     ],
 )
@@ -134,11 +134,11 @@ def test_a_bad_sigma_or_use_is_refused(line: str, expected: str, tmp_path: Path)
 
 @pytest.mark.parametrize("heads", ["picture,view,corner,x,y", f"{HEADS},weight", f"{HEADS},x_px", "a,0-0,0,1,2"])
 def test_other_heads_are_refused(heads: str, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"t\.csv, line 1: expected the heads picture, view, corner, x_px, y_px and"):
+    with pytest.raises(InputError, match=r"t\.csv, line 1: expected the columns picture, view, corner, x_px, y_px and"):
         read(table(tmp_path / "t.csv", heads=heads))
 
 
-def test_what_is_no_table_is_refused(tmp_path: Path) -> None:
+def test_files_that_are_not_tables_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no corners, expected lines of columns"):
         read(table(tmp_path / "t.csv"))
     (tmp_path / "t.csv").write_bytes(b"\xff\xfe\x00")
@@ -149,7 +149,7 @@ def test_what_is_no_table_is_refused(tmp_path: Path) -> None:
 
 
 def lines(picture: str, unseen: tuple[int, ...] = (), ending: str = " 0") -> list[str]:
-    """A picture of all corners, but those that are not seen."""
+    """Return the lines of a picture with all corners, some of them unseen."""
     seen = [f"{picture} {100 + corner} {200.5 + corner}{ending}" for corner in range(CORNERS)]
     return [f"{picture} -{' -' * (1 + bool(ending))}" if place in unseen else line for place, line in enumerate(seen)]
 
@@ -199,10 +199,10 @@ def test_corners_of_no_level_are_left_out(tmp_path: Path, ending: str) -> None:
         (["a.png 1 2 3 4"], "line 2: 5 values"),
         (lines("a.png", ending=" high"), "line 2: 'high', expected a level"),
         (lines("a.png", ending=" 1e9"), "line 2: '1e9', expected a level"),
-        (lines("view_0_1/a.png"), "is of a mirror, expected a table like corners.csv"),
+        (lines("view_0_1/a.png"), "is a mirror's view, expected a table like corners.csv"),
     ],
 )
-def test_what_mrcal_would_not_take_for_this_board_is_named(tmp_path: Path, content: list[str], complaint: str) -> None:
+def test_content_that_mrcal_would_not_accept_is_named(tmp_path: Path, content: list[str], complaint: str) -> None:
     with pytest.raises(InputError, match=r"an mrcal \.vnl: ") as caught:
         read_vnl(tmp_path, LEGEND, *content)
     assert complaint in str(caught.value)
@@ -214,6 +214,6 @@ def test_other_columns_are_named(tmp_path: Path) -> None:
         read_vnl(tmp_path, f"{LEGEND} cid", *lines("a.png"))
 
 
-def test_a_number_that_is_none_is_refused_with_its_line(tmp_path: Path) -> None:
+def test_an_invalid_number_is_refused_with_its_line(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="line 2: x_px 'left'"):
         read_vnl(tmp_path, LEGEND, *["a.png left 2 0"] * CORNERS)

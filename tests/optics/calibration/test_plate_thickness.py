@@ -18,7 +18,7 @@ NOMINAL_MM, SPREAD_MM = 2.0, 0.1
 
 
 def off_in_sigmas(nominal: Layout, seed: int) -> float:
-    """Thickness found for a device of other plates, minus the true one, in standard deviations."""
+    """Return the error of the thickness estimated for a device of other plates, in standard deviations."""
     thickness = NOMINAL_MM + SPREAD_MM * float(np.random.default_rng(seed).choice([-1.5, -1.0, 1.0, 1.5]))
     plates = [m.replaced(surface="second", thickness_mm=NOMINAL_MM) for m in nominal.mirrors]
     nominal = nominal.replaced(mirrors=tuple(plates))

@@ -1,4 +1,4 @@
-"""Corners that the pupil sees partly, and what is said of the pupil."""
+"""Vignetted corners, and the note on the pupil."""
 
 from __future__ import annotations
 
@@ -42,14 +42,12 @@ def grid_of(layout: Layout, index: int) -> Observations:
     return Observations.of_view(0, index, np.arange(int(shown.sum())), pixels[shown])
 
 
-def test_the_whole_pupil_sees_every_corner_that_is_left_and_some_around_it(default_layout: Layout) -> None:
+def test_every_remaining_corner_is_unvignetted_with_a_margin(default_layout: Layout) -> None:
     layout = with_pupil(default_layout, PUPIL)
     corners = grid_of(layout, 4)
     kept, notes = unvignetted(layout, corners)
     left_out = int((~kept).sum())
-    assert notes == (
-        f"{left_out} of {len(corners)} corners left out: near mirrors' edges, which the pupil sees partly",
-    )
+    assert notes == (f"{left_out} of {len(corners)} corners left out: vignetted, near mirrors' edges",)
     mirror, camera = layout.mirrors[4], layout.camera
     around = 0.9 * MARGIN_PX * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
     served = [traced(mirror, camera.normalized_from_pixels(corners.pixels + step), PUPIL) for step in around]
@@ -59,7 +57,7 @@ def test_the_whole_pupil_sees_every_corner_that_is_left_and_some_around_it(defau
     assert 0.5 < kept.mean() < 0.95
 
 
-def test_nothing_is_left_out_of_a_pinhole_or_the_bare_camera(default_layout: Layout) -> None:
+def test_no_corner_of_a_pinhole_or_the_bare_camera_is_left_out(default_layout: Layout) -> None:
     corners = grid_of(default_layout, 0)
     kept, notes = unvignetted(with_pupil(default_layout, PINHOLE), corners)
     assert kept.all()
@@ -68,11 +66,11 @@ def test_nothing_is_left_out_of_a_pinhole_or_the_bare_camera(default_layout: Lay
     assert unvignetted(with_pupil(default_layout, PUPIL), direct)[0].all()
 
 
-def test_a_mirror_that_hardly_serves_a_whole_pupil_keeps_its_corners(default_layout: Layout) -> None:
+def test_a_mostly_vignetted_mirror_keeps_its_corners(default_layout: Layout) -> None:
     layout = with_pupil(default_layout, Pupil(40.0, 500.0))
     kept, notes = unvignetted(layout, grid_of(layout, 4))
     assert kept.all()
-    assert notes == ("mirror 1-1: hardly any corner is seen by the whole pupil, all are used",)
+    assert notes == ("mirror 1-1: hardly any corner is unvignetted, so all are used",)
 
 
 def test_a_frame_keeps_its_corners_where_few_would_be_left(default_layout: Layout) -> None:
@@ -89,13 +87,13 @@ def test_a_frame_keeps_its_corners_where_few_would_be_left(default_layout: Layou
 @pytest.mark.parametrize(
     ("seen", "expected", "words"),
     [
-        (None, (1.8, 500.0), "do not show the blur of enough mirrors' edges to tell the pupil: 1.8 mm wide"),
+        (None, (1.8, 500.0), "show the blur of too few mirror edges to estimate the pupil: 1.8 mm wide"),
         (SeenPupil(0.01, 0.02, 0.002, 0.002, 20), (0.0, 500.0), "0.10 ± 0.07 mm wide, by the blur of 20 mirror edges"),
-        (SeenPupil(4.0, 0.2, 0.001, 0.002, 20), (2.0, 500.0), "do not tell the distance in focus"),
+        (SeenPupil(4.0, 0.2, 0.001, 0.002, 20), (2.0, 500.0), "do not determine the distance in focus"),
         (SeenPupil(4.0, 0.2, 0.001, 0.0003, 20), (2.0, 1000.0), "in focus at 1000 mm (1.00 ± 0.30 per metre)"),
     ],
 )
-def test_what_frames_do_not_show_of_the_pupil_is_kept(
+def test_undetermined_values_of_the_pupil_are_kept(
     default_layout: Layout,
     monkeypatch: pytest.MonkeyPatch,
     seen: SeenPupil | None,
@@ -110,7 +108,7 @@ def test_what_frames_do_not_show_of_the_pupil_is_kept(
     assert ("focus_mm" in found.metrics) == (seen is not None and seen.nearness_sigma < NEARNESS_SIGMA / 4.0)
 
 
-def test_pictures_that_are_not_at_hand_are_skipped() -> None:
+def test_unavailable_pictures_are_skipped() -> None:
     grey = np.zeros((4, 4), np.uint8)
     pictures = BoardPictures([None, grey, grey], default_board())
     poses = np.stack([np.eye(4), 2.0 * np.eye(4)])
@@ -126,7 +124,7 @@ def places(pupil: Pupil) -> FloatArray:
 
 
 def traced(mirror: Mirror, normalized: FloatArray, pupil: Pupil) -> FloatArray:
-    """Part (n,) of the rays of a pupil, in focus, that meet a mirror within its outline."""
+    """Return the part (n,) of the pupil's rays, in focus, that meet a mirror within its outline."""
     normal, outline = mirror.normal_in_rig, mirror.outline_in_rig_mm
     middle, met = outline.mean(axis=0), np.zeros(len(normalized))
     for x, y in places(pupil):
@@ -142,7 +140,7 @@ def traced(mirror: Mirror, normalized: FloatArray, pupil: Pupil) -> FloatArray:
 
 
 def light(layout: Layout, border: Border, pupil: Pupil, random: np.random.Generator) -> BorderLight:
-    """What frames would show across a border, with noise; light fades along it by a tenth."""
+    """Return the light across a border, with noise; it fades along the border by a tenth."""
     shape = border.pixels.shape[:2]
     normalized = border.normalized(layout).reshape(-1, 2)
     served = traced(layout.mirrors[border.mirror], np.nan_to_num(normalized), pupil).reshape(shape)
@@ -172,7 +170,7 @@ def test_diameter_and_focus_are_found_within_their_uncertainty(fold_90_layout: L
     assert not seen.is_pinhole
 
 
-def test_a_pinhole_is_found_to_be_one_and_its_focus_left_open(fold_90_layout: Layout) -> None:
+def test_a_pinhole_is_recognised_and_its_focus_left_undetermined(fold_90_layout: Layout) -> None:
     seen = found(fold_90_layout, Pupil(0.0, 500.0), 4, Pupil(1.8, 500.0))
     assert seen.is_pinhole
     assert not seen.shows_focus
@@ -181,7 +179,7 @@ def test_a_pinhole_is_found_to_be_one_and_its_focus_left_open(fold_90_layout: La
     assert seen.nearness_sigma > 0.9 * NEARNESS_SIGMA
 
 
-def test_few_borders_and_dim_ones_tell_nothing(fold_90_layout: Layout) -> None:
+def test_few_or_dim_borders_determine_nothing(fold_90_layout: Layout) -> None:
     random = np.random.default_rng(5)
     lights = [light(fold_90_layout, border, Pupil(1.8, 500.0), random) for border in borders(fold_90_layout)[:4]]
     assert seen_pupil(fold_90_layout, lights) is None

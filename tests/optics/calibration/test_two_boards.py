@@ -1,4 +1,4 @@
-"""Two boards before the mirrors, in pictures: some mirrors show the one, the others the other."""
+"""Pictures of two boards, each visible in some of the mirrors."""
 
 from __future__ import annotations
 

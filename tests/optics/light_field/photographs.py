@@ -1,4 +1,4 @@
-"""Frames of analytic scenes, traced pixel by pixel from `Camera.unproject` on, and what ideal pinholes see of them."""
+"""Frames of analytic scenes, traced pixel by pixel from `Camera.unproject`, and pictures of ideal pinholes."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ Texture = Callable[[FloatArray, FloatArray], FloatArray]
 
 
 def waves(x: FloatArray, y: FloatArray) -> FloatArray:
-    """A smooth texture (0 to 1) of (x, y) in mm with no shift that leaves it as it is."""
+    """Return a smooth aperiodic texture (0 to 1) at (x, y) in mm."""
     return 0.5 + 0.2 * np.sin(x / 4.1 + 0.3 * np.sin(y / 13.0)) + 0.2 * np.cos(y / 3.7 + 0.4) * np.sin(x / 29.0 + 1.0)
 
 
 def letter(x: FloatArray, y: FloatArray) -> FloatArray:
-    """A white F, 24 mm high, as someone who looks at the scene reads it (x right, y down in view axes), on black."""
+    """Return a white F on black, 24 mm high, readable for the viewer (x right, y down in view axes)."""
     stem = (np.abs(x + 6) < 2.5) & (np.abs(y) < 12)
     bar = (np.abs(x) < 8) & (np.abs(y + 9.5) < 2.5)
     short = (np.abs(x + 2) < 6) & (np.abs(y + 1) < 2.5)
@@ -32,7 +32,7 @@ def letter(x: FloatArray, y: FloatArray) -> FloatArray:
 
 @cache
 def reflected_rays(layout: Layout) -> list[tuple[NDArray[np.bool_], FloatArray, FloatArray]]:
-    """For each mirror: the sensor pixels (h, w) that see it, and where their rays (n, 3) leave it and to where."""
+    """Return for each mirror the mask (h, w) of its pixels, and points and directions (n, 3) of reflected rays."""
     camera = layout.camera
     u, v = np.meshgrid(np.arange(camera.width_px, dtype=float), np.arange(camera.height_px, dtype=float))
     rays = camera.unproject(np.stack([u, v], axis=-1))
@@ -45,7 +45,7 @@ def reflected_rays(layout: Layout) -> list[tuple[NDArray[np.bool_], FloatArray, 
 
 
 def through_mirror(mirror: Mirror, rays: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Where rays (n, 3) from the pupil leave a mirror, and to where (n, 3), in rig; Snell's law in vectors."""
+    """Return points and directions (n, 3), in rig, of rays from the pupil after a mirror, by Snell's law in vectors."""
     normal = mirror.normal_in_rig
     if not mirror.is_second_surface:
         return mirror.cut(rays[:, :2]), rays @ mirror.reflection
@@ -56,14 +56,14 @@ def through_mirror(mirror: Mirror, rays: FloatArray) -> tuple[FloatArray, FloatA
     inside = rays / index + (cosine / index - np.sqrt(1.0 - (1.0 - cosine**2) / index**2)) * normal
     enters = rays * (front_mm / cosine)
     leaves = enters + 2.0 * thickness_mm * (inside / -(inside @ normal)[:, None] + normal)
-    # What comes back out has the direction that a plain mirror of the same plane would give it.
+    # The ray leaves the plate in the direction of a reflection by a first-surface mirror in the same plane.
     return leaves, rays @ mirror.reflection
 
 
 def photographed(layout: Layout, depth_mm: float, texture: Texture) -> NDArray[np.float32]:
-    """The frame (h, w, 3) that the base camera takes of a texture on the plane at a depth, black between mirrors.
+    """Return the base camera's frame (h, w, 3) of a texture on the plane at a depth, black between mirrors.
 
-    Each sensor pixel's ray is followed via its mirror, through the plate of a second-surface one, to the scene.
+    Each sensor pixel's ray is traced via its mirror, through the plate of a second-surface one, to the scene.
     """
     frame = np.zeros((layout.camera.height_px, layout.camera.width_px))
     for hit, start, turned in reflected_rays(layout):
@@ -73,7 +73,7 @@ def photographed(layout: Layout, depth_mm: float, texture: Texture) -> NDArray[n
 
 
 def seen_by_pinholes(views: Views, depth_mm: float, texture: Texture) -> FloatArray:
-    """What ideal pinholes at the true view positions see of the same plane (t, s, v, u)."""
+    """Return pictures (t, s, v, u) of the same plane by ideal pinholes at the true view positions."""
     pixels = np.concatenate([views.pixel_grid(), np.ones((views.height_px, views.width_px, 1))], axis=-1)
     rays = np.einsum("tsij,vuj->tsvui", np.linalg.inv(views.matrices), pixels)
     start = (views.reference_view_in_rig_mm @ views.view_from_rig.T + views.positions_mm)[:, :, None, None]

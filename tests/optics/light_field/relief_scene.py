@@ -1,6 +1,6 @@
-"""A textured relief with cards before it, seen ray by ray: scenes of exact truth that take no renderer to make.
+"""A textured relief with cards before it, traced ray by ray: scenes with exact truth, without a renderer.
 
-A matte surface of any roughness, lit from one side, before which flat cards may stand. All views of a light field look
+A matte surface of any roughness is lit from one side; flat cards may stand before it. All views of a light field look
 at it from any pose; the truth is the depth of the central view. Rays meet the relief by iteration, cards directly.
 """
 
@@ -24,7 +24,7 @@ Floats = NDArray[np.float32]
 
 
 def even_views(count: int, step_mm: float, **changes: Any) -> Views:
-    """A grid of count x count views, nearly even, whose middle one is at the origin of rig."""
+    """Return a nearly even grid of count x count views, with the middle one at the origin of rig."""
     across = (np.arange(count) - count // 2) * step_mm
     positions = np.zeros((count, count, 3))
     positions[..., 0], positions[..., 1] = across, across[:, None]
@@ -44,7 +44,7 @@ def even_views(count: int, step_mm: float, **changes: Any) -> Views:
 
 
 def blobs(seed: int, sizes_mm: tuple[tuple[float, float], ...], cell_mm: float) -> Floats:
-    """A field that repeats after CELLS cells: a sum of blobs of a size in mm and a standard deviation each."""
+    """Return a field with a period of CELLS cells: a sum of blobs, each with a size in mm and a standard deviation."""
     random = np.random.default_rng(seed)
     total = np.zeros((CELLS, CELLS))
     for size_mm, deviation in sizes_mm:
@@ -72,7 +72,7 @@ class Relief:
     heights_mm
         Blobs of the relief: sizes and standard deviations.
     slants
-        Slopes of the relief as a whole along x and y.
+        Mean slopes of the relief along x and y.
     texture_mm
         Blobs of the texture: sizes and shares of its contrast.
     contrast
@@ -106,7 +106,7 @@ class Relief:
         return self.depth_mm + self.slants[0] * x + self.slants[1] * y + _at(self._fields[0], x, y, self.cell_mm)
 
     def seen(self, start_mm: FloatArray, ways: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Grey levels (...) that rays from points (..., 3) along directions (..., 3) see, and how far they go."""
+        """Return grey levels (...) and lengths (...) of rays from points (..., 3) along directions (..., 3)."""
         along = (self.depth_mm - start_mm[..., 2]) / ways[..., 2]
         for _ in range(ROUNDS):
             points = start_mm + ways * along[..., None]
@@ -172,8 +172,8 @@ def _ways(views: Views, view: tuple[int, int], pixels: FloatArray) -> FloatArray
 
 
 def _at(values: Floats, x: FloatArray, y: FloatArray, cell_mm: float) -> FloatArray:
-    """A field at places in mm from its middle, between its cells bilinearly; it repeats."""
-    # In rows of a length that OpenCV takes.
+    """Interpolate a periodic field bilinearly at places in mm from its middle."""
+    # In rows of a length that OpenCV accepts.
     padding = -x.size % ROW
     across, down = (
         np.pad((each.ravel() / cell_mm + CELLS / 2) % CELLS, (0, padding)).astype(np.float32).reshape(-1, ROW)

@@ -30,7 +30,7 @@ from tests.optics.light_field.photographs import letter, photographed, seen_by_p
 
 
 def shift_px(found: FloatArray, expected: FloatArray, valid: NDArray[np.bool_]) -> FloatArray:
-    """Mean shift (u, v) in px of one picture (v, u) against another, by least squares on gradients."""
+    """Return the mean shift (u, v) in px between two pictures (v, u), by least squares on gradients."""
     inner = valid.copy()
     inner[[0, -1]] = inner[:, [0, -1]] = False
     slopes: FloatArray = np.stack([np.asarray(np.gradient(expected, axis=axis))[inner] for axis in (1, 0)], axis=1)
@@ -44,7 +44,7 @@ def crooked(crooked_layout: Layout) -> Decoder:
 
 
 @pytest.mark.parametrize("depth_mm", [380.0, 442.1, 650.0])
-def test_a_view_is_what_a_pinhole_at_its_true_position_sees(
+def test_a_view_matches_a_pinhole_at_its_true_position(
     crooked: Decoder, crooked_layout: Layout, depth_mm: float
 ) -> None:
     light_field = crooked.decode(photographed(crooked_layout, depth_mm, waves))
@@ -60,7 +60,7 @@ def test_a_view_is_what_a_pinhole_at_its_true_position_sees(
 
 
 @pytest.mark.parametrize("depth_mm", [500.0, 380.0])
-def test_sheets_decode_exactly_at_the_reference_plane_and_nearly_elsewhere(
+def test_sheets_decode_exactly_at_the_reference_plane_and_approximately_elsewhere(
     crooked_layout: Layout, depth_mm: float
 ) -> None:
     slabs = tuple(
@@ -74,7 +74,7 @@ def test_sheets_decode_exactly_at_the_reference_plane_and_nearly_elsewhere(
     rays = camera.unproject(np.stack([u, v], axis=-1))
     frame = np.zeros((camera.height_px, camera.width_px), dtype=np.float32)
     for mirror in slabs:
-        # Followed from face to face, by code that decoding does not use.
+        # Traced from face to face, by code that decoding does not use.
         _, leaves, along, _ = reflected(mirror, rays / np.linalg.norm(rays, axis=-1, keepdims=True))
         hit = np.isfinite(leaves[..., 0])
         start, turned = leaves[hit] @ layout.view_from_rig.T, along[hit] @ layout.view_from_rig.T
@@ -96,7 +96,7 @@ def test_sheets_decode_exactly_at_the_reference_plane_and_nearly_elsewhere(
     assert np.abs(shift_px(off, seen_by_pinholes(plain.views, depth_mm, waves)[0, 0], shown)).max() > 0.01
 
 
-def test_a_moved_mirror_would_be_noticed(crooked: Decoder, crooked_layout: Layout) -> None:
+def test_a_moved_mirror_is_detected(crooked: Decoder, crooked_layout: Layout) -> None:
     mirrors = list(crooked_layout.mirrors)
     mirrors[1] = mirrors[1].moved(np.eye(3), np.array([0.0, 0.0, 0.5]))
     moved = crooked_layout.replaced(mirrors=tuple(mirrors))
@@ -107,7 +107,7 @@ def test_a_moved_mirror_would_be_noticed(crooked: Decoder, crooked_layout: Layou
 
 
 def second_surface(layout: Layout) -> Layout:
-    """Second-surface mirrors of 3 mm that look at their chief rays like the mirrors of a layout."""
+    """Return second-surface mirrors of 3 mm that match the mirrors of a layout along their chief rays."""
     mirrors = [
         Mirror.second_surface(
             mirror.virtual_centre_in_rig_mm, mirror.outline_in_rig_mm, thickness_mm=3.0, refractive_index=1.49
@@ -117,7 +117,7 @@ def second_surface(layout: Layout) -> Layout:
     return layout.replaced(mirrors=tuple(mirrors))
 
 
-def test_second_surface_mirrors_are_followed_ray_by_ray(crooked_layout: Layout) -> None:
+def test_second_surface_mirrors_are_traced_ray_by_ray(crooked_layout: Layout) -> None:
     layout = second_surface(crooked_layout)
     decoder = Decoder(layout)
     depth_mm = decoder.views.reference_depth_mm
@@ -131,7 +131,7 @@ def test_second_surface_mirrors_are_followed_ray_by_ray(crooked_layout: Layout) 
         steepest = float(np.hypot(*np.gradient(expected[t, s])).max())
         assert np.abs(found - expected[t, s])[light_field.valid[t, s]].max() < 0.1 * steepest
         assert np.abs(shift_px(found, expected[t, s], light_field.valid[t, s])).max() < 0.003
-    # The plain mirrors that the plates resemble are another model, whose errors grow with the angle to the chief ray.
+    # The equivalent first-surface mirrors are another model, whose errors grow with the angle to the chief ray.
     far_off = np.abs(as_if_plain.samples[..., 0] - seen_by_pinholes(plain.views, depth_mm, waves))[as_if_plain.valid]
     close = np.abs(light_field.samples[..., 0] - expected)[light_field.valid]
     assert np.percentile(far_off, 99) > 2 * np.percentile(close, 99)
@@ -168,12 +168,12 @@ def test_views_moved_to_a_regular_grid_are_exact_at_the_depth_named(crooked_layo
         assert np.abs(shift_px(found, expected[t, s], valid)).max() < 0.003
         both = unmoved.samples[t, s, :, :, 0].astype(np.float64)
         shifts[t, s] = shift_px(both, expected[t, s], unmoved.valid[t, s])
-    assert np.abs(shifts).max() > 0.1  # what the correction takes away
+    assert np.abs(shifts).max() > 0.1  # removed by the correction
 
 
 @pytest.fixture(scope="module")
 def lit_evenly(parabola_layout: Layout) -> tuple[Layout, NDArray[np.uint8]]:
-    """Mirrors before a lens, and a frame of a scene of grey level 200 all over: rays of the pupil, one by one."""
+    """Return mirrors before a lens, and a frame of a scene of uniform grey level 200, traced by rays of the pupil."""
     camera = Camera(
         width_px=480, height_px=270, fx_px=340.0, fy_px=340.0, cx_px=239.5, cy_px=134.5, aperture_mm=2.4, focus_mm=500.0
     )
@@ -182,7 +182,7 @@ def lit_evenly(parabola_layout: Layout) -> tuple[Layout, NDArray[np.uint8]]:
     return layout, np.rint(200.0 * (maps["first.share"] + maps["second.share"])).astype(np.uint8)
 
 
-def test_a_scene_lit_evenly_is_even_up_to_the_borders_of_views(lit_evenly: tuple[Layout, NDArray[np.uint8]]) -> None:
+def test_a_uniform_scene_is_uniform_up_to_the_borders_of_views(lit_evenly: tuple[Layout, NDArray[np.uint8]]) -> None:
     layout, frame = lit_evenly
     decoder = Decoder(layout, field="union")
     as_pinhole = Decoder(layout.replaced(camera=layout.camera.with_pupil(PINHOLE)), field="union")
@@ -190,13 +190,13 @@ def test_a_scene_lit_evenly_is_even_up_to_the_borders_of_views(lit_evenly: tuple
     partial = light_field.valid & (light_field.weights < 0.9)
     assert partial.mean() > 0.02
     assert light_field.weights[partial].min() < 0.65
-    # The frame itself is good to 2 % where only a part of the pupil sees the scene.
+    # The frame itself is accurate to 2 % where the pupil is partly vignetted.
     error = light_field.samples[..., 0] - 200.0
     assert np.abs(error[light_field.valid]).max() <= 10.0
     assert np.abs(error[partial].mean()) < 0.5
     dark = as_pinhole.decode(frame)
     assert dark.samples[dark.valid].min() < 160
-    # What several views show is even, too, where one of them ends.
+    # The mean of several views is uniform, too, where one of them ends.
     for each, most in ((light_field, 8.0), (dark, np.inf)):
         picture = refocus(each, FocalPlane.at_depth(each, 420.0))
         shown = 255.0 * picture.image[picture.valid]
@@ -213,11 +213,11 @@ def test_frames_with_a_gamma_curve_are_brightened_by_its_exponent(lit_evenly: tu
     light_field = decoder.equalised(known).decode(curved)
     valid = light_field.valid
     assert np.abs(light_field.samples[valid] - 255.0 * (200.0 / 255.0) ** exponent).max() <= 6.0
-    # Taken for those of a linear camera, they are far too bright there.
+    # Decoded as from a linear camera, they are far too bright there.
     assert decoder.decode(curved).samples[valid].max() > 250
 
 
-def test_frames_of_all_kinds_are_brightened_alike(lit_evenly: tuple[Layout, NDArray[np.uint8]]) -> None:
+def test_frames_of_all_types_are_brightened_equally(lit_evenly: tuple[Layout, NDArray[np.uint8]]) -> None:
     layout, frame = lit_evenly
     decoder = Decoder(layout)
     colours = np.stack([frame, frame // 2, frame // 3], axis=-1)
@@ -236,7 +236,7 @@ def test_frames_of_another_layout_are_refused(crooked_layout: Layout) -> None:
         check_belongs(crooked_layout, "0123", "video.mp4")
 
 
-def test_eight_bit_frames_decode_alike(crooked: Decoder, crooked_layout: Layout) -> None:
+def test_eight_bit_frames_decode_to_the_same_values(crooked: Decoder, crooked_layout: Layout) -> None:
     frame = photographed(crooked_layout, 500.0, waves)
     fine = crooked.decode(frame).samples
     coarse = crooked.decode(np.rint(frame * 255).astype(np.uint8)).samples
@@ -257,7 +257,7 @@ def test_views_are_upright_and_not_mirrored(which: str, request: pytest.FixtureR
     upright = seen_by_pinholes(decoder.views, decoder.views.reference_depth_mm, hung)[0, 0]
     assert upright.sum() > 500
     for view in views.reshape(-1, *views.shape[2:]):
-        # Compared about the letter's own centre, so that turning or mirroring it does not move it out of place.
+        # Compared about the letter's centre, so that rotating or mirroring does not shift it.
         rows, cols = (np.flatnonzero(upright.any(axis=axis)) for axis in (1, 0))
         box = (slice(rows[0], rows[-1] + 1), slice(cols[0], cols[-1] + 1))
         wanted, found = upright[box], view[box]
@@ -269,7 +269,7 @@ def test_views_are_upright_and_not_mirrored(which: str, request: pytest.FixtureR
         }
         assert min(agreement, key=lambda name: agreement[name]) == "upright"
         assert agreement["upright"] < 0.1
-        # And as a reader would say it, without the pinhole model: the stem is left, the long bar is on top.
+        # Without the pinhole model: the stem is on the left, the long bar on top.
         assert found[:, : found.shape[1] // 3].sum() > 2 * found[:, -found.shape[1] // 3 :].sum()
         assert found[: found.shape[0] // 3].sum() > 1.5 * found[-found.shape[0] // 3 :].sum()
 
@@ -316,7 +316,7 @@ def test_a_valid_pixel_comes_from_inside_its_mirror(which: str, field: Field, re
         distance = shapely.distance(outline.exterior, shapely.points(seen))
         assert shapely.contains_xy(outline, seen[:, 0], seen[:, 1]).all()
         assert distance.min() * camera.fx_px > 0.9 * OUTLINE_MARGIN_PX
-        # No more is given away than the margin: what lies 1 px further inside is kept.
+        # No more than the margin is lost: pixels 1 px further inside are kept.
         kept = layout.project(plane[weights == 0], index)
         kept = kept[((kept >= 0) & (kept <= inner)).all(axis=1)]
         seen = camera.normalized_from_pixels(kept)
@@ -352,7 +352,7 @@ def test_the_grid_is_chosen_from_the_layout(parabola_layout: Layout) -> None:
     assert union.views.width_px > common.views.width_px
     assert union.views.height_px > common.views.height_px
     assert common.views.layout_identity == parabola_layout.identity
-    # The field is used up to its edges: every border of the common box is valid somewhere in the central view.
+    # The field reaches its edges: every border of the common box is valid somewhere in the central view.
     central = common.weights[1, 1] > 0
     assert central[0].any()
     assert central[-1].any()
@@ -361,10 +361,10 @@ def test_the_grid_is_chosen_from_the_layout(parabola_layout: Layout) -> None:
 
 
 @pytest.mark.parametrize("width_px", [2, 77, 400])
-def test_views_can_be_given_a_width(crooked_layout: Layout, width_px: int) -> None:
+def test_the_width_of_views_can_be_chosen(crooked_layout: Layout, width_px: int) -> None:
     own, chosen = Decoder(crooked_layout).views, Decoder(crooked_layout, width_px=width_px).views
     assert chosen.width_px == width_px
-    # The same field: a pixel less than what lies between the borders of either, at most.
+    # The same field, up to a pixel of either.
     for before, after in ((own.width_px, chosen.width_px), (own.height_px, chosen.height_px)):
         assert (after - 1) / chosen.focal_px <= before / own.focal_px
         assert after / chosen.focal_px >= (before - 1) / own.focal_px
@@ -379,7 +379,7 @@ def test_the_common_field_is_seen_by_all_views(parabola_layout: Layout) -> None:
     assert (decoder.weights > 0).mean(axis=(2, 3)).min() > 0.7
 
 
-def test_a_table_longer_than_the_lookup_allows_is_cut(
+def test_a_table_that_is_too_long_for_the_lookup_is_split(
     crooked: Decoder, crooked_layout: Layout, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     frame = photographed(crooked_layout, 500.0, waves)
@@ -397,14 +397,14 @@ def test_grey_frames_decode_to_one_channel(crooked: Decoder, crooked_layout: Lay
     assert np.array_equal(grey.samples[..., 0], crooked.decode(frame).samples[..., 0])
 
 
-def test_a_frame_seen_backwards_in_memory_decodes_alike(crooked: Decoder) -> None:
+def test_a_frame_with_negative_strides_decodes_to_the_same_values(crooked: Decoder) -> None:
     camera = crooked.camera
     bgr = np.random.default_rng(3).integers(0, 255, (camera.height_px, camera.width_px, 3), dtype=np.uint8)
     rgb = bgr[..., ::-1]
     assert np.array_equal(crooked.decode(rgb).samples, crooked.decode(np.ascontiguousarray(rgb)).samples)
 
 
-def test_decoding_twice_gives_the_same_bytes_and_leaves_the_first_alone(crooked: Decoder) -> None:
+def test_decoding_twice_gives_the_same_bytes_in_new_arrays(crooked: Decoder) -> None:
     camera = crooked.camera
     random = np.random.default_rng(5)
     frames = [random.integers(0, 255, (camera.height_px, camera.width_px, 3), dtype=np.uint8) for _ in range(2)]
@@ -456,9 +456,9 @@ def test_layouts_that_cannot_be_decoded_are_refused(parabola_layout: Layout) -> 
         InputError, match=r"^the views share no field at depth 120 mm, expected another --reference-depth-mm$"
     ):
         Decoder(parabola_layout, reference_depth_mm=120.0)
-    with pytest.raises(InputError, match=r"^the mirrors' order along s is reversed, expected s to the right"):
+    with pytest.raises(InputError, match=r"^the mirrors' order along s is reversed"):
         Decoder(parabola_layout.replaced(mirrors=tuple(mirrors[i] for i in (2, 1, 0, 5, 4, 3, 8, 7, 6))))
-    with pytest.raises(InputError, match=r"^the mirrors' order along t is reversed, expected s to the right"):
+    with pytest.raises(InputError, match=r"^the mirrors' order along t is reversed"):
         Decoder(parabola_layout.replaced(mirrors=tuple(mirrors[i] for i in (6, 7, 8, 3, 4, 5, 0, 1, 2))))
     small = parabola_layout.camera.replaced(width_px=100, height_px=100)
     with pytest.raises(InputError, match=r"^mirror \d-\d lies outside the image, expected each mirror to be seen$"):
@@ -467,7 +467,7 @@ def test_layouts_that_cannot_be_decoded_are_refused(parabola_layout: Layout) -> 
         Decoder(parabola_layout.replaced(view_from_rig=np.diag([1.0, -1.0, -1.0])))
 
 
-def test_views_that_squint_apart_have_no_united_field_of_any_use(parabola_layout: Layout) -> None:
+def test_diverging_views_have_no_useful_united_field(parabola_layout: Layout) -> None:
     mirrors = []
     for u, yaw in ((-0.3, 1.3), (0.3, -1.3)):
         looking = np.array([np.sin(yaw), np.cos(yaw), 0.0])
@@ -484,7 +484,7 @@ def test_views_that_squint_apart_have_no_united_field_of_any_use(parabola_layout
         Decoder(layout)
 
 
-def test_the_light_field_names_the_layout_it_came_from(crooked: Decoder, crooked_layout: Layout) -> None:
+def test_the_light_field_names_its_layout(crooked: Decoder, crooked_layout: Layout) -> None:
     camera = crooked.camera
     light_field = crooked.decode(np.zeros((camera.height_px, camera.width_px, 3), np.uint8))
     assert isinstance(light_field, LightField)

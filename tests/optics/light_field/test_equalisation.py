@@ -1,4 +1,4 @@
-"""Unequal mirrors: known factors on the sub-images of an analytic scene are found and taken out."""
+"""Unequal mirrors: known factors on the sub-images of an analytic scene are found and corrected."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def plain(x: FloatArray, y: FloatArray) -> FloatArray:
 
 
 def unequal(layout: Layout, depth_mm: float, texture: Texture, gain: FloatArray) -> LightField:
-    """What is decoded of 8-bit frames whose sub-images are factors (t, s, c) as bright as they should be."""
+    """Decode 8-bit frames whose sub-images are scaled in brightness by factors (t, s, c)."""
     frame = photographed(layout, depth_mm, texture)
     for (hit, _, _), factor in zip(reflected_rays(layout), gain.reshape(-1, 3), strict=True):
         frame[hit] *= factor
@@ -45,7 +45,7 @@ def test_factors_are_found_on_a_plain_sheet(crooked_layout: Layout) -> None:
     assert np.abs(found.gain * GAIN - 1.0).max() < 0.007  # half a grey level of each
 
 
-def test_one_frame_among_many_does_not_spoil_the_factors(crooked_layout: Layout) -> None:
+def test_one_outlying_frame_does_not_change_the_factors(crooked_layout: Layout) -> None:
     good = unequal(crooked_layout, 442.1, waves, GAIN)
     off = GAIN.copy()
     off[0] *= 0.6
@@ -80,7 +80,7 @@ def test_eight_bit_factors_round_and_end_at_white() -> None:
     assert np.array_equal(grey[..., 0], made[..., 2])
 
 
-def test_what_cannot_be_measured_or_applied_is_refused(crooked_layout: Layout, parabola_layout: Layout) -> None:
+def test_impossible_factors_are_refused(crooked_layout: Layout, parabola_layout: Layout) -> None:
     decoder = Decoder(crooked_layout)
     height, width = crooked_layout.camera.height_px, crooked_layout.camera.width_px
     for value in (3, 255):
@@ -99,11 +99,11 @@ def test_what_cannot_be_measured_or_applied_is_refused(crooked_layout: Layout, p
     with pytest.raises(InputError, match=r"^frame has 1 colours, expected 3 of the equalisation"):
         Decoder(crooked_layout).equalised(found).decode(np.zeros((height, width), np.uint8))
     cut = Equalisation(layout_identity=found.layout_identity, gain=found.gain[:, :2])
-    with pytest.raises(InputError, match=r"^equalisation is of \(2, 2\) views, expected \(2, 3\)$"):
+    with pytest.raises(InputError, match=r"^equalisation has \(2, 2\) views, expected \(2, 3\)$"):
         Decoder(crooked_layout).equalised(cut)
 
 
-def test_factors_are_kept_in_a_file(tmp_path: Path) -> None:
+def test_factors_survive_in_a_file(tmp_path: Path) -> None:
     made = Equalisation(layout_identity="0123456789abcdef", gain=GAIN)
     made.save(tmp_path / "e.json")
     read = Equalisation.load(tmp_path / "e.json")
@@ -120,7 +120,7 @@ def test_factors_are_kept_in_a_file(tmp_path: Path) -> None:
 
 
 def faded(views: Views, exponent: float, *, seed: int = 0, kind: type = np.uint8, least: float = 0.4) -> LightField:
-    """A light field of a texture, whose left border of 20 px fades; brightened as one of a linear camera."""
+    """Return a light field of a texture with a fading left border of 20 px, brightened as for a linear camera."""
     shape = views.rows, views.cols, views.height_px, views.width_px
     random = np.random.default_rng(seed)
     coarse = random.uniform(40.0, 120.0, (views.rows * views.cols, views.height_px // 8, views.width_px // 8))
@@ -155,11 +155,11 @@ def test_an_exponent_is_found(views: Views, exponent: float, kind: type) -> None
     assert found == pytest.approx(exponent, abs=0.03)
 
 
-def test_a_linear_camera_is_taken_for_one(views: Views) -> None:
+def test_a_linear_camera_is_recognised(views: Views) -> None:
     assert measured_exponent([Fading.of(faded(views, 1.0))]) == 1.0
 
 
-def test_nothing_is_concluded_from_nothing(views: Views) -> None:
+def test_without_information_no_exponent_is_found(views: Views) -> None:
     assert measured_exponent([Fading.of(faded(views, 0.5, least=1.0))]) == 1.0
     light_field = faded(views, 0.5)
     dark = LightField.of(views, np.zeros_like(light_field.samples), light_field.weights)

@@ -15,7 +15,7 @@ from mirrorcam.optics.light_field.frame_checks import check_frames, layout_ident
 
 
 def frame(path: Path, layout: Layout, smaller: int = 0) -> Path:
-    """A black frame of a layout's camera, or a smaller one."""
+    """Return a black frame of a layout's camera, or a smaller one."""
     size = layout.camera.height_px - smaller, layout.camera.width_px, 3
     write_image(path, np.zeros(size, np.uint8))
     return path
@@ -27,7 +27,7 @@ def test_a_frame_of_another_size_is_refused(small_layout: Layout, tmp_path: Path
         check_frames([frame(tmp_path / "b.png", small_layout, 8)], small_layout, Path("layout.json"))
 
 
-def test_the_manifest_of_a_set_says_which_layout_took_a_frame(small_layout: Layout, tmp_path: Path) -> None:
+def test_the_manifest_of_a_set_names_the_layout_of_a_frame(small_layout: Layout, tmp_path: Path) -> None:
     path = frame(tmp_path / "frames" / "0000.png", small_layout)
     assert layout_identity_of(path) is None
     manifest = tmp_path / "dataset.json"
@@ -36,7 +36,7 @@ def test_the_manifest_of_a_set_says_which_layout_took_a_frame(small_layout: Layo
     manifest.write_text("[" * 100_000, encoding="utf-8")
     assert layout_identity_of(path) is None
     manifest.write_text(json.dumps({"schema": "mirrorcam.dataset/1"}), encoding="utf-8")
-    with pytest.raises(InputError, match="layout_identity is missing"):
+    with pytest.raises(InputError, match="layout_identity missing"):
         layout_identity_of(path)
     manifest.write_text(json.dumps({"schema": "mirrorcam.dataset/1", "layout_identity": "feed"}), encoding="utf-8")
     assert layout_identity_of(path) == "feed"

@@ -1,4 +1,4 @@
-"""The geometry of parallel views, against an ordinary pinhole moved to where each view is."""
+"""The geometry of parallel views, against an ordinary pinhole at each view's position."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ TURN = np.array(FOLD_90_VIEW_FROM_RIG)
 
 
 def views(**changes: Any) -> Views:
-    """2x3 views, uneven in all three axes; the reference view is 90 mm above and behind the pupil."""
+    """Return 2x3 views, uneven in all three axes; the reference view is 90 mm above and behind the pupil."""
     positions = np.stack(np.meshgrid([-20.0, 0.0, 20.0], [-15.0, 0.0]), axis=-1)
     positions = np.concatenate([positions, np.zeros((ROWS, COLS, 1))], axis=-1)
     positions += np.array([[[1, 2, -3], [2, -1, 1.5], [-2, 1, 2]], [[0.5, -1, 2.5], [0, 0, 0], [1.5, 1, -2]]])
@@ -51,7 +51,7 @@ def points_in_rig(count: int, depths_mm: tuple[float, float]) -> FloatArray:
     return np.stack([x, random.uniform(*depths_mm, count), up + 90], axis=1)
 
 
-def test_every_view_is_a_pinhole_at_its_own_place_with_its_own_matrix() -> None:
+def test_every_view_is_a_pinhole_at_its_own_position_with_its_own_matrix() -> None:
     grid = views()
     points = points_in_rig(50, (250.0, 900.0))
     found = grid.project(points)
@@ -68,7 +68,7 @@ def test_the_reference_view_has_the_plain_intrinsics() -> None:
     assert grid.reference_distance_mm == pytest.approx(400.0 + 80.0)
 
 
-def test_disparity_is_zero_on_the_whole_reference_plane() -> None:
+def test_disparity_is_zero_everywhere_on_the_reference_plane() -> None:
     grid = views()
     pixels = grid.project(points_in_rig(50, (400.0, 400.0)))
     assert np.abs(pixels - pixels[1, 1]).max() < 1e-9
@@ -85,7 +85,7 @@ def test_without_steps_along_z_the_pixel_follows_the_formula() -> None:
     assert np.allclose(grid.project(points), plain + shift, rtol=0, atol=1e-9)
 
 
-def test_disparity_is_minus_the_slope_and_positive_when_nearer() -> None:
+def test_disparity_is_minus_the_slope_and_positive_at_nearer_depths() -> None:
     positions = np.zeros((ROWS, COLS, 3))
     positions[..., 0] = [-20.0, 0.0, 20.0]
     positions[..., 1] = [[-15.0], [0.0]]
@@ -130,7 +130,7 @@ def test_points_behind_a_view_have_no_pixel() -> None:
     assert np.isnan(pixels[:, :, 1]).all()
 
 
-def test_pixels_go_out_to_a_plane_and_come_back() -> None:
+def test_pixels_survive_the_round_trip_to_a_plane() -> None:
     grid = views()
     pixels = grid.pixel_grid()
     assert pixels.shape == (HEIGHT, WIDTH, 2)
@@ -141,7 +141,7 @@ def test_pixels_go_out_to_a_plane_and_come_back() -> None:
         assert np.allclose(grid.project(points)[1, 1], pixels, atol=1e-9)
 
 
-def test_views_refuse_what_cannot_be() -> None:
+def test_impossible_views_are_refused() -> None:
     with pytest.raises(ValueError, match=r"shape \(2, 3\), expected \(n, n, 3\)"):
         views(positions_mm=np.zeros((2, 3)))
     with pytest.raises(ValueError, match="NaN or infinite"):
@@ -158,11 +158,11 @@ def test_light_fields_are_frozen_and_read_only() -> None:
     samples = np.zeros((ROWS, COLS, HEIGHT, WIDTH, 3), np.uint8)
     made = light_field(samples=samples)
     with pytest.raises(FrozenInstanceError):
-        made.focal_px = 3.0  # type: ignore[misc]  # the very thing that must fail
+        made.focal_px = 3.0  # type: ignore[misc]  # this must fail
     for array in (made.samples, made.weights, made.positions_mm):
         with pytest.raises(ValueError, match="read-only"):
             array[0, 0] = 1
-    samples[0] = 9  # the caller's own array stays the caller's
+    samples[0] = 9  # the caller's array stays writable
     assert all(np.array_equal(getattr(made, field.name), getattr(views(), field.name)) for field in fields(Views))
 
 
@@ -177,7 +177,7 @@ def test_light_fields_are_frozen_and_read_only() -> None:
         ({"weights": np.ones((ROWS, COLS, HEIGHT, WIDTH), bool)}, r"weights are bool .* expected float32"),
     ],
 )
-def test_light_fields_refuse_what_does_not_fit(changes: dict[str, Any], message: str) -> None:
+def test_inconsistent_light_fields_are_refused(changes: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError, match=message) as caught:
         light_field(**changes)
     assert "\n" not in str(caught.value)
@@ -196,7 +196,7 @@ def test_metric_slope_is_px_per_mm_of_view_position() -> None:
     assert np.isnan(grid.depth_mm_from_slope(grid.slope_from_depth(np.inf) + 1.0))
 
 
-def test_pixels_of_every_view_go_out_to_a_plane_and_come_back() -> None:
+def test_pixels_of_every_view_survive_the_round_trip_to_a_plane() -> None:
     grid = views()
     for view in np.ndindex(ROWS, COLS):
         points = grid.plane_points_in_rig(300.0, grid.pixel_grid(), view)
@@ -206,7 +206,7 @@ def test_pixels_of_every_view_go_out_to_a_plane_and_come_back() -> None:
         assert np.allclose(on_reference, grid.plane_points_in_rig(400.0, grid.pixel_grid()))
 
 
-def test_the_regular_grid_is_the_nearest_through_the_reference_view() -> None:
+def test_the_regular_grid_is_the_nearest_one_through_the_reference_view() -> None:
     true = views()
     regular = true.on_regular_grid()
     assert not regular.positions_mm[1, 1].any()
@@ -222,7 +222,7 @@ def test_the_regular_grid_is_the_nearest_through_the_reference_view() -> None:
     assert not single.positions_mm[..., 1:].any()
 
 
-def test_numpy_takes_a_light_field_for_its_samples() -> None:
+def test_numpy_converts_a_light_field_to_its_samples() -> None:
     made = light_field()
     assert np.asarray(made) is made.samples or np.shares_memory(np.asarray(made), made.samples)
     assert np.mean(made) == 77
@@ -246,7 +246,7 @@ def in_pattern(pattern: Pattern, step_mm: float = 20.0) -> Views:
 
 
 @pytest.mark.parametrize("pattern", [Pattern.hexagonal(1), Pattern.hexagonal(2), Pattern.ring(3), Pattern.ring(8)])
-def test_views_in_a_pattern_are_no_grid_and_have_the_step_of_nearest_neighbours(pattern: Pattern) -> None:
+def test_views_in_a_pattern_form_no_grid_and_have_the_step_of_nearest_neighbours(pattern: Pattern) -> None:
     found = in_pattern(pattern)
     assert not found.is_grid
     expected = 20.0 if pattern.name.startswith("hex") else 40.0 * np.sin(np.pi / len(pattern.positions))

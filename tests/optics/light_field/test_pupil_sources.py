@@ -1,4 +1,4 @@
-"""Where light of a decoded pixel is, and which part of the pupil it comes through: against rays from all over it."""
+"""Places on the sensor of a decoded pixel's light, and its unvignetted part, against rays of the complete pupil."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
-from mirrorcam.optics.light_field.decoder import LEAST_SHARE, MOST_CROSSTALK, Decoder, choose_views, served_sources
+from mirrorcam.optics.light_field.decoder import LEAST_SHARE, MOST_CROSSTALK, Decoder, choose_views, pupil_sources
 from mirrorcam.render_scenes.truth.light_rays import reflected
 from mirrorcam.render_scenes.truth.pupil_maps import sunflower
 from tests.nightly import a_few
@@ -22,7 +22,7 @@ RAYS = 1000
 
 @pytest.fixture(scope="module")
 def lens_layout(parabola_layout: Layout) -> Layout:
-    """Mirrors before a lens; the lower right ones are second-surface mirrors."""
+    """Return mirrors before a lens; the lower right ones are second-surface mirrors."""
     mirrors = [
         mirror
         if index < 6
@@ -37,7 +37,7 @@ def lens_layout(parabola_layout: Layout) -> Layout:
 
 @dataclass(frozen=True)
 class Traced:
-    """Of pixels (n, 2): the shares (n,) of the pupil that a mirror and all others serve, and what the mirror shows.
+    """Traced pixels (n, 2): parts (n,) of the pupil whose rays meet a mirror, or other mirrors, and mean places.
 
     `shown_mm` (n, 2) is the mean place, in view axes, where rays via the mirror meet a plane.
     """
@@ -68,34 +68,34 @@ def traced(layout: Layout, index: int, pixels: FloatArray) -> Traced:
 
 
 @pytest.mark.parametrize("index", a_few(1, [0, 4, 7]))
-def test_shares_and_places_are_those_of_rays_through_the_whole_pupil(lens_layout: Layout, index: int) -> None:
+def test_parts_and_places_match_rays_through_the_complete_pupil(lens_layout: Layout, index: int) -> None:
     views = choose_views(lens_layout, DEPTH_MM, "union")
     at = divmod(index, lens_layout.cols)
     points = views.plane_points_in_rig(DEPTH_MM, views.pixel_grid(), at).reshape(-1, 3)
-    pixels, shares = served_sources(lens_layout, index, points, 2.0)
-    partial, whole, none = (np.flatnonzero(mask) for mask in ((shares > 0) & (shares < 1), shares == 1, shares == 0))
+    pixels, shares = pupil_sources(lens_layout, index, points, 2.0)
+    partial, complete, none = (np.flatnonzero(mask) for mask in ((shares > 0) & (shares < 1), shares == 1, shares == 0))
     random = np.random.default_rng(index)
-    chosen = np.concatenate([random.choice(partial, 100), random.choice(whole, 20)])
+    chosen = np.concatenate([random.choice(partial, 100), random.choice(complete, 20)])
     found = traced(lens_layout, index, pixels[chosen])
     assert shares[chosen].min() < 0.6
     assert shares[chosen].min() > LEAST_SHARE
     np.testing.assert_allclose(shares[chosen], found.own, atol=0.007)
     assert found.others.max() < MOST_CROSSTALK + 0.004
-    # The rays' mean is the very point that was asked for: within .02 px, where chief rays are off by .1 px and more.
+    # The rays' mean is the requested point within .02 px; chief rays are off by .1 px and more.
     expected = (points[chosen] @ lens_layout.view_from_rig.T)[:, :2]
     px_per_mm = views.focal_px / views.reference_distance_mm
     assert np.abs(found.shown_mm - expected).max() * px_per_mm < 0.02
-    # Nothing is left out that the mirror serves well, alone.
+    # No pixel is left out that only this mirror shows, mostly unvignetted.
     inner = np.array([lens_layout.camera.width_px, lens_layout.camera.height_px]) - 1.0
     none = none[((pixels[none] >= 0.0) & (pixels[none] <= inner)).all(axis=1)]
     left = traced(lens_layout, index, pixels[random.choice(none, 100)])
     assert ((left.own < 0.75) | (left.others > MOST_CROSSTALK - 0.004)).all()
 
 
-def test_a_place_out_of_focus_is_not_where_its_chief_ray_is(lens_layout: Layout) -> None:
+def test_a_place_out_of_focus_is_displaced_from_its_chief_ray(lens_layout: Layout) -> None:
     views = choose_views(lens_layout, 600.0, "common")
     points = views.plane_points_in_rig(600.0, views.pixel_grid(), (0, 0))
-    pixels, shares = served_sources(lens_layout, 0, points, 2.0)
+    pixels, shares = pupil_sources(lens_layout, 0, points, 2.0)
     moved = np.abs(pixels - lens_layout.project(points, 0))
     assert moved[shares == 1.0].max() < 1e-9
     assert 0.02 < moved[(shares > 0.0) & (shares < 0.7)].max() < 1.0
@@ -110,13 +110,13 @@ def test_a_tiny_pupil_is_a_pinhole(parabola_layout: Layout) -> None:
 
 @pytest.mark.parametrize("aperture_mm", [1e-6, 1.8, 1000.0])
 @pytest.mark.parametrize("focus_mm", [1e-3, 80.0, 1e6])
-def test_any_pupil_that_may_be_stated_is_decoded(parabola_layout: Layout, aperture_mm: float, focus_mm: float) -> None:
+def test_any_valid_pupil_is_decoded(parabola_layout: Layout, aperture_mm: float, focus_mm: float) -> None:
     camera = parabola_layout.camera.replaced(aperture_mm=aperture_mm, focus_mm=focus_mm)
     weights = Decoder(parabola_layout.replaced(camera=camera), width_px=60).weights
     assert ((weights >= 0.0) & (weights <= 1.0)).all()
     assert weights.any() or aperture_mm > 1.0
 
 
-def test_a_mirror_that_never_serves_enough_of_a_pupil_shows_nothing(parabola_layout: Layout) -> None:
+def test_a_mirror_that_is_always_mostly_vignetted_shows_nothing(parabola_layout: Layout) -> None:
     camera = parabola_layout.camera.replaced(aperture_mm=60.0)
     assert not Decoder(parabola_layout.replaced(camera=camera), width_px=60).weights.any()

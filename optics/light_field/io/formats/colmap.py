@@ -1,7 +1,7 @@
 """COLMAP: the views as one rig of pinholes, in metres, with a sparse model of one frame without points.
 
-COLMAP drops cameras whose principal point lies outside their
-picture, where views of mirrors often have it, so the pictures get margins, which the masks leave out.
+COLMAP drops cameras whose principal point lies outside their picture, as views of mirrors often have it, so pictures
+get margins, which the masks exclude.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ from mirrorcam.optics.light_field.light_field import LightField, Views
 
 PICTURE = "0000.png"
 EDGE_PX = 1.0
-"""Least distance of principal points from the edge."""
+"""Least distance of principal points from the border."""
 _WORDS = 10
-"""Words of the line of a picture."""
+"""Number of words in a picture's line."""
 
 
 def margins(views: Views) -> tuple[int, int, int, int]:
@@ -45,8 +45,8 @@ def margins(views: Views) -> tuple[int, int, int, int]:
 def write_colmap(folder: Path, light_field: LightField) -> None:
     """Write `images/VIEW/0000.png`, `masks/`, `rig_config.json` and `sparse/`; the world is the rig frame.
 
-    Numbers are those that COLMAP's database gives: of cameras and images from 1 in the order of names, of the joint rig
-    and frame the next. Of the model, `colmap point_triangulator` makes points.
+    Numbers are those of COLMAP's database: cameras and images from 1 in the order of names, then the joint rig and
+    frame. `colmap point_triangulator` adds points to the model.
     """
     views = light_field
     left, top, right, bottom = margins(views)
@@ -72,15 +72,15 @@ def write_colmap(folder: Path, light_field: LightField) -> None:
 
 
 def is_colmap(folder: Path) -> bool:
-    """Return whether a folder has a sparse model as text, as `write_colmap` and `colmap model_converter` lay it out."""
+    """Return whether a folder has a text model, as laid out by `write_colmap` and `colmap model_converter`."""
     return (folder / "sparse" / "cameras.txt").exists() and (folder / "sparse" / "images.txt").exists()
 
 
 def read_colmap(folder: Path) -> LightField:
-    """The light field of a model of parallel PINHOLE cameras, pictures named `..._ROW_COLUMN/NAME`.
+    """Read the light field of a model of parallel PINHOLE cameras, with pictures named `..._ROW_COLUMN/NAME`.
 
-    Without `views.json` the rig is COLMAP's world in mm, and pictures keep their margins. Raises InputError in one line
-    for any other model.
+    Without `views.json`, the rig is COLMAP's world in mm, and pictures keep their margins. Raises InputError in one
+    line for any other model.
     """
     where = folder / "sparse"
     with refusing(where, "a model of a grid of views"):
@@ -91,7 +91,7 @@ def read_colmap(folder: Path) -> LightField:
             raise ValueError("numbers are missing or not finite")
         turns = Rotation.from_quat(poses[:, :4], scalar_first=True).as_matrix()
     if np.abs(turns - turns[0]).max() > 1e-6 or np.ptp(numbers[:, :2], axis=0).any():
-        raise InputError(f"{where}: cameras are turned differently or of different sizes, expected parallel views")
+        raise InputError(f"{where}: cameras have different orientations or sizes, expected parallel views")
     files = [inside(folder / "images", name) for _, _, name in order]
     size = common_size(files)
     if size != tuple(numbers[0, :2]):
@@ -127,14 +127,14 @@ _View = tuple[NDArray[np.float64], list[float], str]
 
 
 def _named_views(where: Path) -> dict[tuple[int, int], _View]:
-    """Pose, intrinsics and picture of each view by row and column, as far as its name tells them."""
+    """Return pose, intrinsics and picture of each view by row and column, from the pictures' names."""
     cameras, found = {}, dict[tuple[int, int], _View]()
     for words in _lines(where / "cameras.txt"):
         if words[1] != "PINHOLE":
             raise InputError(f"{where / 'cameras.txt'}: camera {words[0]} is {words[1]}, expected PINHOLE"[:300])
         cameras[words[0]] = [float(word) for word in words[2:8]]
     for words in _lines(where / "images.txt"):
-        # Lines of points are not of ten words that end in the name of a picture.
+        # Lines of points do not have ten words ending in a picture's name.
         if len(words) == _WORDS and "/" in words[9]:
             row, col = (int(word) for word in words[9].split("/")[0].split("_")[-2:])
             found[row, col] = np.array(words[1:8], np.float64), cameras[words[8]], words[9]
@@ -142,7 +142,7 @@ def _named_views(where: Path) -> dict[tuple[int, int], _View]:
 
 
 def _lines(path: Path) -> Iterator[list[str]]:
-    """The first words, of points the rest in one, of each line that is neither empty nor a comment."""
+    """Yield the first words (the rest as one) of each line that is neither empty nor a comment."""
     for raw in read_lines(path):
         line = raw.decode("utf-8")
         if line.strip() and not line.startswith("#"):

@@ -1,4 +1,4 @@
-"""ESLF, as of the Stanford Lytro archives: a small picture of the aperture in place of every pixel of a view.
+"""ESLF, the format of the Stanford Lytro archives: a small picture of the aperture at every pixel of a view.
 
 Row T v + t and column S u + s of the picture hold sample [t, s, v, u] of T x S views. The name ends in `eslf`.
 """
@@ -13,7 +13,7 @@ from mirrorcam.optics.light_field.io.mosaic import read_mosaic, write_mosaic
 
 
 def is_eslf(path: Path) -> bool:
-    """Return whether a path is named like such a picture."""
+    """Return whether a path is named like an ESLF picture."""
     return is_picture(path) and path.stem.lower().endswith("eslf")
 
 

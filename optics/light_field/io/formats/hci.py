@@ -1,12 +1,12 @@
-"""The folders of the 4D Light Field Benchmark (HCI Heidelberg and University of Konstanz; Honauer et al., ACCV 2016).
+"""Folders of the 4D Light Field Benchmark (HCI Heidelberg and University of Konstanz; Honauer et al., ACCV 2016).
 
-`input_Cam000.png` and on, row by row from the top left view; `parameters.cfg`; `gt_disp_lowres.pfm`, px per view step
-and positive nearer than the focus distance; `gt_depth_lowres.pfm`, metres from the cameras. Views are pinholes with
-shifted sensors on an even grid, the principal point in the middle: disparity is zero at the focus distance, as in
+`input_Cam000.png` and following, row by row from the top left view; `parameters.cfg`; `gt_disp_lowres.pfm`, px per view
+step, positive nearer than the focus distance; `gt_depth_lowres.pfm`, metres from the cameras. Views are pinholes with
+shifted sensors on an even grid, with the principal point in the middle: disparity is zero at the focus distance, as in
 `Views`.
 
-A light field of ours is on a grid that is nearly even, seen by views whose principal point lies anywhere. Others read
-its mean step and ignore the section `mirrorcam` of `parameters.cfg`, from which `read_hci` has all that is exact.
+Our light fields have a nearly even grid, and principal points anywhere. Other programs read the mean step and ignore
+the section `mirrorcam` of `parameters.cfg`, which holds the exact geometry for `read_hci`.
 """
 
 from __future__ import annotations
@@ -39,11 +39,11 @@ PARAMETERS = "parameters.cfg"
 DISPARITY, DEPTH = "gt_disp_lowres.pfm", "gt_depth_lowres.pfm"
 OURS = "mirrorcam"
 MOST_VIEWS, MOST_PICTURES = 1000, 100_000
-"""Most views down or across of a scene that is read, and in all."""
+"""Largest number of views of a scene down or across, and in total."""
 LARGEST_BYTES = 300_000
-"""Of the parameters: those of the benchmark take 1 kB, those of a hundred views as exact as ours 10 kB."""
+"""Largest size of the parameters: the benchmark's take 1 kB, a hundred of our exact views 10 kB."""
 SENSOR_SIZE_MM = 35.0
-"""What is written for the longer side of the sensor; only its ratio to the focal length means something."""
+"""Written as the longer side of the sensor; only its ratio to the focal length matters."""
 _KEYS = {
     "intrinsics": ("image_resolution_x_px", "image_resolution_y_px", "focal_length_mm", "sensor_size_mm"),
     "extrinsics": ("num_cams_x", "num_cams_y", "baseline_mm", "focus_distance_m"),
@@ -54,14 +54,14 @@ _COUNTS = ("image_resolution_x_px", "image_resolution_y_px", "num_cams_x", "num_
 
 @dataclass(frozen=True, eq=False)
 class HciScene:
-    """A scene of the benchmark: its light field and, where the folder has it, the truth of the central view.
+    """A scene of the benchmark: its light field and, if available, the central view's true disparity.
 
     Attributes
     ----------
     disparity_px
-        Disparity (v, u), float32, px per view step, positive nearer than the reference plane, or None.
+        Disparity (v, u), float32, px per view step, positive nearer than the reference plane; or None.
     disparity_range_px
-        Least and largest disparity of the scene, as its parameters state them, or None.
+        Least and largest disparity of the scene as stated by its parameters, or None.
     """
 
     light_field: LightField
@@ -78,7 +78,7 @@ class HciScene:
 
     @property
     def depth_range_mm(self) -> tuple[float, float] | None:
-        """Nearest and farthest depth that the parameters state, or None; what is beyond infinity is at infinity."""
+        """Nearest and farthest depth by the parameters, or None; disparities beyond infinity count as infinity."""
         if self.disparity_range_px is None:
             return None
         axis: Axis = "s" if self.light_field.cols > 1 else "t"
@@ -89,7 +89,7 @@ class HciScene:
 def write_hci(folder: Path, light_field: LightField, depth_mm: Float32 | None = None) -> None:
     """Write a light field, and the depth (v, u) of its reference view from the pupil, as a scene of the benchmark.
 
-    Pictures have 8 bits. `mask_Cam000.png` and on tell where views have samples, unless they have them everywhere.
+    Pictures have 8 bits. If some samples are missing, `mask_Cam000.png` and following mark the valid ones.
     """
     views, unseen = light_field, not light_field.valid.all()
     samples: Any = light_field.samples
@@ -108,7 +108,7 @@ def write_hci(folder: Path, light_field: LightField, depth_mm: Float32 | None = 
             folder / DISPARITY, views.disparity_px_from_depth(depth_mm.astype(np.float64), axis).astype(np.float32)
         )
         write_pfm(folder / DEPTH, ((depth_mm - np.float32(behind_mm)) / np.float32(1000.0)).astype(np.float32))
-    # Last: a folder without it is not a scene.
+    # Last, because a folder without it is no scene.
     write_text(folder / PARAMETERS, _parameters(views, samples.shape[-1], depth_mm))
 
 
@@ -167,28 +167,27 @@ def _parameters(views: Views, channels: int, depth_mm: Float32 | None) -> str:
 
 
 def read_hci(folder: Path, *, every: int = 1) -> HciScene:
-    """The light field of a scene of the benchmark, and the true disparity of its central view where there is one.
+    """Read a scene's light field, and the true disparity of its central view if available.
 
-    Depths are from the central view, as nothing else is known. `every` takes every so-many-th view in both directions,
-    the central one among them; disparities are in px per step of the views that are taken.
+    Depths are measured from the central view, as nothing else is known. `every` selects every n-th view in both
+    directions, including the central one; disparities are then per step of the selected views.
 
-    Raises InputError in one line for a folder that lacks something, pictures of another size, or a grid that has no
-    central view.
+    Raises InputError in one line for missing files, pictures of another size, or a grid without a central view.
     """
     path = folder / PARAMETERS
     parser = ConfigParser(interpolation=None)
     raw = read_bytes(path, LARGEST_BYTES)
     try:
         text = raw.decode("utf-8")
-        if _LONG_BLANK.search(text):  # in which the parser looks for the end of a name from each place again
+        if _LONG_BLANK.search(text):  # the parser would search for the end of a name from each position
             raise ValueError("a hundred blanks in a row")
         parser.read_string(text)
         numbers = {key: parser.getfloat(section, key) for section, keys in _KEYS.items() for key in keys}
         extremes = [every * parser.getfloat("meta", name, fallback=np.nan) for name in ("disp_min", "disp_max")]
-    except (Error, ValueError, AttributeError) as error:  # AttributeError: a line that goes on one without a value
+    except (Error, ValueError, AttributeError) as error:  # AttributeError: a continued line without a value
         reason = " ".join(str(error).split())
         raise InputError(shortened(f"{path}: not the parameters of a light field: {reason}")) from None
-    # Focused at infinity, a scene has no disparity there.
+    # A scene focused at infinity has zero disparity there.
     beyond = {key: MOST_VIEWS if key.startswith("num_cams") else 1e6 for key in numbers} | {"focus_distance_m": np.inf}
     wrong = next((key for key, value in numbers.items() if not 0 < value <= beyond[key]), None)
     wrong = wrong or next((key for key in _COUNTS if not numbers[key].is_integer()), None)
@@ -235,7 +234,7 @@ def _picture(path: Path, size: tuple[int, int], *, grey: bool = False) -> NDArra
 
 
 def _even_views(numbers: dict[str, float]) -> Views:
-    """The views of a scene as the benchmark describes them."""
+    """Build the views that the benchmark's parameters describe."""
     width, height, cols, rows = (int(numbers[key]) for key in _COUNTS)
     step_mm, distance_mm = numbers["baseline_mm"], 1000.0 * numbers["focus_distance_m"]
     offsets = np.stack(np.meshgrid(np.arange(cols) - cols // 2, np.arange(rows) - rows // 2), axis=-1) * step_mm
@@ -253,7 +252,7 @@ def _even_views(numbers: dict[str, float]) -> Views:
 
 
 def _our_views(parser: ConfigParser, path: Path, size: tuple[int, int]) -> Views:
-    """The views that `write_hci` wrote."""
+    """Build the views from the section that `write_hci` wrote."""
 
     ours = parser[OURS]
     arrays = ("positions_mm", "centre_px", "reference_view_in_rig_mm", "view_from_rig")

@@ -1,11 +1,11 @@
 """The Light Field Toolbox for MATLAB (Dansereau): a .mat file with `LF` and its intrinsic matrix.
 
-`LF` is [t, s, v, u, c], t down and s right, its last channel the weight, as integers up to their largest value or as
-floats to 1. `RectOptions.RectCamIntrinsicsH` is the H of Dansereau et al. (CVPR 2013), in metres, of indices that count
-from 1: ray [s, t, u, v, 1] = H [i, j, k, l, 1], through (s, t, 0) towards (u, v, 1), where i goes with s.
+`LF` is [t, s, v, u, c], t down and s right, with the weight as the last channel, as integers up to their maximum or as
+floats up to 1. `RectOptions.RectCamIntrinsicsH` is H of Dansereau et al. (CVPR 2013), in metres, for indices from 1:
+ray [s, t, u, v, 1] = H [i, j, k, l, 1], through (s, t, 0) towards (u, v, 1), where i belongs to s.
 
-The toolbox's slope of LFFiltShiftSum is px per view times (N - 1) / N, for its shifts of N views span N steps; its sign
-is that of du/ds: negative for what is nearer than the plane of zero disparity.
+The toolbox's slope of LFFiltShiftSum is px per view times (N - 1) / N, because its shifts of N views span N steps. Its
+sign is that of du/ds, negative for points nearer than the plane of zero disparity.
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ from mirrorcam.optics.light_field.light_field import LightField, Views
 OURS = "MirrorCam"
 WHAT = "a .mat file that can be read"
 LARGEST_BYTES = 2**31 - 1
-"""Largest variable in a .mat file before version 7.3, which is HDF5."""
+"""Largest variable of a .mat file before version 7.3, which is HDF5."""
 
 
 def intrinsics(views: Views) -> FloatArray:
-    """H (5, 5) of views moved to the even grid that lies nearest."""
+    """H (5, 5) of the views, moved to the nearest even grid."""
     even = views.on_regular_grid()
     row, col = np.argwhere((views.positions_mm == 0).all(axis=2))[0]
     distance_m = even.reference_distance_mm / 1000.0
@@ -47,12 +47,12 @@ def intrinsics(views: Views) -> FloatArray:
 
 
 def views_of(h: FloatArray, grid: tuple[int, int], size: tuple[int, int], where: str) -> Views:
-    """The views (rows, cols) that H describes; those of a lenslet camera are where their rays meet.
+    """Build the views (rows, cols) that H describes; a lenslet camera's views are at the intersections of its rays.
 
-    Raises InputError for pixels that are not square, and for views without a common plane in front of them.
+    Raises InputError for pixels that are not square, and views without a common plane in front of them.
     """
     if h.shape != (5, 5) or not np.isfinite(h).all() or not (h[2, 2] > 0 and np.isclose(h[2, 2], h[3, 3], rtol=1e-3)):
-        raise InputError(f"{where}: H is not that of square pixels: {np.diag(h).tolist()}")
+        raise InputError(f"{where}: H does not have square pixels: {np.diag(h).tolist()}")
     ahead_m = -np.array([h[0, 2] / h[2, 2], h[1, 3] / h[3, 3]])
     steps = np.array([h[axis, axis] + ahead_m[axis] * h[axis + 2, axis] for axis in (0, 1)])
     counts = np.array([grid[1], grid[0]])
@@ -77,9 +77,9 @@ def views_of(h: FloatArray, grid: tuple[int, int], size: tuple[int, int], where:
 
 
 def write_lftoolbox(path: Path, light_field: LightField) -> None:
-    """Write a light field as such a .mat file; its struct `MirrorCam` has the true positions.
+    """Write a light field as a .mat file of the toolbox; its struct `MirrorCam` holds the true positions.
 
-    Raises InputError for one of more than 2 GiB.
+    Raises InputError above 2 GiB.
     """
     from scipy.io import savemat
 
@@ -97,16 +97,16 @@ def write_lftoolbox(path: Path, light_field: LightField) -> None:
     }
     with atomic(path) as temporary:
         savemat(temporary, variables, appendmat=False, do_compression=True, oned_as="column")
-        # MATLAB's header has the time of day in its first line; the same light field is to give the same bytes.
+        # MATLAB's header contains the time of day; equal light fields must give equal bytes.
         with temporary.open("r+b") as file:
             file.write(b"MATLAB 5.0 MAT-file, light field of mirrorcam".ljust(116))
 
 
 def read_lftoolbox(path: Path, assumed: Assumed = NOTHING) -> LightField:
-    """The light field of a .mat file of the toolbox, which saves with -v7.3, or of any other version, or of ours.
+    """Read a light field from a .mat file: the toolbox's (-v7.3), an older version, or ours.
 
-    Geometry is that of `MirrorCam`, else of H, else assumed. Raises InputError in one line for a file that is not such
-    a one.
+    The geometry comes from `MirrorCam`, else from H, else it is assumed. Raises InputError in one line for any other
+    file.
     """
     stored_bytes(path)
     with path.open("rb") as file:
@@ -132,20 +132,20 @@ def read_lftoolbox(path: Path, assumed: Assumed = NOTHING) -> LightField:
 
 
 def _before_hdf5(path: Path) -> dict[str, Any]:
-    """`LF`, `H` and `MirrorCam` of a file of MATLAB 5 to 7, as far as it has them."""
+    """Read `LF`, `H` and `MirrorCam` from a file of MATLAB 5 to 7, as far as available."""
     variables = read_mat5(path, ("LF", "RectOptions", OURS), WHAT)
     options = variables.get("RectOptions")
     return {**variables, "H": options.get("RectCamIntrinsicsH") if isinstance(options, dict) else None}
 
 
 def _hdf5(path: Path) -> dict[str, Any]:
-    """`LF` and `H` of a file of MATLAB 7.3, whose arrays HDF5 shows with their axes reversed."""
+    """Read `LF` and `H` from a file of MATLAB 7.3; HDF5 reverses the axes of its arrays."""
     found = read_hdf5(path, {"LF": "LF", "H": "RectOptions/RectCamIntrinsicsH"}, WHAT)
     return {name: array.T for name, array in found.items()}
 
 
 def _samples_and_weights(lf: Any, path: Path) -> tuple[Any, Any]:
-    """Samples and weights of LF [t, s, v, u, c], whose second or fourth channel is the weight."""
+    """Split LF [t, s, v, u, c] into samples and weights; the second or fourth channel is the weight."""
     if lf.dtype.kind == "u" and lf.dtype.itemsize <= 2:
         largest = float(np.iinfo(lf.dtype).max)
         scaled = (lf.astype(np.float32) / np.float32(largest)) if lf.dtype != np.uint8 else lf

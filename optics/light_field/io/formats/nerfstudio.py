@@ -1,6 +1,6 @@
-"""nerfstudio's `transforms.json` and pictures of the views, in metres.
+"""nerfstudio's `transforms.json` with pictures of the views, in metres.
 
-The world is at the pupil: x right, y to the scene, z up.
+The world's origin is the pupil: x right, y towards the scene, z up.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ MOST_FRAMES = 20_000
 
 
 def write_nerfstudio(folder: Path, light_field: LightField) -> None:
-    """Write a light field as a dataset of nerfstudio; masks are 255 where there are samples."""
+    """Write a light field as a nerfstudio dataset; masks are 255 for samples of full weight."""
     views, frames = light_field, []
     centres_mm = centres_in_rig_mm(views) @ views.view_from_rig.T @ WORLD_FROM_VIEW.T
     for t, s in np.ndindex(views.rows, views.cols):
@@ -45,7 +45,7 @@ def write_nerfstudio(folder: Path, light_field: LightField) -> None:
 
 
 class _Frame(Value):
-    """What is read of a frame, and of what holds for all frames."""
+    """Fields that are read from a frame, or from the values common to all frames."""
 
     model_config = ConfigDict(extra="ignore")
 
@@ -66,9 +66,9 @@ class _Frame(Value):
 
 
 def read_nerfstudio(folder: Path) -> LightField:
-    """The light field of such a dataset: of parallel, undistorted views named `..._ROW_COLUMN.png`.
+    """Read a dataset of parallel, undistorted views named `..._ROW_COLUMN.png`.
 
-    Without `views.json` the rig is nerfstudio's world in mm. Raises InputError in one line for any other dataset.
+    Without `views.json`, the rig is nerfstudio's world in mm. Raises InputError in one line for any other dataset.
     """
     path = folder / TRANSFORMS
     dataset = read_json(path, LARGEST_LAYOUT_BYTES)
@@ -84,7 +84,7 @@ def read_nerfstudio(folder: Path) -> LightField:
     numbers = np.array([[each.fl_x, each.fl_y, each.cx, each.cy] for each in order])
     bent = max(abs(value) for each in order for value in (each.k1, each.k2, each.k3, each.p1, each.p2))
     if np.abs(transforms[:, :3, :3] - transforms[0, :3, :3]).max() > 1e-6:
-        raise InputError(f"{path}: cameras are turned differently, expected parallel views")
+        raise InputError(f"{path}: cameras have different orientations, expected parallel views")
     if bent > 0.0:
         raise InputError(f"{path}: cameras have distortion, expected undistorted views")
     matrices = np.zeros((rows * cols, 3, 3))
@@ -116,7 +116,7 @@ def read_nerfstudio(folder: Path) -> LightField:
 
 
 def _index(file: str) -> tuple[int, int]:
-    """Row and column of a view by the name of its picture."""
+    """Row and column of a view from its picture's name."""
     row, col = Path(file).stem.split("_")[-2:]
     return int(row), int(col)
 

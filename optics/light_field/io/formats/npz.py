@@ -1,4 +1,4 @@
-"""One light field as NumPy's .npz, which any program with NumPy reads: the fields of `LightField` under their names."""
+"""One light field as NumPy's .npz, with the fields of `LightField` as arrays of the same names."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from mirrorcam.optics.light_field.light_field import LightField
 
 
 def save_npz(path: Path, light_field: LightField) -> None:
-    """Write the fields of a light field to an .npz file, atomically; the same light field gives the same bytes."""
+    """Write the fields of a light field to an .npz file, atomically; equal light fields give equal bytes."""
     write_npz(path, {field.name: getattr(light_field, field.name) for field in fields(light_field)})
 
 
 def load_npz(path: Path) -> LightField:
-    """Read what `save_npz` wrote; raises InputError in one line for a file that is not, or no longer, such a one."""
+    """Read a file written by `save_npz`; raises InputError in one line for any other or a damaged file."""
     names = [field.name for field in fields(LightField)]
     arrays = read_npz(path, names)
     missing = [name for name in names if name not in arrays]

@@ -1,7 +1,7 @@
-"""A folder with `vp_img_arr.npy` for PlenoptiCam, [j, i, k, l, channel] from 0 to 65535, on square grids only.
+"""A folder with `vp_img_arr.npy` for PlenoptiCam, [j, i, k, l, channel] from 0 to 65535, for square grids only.
 
-Its j, i, k, l are our t, s, v, u. It also writes the views as pictures, `viewpoints_Npx/00_00.png`, row and column. Its
-refocusing parameter a shifts by a px per view: it is our disparity.
+Its j, i, k, l are our t, s, v, u. PlenoptiCam also writes the views as pictures, `viewpoints_Npx/00_00.png`, row and
+column. Its refocusing parameter a shifts by a px per view, which is our disparity.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ VIEWPOINTS = "viewpoints_*px"
 
 
 def is_plenopticam(path: Path) -> bool:
-    """Return whether a folder has its array, or its folder of viewpoints."""
+    """Return whether a folder has PlenoptiCam's array, or its folder of viewpoints."""
     return (path / ARRAY).exists() or bool(_folders(path))
 
 
 def _folders(path: Path) -> list[Path]:
-    """Its folders of viewpoints; PlenoptiCam makes one."""
+    """Return the folders of viewpoints; PlenoptiCam makes one."""
     return sorted(folder for folder in path.glob(VIEWPOINTS) if folder.is_dir())
 
 
@@ -38,7 +38,7 @@ def write_plenopticam(folder: Path, light_field: LightField) -> None:
     """Write the array and the viewpoints."""
     rows, cols = light_field.rows, light_field.cols
     if rows != cols:
-        raise InputError(f"{cols}x{rows} views, expected as many down as across for PlenoptiCam")
+        raise InputError(f"{cols}x{rows} views, expected a square grid for PlenoptiCam")
     for t, s in np.ndindex(rows, cols):
         picture = folder / VIEWPOINTS.replace("*", str(rows)) / f"{t:02d}_{s:02d}.png"
         write_image(picture, rgb(light_field.samples[t, s]))
@@ -46,7 +46,7 @@ def write_plenopticam(folder: Path, light_field: LightField) -> None:
 
 
 def read_plenopticam(folder: Path, assumed: Assumed = NOTHING) -> LightField:
-    """The light field of such a folder, or of its folder of viewpoints alone."""
+    """Read the light field of a folder with the array, or with viewpoints alone."""
     if (folder / ARRAY).exists():
         return read_arrays(folder / ARRAY, LARGEST, assumed)
     return _viewpoints(_folders(folder)[0], assumed)

@@ -1,7 +1,7 @@
 """A folder with `light_field.npy` for plenpy, whose `LightField(numpy.load(...))` is [u, v, s, t, channel] from 0 to 1.
 
-Its u goes down and its v right among the views: our order under other names. Its disparity is positive for what is
-nearer, and in its planes' fit, as in LFFiltShiftSum, px per view times (N - 1) / N.
+Its u and v go down and right among the views: our order under other names. Its disparity is positive for nearer points,
+and, in its plane fits as in LFFiltShiftSum, px per view times (N - 1) / N.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Coloured point clouds as binary PLY, in mm in the rig frame: what MeshLab, CloudCompare, Blender and Open3D open."""
+"""Coloured point clouds as binary PLY, in mm in the rig frame, for MeshLab, CloudCompare, Blender and Open3D."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ _HEADER = (
 
 
 def point_cloud(light_field: LightField, depth_mm: NDArray[np.floating]) -> tuple[FloatArray, NDArray[np.uint8]]:
-    """Points (n, 3) in rig and colours (n, 3) of the reference view, whose depth (v, u) from the pupil is given.
+    """Return points (n, 3) in rig, mm, and colours (n, 3) of the reference view, given its depth (v, u) from the pupil.
 
-    Pixels without sample or without a finite depth in front of the view give no point.
+    Pixels without a sample, or without a finite depth in front of the view, are skipped.
     """
     view = tuple(np.argwhere((light_field.positions_mm == 0).all(axis=2))[0])
     if depth_mm.shape != light_field.weights.shape[2:]:
@@ -36,7 +36,7 @@ def point_cloud(light_field: LightField, depth_mm: NDArray[np.floating]) -> tupl
     ahead = depth_mm - light_field.reference_depth_mm + light_field.reference_distance_mm
     known = light_field.valid[view] & np.isfinite(depth_mm) & (ahead > 0)
     if not known.any():
-        raise InputError("no pixel has both a sample and a depth before the view, expected some to become points")
+        raise InputError("no pixel has both a sample and a depth in front of the view, expected some for points")
     pixels = light_field.pixel_grid()[known]
     scale = ahead[known].astype(np.float64)[:, None] / light_field.focal_px
     in_view = np.concatenate([(pixels - light_field.centre_px) * scale, scale * light_field.focal_px], axis=1)

@@ -1,7 +1,7 @@
-"""All formats of light fields: which one a file or folder is in, and reading and writing of any.
+"""All formats of light fields: detection, reading and writing.
 
-A format is a module beside this one with a `Format` called `FORMAT`. Formats are imported when one is looked for: their
-names alone cost nothing.
+A format is a module in this folder with a `Format` named `FORMAT`. Formats are imported on first use: listing their
+names costs nothing.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ BAGS = {
     ".bag": "a ROS 1 bag; rosbags-convert makes a ROS 2 bag of it",
     ".db3": "a file of a ROS 2 bag, which is given as its folder, with metadata.yaml",
 }
-"""What bags are that are not read as such, by their endings."""
+"""Explanations, by suffix, of bags that cannot be read directly."""
 
 
 @cache
@@ -43,13 +43,7 @@ def formats() -> Mapping[str, Format]:
 
 
 def format_of(path: Path) -> Format:
-    """The format of a file or folder, by its name and by what a folder holds.
-
-    Raises
-    ------
-    InputError
-        If no format detects it.
-    """
+    """Detect the format of a file or folder by its name and contents; raises InputError if there is none."""
     with readable(path):
         refuse_pointer(path)
         found = next((each for each in formats().values() if each.detect(path)), None)
@@ -70,22 +64,22 @@ def open_light_fields(path: Path, *, assumed: Assumed = NOTHING, decoder: Decode
     Parameters
     ----------
     path
-        Light field, recording, or, with a decoder, a frame of the camera (a picture).
+        Light field, recording or, with a decoder, a frame of the camera (a picture).
     assumed
-        Geometry of the views for files that do not state it; where it is None, `views_toml` of the path may have it.
+        Geometry of the views for files that do not state it; where None, the path's `views_toml` is used.
     decoder
-        Decoder of the camera that took a frame; it is not used for light fields.
+        Decoder of the camera that took a frame; unused for light fields.
 
     Returns
     -------
     Contents
-        The light fields, and what the file states of depth.
+        The light fields, and the depths that the file states.
 
     Raises
     ------
     InputError
-        In one line for what cannot be read, for a geometry that is neither stated nor assumed, and for views whose
-        pictures contradict their order.
+        In one line, for unreadable files, a geometry that is neither stated nor assumed, and views whose pictures
+        contradict their order.
     """
     if decoder is not None:
         from mirrorcam.core.images.pictures import is_picture, read_image
@@ -103,12 +97,12 @@ def open_light_fields(path: Path, *, assumed: Assumed = NOTHING, decoder: Decode
 
 
 def _in_order(contents: Contents) -> Contents:
-    """The same with views in the order that their pictures show; light fields of ours and recordings state it."""
+    """Put views in the order that their pictures show; our light fields and recordings state it."""
     if contents.is_recording or contents.frames[0].layout_identity:
         return contents
     from mirrorcam.optics.light_field.io.view_order import in_order
 
-    # A true depth is of the view that the file puts in the middle.
+    # A true depth belongs to the view that the file puts in the middle.
     light_field, note = in_order(contents.frames[0], may_change=contents.depth_mm is None)
     return contents if note is None else replace(contents, frames=(light_field,), notes=(*contents.notes, note))
 
@@ -121,7 +115,7 @@ def open_light_field(
     Parameters
     ----------
     path, assumed, decoder
-        As of `open_light_fields`.
+        As in `open_light_fields`.
     frame
         Index of the light field in a recording, from 0.
 
@@ -133,14 +127,14 @@ def open_light_field(
     Raises
     ------
     InputError
-        In one line for what cannot be read, and for a frame that the recording does not have.
+        In one line, for unreadable files, and for a frame that the recording does not have.
     """
     path = path_of("path", path)
     return frame_of(open_light_fields(path, assumed=assumed, decoder=decoder), frame, path)
 
 
 def frame_of(contents: Contents, frame: int, path: Path) -> LightField:
-    """The light field at an index of what a path holds, or InputError where there is none."""
+    """Return a frame of the contents of a path; raises InputError if it does not exist."""
     count = len(contents.frames)
     if not 0 <= frame < count:
         raise InputError(f"{path}: has {count_text(count, 'frame')}, no frame {frame}")
@@ -155,17 +149,17 @@ def write_light_field(path: AnyPath, light_field: LightField, to: str, depth_mm:
     path
         File or folder to write.
     light_field
-        What to write; most formats have 8 bits a sample.
+        Light field to write; most formats store 8 bits per sample.
     to
         Name of the format, one of `NAMES`.
     depth_mm
-        Depth (v, u) of the central view from the pupil, which HCI may and PLY must have; others leave it out.
+        Depth (v, u) of the central view from the pupil: optional for HCI, required for PLY, ignored by others.
 
     Raises
     ------
     InputError
-        For a format that is not known, a folder that exists and has something in it, whose files would mix with the new
-        ones, and for what the format cannot hold: most need views in rows and columns.
+        For an unknown format, a folder that exists and is not empty, whose files would mix with the new ones, and for
+        light fields that the format cannot store: most need views in rows and columns.
     """
     path = path_of("path", path)
     check_type("light_field", light_field, LightField)
@@ -185,7 +179,7 @@ def write_light_field(path: AnyPath, light_field: LightField, to: str, depth_mm:
 
 
 def name_of(path: Path) -> str:
-    """The name of a light field: that of its file or folder, without what the format adds."""
+    """Return the name of a light field: its file or folder name without the format's suffix."""
     name = path.resolve().name if path.is_dir() else path.name
     endings = (each.ending for each in formats().values())
     ending = max((each for each in endings if name.endswith(each)), key=len, default=path.suffix)

@@ -1,12 +1,12 @@
-"""Folders of one picture per view, as of the Stanford Light Field Archive's gantry: `out_ROW_COLUMN_Y_X_.png`.
+"""Folders with one picture per view, like the Stanford Light Field Archive's gantry: `out_ROW_COLUMN_Y_X_.png`.
 
-Rows and columns count from the top left view, with two digits, so that sorted names are row by row. Y and X are the
-camera's place, y down and x right, in the gantry's unit in the archive and in mm here. Pictures are rectified to a
-plane of zero disparity. `masks/` has the weights where a view has not all samples.
+Rows and columns count from the top left view, with two digits, so sorted names are row by row. Y and X are the camera's
+position, y down and x right, in the gantry's unit in the archive, and in mm here. Pictures are rectified to a plane of
+zero disparity. `masks/` holds the weights of views with missing samples.
 
-Such folders are read with any name before ROW, counted from 0 or from 1, of any type of picture, and without Y and X:
-`Original Camera_00_00_-1.5_2.25_.png`, `2067_01_01.jpg`. Which of the numbers in a name are ROW and COLUMN is seen from
-all names together, and which of the two is which from the pictures: `IMG_0001_002_01_02.png`.
+Such folders are read with any name before ROW, counted from 0 or 1, with any picture type, and without Y and X:
+`Original Camera_00_00_-1.5_2.25_.png`, `2067_01_01.jpg`. All names together show which numbers are ROW and COLUMN, and
+the pictures show which of the two is which: `IMG_0001_002_01_02.png`.
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ MASKS = "masks"
 
 
 def write_stanford(folder: Path, light_field: LightField) -> None:
-    """Write a light field as such a folder; pictures have 8 bits."""
+    """Write a light field as a folder of 8-bit pictures."""
     if max(light_field.rows, light_field.cols) > 100:
         raise InputError(f"{light_field.cols}x{light_field.rows} views, expected at most 100 down and across")
     for t, s in np.ndindex(light_field.rows, light_field.cols):
-        # Adding zero takes the sign from a zero.
+        # Adding zero removes the sign of a negative zero.
         x, y = light_field.positions_mm[t, s, :2].round(6) + 0.0
         name = f"out_{t:02d}_{s:02d}_{y:.6f}_{x:.6f}_.png"
         write_image(folder / name, rgb(light_field.samples[t, s]))
@@ -44,18 +44,18 @@ def write_stanford(folder: Path, light_field: LightField) -> None:
 
 
 def is_stanford(folder: Path) -> bool:
-    """Return whether a folder has pictures named so."""
+    """Return whether a folder has pictures named as views."""
     return folder.is_dir() and has_named_views([file for file in folder.iterdir() if is_picture(file)])
 
 
 def read_stanford(folder: Path, assumed: Assumed = NOTHING) -> Contents:
-    """The light field of such a folder, with a note where pictures of it are no views of the grid.
+    """Read the light field of a folder, with a note on pictures that are not views of the grid.
 
-    Without `views.json`, places are those of the names in mm, or, with a step, scaled so that columns (of one column,
-    rows) have it: the archive's own unit is unknown. Names without places are of an even grid, whose step must be
-    assumed. Focal length and reference depth must be assumed.
+    Without `views.json`, positions are those of the names in mm or, given a step, scaled so that columns (for a single
+    column, rows) have it: the archive's own unit is unknown. Names without positions mean an even grid, whose step must
+    be assumed. Focal length and reference depth must be assumed.
 
-    Raises InputError in one line where a view is missing or of another size, or the geometry is not known.
+    Raises InputError in one line if a view is missing or has another size, or the geometry is unknown.
     """
     with refusing(folder, "pictures of a grid of views"):
         found = [file for file in sorted(folder.iterdir()) if is_picture(file)]
@@ -92,13 +92,13 @@ def read_stanford(folder: Path, assumed: Assumed = NOTHING) -> Contents:
     left_out = sorted(set(found) - set(files))
     notes: tuple[str, ...] = ()
     if left_out:
-        pictures_left = count_text(len(left_out), "picture")
-        notes = (f"{pictures_left} left out, by name none of the {cols}x{rows} views, such as {left_out[0].name}",)
+        pictures_text = count_text(len(left_out), "picture")
+        notes = (f"{pictures_text} left out, not named as one of the {cols}x{rows} views, such as {left_out[0].name}",)
     return Contents((light_field_of(views, samples, opacity, channels),), notes=notes)
 
 
 def _mean_step(folder: Path, places: FloatArray) -> float:
-    """Mean step of places (t, s, 2): of x along columns, of one column of y along rows."""
+    """Mean step of places (t, s, 2): of x along columns, or of y along rows for a single column."""
     rows, cols = places.shape[:2]
     if rows * cols == 1:
         raise InputError(f"{folder}: one view, expected at least two for a step")

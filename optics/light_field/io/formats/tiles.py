@@ -1,4 +1,4 @@
-"""Views beside each other in one picture, without a gap: row V t + v and column U s + u of views of U x V px."""
+"""Views side by side in one picture, without gaps: row V t + v and column U s + u, for views of U x V px."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Recordings in Zarr, which `mirrorcam decode` makes of videos: read frame by frame, written with one frame."""
+"""Recordings in Zarr, as `mirrorcam decode` makes them from videos: read frame by frame, written with one frame."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from mirrorcam.optics.light_field.light_field import LightField
 
 
 def is_recording(path: Path) -> bool:
-    """Return whether a path is a folder of Zarr, or of a recording that was cut off."""
+    """Return whether a path is a folder of Zarr, or of an interrupted recording."""
     return path.is_dir() and ((path / "zarr.json").exists() or path.name.endswith((".zarr", ".zarr.partial")))
 
 
 def write_recording(path: Path, light_field: LightField) -> None:
-    """Write one light field as a recording of one frame."""
+    """Write one light field as a recording with one frame."""
     from mirrorcam.core.video.frames import Frame
     from mirrorcam.optics.light_field.io.recording import Recording, about
 

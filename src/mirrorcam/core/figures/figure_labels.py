@@ -32,7 +32,7 @@ ASSEMBLY: Mapping[str, str] = {
     "number": "number",
     "part_gap_mm": "smallest gap between parts",
     "beyond_bed_mm": "farthest beyond the bed",
-    "threads_that_cannot_enter": "inserts and nuts that cannot be inserted",
+    "threads_that_cannot_enter": "inserts and nuts without access",
     "base_pictures_hidden": "base pictures: frame hidden",
     "frames_pictures_hidden": "mirror pictures: frame hidden",
 }
@@ -106,7 +106,7 @@ PRINTED_PARTS: Mapping[str, str] = {
     "print_minutes": "printing time",
     "price": "price",
     "print_g": "mass as sliced",
-    "way_clash_mm3": "obstruction when it comes off",
+    "way_clash_mm3": "obstruction at removal",
     "contact_n": "least force on a point of the nest",
     "leaf_strain": "strain of the leaves",
     "back_screw_n": "force of the screw behind the camera",

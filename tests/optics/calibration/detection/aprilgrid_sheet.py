@@ -15,7 +15,7 @@ GRID = AprilGrid(cols=6, rows=4, tag_mm=25.0, spacing=0.2)
 
 @dataclass(frozen=True)
 class Sheet:
-    """A print of `GRID`, drawn in its pitches."""
+    """A print of `GRID`, with its lengths in units of the pitch."""
 
     square_mm: float = GRID.pitch_mm
 

@@ -1,4 +1,4 @@
-"""What several tests of detection share."""
+"""Fixtures that several tests of detection share."""
 
 from __future__ import annotations
 

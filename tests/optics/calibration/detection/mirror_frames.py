@@ -1,4 +1,4 @@
-"""Frames of mirrors that were cut and glued elsewhere than meant, for tests of where their edges are seen."""
+"""Frames of mirrors cut and glued with errors, for tests that find their edges."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ FINE = 4  # parts of a pixel to which outlines are drawn
 
 
 def cut_and_glued(mirror: Mirror, scale: tuple[float, float], by_mm: tuple[float, float], turn_deg: float) -> Mirror:
-    """The mirror in its own plane: cut smaller, shifted, turned."""
+    """Return the mirror cut smaller, shifted and rotated in its own plane."""
     turn = np.radians(turn_deg)
     rotation = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
     outline = mirror.outline_in_plane_mm * scale @ rotation.T + by_mm
@@ -42,7 +42,7 @@ BUILT = MEANT.replaced(
 
 
 def worst_px(layout: Layout, index: int) -> float:
-    """How far corners of the outline are from those as built, at most; of those on the sensor."""
+    """Return the largest error of the outline's corners on the sensor, relative to the device as built."""
     true, found = BUILT.outline_px(index, 1), layout.outline_px(index, 1)
     on_sensor = ((true > 2) & (true < [1917, 1077])).all(axis=1)
     assert on_sensor.sum() >= 3
@@ -50,7 +50,7 @@ def worst_px(layout: Layout, index: int) -> float:
 
 
 def masks(of: Layout) -> list[NDArray[np.float32]]:
-    """How much of each pixel (h, w) each sub-image covers."""
+    """Return the part of each pixel (h, w) that each sub-image covers."""
     drawn = []
     for index, mirror in enumerate(of.mirrors):
         if mirror.is_second_surface:
@@ -65,7 +65,7 @@ def masks(of: Layout) -> list[NDArray[np.float32]]:
 
 
 def traced(mirror: Mirror) -> NDArray[np.float32]:
-    """Which pixels (h, w) show the scene by light that enters and leaves through the front, by Snell's law."""
+    """Mask (h, w) of the pixels whose light enters and leaves through the front face, by Snell's law."""
     x, y = np.meshgrid(np.arange(1920.0), np.arange(1080.0))
     rays = np.stack([(x - 959.5) / 1360.0, (y - 539.5) / 1360.0, np.ones_like(x)], axis=-1).reshape(-1, 3)
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
@@ -84,7 +84,7 @@ def traced(mirror: Mirror) -> NDArray[np.float32]:
 def frames(count: int, layout: Layout = BUILT, *, inner: Layout | None = None) -> list[Grey]:
     """Patches of random brightness in each sub-image, blurred by a lens, on a holder that reflects a little.
 
-    With `inner`, patches of every other frame end where those sub-images do.
+    With `inner`, patches of every other frame end at the edges of those sub-images.
     """
     random = np.random.default_rng(3)
 

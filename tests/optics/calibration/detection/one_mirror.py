@@ -1,4 +1,4 @@
-"""A camera with lens distortion, bare or behind a single mirror, and where it sees the corners of a board."""
+"""A camera with lens distortion, with or without a mirror, and the pixels of a board's corners."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ CAMERA = Camera(
 
 
 def one_mirror() -> Layout:
-    """A single mirror that folds the whole view by 90 degrees."""
+    """A single mirror that folds the entire view by 90 degrees."""
     plane = Mirror.from_plane(
         np.array([0.0, 0.0, 80.0]),
         np.array([0.0, 1.0, -1.0]),

@@ -1,4 +1,4 @@
-"""Rendered frames through second-surface mirrors that are not quite the nominal ones."""
+"""Rendered frames of second-surface mirrors that differ slightly from the nominal ones."""
 
 from __future__ import annotations
 

@@ -39,8 +39,8 @@ def test_squares_are_black_from_the_top_left_and_the_margin_is_white() -> None:
 
 
 def test_the_ink_of_a_marker_is_exact_to_parts_of_a_pixel() -> None:
-    """A marker's side of 7.3 mm is 29.2 px, so that its black border begins 14.6 px beside its middle."""
-    value = blurred_print(CHARUCO, 0.0).value  # the least blur there is
+    """A marker's side of 7.3 mm is 29.2 px, so that its black border begins 14.6 px from its middle."""
+    value = blurred_print(CHARUCO, 0.0).value  # the smallest blur
     steps = np.arange(-20.0, -10.0)
     row = sample(value, at(np.array([[1.5, 0.5]])) + np.stack([steps, np.zeros(10)], axis=1)[None])[0]
     edge = float(np.interp(0.0, row[::-1], steps[::-1]))
@@ -48,7 +48,7 @@ def test_the_ink_of_a_marker_is_exact_to_parts_of_a_pixel() -> None:
     assert abs(edge - round(edge)) > 0.2, "not where whole pixels would have it"
 
 
-def test_derivatives_are_those_of_the_value() -> None:
+def test_derivatives_match_finite_differences() -> None:
     blurred = blurred_print(CHARUCO, 0.1)
     down, right = (d * PX_PER_SQUARE for d in np.gradient(blurred.value))
     np.testing.assert_allclose(blurred.derivatives[..., 0], right, atol=1e-4)
@@ -61,8 +61,8 @@ def test_derivatives_are_those_of_the_value() -> None:
         assert np.corrcoef(numeric.ravel(), inner.ravel())[0, 1] > 0.97
 
 
-def test_a_blur_along_one_direction_is_that_of_the_sharp_print_blurred_so() -> None:
-    """Of a print blurred by 0.07 cells along a slant and 0.05 across it, by an image of twice the resolution."""
+def test_a_directional_blur_equals_the_sharp_print_blurred_that_way() -> None:
+    """A print blurred by 0.07 cells along a slant and 0.05 across it, against an image of twice the resolution."""
     turn = np.array([[0.8, -0.6], [0.6, 0.8]])
     blur = turn @ np.diag([0.07**2, 0.05**2]) @ turn.T
     sharp = blurred_print(CHARUCO, 0.0)

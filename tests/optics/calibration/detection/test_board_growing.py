@@ -1,4 +1,4 @@
-"""Growing a board from a few points, and dropping what does not lie on its surface."""
+"""Growing a board from a few points, and dropping corners off its surface."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ PLACES = corner_places(BOARD)
 
 @pytest.fixture(scope="module")
 def shown() -> tuple[np.ndarray, FloatArray]:
-    """A picture of the board, seen directly, and where it has the corners."""
+    """Return a picture of the board, seen directly, and the pixels of its corners."""
     pose = posed(BOARD, np.array([10.0, 0.0, 300.0]), np.array([10.0, -12.0, 6.0]), direct=True)
     picture = render(CAMERA, None, BOARD, pose, noise_grey=1.0).astype(np.float32)
     return picture, seen(BOARD.corners_in_board_mm, pose, None)
@@ -44,7 +44,7 @@ def test_a_covered_part_is_left_out(shown: tuple[np.ndarray, FloatArray]) -> Non
     assert np.linalg.norm(found.pixels - truth[found.ids], axis=1).max() < 0.1
 
 
-def test_a_board_turned_the_wrong_way_round_is_none(shown: tuple[np.ndarray, FloatArray]) -> None:
+def test_a_mirrored_board_is_rejected(shown: tuple[np.ndarray, FloatArray]) -> None:
     picture, truth = shown
     assert len(grow_board(picture, PLACES[[0, 1, 10, 11]], truth[[0, 1, 10, 11]], BOARD, mirrored=True)) == 0
 
@@ -57,7 +57,7 @@ def test_corners_off_the_surface_are_dropped() -> None:
     assert not smooth(PLACES[:7], pixels[:7]).any(), "too few to judge"
 
 
-def test_nothing_is_kept_across_a_step_that_a_board_seems_to_continue_behind() -> None:
+def test_no_corner_beyond_a_step_is_kept() -> None:
     pixels = 25.0 * PLACES
     right = PLACES[:, 0] > 6.5
     pixels[right] += [0.0, 4.0]

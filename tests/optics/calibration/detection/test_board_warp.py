@@ -26,7 +26,7 @@ def curved(places: FloatArray) -> FloatArray:
 
 
 def strongly_curved(places: FloatArray) -> FloatArray:
-    """The same behind a lens whose distortion has a term of the fifth degree."""
+    """A homography behind a lens whose distortion has a term of the fifth degree."""
     pixels = projected(places)
     off = (pixels - [480.0, 360.0]) / 500.0
     radius2 = np.sum(off**2, axis=1, keepdims=True)
@@ -51,7 +51,7 @@ def test_fewer_than_four_points_have_no_warp() -> None:
     assert BoardWarp.through(PLACES[:3], projected(PLACES[:3])) is None
 
 
-def test_a_lens_is_followed_by_the_cubic_and_outliers_are_not() -> None:
+def test_the_cubic_fits_a_lens_and_ignores_outliers() -> None:
     pixels = curved(PLACES)
     pixels[[5, 30]] += [9.0, -7.0]
     warp = BoardWarp.through(PLACES, pixels)
@@ -77,7 +77,7 @@ def test_derivatives_are_finite_differences() -> None:
 
 
 def test_a_quintic_has_the_second_derivatives_of_a_strong_lens() -> None:
-    """Of a large board with noise, by the derivatives of the true map; a cubic does not."""
+    """On a large board with noise, against the derivatives of the true map; a cubic's differ."""
     large = corner_places(Charuco(cols=20, rows=14, square_mm=12.0, marker_mm=8.4))
     noise = np.random.default_rng(0).normal(0.0, 0.005, (len(large), 2))
     errors = {}

@@ -1,4 +1,4 @@
-"""The light of mirrors across borders, from rendered frames, against the share of the pupil by rays."""
+"""Light across the borders of mirrors in rendered frames, against the unvignetted part of the pupil by rays."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def lights(halved: Layout, frames: list[BoardFrame]) -> list[BorderLight]:
     return border_light(halved, frames, BOARD)
 
 
-def test_light_falls_as_the_share_of_the_pupil_also_where_two_mirrors_mix(
+def test_light_falls_as_the_unvignetted_pupil_also_where_two_mirrors_mix(
     halved: Layout, lights: list[BorderLight]
 ) -> None:
     shown = [each for each in lights if np.isfinite(each.light).mean() > 0.6]
@@ -79,7 +79,7 @@ def test_the_pupil_is_found_from_rendered_frames(halved: Layout, lights: list[Bo
     assert seen.nearness == pytest.approx(1.0 / PUPIL.focus_mm, abs=3.0 * seen.nearness_sigma)
 
 
-def test_points_off_the_sensor_are_unknown_and_short_borders_left_out(fold_90_layout: Layout) -> None:
+def test_points_off_the_sensor_are_unknown_and_short_borders_are_skipped(fold_90_layout: Layout) -> None:
     right = max(float(fold_90_layout.outline_px(index)[:, 0].max()) for index in range(9))
     camera = fold_90_layout.camera.replaced(width_px=int(right) + 10).with_pupil(PINHOLE)
     found = borders(fold_90_layout.replaced(camera=camera))

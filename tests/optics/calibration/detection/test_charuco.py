@@ -49,21 +49,21 @@ def test_aprilgrid_corners_are_named_and_exact(turn_deg: float, mirrored: bool) 
     assert find_marked_boards(picture, GRID, mirrored=not mirrored, most=4) == []
 
 
-def test_a_board_that_no_grid_shows_is_found_by_its_markers_beside_one_that_a_grid_shows(
+def test_a_board_without_a_grid_is_found_by_its_markers_next_to_one_with_a_grid(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     pose = posed(CHARUCO, np.array([20.0, 0.0, 300.0]), np.array([10.0, -12.0, 6.0]), direct=True)
     picture = render(CAMERA, None, CHARUCO, pose, noise_grey=1.0)
     twice = np.hstack([picture, picture])
     first, second = find_marked_boards(twice, CHARUCO, mirrored=False, most=4)
-    whole = linked_grids
+    original = linked_grids
     monkeypatch.setattr(
-        charuco, "linked_grids", lambda grey: [grid for grid in whole(grey) if grid[1][:, 0].max() < CAMERA.width_px]
+        charuco, "linked_grids", lambda grey: [grid for grid in original(grey) if grid[1][:, 0].max() < CAMERA.width_px]
     )
     found = find_marked_boards(twice, CHARUCO, mirrored=False, most=4)
     assert {len(board) for board in found} == {len(first), len(second)}
     assert sorted(board.pixels[:, 0].min() > CAMERA.width_px for board in found) == [False, True]
-    # Where grids show at least half as many boards as there may be, markers are not looked for one by one.
+    # If grids show at least half of the possible boards, markers are not searched one by one.
     assert len(find_marked_boards(twice, CHARUCO, mirrored=False, most=2)) == 1
 
 
@@ -76,7 +76,7 @@ def test_corners_of_tags_are_not_drawn_to_either_side() -> None:
         assert np.abs(off[(row % 2 == kind // 2) & (col % 2 == kind % 2)].mean(axis=0)).max() < 3e-3
 
 
-def test_tags_have_their_places_and_turn() -> None:
+def test_tags_have_their_places_and_rotation() -> None:
     pose = posed(Sheet(), np.array([10.0, 0.0, 300.0]), np.array([10.0, -12.0, 6.0]), direct=True)
     picture = render(CAMERA, None, Sheet(), pose)
     ids, quads = find_markers(picture, GRID, mirrored=False)
@@ -86,7 +86,7 @@ def test_tags_have_their_places_and_turn() -> None:
     assert rms(quads.reshape(-1, 2) - seen(points, pose, None)) < 1.5
 
 
-def test_markers_lie_amid_the_white_squares() -> None:
+def test_markers_lie_in_the_middle_of_white_squares() -> None:
     places = marker_places(CHARUCO)
     assert len(places) == 11 * 7 // 2
     middles = places.mean(axis=1)
@@ -110,7 +110,7 @@ def test_markers_of_two_boards_fall_into_two_groups_and_misread_ones_into_none()
 
 
 @pytest.mark.parametrize("turn_deg", [0.0, 40.0, 90.0, 200.0])
-def test_corners_are_linked_and_tags_told_from_gaps(turn_deg: float) -> None:
+def test_corners_are_linked_and_tags_distinguished_from_gaps(turn_deg: float) -> None:
     pose = posed(Sheet(), np.array([0.0, 0.0, 320.0]), np.array([15.0, -20.0, turn_deg]), direct=True)
     picture = render(CAMERA, None, Sheet(), pose, noise_grey=1.0)
     (places, pixels), *others = linked_tags(picture, GRID)
@@ -133,7 +133,7 @@ def test_corners_are_linked_and_tags_told_from_gaps(turn_deg: float) -> None:
         assert low[axis] % 2 == (1, 0)[axis], "tags begin at odd x and even y"
 
 
-def test_a_checkerboard_is_none() -> None:
+def test_a_checkerboard_is_not_taken_for_a_charuco_board() -> None:
     board = Checkerboard(cols=9, rows=7, square_mm=16.0)
     pose = posed(board, np.array([0.0, 0.0, 320.0]), np.array([15.0, -20.0, 10.0]), direct=True)
     assert linked_tags(render(CAMERA, None, board, pose), GRID) == []

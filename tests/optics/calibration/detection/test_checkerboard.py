@@ -1,4 +1,4 @@
-"""Plain checkerboards in pictures whose truth is known."""
+"""Plain checkerboards in pictures with known corners."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from mirrorcam.optics.calibration.detection.checkerboard import (
     Grey,
     board_ends,
     cell_px,
+    complete_board,
     confirm,
     find_checkerboards,
     spread_out,
-    whole_board,
 )
 from mirrorcam.optics.calibration.solver.observations import Corners
 from mirrorcam.optics.geometry.targets import Checkerboard, load_board
@@ -89,14 +89,14 @@ def test_photographed_boards_are_found_where_opencv_finds_them(name: str) -> Non
         assert max(apart.min(axis=0).max(), apart.min(axis=1).max()) < 1.0
 
 
-def test_several_boards_are_found_in_one_picture_also_where_they_meet() -> None:
+def test_several_boards_are_found_in_one_picture_also_if_they_touch() -> None:
     small = Checkerboard(cols=8, rows=7, square_mm=9.0)
     views = [
         posed(small, np.array([x, 0.0, 300.0]), np.array([5.0, 10.0, roll]), direct=True)
         for x, roll in ((-60.0, 20.0), (60.0, -30.0))
     ]
     pictures = [render(CAMERA, None, small, pose) for pose in views]
-    for seam in (395, 480):  # beside the second board, and through it
+    for seam in (395, 480):  # next to the second board, and across it
         together = np.where(np.arange(800) < seam, pictures[0], pictures[1])
         boards = find_checkerboards(together, small)
         assert len(boards) == 2
@@ -107,12 +107,12 @@ def test_several_boards_are_found_in_one_picture_also_where_they_meet() -> None:
 
 
 @pytest.mark.parametrize("turn_deg", [0.0, 33.0, 90.0, 200.0])
-def test_a_board_cut_by_an_edge_is_numbered_where_two_of_its_ends_are_seen(turn_deg: float) -> None:
+def test_a_board_cut_by_an_edge_is_numbered_if_two_of_its_ends_are_seen(turn_deg: float) -> None:
     pose = posed(PLAIN, np.array([0.0, 0.0, 330.0]), np.array([12.0, -20.0, turn_deg]), direct=True)
     picture = render(CAMERA, None, PLAIN, pose, noise_grey=1.0)
     truth = seen(PLAIN.corners_in_board_mm, pose, None)
     cut = picture.copy()
-    # A straight edge beyond which something else is seen, at a slant to the board's first corner.
+    # A straight slanting edge at the board's first corner, with something else beyond it.
     y, x = np.mgrid[: cut.shape[0], : cut.shape[1]]
     along = truth[10] - truth[-1]
     cut[(x - truth[10, 0]) * along[0] + (y - truth[10, 1]) * along[1] > 0] = 150
@@ -134,12 +134,12 @@ def test_a_hand_hides_corners_and_gives_no_false_ones() -> None:
     assert rms(corners.pixels - truth[corners.ids]) < 0.1
 
 
-def test_a_picture_without_a_board_shows_none() -> None:
+def test_no_board_is_found_in_a_picture_without_one() -> None:
     random = np.random.default_rng(0)
     blocks = np.kron(random.integers(0, 255, (27, 48)), np.ones((10, 10))).astype(np.uint8)
     for picture in (np.full((270, 480), 90, np.uint8), random.integers(0, 255, (270, 480)).astype(np.uint8)):
         assert find_checkerboards(picture, PLAIN) == []
-    # Of random squares some are like a small part of a board, which numbers nothing.
+    # Some random squares resemble a small part of a board, which determines no numbering.
     for grid in find_checkerboards(blocks, PLAIN):
         assert len(grid) < 12
         assert len(grid.numberings(PLAIN, mirrored=False)) > 4
@@ -149,9 +149,9 @@ def test_corners_behind_a_hand_are_not_confirmed() -> None:
     picture = render(CAMERA, None, PLAIN, DIRECT_POSE)
     truth = seen(PLAIN.corners_in_board_mm, DIRECT_POSE, None)
     near = truth + np.random.default_rng(0).normal(0.0, 1.0, truth.shape)
-    whole = confirm(picture, near, PLAIN)
-    assert len(whole) == 40
-    assert rms(whole.pixels - truth) < 0.05
+    complete = confirm(picture, near, PLAIN)
+    assert len(complete) == 40
+    assert rms(complete.pixels - truth) < 0.05
     hand = tuple(int(v) for v in truth[11])
     covered = picture.copy()
     cv2.circle(covered, hand, 45, (120,), -1)
@@ -164,7 +164,7 @@ def test_corners_behind_a_hand_are_not_confirmed() -> None:
     assert len(confirm(flat, near, PLAIN)) == 0
 
 
-def test_corners_on_one_line_count_for_nothing() -> None:
+def test_corners_on_one_line_are_rejected() -> None:
     x = np.arange(10.0) * 20
     row = Corners(np.arange(10), np.column_stack([x, 0.1 * x]))
     assert len(spread_out(row)) == 0
@@ -178,7 +178,7 @@ def test_cell_is_the_distance_to_the_nearest_neighbour() -> None:
 
 
 def drawn(*, beyond: int) -> NDArray[np.float32]:
-    """The board with a margin of one square of white paper, and what lies beyond."""
+    """Draw the board with a margin of one white square, and the surroundings."""
     paper = np.full((10 * SIDE, 11 * SIDE), 220, np.uint8)
     paper[SIDE:-SIDE, SIDE:-SIDE] = 30 + 190 * (SQUARES.image(SIDE) > 0)
     picture = np.pad(paper, MARGIN, constant_values=beyond)
@@ -186,7 +186,7 @@ def drawn(*, beyond: int) -> NDArray[np.float32]:
 
 
 def ends(picture: NDArray[np.float32], cols: slice, rows: slice) -> NDArray[np.bool_]:
-    """Ends by the corners of some columns and rows."""
+    """Find the ends of the board from the corners of some columns and rows."""
     x, y = np.meshgrid(np.arange(8)[cols], np.arange(7)[rows])
     corners = np.stack([x.ravel(), y.ravel()], axis=1)
     pixels = np.asarray(MARGIN + SIDE * (corners + 2.0) - 0.5, dtype=np.float64)
@@ -195,7 +195,7 @@ def ends(picture: NDArray[np.float32], cols: slice, rows: slice) -> NDArray[np.b
 
 
 @pytest.mark.parametrize("beyond", [20, 120, 250])
-def test_a_whole_board_ends_on_all_sides(beyond: int) -> None:
+def test_a_complete_board_ends_on_all_sides(beyond: int) -> None:
     np.testing.assert_array_equal(ends(drawn(beyond=beyond), np.s_[:], np.s_[:]), ALL)
 
 
@@ -206,8 +206,8 @@ def test_a_board_that_goes_on_does_not_end() -> None:
 
 @pytest.mark.parametrize("grey", [20, 120, 220])
 @pytest.mark.parametrize("squares", [0.3, 0.6, 0.9, 1.1, 1.4])
-def test_an_occluder_is_no_end(grey: int, squares: float) -> None:
-    """Also one of the paper's colour, along the grid, unless it begins where the board might end."""
+def test_an_occluder_is_not_taken_for_an_end(grey: int, squares: float) -> None:
+    """Even one of the paper's colour along the grid, unless it begins where the board might end."""
     picture = drawn(beyond=20)
     last = 4
     picture[:, int(MARGIN + SIDE * (last + 2 + squares)) :] = grey
@@ -215,12 +215,12 @@ def test_an_occluder_is_no_end(grey: int, squares: float) -> None:
         assert not ends(picture, np.s_[: last + 1], np.s_[:])[1, 0]
 
 
-def test_few_squares_do_not_tell() -> None:
+def test_few_squares_determine_no_end() -> None:
     assert not ends(drawn(beyond=20), np.s_[:3], np.s_[:2]).any()
 
 
 def through_fisheye(*, flipped: bool) -> tuple[Grey, FloatArray]:
-    """A picture of the board very near to an equidistant lens, and the pixels (24, 2) of its corners."""
+    """Return a picture of the board close to an equidistant lens, and the pixels (24, 2) of its corners."""
     print_ = np.pad(UPRIGHT.image(40), 40, constant_values=255)
     v, u = (np.indices((SIZE, SIZE)) - MIDDLE) / FOCAL_PX
     angle = np.hypot(u, v)
@@ -251,11 +251,11 @@ def test_all_corners_are_found_under_strong_distortion(*, flipped: bool) -> None
     assert len(grid) == 24
 
 
-def test_a_board_that_is_partly_hidden_or_of_another_size_is_not_whole() -> None:
+def test_a_board_that_is_partly_hidden_or_of_another_size_is_not_complete() -> None:
     picture, _ = through_fisheye(flipped=False)
-    assert whole_board(picture, UPRIGHT) is not None
-    assert whole_board(picture, UPRIGHT.replaced(rows=9)) is None
+    assert complete_board(picture, UPRIGHT) is not None
+    assert complete_board(picture, UPRIGHT.replaced(rows=9)) is None
     hidden = picture.copy()
     hidden[:, :270] = 128
-    assert whole_board(hidden, UPRIGHT) is None
+    assert complete_board(hidden, UPRIGHT) is None
     assert find_checkerboards(np.full((300, 400), 90, np.uint8), UPRIGHT) == []

@@ -1,4 +1,4 @@
-"""Saddle points of drawn corners, whose places, edges and colours are known."""
+"""Saddle points of drawn corners with known places, edges and colours."""
 
 from __future__ import annotations
 
@@ -37,11 +37,11 @@ def test_a_corner_is_found_with_its_edges_and_colours(edges_deg: tuple[float, fl
     off_px, axes_deg = nearest(saddle_points(corner(*edges_deg, blur_px=blur_px)))
     assert off_px < 0.5 + 0.2 * blur_px
     turned = (axes_deg - edges_deg + 90.0) % 180.0 - 90.0
-    # Blur widens the sharper of the two angles between the edges.
+    # Blur widens the acute angle between the edges.
     assert np.abs(turned).max() < (15.0 if edges_deg != (5.0, 50.0) else 25.0)
 
 
-def test_edges_and_ends_of_lines_are_no_corners() -> None:
+def test_edges_and_ends_of_lines_are_not_corners() -> None:
     picture = np.full((100, 100), 40, np.uint8)
     picture[30:70, 30:70] = 200  # corners of a square
     assert len(saddle_points(picture)) == 0
@@ -75,13 +75,13 @@ def joined(first: SaddlePoints, second: SaddlePoints) -> SaddlePoints:
 
 
 @pytest.mark.parametrize("map_px", [UPRIGHT, SLANTED, np.diag([0.3, 1.0, 1.0]) @ UPRIGHT])
-def test_a_grid_is_linked_as_it_lies(map_px: FloatArray) -> None:
+def test_a_grid_is_linked(map_px: FloatArray) -> None:
     points, places = grid(map_px)
     shuffled = np.random.default_rng(0).permutation(len(points))
     ((members, found),) = corner_grids(points.where(shuffled))
     true = places[shuffled[members]]
     assert len(members) == len(points)
-    # The places are right up to a turn and a shift; the shift keeps the colours.
+    # The places are correct up to a rotation, and a shift that keeps the colours.
     turns = [np.linalg.matrix_power(np.array([[0, -1], [1, 0]]), turn) for turn in range(4)]
     shifts = [true - found @ turn.T for turn in turns]
     (right,) = [turn for turn, shift in enumerate(shifts) if (shift == shift[0]).all()]
@@ -98,7 +98,7 @@ def test_a_missing_corner_and_stray_points_do_no_harm() -> None:
     assert (members >= len(kept)).sum() <= 2
 
 
-def test_two_grids_are_told_apart() -> None:
+def test_two_grids_are_separated() -> None:
     first, _ = grid(UPRIGHT)
     turned = np.array([[0.8, -0.6, 300.0], [0.6, 0.8, 20.0], [0.0, 0.0, 1.0]]) @ UPRIGHT
     second, _ = grid(turned, cols=4, rows=4)
@@ -106,6 +106,6 @@ def test_two_grids_are_told_apart() -> None:
     assert sizes == [35, 16]
 
 
-def test_few_points_are_no_grid() -> None:
+def test_few_points_form_no_grid() -> None:
     points, _ = grid(UPRIGHT, cols=2, rows=2)
     assert corner_grids(points) == []

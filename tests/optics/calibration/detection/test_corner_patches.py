@@ -1,4 +1,4 @@
-"""The linear model of the picture around a corner, on pictures that are themselves made of the print."""
+"""The linear model of the picture around a corner, on pictures rendered from the print."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def test_a_mask_selects_corners() -> None:
 
 
 @pytest.mark.parametrize(("cell_px", "half_px"), [(24.0, 12.0), (200.0, MAX_HALF_PX)])
-def test_a_patch_covers_half_a_cell_each_way_but_not_more_than_its_limit(cell_px: float, half_px: float) -> None:
+def test_a_patch_covers_half_a_cell_in_each_direction_up_to_its_limit(cell_px: float, half_px: float) -> None:
     patches = Patches.around(corners(cell_px=cell_px))
     np.testing.assert_allclose(patches.side_px, cell_px)
     np.testing.assert_allclose(np.abs(patches.offsets_px).max(axis=1), half_px)
@@ -70,7 +70,7 @@ def test_a_bend_adds_its_second_order() -> None:
 
 
 def test_columns_of_the_shift_are_the_derivatives_of_the_print() -> None:
-    """By central differences over one sample of the print each way."""
+    """Against central differences over one sample of the print."""
     step = 1.0 / PX_PER_SQUARE
     at = columns(corners())
     for axis in range(2):
@@ -81,7 +81,7 @@ def test_columns_of_the_shift_are_the_derivatives_of_the_print() -> None:
 
 
 @pytest.mark.parametrize("modulation", [0.4, 0.9])
-def test_brightness_slopes_as_much_as_the_print_is_modulated(modulation: float) -> None:
+def test_a_brightness_gradient_scales_with_the_prints_modulation(modulation: float) -> None:
     """Light that fades by s to the right adds s u (1 + m value) to a picture of modulation m."""
     u = Patches.around(corners()).u
     value = columns(corners())[..., CONTRAST]
@@ -93,10 +93,10 @@ def test_a_straight_map_skews_no_edge() -> None:
     np.testing.assert_array_equal(corners().skew_px(np.ones(len(PLACES))), 0.0)
 
 
-def test_edges_are_skewed_as_a_shift_that_fits_them_best() -> None:
-    """Against the least squares of a shift, contrast and blur to the profile of an edge on a bent axis.
+def test_the_skew_of_edges_is_the_best_fitting_shift() -> None:
+    """Against a least-squares fit of shift, contrast and blur to the profile of an edge on a bent axis.
 
-    Level and slopes have no part in it: along the edge of a corner, black and white change sides.
+    Level and gradient do not contribute: along the edge of a corner, black and white change sides.
     """
     cell_px, bend, sigma = 30.0, 0.6, 1.3
     s = np.linspace(-8.0, 8.0, 4001)
@@ -114,7 +114,7 @@ def test_edges_are_skewed_as_a_shift_that_fits_them_best() -> None:
     np.testing.assert_allclose(turned.skew_px(np.array([sigma])), [shift * turn[:, 0]], rtol=0.1, atol=1e-9)
 
 
-def test_ghost_images_of_known_strength_belong_to_the_print_and_others_have_a_column_each() -> None:
+def test_ghost_images_of_known_strength_join_the_print_and_others_get_a_column_each() -> None:
     ghosts = GhostImages(np.tile([[3.0, -2.0]], (len(PLACES), 1, 1)), np.full((len(PLACES), 1), 0.1), (0,))
     plain, known = columns(corners()), columns(corners(), Appearance(BOARD, LOOK.blur_px, ghosts))
     free = columns(corners(), Appearance(BOARD, LOOK.blur_px, ghosts, fit_strengths=True))

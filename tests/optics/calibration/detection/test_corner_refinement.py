@@ -1,4 +1,4 @@
-"""Refinement against the print: corners of a picture that is itself made of the print."""
+"""Refinement against the print: corners of a picture rendered from the print."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ PIXELS = (PLACES - SQUARES_FROM_PX[:, 2]) @ np.linalg.inv(SQUARES_FROM_PX[:, :2]
 
 
 def picture(contrast: float = 80.0, offset_px: FloatArray | None = None) -> Image:
-    """An affine picture of the print, white less black of `contrast`, shifted by some pixels."""
+    """Return an affine picture of the print with this contrast (white minus black), shifted by some pixels."""
     value = blurred_picture(*(0.0, 0.0) if offset_px is None else offset_px.tolist())
     return np.asarray(120.0 + contrast / 2.0 * value, dtype=np.float32)
 
 
 @lru_cache
 def blurred_picture(x_px: float, y_px: float) -> FloatArray:
-    """The print from -1 to 1, sampled five times along each pixel, and blurred there as a lens does it."""
+    """Return the print from -1 to 1, sampled five times along each pixel, and blurred there as by a lens."""
     cut = 5
     v, u = (np.arange(cut * length) / cut - (cut // 2) / cut for length in SIZE)
     pixels = np.stack(np.meshgrid(u, v), axis=-1) - [x_px, y_px]
@@ -63,7 +63,7 @@ def test_corners_are_found_from_a_pixel_away_to_a_hundredth() -> None:
     assert seen.ghost_strengths.shape == (len(PLACES), 0)
 
 
-def test_brightness_slope_and_contrast_do_not_move_corners() -> None:
+def test_brightness_gradient_and_contrast_do_not_move_corners() -> None:
     v, u = np.mgrid[: SIZE[0], : SIZE[1]]
     sloped = np.asarray(0.4 * picture() + 0.1 * u - 0.05 * v, dtype=np.float32)
     seen = found(sloped, np.zeros(2))
@@ -73,7 +73,7 @@ def test_brightness_slope_and_contrast_do_not_move_corners() -> None:
 
 @pytest.mark.parametrize("black", [20.0, 60.0])
 def test_light_that_fades_does_not_move_corners(black: float) -> None:
-    """Light that fades by 0.4 % a px, of prints with little and with much stray light."""
+    """Light that fades by 0.4 % per px, on prints with little and with much stray light."""
     v, u = np.mgrid[: SIZE[0], : SIZE[1]]
     even = picture(contrast=180.0 - black) - 120.0 + (180.0 + black) / 2.0
     faded = np.asarray(even * np.exp(-0.003 * u - 0.003 * v), dtype=np.float32)
@@ -82,7 +82,7 @@ def test_light_that_fades_does_not_move_corners(black: float) -> None:
 
 
 def test_a_lens_that_blurs_a_board_seen_at_an_angle_does_not_move_corners() -> None:
-    """A picture in perspective, sampled eight times along each pixel, that is blurred as it is: not as the print is."""
+    """A picture in perspective, sampled eight times along each pixel, blurred in the picture, not on the print."""
     board, size, cut, blur_px = Checkerboard(cols=12, rows=9, square_mm=12.0), (300, 400), 8, 2.5
     px_from_squares = np.array([[28.0, 3.0, 40.0], [-2.0, 27.0, 30.0], [0.01, -0.006, 1.0]])
     v, u = ((np.arange(length * cut) + 0.5) / cut - 0.5 for length in size)
@@ -106,8 +106,8 @@ def test_a_lens_that_blurs_a_board_seen_at_an_angle_does_not_move_corners() -> N
 
 
 @pytest.mark.parametrize(("noise", "contrast"), [(2.0, 80.0), (4.0, 160.0), (8.0, 80.0)])
-def test_standard_deviations_are_those_of_repeated_noise(noise: float, contrast: float) -> None:
-    """Also where a picture fades to a fifth from left to right, and corners on the right are the worse for it."""
+def test_standard_deviations_match_the_scatter_under_repeated_noise(noise: float, contrast: float) -> None:
+    """Even in a picture that fades to a fifth from left to right, with less exact corners on the right."""
     random = np.random.default_rng(1)
     fading = np.exp(np.linspace(0.0, -1.6, SIZE[1]))
     clean = (picture(contrast) - 120.0 + contrast / 2.0 + 10.0) * fading
@@ -123,7 +123,7 @@ def test_standard_deviations_are_those_of_repeated_noise(noise: float, contrast:
     assert np.abs(np.log(scatter / claimed)).max() < np.log(1.6)
 
 
-def test_where_there_is_no_print_there_is_no_corner() -> None:
+def test_no_corner_is_found_without_a_print() -> None:
     inverted = np.asarray(240.0 - picture(), dtype=np.float32)
     assert np.isnan(found(inverted, np.zeros(2)).pixels).all()
     noise = np.random.default_rng(2).normal(100.0, 5.0, SIZE).astype(np.float32)
@@ -132,7 +132,7 @@ def test_where_there_is_no_print_there_is_no_corner() -> None:
 
 @pytest.mark.parametrize("strength", [0.05, 0.1])
 def test_a_ghost_image_is_modelled_and_measured(strength: float) -> None:
-    """It pulls corners by hundredths of a pixel unless it is part of what is compared, and its strength is found."""
+    """It shifts corners by hundredths of a pixel unless it is modelled; its strength is estimated."""
     offset = np.array([3.0, -1.5])
     ghost = picture(contrast=80.0 * strength, offset_px=offset) - 120.0
     together = np.asarray(picture() + ghost, dtype=np.float32)

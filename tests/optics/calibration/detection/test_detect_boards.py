@@ -1,4 +1,4 @@
-"""Whole frames: boards by their mirrors, in any order of work, and from the cache."""
+"""Detection in complete frames: boards by mirror, by any number of threads, and from the cache."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ PLAIN = Checkerboard(cols=8, rows=6, square_mm=10.0)
 
 
 def tilted(tilt_deg: float) -> Layout:
-    """The nominal layout with each mirror tilted by this much, every one another way."""
+    """Return the nominal layout with each mirror tilted by this angle, in different directions."""
     mirrors = tuple(
         mirror.moved(
             Rotation.from_rotvec(
@@ -69,7 +69,7 @@ def charuco_frame() -> tuple[Grey, FloatArray]:
 def test_mirrors_tilted_by_two_degrees_show_corners_exactly(charuco_frame: tuple[Grey, FloatArray]) -> None:
     grey, truth = charuco_frame
     moved = truth - [NOMINAL.project(_points(), i) for i in range(4)]
-    assert np.nanmedian(np.linalg.norm(moved, axis=2)) > 30.0  # what the tilt does to the picture
+    assert np.nanmedian(np.linalg.norm(moved, axis=2)) > 30.0  # how far the tilt moves the picture
     seen = sub_images(grey, NOMINAL, BOARD).corners
     assert (np.bincount(seen.view, minlength=4) > 60).all()
     assert errors(seen, truth).max() < 0.1
@@ -80,7 +80,7 @@ def _points() -> FloatArray:
     return transform(pose, BOARD.corners_in_board_mm)
 
 
-def test_a_part_of_the_board_in_a_corner_of_a_mirror_is_given_to_that_mirror() -> None:
+def test_a_part_of_the_board_in_a_corner_of_a_mirror_is_assigned_to_that_mirror() -> None:
     grey, truth = frame(BOARD, (0.0, 10.0, 3.0), (-110.0, 300.0, 130.0))
     seen = sub_images(grey, NOMINAL, BOARD).corners
     assert (np.bincount(seen.view, minlength=4) > 10).all()
@@ -89,14 +89,14 @@ def test_a_part_of_the_board_in_a_corner_of_a_mirror_is_given_to_that_mirror() -
 
 def test_glare_and_an_occluder_hide_corners_and_do_not_move_others(charuco_frame: tuple[Grey, FloatArray]) -> None:
     grey, truth = charuco_frame
-    whole = sub_images(grey, NOMINAL, BOARD).corners
+    complete = sub_images(grey, NOMINAL, BOARD).corners
     spoilt = grey.astype(np.float32)
     y, x = np.mgrid[:540, :960]
     for u, v, size in ((200.0, 150.0, 25.0), (650.0, 400.0, 40.0)):
         spoilt += 400.0 * np.exp(-((x - u) ** 2 + (y - v) ** 2) / (2.0 * size**2))
     cv2.rectangle(spoilt, (100, 380), (260, 430), (90.0,), -1)
     seen = sub_images(np.clip(spoilt, 0, 255).astype(np.uint8), NOMINAL, BOARD).corners
-    assert 0.6 * len(whole) < len(seen) < 0.97 * len(whole)
+    assert 0.6 * len(complete) < len(seen) < 0.97 * len(complete)
     assert errors(seen, truth).max() < 0.3
     hidden = (seen.pixels > [104, 384]).all(axis=1) & (seen.pixels < [256, 426]).all(axis=1)
     assert not hidden.any()
@@ -120,14 +120,14 @@ def test_boards_of_mirrors_that_the_layout_lacks_are_counted(charuco_frame: tupl
     assert np.abs(seen.unassigned_px - np.nanmean(truth[3], axis=0)).max() < 40.0  # some of its corners are hidden
 
 
-def test_no_board_no_corners() -> None:
+def test_without_a_board_no_corners_are_found() -> None:
     noise = np.random.default_rng(0).integers(0, 255, (540, 960), dtype=np.uint8)
     for picture in (noise, np.zeros((540, 960), np.uint8), np.full((540, 960), 255, np.uint8)):
         assert len(sub_images(picture, NOMINAL, BOARD).corners) == 0
         assert len(direct_view(picture, BOARD)) == 0
 
 
-def test_frames_come_in_order_whatever_works_and_from_the_cache(
+def test_frames_come_in_order_for_any_number_of_threads_and_from_the_cache(
     charuco_frame: tuple[Grey, FloatArray], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     blank = np.zeros((540, 960), np.uint8)
@@ -151,7 +151,7 @@ def test_frames_come_in_order_whatever_works_and_from_the_cache(
 
     monkeypatch.setattr("mirrorcam.optics.calibration.detection.detect_boards.find_boards", not_again)
     same(alone, detect_frames(iter(frames), NOMINAL, BOARD, mirrored=True, folder=tmp_path))
-    # All that decides what is found: the board, the device and the programs.
+    # Detections depend on the board, the device and the programs.
     other = BOARD.replaced(square_mm=15.0)
     with pytest.raises(AssertionError, match="looked for"):
         detect_frames(iter(frames), NOMINAL, other, mirrored=True, folder=tmp_path)

@@ -1,4 +1,4 @@
-"""What was found in a picture comes back as it was found, or not at all."""
+"""Detections are loaded as they were saved, or not at all."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ GRID = {
 }
 
 
-def test_the_name_follows_pixels_shape_and_board() -> None:
+def test_the_name_depends_on_pixels_shape_and_board() -> None:
     name = detection_cache.name_of(GREY, BOARD, 0)
     assert name == detection_cache.name_of(GREY.copy(), BOARD, 0)
     others = (
@@ -46,7 +46,7 @@ def loaded(folder: Path) -> DetectedFrame | None:
     return detection_cache.load(Results(folder), "a", views=2, corners=5)
 
 
-def test_what_was_kept_comes_back(tmp_path: Path) -> None:
+def test_saved_detections_are_loaded(tmp_path: Path) -> None:
     seen = Observations(np.zeros(2, np.int64), np.array([0, 1]), np.array([3, 4]), np.array([[1.5, 2.0], [3.0, 4.25]]))
     assert loaded(tmp_path) is None
     corners = Corners(np.arange(3), GRID["grid_pixels"])
@@ -84,12 +84,12 @@ def test_what_was_kept_comes_back(tmp_path: Path) -> None:
         {"grid_limits": np.zeros((2, 2))},
     ],
 )
-def test_what_somebody_else_put_there_is_found_anew(arrays: dict[str, Any], tmp_path: Path) -> None:
+def test_invalid_content_is_ignored(arrays: dict[str, Any], tmp_path: Path) -> None:
     right: dict[str, Any] = {"view": np.array([0, 1]), "corner": np.array([3, 4]), "pixels": np.ones((2, 2))}
     right |= {"sigma_px": np.ones(2), "unassigned": np.empty((0, 2))} | GRID
-    for content, whole in ((right, True), (right | arrays, False)):
+    for content, valid in ((right, True), (right | arrays, False)):
         stream = io.BytesIO()
         np.savez_compressed(stream, **content)
         kept = {"frame.npz": stream.getvalue()}
         Results(tmp_path).put("a", program_of(detection_cache.CODE), kept)
-        assert (loaded(tmp_path) is not None) == whole
+        assert (loaded(tmp_path) is not None) == valid

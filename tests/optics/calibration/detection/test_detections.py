@@ -1,4 +1,4 @@
-"""Numberings of a part of a board: the right one is always among them, and no other that colours or ends exclude."""
+"""Numberings of a part of a board: the right one, and no other that colours or ends exclude."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ BOARDS = [ODD, EVEN, SQUARE]
 def part(
     target: Checkerboard, rows: slice, cols: slice, turn: int, *, mirrored: bool, ends: bool = False
 ) -> tuple[SeenGrid, NDArray[np.int64]]:
-    """A part of a board as a picture shows it, turned by quarters, with its true ids."""
+    """Return a part of a board as a picture shows it, rotated by quarter turns, with its true ids."""
     ids = np.arange((target.rows - 1) * (target.cols - 1)).reshape(target.rows - 1, -1)[rows, cols].ravel()
     row, col = np.divmod(ids, target.cols - 1)
     seen = np.stack([-col if mirrored else col, row], axis=1)
@@ -31,8 +31,8 @@ def part(
     places[:, 0] += (places[0].sum() % 2 == 0) != white[0]
     limits = np.array([[-np.inf, -np.inf], [np.inf, np.inf]])
     if ends:
-        whole = np.stack(np.meshgrid([0, target.cols - 2], [0, target.rows - 2]), axis=-1).reshape(-1, 2)
-        box = (whole * [-1 if mirrored else 1, 1]) @ np.linalg.matrix_power(np.array([[0, 1], [-1, 0]]), turn)
+        complete = np.stack(np.meshgrid([0, target.cols - 2], [0, target.rows - 2]), axis=-1).reshape(-1, 2)
+        box = (complete * [-1 if mirrored else 1, 1]) @ np.linalg.matrix_power(np.array([[0, 1], [-1, 0]]), turn)
         at = (pixels / 20.0).astype(np.int64)
         limits[0][at.min(axis=0) == box.min(axis=0)] = places.min(axis=0)[at.min(axis=0) == box.min(axis=0)]
         limits[1][at.max(axis=0) == box.max(axis=0)] = places.max(axis=0)[at.max(axis=0) == box.max(axis=0)]
@@ -42,7 +42,7 @@ def part(
 @pytest.mark.parametrize("target", BOARDS)
 @pytest.mark.parametrize("mirrored", [False, True])
 @pytest.mark.parametrize("turn", range(4))
-def test_a_whole_board_has_one_numbering_or_two(target: Checkerboard, *, mirrored: bool, turn: int) -> None:
+def test_a_complete_board_has_one_numbering_or_two(target: Checkerboard, *, mirrored: bool, turn: int) -> None:
     grid, ids = part(target, np.s_[:], np.s_[:], turn, mirrored=mirrored)
     found = [corners.ids.tolist() for corners in grid.numberings(target, mirrored=mirrored)]
     assert ids.tolist() in found
@@ -52,7 +52,7 @@ def test_a_whole_board_has_one_numbering_or_two(target: Checkerboard, *, mirrore
 
 
 @pytest.mark.parametrize("mirrored", [False, True])
-def test_colours_tell_a_mirrored_board_of_even_sides(*, mirrored: bool) -> None:
+def test_colours_identify_a_mirrored_board_of_even_sides(*, mirrored: bool) -> None:
     grid, _ = part(EVEN, np.s_[:], np.s_[:], 1, mirrored=mirrored)
     assert grid.numberings(EVEN, mirrored=not mirrored) == []
     grid, _ = part(ODD, np.s_[:], np.s_[:], 1, mirrored=mirrored)
@@ -79,14 +79,14 @@ def test_ends_number_a_part(turn: int, *, mirrored: bool) -> None:
     grid, ids = part(ODD, np.s_[:3], np.s_[:], turn, mirrored=mirrored, ends=True)
     (corners,) = grid.numberings(ODD, mirrored=mirrored)
     assert corners.ids.tolist() == ids.tolist()
-    # A black square at the board's corner, which has two of them: those of the same side, turned by a quarter.
+    # The board has black squares at two corners, on the same side, a quarter turn apart.
     grid, ids = part(ODD, np.s_[:4], np.s_[2:], turn, mirrored=mirrored, ends=True)
     found = [corners.ids.tolist() for corners in grid.numberings(ODD, mirrored=mirrored)]
     assert len(found) == 2
     assert ids.tolist() in found
 
 
-def test_a_larger_board_has_none() -> None:
+def test_a_larger_board_has_no_numbering() -> None:
     grid, _ = part(EVEN, np.s_[:], np.s_[:], 0, mirrored=False)
     assert grid.numberings(ODD, mirrored=False) == []
     assert grid.extent == (7, 5)
@@ -94,7 +94,7 @@ def test_a_larger_board_has_none() -> None:
 
 
 @pytest.mark.parametrize("turn", range(4))
-def test_a_grid_in_a_mirror_is_that_of_the_print(turn: int) -> None:
+def test_a_grid_in_a_mirror_is_unmirrored(turn: int) -> None:
     grid, ids = part(ODD, np.s_[:3], np.s_[2:], turn, mirrored=True, ends=True)
     found = {tuple(corners.ids.tolist()) for corners in grid.as_printed.numberings(ODD, mirrored=False)}
     assert tuple(ids.tolist()) in found
@@ -103,24 +103,24 @@ def test_a_grid_in_a_mirror_is_that_of_the_print(turn: int) -> None:
     assert found == {tuple(corners.ids.tolist()) for corners in moved.numberings(ODD, mirrored=False)}
 
 
-def test_parts_together_are_numbered_where_each_alone_is_not() -> None:
+def test_parts_are_numbered_jointly_but_not_alone() -> None:
     left, _ = part(ODD, np.s_[:], np.s_[:4], 0, mirrored=False, ends=True)
     right, ids = part(ODD, np.s_[:], np.s_[2:], 0, mirrored=False)
-    whole = SeenGrid.together([left.where(left.places[:, 1] < left.places[:, 1].max()), right])
-    numbered = [corners.ids[-len(ids) :].tolist() for corners in whole.numberings(ODD, mirrored=False)]
+    complete = SeenGrid.join([left.where(left.places[:, 1] < left.places[:, 1].max()), right])
+    numbered = [corners.ids[-len(ids) :].tolist() for corners in complete.numberings(ODD, mirrored=False)]
     assert numbered == [ids.tolist()]
 
 
-def test_an_end_that_another_view_goes_beyond_is_none() -> None:
+def test_an_end_contradicted_by_another_view_is_dropped() -> None:
     left, _ = part(ODD, np.s_[:], np.s_[:3], 0, mirrored=False)
     false_end = SeenGrid(left.places, left.corners, np.array([[-np.inf, -np.inf], left.places.max(axis=0)]))
     right, _ = part(ODD, np.s_[:], np.s_[1:], 0, mirrored=False)
-    assert np.isinf(SeenGrid.together([false_end, right]).limits[1, 0])
-    assert np.isfinite(SeenGrid.together([false_end]).limits[1, 0])
+    assert np.isinf(SeenGrid.join([false_end, right]).limits[1, 0])
+    assert np.isfinite(SeenGrid.join([false_end]).limits[1, 0])
 
 
 @pytest.mark.parametrize("middles", [np.zeros(2), np.zeros((1, 3)), np.array([[0.0, np.nan]])])
-def test_what_is_no_place_in_a_picture_is_refused(middles: FloatArray) -> None:
+def test_places_that_are_not_finite_are_refused(middles: FloatArray) -> None:
     with pytest.raises(ValueError, match=r"expected \(k, 2\) of finite numbers"):
         DetectedFrame(Observations.none(), middles)
 

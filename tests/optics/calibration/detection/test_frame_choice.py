@@ -1,4 +1,4 @@
-"""The frames of a video that are used: sharp ones, of all parts of it, that show different places and poses."""
+"""Selection of sharp frames from all parts of a video, with different places and poses."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
-from mirrorcam.optics.calibration.detection.frame_choice import SharpestFrames, SharpFrame, most_telling
+from mirrorcam.optics.calibration.detection.frame_choice import SharpestFrames, SharpFrame, most_informative
 from mirrorcam.optics.calibration.solver.observations import Corners
 from mirrorcam.optics.geometry.targets import Checkerboard
 
@@ -20,8 +20,8 @@ def blurred(sigma_px: float) -> Grey:
 
 
 @pytest.mark.parametrize("frames", [1, 7, 8, 50, 137])
-def test_each_stretch_gives_its_sharpest_frame(frames: int) -> None:
-    """Every fifth frame is sharp; no more than eight are kept, from all of the video, and only sharp ones of many."""
+def test_each_section_contributes_its_sharpest_frame(frames: int) -> None:
+    """Every fifth frame is sharp; at most eight sharp frames are kept, from all parts of the video."""
     kept = SharpestFrames(8)
     for number in range(frames):
         kept.add(SharpFrame.of(number, blurred(0.5 if number % 5 == 3 else 2.0)))
@@ -41,7 +41,7 @@ def test_a_picture_is_less_sharp_the_more_it_is_blurred() -> None:
 
 
 def seen(x: float, y: float, turn_deg: float, size: float = 1.0, shortened: float = 1.0) -> Corners:
-    """A board at a place, turned and scaled in the picture, and shortened along its rows."""
+    """Return a board at a place, rotated and scaled in the picture, and foreshortened along its rows."""
     drawn = (BOARD[:, :2] - BOARD[:, :2].mean(axis=0)) * [shortened, 1.0] * size
     angle = np.radians(turn_deg)
     turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
@@ -58,11 +58,11 @@ def test_frames_that_show_something_else_are_preferred() -> None:
         [seen(200, 200, 3.0, shortened=0.5)],
     ]
     frames = [*still[:10], *moving, *still[10:], []]
-    chosen = most_telling(frames, BOARD, width_px=640, most=6)
+    chosen = most_informative(frames, BOARD, width_px=640, most=6)
     assert len(chosen) == 6
     assert set(range(10, 15)) < set(chosen)
 
 
 def test_frames_without_a_board_are_never_chosen() -> None:
     few = Corners(np.arange(3), seen(100, 100, 0.0).pixels[:3])
-    assert most_telling([[], [seen(300, 200, 0.0)], [few]], BOARD, width_px=640, most=5) == [1]
+    assert most_informative([[], [seen(300, 200, 0.0)], [few]], BOARD, width_px=640, most=5) == [1]

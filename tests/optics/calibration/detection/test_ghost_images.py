@@ -1,4 +1,4 @@
-"""Ghost images beside corners in second-surface mirrors: where the plate puts them, and as strong."""
+"""Ghost images of corners in second-surface mirrors: their offsets and strengths follow from the plate."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def corners_in(frames: PlateFrames, number: int) -> list[tuple[int, Corners]]:
     return [(view, Corners(seen.corner[seen.view == view], seen.pixels[seen.view == view])) for view in views]
 
 
-def test_ghost_images_are_where_the_plate_puts_them_and_as_strong(plate_frames: PlateFrames) -> None:
+def test_ghost_images_have_the_offset_and_strength_of_the_plate(plate_frames: PlateFrames) -> None:
     factors = []
     camera = plate_frames.layout.camera
     for number, (picture, pose) in enumerate(zip(plate_frames.pictures, plate_frames.rig_from_board, strict=True)):
@@ -36,7 +36,7 @@ def test_ghost_images_are_where_the_plate_puts_them_and_as_strong(plate_frames: 
             assert ghosts is not None
             assert 0.03 < ghosts.strengths[:, :2].min() < ghosts.strengths.max() < 0.12
             np.testing.assert_allclose(ghosts.strengths[:, 2], ghosts.strengths[:, 1] ** 2)
-            # One before and one behind the picture, across the mirror's own slope, by about the same.
+            # One on each side of the picture along the mirror's slope, at about the same distance.
             before, behind, further = np.moveaxis(ghosts.offsets_px, 1, 0)
             assert np.abs(further - 2.0 * behind).max() < 0.2
             assert np.abs(before + behind).max() < 0.1
@@ -47,7 +47,7 @@ def test_ghost_images_are_where_the_plate_puts_them_and_as_strong(plate_frames: 
             _, seen = ghosted.fitted(light, BOARD)[0].fitted(light, BOARD, fit_encoding=True)
             assert seen.ghost_strengths.shape == (len(ghosted), 3)
             factors.append(np.median(seen.ghost_strengths, axis=0))
-    # As strong as Fresnel's equations say, and no stronger on white than on black, as this camera shows light itself.
+    # Fresnel's strength, the same on white and on black, because this camera is linear.
     assert np.abs(np.median(factors, axis=0) - [1.0, 1.0, 0.0]).max() < 0.2
 
 
@@ -55,20 +55,20 @@ def test_corners_whose_ghost_image_may_end_at_the_mirrors_edge_are_left_out(plat
     pose, camera = plate_frames.rig_from_board[0], plate_frames.layout.camera
     mirror, corners = corners_in(plate_frames, 0)[0]
     plate = plate_frames.layout.mirrors[mirror]
-    whole = ghosted_view(corners, pose, camera, plate, BOARD)
-    assert whole is not None
+    complete = ghosted_view(corners, pose, camera, plate, BOARD)
+    assert complete is not None
     outline = plate.outline_in_rig_mm
     middle = outline.mean(axis=0)
     smaller = ghosted_view(
         corners, pose, camera, plate.replaced(outline_in_rig_mm=middle + 0.7 * (outline - middle)), BOARD
     )
     assert smaller is not None
-    assert set(smaller.ids) < set(whole.ids) <= set(corners.ids)
+    assert set(smaller.ids) < set(complete.ids) <= set(corners.ids)
     tiny = plate.replaced(outline_in_rig_mm=middle + 0.01 * (outline - middle))
     assert ghosted_view(corners, pose, camera, tiny, BOARD) is None
 
 
-def test_some_corners_of_a_view_are_from_all_over_it(plate_frames: PlateFrames) -> None:
+def test_selected_corners_are_spread_over_the_view(plate_frames: PlateFrames) -> None:
     mirror, corners = corners_in(plate_frames, 0)[0]
     plate = plate_frames.layout.mirrors[mirror]
     view = ghosted_view(corners, plate_frames.rig_from_board[0], plate_frames.layout.camera, plate, BOARD)
@@ -100,13 +100,13 @@ def refined(
 def test_the_ghost_of_the_front_moves_no_corner(plate_frames: PlateFrames, detected: list[Observations]) -> None:
     seen = refined(plate_frames, detected, plate_frames.pictures, plate_frames.layout)
     assert np.abs(mean_errors(seen, plate_frames.corners_px)).max() < 0.004
-    # What it would do to them: along the plane of incidence, in all mirrors the same way.
+    # Its effect would lie along the plane of incidence, in the same direction in all mirrors.
     assert (mean_errors(detected, plate_frames.corners_px)[:, 1] > 0.015).all()
     assert sum(map(len, seen)) > 0.7 * sum(map(len, detected))
 
 
 @pytest.mark.parametrize("gamma", [1.8, 2.2])
-def test_a_camera_that_encodes_light_moves_none_either(
+def test_nor_with_a_camera_that_encodes_light(
     plate_frames: PlateFrames, detected: list[Observations], gamma: float
 ) -> None:
     encoded = [np.rint(in_light(picture, 1.0 / gamma)).astype(np.uint8) for picture in plate_frames.pictures]

@@ -1,4 +1,4 @@
-"""Numbering of parts by all views together, on corners projected by mirrors that are tilted by up to two degrees."""
+"""Joint numbering of parts from all views, on corners projected by mirrors tilted by up to two degrees."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.detection.detections import FLIP, TURNS, DetectedFrame, SeenGrid
-from mirrorcam.optics.calibration.detection.joint_numbering import numbered_together
+from mirrorcam.optics.calibration.detection.joint_numbering import number_jointly
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Corners, IntArray, Observations
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
@@ -33,7 +33,7 @@ UNKNOWN = np.array([[-np.inf, -np.inf], [np.inf, np.inf]])
 
 
 def seen_part(ids: IntArray, pixels: FloatArray, random: np.random.Generator) -> SeenGrid:
-    """A grid of coordinates of its own, as a picture through a mirror shows it."""
+    """Return a grid with its own coordinates, as seen in a picture through a mirror."""
     row, col = np.divmod(ids, BOARD.cols - 1)
     printed = np.stack([col, row], axis=1)
     turn = int(random.integers(4))
@@ -45,7 +45,7 @@ def seen_part(ids: IntArray, pixels: FloatArray, random: np.random.Generator) ->
 
 @lru_cache
 def frames(count: int, *, cut: float) -> tuple[list[DetectedFrame], list[dict[int, IntArray]], list[DetectedFrame]]:
-    """Frames of which each mirror shows the corners well inside its sub-image, none numbered; ids; other pictures."""
+    """Return frames with the unnumbered corners well inside each sub-image, their ids, and other pictures."""
     random = np.random.default_rng(0)
     detected, truth = [], []
     for _ in range(count):
@@ -73,11 +73,11 @@ def frames(count: int, *, cut: float) -> tuple[list[DetectedFrame], list[dict[in
     return detected, truth, base
 
 
-def test_parts_that_no_view_alone_can_number_are_numbered_together() -> None:
+def test_parts_that_no_view_alone_can_number_are_numbered_jointly() -> None:
     detected, truth, base = frames(8, cut=0.7)
     alone = [len(grid.numberings(BOARD, mirrored=True)) == 1 for frame in detected for _, grid in frame.grids]
     assert sum(alone) < 0.35 * len(alone)
-    found = numbered_together(detected, base, NOMINAL, BOARD)
+    found = number_jointly(detected, base, NOMINAL, BOARD)
     complete = 0
     for frame, ids in zip(found, truth, strict=True):
         for mirror in np.unique(frame.corners.view):
@@ -86,24 +86,24 @@ def test_parts_that_no_view_alone_can_number_are_numbered_together() -> None:
     assert complete >= 5
 
 
-def test_what_stays_ambiguous_is_left_out() -> None:
-    """Small parts in the middle of the board, which may be anywhere on it."""
+def test_ambiguous_parts_are_left_out() -> None:
+    """Small parts in the middle of the board fit anywhere on it."""
     detected, _, base = frames(8, cut=0.35)
-    assert not any(len(frame.corners) for frame in numbered_together(detected, base, NOMINAL, BOARD))
+    assert not any(len(frame.corners) for frame in number_jointly(detected, base, NOMINAL, BOARD))
 
 
 def test_few_frames_number_nothing() -> None:
     detected, _, base = frames(8, cut=0.7)
-    assert not any(len(frame.corners) for frame in numbered_together(detected[:3], base, NOMINAL, BOARD))
+    assert not any(len(frame.corners) for frame in number_jointly(detected[:3], base, NOMINAL, BOARD))
 
 
 def test_a_frame_that_contradicts_itself_is_left_out() -> None:
-    """Its views together are larger than the board that is stated."""
+    """Its views jointly cover more than the stated board."""
     detected, _, _ = frames(8, cut=0.7)
     smaller = BOARD.replaced(cols=11, rows=8)
     corners = Observations.of_view(0, 0, np.arange(6), np.arange(12.0).reshape(6, 2))
     frames_of = [DetectedFrame(corners, grids=frame.grids) for frame in detected]
-    found = numbered_together(frames_of, [], NOMINAL, smaller)
+    found = number_jointly(frames_of, [], NOMINAL, smaller)
     assert sum(len(frame.corners) == 0 for frame in found) >= 5
 
 
@@ -111,4 +111,4 @@ def test_a_frame_that_contradicts_itself_is_left_out() -> None:
 def test_frames_without_grids_are_returned_as_they_are(grids: tuple[()] | None) -> None:
     frame = DetectedFrame(Observations.of_view(0, 0, np.arange(6), np.arange(12.0).reshape(6, 2)))
     several = [frame] if grids is None else [frame, DetectedFrame(Observations.none(), grids=grids)]
-    assert numbered_together(several, [], NOMINAL, BOARD) == several
+    assert number_jointly(several, [], NOMINAL, BOARD) == several

@@ -1,4 +1,4 @@
-"""The side of a board's markers is measured in pictures, whatever side is stated."""
+"""The side of a board's markers is measured in pictures, independent of the stated one."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def test_columns_are_read(board: Sheet | Charuco, columns: int, *, mirrored: boo
     place = np.array([0.0, 350.0, 80.0]) if mirrored else np.array([0.0, 0.0, 320.0])
     pose = posed(board, place, np.array([12.0, -10.0, 30.0]), direct=not mirrored)
     picture = render(CAMERA, one_mirror() if mirrored else None, board, pose, noise_grey=2.0)
-    # Of the target, only what its markers are like counts.
+    # Only the kind of markers is taken from the target.
     target = GRID.replaced(cols=3, rows=8) if isinstance(board, Sheet) else board.replaced(cols=12, rows=4)
     likely, steps = steps_in(picture, target, mirrored=mirrored).likely
     highest = steps.highest
@@ -75,14 +75,14 @@ def test_columns_are_read(board: Sheet | Charuco, columns: int, *, mirrored: boo
     # The last row of squares lies beyond the inner corners.
     rows = (2 * highest + 1) // columns + 1 + steps.follows
     assert rows.max() <= (8 if isinstance(board, Sheet) else board.rows)
-    # Corners of markers hide some of a ChArUco board's own.
+    # Corners of markers hide some of a ChArUco board's corners.
     assert len(highest) >= (12 if isinstance(board, Sheet) else 1)
     last = 23 if isinstance(board, Sheet) else board.cols * board.rows // 2 - 1
     assert columns <= highest.min() <= highest.max() <= last
     assert len(steps_in(picture, target, mirrored=not mirrored).likely[1].highest) < 3
 
 
-def test_what_no_half_of_the_pairs_says_is_not_likely() -> None:
+def test_a_layout_without_half_of_the_pairs_is_unlikely() -> None:
     steps = Steps(np.array([4, 4, 7, 9]), np.arange(4), np.zeros(4, np.int64))
     assert steps.likely[0] == 0
     more = Steps(*np.array([[4, 4, 7, 9, 4], [0, 1, 2, 3, 9], [0, 0, 0, 0, 1]]))
@@ -105,7 +105,7 @@ def test_only_the_right_numbering_explains_all_neighbours(cols: int, rows: int, 
     slanted = int((pairs.by[:, 0] != 0).sum())
     white = not board.black[0, 0]
     assert pairs.explained(cols, 11, white_first=white) == slanted
-    # With an odd number of columns, only pairs where a row ends tell the patterns apart.
+    # With an odd number of columns, only pairs at the ends of rows distinguish the patterns.
     assert pairs.explained(cols, 11, white_first=not white) <= (slanted - (rows - 1) if cols % 2 else 0)
     for phase in range(1, cols):
         assert pairs.explained(cols, 11 + phase, white_first=white) < slanted

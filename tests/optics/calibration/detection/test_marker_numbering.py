@@ -33,7 +33,7 @@ def drawn(*, blur_px: float) -> Image:
 
 
 def part(cols: slice, rows: slice, turn: int) -> tuple[SeenGrid, np.ndarray]:
-    """A grid of corners with coordinates of its own, and their true ones."""
+    """Return a grid of corners with its own coordinates, and their true ones."""
     x, y = np.meshgrid(np.arange(11)[cols], np.arange(8)[rows])
     true = np.stack([x.ravel(), y.ravel()], axis=1)
     by = np.array([5, -3])
@@ -52,7 +52,7 @@ def test_a_part_is_numbered(turn: int, blur_px: float) -> None:
         np.testing.assert_array_equal(found.places, true)
 
 
-def test_what_shows_no_markers_of_the_board_is_not_numbered() -> None:
+def test_a_part_without_markers_of_the_board_is_not_numbered() -> None:
     grid, _ = part(np.s_[2:7], np.s_[3:7], 0)
     other = BOARD.replaced(dictionary="DICT_4X4_1000").opencv.getDictionary()
     codes = np.array([other.generateImageMarker(n + 700, 6, borderBits=1)[1:-1, 1:-1] > 0 for n in range(len(WHITE))])

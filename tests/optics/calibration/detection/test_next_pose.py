@@ -1,4 +1,4 @@
-"""What the next picture should show, asked for after one picture after the other."""
+"""The recommended pose for the next picture, after each picture."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ BOARD = Charuco(cols=16, rows=11, square_mm=10.0, marker_mm=6.25)
 
 
 def shown_in(layout: Layout, target: Target, pose: FloatArray, *, but: int | None = None) -> Observations:
-    """The corners of a pose, as every mirror (but one) shows them."""
+    """Return the corners at a pose in every mirror (but one)."""
     parts = []
     points = transform(pose, target.corners_in_board_mm)
     for index in range(len(layout.mirrors)):
@@ -63,7 +63,7 @@ def after(planner: NextPosePlanner, picture: Observations) -> NextPose:
 
 @pytest.fixture(scope="module")
 def followed() -> tuple[list[NextPose], list[Observations]]:
-    """A session of eight pictures by the planner: its advice, once more than followed, and what the pictures show."""
+    """Return nine hints of the planner and the corners in the eight pictures that follow them."""
     planner = NextPosePlanner.designed(LAYOUT, BOARD)
     advised, seen = [planner.next()], []
     for _ in range(8):
@@ -73,7 +73,7 @@ def followed() -> tuple[list[NextPose], list[Observations]]:
 
 
 @pytest.mark.slow
-def test_who_follows_the_hints_needs_fewer_pictures(followed: tuple[list[NextPose], list[Observations]]) -> None:
+def test_following_the_hints_needs_fewer_pictures(followed: tuple[list[NextPose], list[Observations]]) -> None:
     advised, _ = followed
     worst = [float(hint.sigma_deg.max()) for hint in advised]
     assert worst == sorted(worst, reverse=True)
@@ -81,7 +81,7 @@ def test_who_follows_the_hints_needs_fewer_pictures(followed: tuple[list[NextPos
     assert len({hint.tilt_deg for hint in advised}) >= 3
     assert len({hint.depth_mm for hint in advised}) >= 2
     for hint, following in pairwise(advised):
-        # The pose is found again from the corners, the promise holds up to how exactly it is.
+        # The pose is estimated from the corners, so that the prediction holds up to its error.
         assert following.sigma_deg == pytest.approx(hint.predicted_deg, rel=0.02)
     random, by_chance = np.random.default_rng(4), []
     poses = [pose for pose, _, _ in poses_of(LAYOUT, BOARD)]
@@ -93,7 +93,7 @@ def test_who_follows_the_hints_needs_fewer_pictures(followed: tuple[list[NextPos
     assert worst[-1] < 0.85 * min(by_chance)
 
 
-def test_it_is_enough_when_every_mirror_is_known() -> None:
+def test_pictures_suffice_when_every_mirror_is_determined() -> None:
     planner, pictures = NextPosePlanner.designed(LAYOUT, BOARD), 0
     hint = planner.next()
     while not hint.enough:
@@ -106,7 +106,7 @@ def test_it_is_enough_when_every_mirror_is_known() -> None:
     assert hint.sentence.startswith("enough: every mirror within ±0.0")
 
 
-def test_deviations_are_those_of_the_solver(followed: tuple[list[NextPose], list[Observations]]) -> None:
+def test_standard_deviations_match_the_solver(followed: tuple[list[NextPose], list[Observations]]) -> None:
     advised, seen = followed
     observations = Observations.join([picture.shifted(frame) for frame, picture in enumerate(seen)])
     poses = np.array([hint.rig_from_board for hint in advised[:-1]])
@@ -114,7 +114,7 @@ def test_deviations_are_those_of_the_solver(followed: tuple[list[NextPose], list
     noisy = Observations(observations.frame, observations.view, observations.corner, observations.pixels + noise)
     board = Board.rigid(BOARD.corners_in_board_mm)
     start = Estimate.of(CAMERA, LAYOUT.mirrors, poses)
-    # Intrinsics that the hint takes as known before to some per cent are held here, or free: it lies between.
+    # The hint's prior on the intrinsics lies between holding and freeing them, as done here.
     held, free = (
         fit(start, noisy, Model(names, thickness=False, curvature=False, board=board))
         for names in ((), CAMERA.intrinsic_names)
@@ -129,7 +129,7 @@ def test_deviations_are_those_of_the_solver(followed: tuple[list[NextPose], list
         assert 0.97 * sigma[0] < advised[-1].sigma_deg[index] < 1.03 * sigma[1]
 
 
-def test_a_mirror_that_shows_nothing_is_asked_for(followed: tuple[list[NextPose], list[Observations]]) -> None:
+def test_a_mirror_that_shows_nothing_is_requested(followed: tuple[list[NextPose], list[Observations]]) -> None:
     planner = NextPosePlanner.designed(LAYOUT, BOARD)
     for hint in followed[0][:-1]:
         last = after(planner, shown(hint.rig_from_board, but=2))
@@ -152,7 +152,7 @@ def test_a_picture_without_a_board_changes_nothing() -> None:
     assert np.array_equal(then.rig_from_board, before.rig_from_board)
 
 
-def test_words_say_which_edge_is_nearer(followed: tuple[list[NextPose], list[Observations]]) -> None:
+def test_words_name_the_nearer_edge(followed: tuple[list[NextPose], list[Observations]]) -> None:
     for hint in followed[0]:
         depth = transform(hint.rig_from_board, BOARD.corners_in_board_mm) @ LAYOUT.view_from_rig[2]
         grid = depth.reshape(BOARD.rows - 1, BOARD.cols - 1)
@@ -165,7 +165,7 @@ def test_words_say_which_edge_is_nearer(followed: tuple[list[NextPose], list[Obs
         assert {edge for edge in nearer if f"its {edge} edge" in hint.sentence} == {e for e, n in nearer.items() if n}
 
 
-def test_mirrors_beside_the_sensor_are_refused() -> None:
+def test_mirrors_off_the_sensor_are_refused() -> None:
     away = CAMERA.replaced(cx_px=5000.0)
     with pytest.raises(InputError, match="in no pose"):
         NextPosePlanner.designed(LAYOUT.replaced(camera=away), BOARD)

@@ -1,4 +1,4 @@
-"""Another board than the stated one, or a flipped picture, is recognised and named with its cause."""
+"""Boards other than the stated one, and flipped pictures, are recognised and named."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def test_a_checkerboard_of_another_size_is_named(stated: tuple[int, int], *, mir
     assert other_board(pictures(PLAIN, mirrored=mirrored), target, mirrored=mirrored, found=False) == said
 
 
-def test_a_checkerboard_that_was_found_is_none_smaller() -> None:
+def test_a_checkerboard_that_was_found_is_not_taken_for_a_smaller_one() -> None:
     shown = pictures(PLAIN, mirrored=False)
     higher = PLAIN.replaced(rows=7)
     assert other_board(shown, higher, mirrored=False, found=True) is None
@@ -137,7 +137,7 @@ def test_the_stated_aprilgrid_is_taken_and_flipped_ones_are_recognised(*, mirror
 def test_the_stated_board_is_taken(*, mirrored: bool, found: bool) -> None:
     shown = pictures(MARKED, mirrored=mirrored)
     assert other_board(shown, MARKED, mirrored=mirrored, found=found) is None
-    # The rest may be out of view.
+    # Other parts may be out of view.
     assert other_board(shown, MARKED.replaced(rows=9), mirrored=mirrored, found=found) is None
     blank = [np.full_like(shown[0], 60)]
     for target in (MARKED, PLAIN):
@@ -146,7 +146,7 @@ def test_the_stated_board_is_taken(*, mirrored: bool, found: bool) -> None:
 
 
 @pytest.mark.parametrize(("target", "mirrored"), [(PLAIN, False), (EVEN, True)])
-def test_the_stated_checkerboard_is_taken_where_it_does_not_fit(target: Checkerboard, *, mirrored: bool) -> None:
+def test_the_stated_checkerboard_is_kept_if_no_other_fits(target: Checkerboard, *, mirrored: bool) -> None:
     assert (
         other_board(pictures(target, mirrored=mirrored)[:1], target, mirrored=mirrored, found=True, fits=False) is None
     )
@@ -160,18 +160,18 @@ def test_flipped_pictures_are_recognised(*, mirrored: bool) -> None:
 
 
 @pytest.mark.parametrize("mirrored", [False, True])
-def test_flipped_pictures_of_a_checkerboard_are_recognised_where_its_colours_tell(*, mirrored: bool) -> None:
+def test_flipped_pictures_of_a_checkerboard_are_recognised_by_its_colours(*, mirrored: bool) -> None:
     said = other_board(flipped(EVEN, mirrored=mirrored)[:1], EVEN, mirrored=mirrored, found=False)
     assert said is not None
     assert said.startswith("the 8 x 6 checkerboard in the pictures has black where it should be white")
     assert SELFIE in said
 
 
-def test_what_a_flipped_picture_of_a_checkerboard_does_not_tell() -> None:
+def test_some_flipped_pictures_of_a_checkerboard_are_ambiguous() -> None:
     shown = flipped(EVEN, mirrored=False)[:1]
-    # It is that of the board with cols and rows exchanged.
+    # It equals the picture of the board with cols and rows exchanged.
     assert other_board(shown, EVEN.replaced(cols=6, rows=8), mirrored=False, found=False) is None
-    # Directly and in mirrors at once, half of the boards are mirrored anyway.
+    # With boards seen directly and in mirrors, half of them are mirrored anyway.
     assert other_board(shown, EVEN, mirrored=None, found=False) is None
     # With an odd number of columns or rows, a board looks the same in a mirror.
     assert other_board(flipped(PLAIN, mirrored=False)[:1], PLAIN, mirrored=False, found=False) is None
@@ -184,8 +184,8 @@ def test_another_dictionary_is_named(*, mirrored: bool) -> None:
     assert said == "the pictures show markers of DICT_5X5_50, board.toml says dictionary DICT_4X4_250"
 
 
-def test_one_row_less_than_another_renderer_printed_is_told(foreign_sets: Path) -> None:
-    """Its frames show so many markers that those of the last row, beside the inner corners, are not sought."""
+def test_a_missing_row_of_another_renderers_board_is_named(foreign_sets: Path) -> None:
+    """Its frames show so many markers that the last row, beyond the inner corners, is not searched."""
     target = load_board(foreign_sets / "a_ch" / "board.toml")
     shown = [read_image(path, grey=True) for path in sorted((foreign_sets / "a_ch" / "frames").iterdir())[:2]]
     found = other_board(shown, target.replaced(rows=target.rows - 1), mirrored=True, found=True)
@@ -212,7 +212,7 @@ def sized(cols: int, rows: int) -> Charuco:
 
 @DIRECT_OR_MIRRORED
 @pytest.mark.parametrize(("cols", "rows"), a_few(2, [(6, 6), (5, 8), (8, 6), (9, 6), (11, 8)]))
-def test_the_pattern_is_named_where_it_is_the_other_one(cols: int, rows: int, *, mirrored: bool) -> None:
+def test_the_other_pattern_is_named(cols: int, rows: int, *, mirrored: bool) -> None:
     new = sized(cols, rows)
     old = new.replaced(legacy=True)
     for board, other, said in ((new, old, "4.6 and later"), (old, new, "add legacy = true to board.toml")):
@@ -259,8 +259,8 @@ def test_other_numbers_are_named(first: int, *, mirrored: bool) -> None:
     assert "set first_marker = 0 there" in back
 
 
-def test_the_numbers_of_the_second_board_of_a_series_are_not_taken_for_the_old_pattern() -> None:
-    """Those of 8 x 5 squares begin half a pair of rows later, as those of the old pattern would."""
+def test_the_second_board_of_a_series_is_not_taken_for_the_old_pattern() -> None:
+    """The numbers of 8 x 5 squares begin half a pair of rows later, as in the old pattern."""
     board = sized(8, 5)
     said = other_markers(
         marked_pictures(board.replaced(first_marker=20), mirrored=False), board, mirrored=False, found=False
@@ -297,7 +297,7 @@ def test_another_dictionary_of_any_kind_is_named(name: str, *, mirrored: bool) -
     assert said == f"the pictures show markers of {name}, board.toml says dictionary DICT_4X4_50"
 
 
-def test_a_dictionary_with_the_same_markers_is_none_of_another_board(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_dictionary_with_the_same_markers_is_not_another_board(monkeypatch: pytest.MonkeyPatch) -> None:
     """A board of 24 markers is the same from DICT_4X4_50 and from DICT_4X4_250; pictures too poor once named either."""
     tried: set[str] = set()
 

@@ -1,4 +1,4 @@
-"""Outlines found where the picture changes, against those of the mirrors that made it."""
+"""Outlines of mirrors found in pictures, against the true ones."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from tests.optics.calibration.detection.mirror_frames import (
 SQUARE = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 3.0], [0.0, 3.0]])
 
 
-def test_mirrors_cut_and_glued_elsewhere_get_the_outlines_that_are_seen() -> None:
+def test_mirrors_cut_and_glued_with_errors_get_their_true_outlines() -> None:
     found, notes = outlined_in(MEANT, seen_in(frames(12)))
     for index in range(3):
         assert worst_px(MEANT, index) > 8.0
@@ -37,17 +37,17 @@ def test_mirrors_cut_and_glued_elsewhere_get_the_outlines_that_are_seen() -> Non
         f"mirror {name}: " in note and "moved there" in note
         for name, note in zip(MEANT.mirror_names, notes, strict=False)
     )
-    # As it was meant, and seen there: not moved by what a blurred edge leaves open.
+    # As designed, and seen there: it is not moved within the width of a blurred edge.
     assert found.mirrors[3] == MEANT.mirrors[3]
 
 
-def test_where_a_board_ends_the_mirror_does_not() -> None:
+def test_the_end_of_a_board_is_not_taken_for_the_mirrors() -> None:
     frames_of_boards = frames(8, MEANT, inner=BUILT)
     assert outlined_in(MEANT, seen_in(frames_of_boards)) == (MEANT, ())
     assert outlined_in(MEANT, seen_in(frames_of_boards[1::2]))[1], "the boards' own ends would be believed"
 
 
-def test_where_nothing_changes_nothing_is_moved() -> None:
+def test_without_an_edge_nothing_moves() -> None:
     assert outlined_in(MEANT, Extremes()) == (MEANT, ())
     assert outlined_in(MEANT, seen_in([np.full((1080, 1920), 90, np.uint8)] * 5)) == (MEANT, ())
     assert outlined_in(MEANT, seen_in(frames(3))) == (MEANT, ())
@@ -63,20 +63,18 @@ def widened(layout: Layout, index: int, *, left_px: float = 0.0, right_px: float
     )
 
 
-def test_an_outline_over_another_mirror_is_not_believed() -> None:
+def test_an_outline_over_another_mirror_is_rejected() -> None:
     seen = seen_in(frames(6, widened(MEANT, 0, right_px=30.0)))
-    # Mirror 1 is described where mirror 0 is seen, and too far off to be found in its own place.
+    # Mirror 1 is described at the place of mirror 0, too far from its own place to be found.
     wrong = widened(MEANT, 1, left_px=88.0)
     found, notes = outlined_in(wrong, seen)
     assert found == wrong
-    assert [note[: note.index(",")] for note in notes] == [
-        "mirror 0-0: 1 of 4 edges are seen up to 31 px beside their places"
-    ]
+    assert [note[: note.index(",")] for note in notes] == ["mirror 0-0: 1 of 4 edges are displaced by up to 31 px"]
     assert "not moved: " in notes[0]
     assert "outlines of mirrors 0-0 and 0-1 overlap" in notes[0]
 
 
-def test_a_mirror_waits_until_another_has_made_room() -> None:
+def test_a_mirror_moves_after_another_has_made_room() -> None:
     meant = widened(MEANT, 1, left_px=88.0)
     built = widened(widened(MEANT, 0, right_px=30.0), 1, left_px=58.0)
     with pytest.raises(InvalidValue, match="overlap"):
@@ -108,7 +106,7 @@ def test_a_bent_mirror_is_the_same_surface_about_its_new_middle() -> None:
         return CAMERA.project(mirror.image_of(points))
 
     assert seen(cut) == pytest.approx(seen(bent), abs=0.005)
-    # With the outline alone, the plane would touch the surface elsewhere.
+    # From the outline alone, the plane would touch the surface at another point.
     naive = bent.replaced(outline_in_rig_mm=bent.cut(cut.outline_normalized))
     assert np.abs(seen(naive) - seen(bent)).max() > 0.05
 
@@ -127,7 +125,7 @@ def as_second_surface(layout: Layout) -> Layout:
 
 
 @pytest.mark.slow
-def test_the_coating_of_second_surface_mirrors_is_moved_as_far_as_its_image() -> None:
+def test_the_coating_of_second_surface_mirrors_moves_with_its_image() -> None:
     meant, built = as_second_surface(MEANT), as_second_surface(BUILT)
     assert outlined_in(meant, seen_in(frames(6, meant))) == (meant, ())
     found, _ = outlined_in(meant, seen_in(frames(8, built)))
@@ -161,9 +159,9 @@ def test_a_side_moves_by_the_offsets_at_the_ends_of_another() -> None:
     assert (d - nx * 4.0) / ny == pytest.approx(-0.4)
 
 
-def test_a_first_surface_mirror_shows_the_scene_on_all_of_it_and_a_plate_on_less() -> None:
+def test_a_first_surface_mirror_shows_the_scene_up_to_its_edge_and_a_plate_does_not() -> None:
     mirror = MEANT.mirrors[0]
     np.testing.assert_array_equal(shown_in_plane_mm(mirror), mirror.apparent.outline_in_plane_mm)
     plate = mirror.replaced(surface="second", thickness_mm=2.0)
-    shown, whole = Polygon(shown_in_plane_mm(plate)), Polygon(plate.apparent.outline_in_plane_mm)
-    assert 0.8 * whole.area < shown.area < 0.99 * whole.area
+    shown, complete = Polygon(shown_in_plane_mm(plate)), Polygon(plate.apparent.outline_in_plane_mm)
+    assert 0.8 * complete.area < shown.area < 0.99 * complete.area

@@ -1,4 +1,4 @@
-"""A small mirror camera and corners of it that were never pictures, for tests of what a calibration claims."""
+"""A small mirror camera and simulated corners, for tests of a calibration's diagnostics."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class Scene:
 
 
 class Bowed(Charuco):
-    """A board whose corners are not where they are drawn: a sag of `warp_mm` along x at its edges."""
+    """A board that is bowed along x, with a sag of `warp_mm` at its edges."""
 
     warp_mm: float = 0.0
 
@@ -69,7 +69,7 @@ class Bowed(Charuco):
 
 
 def scene_of(truth: Layout, *, warp_mm: float = 0.0, mirrored: int = 10, direct: int = 5) -> Scene:
-    """Boards at several tilts, the board bowed along x by a sag of `warp_mm` at its edges."""
+    """Return boards at several tilts, bowed along x with a sag of `warp_mm` at the edges."""
     poses = [
         *mirrored_poses(BOARD, mirrored, tilt_deg=30, seed=1),
         *direct_poses(BOARD, direct, tilt_deg=30, seed=2),
@@ -118,7 +118,7 @@ def behind_glass(layout: Layout, thickness_mm: float) -> Layout:
 
 
 def bent(layout: Layout, sag_mm: float, seed: int = 5) -> Layout:
-    """The layout with every mirror bent to a sag of about `sag_mm` between its middle and its corners."""
+    """Return the layout with every mirror bent, with a sag of about `sag_mm` between middle and corners."""
     random = np.random.default_rng(seed)
     mirrors = []
     for mirror in layout.mirrors:

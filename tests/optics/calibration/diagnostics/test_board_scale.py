@@ -1,4 +1,4 @@
-"""A board whose size was stated in another unit is named as such, with the size that fits the mirrors."""
+"""A board size in a wrong unit is reported, with the size that fits the mirrors."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def pictures() -> list[Grey]:
 
 
 @pytest.mark.parametrize("factor", [0.001, 1 / 25.4, 0.1, 1.0, 10.0])
-def test_the_size_that_fits_is_found_from_any_stated_one(pictures: list[Grey], factor: float) -> None:
+def test_the_fitting_size_does_not_depend_on_the_stated_one(pictures: list[Grey], factor: float) -> None:
     ratio = size_ratio(pictures, LAYOUT, BOARD.replaced(square_mm=11.0 * factor))
     assert ratio is not None
     assert ratio * factor == pytest.approx(1.0, rel=0.06)
@@ -62,7 +62,7 @@ def test_another_unit_is_named(pictures: list[Grey]) -> None:
         calibrate(pictures, [], LAYOUT, target)
     other = other_size(pictures, LAYOUT, BOARD.replaced(square_mm=30.0))
     assert other is not None
-    assert "is either of them of another device?" in other
+    assert "for another device?" in other
 
 
 def test_the_right_size_and_pictures_without_a_board_are_not_doubted(pictures: list[Grey]) -> None:
@@ -78,7 +78,7 @@ def middle_and_outward(mirror: Mirror, number: int) -> tuple[FloatArray, FloatAr
 
 
 def edges_of(nominal: Layout, built: Layout, scale: float, random: np.random.Generator) -> list[dict[int, SeenEdge]]:
-    """Two thirds of the edges of a device, where frames show them if all lengths come out `scale` times as large."""
+    """Return two thirds of a device's edges as frames show them if all estimated lengths are scaled by `scale`."""
     found = []
     for mirror, true in zip(nominal.mirrors, built.mirrors, strict=True):
         expected = moved_to(mirror, scale * true.virtual_centre_in_rig_mm)
@@ -93,7 +93,7 @@ def edges_of(nominal: Layout, built: Layout, scale: float, random: np.random.Gen
 
 
 def sigmas_off(layout: Layout, scale: float, *, tolerances: float, with_edges: bool) -> FloatArray:
-    """How far the scale of random devices is from 1, in standard deviations; 0 where within what is never noted."""
+    """Deviation of random devices' scales from 1, in standard deviations; 0 within the tolerance of the note."""
     off = []
     for seed in range(DEVICES):
         random = np.random.default_rng(seed)
@@ -114,7 +114,7 @@ def test_no_device_is_taken_for_a_board_of_another_size(
 
 
 @pytest.mark.parametrize("scale", [0.95, 1.05])
-def test_squares_five_percent_wrong_are_found_where_edges_are_seen(fold_90_layout: Layout, scale: float) -> None:
+def test_squares_five_percent_wrong_are_found_if_edges_are_seen(fold_90_layout: Layout, scale: float) -> None:
     off = sigmas_off(fold_90_layout, scale, tolerances=1.0, with_edges=True)
     assert (np.abs(off) > ALARM_SIGMAS).all()
     assert (np.sign(off) == np.sign(scale - 1.0)).all()
@@ -156,7 +156,7 @@ def test_the_scale_is_noted_then_an_alarm_then_refused(fold_90_layout: Layout) -
         scale_doubt(fold_90_layout, 1.2 * centres, [], 20.0)
 
 
-def test_a_camera_that_sits_elsewhere_is_no_scale(fold_90_layout: Layout) -> None:
+def test_a_displaced_camera_does_not_change_the_scale(fold_90_layout: Layout) -> None:
     """A pupil moved by t moves every virtual centre by -2 (n.t) n, and the scale stays 1."""
     centres = fold_90_layout.virtual_centres_in_rig_mm
     normals = -centres / np.linalg.norm(centres, axis=1, keepdims=True)

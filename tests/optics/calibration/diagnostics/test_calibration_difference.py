@@ -36,12 +36,12 @@ CENTRES = np.array([[0.0, 0.0, 0.0], [60.0, 0.0, 0.0], [0.0, 60.0, 0.0], [60.0, 
 
 @pytest.fixture(scope="module")
 def refitted(scene: Scene, calibrated: Layout) -> list[Layout]:
-    """The calibration, and others from the same boards with other noise."""
+    """Return the calibration, and others from the same boards with different noise."""
     return [calibrated, *(scene.calibrated(fit(scene.start, scene.noisy(seed), JOINT)) for seed in range(1, 8))]
 
 
 def mirrors_about(line: FloatArray, turns_deg: tuple[float, ...], lefts: tuple[float, ...]) -> tuple[Mirror, ...]:
-    """Mirrors whose planes share a line along y through the point (3,) on it, cut along image coordinates."""
+    """Return mirrors whose planes share a line along y through the point (3,), cut along image coordinates."""
     mirrors = []
     for turn, left in zip(turns_deg, lefts, strict=True):
         normal = Rotation.from_euler("y", turn, degrees=True).as_matrix() @ [0.0, 0.0, -1.0]
@@ -65,8 +65,8 @@ def test_a_calibration_does_not_differ_from_itself(calibrated: Layout) -> None:
 
 
 @pytest.mark.parametrize("turn_deg", [0.3, 4.0])
-def test_mirrors_turned_about_their_common_line_move_the_scene_by_twice_that(turn_deg: float) -> None:
-    """Reflection in one plane after the other, which meet at an angle, is the rotation by twice it about their line."""
+def test_mirrors_rotated_about_their_common_line_rotate_the_scene_by_twice_the_angle(turn_deg: float) -> None:
+    """Two reflections in planes that meet at an angle are a rotation by twice that angle about their line."""
     line, lefts = np.array([0.0, 0.0, 100.0]), (-0.17, 0.02)
     a, b = (
         Layout(rows=1, cols=2, camera=PINHOLE, mirrors=mirrors_about(line, turns, lefts))
@@ -84,14 +84,14 @@ def test_a_tilted_mirror_differs_in_its_own_view_alone(parabola_layout: Layout) 
     nominal = parabola_layout.replaced(kind="as-built")
     mirror = nominal.mirrors[tilted]
     middle = mirror.outline_in_rig_mm.mean(axis=0)
-    turn = Rotation.from_euler("x", tilt_deg, degrees=True).as_matrix()  # in the plane of incidence
+    turn = Rotation.from_euler("x", tilt_deg, degrees=True).as_matrix()  # within the plane of incidence
     normal = turn @ mirror.normal_in_rig
     tilted_mirror = moved_to(mirror, 2.0 * (middle @ normal) * normal)
     mirrors = (*nominal.mirrors[:tilted], tilted_mirror, *nominal.mirrors[tilted + 1 :])
     found = calibration_difference(nominal, nominal.replaced(mirrors=mirrors), range_mm=RANGE_MM)
     assert max(np.delete(lengths_px(found), tilted)) < 1e-4
     np.testing.assert_allclose(found.b_from_a, np.eye(4), atol=1e-5)
-    # By hand: points that the mirror shows at its pixels, reflected in the tilted plane, through a pinhole.
+    # Computed here: points on the mirror's rays, reflected in the tilted plane, through a pinhole.
     seen = found.views[tilted]
     camera = nominal.camera
     rays = np.column_stack([(seen.pixels - [camera.cx_px, camera.cy_px]) / camera.fx_px, np.ones(len(seen.pixels))])
@@ -100,7 +100,7 @@ def test_a_tilted_mirror_differs_in_its_own_view_alone(parabola_layout: Layout) 
     x, y, z = (points - 2.0 * np.outer((points - middle) @ normal, normal)).T
     expected = camera.fx_px * np.column_stack([x / z, y / z]) + [camera.cx_px, camera.cy_px] - seen.pixels
     np.testing.assert_allclose(seen.difference_px, expected, atol=1e-3)
-    # A ray turns by twice the tilt; the mirror is nearer than the point, which shortens its arm.
+    # A ray rotates by twice the tilt, about the mirror, which is nearer to the point than the camera.
     arm = 1.0 - np.linalg.norm(middle) / RANGE_MM
     assert seen.length_px.mean() == pytest.approx(2.0 * camera.fx_px * np.tan(np.radians(tilt_deg)) * arm, rel=0.1)
     assert seen.difference_mm.mean() == pytest.approx(seen.length_px.mean() * RANGE_MM / camera.fx_px, rel=0.1)
@@ -114,15 +114,15 @@ def test_fits_of_one_truth_differ_by_as_much_as_predicted(refitted: list[Layout]
     assert ((ratios > 0.4) & (ratios < 2.5)).all()
 
 
-def test_the_truth_differs_by_as_much_as_predicted_of_one(refitted: list[Layout], scene: Scene) -> None:
+def test_the_truth_differs_by_as_much_as_predicted_for_one(refitted: list[Layout], scene: Scene) -> None:
     found = [calibration_difference(scene.truth, each, range_mm=RANGE_MM) for each in refitted]
     assert {each.predicted for each in found} == {(False, True)}
     mean_square = np.mean([each.figures(each.views)["ratio"].value ** 2 for each in found])
     assert 0.6 < np.sqrt(mean_square) < 1.5
 
 
-def test_predicted_sigmas_are_what_fits_with_other_noise_show(refitted: list[Layout], scene: Scene) -> None:
-    """Each view's predicted sigma, in px and in mm, is the scatter over the fits, within what eight of them tell."""
+def test_predicted_sigmas_match_the_scatter_of_fits(refitted: list[Layout], scene: Scene) -> None:
+    """Each view's predicted sigma, in px and mm, matches the scatter within the error of eight fits."""
     found = [calibration_difference(scene.truth, each, range_mm=RANGE_MM) for each in refitted]
     for view in range(4):
         figures = [each.figures([each.views[view]]) for each in found]
@@ -148,7 +148,7 @@ def test_a_lens_of_any_family_is_compared(lens: LensName, calibrated: Layout) ->
     assert found.figures(found.views)["sigma_px"].value > alone.figures(alone.views)["sigma_px"].value
 
 
-def test_views_along_the_camera_s_axis_are_compared_with_the_direct_view(small_pair: Layout) -> None:
+def test_views_along_the_cameras_axis_are_compared_with_the_direct_view(small_pair: Layout) -> None:
     direct = small_pair.replaced(view_from_rig=np.eye(3))
     longer = direct.camera.replaced(fx_px=909.0, fy_px=909.0)
     found = calibration_difference(direct, direct.replaced(camera=longer), range_mm=RANGE_MM)
@@ -190,7 +190,7 @@ def test_points_behind_a_mirror_are_left_out_and_a_view_without_any_is_refused(s
 
 
 def project(points: FloatArray, centres: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Pixels and derivatives by the points of pinholes that look along z."""
+    """Return pixels of pinholes that look along z, and their derivatives by the points."""
     x, y, z = (points - centres).T
     slopes = np.zeros((len(points), 2, 3))
     slopes[:, 0, 0] = slopes[:, 1, 1] = FOCAL_PX / z
@@ -221,7 +221,7 @@ def test_a_motion_is_found(scale: float, scaled: bool) -> None:
     assert weights.min() > 0.99
 
 
-def test_one_bad_view_hardly_moves_it() -> None:
+def test_one_bad_view_hardly_changes_the_motion() -> None:
     view, points = rig_points()
     shown, _ = project(points, CENTRES[view])
     shown += np.random.default_rng(0).normal(0.0, 0.01, shown.shape)
@@ -259,7 +259,7 @@ def test_columns_are_the_derivatives_by_the_motion() -> None:
         np.testing.assert_allclose(columns[:, :, k], (shown[0] - shown[1]) / (2.0 * step), atol=1e-6)
 
 
-def test_what_a_motion_can_do_is_nothing_without_it() -> None:
+def test_without_a_motion_differences_are_zero() -> None:
     view, points = rig_points()
     columns = by_motion(project(points, CENTRES[view])[1], points, 250.0)
     weights = np.random.default_rng(1).uniform(0.5, 1.0, len(points))

@@ -47,12 +47,12 @@ def test_metrics_are_the_residuals_per_axis_and_view(scene: Scene, solution: Sol
     assert metrics["sigma_px"].value == pytest.approx(NOISE_PX, rel=0.05)
 
 
-def test_the_layouts_sigmas_are_those_of_the_metrics(scene: Scene, solution: Solution, calibrated: Layout) -> None:
+def test_the_layouts_sigmas_equal_the_metrics(scene: Scene, solution: Solution, calibrated: Layout) -> None:
     metrics = fit_metrics(scene.noisy(0), solution)
     for mirror, (tilt_rad, distance_mm) in enumerate(mirror_sigmas(calibrated)):
         assert np.degrees(tilt_rad) == pytest.approx(metrics[f"mirror_{mirror}_normal_sigma_deg"].value)
         assert distance_mm == pytest.approx(metrics[f"mirror_{mirror}_distance_sigma_mm"].value)
-    with pytest.raises(ValueError, match="carries no uncertainty"):
+    with pytest.raises(ValueError, match="has no uncertainty"):
         mirror_sigmas(calibrated.replaced(uncertainty=None))
 
 
@@ -86,7 +86,7 @@ def test_a_mirror_moves_to_a_measured_plane_as_a_rigid_body(default_layout: Layo
     assert np.abs(moved.outline_in_rig_mm - nominal.outline_in_rig_mm).max() < 2.0
 
 
-def test_a_layout_as_estimated_has_the_camera_planes_and_curvatures_and_no_figures(default_layout: Layout) -> None:
+def test_an_estimated_layout_has_camera_planes_and_curvatures_but_no_metrics(default_layout: Layout) -> None:
     camera = default_layout.camera.replaced(fx_px=1300.0)
     estimate = Estimate.of(camera, default_layout.mirrors, np.zeros((0, 4, 4)))
     curved = Estimate(

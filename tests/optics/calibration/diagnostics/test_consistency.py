@@ -1,4 +1,4 @@
-"""Contradictions between observed corners: each kind is found, and noise alone is none."""
+"""Contradictions between observed corners: each kind is found, and noise alone is not reported."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def test_corners_of_a_flat_board_fit_a_homography_but_for_those_moved(scene: Sce
     np.testing.assert_array_equal(np.flatnonzero(odd), rows)
 
 
-def test_a_view_with_few_corners_is_odd_as_a_whole(scene: Scene, device: Layout) -> None:
+def test_a_view_with_few_corners_is_rejected_completely(scene: Scene, device: Layout) -> None:
     view = in_frame(scene, 0)
     few = view.where(np.arange(len(view)) < 5)
     assert consistency.odd_corners(few, device.camera, CORNERS).all()
@@ -87,14 +87,14 @@ def test_views_that_agree_are_kept(scene: Scene, device: Layout) -> None:
     assert notes == ()
 
 
-def test_a_view_elsewhere_is_left_out_by_name(scene: Scene, device: Layout) -> None:
+def test_a_contradicting_view_is_left_out_and_named(scene: Scene, device: Layout) -> None:
     seen = scene.clean
     away = (seen.frame == 2) & (seen.view == 1)
     left = np.where(away[:, None], 100.0, 0.0) * np.ones((len(seen), 2))
     kept, notes = consistency.consistent_views(seen, left, [f"{n}.png" for n in range(15)], device.mirror_names)
     np.testing.assert_array_equal(kept, ~away)
     assert [note.partition(":")[0] for note in notes] == ["2.png, mirror 0-1"]
-    with pytest.raises(InputError, match="mirror 0-1 shows the board elsewhere"):
+    with pytest.raises(InputError, match="mirror 0-1 disagrees with the other views"):
         often = (seen.frame < 7) & (seen.view == 1)
         consistency.consistent_views(
             seen, np.where(often, 100.0, 0.0)[:, None] * np.ones(2), [""] * 15, device.mirror_names
@@ -105,8 +105,8 @@ def fitted(columns: FloatArray, values: FloatArray) -> FloatArray:
     return values - columns @ np.linalg.lstsq(columns, values, rcond=None)[0]
 
 
-def test_the_disagreement_is_one_where_two_fits_estimate_the_same(device: Layout) -> None:
-    """Linear regressions with as many shared coefficients as a camera has: the squares are F, with mean near 1."""
+def test_the_disagreement_of_fits_of_one_truth_is_one(device: Layout) -> None:
+    """Linear regressions with a camera's number of shared coefficients: the squares are F, with mean near 1."""
     random = np.random.default_rng(1)
     squares = []
     for _ in range(200):
@@ -148,7 +148,7 @@ def test_another_focal_length_is_noted(device: Layout) -> None:
     assert "+15% from the layout's" in camera_note(device, camera.replaced(fx_px=1.15 * camera.fx_px))[0]
 
 
-def test_a_fit_that_leaves_a_mirror_open_or_corners_over_is_refused(solution: Solution, device: Layout) -> None:
+def test_a_fit_with_an_undetermined_mirror_or_many_outliers_is_refused(solution: Solution, device: Layout) -> None:
     assert check_plausible(solution, device, mirrored_frames=10) == ()
     open_rows = [place for place, name in enumerate(solution.parameters) if name.startswith("mirror 2 ")]
     covariance = solution.covariance.copy()

@@ -1,4 +1,4 @@
-"""Noise of views: recovered from scatter about whatever is smooth, and drawn to the others where corners are few."""
+"""Noise of views: estimated from scatter about smooth residuals, and shrunk where corners are few."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ SIGMAS = np.array([0.005, 0.005, 0.03, 0.01, 0.005, 0.008])
 
 
 def views(corners: int = len(GRID)) -> Observations:
-    """One frame with a view for each of SIGMAS, each with the same corners; those of odd ids are twice as uncertain."""
+    """Return a frame with a view of the same corners for each of SIGMAS; odd ids are twice as uncertain."""
     ids = np.arange(corners)
     pixels = 30.0 * GRID[:corners]
     parts = [Observations.of_view(0, view, ids, pixels, np.where(ids % 2, 2.0, 1.0)) for view in range(len(SIGMAS))]
@@ -37,7 +37,7 @@ def noise(seen: Observations, seed: int = 0) -> FloatArray:
 
 
 def of_views(seen: Observations) -> FloatArray:
-    """The median standard deviation of the corners with even ids in each view."""
+    """Return the median standard deviation of the corners with even ids, per view."""
     even = seen.corner % 2 == 0
     return np.array([np.median(seen.sigma_px[even & (seen.view == view)]) for view in range(len(SIGMAS))])
 
@@ -55,7 +55,7 @@ def test_each_view_gets_the_scatter_of_its_corners() -> None:
 
 
 def test_heavy_tails_count_less_and_outliers_stay_to_be_found() -> None:
-    """Noise of a t distribution of four degrees of freedom: standardised, it is nearly normal."""
+    """Noise with a t distribution of four degrees of freedom is nearly normal once standardised."""
     random = np.random.default_rng(0)
     seen = Observations.join([views().shifted(frame) for frame in range(8)])
     left = random.normal(0.0, 0.01, (len(seen), 2)) / np.sqrt(random.chisquare(4.0, (len(seen), 1)) / 4.0)
@@ -77,7 +77,7 @@ def test_normal_noise_has_no_tails() -> None:
     assert max(spread) < 0.3
 
 
-def test_what_is_smooth_over_a_view_is_no_noise() -> None:
+def test_smooth_residuals_are_not_counted_as_noise() -> None:
     seen = views()
     x, y = (seen.pixels / 300.0).T
     misfit = np.stack([0.2 + 0.1 * x * y - 0.3 * x**3, 0.1 * y**2 - 0.2 * x], axis=1)
@@ -93,7 +93,7 @@ def test_outliers_hardly_widen_their_view() -> None:
     assert (of_views(spoilt.where(np.arange(len(seen)) % 25 != 0)) < 1.3 * clean).all()
 
 
-def test_a_view_of_few_corners_is_drawn_to_the_others() -> None:
+def test_the_noise_of_a_view_of_few_corners_shrinks_towards_the_others() -> None:
     seen = views()
     few = seen.where((seen.view != 2) | (seen.corner < 6))
     found = of_views(with_noise_of_views(few, noise(few)))
@@ -112,12 +112,12 @@ def test_corners_without_noise_stay_usable() -> None:
 
 @pytest.fixture(scope="module")
 def many(device: Layout) -> Scene:
-    """As many frames as a person takes."""
+    """Return as many frames as a user takes."""
     return scene_of(device, mirrored=20, direct=8)
 
 
 def leaning(scene: Scene, seed: int, shift_px: float) -> Observations:
-    """Corners with independent noise and, in each view of each frame, a shift and a stretch that all of them share."""
+    """Return corners with independent noise, and a common shift and scale in each view of each frame."""
     seen = scene.noisy(seed)
     random = np.random.default_rng(10_000 + seed)
     pixels = seen.pixels.copy()
@@ -130,7 +130,7 @@ def leaning(scene: Scene, seed: int, shift_px: float) -> Observations:
     return replace(seen, pixels=pixels)
 
 
-def test_independent_errors_are_as_likely_as_they_are(scene: Scene) -> None:
+def test_independent_errors_have_no_shared_part(scene: Scene) -> None:
     found = [
         correlated_errors(fit(scene.start, seen, JOINT), seen, JOINT) for seen in map(scene.noisy, range(500, 530))
     ]
@@ -151,7 +151,7 @@ def squared_error_per_parameter(scene: Scene, solution: Solution) -> float:
 
 
 def test_shared_errors_are_found_and_widened_sigmas_are_true(many: Scene) -> None:
-    """Normalised estimation error squared per parameter: far above 1 as the solver has it, about 1 when widened."""
+    """Normalised estimation error squared per parameter: far above 1 from the solver, about 1 when widened."""
     plain: list[float] = []
     widened: list[float] = []
     for seed in range(12):
@@ -165,13 +165,13 @@ def test_shared_errors_are_found_and_widened_sigmas_are_true(many: Scene) -> Non
     assert 0.5 < np.mean(widened) < 1.6
 
 
-def test_a_ratio_that_may_be_chance_widens_nothing_and_none_narrows() -> None:
+def test_an_insignificant_ratio_widens_nothing_and_no_ratio_narrows() -> None:
     assert CorrelatedErrors(ratio=1.4, chance=0.05).widening == 1.0
     assert CorrelatedErrors(ratio=1.4, chance=1e-5).widening == 1.4
     assert CorrelatedErrors(ratio=0.8, chance=1e-5).widening == 1.0
 
 
-def test_one_frame_shares_nothing_that_could_be_told(scene: Scene) -> None:
+def test_one_frame_shows_no_shared_errors(scene: Scene) -> None:
     seen = scene.noisy(0)
     seen = seen.where(seen.frame == 0)
     start = scene.start.with_poses(scene.poses[:1])

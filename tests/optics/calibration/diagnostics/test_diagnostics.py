@@ -1,4 +1,4 @@
-"""All diagnostics about one calibration, from corners to the value that its report shows."""
+"""All diagnostics of one calibration, from corners to the figures of its report."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def diagnostics(scene: Scene) -> Diagnostics:
     return gathered(scene, 4)
 
 
-def test_a_good_calibration_has_nothing_against_it(diagnostics: Diagnostics) -> None:
+def test_a_good_calibration_raises_no_alarm(diagnostics: Diagnostics) -> None:
     assert diagnostics.level == "joint"
     assert diagnostics.alarms == ()
     assert diagnostics.notes == ()
@@ -42,7 +42,7 @@ def test_every_view_has_a_map_and_the_central_mirror_is_the_reference(diagnostic
     assert all(shown.range_mm == diagnostics.range_mm for shown in diagnostics.projection)
 
 
-def test_the_figures_are_those_of_the_parts(diagnostics: Diagnostics) -> None:
+def test_the_figures_equal_those_of_the_parts(diagnostics: Diagnostics) -> None:
     figures = diagnostics.metrics
     assert figures["alarms"].value == 0
     assert figures["mirror_to_mirror_normal_sigma_deg"].value == diagnostics.mirrors.relative_normal_deg.max()
@@ -56,7 +56,7 @@ def test_the_figures_are_those_of_the_parts(diagnostics: Diagnostics) -> None:
     assert all(np.isfinite(metric.value) for metric in figures.values())
 
 
-def test_every_witness_against_a_wrong_model_is_heard(device: Layout) -> None:
+def test_every_check_detects_a_wrong_model(device: Layout) -> None:
     """Boards that bow: model selection, free views and a split each detect it."""
     found = gathered(scene_of(device, warp_mm=0.3), 0, model="joint")
     assert any("joint+warp" in alarm for alarm in found.alarms)
@@ -69,10 +69,10 @@ def test_corners_without_noise_support_no_conclusion(scene: Scene) -> None:
     assert (reached.level, reached.alarms, reached.notes) == ("joint", (), ())
     found = diagnose(reached, scene.clean, scene.calibrated(reached.solution))
     assert found.alarms == ()
-    assert found.notes == ("not split: the corners have no noise that halves could differ by",)
+    assert found.notes == ("not split: the corners have no noise to compare halves by",)
 
 
-def test_halves_that_differ_make_everything_less_sure(device: Layout) -> None:
+def test_halves_that_differ_widen_all_sigmas(device: Layout) -> None:
     scene = scene_of(device, warp_mm=0.3)
     seen = scene.noisy(0)
     reached = select_model(scene.start, seen, BOARD.corners_in_board_mm, model=RequestedModel())
@@ -92,7 +92,7 @@ def depth_of(scene: Scene, reached: ModelSelection, found: Diagnostics) -> Float
     ).calibration_mm
 
 
-def test_glass_raises_the_alarm_of_the_splits_too(device: Layout) -> None:
+def test_glass_raises_the_alarm_of_the_splits(device: Layout) -> None:
     truth = scene_of(behind_glass(device, 2.0))
     flat = Scene(device, truth.poses, truth.clean)
     found = gathered(flat, 0)
@@ -101,10 +101,8 @@ def test_glass_raises_the_alarm_of_the_splits_too(device: Layout) -> None:
     assert any(alarm.startswith("split") for alarm in found.alarms)
 
 
-def test_a_board_seen_directly_beside_its_image_makes_the_direct_view_the_reference(
-    scene: Scene, device: Layout
-) -> None:
+def test_a_board_seen_directly_and_in_mirrors_makes_the_direct_view_the_reference(scene: Scene, device: Layout) -> None:
     seen = scene.clean
     assert reference_of(seen, device) == 3
-    beside = Observations.of_view(0, DIRECT, np.array([0]), np.zeros((1, 2)))
-    assert reference_of(Observations.join([seen, beside]), device) == DIRECT
+    direct = Observations.of_view(0, DIRECT, np.array([0]), np.zeros((1, 2)))
+    assert reference_of(Observations.join([seen, direct]), device) == DIRECT

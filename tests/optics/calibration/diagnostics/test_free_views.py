@@ -1,4 +1,4 @@
-"""The check by free virtual cameras: it finds what planes cannot explain, and nothing in noise."""
+"""The check by free virtual cameras: it finds motions that no plane can explain, and nothing in noise."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from tests.optics.calibration.direct.two_mirrors import BOARD as BOARD_SEEN_DIRE
 from tests.optics.calibration.direct.two_mirrors import POSES, corner_of_two_mirrors, lying
 
 
-def test_in_noise_the_chances_are_even(scene: Scene) -> None:
+def test_noise_alone_has_uniform_probabilities(scene: Scene) -> None:
     chances = []
     for seed in range(20):
         seen = scene.noisy(300 + seed)
@@ -33,7 +33,7 @@ def test_in_noise_the_chances_are_even(scene: Scene) -> None:
 
 
 def turned_views(scene: Scene, angle_deg: float) -> Observations:
-    """Corners as one mirror would show them if its image were spun about the image's own line of sight."""
+    """Return the corners if one mirror's image were rotated about its own line of sight."""
     start = scene.start
     rows = scene.noisy(1)
     pixels = rows.pixels.copy()
@@ -49,8 +49,8 @@ def turned_views(scene: Scene, angle_deg: float) -> Observations:
     return replace(rows, pixels=pixels)
 
 
-def test_what_no_plane_does_is_found(scene: Scene) -> None:
-    """A plane mirror cannot spin its image without turning it: free cameras must explain it down to the noise."""
+def test_a_motion_of_no_plane_is_found(scene: Scene) -> None:
+    """A plane mirror cannot only roll its image; free cameras must explain that down to the noise."""
     seen = turned_views(scene, 0.05)
     solution = fit(scene.start, seen, JOINT)
     found = free_views(solution, seen, JOINT)
@@ -60,8 +60,8 @@ def test_what_no_plane_does_is_found(scene: Scene) -> None:
     assert found.unexplained_px == pytest.approx(np.sqrt(excess), rel=0.05)
 
 
-def test_the_minimum_is_that_of_a_general_solver(scene: Scene) -> None:
-    """SciPy on the same model, written anew: six numbers per mirror but the first, poses, intrinsics."""
+def test_the_minimum_equals_that_of_a_general_solver(scene: Scene) -> None:
+    """SciPy on an independent model: six numbers per mirror except the first, poses, intrinsics."""
     noisy = turned_views(scene, 0.05)
     frames = [0, 1, 2, 10, 11]
     some = noisy.where(np.isin(noisy.frame, frames))
@@ -96,7 +96,7 @@ def test_the_minimum_is_that_of_a_general_solver(scene: Scene) -> None:
 
 
 def test_one_mirror_is_free_anyway(scene: Scene, device: Layout) -> None:
-    """Where only its image determines the board's pose, a free virtual camera adds nothing to the camera itself."""
+    """If only one view determines the board's pose, a free virtual camera changes nothing."""
     seen = scene.noisy(0)
     seen = seen.where((seen.view == DIRECT) | (seen.view == 0))
     start = Estimate.of(device.camera, device.mirrors[:1], scene.poses)
@@ -128,7 +128,7 @@ def test_a_direct_view_in_the_same_frame_checks_every_mirror() -> None:
 
 
 def test_views_do_not_run_away_from_planes_that_the_lens_cannot_show() -> None:
-    """A view of few corners may be turned so far that its plane, left alone, shows them behind the camera."""
+    """A view of few corners may rotate so far that its unconstrained plane puts them behind the camera."""
     truth = corner_of_two_mirrors(90.0)
     start = Estimate.of(truth.camera, truth.mirrors, np.array([lying(*pose) for pose in POSES]))
     model = replace(JOINT, intrinsics=("fx_px", "fy_px"), board=Board.rigid(BOARD_SEEN_DIRECTLY.corners_in_board_mm))

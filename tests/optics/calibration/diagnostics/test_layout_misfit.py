@@ -1,4 +1,4 @@
-"""Pictures that are upside down are told from others that do not fit."""
+"""Upside-down pictures are distinguished from others that do not fit."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ BOARD = Charuco(cols=10, rows=7, square_mm=20.0, marker_mm=14.0)
 
 
 def shown(target: Checkerboard | Charuco, truth: Layout, nominal: Layout, *, upside_down: bool) -> list[Observations]:
-    """What is found in frames, turned by 180 degrees or not."""
+    """Return the detections of frames, rotated by 180 degrees or not."""
     last = np.array([nominal.camera.width_px, nominal.camera.height_px]) - 1.0
     frames = []
     for seen in views_of(truth, target, mirrored_poses(target, 6, tilt_deg=25.0, seed=1), [], seed=1).seen:
@@ -38,9 +38,7 @@ def shown(target: Checkerboard | Charuco, truth: Layout, nominal: Layout, *, ups
 
 
 @pytest.mark.parametrize("target", [MARKED, PLAIN])
-def test_pictures_that_are_upside_down_fit_once_they_are_turned(
-    target: Checkerboard | Charuco, fold_90_layout: Layout
-) -> None:
+def test_upside_down_pictures_fit_after_rotation(target: Checkerboard | Charuco, fold_90_layout: Layout) -> None:
     truth = as_built(fold_90_layout, seed=1)
     seen = shown(target, truth, fold_90_layout, upside_down=True)
     with pytest.raises(InputError):
@@ -56,7 +54,7 @@ def test_other_pictures_do_not(fold_90_layout: Layout) -> None:
 
 @pytest.fixture(scope="module")
 def views(fold_90_layout: Layout) -> Views:
-    """What a device of 3 x 3 mirrors shows."""
+    """Return the views of a device of 3 x 3 mirrors."""
     mirrored, direct = (poses(BOARD, 8, tilt_deg=25.0, seed=2) for poses in (mirrored_poses, direct_poses))
     return views_of(as_built(fold_90_layout, seed=1), BOARD, mirrored, direct, seed=1)
 
@@ -73,7 +71,7 @@ def detected(seen: Observations, layout: Layout) -> DetectedFrame:
     return DetectedFrame(Observations.join(rows), unassigned_px(boards, assigned, layout))
 
 
-def test_the_layout_of_the_device_raises_nothing(views: Views, fold_90_layout: Layout) -> None:
+def test_the_layout_of_the_device_raises_no_alarm(views: Views, fold_90_layout: Layout) -> None:
     found = unknown_mirrors(fold_90_layout, [detected(seen, fold_90_layout) for seen in views.seen])
     assert (found.frames, found.alarms, found.notes, found.question, found.metrics) == (0, (), (), "", {})
     assert str(found.explained("not sharp")) == "not sharp"
@@ -101,7 +99,7 @@ def test_a_layout_with_fewer_mirrors_is_an_alarm_in_verdict_and_metrics(
     assert verdict.advice[0].startswith("Correct the board or layout")
 
 
-def test_what_else_is_amiss_follows_from_it(views: Views, fold_90_layout: Layout) -> None:
+def test_consequential_warnings_are_left_out(views: Views, fold_90_layout: Layout) -> None:
     layout = part_of(fold_90_layout, {0, 1})
     frames = [detected(seen, layout) for seen in views.seen]
     unknown = unknown_mirrors(layout, frames)
@@ -110,7 +108,7 @@ def test_what_else_is_amiss_follows_from_it(views: Views, fold_90_layout: Layout
         calibrate_corners(none_in_first, views.base, layout, BOARD.corners_in_board_mm, unknown=unknown)
 
 
-def test_a_layout_with_more_mirrors_is_asked_about(views: Views, fold_90_layout: Layout) -> None:
+def test_a_layout_with_too_many_mirrors_is_questioned(views: Views, fold_90_layout: Layout) -> None:
     frames = [DetectedFrame(seen.where(seen.view % 3 < 2)) for seen in views.seen]
     unknown = unknown_mirrors(fold_90_layout, frames)
     assert unknown.alarms == ()
@@ -125,7 +123,7 @@ def test_one_board_too_many_is_noted(views: Views, fold_90_layout: Layout) -> No
     found = unknown_mirrors(fold_90_layout, frames)
     assert found.notes == ("frame 3 at pixel (5, 6): a board that belongs to no mirror of the layout",)
     assert (found.frames, found.alarms) == (1, ())
-    # A board that its mirror shows at another place than expected is no unknown mirror's.
+    # A board at an unexpected place of its mirror does not belong to an unknown mirror.
     middle = fold_90_layout.outline_px(4).mean(axis=0)
     without = [seen.where(seen.view != 4) for seen in views.seen]
     misplaced = [DetectedFrame(seen, middle[None]) for seen in without]
@@ -138,7 +136,7 @@ def grid_of(rows: int, cols: int, scatter: float) -> FloatArray:
 
 
 @pytest.mark.parametrize(("rows", "cols"), [(2, 2), (2, 3), (3, 2), (1, 4), (5, 1), (3, 3), (3, 4), (7, 7)])
-def test_the_grid_that_frames_show_is_recognised(rows: int, cols: int) -> None:
+def test_the_grid_of_the_frames_is_recognised(rows: int, cols: int) -> None:
     fewer = grid_of(rows, cols, 5.0)[:-1]
     assert grid_shown([fewer, grid_of(rows, cols, 5.0), grid_of(rows, cols, 0.0)]) == (rows, cols)
 

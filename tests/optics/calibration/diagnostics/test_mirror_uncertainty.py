@@ -1,4 +1,4 @@
-"""Sigmas of mirrors: against sampling, and the common motion apart from that of each mirror."""
+"""Sigmas of mirrors: against sampling, with the common motion separated from each mirror's own."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def with_covariance(layout: Layout, covariance: FloatArray) -> Layout:
 
 
 def moved_as_one_body(layout: Layout, turn_rad: FloatArray, shift_mm: FloatArray) -> FloatArray:
-    """Virtual centres (3 m,) after the mirrors turned and shifted together, from points and normals."""
+    """Return virtual centres (3 m,) after a rigid motion of all mirrors, from points and normals."""
     middle = np.mean([mirror.outline_in_rig_mm.mean(axis=0) for mirror in layout.mirrors], axis=0)
     rotation = Rotation.from_rotvec(turn_rad).as_matrix()
     centres = []
@@ -50,7 +50,7 @@ def moved_as_one_body(layout: Layout, turn_rad: FloatArray, shift_mm: FloatArray
 
 
 @pytest.mark.parametrize("k", range(6))
-def test_motions_of_one_body_are_the_derivatives_of_moving_it(device: Layout, k: int) -> None:
+def test_rigid_motions_are_the_derivatives_of_moving_the_body(device: Layout, k: int) -> None:
     h = 1e-5
     step = h * np.eye(6)[k]
     ahead, back = (moved_as_one_body(device, sign * step[:3], sign * step[3:]) for sign in (1.0, -1.0))
@@ -58,7 +58,7 @@ def test_motions_of_one_body_are_the_derivatives_of_moving_it(device: Layout, k:
     np.testing.assert_allclose(found, (ahead - back) / (2 * h), atol=1e-6 * np.abs(found).max())
 
 
-def test_a_motion_of_one_body_is_all_common(device: Layout) -> None:
+def test_a_rigid_motion_is_entirely_common(device: Layout) -> None:
     motions = rigid_motion_derivatives(device)
     np.testing.assert_allclose(common_motion(device, lever_mm=LEVER_MM) @ motions, np.eye(6), atol=1e-8)
     turn = np.radians(0.01) * motions[:, 0]
@@ -69,7 +69,7 @@ def test_a_motion_of_one_body_is_all_common(device: Layout) -> None:
     np.testing.assert_allclose(found.relative_distance_mm, 0.0, atol=1e-8)
 
 
-def test_one_mirror_that_moves_alone_is_not_taken_for_all(device: Layout) -> None:
+def test_the_motion_of_one_mirror_is_not_common(device: Layout) -> None:
     covariance = np.zeros((12, 12))
     covariance[3:6, 3:6] = 1e-4 * np.eye(3)
     found = mirror_uncertainty(with_covariance(device, covariance), lever_mm=LEVER_MM)
@@ -79,7 +79,7 @@ def test_one_mirror_that_moves_alone_is_not_taken_for_all(device: Layout) -> Non
     assert found.relative_normal_deg[1] > 0.3 * found.normal_deg[1]
 
 
-def test_sigmas_are_what_sampling_shows(calibrated: Layout) -> None:
+def test_sigmas_match_sampling(calibrated: Layout) -> None:
     assert calibrated.uncertainty is not None
     covariance = mirror_covariance(calibrated.uncertainty)
     centres = np.array([mirror.virtual_centre_in_rig_mm for mirror in calibrated.mirrors])
@@ -93,8 +93,8 @@ def test_sigmas_are_what_sampling_shows(calibrated: Layout) -> None:
         assert worst == pytest.approx(tilts[m], rel=0.05)
 
 
-def test_what_all_mirrors_share_is_known_less_than_what_sets_them_apart(calibrated: Layout) -> None:
-    """All views have about the same direction, so that only the camera determines their common rotation."""
+def test_the_common_motion_is_less_certain_than_relative_ones(calibrated: Layout) -> None:
+    """All views have similar directions, so that only the camera determines their common rotation."""
     found = mirror_uncertainty(calibrated, lever_mm=LEVER_MM)
     assert (found.relative_normal_deg < found.normal_deg).all()
     assert found.relative_normal_deg.max() < 0.7 * np.linalg.norm(found.common_turn_deg)
@@ -119,7 +119,7 @@ def test_a_weak_motion_is_named_with_its_sigma(calibrated: Layout, name: str) ->
     assert sigma == pytest.approx(0.01, rel=1e-3)
 
 
-def test_two_motions_that_hide_each_other_are_named_against_each_other(calibrated: Layout) -> None:
+def test_two_motions_that_compensate_each_other_are_named_together(calibrated: Layout) -> None:
     names = ("principal point in y", "all mirrors together about x")
     weakest = weak_directions(weak_along(calibrated, names, (1.0, 0.02)), range_mm=RANGE_MM)[0]
     assert set(weakest.words.split(" against ")) == set(names)

@@ -1,4 +1,4 @@
-"""Comparison of nested models: by hand, and against the distribution that noise alone leads to."""
+"""Comparison of nested models: against closed forms, and against the distribution under noise alone."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def models_of(scene: Scene, seen: Observations) -> tuple[Fitted, Fitted]:
     return fit_as("joint", paper.solution.estimate, seen, joint_model(scene.start.camera, CORNERS)), paper
 
 
-def test_the_smallest_model_is_compared_with_none(scene: Scene) -> None:
+def test_the_smallest_model_has_no_comparison(scene: Scene) -> None:
     _, paper = models_of(scene, scene.noisy(0))
     entry = smallest_model(paper)
     assert entry.against is None
@@ -49,7 +49,7 @@ def test_the_smallest_model_is_compared_with_none(scene: Scene) -> None:
     assert entry.rms_px == pytest.approx(np.sqrt(np.mean(paper.solution.residuals[paper.solution.inliers] ** 2)))
 
 
-def test_free_intrinsics_explain_only_noise_where_the_camera_is_right(scene: Scene) -> None:
+def test_free_intrinsics_explain_only_noise_if_the_camera_is_right(scene: Scene) -> None:
     """The drop in units of sigma^2 is chi squared with 9 degrees of freedom: its mean over draws is 9."""
     drops = []
     for seed in range(8):
@@ -70,14 +70,14 @@ def test_a_comparison_that_the_likelihood_rejects_is_not_cross_validated(scene: 
     assert np.isnan(compare(larger, smaller, seen).held_out_gain)
 
 
-def test_exact_corners_support_nothing(scene: Scene) -> None:
+def test_exact_corners_support_no_larger_model(scene: Scene) -> None:
     """Differences of rounding errors are not significant."""
     comparison = compare(*models_of(scene, scene.clean), scene.clean)
     assert not comparison.supported
     assert comparison.drop < 1.0
 
 
-def test_a_gain_is_significant_by_its_mean_or_by_nearly_all_frames() -> None:
+def test_a_gain_is_significant_by_its_mean_or_if_nearly_all_frames_agree() -> None:
     random = np.random.default_rng(0)
     even = 1.0 + 0.1 * random.standard_normal(20)
     few = np.append(even, [400.0, 300.0])
@@ -89,7 +89,7 @@ def test_a_gain_is_significant_by_its_mean_or_by_nearly_all_frames() -> None:
     assert np.mean(np.array(by_chance) > MIN_GAIN_SIGMAS) < 0.06
 
 
-def test_frames_are_dealt_so_that_halves_are_alike(scene: Scene) -> None:
+def test_frames_are_split_into_similar_halves(scene: Scene) -> None:
     part = balanced_folds(scene.start, scene.clean, JOINT.board, 2)
     mirrored = is_mirrored(scene.clean, len(part))
     assert mirrored.sum() == 10
@@ -104,8 +104,8 @@ def test_frames_are_dealt_so_that_halves_are_alike(scene: Scene) -> None:
     assert (apart[~mirrored] == part[~mirrored]).sum() == (~mirrored).sum()
 
 
-def test_frames_alike_go_to_different_halves(scene: Scene) -> None:
-    """Each pose twice: whichever order they come in, no half has both."""
+def test_similar_frames_go_to_different_halves(scene: Scene) -> None:
+    """Each pose occurs twice: in any order of frames, no half has both."""
     twice = scene.start.with_poses(np.repeat(scene.poses, 2, axis=0))
     parts = [
         replace(scene.clean, frame=2 * scene.clean.frame),
@@ -129,15 +129,15 @@ def rms(left: FloatArray) -> float:
     return float(np.sqrt(np.mean(left**2)))
 
 
-def test_folds_leave_more_than_the_fit_and_see_every_corner_once(scene: Scene, solution: Solution) -> None:
+def test_folds_predict_every_corner_once_and_worse_than_the_fit(scene: Scene, solution: Solution) -> None:
     seen = scene.noisy(0)
     left = held_out_residuals(solution.estimate, seen, JOINT, balanced_folds(solution.estimate, seen, JOINT.board, 3))
     assert np.isfinite(left).all()
     assert rms(solution.residuals) < rms(left) < 1.1 * NOISE_PX
 
 
-def test_bows_predict_the_corners_between_those_they_were_fitted_to(scene: Scene, solution: Solution) -> None:
-    """Under a bow in each frame, corners are predicted to the noise; without, not."""
+def test_bows_predict_corners_between_the_fitted_ones(scene: Scene, solution: Solution) -> None:
+    """With a bow in each frame, corners are predicted down to the noise; without, they are not."""
     bows = np.random.default_rng(4).normal(0.0, 1.0, (15, 3))
     shift = residuals(replace(scene.start, bow_mm=bows), scene.clean, JOINT.board)
     seen = replace(scene.clean, pixels=scene.noisy(0).pixels + shift)
@@ -148,7 +148,7 @@ def test_bows_predict_the_corners_between_those_they_were_fitted_to(scene: Scene
 
 
 def test_a_held_out_frame_does_not_influence_its_own_prediction(scene: Scene, solution: Solution) -> None:
-    """Corners of held-out frames may be anything: globals that predict them do not change."""
+    """Corners of held-out frames may be arbitrary: the globals that predict them do not change."""
     seen = scene.noisy(0)
     out = np.zeros(15, dtype=bool)
     out[3] = True

@@ -1,4 +1,4 @@
-"""Forward selection: each cause is identified, noise alone is not, and a model that is too small raises an alarm."""
+"""Forward selection: each cause is identified, noise is ignored, and a model that is too small raises an alarm."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from tests.optics.calibration.diagnostics.conftest import (
 
 
 def selected(scene: Scene, nominal: Layout, seed: int, model: str = "auto") -> ModelSelection:
-    """The model selected from a layout that describes the mirrors as `nominal` does."""
+    """Return the model selected for a layout with the mirrors of `nominal`."""
     start = Estimate.of(nominal.camera, nominal.mirrors, scene.poses)
     return select_model(start, scene.noisy(seed), BOARD.corners_in_board_mm, model=RequestedModel.parse(model))
 
@@ -40,22 +40,22 @@ def of_warped(warped: Scene, device: Layout) -> ModelSelection:
     return selected(warped, device, 0)
 
 
-def assert_noise_alone_is_told(scene: Scene, nominal: Layout, seeds: range) -> None:
+def assert_noise_alone_is_recognised(scene: Scene, nominal: Layout, seeds: range) -> None:
     found = [selected(scene, nominal, seed) for seed in seeds]
     quiet = [selection for selection in found if selection.level == "joint" and not selection.alarms]
     assert len(quiet) >= 0.95 * len(found)
 
 
 def test_noise_alone_needs_no_further_level_and_raises_no_alarm(scene: Scene, device: Layout) -> None:
-    assert_noise_alone_is_told(scene, device, range(6))
+    assert_noise_alone_is_recognised(scene, device, range(6))
 
 
 @pytest.mark.slow
-def test_noise_alone_is_taken_for_nothing_else_in_19_of_20_sets(scene: Scene, device: Layout) -> None:
-    assert_noise_alone_is_told(scene, device, range(100, 200))
+def test_noise_alone_selects_no_larger_model_in_19_of_20_sets(scene: Scene, device: Layout) -> None:
+    assert_noise_alone_is_recognised(scene, device, range(100, 200))
 
 
-def test_outliers_are_taken_for_nothing_else(scene: Scene, device: Layout) -> None:
+def test_outliers_select_no_larger_model(scene: Scene, device: Layout) -> None:
     seen = scene.noisy(7)
     random = np.random.default_rng(7)
     bad = random.random(len(seen)) < 0.01
@@ -102,19 +102,19 @@ def test_second_surface_mirrors_that_the_layout_has_as_first_surface_raise_the_a
     assert abs(seen.thickness_mm - 2.0) < 3.0 * seen.sigma_mm < 0.3
     narrow, wide = (seen.sentence(factor).split("+-")[1].split()[0] for factor in (1.0, 3.0))
     assert float(wide) == pytest.approx(3.0 * float(narrow), rel=0.1)
-    assert found.alarms[0].startswith("mirrors as joint describes them leave 0.00")
+    assert found.alarms[0].startswith("the mirrors of joint leave 0.00")
     assert found.free_views is not None
     assert found.free_views.unexplained_px > 0.004
 
 
-def test_a_level_that_is_asked_for_is_kept_and_the_one_above_recommended(warped: Scene, device: Layout) -> None:
+def test_a_requested_level_is_kept_and_the_next_one_recommended(warped: Scene, device: Layout) -> None:
     found = selected(warped, device, 0, model="joint")
     assert found.level == "joint"
     assert "the data support a further level, joint+warp" in found.alarms
     assert len(found.solution.parameters) == 9 + 12
 
 
-def test_a_level_that_is_asked_for_and_right_raises_no_alarm(device: Layout) -> None:
+def test_a_requested_level_that_is_right_raises_no_alarm(device: Layout) -> None:
     found = selected(scene_of(bent(device, 0.02)), device, 0, model="joint+bend")
     assert found.level == "joint+bend"
     assert found.alarms == ()
@@ -122,7 +122,7 @@ def test_a_level_that_is_asked_for_and_right_raises_no_alarm(device: Layout) -> 
 
 
 def test_a_wrong_model_is_less_certain(warped: Scene, device: Layout, of_warped: ModelSelection) -> None:
-    """The board's bow correlates the errors of a frame: sigmas must cover it, and a note must report it."""
+    """The board's bow correlates the errors of a frame: sigmas must cover them, and a note must report them."""
     wrong = selected(warped, device, 0, model="joint")
     assert wrong.widened > 1.5
     assert any("corners in one frame are correlated" in note for note in wrong.notes)
@@ -132,16 +132,16 @@ def test_a_wrong_model_is_less_certain(warped: Scene, device: Layout, of_warped:
     np.testing.assert_allclose(wrong.widened_to(10.0).solution.covariance, 100.0 * plain)
 
 
-def test_the_paper_holds_the_camera(scene: Scene, device: Layout) -> None:
+def test_the_model_of_the_paper_holds_the_camera(scene: Scene, device: Layout) -> None:
     found = selected(scene, device, 0, model="paper")
     assert found.level == "paper"
     assert found.alarms == (), "the camera it holds is the true one"
-    assert found.notes == ("the intrinsics are held: what they may be off is in no uncertainty",)
+    assert found.notes == ("the intrinsics are fixed: no uncertainty includes their errors",)
     assert found.solution.estimate.camera == device.camera
     assert len(found.solution.parameters) == 12
 
 
-def test_the_paper_with_a_wrong_camera_raises_the_alarm(scene: Scene, device: Layout) -> None:
+def test_the_model_of_the_paper_with_a_wrong_camera_raises_the_alarm(scene: Scene, device: Layout) -> None:
     camera = device.camera.replaced(fx_px=1.005 * device.camera.fx_px, cx_px=device.camera.cx_px + 3.0)
     found = selected(scene, device.replaced(camera=camera), 0, model="paper")
     assert found.level == "paper"
@@ -149,7 +149,7 @@ def test_the_paper_with_a_wrong_camera_raises_the_alarm(scene: Scene, device: La
 
 
 def test_a_camera_that_corners_do_not_determine_is_held_and_noted(scene: Scene, device: Layout) -> None:
-    """Thirteen corners: 26 numbers for 12 of the mirrors and 6 of the pose, but not for 9 of a lens as well."""
+    """Thirteen corners: 26 numbers determine 12 of the mirrors and 6 of the pose, but not 9 more of a lens."""
     seen = scene.noisy(1)
     first = seen.where(seen.frame == 0)
     of_views = [np.flatnonzero(first.view == view) for view in range(4)]
@@ -158,7 +158,7 @@ def test_a_camera_that_corners_do_not_determine_is_held_and_noted(scene: Scene, 
     start = Estimate.of(device.camera, device.mirrors, scene.poses[:1])
     found = select_model(start, first, BOARD.corners_in_board_mm)
     assert found.level == "paper"
-    assert found.notes[0].startswith("the corners leave the intrinsics open")
+    assert found.notes[0].startswith("the corners do not determine the intrinsics")
     with pytest.raises(UndeterminedError):
         select_model(start, first, BOARD.corners_in_board_mm, model=RequestedModel())
 
@@ -191,6 +191,6 @@ def test_the_figures_of_each_comparison_follow_from_its_residuals(of_warped: Mod
     assert not left.supported
 
 
-def test_a_plate_thickness_is_not_asked_of_first_surface_mirrors(scene: Scene, device: Layout) -> None:
+def test_first_surface_mirrors_have_no_plate_thickness(scene: Scene, device: Layout) -> None:
     with pytest.raises(InputError, match="the layout has no second-surface mirror"):
         selected(scene, device, 0, model="joint+sheet")

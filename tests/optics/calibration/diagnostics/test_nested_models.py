@@ -1,4 +1,4 @@
-"""The nested models: names of levels, what each addition frees, and plates that look like plane mirrors."""
+"""The nested models: names of levels, free parameters of each, and plates that look like plane mirrors."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from mirrorcam.optics.calibration.diagnostics.nested_models import (
     extended,
     fit_as,
     fit_with,
-    foreseen_gain,
     free_intrinsics,
     further_lenses,
     joint_model,
     paper_model,
     plate_thickness,
+    predicted_gain,
     with_addition,
 )
 from mirrorcam.optics.calibration.diagnostics.requested_model import RequestedModel
@@ -64,8 +64,8 @@ def test_the_stand_in_for_plates_has_the_same_free_parameters_as_plates() -> Non
     assert stand_in.parameters(CAMERA, 4) == plates.parameters(CAMERA, 4)
 
 
-def test_plates_look_alike_along_the_chief_rays(scene: Scene) -> None:
-    """Corners near the middle of each mirror stay where they are to a part of what a plate moves the others by."""
+def test_plates_look_the_same_along_the_chief_rays(scene: Scene) -> None:
+    """Corners near the middle of each mirror move by a small part of the motion of the others."""
     start = scene.start
     middles = start.middles_in_rig_mm
     rows = Observations.join([Observations.of_view(0, m, np.array([m]), np.zeros((1, 2))) for m in range(4)])
@@ -82,13 +82,13 @@ def test_plates_look_alike_along_the_chief_rays(scene: Scene) -> None:
     assert (moved > 1.0).all()
 
 
-def test_a_plate_cannot_vary_where_the_layout_has_none(scene: Scene, solution: Solution) -> None:
+def test_without_a_plate_in_the_layout_its_thickness_cannot_vary(scene: Scene, solution: Solution) -> None:
     joint = fit_as("joint", solution.estimate, scene.noisy(0), JOINT)
     with pytest.raises(InputError, match="no second-surface mirror"):
         fit_with("sheet", joint, scene.noisy(0))
 
 
-def test_plates_of_first_surface_mirrors_come_out_thin(scene: Scene, solution: Solution) -> None:
+def test_the_plates_of_first_surface_mirrors_are_estimated_thin(scene: Scene, solution: Solution) -> None:
     joint = fit_as("joint", solution.estimate, scene.noisy(0), JOINT)
     plates = fit_with("glass", joint, scene.noisy(0))
     assert plates.name == "joint+glass"
@@ -97,17 +97,17 @@ def test_plates_of_first_surface_mirrors_come_out_thin(scene: Scene, solution: S
 
 
 @pytest.mark.parametrize("addition", ["spline", "rational", "fisheye"])
-def test_no_lens_is_foreseen_of_corners_without_noise(scene: Scene, addition: str) -> None:
-    """Residuals and noise that are exactly 0 are nothing to divide by."""
+def test_no_lens_is_predicted_from_corners_without_noise(scene: Scene, addition: str) -> None:
+    """Residuals and noise of exactly 0 must not be divided by."""
     fitted = fit_as("joint", scene.start, scene.clean, JOINT)
     nothing = np.zeros_like(fitted.solution.standardised)
     exact = replace(fitted, solution=replace(fitted.solution, standardised=nothing, scale=0.0))
     with np.errstate(all="raise"):
-        assert foreseen_gain(addition, exact, scene.clean) == 0.0
-        assert foreseen_gain(addition, fitted, scene.clean) <= 0.0
+        assert predicted_gain(addition, exact, scene.clean) == 0.0
+        assert predicted_gain(addition, fitted, scene.clean) <= 0.0
 
 
-def test_additions_lead_from_one_lens_to_the_next_and_keep_what_is_seen() -> None:
+def test_additions_lead_from_one_lens_to_the_next_without_moving_pixels() -> None:
     camera = Camera.c920().replaced(distortion=[0.05, -0.12, 4e-4, -6e-4, 0.01])
     assert set(further_lenses(camera, ("joint",))) == {"rational", "prism", "fisheye", "spline"}
     for path in (("rational", "prism"), ("prism", "rational")):
@@ -137,7 +137,7 @@ def waving(camera: Camera) -> Camera:
 
 
 def fitted(camera: Camera, frames: int, base_frames: int) -> tuple[Fitted, Observations]:
-    """Corners that a camera shows, with noise, and the joint fit of a Brown-Conrady lens to them."""
+    """Return a camera's corners with noise, and the joint fit of a Brown-Conrady lens to them."""
     nominal = nominal_layout()
     taken = scene(nominal.replaced(camera=camera), frames=frames, base_frames=base_frames, target=TARGET, seed=1)
     seen, _ = taken.noisy(0)
@@ -147,12 +147,12 @@ def fitted(camera: Camera, frames: int, base_frames: int) -> tuple[Fitted, Obser
     return fit_as("joint", start, seen, model), seen
 
 
-def test_a_field_is_foreseen_where_residuals_have_a_pattern_and_only_there() -> None:
+def test_a_field_is_predicted_only_where_residuals_have_a_pattern() -> None:
     plain = nominal_layout().camera.replaced(distortion=LENSES["joint"][1])
     joint, seen = fitted(plain, 5, 3)
-    assert [foreseen_gain(name, joint, seen) > 0.0 for name in ("spline", "rational", "prism")] == [False] * 3
+    assert [predicted_gain(name, joint, seen) > 0.0 for name in ("spline", "rational", "prism")] == [False] * 3
     joint, seen = fitted(waving(plain), 5, 3)
-    assert foreseen_gain("spline", joint, seen) > 500.0
+    assert predicted_gain("spline", joint, seen) > 500.0
 
 
 @pytest.mark.slow
@@ -194,7 +194,7 @@ def test_a_stated_lens_is_kept() -> None:
     assert not found.diagnostics.alarms
 
 
-def test_a_model_adds_what_the_lens_can_become() -> None:
+def test_a_model_adds_the_extensions_of_its_lens() -> None:
     nominal = nominal_layout()
     nominal = nominal.replaced(camera=with_addition(nominal.camera, "fisheye"))
     taken = scene(nominal, frames=5, base_frames=3, target=TARGET, seed=2)

@@ -1,4 +1,4 @@
-"""Projection uncertainty, proven by solving again with fresh noise."""
+"""Projection uncertainty, checked by repeated solutions with new noise."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ RANGES_MM = np.array([200.0, 350.0, 600.0, 1000.0])
 
 @pytest.fixture(scope="module")
 def resolved(scene: Scene) -> list[Layout]:
-    """The layout solved again and again, each time with other noise."""
+    """Return layouts solved repeatedly, each with different noise."""
     found = []
     for seed in range(TRIALS):
         estimate, _ = minimise(scene.start, scene.noisy(1000 + seed), JOINT)
@@ -60,14 +60,14 @@ def assert_in_proportion(predicted: FloatArray, sampled: FloatArray) -> None:
     """Predicted and sampled sigmas agree within the standard error of the trials.
 
     A sigma from TRIALS samples has a relative standard error of 1 / sqrt(2 TRIALS), 6 %; worst directions of two are a
-    little more. Of neighbouring points the errors are nearly one, so that five of them are allowed and no less.
+    little more. Of neighbouring points the errors are nearly identical, so that the tolerance is five standard errors.
     """
     np.testing.assert_allclose(sampled, predicted, rtol=4.0 / np.sqrt(2.0 * TRIALS))
     assert np.mean(sampled) == pytest.approx(np.mean(predicted), rel=3.0 / np.sqrt(2.0 * TRIALS))
 
 
 @pytest.mark.parametrize("view", [0, 1, 2])
-def test_the_map_in_rig_is_what_resampling_shows(calibrated: Layout, resolved: list[Layout], view: int) -> None:
+def test_the_map_in_rig_matches_resampling(calibrated: Layout, resolved: list[Layout], view: int) -> None:
     predicted = projection_map(calibrated, view, reference=3, range_mm=RANGE_MM)
     points = points_at_pixels(calibrated, view, predicted.pixels, RANGE_MM)
     sampled = np.array([layout.project(points, view) for layout in resolved])
@@ -75,7 +75,7 @@ def test_the_map_in_rig_is_what_resampling_shows(calibrated: Layout, resolved: l
 
 
 @pytest.mark.parametrize("view", [0, 1, 2])
-def test_the_map_against_the_reference_is_what_resampling_shows(
+def test_the_map_against_the_reference_matches_resampling(
     calibrated: Layout, resolved: list[Layout], view: int
 ) -> None:
     predicted = projection_map(calibrated, view, reference=3, range_mm=RANGE_MM)
@@ -107,7 +107,7 @@ def test_a_wrong_covariance_would_be_noticed(calibrated: Layout, resolved: list[
         assert_in_proportion(predicted.in_rig_px, worst_of(sampled))
 
 
-def test_more_noise_is_more_uncertainty_and_pixels_are_pixels(scene: Scene, calibrated: Layout) -> None:
+def test_uncertainty_scales_with_noise_in_pixels(scene: Scene, calibrated: Layout) -> None:
     found = projection_map(calibrated, 1, reference=3, range_mm=RANGE_MM)
     np.testing.assert_allclose(
         calibrated.project(points_at_pixels(calibrated, 1, found.pixels, RANGE_MM), 1), found.pixels, atol=1e-6
@@ -115,7 +115,7 @@ def test_more_noise_is_more_uncertainty_and_pixels_are_pixels(scene: Scene, cali
     assert 0.0 < found.in_rig_px.max() < 10 * NOISE_PX
 
 
-def test_the_reference_view_is_sure_of_itself(calibrated: Layout) -> None:
+def test_the_reference_view_has_no_uncertainty_relative_to_itself(calibrated: Layout) -> None:
     found = projection_map(calibrated, 3, reference=3, range_mm=RANGE_MM)
     np.testing.assert_allclose(found.against_reference_px, 0.0, atol=1e-9)
     assert found.in_rig_px.min() > 0.0
@@ -134,7 +134,7 @@ def test_the_direct_view_may_be_the_reference(calibrated: Layout) -> None:
     assert (projection_map(calibrated, 0, reference=DIRECT, range_mm=RANGE_MM).against_reference_px > 0.0).all()
 
 
-def test_the_working_range_is_where_the_board_was(scene: Scene, calibrated: Layout) -> None:
+def test_the_working_range_is_that_of_the_board(scene: Scene, calibrated: Layout) -> None:
     rows = scene.clean.where(scene.clean.view != DIRECT)
     points = np.array(
         [
@@ -146,7 +146,7 @@ def test_the_working_range_is_where_the_board_was(scene: Scene, calibrated: Layo
 
 
 def test_a_layout_without_covariance_is_refused(device: Layout) -> None:
-    with pytest.raises(ValueError, match="carries no uncertainty"):
+    with pytest.raises(ValueError, match="has no uncertainty"):
         projection_map(device, 0, reference=3, range_mm=RANGE_MM)
 
 
@@ -156,7 +156,7 @@ def middle_px(layout: Layout, view: int) -> FloatArray:
 
 @pytest.fixture(scope="module")
 def pair() -> Layout:
-    """Two mirrors side by side before a camera of so long a focal length that a pixel is an angle."""
+    """Two adjacent mirrors before a camera of long focal length, so that pixels are proportional to angles."""
     camera = Camera(width_px=1600, height_px=900, fx_px=FOCAL_PX, fy_px=FOCAL_PX, cx_px=799.5, cy_px=449.5)
     layout = faceted_parabola(camera, DesignSpec(camera=camera, rows=1, cols=2), fill=0.9)
     names = tuple(f"mirror {m} {axis}_mm" for m in range(2) for axis in "xyz")
@@ -190,8 +190,8 @@ def test_far_away_sigma_grows_with_the_square_of_range_over_baseline(pair: Layou
     assert found.matching_mm[1] == pytest.approx(4.0 * found.matching_mm[0], rel=0.02)
 
 
-def test_the_calibration_part_is_what_drawing_calibrations_shows(calibrated: Layout) -> None:
-    """Cameras and mirrors drawn from the covariance; each triangulates what the true one shows, exactly."""
+def test_the_calibration_part_matches_drawn_calibrations(calibrated: Layout) -> None:
+    """Cameras and mirrors drawn from the covariance; each triangulates the true one's exact pixels."""
     known = uncertainty_of(calibrated)
     reference = 3
     middle = middle_px(calibrated, reference)
@@ -222,7 +222,7 @@ def _at(layout: Layout, point: FloatArray, view: int) -> Point:
     return Point(layout.project(point[0], view))
 
 
-def test_a_point_that_one_view_shows_has_no_depth(pair: Layout) -> None:
+def test_a_point_in_only_one_view_has_no_depth(pair: Layout) -> None:
     found = depth_uncertainty(pair, np.array([30.0]), reference=1, at_px=middle_px(pair, 1), matching_px=0.1)
     assert found.views[0] < 2
     assert np.isnan(found.matching_mm[0])

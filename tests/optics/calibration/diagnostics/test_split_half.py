@@ -1,4 +1,4 @@
-"""Split-half tests: silent where the model is right, alarming where it is not."""
+"""Split-half tests: they raise an alarm only if the model is wrong."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def split_of(scene: Scene, seen: Observations) -> tuple[tuple[Split, ...], tuple
 
 
 def test_halves_differ_as_their_covariances_predict(scene: Scene) -> None:
-    """The squared difference, in what is predicted, is chi squared: mean 1 per parameter (21), overall and per view."""
+    """The normalised squared difference is chi squared: mean 1 per parameter (21), overall and per view."""
     overall, in_views, against = [], [], []
     for seed in range(10):
         found, notes = split_of(scene, scene.noisy(50 + seed))
@@ -34,7 +34,7 @@ def test_halves_differ_as_their_covariances_predict(scene: Scene) -> None:
         against += [np.nanmean(split.relative_ratio**2) for split in found]
     # 10 sets of 21 parameters, two splits of each that are not independent: a standard error of sqrt(2 / 210) = 0.1.
     assert np.mean(overall) == pytest.approx(1.0, abs=0.25)
-    # A view's difference is mostly two or three weak directions: sqrt(2 / 2 / 10) = 0.3.
+    # A view's difference lies mostly in two or three weak directions: sqrt(2 / 2 / 10) = 0.3.
     assert np.mean(in_views) == pytest.approx(1.0, abs=0.8)
     assert np.mean(against) == pytest.approx(1.0, abs=0.8)
 
@@ -48,7 +48,7 @@ def test_a_wrong_model_raises_the_alarm(device: Layout) -> None:
 
 
 def test_a_claim_of_too_little_noise_raises_the_alarm(scene: Scene) -> None:
-    """Noise that is the same on all corners of a view and frame is not independent, as least squares assumes."""
+    """Noise that all corners of a view and frame share is not independent, as least squares assumes."""
     seen = scene.noisy(2, noise_px=0.01)
     groups = 10 * seen.frame + seen.view + 1
     shift = np.random.default_rng(0).normal(0.0, 0.1, (groups.max() + 1, 2))
@@ -56,7 +56,7 @@ def test_a_claim_of_too_little_noise_raises_the_alarm(scene: Scene) -> None:
     assert any(split.alarm for split in found)
 
 
-def test_the_distribution_of_a_sum_of_squares_is_that_of_draws() -> None:
+def test_the_distribution_of_a_sum_of_squares_matches_draws() -> None:
     random = np.random.default_rng(4)
     root = random.normal(size=(5, 5))
     covariance = root @ root.T

@@ -1,4 +1,4 @@
-"""Where a verdict says that corners lack, and with which noise it judges."""
+"""The regions without corners that a verdict names, and the noise that it uses."""
 
 from __future__ import annotations
 
@@ -20,9 +20,7 @@ def calibration() -> Calibration:
 
 
 @pytest.mark.parametrize(("corner", "words"), [((0, 0), "at the top left"), ((1, 1), "at the bottom right")])
-def test_the_empty_region_is_where_no_corner_was_seen(
-    calibration: Calibration, corner: tuple[int, int], words: str
-) -> None:
+def test_the_empty_region_has_no_corners(calibration: Calibration, corner: tuple[int, int], words: str) -> None:
     seen, outline_px = calibration.observations, calibration.layout.outline_px(0)
     low, high = outline_px.min(axis=0), outline_px.max(axis=0)
     place = (seen.pixels - low) / (high - low)
@@ -62,6 +60,6 @@ def test_cells_name_the_views_that_have_them(views: tuple[ViewFigures, ...]) -> 
         return CellMeans(np.zeros((40, 2)), np.zeros((40, 2)), np.full(40, systematic))
 
     in_one = advice_on_cells([cells(place == 1) for place in range(len(views))], views)
-    assert in_one == f"See the red arrows of {views[1].called}: a mirror there may be bent, or have moved."
+    assert in_one == f"See the red arrows of {views[1].called}: a mirror there may be bent or displaced."
     in_all = advice_on_cells([cells(True) for _ in views], views)
     assert "in most views: the board may be bent, or the lens beyond its model" in in_all

@@ -1,4 +1,4 @@
-"""Statistics of the views of a calibration are those of the boards that were simulated."""
+"""Statistics of the views of a calibration, against the simulated boards."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ def calibration() -> Calibration:
     return sound_calibration()
 
 
-def test_distances_and_tilts_are_those_of_the_board(calibration: Calibration) -> None:
-    """Against the true poses and virtual centres; the calibration is right to far less than the tolerance."""
+def test_distances_and_tilts_match_the_board(calibration: Calibration) -> None:
+    """Against the true poses and virtual centres; the calibration's error is far below the tolerance."""
     seen = calibration.observations
     for view in view_figures(calibration):
         centre = np.zeros(3) if view.view == DIRECT else true_layout().virtual_centres_in_rig_mm[view.view]
@@ -41,7 +41,7 @@ def test_distances_and_tilts_are_those_of_the_board(calibration: Calibration) ->
             assert tilt == pytest.approx(np.median(np.degrees(np.arccos(cosines))), abs=0.3)
 
 
-def test_the_view_without_a_mirror_is_named_by_how_it_was_taken(calibration: Calibration) -> None:
+def test_the_view_without_a_mirror_is_named(calibration: Calibration) -> None:
     *mirrors, bare = view_figures(calibration)
     assert [view.called for view in mirrors] == [f"mirror {name}" for name in calibration.layout.mirror_names]
     assert (bare.name, bare.called) == ("bare camera", "the bare camera")

@@ -1,4 +1,4 @@
-"""Boards that are seen directly and in mirrors: their colours, their markers, and what confirms their corners."""
+"""Boards seen directly and in mirrors: their colours, their markers, and the confirmation of their corners."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ def pictures() -> list[Grey]:
     return [picture_of(layout, lying(*pose), seed, EVEN) for seed, pose in enumerate(POSES[:4])]
 
 
-def test_exchanged_colours_are_told_by_the_mirrors(pictures: list[Grey]) -> None:
-    """A board of even columns and rows with black for white looks like its mirror image; where it is does not."""
+def test_exchanged_colours_are_recognised_by_the_mirrors(pictures: list[Grey]) -> None:
+    """A board of even columns and rows with black for white looks like its mirror image, at another pose."""
     centres = []
     for shown, exchanged in ((pictures, False), ([negative(picture) for picture in pictures], True)):
         boards = boards_in(shown, EVEN, most=3, progress=no_progress)
@@ -46,7 +46,7 @@ def test_exchanged_colours_are_told_by_the_mirrors(pictures: list[Grey]) -> None
     np.testing.assert_allclose(centres[0], truth, atol=27.0)
 
 
-def test_more_boards_than_the_stated_mirrors_show_are_said(pictures: list[Grey]) -> None:
+def test_more_boards_than_the_stated_mirrors_show_are_reported(pictures: list[Grey]) -> None:
     boards = boards_in(pictures[:2], EVEN, most=2, progress=no_progress)
     first = [len(some) for some in boards].index(max(len(some) for some in boards))
     said = f"; {'ab'[first]} shows {len(boards[first])} boards, expected more than --direct-view 1"
@@ -54,7 +54,7 @@ def test_more_boards_than_the_stated_mirrors_show_are_said(pictures: list[Grey])
     assert more_mirrors(boards, ["a", "b"], 2) == ""
 
 
-def test_markers_tell_images_from_the_board_itself() -> None:
+def test_markers_distinguish_images_from_the_board_itself() -> None:
     board = Charuco(cols=5, rows=4, square_mm=34.0, marker_mm=27.0)
     layout = corner_of_two_mirrors(90.0)
     shown = [picture_of(layout, lying(*pose), seed, board) for seed, pose in enumerate(POSES[:2])]

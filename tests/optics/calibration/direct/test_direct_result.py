@@ -1,4 +1,4 @@
-"""The result of a calibration with a direct view: figures that belong to exact corners, notes, and outlines."""
+"""The result of a calibration with a direct view: figures for exact corners, notes, and outlines."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ TURNS = np.array([[0.0, 0.0, 0.0], [1e-3, 0.0, 0.0], [0.0, 2e-3, 0.0], [0.0, 0.0
 
 @pytest.fixture(scope="module")
 def result() -> Calibration:
-    """Five pictures of six, the fourth without a board; mirror 1 shows nothing in the first, half in the second."""
+    """Five of six pictures, the fourth without a board; mirror 1 shows no board in the first and half in the second."""
     truth = corner_of_two_mirrors(80.0)
     poses = np.array([lying(*pose) for pose in POSES])
     random = np.random.default_rng(0)
@@ -46,7 +46,7 @@ def result() -> Calibration:
     return direct_result(selection, flat.solution, rows, pictures=[0, 1, 2, 4, 5], names=names, turns=TURNS)
 
 
-def test_figures_are_those_of_the_scene(result: Calibration) -> None:
+def test_figures_match_the_scene(result: Calibration) -> None:
     metrics = result.metrics
     sigma = metrics["mirrors_0_1_angle_sigma_deg"].value
     assert metrics["mirrors_0_1_angle_deg"].value == pytest.approx(100.0, abs=4.0 * sigma), "between the normals"
@@ -55,12 +55,12 @@ def test_figures_are_those_of_the_scene(result: Calibration) -> None:
     assert metrics["board_shift_in_plane_rms_mm"].value == metrics["board_warp_rms_mm"].value == 0.0
     assert metrics["camera_turned_px"].value == pytest.approx(2e-3 * result.layout.camera.fx_px)
     assert "sheet_mm" not in metrics
-    # Corners of direct views state no noise of their own, so that residuals are relative to nothing.
+    # Corners of direct views state no noise, so that there are no relative residuals.
     assert "residual_scale" not in metrics
     np.testing.assert_allclose(result.corner_sigma_px, metrics["sigma_px"].value)
 
 
-def test_what_was_not_found_is_noted(result: Calibration) -> None:
+def test_missing_boards_are_noted(result: Calibration) -> None:
     assert result.notes == (
         "3.png: no board found, not used",
         "0.png: mirror 0-1 not found",

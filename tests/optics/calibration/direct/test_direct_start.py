@@ -1,4 +1,4 @@
-"""Two mirrors and a camera, found from boards alone: no layout, no nominal camera, and numberings that may be wrong."""
+"""Two mirrors and a camera, found from boards alone, without layout or nominal camera, with ambiguous numberings."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ from mirrorcam.optics.geometry.targets import Checkerboard
 
 ONE_WAY_UP = Checkerboard(cols=8, rows=7, square_mm=20.0)
 TWO_WAYS_UP = Checkerboard(cols=8, rows=6, square_mm=20.0)  # looks the same upside down
-SIGHT_COSINE = 0.25  # of the steepest angle at which a board is still found
+SIGHT_COSINE = 0.25  # for the steepest angle at which a board is still found
 EDGE_PX = 10.0
 
 
 @dataclass(frozen=True)
 class Scene:
-    """A camera, virtual centres (2, 3) and what was found in each picture, from left to right."""
+    """A camera, virtual centres (2, 3) and the boards of each picture, from left to right."""
 
     camera: Camera
     centres: FloatArray
@@ -37,7 +37,7 @@ class Scene:
 
 
 def numberings(pixels: FloatArray, target: Checkerboard, *, turned_over: bool) -> list[Corners]:
-    """The numberings that the black squares allow, of the handedness of the true one or of its mirror image."""
+    """Return the numberings that the black squares allow, with the true or the opposite handedness."""
     places = np.arange(len(pixels)).reshape(target.rows - 1, target.cols - 1)
     grids = [places[::-1], places[:, ::-1]] if turned_over else [places, places[::-1, ::-1]]
     options = []
@@ -51,8 +51,8 @@ def numberings(pixels: FloatArray, target: Checkerboard, *, turned_over: bool) -
 def scene(seed: int, *, noise_px: float | None = None) -> Scene:
     """Two mirrors that meet at 70 to 110 degrees, seen by a camera of any field of view; 5 to 8 pictures of a board.
 
-    Boards show their print to the camera, and in both mirrors, at any angle at which one is found; a tenth of the views
-    is hidden, and where the light of both mirrors in turn reaches the camera a third board may be found.
+    Boards show their print to the camera and in both mirrors, at any detectable angle; a tenth of the views
+    is hidden, and a third board may be found if light of both mirrors in sequence reaches the camera.
     """
     random = np.random.default_rng(seed)
     width, height = [(1350, 900), (1920, 1080), (960, 720)][random.integers(3)]
@@ -78,8 +78,8 @@ def scene(seed: int, *, noise_px: float | None = None) -> Scene:
     for _ in range(2000):
         if len(found) == wanted:
             return Scene(camera, centres, target, found)
-        lean, spin = Rotation.from_euler("xy", random.uniform(-20, 20, 2), degrees=True), random.uniform(-180, 180)
-        lying = lean * Rotation.from_euler("XZ", [-90, spin], degrees=True)
+        tilt, spin = Rotation.from_euler("xy", random.uniform(-20, 20, 2), degrees=True), random.uniform(-180, 180)
+        lying = tilt * Rotation.from_euler("XZ", [-90, spin], degrees=True)
         middle = away * (np.array([0.0, 0.5, 0.7]) + np.array([0.2, 0.12, 0.15]) * random.uniform(-1, 1, 3))
         centred = target.corners_in_board_mm - target.corners_in_board_mm.mean(axis=0)
         board = looking_down.apply(lying.apply(centred) + middle)
@@ -134,7 +134,7 @@ def solved(of: Scene) -> Solution:
 
 
 def sigmas_off(solution: Solution, of: Scene) -> float:
-    """The farthest that camera or mirrors are from the truth, in their own standard deviations."""
+    """Return the largest error of camera or mirrors, in their own standard deviations."""
     k = of.camera.distortion
     truth = [of.camera.fx_px, of.camera.fy_px, of.camera.cx_px, of.camera.cy_px, k[0], k[1], *of.centres.ravel()]
     camera = solution.estimate.camera
@@ -146,7 +146,7 @@ def sigmas_off(solution: Solution, of: Scene) -> float:
 
 
 def misses(seeds: range) -> list[str]:
-    """Which scenes did not end at the truth, and how."""
+    """Return the scenes that did not converge to the truth, with their errors."""
     missed = []
     for seed in seeds:
         of = scene(seed)
@@ -170,7 +170,7 @@ def test_the_direct_view_converges_in_99_of_100_scenes() -> None:
     assert len(misses(range(40, 240))) <= 2
 
 
-def test_a_solution_elsewhere_is_told_from_the_truth() -> None:
+def test_a_wrong_solution_is_distinguished_from_the_truth() -> None:
     """The measure of a miss: another plane of the same pictures is far off, the truth is not."""
     of = scene(0)
     solution = solved(of)
@@ -188,7 +188,7 @@ def test_boards_that_show_no_second_mirror_are_refused() -> None:
 
 @pytest.mark.parametrize("mirrors", [1, 4, 6])
 def test_any_number_of_mirrors_around_a_board_is_found(mirrors: int) -> None:
-    """Mirrors in a ring around the line of sight, each seen by most pictures; planes reach behind each other."""
+    """Mirrors in a ring around the line of sight, each visible in most pictures; planes extend behind each other."""
     random = np.random.default_rng(mirrors)
     camera = Camera(width_px=1600, height_px=1600, fx_px=850.0, fy_px=853.0, cx_px=803.0, cy_px=795.0)
     around = np.linspace(0.2, 0.2 + 2.0 * np.pi, mirrors, endpoint=False)

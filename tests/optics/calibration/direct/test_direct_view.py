@@ -1,4 +1,4 @@
-"""Calibration with a direct view: of pictures whose truth is known, and of real photographs."""
+"""Calibration with a direct view, from simulated pictures and from real photographs."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def test_camera_and_planes_are_found_without_a_layout(calibrated: tuple[Layout, 
     assert sigma < 0.1
 
 
-def test_a_hint_says_what_the_next_picture_should_show(calibrated: tuple[Layout, Calibration]) -> None:
+def test_a_hint_states_the_next_pose(calibrated: tuple[Layout, Calibration]) -> None:
     [(name, hint)] = HINTS
     assert name == "4.png"
     assert hint.sentence.startswith("next: the board as in ")
@@ -83,7 +83,7 @@ def test_a_hint_says_what_the_next_picture_should_show(calibrated: tuple[Layout,
     assert (hint.predicted_deg < hint.sigma_deg).all()
 
 
-def test_a_view_that_is_not_found_is_named_and_the_rest_of_its_picture_used(
+def test_a_missing_view_is_named_and_the_rest_of_its_picture_used(
     calibrated: tuple[Layout, Calibration],
 ) -> None:
     _, found = calibrated
@@ -92,7 +92,7 @@ def test_a_view_that_is_not_found_is_named_and_the_rest_of_its_picture_used(
     assert set(first.view.tolist()) == {DIRECT, 0}
 
 
-def test_what_does_not_suffice_is_refused_in_one_line() -> None:
+def test_insufficient_pictures_are_refused_in_one_line() -> None:
     blank = np.full((300, 400), 90, dtype=np.uint8)
     with pytest.raises(InputError, match="no 8 x 7 checkerboard found in any of 2 pictures"):
         calibrate_with_direct_view([blank, blank], BOARD, mirrors=2, names=["a", "b"])
@@ -112,7 +112,7 @@ def test_what_does_not_suffice_is_refused_in_one_line() -> None:
 
 @pytest.mark.slow
 def test_charuco_boards_and_pictures_without_mirrors_take_part() -> None:
-    """Markers tell the direct view from images; a picture without mirrors is one more view of the camera."""
+    """Markers distinguish the direct view from images; a picture without mirrors is one more view of the camera."""
     truth = corner_of_two_mirrors(90.0)
     board = Charuco(cols=5, rows=4, square_mm=34.0, marker_mm=27.0)
     pictures = [picture_of(truth, lying(*pose), seed, board) for seed, pose in enumerate(POSES[:4])]
@@ -148,8 +148,8 @@ def flat_fit(truth: Estimate, clean: Observations, noise_px: float) -> tuple[Fit
     return fit_as("joint", truth.with_poses(truth.rig_from_board), seen, model), seen
 
 
-def test_a_camera_that_yields_and_a_board_that_flexes_are_told_by_the_corners() -> None:
-    """Both are added, what they are comes out, and the planes are right within their uncertainties."""
+def test_a_yielding_camera_and_a_flexing_board_are_detected() -> None:
+    """Both are added and recovered, and the planes are right within their uncertainties."""
     random = np.random.default_rng(5)
     layout, frames = corner_of_two_mirrors(90.0), 9
     turns = random.normal(0.0, 0.5 / CAMERA.fx_px, (frames, 3))
@@ -168,14 +168,14 @@ def test_a_camera_that_yields_and_a_board_that_flexes_are_told_by_the_corners() 
     assert off @ np.linalg.solve(found.covariance[np.ix_(places, places)], off) < 20.0
 
 
-def test_a_camera_that_stands_and_a_flat_board_need_nothing_further() -> None:
+def test_a_fixed_camera_and_a_flat_board_need_no_extension() -> None:
     truth, clean = corners_of(corner_of_two_mirrors(90.0), moved_by_hand(9))
     selection, _ = select_direct_model(*flat_fit(truth, clean, 0.05))
     assert selection.level == "joint"
     assert not selection.alarms
 
 
-def test_a_level_is_fitted_as_asked_and_a_better_one_is_an_alarm() -> None:
+def test_a_requested_level_is_fitted_and_a_better_one_raises_an_alarm() -> None:
     bows = np.random.default_rng(5).normal(0.0, 0.3, (9, 3))
     truth, clean = corners_of(corner_of_two_mirrors(90.0), moved_by_hand(9), bows=bows)
     selection, _ = select_direct_model(*flat_fit(truth, clean, 0.05), model=RequestedModel.parse("joint+turn"))
@@ -192,7 +192,7 @@ def photographed(two_mirror_photos: list[Path]) -> tuple[list[Grey], Calibration
 
 @pytest.mark.slow
 def test_real_photographs_of_two_mirrors(photographed: tuple[list[Grey], Calibration]) -> None:
-    """One phone camera and two planes behind glass explain every board, and stand square to each other."""
+    """One phone camera and two perpendicular planes behind glass explain every board."""
     _, found = photographed
     assert found.metrics["views"].value == 24
     assert len(found.observations) >= 1000
@@ -205,7 +205,7 @@ def test_real_photographs_of_two_mirrors(photographed: tuple[list[Grey], Calibra
     assert found.diagnostics is not None
     assert set(found.diagnostics.level.split("+")) == {"joint", "board", "sheet", "turn", "bow"}
     assert found.diagnostics.reference == DIRECT
-    # With what differs between photographs in the model, halves of them agree.
+    # With the differences between photographs in the model, halves of them agree.
     assert not found.diagnostics.alarms
     assert found.diagnostics.widened < 1.5
     for axis in "xy":
@@ -221,7 +221,7 @@ def test_real_photographs_of_two_mirrors(photographed: tuple[list[Grey], Calibra
 def test_photographs_predict_each_other_from_the_direct_view_alone(
     photographed: tuple[list[Grey], Calibration],
 ) -> None:
-    """Bounded by how well one view tells its board's pose and bow, and nothing there how the camera yielded."""
+    """Limited by one view's estimate of its board's pose and bow, without the yielding of the camera."""
     pictures, found = photographed
     rows = found.observations
     start = Estimate.of(found.layout.camera, found.layout.mirrors, found.rig_from_board)

@@ -1,4 +1,4 @@
-"""A camera that turned between pictures is turned back by what stood still, whatever moved in front of it."""
+"""A camera's rotation between pictures is found from the static scene, despite moving objects."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def texture(seed: int, shape: tuple[int, int]) -> FloatArray:
 
 
 def turned(scene: FloatArray, turn: FloatArray) -> FloatArray:
-    """What the camera sees of a far scene once its rays are found turned by a rotation vector."""
+    """Return the picture of a far scene after a rotation of the camera's rays by a rotation vector."""
     homography = TRIPOD_CAMERA.matrix @ Rotation.from_rotvec(turn).as_matrix() @ np.linalg.inv(TRIPOD_CAMERA.matrix)
     size = (TRIPOD_CAMERA.width_px, TRIPOD_CAMERA.height_px)
     return np.asarray(
@@ -61,7 +61,7 @@ def grey(image: FloatArray, seed: int) -> Grey:
 
 
 def pictures(moved_px: int) -> list[Grey]:
-    """Two pictures; in the second, a board of two fifths of the picture moved, with more texture than all else."""
+    """Return two pictures; a board on two fifths of the second moved, with more texture than the scene."""
     scene, board = texture(1, (400, 640)), texture(2, (240, 380))
     first, second = scene.copy(), turned(scene, TURN_RAD)
     first[100:340, 60:440] = board
@@ -69,19 +69,19 @@ def pictures(moved_px: int) -> list[Grey]:
     return [grey(first, 3), grey(second, 4)]
 
 
-def test_a_turn_is_found_though_much_of_the_picture_moved_otherwise() -> None:
+def test_a_rotation_is_found_though_much_of_the_picture_moved_otherwise() -> None:
     turns = camera_rotations(pictures(moved_px=3), TRIPOD_CAMERA)
     assert turns is not None
     np.testing.assert_array_equal(turns[0], 0.0)
     np.testing.assert_allclose(turns[1], TURN_RAD, atol=0.05 / 500.0)
 
 
-def test_pictures_with_nothing_in_common_tell_no_turn() -> None:
+def test_pictures_with_nothing_in_common_give_no_rotation() -> None:
     assert camera_rotations([grey(texture(1, (400, 640)), 1), grey(texture(5, (400, 640)), 2)], TRIPOD_CAMERA) is None
     assert camera_rotations([np.full((400, 640), 90, dtype=np.uint8)] * 2, TRIPOD_CAMERA) is None
 
 
-def test_corners_are_turned_back_frame_by_frame() -> None:
+def test_corners_are_corrected_frame_by_frame() -> None:
     rays = np.array([[0.1, 0.2, 1.0], [-0.3, 0.1, 1.0]])
     turns = np.array([np.zeros(3), TURN_RAD])
     seen = np.concatenate([TRIPOD_CAMERA.project(rays @ Rotation.from_rotvec(turn).as_matrix().T) for turn in turns])
@@ -94,7 +94,7 @@ def test_corners_are_turned_back_frame_by_frame() -> None:
 
 @pytest.fixture(scope="module")
 def moving() -> tuple[Estimate, Observations, FloatArray]:
-    """Boards moved by hand, up to 4 mm and 1 degree a frame, their corners at one moment, and the velocities."""
+    """Return boards moved by hand, up to 4 mm and 1 degree per frame, with corners at one moment, and velocities."""
     truth, clean = corners_of(corner_of_two_mirrors(90.0), moved_by_hand(FRAMES))
     twists = np.random.default_rng(3).normal(0.0, 1.0, (FRAMES, 6)) * [*[0.01] * 3, *[2.0] * 3]
     none = np.zeros(9 + 6 * 2 + 1)
@@ -108,10 +108,10 @@ def selected(truth: Estimate, seen: Observations) -> ModelSelection:
 
 
 def seen_by(readout: float, moving: tuple[Estimate, Observations, FloatArray]) -> tuple[Estimate, Observations]:
-    """Corners that a shutter of a readout shows, by exact motion along their velocities, with noise."""
+    """Return corners under a rolling shutter, moved exactly along their velocities, with noise."""
     truth, clean, velocity = moving
     row = clean.pixels[:, 1]
-    for _ in range(20):  # a corner is seen in the row in which it is when that row is read
+    for _ in range(20):  # a corner is seen in the row that contains it when that row is read
         row = clean.pixels[:, 1] + readout * ((row + 0.5) / CAMERA.height_px - 0.5) * velocity[:, 1]
     late = readout * ((row + 0.5) / CAMERA.height_px - 0.5)
     noise = np.random.default_rng(4).normal(0.0, NOISE_PX, clean.pixels.shape)
@@ -140,12 +140,12 @@ def test_a_global_shutter_has_no_readout(moving: tuple[Estimate, Observations, F
     assert abs(found.readout) < 4.0 * found.sigma
 
 
-def test_boards_that_stand_tell_nothing(moving: tuple[Estimate, Observations, FloatArray]) -> None:
+def test_static_boards_determine_no_readout(moving: tuple[Estimate, Observations, FloatArray]) -> None:
     truth, seen = seen_by(0.0, moving)
     assert rolling_shutter(selected(truth, seen), seen, np.zeros_like(moving[2]), CAMERA.height_px) is None
 
 
-def test_velocities_are_those_between_the_frames_beside() -> None:
+def test_velocities_are_differences_of_adjacent_frames() -> None:
     texture = 128.0 + 400.0 * gaussian_filter(np.random.default_rng(0).standard_normal((120, 160)), 2.0)
 
     def frame(step: float) -> Grey:

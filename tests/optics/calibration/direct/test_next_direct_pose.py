@@ -1,4 +1,4 @@
-"""What the next picture should show where the board is also seen directly, asked after one picture after the other."""
+"""The recommended pose for the next picture, with a board that is also seen directly, after each picture."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ LAYOUT = corner_of_two_mirrors(90.0)
 
 
 def shows_print(pose: FloatArray, view: int) -> bool:
-    """Whether a view sees the printed side of a board."""
+    """Return whether a view sees the printed side of a board."""
     pupil = np.zeros(3) if view == DIRECT else LAYOUT.mirrors[view].virtual_centre_in_rig_mm
     return bool(((pupil - pose[:3, 3]) @ pose[:3, :3])[2] < 0.0)
 
 
 def seen(poses: FloatArray) -> Observations:
-    """The corners on the sensor, of prints that are not seen from behind."""
+    """Return the corners on the sensor of prints seen from the front."""
     _, rows = corners_of(LAYOUT, poses)
     size = np.array([CAMERA.width_px, CAMERA.height_px]) - 1.0
     towards = np.array([shows_print(poses[frame], view) for frame, view in zip(rows.frame, rows.view, strict=True)])
@@ -37,7 +37,7 @@ def seen(poses: FloatArray) -> Observations:
 
 
 def hint(poses: FloatArray, *, base: tuple[Observations, ...] = ()) -> NextPose:
-    """The recommendation after pictures of boards at some poses."""
+    """Return the recommendation after pictures of boards at some poses."""
     start, _ = corners_of(LAYOUT, poses)
     names = [f"{number}.png" for number in range(len(poses))]
     found = next_direct_pose(start, seen(poses), BOARD, intrinsics=INTRINSICS, pictures=names, base=base)
@@ -47,7 +47,7 @@ def hint(poses: FloatArray, *, base: tuple[Observations, ...] = ()) -> NextPose:
 
 @pytest.fixture(scope="module")
 def followed() -> tuple[list[NextPose], FloatArray]:
-    """A session of six pictures, all but the first as the hints say, and their poses."""
+    """Return a session of six pictures, all but the first by the hints, and their poses."""
     poses, advised = moved_by_hand(1), []
     for _ in range(5):
         advised.append(hint(poses))
@@ -56,18 +56,18 @@ def followed() -> tuple[list[NextPose], FloatArray]:
 
 
 @pytest.mark.slow
-def test_who_follows_the_hints_needs_fewer_pictures(followed: tuple[list[NextPose], FloatArray]) -> None:
+def test_following_the_hints_needs_fewer_pictures(followed: tuple[list[NextPose], FloatArray]) -> None:
     advised, _ = followed
     worst = [float(each.sigma_deg.max()) for each in advised]
     assert worst == sorted(worst, reverse=True)
     for now, then in pairwise(advised):
-        # Mirrors may show more of the board than was known of them.
+        # Mirrors may show more of the board than their known outlines.
         assert (then.sigma_deg < 1.02 * now.predicted_deg).all()
     by_chance = [float(hint(moved_by_hand(6, seed)).sigma_deg.max()) for seed in range(1, 6)]
     assert worst[-1] < 0.8 * min(by_chance)
 
 
-def test_deviations_are_those_of_the_solver() -> None:
+def test_standard_deviations_match_the_solver() -> None:
     poses = moved_by_hand(8, seed=2)
     start, _ = corners_of(LAYOUT, poses)
     rows = seen(poses)
@@ -79,11 +79,11 @@ def test_deviations_are_those_of_the_solver() -> None:
         away = np.eye(3) - np.outer(centre, centre) / (centre @ centre)
         block = away @ solution.covariance[at : at + 3, at : at + 3] @ away
         expected = np.degrees(np.sqrt(np.linalg.eigvalsh(block)[-1]) / np.linalg.norm(centre))
-        # The camera is taken to be known before to some per cent.
+        # The camera has a prior of some per cent.
         assert 0.8 * expected < sigma < 1.05 * expected
 
 
-def test_words_say_how_the_board_is_moved(followed: tuple[list[NextPose], FloatArray]) -> None:
+def test_words_describe_how_to_move_the_board(followed: tuple[list[NextPose], FloatArray]) -> None:
     advised, poses = followed
     for each in advised:
         name = next(f"{n}.png" for n in range(len(poses)) if f"as in {n}.png" in each.sentence)
@@ -92,7 +92,7 @@ def test_words_say_how_the_board_is_moved(followed: tuple[list[NextPose], FloatA
         old, new = (transform(pose, half) for pose in (before, each.rig_from_board))
         assert ("nearer" in each.sentence) == (new[2] < old[2] - 1.0)
         assert ("farther" in each.sentence) == (new[2] > old[2] + 1.0)
-        # A turn about the camera's x brings what is above nearer, or farther away.
+        # A rotation about the camera's x brings the upper edge nearer, or farther away.
         turn = each.rig_from_board[:3, :3] @ before[:3, :3].T
         nearer = {
             "upper": (turn @ [0.0, -1.0, 0.0])[2] < -0.1,

@@ -1,4 +1,4 @@
-"""Images seen in two mirrors one after the other: rays followed face by face meet the corners."""
+"""Images seen in two mirrors in sequence: rays traced face by face meet the corners."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def estimate_of(thickness_mm: float) -> Estimate:
 
 
 def traced(estimate: Estimate, pixels: FloatArray, path: tuple[int, int]) -> tuple[FloatArray, FloatArray]:
-    """Rays (n, 3) points and directions after both mirrors, followed face by face through their plates."""
+    """Return points and directions (n, 3) of rays after both mirrors, traced face by face through their plates."""
     points, rays = np.zeros((len(pixels), 3)), CAMERA.unproject(pixels)
     for mirror in path:
         centre = estimate.virtual_centres_in_rig_mm[mirror]

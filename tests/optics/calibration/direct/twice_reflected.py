@@ -1,4 +1,4 @@
-"""Corners that one mirror shows in the other: an oracle that the calibration does not use."""
+"""Corners seen in two mirrors in sequence: a reference implementation, independent of the calibration."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ PATH_STEPS = 20
 
 
 def twice_reflected(estimate: Estimate, board: Board, frame: int, path: tuple[int, int]) -> FloatArray:
-    """Pixels (c, 2) of the board's corners seen in mirror path[0], in which mirror path[1] shows them.
+    """Return pixels (c, 2) of the board's corners in mirror path[1], as seen in mirror path[0].
 
-    Each plate is, for a ray of one incidence, a first-surface mirror raised by t (1 - tan' / tan); rays and incidences
-    are found together by fixed-point iteration. Whether the outlines let that light pass is not considered.
+    For a given angle of incidence, a plate is a first-surface mirror raised by t (1 - tan' / tan); rays and incidences
+    are found jointly by fixed-point iteration. Vignetting by the outlines is ignored.
     """
     points = transform(estimate.rig_from_board[frame], board.shaped(estimate.shape))
     image = points

@@ -44,7 +44,7 @@ def corner_of_two_mirrors(opening_deg: float) -> Layout:
     return Layout(rows=1, cols=2, camera=CAMERA, mirrors=tuple(mirrors), view_from_rig=np.eye(3))
 
 
-# Middle of the board in mm; then its slope towards the camera, spin on that slope and lean, in degrees.
+# Middle of the board in mm; then its slope towards the camera, rotation on that slope and sideways tilt, in degrees.
 POSES = [
     ((10.0, 270.0, 450.0), (-84.0, 30.0, 0.0)),
     ((-15.0, 265.0, 440.0), (-78.0, -25.0, 6.0)),
@@ -55,18 +55,18 @@ POSES = [
 
 
 def lying(centre: tuple[float, ...], turns_deg: tuple[float, ...]) -> FloatArray:
-    """rig_from_board (4, 4) of a board that lies before the mirrors, its print towards camera and mirrors alike."""
-    slope, spin, lean = turns_deg
-    turn = Rotation.from_euler("XYZ", [slope, lean, spin], degrees=True).as_matrix()
+    """Return rig_from_board (4, 4) of a board before the mirrors, with its print towards camera and mirrors."""
+    slope, spin, tilt = turns_deg
+    turn = Rotation.from_euler("XYZ", [slope, tilt, spin], degrees=True).as_matrix()
     return rigid(turn, centre - turn @ BOARD.corners_in_board_mm.mean(axis=0))
 
 
 def corners_of(
     layout: Layout, poses: FloatArray, *, turns: FloatArray | None = None, bows: FloatArray | None = None
 ) -> tuple[Estimate, Observations]:
-    """What explains the corners of boards (f, 4, 4) seen directly and in both mirrors, and these without noise.
+    """Return the true model for boards (f, 4, 4) seen directly and in both mirrors, and their exact corners.
 
-    In each frame the camera has turned by `turns` (f, 3) and the board is bowed by `bows` (f, 3).
+    In each frame the camera is rotated by `turns` (f, 3) and the board is bowed by `bows` (f, 3).
     """
     count, frames = len(BOARD.corners_in_board_mm), len(poses)
     parts = [

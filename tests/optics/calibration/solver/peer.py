@@ -1,4 +1,4 @@
-"""The same least-squares problem as the solver's, as `scipy.optimize.least_squares` takes it, with its derivatives."""
+"""The solver's least-squares problem for `scipy.optimize.least_squares`, with its derivatives."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Peer:
 
     @cached_property
     def _structure(self) -> tuple[IntArray, IntArray, IntArray]:
-        """Which of the derivatives, in the order of the chunks, fills which place: order, columns and row ends."""
+        """Return the sparse structure of the derivatives: their order in the chunks, columns and row ends."""
         rows, columns = [], []
         n = len(self.grouped.order)
         for chunk in self.grouped.chunks:
@@ -73,7 +73,7 @@ class Peer:
 
 
 def left_jacobians(turns: FloatArray) -> FloatArray:
-    """By how much exp(w) turns in place, (f, 3, 3), per change of rotation vectors w (f, 3).
+    """Return the left Jacobians (f, 3, 3) of rotation vectors w (f, 3): rotation of exp(w) per change of w.
 
     I + (1 - cos a) / a^2 [w] + (a - sin a) / a^3 [w]^2, a = |w|: Chirikjian, Stochastic Models 2 (2012), eq. 10.86.
     """

@@ -1,6 +1,6 @@
-"""What tests and benchmarks of the solver solve: corners of a board in nine mirrors and seen directly, and their truth.
+"""Problems for tests and benchmarks of the solver: corners of a board in nine mirrors and seen directly, with truth.
 
-The bound that no estimate can beat is computed here by finite differences of the residuals and one dense inverse, which
+The Cramér-Rao bound is computed here by finite differences of the residuals and one dense inverse, which
 shares nothing with the solver.
 """
 
@@ -32,7 +32,7 @@ LENS = (0.05, -0.12, 4e-4, -6e-4, 0.01)
 
 @dataclass(frozen=True)
 class Scene:
-    """A layout as it is, the corners it shows without noise, and the model to fit: cameras, nine mirrors, poses."""
+    """The true layout, its exact corners, and the model to fit: cameras, nine mirrors, poses."""
 
     layout: Layout
     truth: Estimate
@@ -73,18 +73,18 @@ class Scene:
 
     @cached_property
     def linear(self) -> FloatArray:
-        """The matrix (g, 2 n) that takes small noise to the error of the least-squares estimate of the globals."""
+        """Return the matrix (g, 2 n) from small noise to the error of the least-squares estimate of the globals."""
         scale = np.linalg.norm(self.jacobian, axis=0)
         inverse = np.linalg.pinv(self.jacobian / scale, rcond=1e-13) / scale[:, None]
         return inverse[: len(self.free)]
 
     @cached_property
     def bound(self) -> FloatArray:
-        """Cramer and Rao's bound (g, g) of the covariance of the free globals: the inverse Fisher information."""
+        """Return the Cramér-Rao bound (g, g) of the covariance of the free globals: the inverse Fisher information."""
         return SIGMA_PX**2 * self.linear @ self.linear.T
 
     def errors(self, estimate: Estimate) -> FloatArray:
-        """By how much the free globals (g,) of an estimate are off."""
+        """Return the errors of the free globals (g,) of an estimate."""
         ours, true = (
             np.concatenate(
                 [
@@ -106,7 +106,7 @@ def nominal_layout() -> Layout:
 
 
 def scene(layout: Layout, *, frames: int, base_frames: int, target: Checkerboard, seed: int) -> Scene:
-    """Boards that a layout shows in part or whole, at poses drawn from a seed."""
+    """Return boards that a layout shows in part or completely, at poses drawn from a seed."""
     mirrored = mirrored_poses(target, frames, tilt_deg=30.0, seed=seed)
     direct = direct_poses(target, base_frames, tilt_deg=30.0, seed=seed + 1)
     random = np.random.default_rng(0)
@@ -144,7 +144,7 @@ def large_scene() -> Scene:
 
 
 def disturbed(layout: Layout, seed: int, *, tilt_deg: float, offset_mm: float) -> tuple[Mirror, ...]:
-    """The mirrors, each tilted by so much about an axis of its plane and shifted by so much along its normal."""
+    """Return the mirrors, each tilted about an axis of its plane and shifted along its normal by these amounts."""
     random = np.random.default_rng(seed)
     moved = []
     for mirror in layout.mirrors:
@@ -156,7 +156,7 @@ def disturbed(layout: Layout, seed: int, *, tilt_deg: float, offset_mm: float) -
 
 
 def start_from(camera: Camera, mirrors: tuple[Mirror, ...], observations: Observations, board: Board) -> Estimate:
-    """Where a calibration starts: these mirrors, and each board where the view puts it that fits its frame best."""
+    """Return the start of a calibration: these mirrors, each board's pose from the view that fits its frame best."""
     poses = []
     for frame in range(int(observations.frame.max()) + 1):
         rows = observations.where(observations.frame == frame)

@@ -1,7 +1,7 @@
-"""The solver at the bound of Cramér and Rao: efficient errors, true covariances, outliers, wrong starts.
+"""The solver at the Cramér-Rao bound: efficient errors, true covariances, outliers, wrong starts.
 
-Trials have a spread of their own: a root mean square over 200 of them has a standard error of 5 %. So each error is
-also compared with that of the linear estimate from the same noise, whose spread *is* the bound: their difference has a
+A root mean square over 200 trials has a standard error of 5 %. Therefore each error is
+also compared with the linear estimate from the same noise, whose spread *is* the bound: their difference has a
 far smaller standard error.
 """
 
@@ -38,21 +38,21 @@ def trials() -> Trials:
 
 
 @pytest.mark.parametrize("what", a_few(1, [0, 1]), ids=["normals", "distances"])
-def test_errors_are_those_of_cramer_and_rao(what: int) -> None:
+def test_errors_reach_the_cramer_rao_bound(what: int) -> None:
     found = trials()
     ours, linear = over_bound(found, found.errors)[what], over_bound(found, found.linear)[what]
     plain = np.sqrt(ours.mean(axis=0))
     # The mean of squared normal variables has a relative standard error of sqrt(2 / trials), its root half of that.
     spread = np.sqrt(0.5 / TRIALS)
     assert (np.abs(plain - 1.0) < 3.5 * spread).all()
-    # Of the linear estimate the expectation is 1, so that only the difference has to be estimated.
+    # The linear estimate has expectation 1, so that only the difference has to be estimated.
     paired = 1.0 + (ours - linear).mean(axis=0)
     precision = (ours - linear).std(axis=0) / np.sqrt(TRIALS)
     assert precision.max() < 0.001
     assert (np.sqrt(paired + 3.0 * precision) < 1.005).all()
 
 
-def test_claimed_covariance_is_that_of_the_errors() -> None:
+def test_the_claimed_covariance_matches_the_errors() -> None:
     """Normalised estimation error squared per degree of freedom: mean 1, sqrt(2 / (200 x 36)) = 0.017 of spread."""
     found = trials()
     nees = np.mean([e @ np.linalg.solve(c, e) for e, c in zip(found.errors, found.claims, strict=True)])
@@ -73,7 +73,7 @@ def test_the_weakest_direction_is_as_uncertain_as_claimed() -> None:
 
 
 def test_outliers_cost_a_tenth_at_most() -> None:
-    """One corner in a hundred off by 20 sigma: 1 % fewer corners alone would cost half a percent."""
+    """One corner in a hundred is off by 20 sigma: 1 % fewer corners alone would cost half a percent."""
     found = trials()
     spoilt = np.stack(over_bound(found, found.with_outliers))
     clean = np.stack(over_bound(found, found.errors[: len(found.with_outliers)]))
@@ -81,8 +81,8 @@ def test_outliers_cost_a_tenth_at_most() -> None:
     assert (np.sqrt(spoilt.mean(axis=1) / clean.mean(axis=1)) < 1.1).all()
 
 
-def test_corners_of_unlike_noise_count_by_their_variance() -> None:
-    """Half of the views with six times the noise: errors are as claimed, and smaller than those of equal weights."""
+def test_corners_are_weighted_by_their_variance() -> None:
+    """Half of the views have six times the noise: errors are as claimed, and smaller than with equal weights."""
     scene = small_scene()
     sigmas = np.where((scene.clean.frame + scene.clean.view) % 2 == 0, 6.0, 1.0) * SIGMA_PX
     seen = replace(scene.clean, sigma_px=sigmas)
@@ -113,7 +113,7 @@ def large_start(scene: Scene, seen: Observations) -> Estimate:
     )
 
 
-def test_few_steps_solve_a_large_problem_from_far_off() -> None:
+def test_few_steps_solve_a_large_problem_from_a_distant_start() -> None:
     scene = large_scene()
     seen, _ = scene.noisy(0)
     assert seen.pixels.size == 29160

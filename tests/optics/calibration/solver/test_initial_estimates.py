@@ -1,4 +1,4 @@
-"""First estimates from single views: exact where the corners are."""
+"""Initial estimates from single views: exact if the corners are."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def test_a_pose_is_found_directly_and_through_a_mirror() -> None:
         assert np.linalg.det(found[:3, :3]) == pytest.approx(1.0)
 
 
-def test_the_pose_before_a_mirror_puts_the_images_corners_back() -> None:
+def test_the_pose_before_a_mirror_reprojects_the_images_corners() -> None:
     centre = np.array([10.0, -60.0, 90.0])
     image = rigid(Rotation.from_euler("xyz", [0.3, -0.2, 1.0]).as_matrix(), np.array([5.0, 60.0, 400.0]))
     np.testing.assert_allclose(
@@ -77,7 +77,7 @@ def test_the_pose_before_a_mirror_puts_the_images_corners_back() -> None:
     )
 
 
-def test_the_best_pose_is_that_of_the_view_that_explains_all(fold_90_layout: Layout) -> None:
+def test_the_best_pose_comes_from_the_view_that_explains_all(fold_90_layout: Layout) -> None:
     (pose,) = mirrored_poses(BOARD, 1, tilt_deg=20.0, seed=2)
     mirrors = fold_90_layout.mirrors[:3]
     views = [(mirror, seen(pose, mirror.virtual_centre_in_rig_mm)) for mirror in mirrors]
@@ -94,7 +94,7 @@ def test_a_first_estimate_of_exact_corners_is_exact(fold_90_layout: Layout) -> N
     np.testing.assert_allclose(found.rig_from_board, poses, atol=0.02)
 
 
-def test_the_nominal_camera_stands_in_where_frames_do_not_determine_one() -> None:
+def test_the_nominal_camera_is_used_if_frames_do_not_determine_one() -> None:
     assert base_camera(Observations.none(), CAMERA, CORNERS) is CAMERA
     wide = CAMERA.replaced(fx_px=2.0 * CAMERA.fx_px, fy_px=2.0 * CAMERA.fy_px)
     poses = direct_poses(BOARD, 6, tilt_deg=30.0, seed=4)

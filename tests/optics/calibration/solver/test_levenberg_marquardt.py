@@ -1,4 +1,4 @@
-"""The solver on corners whose truth is known: minimum, noise, outliers, uncertainty."""
+"""The solver on corners with known truth: minimum, noise, outliers, uncertainty."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def _disturbed(truth: Estimate, seed: int, *, tilt_deg: float, offset_mm: float,
     return replace(moved, virtual_centres_in_rig_mm=np.array(centres))
 
 
-def test_clean_corners_give_back_the_truth_from_a_wrong_start(scene: FourMirrors) -> None:
+def test_exact_corners_lead_to_the_truth_from_a_wrong_start(scene: FourMirrors) -> None:
     start = _disturbed(scene.truth, 1, tilt_deg=2.0, offset_mm=2.0, focal_px=20.0)
     found, iterations = minimise(start, scene.clean, scene.model)
     np.testing.assert_allclose(found.virtual_centres_in_rig_mm, scene.truth.virtual_centres_in_rig_mm, atol=1e-6)
@@ -54,7 +54,7 @@ def test_clean_corners_give_back_the_truth_from_a_wrong_start(scene: FourMirrors
 
 @pytest.mark.parametrize("bend", [False, True])
 def test_same_minimum_as_scipy(bend: bool) -> None:
-    """To seven digits, with the solver's own derivatives, which are put together without its sums over groups."""
+    """To seven digits, with the solver's derivatives assembled without its sums over groups."""
     scene = small_scene()
     model = replace(scene.model, curvature=bend)
     seen, _ = scene.noisy(5)
@@ -79,7 +79,7 @@ def test_same_minimum_as_scipy(bend: bool) -> None:
     np.testing.assert_allclose(ours.curvature_per_m, best.curvature_per_m, atol=1e-6)
 
 
-def test_outliers_are_dropped_and_nearly_nothing_else(scene: FourMirrors) -> None:
+def test_outliers_are_dropped_and_hardly_any_inliers(scene: FourMirrors) -> None:
     seen = scene.noisy(8)
     random = np.random.default_rng(0)
     bad = random.random(len(seen)) < 0.01
@@ -95,8 +95,8 @@ def test_outliers_are_dropped_and_nearly_nothing_else(scene: FourMirrors) -> Non
     )
 
 
-def test_what_most_of_a_kind_of_corners_contradict_is_the_model() -> None:
-    """With the camera held, corners in mirrors of another focal length are no outliers of the others."""
+def test_corners_that_mostly_contradict_the_model_are_not_outliers() -> None:
+    """With the camera held, corners in mirrors at another focal length are not outliers."""
     scene = small_scene()
     seen, _ = scene.noisy(0)
     principal = scene.truth.camera.intrinsics[2:4]
@@ -128,7 +128,7 @@ def test_one_frame_of_one_mirror_does_not_determine_a_camera(scene: FourMirrors)
 
 
 def shared_fields(of: Scene) -> FloatArray:
-    """Errors (2 n, k) px of all corners: six in each mirror."""
+    """Return shared errors (2 n, k) px of all corners: six in each mirror."""
     seen, columns = of.clean, []
     for mirror in range(len(of.layout.mirrors)):
         own = seen.view == mirror
@@ -139,7 +139,7 @@ def shared_fields(of: Scene) -> FloatArray:
     return SHARED_PX * np.array(columns).T
 
 
-def test_the_covariance_is_that_of_fits_to_corners_with_shared_errors() -> None:
+def test_the_covariance_matches_fits_to_corners_with_shared_errors() -> None:
     scene = built("sheet")
     expected = np.linalg.lstsq(scene.jacobian, shared_fields(scene), rcond=None)[0][: len(scene.free)]
     found = shared_covariance(scene.truth, scene.clean, scene.model)
@@ -147,7 +147,7 @@ def test_the_covariance_is_that_of_fits_to_corners_with_shared_errors() -> None:
     np.testing.assert_allclose(found / np.outer(size, size), expected @ expected.T / np.outer(size, size), atol=2e-3)
 
 
-def test_it_is_part_of_the_covariance_of_a_fit_and_does_not_average_out() -> None:
+def test_shared_errors_enter_the_covariance_and_do_not_average_out() -> None:
     scene = built("sheet")
     seen, _ = scene.noisy(0)
     solution = fit(scene.truth, seen, scene.model)
@@ -156,10 +156,10 @@ def test_it_is_part_of_the_covariance_of_a_fit_and_does_not_average_out() -> Non
     direct = scene.clean.view == DIRECT
     half = scene.clean.where(direct | (scene.clean.corner % 2 == 0))
     fewer = shared_covariance(scene.truth, half, scene.model)
-    whole = shared_covariance(scene.truth, scene.clean, scene.model)
-    assert 0.8 < np.median(np.sqrt(np.diag(fewer) / np.diag(whole))) < 1.25
+    complete = shared_covariance(scene.truth, scene.clean, scene.model)
+    assert 0.8 < np.median(np.sqrt(np.diag(fewer) / np.diag(complete))) < 1.25
 
 
-def test_corners_in_first_surface_mirrors_share_nothing() -> None:
+def test_corners_in_first_surface_mirrors_share_no_errors() -> None:
     scene = small_scene()
     assert not shared_covariance(scene.truth, scene.clean, scene.model).any()

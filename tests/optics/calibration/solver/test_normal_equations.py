@@ -1,4 +1,4 @@
-"""Normal equations summed over groups are those of the dense Jacobian, and their step solves them."""
+"""Normal equations summed over groups, against the dense Jacobian, and the step that solves them."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from tests.optics.calibration.solver.four_mirrors import MIRRORS, FourMirrors, f
 
 
 def dense(scene: FourMirrors, model: Model) -> tuple[FloatArray, FloatArray]:
-    """The Jacobian (r, g + d f) and the residuals (r,) of noisy corners and priors, put together without groups."""
+    """Return the Jacobian (r, g + d f) and residuals (r,) of noisy corners and priors, assembled without groups."""
     r, by_global, by_frame = residuals_with_jacobians(scene.truth, scene.noisy(0), model.board)
     frames, terms = len(scene.truth.rig_from_board), model.frame_terms
     own = np.zeros((len(r), 2, frames, len(terms.free)))
@@ -46,7 +46,7 @@ def dense(scene: FourMirrors, model: Model) -> tuple[FloatArray, FloatArray]:
 
 
 def assembled(normal: NormalEquations) -> tuple[FloatArray, FloatArray]:
-    """The whole normal matrix and gradient."""
+    """Return the complete normal matrix and gradient."""
     size, (frames, own, _) = len(normal.u), normal.v.shape
     matrix = np.zeros((size + own * frames,) * 2)
     matrix[:size, :size] = normal.u
@@ -83,7 +83,7 @@ def problem(request: pytest.FixtureRequest) -> tuple[FourMirrors, Model]:
     return scene, model
 
 
-def test_sums_over_groups_are_those_of_the_dense_jacobian(problem: tuple[FourMirrors, Model]) -> None:
+def test_sums_over_groups_equal_those_of_the_dense_jacobian(problem: tuple[FourMirrors, Model]) -> None:
     scene, model = problem
     grouped = Grouped.of(scene.noisy(0), model)
     columns, r = dense(scene, model)
@@ -115,7 +115,7 @@ def test_weights_scale_the_rows(problem: tuple[FourMirrors, Model]) -> None:
     np.testing.assert_allclose(twice.gradient_poses[:, :6], 4.0 * once.gradient_poses[:, :6])
 
 
-def test_grouped_residuals_are_the_residuals_in_the_groups_order(problem: tuple[FourMirrors, Model]) -> None:
+def test_grouped_residuals_equal_the_residuals_in_group_order(problem: tuple[FourMirrors, Model]) -> None:
     scene, model = problem
     seen = scene.noisy(1)
     grouped = Grouped.of(seen, model)

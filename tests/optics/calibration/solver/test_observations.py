@@ -8,7 +8,7 @@ import pytest
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
 
 
-def test_observations_refuse_what_does_not_fit() -> None:
+def test_invalid_observations_are_refused() -> None:
     one = np.array([0])
     with pytest.raises(ValueError, match="pixels has shape"):
         Observations(one, one, one, np.zeros((2, 2)))

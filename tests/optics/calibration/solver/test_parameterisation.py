@@ -1,4 +1,4 @@
-"""Names and places of the parameters that a model leaves free."""
+"""Names and indices of the free parameters of a model."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.corner_calibration import calibrate_corners
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
-from mirrorcam.optics.calibration.solver.parameterisation import PAIR_DEG, FrameTerms, Model, pair_prior, turned_like
+from mirrorcam.optics.calibration.solver.parameterisation import PAIR_DEG, FrameTerms, Model, pair_prior, rotated_like
 from mirrorcam.optics.calibration.solver.residuals import Board, global_names
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
@@ -26,7 +26,7 @@ from tests.optics.calibration.synthetic_corners import views_of
 CAMERA = Camera.c920()
 
 
-def test_models_name_what_they_free() -> None:
+def test_models_name_their_free_parameters() -> None:
     board = Board.warped(np.array([[x, y, 0.0] for y in range(3) for x in range(4)]))
     names = Model(("k1", "fx_px"), thickness=True, curvature=True, board=board).parameters(CAMERA, 2)
     assert names[:4] == ("fx_px", "k1", "mirror 0 x_mm", "mirror 0 y_mm")
@@ -38,14 +38,14 @@ def test_models_name_what_they_free() -> None:
         Model(("k9",), thickness=False, curvature=False, board=board).parameters(CAMERA, 2)
 
 
-def test_the_places_of_free_globals_are_those_of_their_names() -> None:
+def test_the_indices_of_free_globals_match_their_names() -> None:
     model = Model(("cy_px",), thickness=True, curvature=False, board=Board.rigid(np.zeros((1, 3))))
     every = global_names(CAMERA.intrinsic_names, 3, 0)
     assert tuple(every[place] for place in model.free(CAMERA, 3)) == model.parameters(CAMERA, 3)
     assert (np.diff(model.free(CAMERA, 3)) > 0).all()
 
 
-def test_frame_terms_name_their_numbers_and_weigh_them() -> None:
+def test_frame_terms_name_and_weight_their_numbers() -> None:
     truth = four_mirrors().truth
     frames = len(truth.rig_from_board)
     own = replace(truth, camera_turn=np.full((frames, 3), 0.02), bow_mm=np.full((frames, 3), 0.5))
@@ -62,7 +62,7 @@ def pair(layout: Layout) -> Layout:
 
 
 def about_line(layout: Layout, angle: float) -> tuple[Layout, FloatArray]:
-    """A pair turned by an angle about the line of its planes, put together here, and the motion (4, 4)."""
+    """Return a pair rotated by an angle about the line of its planes, computed here, and the motion (4, 4)."""
     first, second = layout.mirrors
     line = np.cross(first.normal_in_rig, second.normal_in_rig)
     line /= np.linalg.norm(line)
@@ -83,7 +83,7 @@ def about_line(layout: Layout, angle: float) -> tuple[Layout, FloatArray]:
 
 
 def relative(mirrors: tuple[Mirror, ...]) -> FloatArray:
-    """Where the second view is from the first: what a point seen in both mirrors, one after the other, moves by."""
+    """Return the motion (4, 4) from the first view to the second, which is that of two reflections."""
     points = np.array([[0.0, 0.0, 0.0], [100.0, 0.0, 0.0], [0.0, 100.0, 0.0], [0.0, 0.0, 100.0]])
     once = reflect(points, mirrors[0].virtual_centre_in_rig_mm)
     return np.asarray(reflect(once, mirrors[1].virtual_centre_in_rig_mm))
@@ -95,7 +95,7 @@ def calibrated() -> Calibration:
     return calibrate_corners(views.seen, views.base, pair(nominal_layout()), BOARD.corners_in_board_mm)
 
 
-def test_pictures_are_the_same_however_the_pair_is_turned() -> None:
+def test_pictures_do_not_depend_on_the_rotation_of_the_pair() -> None:
     built = pair(true_layout())
     turned, _ = about_line(built, -0.01)
     _, motion = about_line(built, 0.02)
@@ -107,10 +107,10 @@ def test_pictures_are_the_same_however_the_pair_is_turned() -> None:
         np.testing.assert_allclose(reflect(board, other.virtual_centre_in_rig_mm), shown, atol=1e-9)
 
 
-def test_a_turned_pair_is_turned_back() -> None:
+def test_a_rotated_pair_is_rotated_back() -> None:
     built = pair(true_layout())
     turned, _ = about_line(built, 0.03)
-    found, angle = turned_like(turned, built)
+    found, angle = rotated_like(turned, built)
     assert abs(angle) == pytest.approx(0.03, rel=1e-9)
     np.testing.assert_allclose(found.virtual_centres_in_rig_mm, built.virtual_centres_in_rig_mm, atol=1e-9)
     np.testing.assert_allclose(found.view_from_rig, built.view_from_rig, atol=1e-12)
@@ -136,25 +136,25 @@ def test_three_mirrors_need_no_prior_and_one_is_refused() -> None:
         pair_prior(pair(design).replaced(mirrors=(design.mirrors[0], parallel)))
 
 
-def test_a_pair_is_calibrated_but_for_its_turn() -> None:
+def test_a_pair_is_calibrated_up_to_its_rotation() -> None:
     found, built = calibrated(), pair(true_layout())
     assert any(note.startswith("two mirrors without a direct view") for note in found.notes)
     assert found.metrics["common_turn_sigma_deg"].value == pytest.approx(PAIR_DEG, rel=0.05)
     np.testing.assert_allclose(relative(found.layout.mirrors), relative(built.mirrors), atol=0.05)
-    turned, angle = turned_like(found.layout, built)
+    turned, angle = rotated_like(found.layout, built)
     assert abs(np.rad2deg(angle)) < 3.0 * PAIR_DEG
     for mirror, true in zip(turned.mirrors, built.mirrors, strict=True):
         assert np.degrees(np.linalg.norm(np.cross(mirror.normal_in_rig, true.normal_in_rig))) < 0.01
 
 
-def test_the_turn_that_is_found_is_the_designs() -> None:
-    """The corners pull the pair nowhere along its turn: what the fit ends with has the expected value of the prior."""
+def test_the_estimated_rotation_is_the_designs() -> None:
+    """The corners do not constrain the pair's rotation: the fit ends at the expected value of the prior."""
     prior = pair_prior(pair(nominal_layout()))
     assert prior is not None
     assert prior.value(calibrated().layout.virtual_centres_in_rig_mm) == pytest.approx(0.0, abs=1e-3)
 
 
-def test_a_prior_elsewhere_turns_the_pair_and_leaves_the_residuals() -> None:
+def test_another_prior_rotates_the_pair_and_keeps_the_residuals() -> None:
     views = views_of(pair(true_layout()), BOARD, *board_poses(), noise_px=0.05)
     elsewhere, _ = about_line(pair(nominal_layout()), np.deg2rad(0.5))
     other = calibrate_corners(views.seen, views.base, elsewhere, BOARD.corners_in_board_mm)

@@ -1,4 +1,4 @@
-"""Plate thickness and mirror curvature as parameters of a fit: found, with true uncertainties, and needed."""
+"""Plate thickness and mirror curvature as parameters of a fit: estimates, uncertainties, and necessity."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ KINDS = ["sheet", "bend", "sheet and bend"]
 
 @lru_cache(maxsize=3)
 def built(kind: str) -> Scene:
-    """Nine mirrors with 2.12 mm acrylic plates, or bent by some 0.1 mm, or both; and the model that allows for it."""
+    """Return nine mirrors with 2.12 mm acrylic plates, or bent by some 0.1 mm, or both, and their model."""
     random = np.random.default_rng(4)
     nominal = nominal_layout()
     mirrors = []
@@ -53,7 +53,7 @@ def built(kind: str) -> Scene:
 
 
 def wrong_start(of: Scene, seed: int) -> Estimate:
-    """Flat mirrors off by half a degree and half a millimetre, with plates of the nominal thickness."""
+    """Return flat mirrors with errors of half a degree and half a millimetre, and plates of nominal thickness."""
     ordered = tuple(
         mirror.replaced(curvature_per_m=np.zeros(3), thickness_mm=NOMINAL_MM)
         for mirror in disturbed(of.layout, seed, tilt_deg=0.5, offset_mm=0.5)
@@ -62,7 +62,7 @@ def wrong_start(of: Scene, seed: int) -> Estimate:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_clean_corners_give_back_thickness_and_curvature(kind: str) -> None:
+def test_exact_corners_lead_to_thickness_and_curvature(kind: str) -> None:
     of = built(kind)
     start = wrong_start(of, 3)
     found = fit(start, of.clean, of.model).estimate
@@ -107,7 +107,7 @@ def test_the_fitted_layout_shows_what_the_fit_predicts(kind: str) -> None:
 
 
 @pytest.mark.parametrize("kind", a_few(1, KINDS))
-def test_claims_are_the_bound_and_errors_keep_to_them(kind: str) -> None:
+def test_claims_equal_the_bound_and_errors_match_them(kind: str) -> None:
     of = built(kind)
     errors, linear, nees = [], [], []
     for seed in range(8 if of.model.curvature else 20):
@@ -117,11 +117,11 @@ def test_claims_are_the_bound_and_errors_keep_to_them(kind: str) -> None:
         linear.append(of.linear @ noise.ravel())
         nees.append(errors[-1] @ np.linalg.solve(solution.covariance, errors[-1]) / len(solution.parameters))
     claimed, bound = np.sqrt(np.diag(solution.covariance)), np.sqrt(np.diag(of.bound))
-    # Each claim rests on a sigma from some 5400 residuals, which scatters by 1 %; the rest is the bound's curvature.
+    # Each claim depends on a sigma from some 5400 residuals, which scatters by 1 %; the bound's curvature adds to it.
     np.testing.assert_allclose(claimed / bound, solution.sigma_px / SIGMA_PX, rtol=0.02)
     spread = np.sqrt(2.0 / (len(nees) * len(bound)))
     assert np.mean(nees) == pytest.approx(1.0, abs=4.0 * spread)
-    # Error by error they are those of the linear estimate, whose covariance is the bound.
+    # Each error is close to that of the linear estimate, whose covariance is the bound.
     assert (np.abs(np.array(errors) - np.array(linear)) / bound).max() < 0.35
     if "sheet" in kind:
         place = solution.parameters.index("sheet_mm")
@@ -131,7 +131,7 @@ def test_claims_are_the_bound_and_errors_keep_to_them(kind: str) -> None:
 
 @pytest.mark.parametrize("kind", a_few(1, KINDS))
 def test_mirrors_far_off_lead_to_the_same_minimum(kind: str) -> None:
-    """Off by 2 deg and 2 mm each; in the last draw free curvatures once led a plate to no thickness at all."""
+    """Errors of 2 deg and 2 mm each; in the last draw, free curvatures once led to a plate of zero thickness."""
     of = built(kind)
     camera = of.layout.camera.replaced(distortion=np.zeros(5))
     for seed in (0, 7):
@@ -147,7 +147,7 @@ def test_mirrors_far_off_lead_to_the_same_minimum(kind: str) -> None:
 
 
 def test_a_fit_without_them_cannot_explain_the_corners() -> None:
-    """What flat first-surface mirrors leave unexplained of plates and of bends, beside 0.05 px of noise."""
+    """Residuals of flat first-surface mirrors with plates and with bends, against 0.05 px of noise."""
     left = {}
     for kind in KINDS:
         of = built(kind)

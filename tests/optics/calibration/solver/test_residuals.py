@@ -68,7 +68,7 @@ def test_derivatives_agree_with_finite_differences(modes: int, kind: str, own: s
         np.testing.assert_allclose(by_frame[:, :, k], found, atol=1e-6 * np.abs(found).max())
 
 
-def test_free_board_modes_leave_out_moving_turning_and_scaling() -> None:
+def test_free_board_modes_exclude_motion_and_scaling() -> None:
     corners = np.array([[x, y, 0.0] for y in range(4) for x in range(5)])
     board = Board.free(corners)
     assert board.modes.shape == (3 * 20 - 7, 20, 3)
@@ -79,14 +79,14 @@ def test_free_board_modes_leave_out_moving_turning_and_scaling() -> None:
         np.testing.assert_allclose(flat @ gauge.ravel(), 0.0, atol=1e-12)
 
 
-def test_a_bowed_board_is_bowed_by_its_sag_at_the_edge() -> None:
+def test_a_bowed_board_has_its_sag_at_the_edge() -> None:
     corners = np.array([[x, y, 0.0] for y in range(5) for x in range(9)]) * 20.0 + [20.0, 20.0, 0.0]
     bowed = Board.warped(corners).shaped(np.array([0.5, -0.2]))[:, 2].reshape(5, 9)
     np.testing.assert_allclose(bowed[2, [0, 4, 8]], [0.5, 0.0, 0.5], atol=1e-12)
     np.testing.assert_allclose(bowed[[0, 4], 4], -0.2, atol=1e-12)
 
 
-def test_a_frame_bows_its_board_and_turns_the_camera_about_the_pupil() -> None:
+def test_a_frame_bows_its_board_and_rotates_the_camera_about_the_pupil() -> None:
     scene = four_mirrors()
     at, corners = scene.truth, scene.board.corners_in_board_mm
     frames = len(at.rig_from_board)
@@ -121,7 +121,7 @@ def test_a_corner_is_seen_where_its_plane_mirror_reflects_it() -> None:
         np.testing.assert_allclose(seen[rows], reflect(in_rig[rows], centre), atol=1e-9)
 
 
-def test_a_step_of_nothing_changes_nothing_and_plates_change_together() -> None:
+def test_a_zero_step_changes_nothing_and_plates_change_jointly() -> None:
     scene = four_mirrors(2)
     at = replace(scene.truth, thickness_mm=np.array([2.0, 0.0, 3.0, 0.0]), refractive_index=np.full(4, 1.5))
     names = global_names(at.camera.intrinsic_names, MIRRORS, 2)

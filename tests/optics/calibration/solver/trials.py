@@ -1,4 +1,4 @@
-"""Repeated calibrations of simulated corners, and their errors against the bound of Cramér and Rao."""
+"""Repeated calibrations of simulated corners, and their errors against the Cramér-Rao bound."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from tests.optics.calibration.solver.scenes import SIGMA_PX, Scene, disturbed, s
 
 @dataclass(frozen=True)
 class Trials:
-    """Errors (t, g) of the globals in trials, what the linear estimate of the same noise has, and claims (t, g, g)."""
+    """Errors (t, g) of the globals in trials and of the linear estimate from the same noise, and claims (t, g, g)."""
 
     scene: Scene
     errors: FloatArray
@@ -24,7 +24,7 @@ class Trials:
 
     @property
     def mirrors(self) -> slice:
-        """Where the virtual centres are among the free globals."""
+        """Indices of the virtual centres among the free globals."""
         return slice(9, 36)
 
 
@@ -71,7 +71,7 @@ def over_bound(trials: Trials, errors: FloatArray) -> tuple[FloatArray, FloatArr
 
 
 def converges(scene: Scene, seed: int, *, tilt_deg: float, offset_mm: float) -> bool:
-    """Whether a fit finds the same minimum from mirrors and a lens that are wrong as from the true ones."""
+    """Return whether a fit finds the same minimum from wrong mirrors and lens as from the true ones."""
     seen, _ = scene.noisy(seed)
     nominal = scene.layout.camera.replaced(distortion=np.zeros(5))
     wrong = disturbed(scene.layout, seed, tilt_deg=tilt_deg, offset_mm=offset_mm)

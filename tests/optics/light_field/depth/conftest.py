@@ -1,4 +1,4 @@
-"""A wall and a card before it, and the depth that is found in their light field."""
+"""A card before a wall, and the depth estimated from their light field."""
 
 from __future__ import annotations
 

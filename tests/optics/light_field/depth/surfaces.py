@@ -1,4 +1,4 @@
-"""Light fields of textured planes in closed form: what exact pinholes at the views' places see, and how deep it is."""
+"""Light fields and depths of textured planes in closed form, by exact pinholes at the views' positions."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ TEXELS, TEXEL_MM = 512, 0.5
 
 @cache
 def pattern(seed: int, grain_mm: float) -> NDArray[np.float32]:
-    """Colours (TEXELS, TEXELS, 3) without mean and of variance one: noise in grains of several sizes, that repeats."""
+    """Colours (TEXELS, TEXELS, 3) with mean zero and variance one: periodic noise in grains of several sizes."""
     random = np.random.default_rng(seed)
     total = np.zeros((TEXELS, TEXELS, 3))
     for octave in (1.0, 2.0, 4.0):
@@ -59,7 +59,7 @@ class Surface:
 
 
 def grid_views(rows: int = 3, cols: int = 3, *, step_mm: float = 20.0, uneven: bool = True, **changes: Any) -> Views:
-    """Views like those of a camera of mirrors, 120x90 px, the reference view 80 mm behind and 90 above the pupil."""
+    """Return views of 120x90 px like a mirror camera's, the reference view 80 mm behind and 90 above the pupil."""
     s, t = np.meshgrid(np.arange(cols) - cols // 2, np.arange(rows) - rows // 2)
     positions = np.stack([s, t, 0 * s], axis=-1) * step_mm
     if uneven:
@@ -80,7 +80,7 @@ def grid_views(rows: int = 3, cols: int = 3, *, step_mm: float = 20.0, uneven: b
 
 
 def met(views: Views, index: tuple[int, int], pixels: FloatArray, surfaces: Sequence[Surface]) -> tuple[Any, Any, Any]:
-    """What pixels (..., 2) of a view meet first: colours (..., 3), distance Z (...) and number of the surface (...)."""
+    """Return the nearest surface at pixels (..., 2) of a view: colours (..., 3), distance Z (...) and number (...)."""
     place = views.positions_mm[index]
     ahead = (pixels - views.centre_px) * (views.reference_distance_mm / views.focal_px)
     way = np.concatenate([ahead, np.full((*ahead.shape[:-1], 1), views.reference_distance_mm)], axis=-1) - place
@@ -100,7 +100,7 @@ def met(views: Views, index: tuple[int, int], pixels: FloatArray, surfaces: Sequ
 def photograph(
     views: Views, surfaces: Sequence[Surface], *, noise: float = 0.004, gains: FloatArray | None = None, seed: int = 5
 ) -> tuple[LightField, FloatArray, NDArray[np.int64]]:
-    """The light field, 8 bits in colour, and of the reference view the depth from the pupil and the surface's number.
+    """Return the light field in 8-bit colour, and depth from the pupil and surface number in the reference view.
 
     `gains` (t, s) brighten views as mirrors do.
     """

@@ -1,4 +1,4 @@
-"""The competition of sectors, against sorting and averaging written out."""
+"""The competition of sectors, against explicit sorting and averaging."""
 
 from __future__ import annotations
 
@@ -48,10 +48,10 @@ def plainly(sums: Any, weights: Any, rings: Any, known: bool) -> float:
 
 @pytest.mark.parametrize("known", [False, True])
 @pytest.mark.parametrize("rings", [[0, 8], [0, 5, 8], [0, 1]])
-def test_the_better_part_of_each_ring_decides(known: bool, rings: list[int]) -> None:
+def test_the_better_half_of_each_ring_counts(known: bool, rings: list[int]) -> None:
     random = np.random.default_rng(0)
     weights = random.integers(1, 4, (2, rings[-1], PIXELS)) * (random.uniform(size=(2, rings[-1], PIXELS)) < 0.8)
-    # What sees a place has samples of it.
+    # A view that sees a place has samples there.
     weights[1] = weights[0] * (random.uniform(size=weights[1].shape) < 0.5)
     weights[:, :, 0] = 0.0
     sums = weights * random.uniform(0.0, TRUNCATION, weights.shape)

@@ -1,4 +1,4 @@
-"""What views say of planes: where they agree, where they see nothing, and where something hides the place."""
+"""Costs of planes where views agree, have no samples, or are occluded."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def texture(views: Views, seed: int = 6) -> Any:
 
 
 def taken(views: Views, picture: Any, plane: int) -> tuple[Any, Any]:
-    """Channels of the reference view, and of the others that see its picture on a plane."""
+    """Return channels of the reference view, and of the others that see its picture on a plane."""
     size = views.width_px, views.height_px
     others = []
     for index in np.ndindex(views.rows, views.cols):
@@ -58,7 +58,7 @@ def costs_of(*arguments: Any, **options: Any) -> Any:
 
 
 def plainly(reference: Any, others: Any, planes: Sweep, y: int, x: int, plane: int) -> float:
-    """The cost of one place, of views that all see it and are of one ring, by its definition."""
+    """Return the cost of one place by its definition, for views of one ring that all see it."""
     grown = CONTRAST_GREY / (CONTRAST_FLOOR * CONTRAST_GREY + mean_slope(reference, 7)[y, x])
     costs = []
     for view, other in enumerate(others):
@@ -78,7 +78,7 @@ def plainly(reference: Any, others: Any, planes: Sweep, y: int, x: int, plane: i
     return min(mean(8 * BETTER_SHARE), mean(4 * BETTER_SHARE) + FEWER)
 
 
-def test_the_cost_is_that_of_its_definition() -> None:
+def test_the_cost_follows_its_definition() -> None:
     views = grid_views(3, 3, uneven=False)
     planes = sweep(views, INVERSE_DISTANCES)
     reference, others = taken(views, texture(views), 7)
@@ -95,7 +95,7 @@ def test_the_cost_is_that_of_its_definition() -> None:
 
 
 @pytest.mark.parametrize("along_mm", [0.0, 3.0, 40.0])
-def test_a_plane_costs_next_to_nothing_where_it_is_though_views_lie_ahead(along_mm: float) -> None:
+def test_the_true_plane_has_a_low_cost_although_views_lie_ahead(along_mm: float) -> None:
     views = grid_views(1, 2, positions_mm=np.array([[[0.0, 0.0, 0.0], [20.0, 5.0, along_mm]]]))
     planes = sweep(views, INVERSE_DISTANCES)
     for number in (0, 7, 19):
@@ -106,7 +106,7 @@ def test_a_plane_costs_next_to_nothing_where_it_is_though_views_lie_ahead(along_
         assert costs[number] < 0.25 * np.median(costs)
 
 
-def test_places_that_a_view_does_not_see_are_left_to_the_others() -> None:
+def test_places_without_samples_in_a_view_are_judged_by_the_others() -> None:
     views = grid_views(1, 3, uneven=False)
     planes = sweep(views, INVERSE_DISTANCES)
     reference, others = taken(views, texture(views), 7)
@@ -119,7 +119,7 @@ def test_places_that_a_view_does_not_see_are_left_to_the_others() -> None:
     assert (costs_of(reference, others, sight, planes) == int(0.5 * TRUNCATION * UNITS)).all()
 
 
-def test_a_view_from_which_something_nearer_hides_the_place_has_no_say() -> None:
+def test_an_occluded_view_does_not_count() -> None:
     views = grid_views(3, 3, uneven=False)
     planes = sweep(views, INVERSE_DISTANCES)
     reference, others = taken(views, texture(views), 7)
@@ -146,7 +146,7 @@ def test_threads_change_no_bit_and_weak_texture_is_averaged() -> None:
 
 
 @pytest.mark.parametrize("weak", [False, True])
-def test_of_a_range_the_costs_are_those_of_a_search_of_all_planes(weak: bool) -> None:
+def test_costs_of_a_range_equal_those_of_a_search_of_all_planes(weak: bool) -> None:
     views = grid_views(3, 3)
     planes = sweep(views, INVERSE_DISTANCES)
     picture = texture(views)
@@ -160,13 +160,13 @@ def test_of_a_range_the_costs_are_those_of_a_search_of_all_planes(weak: bool) ->
     assert ranges.cells < every.size
     for v, u in ((0, 0), (40, 20), (41, 50), (89, 119), (60, 61)):
         low, count, start = (int(each[v, u]) for each in ranges)
-        # Beside the side of a neighbour's range, its own costs stand for those which that lacks.
+        # Outside a neighbour's range, the pixel's own costs replace the missing ones.
         there = part.costs[start : start + count]
         if not weak or 16 < u < 30:
             assert np.array_equal(there, every[v, u, low : low + count])
 
 
-def test_what_a_neighbour_has_no_cost_of_counts_as_the_pixels_own() -> None:
+def test_missing_costs_of_a_neighbour_are_replaced_by_the_pixels_own() -> None:
     random = np.random.default_rng(0)
     shape, planes, reach = (9, 11), 8, 2
     ranges = Ranges.of(random.integers(0, 4, shape).astype(np.int32), random.integers(3, 5, shape).astype(np.int32))
@@ -180,8 +180,8 @@ def test_what_a_neighbour_has_no_cost_of_counts_as_the_pixels_own() -> None:
         known[v, u, low : low + count] = costs[start : start + count]
     for v, u in np.ndindex(shape):
         low, count, start = (int(each[v, u]) for each in ranges)
-        beside = np.arange(-reach, reach + 1)
-        square_of = np.ix_(np.clip(v + beside, 0, shape[0] - 1), np.clip(u + beside, 0, shape[1] - 1))
+        offsets = np.arange(-reach, reach + 1)
+        square_of = np.ix_(np.clip(v + offsets, 0, shape[0] - 1), np.clip(u + offsets, 0, shape[1] - 1))
         for plane in range(low, low + count):
             square = known[square_of][..., plane]
             own = known[v, u, plane]

@@ -1,4 +1,4 @@
-"""Depth maps as files: they come back to the bit, and only to the light field that they were found in."""
+"""Depth maps as files: they are loaded bit by bit, and only for their own light field."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def random_depth(**changes: Any) -> DepthMap:
     return DepthMap(**({"views": VIEWS, "view": (1, 1), **given} | changes))
 
 
-def test_what_was_saved_comes_back_to_the_bit(tmp_path: Path) -> None:
+def test_a_saved_map_is_loaded_bit_by_bit(tmp_path: Path) -> None:
     depth = random_depth()
     save_depth(tmp_path / "depth.npz", depth)
     found = load_depth(tmp_path / "depth.npz", light_field())
@@ -52,9 +52,9 @@ def test_what_was_saved_comes_back_to_the_bit(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("depth", "views", "message"),
     [
-        (random_depth(), replace(VIEWS, layout_identity="fed"), "of layout '0123456789abcdef', but the light field"),
-        (random_depth(view=(0, 2)), VIEWS, r"depth of view \(0, 2\), expected that of the reference view"),
-        (random_depth(view=(7, 0)), VIEWS, r"depth of view \(7, 0\), expected that of the reference view"),
+        (random_depth(), replace(VIEWS, layout_identity="fed"), "layout '0123456789abcdef', expected"),
+        (random_depth(view=(0, 2)), VIEWS, r"depth of view \(0, 2\), expected the reference view"),
+        (random_depth(view=(7, 0)), VIEWS, r"depth of view \(7, 0\), expected the reference view"),
         (random_depth(), replace(VIEWS, width_px=14), r"depth of \(9, 12\) px, expected \(9, 14\)"),
     ],
 )
@@ -91,7 +91,7 @@ def test_numbers_of_other_types_are_refused(tmp_path: Path) -> None:
             load_depth(tmp_path / "b.npz", light_field())
 
 
-def test_depth_is_the_same_with_and_without_what_it_was_measured_in(tmp_path: Path) -> None:
+def test_depth_is_the_same_with_and_without_its_light_field(tmp_path: Path) -> None:
     record = DepthRecord(content_digest(light_field()), (300.0, np.inf))
     save_depth(tmp_path / "with.npz", random_depth(), record)
     save_depth(tmp_path / "without.npz", random_depth())
@@ -104,7 +104,7 @@ def test_depth_is_the_same_with_and_without_what_it_was_measured_in(tmp_path: Pa
     assert (tmp_path / "again.npz").read_bytes() == (tmp_path / "with.npz").read_bytes()
 
 
-def test_the_digest_is_that_of_what_a_light_field_holds() -> None:
+def test_the_digest_depends_on_the_content_of_a_light_field() -> None:
     black = light_field()
     samples = black.samples.copy()
     samples[2, 0, 5, 7, 1] = 1

@@ -1,4 +1,4 @@
-"""Depth maps: disparity and points of a depth, and what they refuse."""
+"""Depth maps: disparity and points of a depth, and refusals."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from mirrorcam.optics.light_field.depth.depth_map import DepthMap as Map
 from tests.optics.light_field.depth.conftest import inner
 
 
-def test_disparity_and_points_are_those_of_the_depth(scene: Any, found: DepthMap) -> None:
+def test_disparity_and_points_follow_from_the_depth(scene: Any, found: DepthMap) -> None:
     light_field, depth, number = scene
     on_card = inner(number, 1)
     assert np.allclose(found.disparity_px()[on_card], light_field.disparity_px_from_depth(depth[on_card]), atol=0.15)

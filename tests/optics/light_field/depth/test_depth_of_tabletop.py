@@ -24,7 +24,7 @@ def test_depth_is_within_a_percent_of_range_at_working_depths(default_layout: La
     truth = read_map(tmp_path / f"truth/depth/{t}_{s}.exr", "depth")
     part = np.abs(found.depth_mm - truth) / truth
     working = found.valid & (truth >= 300.0) & (truth <= 500.0)
-    # The figure that is asked for is 1 %; glossy and glass things are part of it.
+    # The required figure is 1 %, including glossy and glass objects.
     assert np.median(part[working]) < 0.002
     assert np.quantile(part[working], 0.8) < 0.01
     sure = found.valid & (found.confidence > 0.5)

@@ -1,4 +1,4 @@
-"""Depth of scenes known in closed form: how near to the truth, how sure, and what is refused."""
+"""Depth of scenes in closed form: accuracy, confidence, and refusals."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def test_surfaces_are_found_to_a_small_part_of_their_depth(scene: Any, found: De
     assert (np.abs(found.depth_mm - depth) / depth < 0.02).mean() > 0.9
 
 
-def test_what_is_hidden_on_one_side_is_seen_by_the_other(scene: Any, found: DepthMap) -> None:
+def test_points_hidden_from_views_on_one_side_are_seen_by_the_other(scene: Any, found: DepthMap) -> None:
     _, depth, number = scene
     near_edge = inner(number, 0, 3) & ~inner(number, 0, 8)
     near_edge[:8] = near_edge[-8:] = False
@@ -35,11 +35,11 @@ def test_what_is_hidden_on_one_side_is_seen_by_the_other(scene: Any, found: Dept
     assert (np.abs(found.depth_mm - depth)[near_edge] / depth[near_edge] < 0.02).mean() > 0.85
 
 
-def test_sigma_tells_how_far_off_depths_are(scene: Any, found: DepthMap) -> None:
+def test_sigma_predicts_the_errors_of_depths(scene: Any, found: DepthMap) -> None:
     _, depth, number = scene
     sure = (inner(number, 0) | inner(number, 1)) & (found.confidence > 0.5)
     part = np.abs(found.depth_mm - depth)[sure] / found.sigma_mm[sure]
-    # Of a normal distribution half lies within 0.67 sigma; smoothing may only make it better.
+    # Half of a normal distribution lies within 0.67 sigma; smoothing may only reduce errors.
     assert 0.1 < np.median(part) < 1.0
     assert np.mean(part < 3.0) > 0.9
 
@@ -79,7 +79,7 @@ def test_uneven_positions_are_used_as_they_are(scene: Any, found: DepthMap) -> N
     assert error(found) < 0.25 * error(assumed)
 
 
-def test_what_fewer_than_two_other_views_see_has_no_depth(scene: Any) -> None:
+def test_points_seen_by_fewer_than_two_other_views_have_no_depth(scene: Any) -> None:
     light_field = scene[0]
     weights = light_field.weights.copy()
     weights[:, :, :, 60:] = 0.0
@@ -96,7 +96,7 @@ def test_what_fewer_than_two_other_views_see_has_no_depth(scene: Any) -> None:
 
 
 @pytest.mark.parametrize("kind", ["float", "grey"])
-def test_floats_and_grey_tell_the_same_depth(scene: Any, found: DepthMap, kind: str) -> None:
+def test_floats_and_grey_give_the_same_depth(scene: Any, found: DepthMap, kind: str) -> None:
     light_field = scene[0]
     samples = light_field.samples
     if kind == "float":
@@ -107,7 +107,7 @@ def test_floats_and_grey_tell_the_same_depth(scene: Any, found: DepthMap, kind: 
     assert np.nanmedian(np.abs(depth - found.depth_mm)) < 1.0
 
 
-def test_other_grids_work_too() -> None:
+def test_other_grids_work() -> None:
     for rows, cols in ((1, 2), (2, 2), (1, 5), (4, 3)):
         light_field, depth, number = photograph(grid_views(rows, cols, step_mm=15.0), [WALL, CARD])
         found = DepthEstimator(light_field).estimate(light_field)
@@ -132,7 +132,7 @@ def test_small_ranges_are_searched_at_full_size_and_large_ones_at_half(scene: An
     assert np.nanmedian(np.abs(found - depth) / depth) < 0.003
 
 
-def test_what_cannot_tell_depth_is_refused(scene: Any) -> None:
+def test_light_fields_that_determine_no_depth_are_refused(scene: Any) -> None:
     light_field = scene[0]
 
     def part(rows: slice, cols: slice, **changes: Any) -> LightField:
@@ -155,7 +155,7 @@ def test_what_cannot_tell_depth_is_refused(scene: Any) -> None:
     for near, far in ((500.0, 300.0), (-79.0, 300.0), (np.nan, 400.0)):
         with pytest.raises(InputError, match=r"near_mm below far_mm, and both beyond the foremost view, at -?\d+ mm"):
             DepthEstimator(light_field, near_mm=near, far_mm=far)
-    with pytest.raises(InputError, match=r"take \d+ planes between which no view moves by over 1 px, expected 2048"):
+    with pytest.raises(InputError, match=r"need \d+ planes at 1 px .*, expected at most 2048"):
         DepthEstimator(light_field, near_mm=-76.0)
 
 
@@ -180,9 +180,7 @@ def test_one_call_is_the_estimator_of_that_light_field(scene: Any) -> None:
     np.testing.assert_array_equal(estimate_depth(light_field, near_mm=near, far_mm=far).depth_mm, wanted.depth_mm)
 
 
-def test_where_too_much_would_be_searched_a_smaller_picture_tells_depth(
-    scene: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_search_that_is_too_large_uses_a_smaller_picture(scene: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     light_field, depth, *_ = scene
     monkeypatch.setattr("mirrorcam.optics.light_field.depth.estimate.SMALLEST_SEARCHED_PX", 24)
     usual = DepthEstimator(light_field, workers=1).estimate(light_field)
@@ -193,7 +191,7 @@ def test_where_too_much_would_be_searched_a_smaller_picture_tells_depth(
     assert np.nanmedian(found.sigma_mm) > 1.3 * np.nanmedian(usual.sigma_mm)
 
 
-def test_depths_that_nothing_is_at_are_not_trusted(scene: Any) -> None:
+def test_depths_without_a_surface_are_not_trusted(scene: Any) -> None:
     found = DepthEstimator(scene[0], near_mm=2500.0, far_mm=9000.0, workers=1).estimate(scene[0])
     assert np.mean(found.confidence > 0.5) < 0.1
 
@@ -204,7 +202,7 @@ def noisy(light_field: LightField, random: np.random.Generator) -> LightField:
 
 
 @pytest.mark.slow
-def test_what_does_not_move_keeps_its_depth(scene: Any) -> None:
+def test_static_scenes_keep_their_depth(scene: Any) -> None:
     random = np.random.default_rng(1)
     estimator = DepthEstimator(scene[0], quality="fast", workers=1)
     video = VideoDepth(estimator)
@@ -219,7 +217,7 @@ def test_what_does_not_move_keeps_its_depth(scene: Any) -> None:
             found[1].append(depth.disparity_px())
     inner = (slice(None), slice(8, -8), slice(8, -8))
     single, filtered = (np.nanstd(np.array(each)[inner], axis=0) for each in found)
-    # Of so few pixels, those at depth edges decide the root mean square: .31 to .36 with the seed.
+    # With so few pixels, those at depth edges dominate the root mean square: .31 to .36 depending on the seed.
     assert np.sqrt(np.nanmean(filtered**2)) < 0.4 * np.sqrt(np.nanmean(single**2))
     assert np.nanmedian(filtered) < np.nanmedian(single) / 5
 
@@ -239,7 +237,7 @@ def test_unrelated_frames_have_the_depth_of_single_ones() -> None:
             assert same.mean() > 0.99, name
 
 
-def test_sigma_stays_that_of_the_error(scene: Any) -> None:
+def test_sigma_keeps_matching_the_error(scene: Any) -> None:
     random = np.random.default_rng(3)
     video = VideoDepth(DepthEstimator(scene[0], quality="fast", workers=1))
     for _ in range(12):

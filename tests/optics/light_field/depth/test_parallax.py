@@ -18,7 +18,7 @@ COLUMNS = np.arange(VIEWS.width_px, dtype=np.float32)[None]
 ROWS = np.arange(VIEWS.height_px, dtype=np.float32)[:, None]
 
 
-def test_pixels_move_as_the_pinholes_say() -> None:
+def test_pixels_move_as_in_the_pinholes() -> None:
     for depth in (250.0, 375.0, 800.0):
         distance = depth + VIEWS.reference_distance_mm - VIEWS.reference_depth_mm
         across = (VIEWS.pixel_grid() - VIEWS.centre_px) * distance / VIEWS.focal_px

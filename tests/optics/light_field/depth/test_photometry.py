@@ -1,4 +1,4 @@
-"""What makes pictures of views alike."""
+"""Gains that make pictures of views alike."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def texture(seed: int = 3) -> np.ndarray:
     return np.asarray(cv2.resize(coarse, (160, 120), interpolation=cv2.INTER_CUBIC))
 
 
-def test_a_gain_that_leans_is_found_though_a_third_is_hidden() -> None:
+def test_a_gain_with_a_gradient_is_found_though_a_third_is_hidden() -> None:
     picture = texture()
     rows, columns = np.mgrid[:120, :160].astype(np.float32)
     gain = 0.8 + 0.3 * (columns / 160 - 0.5) - 0.1 * (rows / 120 - 0.5)
@@ -37,7 +37,7 @@ def test_a_gain_that_leans_is_found_though_a_third_is_hidden() -> None:
     assert np.abs(darker - picture)[:, 60:].mean() > 10
 
 
-def test_pictures_that_share_nothing_or_are_black_stay() -> None:
+def test_unrelated_or_black_pictures_are_unchanged() -> None:
     picture = texture()
     rows, columns = np.mgrid[:120, :160].astype(np.float32)
     far = columns[EVERY, EVERY] + 1000.0
@@ -47,7 +47,7 @@ def test_pictures_that_share_nothing_or_are_black_stay() -> None:
     assert np.abs(found - 1.0).max() < 1e-6
 
 
-def test_a_first_gain_is_that_of_most_of_the_picture_and_one_where_it_is_small() -> None:
+def test_an_initial_gain_fits_most_of_the_picture_and_is_one_if_it_is_small() -> None:
     picture = texture()
     other = picture.copy()
     other[:, :40] = texture(9)[:, :40]
@@ -56,18 +56,18 @@ def test_a_first_gain_is_that_of_most_of_the_picture_and_one_where_it_is_small()
     assert first_gain(np.full_like(picture, NO_SAMPLE), picture) == 1.0
 
 
-def test_a_view_is_the_same_of_bytes_and_floats_and_knows_its_samples() -> None:
+def test_a_view_is_the_same_from_bytes_and_floats_and_masks_its_samples() -> None:
     views = grid_views(1, 2)
     samples = np.random.default_rng(0).integers(0, 255, (1, 2, 90, 120, 3), dtype=np.uint8)
     weights = np.ones((1, 2, 90, 120), np.float32)
     weights[0, 1, :5] = 0.0
-    whole = ViewPicture.of(LightField.of(views, samples, weights), (0, 1))
+    complete = ViewPicture.of(LightField.of(views, samples, weights), (0, 1))
     part = ViewPicture.of(LightField.of(views, (samples / 255).astype(np.float32), weights), (0, 1))
-    assert (whole.grey[:5] == NO_SAMPLE).all()
-    assert np.abs(whole.colours - part.colours).max() <= 0.51
-    assert (whole.seen[:6] == 0).all() and (whole.seen[6:] == 1).all()
-    # Beside the samples there is no false edge: their mean goes on.
-    assert np.abs(whole.colours[4] - whole.colours[5:7].mean(axis=0)).mean() < 60.0
+    assert (complete.grey[:5] == NO_SAMPLE).all()
+    assert np.abs(complete.colours - part.colours).max() <= 0.51
+    assert (complete.seen[:6] == 0).all() and (complete.seen[6:] == 1).all()
+    # There is no false edge next to the samples: their mean continues.
+    assert np.abs(complete.colours[4] - complete.colours[5:7].mean(axis=0)).mean() < 60.0
     single = ViewPicture.of(LightField.of(views, samples[..., :1].copy(), weights), (0, 1))
     assert (single.colours[5:, :, 2] == samples[0, 1, 5:, :, 0]).all()
 

@@ -1,4 +1,4 @@
-"""Refinement: planes found to a small part of a pixel, edges kept, and what tells nothing left alone."""
+"""Refinement: planes found to a small part of a pixel, edges kept, and pixels without information unchanged."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 
 from mirrorcam.optics.light_field.depth.parallax import other_views, parallax
 from mirrorcam.optics.light_field.depth.photometry import ViewPicture
-from mirrorcam.optics.light_field.depth.refine import Refiner, SlopePicture, follow_edges, jumps
+from mirrorcam.optics.light_field.depth.refine import GradientPicture, Refiner, follow_edges, jumps
 from mirrorcam.optics.light_field.depth.sweep import Sweep, sweep
 from tests.optics.light_field.depth.surfaces import Surface, grid_views, photograph
 
@@ -22,16 +22,16 @@ INSIDE = (slice(15, -15), slice(15, -15))
 
 @pytest.fixture(scope="module")
 def slanted() -> tuple[Refiner, Sweep, Any, Any, Any]:
-    """A slanted plane: the refiner, the sweep, the reference picture, the others, and the true planes."""
+    """Return for a slanted plane the refiner, the sweep, the reference picture, the others, and the true planes."""
     surface = Surface(DISTANCE_MM, slope=(0.4, -0.2), grain_mm=1.5)
     views = grid_views()
     light_field, depth, _ = photograph(views, [surface], noise=0.0)
     planes = sweep(views, INVERSE_DISTANCES)
     pictures = [ViewPicture.of(light_field, index) for index in ((1, 1), *other_views(views))]
-    slopes = [SlopePicture.of(picture.grey, picture.seen) for picture in pictures]
+    gradients = [GradientPicture.of(picture.grey, picture.seen) for picture in pictures]
     refiner = Refiner(planes, [parallax(views, index) for index in other_views(views)])
     truth = (1.0 / (depth - views.reference_view_depth_mm) - INVERSE_DISTANCES[0]) / planes.step
-    return refiner, planes, slopes[0], slopes[1:], truth.astype(np.float32)
+    return refiner, planes, gradients[0], gradients[1:], truth.astype(np.float32)
 
 
 @pytest.mark.parametrize("wrong_px", [-0.3, 0.3])
@@ -48,54 +48,54 @@ def test_a_few_steps_find_a_slanted_plane_to_a_hundredth_of_a_pixel(slanted: Any
     assert np.median(smooth[INSIDE]) > 0.95
 
 
-def test_a_map_moves_no_farther_than_it_may(slanted: Any) -> None:
+def test_the_change_of_a_map_is_limited(slanted: Any) -> None:
     refiner, planes, reference, others, truth = slanted
     start = truth + np.float32(3.0 / planes.reach_px)
     found = refiner.refined(start, reference, others, 2, 30)[0]
     assert np.abs(found - start).max() * planes.reach_px <= 1.001
     torn = start + np.where(np.arange(120) > 60, np.float32(2.0 / planes.reach_px), np.float32(0.0))
     found = refiner.refined(torn, reference, others, 2, 30)[0]
-    beside = jumps(torn * np.float32(planes.reach_px))
-    assert beside.sum() == 2 * 90
-    assert np.abs(found - torn)[beside].max() * planes.reach_px <= 0.1501
+    at_jumps = jumps(torn * np.float32(planes.reach_px))
+    assert at_jumps.sum() == 2 * 90
+    assert np.abs(found - torn)[at_jumps].max() * planes.reach_px <= 0.1501
 
 
-def test_pictures_without_texture_hold_no_information(slanted: Any) -> None:
+def test_pictures_without_texture_have_no_information(slanted: Any) -> None:
     refiner, _, _, others, truth = slanted
-    blank = SlopePicture.of(np.full(truth.shape, 90.0, np.float32), others[0].seen)
+    blank = GradientPicture.of(np.full(truth.shape, 90.0, np.float32), others[0].seen)
     found, match, _ = refiner.refined(truth, blank, [blank] * len(others), 2, 30)
     assert np.abs(found - truth).max() < 0.01
     assert (match.information == 0.0).all()
     assert (match.residual[INSIDE] == 0.0).all()
 
 
-def test_a_view_that_something_hides_has_no_say(slanted: Any) -> None:
+def test_an_occluded_view_does_not_count(slanted: Any) -> None:
     refiner, planes, reference, others, truth = slanted
     near = truth.copy()
     near[:, 50:70] += np.float32(8.0 / planes.reach_px)
     match, _ = refiner.match(near, reference, others)
-    # Beside the strip, views on one side are hidden; far from it, none is.
+    # Next to the strip, views on one side are occluded; far from it, none is.
     assert match.agreeing[40, 72] < match.agreeing[40, 95] - 1.5
 
 
-def test_the_match_after_a_small_step_is_foretold(slanted: Any) -> None:
+def test_the_match_after_a_small_step_is_predicted(slanted: Any) -> None:
     refiner, planes, reference, others, truth = slanted
     away = np.float32(0.2)
     there, gradient = refiner.match(truth + away / np.float32(planes.reach_px), reference, others)
-    foretold = there.after(gradient, np.full_like(truth, -away))
+    predicted = there.after(gradient, np.full_like(truth, -away))
     found = refiner.match(truth, reference, others)[0]
     before, after = np.median(there.residual[INSIDE]), np.median(found.residual[INSIDE])
     assert before > 5.0 * after
-    assert np.median(foretold.residual[INSIDE]) - after < 0.3 * (before - after)
+    assert np.median(predicted.residual[INSIDE]) - after < 0.3 * (before - after)
 
 
-def test_noise_makes_information_count_for_less(slanted: Any) -> None:
+def test_noise_lowers_the_weight_of_information(slanted: Any) -> None:
     refiner, _, reference, others, truth = slanted
     random = np.random.default_rng(0)
 
-    def noisy(picture: SlopePicture) -> SlopePicture:
-        noise = random.normal(scale=2.0, size=picture.slopes.shape).astype(np.float32)
-        return SlopePicture(picture.slopes + noise, picture.seen)
+    def noisy(picture: GradientPicture) -> GradientPicture:
+        noise = random.normal(scale=2.0, size=picture.gradients.shape).astype(np.float32)
+        return GradientPicture(picture.gradients + noise, picture.seen)
 
     clear = refiner.match(truth, reference, others)[0]
     dim = refiner.match(truth, noisy(reference), [noisy(other) for other in others])[0]
@@ -103,7 +103,7 @@ def test_noise_makes_information_count_for_less(slanted: Any) -> None:
 
 
 def card() -> tuple[np.ndarray, np.ndarray]:
-    """A near card that is a pixel too wide, and the picture, whose edge is where the card's is."""
+    """Return a near card that is a pixel too wide, and the picture with its true edge."""
     picture = np.full((40, 60, 3), 60.0, np.float32)
     picture[:, 30:] = 180.0
     planes = np.full((40, 60), 2.0, np.float32)
@@ -111,7 +111,7 @@ def card() -> tuple[np.ndarray, np.ndarray]:
     return planes, picture
 
 
-def test_an_edge_moves_to_that_of_the_picture() -> None:
+def test_an_edge_moves_to_the_pictures_edge() -> None:
     planes, picture = card()
     found = follow_edges(planes, picture, 1.2)
     assert (found[:, :30] == 2.0).all()
@@ -119,7 +119,7 @@ def test_an_edge_moves_to_that_of_the_picture() -> None:
     assert np.array_equal(found, follow_edges(planes, picture, 1.2, ThreadPoolExecutor(2).map))
 
 
-def test_away_from_jumps_nothing_changes_and_without_a_picture_nothing_moves() -> None:
+def test_only_jumps_move_and_only_with_a_picture() -> None:
     planes, picture = card()
     slanted = (np.arange(60, dtype=np.float32) * 0.2)[None].repeat(40, axis=0)
     assert np.array_equal(follow_edges(slanted, picture, 1.2), slanted)

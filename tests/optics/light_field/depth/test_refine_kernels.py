@@ -1,4 +1,4 @@
-"""Pinholes in single precision and second differences, against `Parallax` and matrices written out."""
+"""Pinholes in single precision and second differences, against `Parallax` and explicit matrices."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ INVERSE_DISTANCES = np.linspace(1 / 700.0, 1 / 350.0, 60)
 SHAPE = (90, 120)
 
 
-def test_residuals_and_rises_are_those_of_slopes_at_the_places_of_the_parallax() -> None:
+def test_residuals_and_derivatives_match_linear_pictures_at_the_parallax() -> None:
     views = grid_views()
     planes = sweep(views, INVERSE_DISTANCES)
     index = other_views(views)[2]
     view = parallax(views, index)
     v, u = np.mgrid[: SHAPE[0], : SHAPE[1]].astype(np.float32)
     # Slopes that are linear over the picture: interpolation is exact.
-    slopes = np.stack([0.5 * u - 0.2 * v, 0.1 * u + 0.3 * v], axis=-1)
+    gradients = np.stack([0.5 * u - 0.2 * v, 0.1 * u + 0.3 * v], axis=-1)
     derivatives = np.empty((2, 2, *SHAPE), np.float32)
     derivatives[:] = np.array([[0.5, -0.2], [0.1, 0.3]], np.float32)[..., None, None]
     where = np.full(SHAPE, 20.0, np.float32) + 0.1 * u
@@ -28,16 +28,24 @@ def test_residuals_and_rises_are_those_of_slopes_at_the_places_of_the_parallax()
     across, down = view.pixels(u, v, inverse)
     move = np.stack([each * planes.step for each in view.slopes(u, v, inverse)])
     shown = np.stack([0.5 * across - 0.2 * down, 0.1 * across + 0.3 * down])
-    residual = shown - np.moveaxis(slopes, -1, 0)
+    residual = shown - np.moveaxis(gradients, -1, 0)
     rise = np.einsum("cavu,avu->cvu", derivatives, move)
     terms = Terms(*(np.zeros(SHAPE, np.float32) for _ in Terms._fields))
     nothing = np.full(SHAPE, -1e9, np.float32)
-    # So much noise that nothing is an outlier.
+    # So much noise that there are no outliers.
     variance = np.full(SHAPE, 1e6, np.float32)
-    looked = View(slopes, np.ones(SHAPE, np.uint8), nothing)
+    looked = View(gradients, np.ones(SHAPE, np.uint8), nothing)
     for band in ((0, 40), (40, 90)):
         add_terms(
-            *band, where, slopes, derivatives, variance, SweepPinhole.of(view, planes), looked, np.float32(1.0), terms
+            *band,
+            where,
+            gradients,
+            derivatives,
+            variance,
+            SweepPinhole.of(view, planes),
+            looked,
+            np.float32(1.0),
+            terms,
         )
     inside = (across > 2) & (across < SHAPE[1] - 4) & (down > 2) & (down < SHAPE[0] - 4)
     assert inside.mean() > 0.5
@@ -53,7 +61,7 @@ def test_residuals_and_rises_are_those_of_slopes_at_the_places_of_the_parallax()
     assert (terms.seeing[outside] == 0.0).all()
 
 
-def test_the_normal_matrix_is_that_of_second_differences() -> None:
+def test_the_normal_matrix_equals_that_of_second_differences() -> None:
     random = np.random.default_rng(1)
     rows, columns = 5, 7
     size = rows * columns

@@ -37,7 +37,7 @@ def near(found: Cheapest, size: Size) -> Ranges:
     return range_around(found.planes, size.sweep.planes)
 
 
-def test_a_search_of_all_planes_finds_the_surfaces_and_one_near_them_finds_them_again(step: Any) -> None:
+def test_a_search_of_all_planes_and_one_near_them_find_the_surfaces(step: Any) -> None:
     views, own, others, depth = step
     size = Size.of(views, NEAR_MM, FAR_MM, 0)
     found = search(size, own, others, rounds=1)
@@ -48,7 +48,7 @@ def test_a_search_of_all_planes_finds_the_surfaces_and_one_near_them_finds_them_
     assert np.array_equal(again.planes, search(size, own, others, known=found, ranges=near(found, size)).planes)
 
 
-def test_what_half_the_size_finds_guides_the_search_at_full_size(step: Any) -> None:
+def test_depth_at_half_size_guides_the_search_at_full_size(step: Any) -> None:
     views, own, others, depth = step
     half, full = (Size.of(views, NEAR_MM, FAR_MM, halvings) for halvings in (1, 0))
     assert half.shape == (45, 60)
@@ -60,7 +60,7 @@ def test_what_half_the_size_finds_guides_the_search_at_full_size(step: Any) -> N
     assert (np.abs(found.planes - truth) > 1.0).mean() < 0.01
 
 
-def test_planes_lie_farther_apart_where_there_are_too_many() -> None:
+def test_planes_lie_farther_apart_if_there_are_too_many() -> None:
     views = grid_views()
     fine = Size.of(views, NEAR_MM, FAR_MM, 0)
     coarse = Size.of(views, NEAR_MM, FAR_MM, 0, fine.sweep.planes // 2)

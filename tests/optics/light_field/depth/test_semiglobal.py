@@ -1,4 +1,4 @@
-"""Aggregation, against the recursion written out pixel by pixel."""
+"""Aggregation, against the explicit recursion pixel by pixel."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ import pytest
 from mirrorcam.optics.light_field.depth.semiglobal import (
     EDGE_GREY,
     EDGE_LEAST,
+    PATH_DIRECTIONS,
     SURE,
-    WAYS,
     aggregate,
     cheapest,
-    leans_of,
+    slants_of,
 )
 from mirrorcam.optics.light_field.depth.sweep import Ranges, Volume, whole_range
 from tests.optics.light_field.depth.surfaces import everywhere
@@ -35,16 +35,16 @@ LEVEL = (np.zeros((7, 9), np.float32), np.zeros((7, 9), np.float32))
 
 
 def plainly(
-    volume: np.ndarray, next_plane: int, any_plane: int, picture: np.ndarray, leans: tuple[np.ndarray, np.ndarray]
+    volume: np.ndarray, next_plane: int, any_plane: int, picture: np.ndarray, slants: tuple[np.ndarray, np.ndarray]
 ) -> np.ndarray:
-    """L(p, d) = C(p, d) + min(L(p', d'), L(p', d' +- 1) + next, min L(p', .) + any) - min L(p', .), over eight ways.
+    """L(p, d) = C(p, d) + min(L(p', d'), L(p', d' +- 1) + next, min L(p', .) + any) - min L(p', .), in 8 directions.
 
     d' is d less the rise of the surface from p' to p.
     """
     cost = volume.astype(int)
     rows, columns, planes = cost.shape
     total = np.zeros_like(cost)
-    for down, right in WAYS:
+    for down, right in PATH_DIRECTIONS:
         path, carried = np.zeros_like(cost), np.zeros((rows, columns))
         for v in range(rows)[:: down or 1]:
             for u in range(columns)[:: right or 1]:
@@ -53,7 +53,7 @@ def plainly(
                 if not (0 <= before_v < rows and 0 <= before_u < columns):
                     continue
                 before = path[before_v, before_u]
-                rise = carried[before_v, before_u] + right * leans[0][v, u] + down * leans[1][v, u]
+                rise = carried[before_v, before_u] + right * slants[0][v, u] + down * slants[1][v, u]
                 shift = int(np.floor(rise + 0.5))
                 carried[v, u] = rise - shift
                 edge = np.abs(picture[v, u] - picture[before_v, before_u]).max()
@@ -72,26 +72,26 @@ def plainly(
 
 
 @pytest.mark.parametrize(("next_plane", "any_plane"), [(3, 20), (0, 0), (10, 1000)])
-@pytest.mark.parametrize("leaning", [False, True])
-def test_paths_are_the_cheapest(next_plane: int, any_plane: int, leaning: bool) -> None:
+@pytest.mark.parametrize("slanted", [False, True])
+def test_paths_are_the_cheapest(next_plane: int, any_plane: int, slanted: bool) -> None:
     random = np.random.default_rng(0)
     volume = random.integers(0, 60, (7, 9, 6)).astype(np.uint16)
     picture = random.uniform(0, 40, (7, 9, 3)).astype(np.float32)
-    leans = LEVEL
-    if leaning:
+    slants = LEVEL
+    if slanted:
         across, down = random.uniform(-1.3, 1.3, (2, 7, 9)).astype(np.float32)
-        leans = (across, down)
-    expected = plainly(volume, next_plane, any_plane, picture, leans)
+        slants = (across, down)
+    expected = plainly(volume, next_plane, any_plane, picture, slants)
     for found in (
-        summed(volume, picture, leans, (next_plane, any_plane)),
-        summed(volume, picture, leans, (next_plane, any_plane), ThreadPoolExecutor(2).map),
+        summed(volume, picture, slants, (next_plane, any_plane)),
+        summed(volume, picture, slants, (next_plane, any_plane), ThreadPoolExecutor(2).map),
     ):
-        # The penalty of an edge is rounded down in single precision: one at most on each of eight ways.
+        # The penalty of an edge is rounded down in single precision: by at most one in each of eight directions.
         assert np.abs(found.astype(int) - expected).max() <= (0 if any_plane == 0 else 8)
 
 
-@pytest.mark.parametrize("leaning", [False, True])
-def test_paths_over_ranges_are_those_of_a_search_that_cannot_leave_them(leaning: bool) -> None:
+@pytest.mark.parametrize("slanted", [False, True])
+def test_paths_over_ranges_equal_those_of_a_search_limited_to_them(slanted: bool) -> None:
     random = np.random.default_rng(3)
     shape, planes = (7, 9), 12
     low = random.integers(0, 7, shape).astype(np.int32)
@@ -99,24 +99,24 @@ def test_paths_over_ranges_are_those_of_a_search_that_cannot_leave_them(leaning:
     costs = random.integers(0, 60, (*shape, planes)).astype(np.uint16)
     plane = np.arange(planes)
     inside = (plane >= low[..., None]) & (plane < (low + count)[..., None])
-    leans = LEVEL
-    if leaning:
+    slants = LEVEL
+    if slanted:
         across, down = random.uniform(-1.3, 1.3, (2, *shape)).astype(np.float32)
-        leans = (across, down)
-    found = aggregate(Volume(Ranges.of(low, count), costs[inside]), EVEN, leans, (3, 20))
-    # Far dearer than any path: never on the cheapest one.
-    expected = plainly(np.where(inside, costs.astype(int), 5000), 3, 20, EVEN, leans)
+        slants = (across, down)
+    found = aggregate(Volume(Ranges.of(low, count), costs[inside]), EVEN, slants, (3, 20))
+    # Far more expensive than any path: never on the cheapest one.
+    expected = plainly(np.where(inside, costs.astype(int), 5000), 3, 20, EVEN, slants)
     assert np.abs(found.costs.astype(int) - expected[inside]).max() <= 8
     best = cheapest(found, 400.0)
-    assert np.abs(best.planes - np.where(inside, expected, 10**6).argmin(axis=2)).max() <= 0.5 or not leaning
+    assert np.abs(best.planes - np.where(inside, expected, 10**6).argmin(axis=2)).max() <= 0.5 or not slanted
 
 
-def test_without_penalties_each_pixel_stands_alone() -> None:
+def test_without_penalties_pixels_are_independent() -> None:
     volume = np.random.default_rng(1).integers(0, 60, (7, 9, 5)).astype(np.uint16)
     assert np.array_equal(summed(volume, EVEN, LEVEL, (0, 0)), 8 * volume)
 
 
-def test_what_is_told_nothing_follows_its_neighbours_along_their_lean() -> None:
+def test_pixels_without_costs_follow_their_neighbours_slant() -> None:
     volume = np.full((7, 9, 9), 30, np.uint16)
     volume[:, :3, 2] = volume[:, 6:, 2] = 0
     assert (summed(volume, EVEN, LEVEL, (5, 100)).argmin(axis=2) == 2).all()
@@ -126,7 +126,7 @@ def test_what_is_told_nothing_follows_its_neighbours_along_their_lean() -> None:
     assert (summed(volume, EVEN, rising, (5, 100)).argmin(axis=2) == np.arange(9)).all()
 
 
-def test_the_least_plane_its_margin_and_its_rivals() -> None:
+def test_the_best_plane_its_margin_and_its_rivals() -> None:
     total = np.full((8, 8, 12), 900, np.uint16)
     total[..., 4] = 100
     total[..., [3, 5]] = [400, 200]
@@ -140,23 +140,23 @@ def test_the_least_plane_its_margin_and_its_rivals() -> None:
 SURELY = np.full((60, 80), SURE, np.float32)
 
 
-def test_leans_are_those_of_a_plane_and_ignore_a_jump() -> None:
+def test_slants_match_a_plane_and_ignore_a_jump() -> None:
     v, u = np.mgrid[:60, :80].astype(np.float32)
     planes = 0.3 * u - 0.7 * v + np.where(u > 60, np.float32(20.0), np.float32(0.0))
-    across, down = leans_of(planes, SURELY)
+    across, down = slants_of(planes, SURELY)
     # To an eight-bit code of 4 planes a pixel.
     np.testing.assert_allclose(across[:, :50], 0.3, atol=0.02)
     np.testing.assert_allclose(down[:, :50], -0.7, atol=0.02)
-    assert (leans_of(np.zeros((60, 80), np.float32), SURELY)[0] == 0).all()
+    assert (slants_of(np.zeros((60, 80), np.float32), SURELY)[0] == 0).all()
 
 
-def test_what_is_unsure_leans_as_what_is_sure_beside_it() -> None:
+def test_uncertain_pixels_get_the_slant_of_certain_neighbours() -> None:
     u = np.mgrid[:60, :80][1].astype(np.float32)
     planes = 0.3 * u
     planes[40:] = 24.0 - 0.4 * u[40:]
     margin = SURELY.copy()
     margin[40:] = 0.3
-    across = leans_of(planes, margin)[0]
+    across = slants_of(planes, margin)[0]
     np.testing.assert_allclose(across[:30], 0.3, atol=0.02)
     np.testing.assert_allclose(across[50:], 0.3, atol=0.05)
-    assert (leans_of(planes, SURELY)[0][55:, 20:60] < -0.3).all()
+    assert (slants_of(planes, SURELY)[0][55:, 20:60] < -0.3).all()

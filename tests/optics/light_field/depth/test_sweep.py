@@ -24,7 +24,7 @@ INVERSE_DISTANCES = np.linspace(1 / 800.0, 1 / 300.0, 11)
 FINE_INVERSE_DISTANCES = np.linspace(1 / 700.0, 1 / 300.0, 21)
 
 
-def test_places_are_those_of_points_on_the_planes() -> None:
+def test_places_match_points_on_the_planes() -> None:
     views = grid_views(2, 3)
     planes = sweep(views, INVERSE_DISTANCES)
     others = [index for index in np.ndindex(2, 3) if views.positions_mm[index].any()]
@@ -42,7 +42,7 @@ def test_places_are_those_of_points_on_the_planes() -> None:
             np.testing.assert_allclose(place, seen[index], atol=2e-4)
 
 
-def test_views_at_like_distance_compete_by_direction() -> None:
+def test_views_at_similar_distance_compete_by_direction() -> None:
     planes = sweep(grid_views(3, 3, uneven=False), INVERSE_DISTANCES)
     assert planes.motion.rings.tolist() == [0, 8]
     assert sorted(planes.motion.sector) == list(range(8))
@@ -68,7 +68,7 @@ def test_a_step_moves_the_farthest_view_by_its_reach() -> None:
     )
 
 
-def test_the_nearest_surface_is_the_one_that_rays_meet_first() -> None:
+def test_the_nearest_surface_hides_the_others() -> None:
     views = grid_views()
     planes = sweep(views, FINE_INVERSE_DISTANCES)
     surfaces = [Surface(600.0), Surface(400.0, bounds=(-20.0, -20.0, 20.0, 20.0))]
@@ -89,7 +89,7 @@ def test_the_nearest_surface_is_the_one_that_rays_meet_first() -> None:
         assert agree[near].mean() > 0.9
 
 
-def test_what_nothing_lands_on_hides_nothing() -> None:
+def test_places_without_a_landing_pixel_hide_nothing() -> None:
     views = grid_views(1, 2, uneven=False)
     planes = sweep(views, FINE_INVERSE_DISTANCES)
     found = nearest_planes(np.full((90, 120), 20.0, np.float32), planes)
@@ -97,7 +97,7 @@ def test_what_nothing_lands_on_hides_nothing() -> None:
     assert (found[0][found[0] > NOTHING] == 20.0).all()
 
 
-def test_costs_lie_one_after_the_other() -> None:
+def test_costs_are_contiguous() -> None:
     ranges = Ranges.of(np.array([[2, 0], [5, 1]], np.int32), np.array([[3, 4], [1, 2]], np.int32))
     assert ranges.cells == 10
     assert ranges.start.tolist() == [[0, 3], [7, 8]]
@@ -105,7 +105,7 @@ def test_costs_lie_one_after_the_other() -> None:
 
 
 @pytest.mark.parametrize("shape", [(40, 64), (37, 51), (9, 8)])
-def test_a_tile_is_searched_around_all_that_is_known_near_it(shape: tuple[int, int]) -> None:
+def test_a_tile_is_searched_around_all_known_planes_near_it(shape: tuple[int, int]) -> None:
     known = np.random.default_rng(0).uniform(0, 60, shape).astype(np.float32)
     known[:, shape[1] // 2 :] = 25.3
     ranges = range_around(known, 60)
@@ -121,7 +121,7 @@ def test_a_tile_is_searched_around_all_that_is_known_near_it(shape: tuple[int, i
             assert (ranges.low[tile] + ranges.planes[tile] == high).all()
 
 
-def test_where_there_are_few_planes_all_are_searched() -> None:
+def test_all_planes_are_searched_if_there_are_few() -> None:
     ranges = range_around(np.full((16, 16), 1.0, np.float32), FEWEST_PLANES)
     assert (ranges.low == 0).all()
     assert (ranges.planes == FEWEST_PLANES).all()

@@ -1,4 +1,4 @@
-"""How sure depth is: what makes it less sure."""
+"""The uncertainty of depth, and its causes."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def test_sigma_grows_with_noise_and_doubt_and_shrinks_with_information() -> None
     assert sigma(smooth=0.8) == pytest.approx(0.8**-ROUGH_POWER * sigma())
     assert sigma(views=80) == pytest.approx(10 ** (SHARED_POWER * ROOT) * sigma())
     assert sigma(halved=True) == pytest.approx(HALVED * sigma())
-    # Never more than that of any depth of the range being as likely.
+    # Never more than that of a uniform distribution over the range.
     assert sigma(information=0.0, margin=0.0, smooth=0.0) <= 20.0 / np.sqrt(12.0) + 1e-4
 
 
@@ -64,14 +64,14 @@ def test_probability_falls_with_rivals_at_edges_and_where_a_surface_is_rough() -
     assert odds(alone) - odds(one) == pytest.approx(RIVALS * np.log(FEWEST_RIVALS / (1 + FEWEST_RIVALS)), rel=1e-3)
     assert probability(level, ALIKE, ONES, 0 * ONES, 0.5 * ONES, False)[15, 20] < one[15, 20]
     assert probability(level, ALIKE, ONES, 0 * ONES, ONES, True)[15, 20] < one[15, 20]
-    told_nothing = probability(level, ALIKE, ONES, 9.0 * ONES, ONES, False)
-    np.testing.assert_allclose(told_nothing, one / (1.0 + 9.0 - USUAL_RIVALS), rtol=1e-5)
+    uninformative = probability(level, ALIKE, ONES, 9.0 * ONES, ONES, False)
+    np.testing.assert_allclose(uninformative, one / (1.0 + 9.0 - USUAL_RIVALS), rtol=1e-5)
     torn = level + np.where(np.arange(40) > 20, np.float32(5.0), np.float32(0.0))
     found = probability(torn, ALIKE, ONES, 0 * ONES, ONES, False)[15]
     assert found[20] == found[21] < found[18] < found[10]
 
 
-def test_where_views_show_nothing_in_common_no_depth_is_likely() -> None:
+def test_without_agreement_of_views_no_depth_is_likely() -> None:
     unlike, hardly, blank = (
         Match(ONES, ONES, ONES, ONES, products * ONES, energies * ONES)
         for products, energies in ((0.0, 1.0), (0.5 * (UNRELATED + RELATED), 1.0), (0.0, 0.0))

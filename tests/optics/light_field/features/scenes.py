@@ -21,7 +21,7 @@ Plane = tuple[float, tuple[float, float], tuple[float, float, float, float] | No
 
 
 def uneven_views(rows: int = 3, cols: int = 3, **changes: Any) -> Views:
-    """Views some 35 and 25 mm apart, uneven in all three axes; the reference view is 80 mm behind the pupil."""
+    """Return views some 35 and 25 mm apart, uneven in all three axes; the reference view is 80 mm behind the pupil."""
     across, down = np.arange(cols) - cols // 2, np.arange(rows) - rows // 2
     positions = np.zeros((rows, cols, 3))
     positions[..., 0], positions[..., 1] = 35.0 * across, 25.0 * down[:, None]
@@ -77,7 +77,7 @@ def rays(views: Views, t: int, s: int) -> FloatArray:
 
 
 def met(plane: Plane, start: FloatArray, ways: FloatArray) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
-    """Where rays meet a plane: points (..., 3), how far they go, and whether they meet it within its bounds."""
+    """Return the points (..., 3) where rays meet a plane, their lengths, and a mask of those within its bounds."""
     distance, (slant_x, slant_y), bounds, _ = plane
     normal = np.array([-slant_x, -slant_y, 1.0])
     along = (distance - start @ normal) / (ways @ normal)
@@ -110,7 +110,7 @@ def of_planes(views: Views, planes: list[Plane], noise_grey: float = 0.0) -> tup
 
 
 def astigmatic(views: Views, slopes_mm: FloatArray, seed: int = 1) -> LightField:
-    """What is seen where every point has the slopes W (2, 2) in 1/mm; of views without positions along z.
+    """Return a light field in which every point has the slopes W (2, 2) in 1/mm; views have no positions along z.
 
     u = f (a - W p) + c for a point in direction a, so that pixel u shows direction (u - c) / f + W p.
     """

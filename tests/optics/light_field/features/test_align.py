@@ -27,7 +27,7 @@ def grey(light_field: LightField) -> Bytes:
 
 
 def true_pixels(light_field: LightField, depth_mm: FloatArray, pixels: FloatArray) -> FloatArray:
-    """Where views (views, n, 2) see what the central view shows at pixels, of known depths (n,)."""
+    """Return the pixels (views, n, 2) of points that the central view shows at pixels, with known depths (n,)."""
     distance = depth_mm - light_field.reference_depth_mm + light_field.reference_distance_mm
     across = (pixels - light_field.centre_px) / light_field.focal_px * distance[:, None]
     points = np.concatenate([across, distance[:, None]], axis=1)
@@ -48,7 +48,7 @@ def depths_at(true_mm: FloatArray) -> FloatArray:
 
 @pytest.fixture(scope="module")
 def facing() -> tuple[LightField, FloatArray]:
-    """A plane that faces the views, and where all views see what the central one shows at PIXELS."""
+    """Return a plane that faces the views, and the pixels of its points at PIXELS in all views."""
     light_field, true_mm = of_planes(uneven_views(), [(430.0, (0.0, 0.0), None, 1)])
     return light_field, true_pixels(light_field, depths_at(true_mm), PIXELS)
 
@@ -77,7 +77,7 @@ def test_patches_are_found_to_hundredths_of_a_pixel(facing: tuple[LightField, Fl
     assert np.percentile(error, 95) < 0.06
 
 
-def test_slant_is_found_with_the_move(slanted: tuple[LightField, FloatArray], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_slant_is_found_with_the_shift(slanted: tuple[LightField, FloatArray], monkeypatch: pytest.MonkeyPatch) -> None:
     error = np.percentile(errors_px(*slanted), 75)
     monkeypatch.setattr(alignment, "SHAPING_ROUNDS", 0)
     monkeypatch.setattr(alignment, "MOVING_ROUNDS", 5)
@@ -97,7 +97,7 @@ def test_brightness_and_contrast_of_views_do_not_matter(facing: tuple[LightField
     assert dimmed.alike[usual].min() > 0.85
 
 
-def test_other_things_do_not_look_alike(facing: tuple[LightField, FloatArray]) -> None:
+def test_unrelated_patches_do_not_match(facing: tuple[LightField, FloatArray]) -> None:
     light_field, expected = facing
     found = aligned(light_field, expected + np.array([25.0, 10.0]))
     others = [view for view in range(9) if view != 4]
@@ -105,7 +105,7 @@ def test_other_things_do_not_look_alike(facing: tuple[LightField, FloatArray]) -
     assert np.mean(aligned(light_field, expected).alike[others] > 0.85) > 0.8
 
 
-def test_where_not_to_look_nothing_is_found(facing: tuple[LightField, FloatArray]) -> None:
+def test_excluded_places_have_no_matches(facing: tuple[LightField, FloatArray]) -> None:
     light_field, expected = facing
     start = expected.copy()
     start[3, :7] = np.nan
@@ -129,21 +129,21 @@ def test_views_and_parts_do_not_depend_on_each_other(
     facing: tuple[LightField, FloatArray], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     light_field, expected = facing
-    whole = aligned(light_field, expected + 0.5)
+    complete = aligned(light_field, expected + 0.5)
     monkeypatch.setattr(alignment, "KEYPOINTS_AT_ONCE", 7)
-    assert np.allclose(aligned(light_field, expected + 0.5).pixels, whole.pixels, rtol=0, atol=1e-3)
+    assert np.allclose(aligned(light_field, expected + 0.5).pixels, complete.pixels, rtol=0, atol=1e-3)
     pyramid, views = ImagePyramid(grey(light_field)), np.array([8, 2])
     given = templates(pyramid, 4, PIXELS, np.ones(len(PIXELS)))
     across = light_field.positions_mm.reshape(-1, 3)[views, :2]
     with ThreadPoolExecutor(2) as pool:
         two = align(pyramid, given, views, expected[views] + 0.5, across, np.full(len(PIXELS), 450.0), pool.map)
-    usual = (whole.alike[views] > 0.95) & (two.alike > 0.95)
+    usual = (complete.alike[views] > 0.95) & (two.alike > 0.95)
     assert usual.mean() > 0.5
-    assert np.median(np.linalg.norm(two.pixels - whole.pixels[views], axis=2)[usual]) < 0.01
+    assert np.median(np.linalg.norm(two.pixels - complete.pixels[views], axis=2)[usual]) < 0.01
 
 
 @pytest.mark.parametrize("slants", [(0.0, 0.0), (1.0, -0.6)])
-def test_slants_are_those_of_the_plane(slants: tuple[float, float]) -> None:
+def test_slants_match_the_plane(slants: tuple[float, float]) -> None:
     """w = (1 - slants.a) / d of a plane Z = d + slants.(X, Y)."""
     views, distance = uneven_views(), 450.0
     light_field, _ = of_planes(views, [(distance, slants, None, 1)])
@@ -158,7 +158,7 @@ def test_slants_are_those_of_the_plane(slants: tuple[float, float]) -> None:
     chosen = given[0].index
     error = found.shapes[chosen, :2] * distance + slants
     assert np.median(np.abs(error)) < 0.12
-    # Nothing is curved; and moves across epipolar lines, of which there are none, tell small residuals.
+    # Nothing is curved, and residuals across epipolar lines are small.
     assert np.median(np.abs(found.shapes[chosen, 2:])) * distance < 0.12
     assert np.median(found.variance[chosen]) < 1e-3
     assert (np.linalg.eigvalsh(found.shape_covariance[chosen]) > -1e-12).all()

@@ -14,7 +14,7 @@ from mirrorcam.optics.light_field.features.feature_set import COLUMNS, Features,
 
 
 def made(count: int, **changes: Any) -> Features:
-    """Features of a grid of 3 x 3 views, with zeros for all that is known of them."""
+    """Return features of a grid of 3 x 3 views, with zeros in all arrays."""
     shapes: dict[str, tuple[int, ...]] = {
         "pixels": (2,),
         "scale_px": (),
@@ -53,7 +53,7 @@ def test_arrays_of_another_length_are_refused(name: str) -> None:
 
 
 def some_features(count: int) -> Features:
-    """Features without a scene, each number unlike any other; the last has no second slope."""
+    """Return features without a scene, with distinct numbers; the last has no second slope."""
     random = np.random.default_rng(9)
     given: dict[str, Any] = {
         name: random.uniform(1.0, 900.0, shape)
@@ -76,7 +76,7 @@ def some_features(count: int) -> Features:
     )
 
 
-def test_arrays_come_back_to_the_bit_and_the_same_features_give_the_same_bytes(tmp_path: Path) -> None:
+def test_arrays_are_loaded_bit_by_bit_and_the_same_features_give_the_same_bytes(tmp_path: Path) -> None:
     features = some_features(5)
     for name in ("a.npz", "b.npz"):
         save_features(tmp_path / name, features)
@@ -108,7 +108,7 @@ def test_every_number_stands_in_the_column_of_its_name(tmp_path: Path) -> None:
     assert [row["two_slope_sigma"] == "" for row in rows] == [False] * 4 + [True]
 
 
-def test_no_features_are_a_file_as_well(tmp_path: Path) -> None:
+def test_a_file_may_have_no_features(tmp_path: Path) -> None:
     save_csv(tmp_path / "a.csv", some_features(0))
     assert (tmp_path / "a.csv").read_text(encoding="utf-8") == ",".join(COLUMNS) + "\n"
     save_features(tmp_path / "a.npz", some_features(0))

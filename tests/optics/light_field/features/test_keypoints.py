@@ -1,4 +1,4 @@
-"""Keypoints stay where views show something, and descriptors are compared as meant."""
+"""Keypoints lie within the samples of views, and descriptors are compared by their own distance."""
 
 from __future__ import annotations
 
@@ -45,11 +45,11 @@ RANGE = (1.0 / 700.0, 1.0 / 380.0)
 
 @pytest.fixture(scope="module")
 def light_field() -> LightField:
-    whole, _ = of_planes(uneven_views(), [(430.0, (0.2, 0.1), None, 1)])
-    samples, weights = whole.samples.copy(), whole.weights.copy()
+    complete, _ = of_planes(uneven_views(), [(430.0, (0.2, 0.1), None, 1)])
+    samples, weights = complete.samples.copy(), complete.weights.copy()
     weights[..., :100, :120] = 0
     samples[weights == 0] = 0
-    return LightField.of(whole, samples, weights)
+    return LightField.of(complete, samples, weights)
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -69,10 +69,10 @@ def test_no_keypoint_stands_at_a_border(light_field: LightField, name: DetectorN
         assert len(each.descriptors) == len(each.angle) == len(each.pixels)
     plain = detector(name, 400).detect(images[0], None)
     corner = [point.pt for point in plain if abs(point.pt[0] - 120) < 3 or abs(point.pt[1] - 100) < 3]
-    assert corner  # what the masks are for
+    assert corner  # masks prevent this
 
 
-def test_grey_is_the_same_of_colours_bytes_and_floats(light_field: LightField) -> None:
+def test_grey_is_the_same_from_colours_bytes_and_floats(light_field: LightField) -> None:
     images = grey_views(light_field)
     assert images.shape == (9, 180, 260)
     assert images.dtype == np.uint8
@@ -114,7 +114,7 @@ def test_without_its_module_akaze_is_refused_in_one_line(monkeypatch: pytest.Mon
 
 def test_other_detectors_are_refused_in_one_line() -> None:
     with pytest.raises(InputError, match="detector 'SURF', expected SIFT, ORB, AKAZE"):
-        detector("SURF", 100)  # type: ignore[arg-type]  # the very thing that must fail
+        detector("SURF", 100)  # type: ignore[arg-type]  # this must fail
 
 
 @pytest.fixture(scope="module")
@@ -149,7 +149,7 @@ def test_slopes_are_a_pixel_apart_in_the_farthest_view() -> None:
     assert (step_px > 0.8).all() and (step_px <= 1.0 + 1e-9).all()
 
 
-def test_keypoints_have_the_slopes_of_what_they_show(scene: LightField) -> None:
+def test_keypoints_have_the_slopes_of_their_surfaces(scene: LightField) -> None:
     keypoints, inverse_mm = found(scene)
     assert len(inverse_mm) > 150
     off = np.min([np.abs(1.0 / inverse_mm - depth) for depth in (WALL[0], BOARD[0])], axis=0)
@@ -174,7 +174,7 @@ def test_the_strongest_are_kept(scene: LightField) -> None:
 
 
 @pytest.mark.slow
-def test_features_of_the_stack_are_where_surfaces_are(scene: LightField) -> None:
+def test_features_of_the_stack_lie_on_surfaces(scene: LightField) -> None:
     features = FeatureFinder(scene, "SIFT4D").find(scene)
     assert features.detector == "SIFT4D"
     assert len(features) > 120
@@ -183,7 +183,7 @@ def test_features_of_the_stack_are_where_surfaces_are(scene: LightField) -> None
     assert np.mean(off < 0.01) > 0.97
 
 
-def test_nothing_has_no_keypoints() -> None:
+def test_a_blank_scene_has_no_keypoints() -> None:
     views = uneven_views()
     blank = LightField.of(views, np.full((3, 3, 180, 260, 1), 80, np.uint8), np.ones((3, 3, 180, 260), np.float32))
     assert len(found(blank)[1]) == 0

@@ -1,4 +1,4 @@
-"""Features of closed-form scenes: they are where the surfaces are, as surely as they say, and nothing else is."""
+"""Features of closed-form scenes: they lie on surfaces, within their uncertainties."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def found(scene: tuple[LightField, FloatArray]) -> Features:
 
 
 def true_at(features: Features, depth_mm: FloatArray) -> FloatArray:
-    """True depth nearest to what features say, of the 3x3 pixels around each."""
+    """Return the true depth nearest to each feature's, from the 3x3 pixels around it."""
     u, v = np.rint(features.pixels).astype(int).T
     near = np.array([depth_mm[v + down, u + across] for down in (-1, 0, 1) for across in (-1, 0, 1)])
     best = np.abs(near - features.depth_mm).argmin(axis=0)
@@ -41,7 +41,7 @@ def true_at(features: Features, depth_mm: FloatArray) -> FloatArray:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_features_are_where_surfaces_are(scene: tuple[LightField, FloatArray], name: DetectorName) -> None:
+def test_features_lie_on_surfaces(scene: tuple[LightField, FloatArray], name: DetectorName) -> None:
     light_field, depth_mm = scene
     features = FeatureFinder(light_field, name).find(light_field)
     assert features.detector == name
@@ -54,7 +54,7 @@ def test_features_are_where_surfaces_are(scene: tuple[LightField, FloatArray], n
     assert min(sides) > 0.1  # both planes have features
 
 
-def test_all_that_is_told_of_a_feature_fits_together(scene: tuple[LightField, FloatArray], found: Features) -> None:
+def test_the_values_of_a_feature_are_consistent(scene: tuple[LightField, FloatArray], found: Features) -> None:
     light_field = scene[0]
     exact = np.moveaxis(light_field.project(found.points_in_rig_mm), 2, 0)
     assert np.allclose(exact[:, 1, 1], found.pixels, atol=1e-9)
@@ -71,7 +71,7 @@ def test_all_that_is_told_of_a_feature_fits_together(scene: tuple[LightField, Fl
     assert np.median(pair) < 3 * np.median(found.disparity_sigma_px)
 
 
-def test_errors_are_as_large_as_told(scene: tuple[LightField, FloatArray], found: Features) -> None:
+def test_errors_match_their_uncertainties(scene: tuple[LightField, FloatArray], found: Features) -> None:
     light_field, _ = scene
     on_board = np.abs(found.depth_mm - 350) < 60
     places = (found.points_in_rig_mm - light_field.reference_view_in_rig_mm) @ light_field.view_from_rig.T
@@ -90,8 +90,8 @@ def test_errors_are_as_large_as_told(scene: tuple[LightField, FloatArray], found
     assert np.allclose(ratio, found.depth_sigma_mm)
 
 
-def test_what_a_view_does_not_see_it_is_not_said_to_see(scene: tuple[LightField, FloatArray], found: Features) -> None:
-    """Of features of the wall, those that the board hides from a view."""
+def test_occluded_views_are_not_counted(scene: tuple[LightField, FloatArray], found: Features) -> None:
+    """Features of the wall that the board hides from a view."""
     light_field = scene[0]
     wall = found.depth_mm > 420
     pixels = np.moveaxis(light_field.project(found.points_in_rig_mm), 2, 0)
@@ -118,9 +118,7 @@ def test_the_same_light_field_has_the_same_features(scene: tuple[LightField, Flo
             assert np.array_equal(one, other, equal_nan=np.asarray(one).dtype.kind == "f")
 
 
-def test_views_believed_to_stand_on_an_even_grid_find_little(
-    scene: tuple[LightField, FloatArray], found: Features
-) -> None:
+def test_views_assumed_on_an_even_grid_find_few_features(scene: tuple[LightField, FloatArray], found: Features) -> None:
     light_field = scene[0]
     even = np.zeros((3, 3, 3))
     even[..., 0], even[..., 1] = [-35.0, 0.0, 35.0], [[-25.0], [0.0], [25.0]]
@@ -129,7 +127,7 @@ def test_views_believed_to_stand_on_an_even_grid_find_little(
     assert len(features) < 0.3 * len(found)
 
 
-def test_more_views_or_a_shorter_distance_make_fewer_and_surer(
+def test_more_views_or_a_shorter_distance_give_fewer_and_more_certain_features(
     scene: tuple[LightField, FloatArray], found: Features
 ) -> None:
     light_field = scene[0]
@@ -164,7 +162,7 @@ def test_two_slopes_along_any_directions_are_flagged(turn_deg: float) -> None:
     assert shares[1] > 0.95
 
 
-def test_slopes_apart_are_told_in_size_and_sign() -> None:
+def test_two_slopes_have_the_right_size_and_sign() -> None:
     views = uneven_views(positions_mm=uneven_views().positions_mm * [1.0, 1.0, 0.0])
     light_field = astigmatic(views, np.diag([1 / 440.0, 1 / 460.0]))
     features = FeatureFinder(light_field, "SIFT", max_distance_px=1.5).find(light_field)
@@ -172,8 +170,8 @@ def test_slopes_apart_are_told_in_size_and_sign() -> None:
     assert np.allclose(np.median(features.apart_disparity_px, axis=0), expected, atol=0.03)
 
 
-def test_a_pattern_that_repeats_tells_no_wrong_depth() -> None:
-    """Of a regular grid of views and a pattern of one period, several depths look alike; they are not guessed."""
+def test_a_repeating_pattern_gives_no_wrong_depth() -> None:
+    """With a regular grid of views and a periodic pattern, several depths look alike; none is guessed."""
     positions = np.zeros((3, 3, 3))
     positions[..., 0], positions[..., 1] = [-30.0, 0.0, 30.0], [[-30.0], [0.0], [30.0]]
     views = uneven_views(positions_mm=positions)
@@ -208,7 +206,7 @@ def test_any_grid_of_views_has_features(shape: tuple[int, int]) -> None:
         assert np.allclose(features.disparity_px, expected)
 
 
-def test_a_light_field_without_anything_has_no_features() -> None:
+def test_a_blank_light_field_has_no_features() -> None:
     views = uneven_views()
     shape = (3, 3, 180, 260)
     for weight in (0.0, 1.0):
@@ -222,8 +220,8 @@ def test_a_light_field_without_anything_has_no_features() -> None:
             assert features.points_in_rig_mm.shape == (0, 3)
 
 
-def test_views_that_are_alike_to_the_bit_are_of_the_reference_plane() -> None:
-    """On it disparity is zero, whatever the positions; nothing differs, and yet no error is said to be zero."""
+def test_identical_views_show_the_reference_plane() -> None:
+    """On it disparity is zero for any positions; nothing differs, but no uncertainty is zero."""
     views = uneven_views(positions_mm=uneven_views().positions_mm * [1.0, 1.0, 0.0])
     one = of_planes(views, [(460.0, (0.0, 0.0), None, 1)])[0].samples[1, 1]
     samples = np.broadcast_to(one, (3, 3, *one.shape)).copy()
@@ -241,15 +239,15 @@ def test_light_fields_of_other_views_are_refused(scene: tuple[LightField, FloatA
         {"focal_px": 801.0},
     ):
         finder = FeatureFinder(uneven_views(**changes), "ORB")
-        with pytest.raises(InputError, match="has other views than those of layout"):
+        with pytest.raises(InputError, match="has other views than layout"):
             finder.find(scene[0])
 
 
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"min_views": 0}, "features in 0 views beside the reference view, expected 1 to 8"),
-        ({"min_views": 9}, "features in 9 views beside the reference view, expected 1 to 8"),
+        ({"min_views": 0}, "features in 0 views besides the reference view, expected 1 to 8"),
+        ({"min_views": 9}, "features in 9 views besides the reference view, expected 1 to 8"),
         ({"max_distance_px": 0.0}, "maximum distance is 0 px, expected a positive number"),
         ({"max_distance_px": np.nan}, "maximum distance is nan px"),
         ({"nearest_mm": 500.0, "farthest_mm": 400.0}, "depths 500 to 400 mm, expected the nearer one first"),
@@ -259,7 +257,7 @@ def test_light_fields_of_other_views_are_refused(scene: tuple[LightField, FloatA
         ({"two_slope_sigma": -1.0}, "two slopes -1 standard deviations apart"),
     ],
 )
-def test_what_cannot_be_sought_is_refused_in_one_line(options: dict[str, Any], message: str) -> None:
+def test_invalid_requests_are_refused_in_one_line(options: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError, match=message) as caught:
         FeatureFinder(uneven_views(), "ORB", **options)
     assert "\n" not in str(caught.value)

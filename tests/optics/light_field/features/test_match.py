@@ -1,4 +1,4 @@
-"""Matches are sought on the exact lines, and views vote for the slope that they agree on."""
+"""Matches are searched on exact epipolar lines, and views vote for a common slope."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ def unit(count: int) -> FloatArray:
 
 
 def scene(count: int = 30) -> tuple[Geometry, FloatArray, FloatArray]:
-    """The geometry, inverse distances (n,) and exact pixels (views, n, 2) of points before uneven views."""
+    """Return the geometry, inverse distances (n,) and exact pixels (views, n, 2) of points before uneven views."""
     random = np.random.default_rng(7)
     at = np.stack([*random.uniform(-40, 40, (2, count)), random.uniform(250, 2000, count)], axis=1)
     return Geometry.of(uneven_views()), 1.0 / at[:, 2], uneven_views().project_in_view(at).reshape(9, count, 2)
 
 
-def test_matches_tell_the_inverse_distance_wherever_views_stand() -> None:
+def test_matches_give_the_inverse_distance_for_any_view_positions() -> None:
     geometry, inverse, seen = scene()
     looks = unit(30)
     shuffled = np.random.default_rng(1).permutation(30)
@@ -39,14 +39,14 @@ def test_matches_tell_the_inverse_distance_wherever_views_stand() -> None:
     assert found.inverse_mm.shape == (30, 3, KEPT)
     assert np.allclose(found.inverse_mm[..., 0], inverse[:, None], rtol=1e-9)
     assert np.abs(found.off_line_px[..., 0]).max() < 1e-9
-    # How fast a match moves: by differences of the prediction.
+    # The speed of a match, by differences of the prediction.
     for place, view in enumerate(others):
         here, there = (geometry.predict(view, geometry.directions(seen[4]), inverse + step) for step in (-1e-8, 1e-8))
         rate = np.linalg.norm(there - here, axis=1) / 2e-8
         assert np.allclose(found.rate_px_mm[:, place, 0], rate, rtol=2e-2)
 
 
-def test_matches_off_the_line_beyond_the_range_or_of_other_looks_are_left_out() -> None:
+def test_matches_off_the_line_out_of_range_or_of_other_appearance_are_left_out() -> None:
     geometry, inverse, seen = scene()
     looks = unit(30)
     line = geometry.predict(1, geometry.directions(seen[4]), inverse + 1e-5) - seen[1]
@@ -68,7 +68,7 @@ def test_matches_off_the_line_beyond_the_range_or_of_other_looks_are_left_out() 
     assert matched(keypoints(near, looks)) == 0
 
 
-def test_alike_ones_are_kept_in_order_and_too_many_tell_nothing() -> None:
+def test_similar_matches_keep_their_order_and_too_many_are_dropped() -> None:
     geometry, _, seen = scene(1)
     looks = unit(1)
     steps = np.linspace(1 / 4000.0, 1 / 300.0, KEPT + 1)
@@ -91,7 +91,7 @@ def found_of(inverse: FloatArray, off: FloatArray | float = 0.0) -> Candidates:
     return Candidates(inverse, np.where(np.isnan(inverse), np.nan, off), np.where(np.isnan(inverse), np.nan, 3e4))
 
 
-def test_most_views_win_and_the_winner_is_refined_by_them() -> None:
+def test_the_slope_of_most_views_wins_and_is_refined_by_them() -> None:
     inverse = np.full((1, 4, 3), np.nan)
     inverse[0, :, 0] = [2.00e-3, 2.01e-3, 3.0e-3, 1.99e-3]
     agreed, competing = vote(found_of(inverse), np.ones(1))
@@ -99,7 +99,7 @@ def test_most_views_win_and_the_winner_is_refined_by_them() -> None:
     assert np.isnan(competing).all()
 
 
-def test_the_match_that_fits_counts_whether_or_not_it_is_the_likest() -> None:
+def test_the_match_that_fits_counts_even_if_it_is_not_the_most_similar() -> None:
     inverse = np.full((1, 3, 3), np.nan)
     inverse[0] = [[9e-4, 2e-3, np.nan], [2e-3, 4e-3, np.nan], [3e-3, 3.5e-3, 2e-3]]
     agreed, _ = vote(found_of(inverse), np.ones(1))
@@ -114,7 +114,7 @@ def test_slopes_with_as_many_votes_compete() -> None:
     assert np.isnan([agreed[1], competing[1]]).all()
 
 
-def test_no_match_at_all_is_no_slope() -> None:
+def test_without_matches_there_is_no_slope() -> None:
     agreed, competing = vote(found_of(np.full((3, 4, 3), np.nan)), np.ones(3))
     assert np.isnan(agreed).all()
     assert np.isnan(competing).all()

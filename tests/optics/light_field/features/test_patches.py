@@ -1,4 +1,4 @@
-"""The image pyramid: levels of scales, and samples of one view alone."""
+"""The image pyramid: levels of scales, and samples of single views."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from mirrorcam.core.errors import InputError
 from mirrorcam.optics.light_field.features.patches import RADIUS_PX, SAMPLES, ImagePyramid, templates
 
 
-def test_scales_are_on_the_level_of_half_of_them_that_there_is() -> None:
+def test_a_scale_is_on_the_nearest_level_of_half_its_size() -> None:
     pyramid = ImagePyramid(np.zeros((3, 3, 180, 260), np.uint8))
     assert pyramid.level_of(np.array([1.0, 2.8, 3.0, 4.0, 8.0, 1000.0])).tolist() == [0, 0, 1, 1, 2, 3]
 
 
-def test_samples_are_those_of_the_cubic_spline_through_the_pixels() -> None:
-    """Against SciPy's, away from the rim, where it takes another one."""
+def test_samples_follow_the_cubic_spline_through_the_pixels() -> None:
+    """Against SciPy's, except at the rim, where it uses another spline."""
     random = np.random.default_rng(4)
     image = np.rint(gaussian_filter(random.uniform(0, 1000, (60, 80)), 0.7)).clip(0, 255).astype(np.uint8)
     pyramid = ImagePyramid(image[None, None])
@@ -28,7 +28,7 @@ def test_samples_are_those_of_the_cubic_spline_through_the_pixels() -> None:
 
 @pytest.mark.parametrize("level", [0, 1])
 def test_a_ramp_is_sampled_at_its_pixels_on_every_level(level: int) -> None:
-    """Pixel x of level l is pixel x * 2**l of the view, and the smoothing of a level leaves a ramp as it is."""
+    """Pixel x of level l is pixel x * 2**l of the view, and smoothing does not change a ramp."""
     across, down = np.meshgrid(np.arange(60), np.arange(40))
     pyramid = ImagePyramid(np.stack([across + 2 * down, 200 - across]).astype(np.uint8)[None])
     at = np.array([[11.5, 7.0], [12.0, 8.25]], np.float32)

@@ -12,7 +12,7 @@ from tests.optics.light_field.features.scenes import uneven_views
 
 
 def even(count: int) -> FloatArray:
-    """The precision of points that are located as well along u as along v."""
+    """Return the precision of points that are located equally well along u and v."""
     return np.tile(np.eye(2), (count, 1, 1))
 
 
@@ -26,17 +26,17 @@ def seen_by(views: Views, at: FloatArray) -> FloatArray:
 
 
 def level(views: Views) -> Views:
-    """The same views without steps along z."""
+    """Return the views without steps along z."""
     return uneven_views(positions_mm=views.positions_mm * [1.0, 1.0, 0.0])
 
 
 def astigmatic_pixels(geometry: Geometry, directions: FloatArray, slopes_mm: FloatArray) -> FloatArray:
-    """Where views without steps along z see points of slopes W (n, 2, 2), written out."""
+    """Return the pixels of points of slopes W (n, 2, 2) in views without steps along z, computed explicitly."""
     moved = np.einsum("nij,vj->vni", slopes_mm, geometry.across_mm)
     return geometry.focal_px[:, None, None] * (directions - moved) + geometry.centre_px[:, None]
 
 
-def test_predictions_are_those_of_the_views() -> None:
+def test_predictions_match_the_views() -> None:
     views, at = uneven_views(), points(40)
     geometry = Geometry.of(views)
     assert geometry.reference == 4
@@ -66,7 +66,7 @@ def test_distances_are_in_pixels_of_the_view() -> None:
     assert np.allclose(np.diag(found.distances_px), 0.5, atol=1e-9)
 
 
-def test_what_is_not_seen_has_no_distance_and_one_view_no_slope() -> None:
+def test_unseen_points_have_no_distance_and_one_view_gives_no_slope() -> None:
     views, at = uneven_views(), points(2)
     seen, used = seen_by(views, at), np.ones((9, 2), dtype=bool)
     seen[2, 0] = np.nan
@@ -78,7 +78,7 @@ def test_what_is_not_seen_has_no_distance_and_one_view_no_slope() -> None:
     assert np.isnan(found.inverse_mm[1])
 
 
-def test_the_information_is_that_of_drawn_errors() -> None:
+def test_the_information_matches_drawn_errors() -> None:
     views, count = uneven_views(), 4000
     at = np.repeat(points(1), count, axis=0)
     seen = seen_by(views, at) + np.random.default_rng(1).normal(0.0, 0.1, (9, count, 2))
@@ -87,8 +87,8 @@ def test_the_information_is_that_of_drawn_errors() -> None:
     assert np.mean(found.squares_px2 / found.freedom) == pytest.approx(0.01, rel=0.02)
 
 
-def test_points_on_edges_are_fitted_by_what_they_tell() -> None:
-    """Located ten times as well across an edge as along it: slopes are better than by equal weights, as said."""
+def test_points_on_edges_are_weighted_by_their_precision() -> None:
+    """Points are ten times as precise across an edge as along it: slopes are better than with equal weights."""
     views, count = uneven_views(), 4000
     at = np.repeat(points(1), count, axis=0)
     turn = np.array([[0.6, -0.8], [0.8, 0.6]])
@@ -120,7 +120,7 @@ def test_two_slopes_are_found_along_any_directions() -> None:
     assert np.median(fit_slope(geometry, seen, np.ones((9, 30), bool), w, even(30)).squares_px2) > 1.0
 
 
-def test_points_have_one_slope_and_errors_make_two_as_often_as_told() -> None:
+def test_points_have_one_slope_and_errors_feign_two_at_the_stated_rate() -> None:
     views, count = uneven_views(), 4000
     at = np.repeat(points(1), count, axis=0)
     exact = seen_by(views, at)
@@ -135,7 +135,7 @@ def test_points_have_one_slope_and_errors_make_two_as_often_as_told() -> None:
     assert np.mean(found.squares_px2 / found.freedom) == pytest.approx(0.01, rel=0.02)
 
 
-def test_views_in_one_line_or_too_few_do_not_tell_two_slopes() -> None:
+def test_collinear_or_too_few_views_do_not_determine_two_slopes() -> None:
     geometry, at = Geometry.of(uneven_views(1, 5)), points(3)
     seen = seen_by(uneven_views(1, 5), at)
     flat = Geometry(geometry.focal_px, geometry.centre_px, geometry.across_mm * [1, 0], geometry.forward_mm, 2)
@@ -146,7 +146,7 @@ def test_views_in_one_line_or_too_few_do_not_tell_two_slopes() -> None:
     assert np.isnan(found.apart_mm).all()
 
 
-def test_few_residuals_are_drawn_towards_what_is_usual() -> None:
+def test_few_residuals_are_shrunk_towards_the_usual_noise() -> None:
     freedom = np.array([1, 15, 15, 0])
     squares = np.array([0.0, 15.0, 15.0, 0.0])
     found = moderated_variance(squares, freedom, 4.0)

@@ -1,4 +1,4 @@
-"""Filters on light fields of textured planes whose clean views are known."""
+"""Filters on light fields of textured planes with known clean views."""
 
 from __future__ import annotations
 
@@ -66,19 +66,19 @@ def test_depths_between_the_two_pass(clean: LightField) -> None:
     assert error(filter_light_field(clean, fan()).light_field, clean) < 3.0
 
 
-def test_a_clean_scene_stays_as_it_is_where_views_truly_differ(clean: LightField) -> None:
-    # Broad shadows in single views: more than noise, and no depth explains them.
+def test_a_clean_scene_with_differences_between_views_is_unchanged(clean: LightField) -> None:
+    # Broad shadows in single views: stronger than noise, and consistent with no depth.
     u, v = VIEWS.pixel_grid()[..., 0], VIEWS.pixel_grid()[..., 1]
     samples = shown(clean)
     for number, index in enumerate(np.ndindex(3, 3)):
         shadow = np.exp(-(((u - 12.0 * number) / 40.0) ** 2) - ((v - 45.0) / 30.0) ** 2)
         samples[index] *= 1.0 - 0.08 * shadow[..., None]
     shaded = with_samples(clean, samples.astype(np.float32))
-    # Less than the noise of one grey level and rounding, which the filter takes out, and a little more.
+    # Less than the noise of one grey level and rounding, which the filter removes, with a margin.
     assert error(filter_light_field(shaded, fan()).light_field, shaded) < 1.5
 
 
-def test_a_plane_outside_of_the_fan_is_kept_less() -> None:
+def test_a_plane_outside_of_the_fan_is_attenuated() -> None:
     plane = photograph(VIEWS, [Surface(480.0, seed=3)])[0]
     inside = filter_light_field(noisy(plane, 10.0), fan("hyperfan", 470.0 + BEHIND_MM, 490.0 + BEHIND_MM)).light_field
     outside = filter_light_field(noisy(plane, 10.0), fan("hyperfan", 240.0 + BEHIND_MM, 260.0 + BEHIND_MM)).light_field
@@ -94,7 +94,7 @@ def test_nothing_wraps_around_the_borders() -> None:
     assert np.abs(changed - before)[..., :, :20, :].max() < 2.5 / 255.0
 
 
-def test_missing_samples_do_not_count_and_stay_missing(clean: LightField) -> None:
+def test_missing_samples_have_no_influence_and_stay_missing(clean: LightField) -> None:
     weights = clean.weights.copy()
     weights[0, 1, 20:50, 30:70] = 0.0
     weights[2, 2, :, :15] = 0.0
@@ -112,7 +112,7 @@ def test_missing_samples_do_not_count_and_stay_missing(clean: LightField) -> Non
     assert 255.0 * np.sqrt(np.square(off).mean()) < 7.0
 
 
-def test_particles_in_single_views_are_left_out(clean: LightField) -> None:
+def test_particles_in_single_views_are_removed(clean: LightField) -> None:
     rng = np.random.default_rng(7)
     samples = shown(clean).astype(np.float32)
     for t, s in np.ndindex(3, 3):
@@ -134,7 +134,7 @@ def test_the_type_of_samples_is_kept(clean: LightField) -> None:
     assert np.abs(filtered.samples.astype(float) - grey).mean() < 2.0
 
 
-def test_power_of_signal_and_noise_is_told_apart() -> None:
+def test_power_of_signal_and_noise_is_separated() -> None:
     rng = np.random.default_rng(4)
     roots = np.linalg.cholesky(PASSBAND.coherence(FREQUENCIES) + 1e-9 * np.eye(9))
 
@@ -152,7 +152,7 @@ def test_power_of_signal_and_noise_is_told_apart() -> None:
     np.testing.assert_allclose(power.noise_of_sample, 3.0, rtol=0.03)
 
 
-def test_filtering_is_the_linear_estimate_of_least_squared_error() -> None:
+def test_filtering_is_the_linear_least_squares_estimate() -> None:
     rng = np.random.default_rng(5)
     few = FREQUENCIES[::997]
     signal, noise = 3.0, 0.7

@@ -1,4 +1,4 @@
-"""Passbands against integrals of plane waves over the slopes that they hold."""
+"""Passbands against integrals of plane waves over their slopes."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ FREQUENCIES = np.array([[0.0, 0.0], [0.3, 0.0], [0.2, -0.7], [2.9, 1.4], [-1.1, 
 
 
 def integral(passband: Passband, frequencies: FloatArray, slopes: FloatArray) -> FloatArray:
-    """Mean (m, n, n) of v v* over slopes (k, 2) along x and y, of the waves v that views see of a point."""
+    """Return the mean (m, n, n) of v v* over slopes (k, 2) along x and y, for the waves v of a point in the views."""
     lags = np.einsum("mc,kc,nc->mkn", frequencies, slopes, passband.places_mm)
     waves = np.exp(-1j * lags)
     covariance = np.einsum("mki,mkj->mij", waves, waves.conj()) / len(slopes)
@@ -35,7 +35,7 @@ def test_coherence_is_the_integral_over_depths(kind: FilterKind) -> None:
     np.testing.assert_allclose(passband.coherence(FREQUENCIES), expected, atol=2e-4)
 
 
-def test_a_hypercone_is_the_integral_over_all_slopes_that_views_tell_apart() -> None:
+def test_a_hypercone_is_the_integral_over_all_slopes_that_views_distinguish() -> None:
     views = grid_views(uneven=False)
     passband = Passband.of(views, "hypercone", None, None)
     for frequency in FREQUENCIES[1:]:
@@ -56,7 +56,7 @@ def test_coherence_is_a_correlation(kind: FilterKind) -> None:
 @pytest.mark.parametrize(
     ("near_mm", "far_mm", "message"),
     [
-        (None, 500.0, "a hyperfan passes depths between two"),
+        (None, 500.0, "a hyperfan passes a range of depths"),
         (500.0, 400.0, "depths from 500 to 400 mm"),
         (-200.0, 400.0, "expected the nearest, more than"),
         (np.nan, 400.0, "depths from nan to 400 mm"),

@@ -1,4 +1,4 @@
-"""Bags for tests, which skip where the extra robot is not installed."""
+"""Bags for tests, which are skipped if the extra robot is not installed."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ STEP_NS = 40_000_000
 
 
 def write_bag(path: Path, light_fields: list[LightField], depth: DepthMap | None = None) -> Path:
-    """A bag of light fields 40 ms apart, from 1 s on."""
+    """Write a bag of light fields 40 ms apart, from 1 s on."""
     with BagWriter(path) as bag:
         for number, light_field in enumerate(light_fields):
             stamp = 10**9 + number * STEP_NS

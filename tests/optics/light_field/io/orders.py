@@ -1,4 +1,4 @@
-"""Light fields whose files could state any order: exact pinholes before two textured planes, with no layout of ours."""
+"""Light fields for tests of view orders: exact pinholes before two textured planes, without a layout."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ NEAR_AND_FAR = (Surface(520.0, grain_mm=1.5, seed=1), Surface(400.0, bounds=(-40
 
 @cache
 def scene(rows: int, cols: int) -> LightField:
-    """Views of a plane before the plane of zero disparity and of one behind it."""
+    """Return views of planes before and behind the plane of zero disparity."""
     return photograph(grid_views(rows, cols, uneven=False, layout_identity="", step_mm=10.0), NEAR_AND_FAR)[0]
 
 
 def with_samples(samples: Any) -> LightField:
-    """A light field of samples (t, s, v, u, c) with the geometry that a user assumes."""
+    """Return a light field of samples (t, s, v, u, c) with the geometry that a user assumes."""
     rows, cols, height, width = samples.shape[:4]
     views = even_views(Path("a"), GIVEN, (rows, cols), (width, height))
     return LightField.of(views, np.ascontiguousarray(samples), np.ones((rows, cols, height, width), np.float32))

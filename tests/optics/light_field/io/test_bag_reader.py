@@ -1,4 +1,4 @@
-"""Light fields come back from bags as they were, also from bags recorded again; bad ones are refused in one line."""
+"""Round trips of light fields through bags, also through bags recorded again; bad ones are refused in one line."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import pytest
 from mirrorcam.core.disk import array_files
 from mirrorcam.core.errors import InputError
 from mirrorcam.optics.light_field.decoder import Decoder
-from mirrorcam.optics.light_field.io.bag_reader import StoredBag, checked_chunks
+from mirrorcam.optics.light_field.io.formats.mcap import StoredBag, checked_chunks
 from mirrorcam.optics.light_field.light_field import LightField
 from tests.core.video.videos import pictures
 from tests.optics.light_field.io.bags import STEP_NS, needs_rosbags, write_bag
@@ -41,7 +41,7 @@ def assert_same(found: LightField, expected: LightField) -> None:
 
 
 def recorded_again(bag: Path, folder: Path, change: Callable[[int, Any, int, Any], Any]) -> Path:
-    """A folder of rosbag2 with what `change(number, connection, time, raw)` makes of each message, if it makes any."""
+    """Write a rosbag2 folder with the messages that `change(number, connection, time, raw)` returns, if any."""
     from rosbags.rosbag2 import Reader, StoragePlugin, Writer
     from rosbags.typesys import Stores, get_typestore
 
@@ -58,7 +58,7 @@ def recorded_again(bag: Path, folder: Path, change: Callable[[int, Any, int, Any
     return folder
 
 
-def test_light_fields_come_back_with_their_stamps(bag: Path, light_fields: list[LightField]) -> None:
+def test_light_fields_and_stamps_survive_the_round_trip(bag: Path, light_fields: list[LightField]) -> None:
     stored = StoredBag(bag)
     assert stored.stamps_ns == tuple(10**9 + number * STEP_NS for number in range(COUNT))
     assert stored.incomplete == 0
@@ -75,7 +75,7 @@ def test_a_bag_recorded_over_a_network_is_sorted_by_its_stamps(
     random = np.random.default_rng(2)
 
     def late(number: int, connection: Any, time_ns: int, raw: Any) -> Any:
-        """Up to one and a half frames late, below another namespace; of the first frame one view is lost."""
+        """Up to one and a half frames late, in another namespace; the first frame lacks a view."""
         if connection.topic.endswith("view_2_1/image_rect") and time_ns == 10**9:
             return None
         topic = connection.topic.replace("/mirrorcam/", "/robot/left/")
@@ -142,7 +142,7 @@ def test_an_image_of_another_size_or_encoding_is_refused(bag: Path, tmp_path: Pa
 
 
 def foreign(path: Path, bag: Path, compression: str) -> Path:
-    """The bag written again by the mcap library; its frames of zstd state no content size, as those of ROS 2."""
+    """Return the bag rewritten by the mcap library; its zstd frames state no content size, as in ROS 2."""
     writer_module = pytest.importorskip("mcap.writer", reason="needs mcap")
     zstandard = pytest.importorskip("zstandard", reason="needs zstandard")
     from mcap.reader import make_reader
@@ -197,7 +197,7 @@ def test_damaged_bags_are_refused_in_one_line_or_read_as_they_were(
 
 
 @pytest.mark.parametrize("compression", ["ZSTD", "LZ4", "NONE"])
-def test_bags_that_others_compressed_are_read(
+def test_bags_compressed_by_other_programs_are_read(
     bag: Path, light_fields: list[LightField], tmp_path: Path, compression: str
 ) -> None:
     path = foreign(tmp_path / "a.mcap", bag, compression)
@@ -216,7 +216,7 @@ def test_bags_that_others_compressed_are_read(
 
 
 def test_an_index_that_leads_elsewhere_is_refused(bag: Path, tmp_path: Path) -> None:
-    """To data that were not judged before they are decompressed."""
+    """To data that were not checked before they are decompressed."""
     raw = bytearray(bag.read_bytes())
     index = raw.index(b"\x08", raw.rindex(b"/mirrorcam/"))  # the first record of a chunk's index, after the channels
     while raw[index] != 8 or int.from_bytes(raw[index + 1 : index + 9], "little") > 2000:
@@ -225,7 +225,7 @@ def test_an_index_that_leads_elsewhere_is_refused(bag: Path, tmp_path: Path) -> 
     assert raw[start] == 6
     raw[index + 25 : index + 33] = (start + 1).to_bytes(8, "little")
     (tmp_path / "bad.mcap").write_bytes(bytes(raw))
-    with pytest.raises(InputError, match=r"bad\.mcap: .*its index names a chunk at byte \d+ that is not there"):
+    with pytest.raises(InputError, match=r"bad\.mcap: .*its index refers to a chunk at byte \d+"):
         StoredBag(tmp_path / "bad.mcap")
 
 
@@ -265,7 +265,7 @@ def test_bags_whose_files_or_messages_are_compressed_are_refused(bag: Path, tmp_
             StoredBag(tmp_path / mode.name)
 
 
-def test_what_is_missing_is_refused(tmp_path: Path) -> None:
+def test_missing_files_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"nowhere\.mcap: no such file"):
         StoredBag(tmp_path / "nowhere.mcap")
 

@@ -1,4 +1,4 @@
-"""Bags as the readers of others see them: MCAP's own, with Foxglove's decoder of ROS 2 messages, and rerun's."""
+"""Bags in other readers: MCAP's own, with Foxglove's decoder of ROS 2 messages, and rerun's."""
 
 from __future__ import annotations
 
@@ -104,7 +104,7 @@ def test_rerun_shows_images_cameras_depth_points_and_frames(bag: Path, light_fie
 
 
 @needs_rosbags
-def test_nothing_is_left_where_writing_breaks_off(light_fields: list[LightField], tmp_path: Path) -> None:
+def test_nothing_remains_of_an_interrupted_bag(light_fields: list[LightField], tmp_path: Path) -> None:
     for error in (KeyboardInterrupt, InputError):
         with pytest.raises(error), BagWriter(tmp_path / "a.mcap") as bag:
             bag.write(list(ros_messages.frame_messages(light_fields[0], 0)), 0)
@@ -114,7 +114,7 @@ def test_nothing_is_left_where_writing_breaks_off(light_fields: list[LightField]
 
 
 @needs_rosbags
-def test_where_nothing_can_be_written_one_line_says_so(light_fields: list[LightField], tmp_path: Path) -> None:
+def test_an_unwritable_path_is_reported_in_one_line(light_fields: list[LightField], tmp_path: Path) -> None:
     (tmp_path / "file").write_text("no folder", encoding="utf-8")
     with pytest.raises(InputError, match=r"a\.mcap: cannot be written: "), BagWriter(tmp_path / "file" / "a.mcap"):
         pass

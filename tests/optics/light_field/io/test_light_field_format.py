@@ -1,4 +1,4 @@
-"""What formats state of themselves, and readers and writers of formats that know less than others."""
+"""Properties of formats, and readers and writers of formats without depth or geometry."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ PATH = Path("a.npy")
 COUNT = 5
 
 
-def test_geometry_that_is_needed_is_given_or_its_key_and_file_are_named(tmp_path: Path) -> None:
+def test_missing_geometry_is_named_by_key_and_file(tmp_path: Path) -> None:
     assumed = Assumed(rows=3, reference_depth_mm=np.inf, step_mm=0.5)
     assert assumed.need(PATH, "rows", "reference_depth_mm", "step_mm") == (3, np.inf, 0.5)
     for name in ("rows", "cols", "step_mm", "focal_px", "reference_depth_mm"):
@@ -37,7 +37,7 @@ def test_geometry_that_is_needed_is_given_or_its_key_and_file_are_named(tmp_path
         assumed.need(tmp_path / "set", "rows", "cols", "focal_px")
 
 
-def test_what_is_not_given_is_taken_from_views_toml(tmp_path: Path) -> None:
+def test_missing_arguments_are_read_from_views_toml(tmp_path: Path) -> None:
     given = Assumed(rows=3, step_mm=0.5)
     assert given.completed(tmp_path) == given
     views_toml(tmp_path).write_text("cols = 4\nstep_mm = 2.0\nreference_depth_mm = inf\n", encoding="utf-8")
@@ -72,7 +72,7 @@ def test_writers_without_a_place_for_depth_leave_it_out() -> None:
 
 
 class Frames(StoredFrames):
-    """Frames whose identity is their number, and the numbers of those that were read."""
+    """Frames identified by their numbers, and the numbers of those that were read."""
 
     def __init__(self, frame: LightField) -> None:
         self.path, self.read = Path("recording.zarr"), list[int]()
@@ -91,7 +91,7 @@ def frames() -> Frames:
     return Frames(photograph(grid_views(width_px=12, height_px=9), [Surface(500.0)])[0])
 
 
-def test_indices_are_those_of_a_list_and_nothing_else_is_read(frames: Frames) -> None:
+def test_indices_work_like_those_of_a_list_and_read_only_their_frames(frames: Frames) -> None:
     numbers = list(range(COUNT))
     for index in (0, 3, COUNT - 1, -1, -COUNT):
         assert frames[index].layout_identity == str(numbers[index])

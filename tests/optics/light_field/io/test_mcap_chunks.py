@@ -1,4 +1,4 @@
-"""MCAP files are judged before they are decompressed: what they hold, and whether they are whole."""
+"""MCAP files are checked before they are decompressed: their sizes, and whether they are complete."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 
 from mirrorcam.core.disk import array_files
 from mirrorcam.core.errors import InputError
-from mirrorcam.optics.light_field.io.bag_reader import MAGIC, Chunk, checked_chunks
+from mirrorcam.optics.light_field.io.formats.mcap import MAGIC, Chunk, checked_chunks
 from tests.optics.light_field.io.bags import needs_rosbags
 
 FOOTER = struct.pack("<BQQQI", 2, 20, 0, 0, 0)
@@ -29,19 +29,19 @@ def path(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "a.mcap"
 
 
-def test_whole_files_pass(path: Path) -> None:
+def test_complete_files_pass(path: Path) -> None:
     path.write_bytes(MAGIC + chunk(1000, b"", bytes(1000)) + FOOTER + MAGIC)
     assert checked_chunks(path) == {Chunk(len(MAGIC), "", 1000, 1000)}
 
 
-def test_files_that_are_cut_off_or_none_are_refused(path: Path) -> None:
+def test_truncated_and_other_files_are_refused(path: Path) -> None:
     whole = MAGIC + chunk(10, b"", bytes(10)) + FOOTER + MAGIC
     for content, message in (
-        (b"", "does not begin as one"),
-        (b"\x89PNG", "does not begin as one"),
-        (whole[:30], "is cut off, expected a whole MCAP file"),
-        (whole[: -len(MAGIC) - len(FOOTER)], "is cut off, expected a whole MCAP file"),
-        (whole[:-2], "does not end as one"),
+        (b"", "does not begin like one"),
+        (b"\x89PNG", "does not begin like one"),
+        (whole[:30], "truncated, expected a complete MCAP file"),
+        (whole[: -len(MAGIC) - len(FOOTER)], "truncated, expected a complete MCAP file"),
+        (whole[:-2], "does not end like one"),
     ):
         path.write_bytes(content)
         with pytest.raises(InputError, match=message):
@@ -49,7 +49,7 @@ def test_files_that_are_cut_off_or_none_are_refused(path: Path) -> None:
 
 
 @needs_rosbags
-def test_chunks_that_state_too_much_or_lie_are_refused(path: Path) -> None:
+def test_chunks_with_too_large_or_wrong_sizes_are_refused(path: Path) -> None:
     zstd = pytest.importorskip("backports.zstd", reason="needs backports.zstd, as rosbags does before Python 3.14")
     small, large = zstd.compress(bytes(900)), zstd.compress(bytes(2000))
     path.write_bytes(MAGIC + chunk(900, b"zstd", small) + FOOTER + MAGIC)
@@ -69,7 +69,7 @@ def test_chunks_that_state_too_much_or_lie_are_refused(path: Path) -> None:
 
 
 def unsized_zstd(content: bytes) -> bytes:
-    """A frame that does not state its content size, as ROS 2 writes them."""
+    """Return a frame without its content size, as ROS 2 writes them."""
     zstd = pytest.importorskip("backports.zstd", reason="needs backports.zstd, as rosbags does before Python 3.14")
     compressor = zstd.ZstdCompressor()
     return bytes(compressor.compress(content) + compressor.flush())

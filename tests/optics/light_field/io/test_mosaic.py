@@ -1,4 +1,4 @@
-"""Pictures of all views: what is transparent, and what does not divide into views."""
+"""Pictures of all views: transparent pixels, and pictures that do not divide into views."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ GRIDS = [(1, 2), (2, 2), (2, 3), (4, 4)]
 
 
 def test_colours_of_pixels_without_weight_are_dropped(tmp_path: Path) -> None:
-    """Painting programs leave any colour where a picture is transparent."""
+    """Painting programs store arbitrary colours in transparent pixels."""
     light_field = plane(2, 3, 0.8)
     write_mosaic(tmp_path / "a.png", light_field, "tiles")
     opacity = np.full((180, 360), 255, np.uint8)
@@ -43,8 +43,8 @@ def test_mosaics_must_divide_into_views(tmp_path: Path) -> None:
         )
 
 
-def test_a_file_beside_the_picture_goes_before_its_pixels(tmp_path: Path) -> None:
-    """Only a division that nobody states is tested."""
+def test_a_file_next_to_the_picture_takes_precedence_over_its_pixels(tmp_path: Path) -> None:
+    """Only an unstated division is tested."""
     write_mosaic(tmp_path / "a.png", scene(2, 3), "eslf")
     assert np.array_equal(read_mosaic(tmp_path / "a.png", "tiles").samples, scene(2, 3).samples)
     (tmp_path / "a.json").unlink()
@@ -55,7 +55,7 @@ def test_a_file_beside_the_picture_goes_before_its_pixels(tmp_path: Path) -> Non
 
 
 def mosaic(samples: Any, order: Order) -> Any:
-    """The picture of samples (t, s, v, u, c) in an order."""
+    """Return the picture of samples (t, s, v, u, c) in an order."""
     rows, cols, height, width = samples.shape[:4]
     return samples.transpose(*AXES[order], 4).reshape(rows * height, cols * width, -1)
 
@@ -76,11 +76,11 @@ def test_the_true_division_passes(grid: tuple[int, int], order: Order, change: C
 
 
 @pytest.mark.parametrize("grid", [(2, 2), (2, 3), (4, 4)])
-def test_lenslets_and_tiles_are_told_apart(grid: tuple[int, int]) -> None:
+def test_lenslets_and_tiles_are_distinguished(grid: tuple[int, int]) -> None:
     samples = scene(*grid).samples
     with pytest.raises(InputError, match=rf"shows lenslets of {grid[1]}x{grid[0]} px, expected a name with _eslf"):
         check_division(mosaic(samples, "eslf"), grid, "tiles")
-    with pytest.raises(InputError, match="shows views beside each other and no lenslets"):
+    with pytest.raises(InputError, match="shows adjacent views and no lenslets"):
         check_division(mosaic(samples, "tiles"), grid, "eslf")
 
 
@@ -94,7 +94,7 @@ def test_tiles_of_other_numbers_are_refused(given: tuple[int, int]) -> None:
 
 
 def board(size_px: int) -> Any:
-    """Views (3, 3, 90, 120, 3) of a scene with a checkerboard in the plane of zero disparity."""
+    """Return views (3, 3, 90, 120, 3) of a scene with a checkerboard in the plane of zero disparity."""
     views = scene(3, 3).samples.copy()
     row, col = np.indices((60, 80)) // size_px
     views[:, :, 15:75, 20:100] = np.where((row + col) % 2, 220, 20)[..., None]

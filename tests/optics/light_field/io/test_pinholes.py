@@ -1,4 +1,4 @@
-"""Views as pinholes: where they are, and the plane of zero disparity found from their principal points."""
+"""Views as pinholes: their positions, and the plane of zero disparity from their principal points."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def pinholes_of(views: Views, matrices: Any) -> Views:
 
 
 @pytest.mark.parametrize("reference_depth_mm", [375.0, 2000.0, np.inf])
-def test_views_come_back_from_their_pinholes(reference_depth_mm: float) -> None:
+def test_views_are_recovered_from_their_pinholes(reference_depth_mm: float) -> None:
     views = grid_views(2, 3, reference_depth_mm=reference_depth_mm)
     found = pinholes_of(views, views.matrices)
     assert found.reference_depth_mm == pytest.approx(reference_depth_mm)
@@ -29,11 +29,11 @@ def test_views_come_back_from_their_pinholes(reference_depth_mm: float) -> None:
     np.testing.assert_allclose(found.matrices, views.matrices, atol=1e-9)
 
 
-def test_centres_are_places_along_the_axes_of_the_view_frame() -> None:
+def test_centres_are_positions_along_the_axes_of_the_view_frame() -> None:
     views = grid_views(2, 3)
     centres = centres_in_rig_mm(views)
     assert centres[1, 1].tolist() == views.reference_view_in_rig_mm.tolist()
-    # Right is right; down in the views is down in rig; forward is y.
+    # Right in the views is right in rig, down is down, and forward is y.
     np.testing.assert_allclose(centres - centres[1, 1], views.positions_mm[..., [0, 2, 1]] * [1.0, 1.0, -1.0])
 
 

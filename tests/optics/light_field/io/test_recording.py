@@ -1,4 +1,4 @@
-"""Streams of light fields on disk: what goes in comes out, in the same bytes however often writing was cut off."""
+"""Streams of light fields on disk: round trips, and the same bytes after any interruptions of writing."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ from tests.optics.light_field.io.conftest import COUNT, DAMAGED, begin, npz_fold
 
 
 def content(folder: Path) -> dict[str, bytes]:
-    """The bytes of every file below a folder."""
+    """Return the bytes of every file below a folder."""
     return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
 
 
 @contextmanager
 def files_no_longer_than(size: int) -> Iterator[None]:
-    """Every file that grows past a size fails to be written, as on a disk that is full."""
+    """Let writing fail for files beyond a size, as on a full disk."""
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
     try:
@@ -43,7 +43,7 @@ def new_sink(request: pytest.FixtureRequest) -> Callable[[], Sink]:
     return request.param
 
 
-def test_a_recording_gives_back_every_light_field(tmp_path: Path, decoder: Decoder, video: Video) -> None:
+def test_every_light_field_is_read_from_a_recording(tmp_path: Path, decoder: Decoder, video: Video) -> None:
     recording = begin(tmp_path / "a.zarr", decoder, ZarrSink())
     counted: list[int] = []
     record(decoder, video, recording, on_frame=lambda done, _: counted.append(done))
@@ -74,7 +74,7 @@ def test_a_recording_gives_back_every_light_field(tmp_path: Path, decoder: Decod
 
 
 @pytest.mark.parametrize("stops", [[1], [7], [8, 9, 15]])
-def test_however_often_it_is_cut_off_the_bytes_are_the_same(
+def test_the_bytes_do_not_depend_on_interruptions(
     tmp_path: Path, decoder: Decoder, video: Video, new_sink: Callable[[], Sink], stops: list[int]
 ) -> None:
     whole = begin(tmp_path / "whole", decoder, new_sink())
@@ -92,7 +92,7 @@ def test_however_often_it_is_cut_off_the_bytes_are_the_same(
     assert begin(tmp_path / "cut", decoder, new_sink()).complete
 
 
-def test_what_a_dying_process_leaves_half_written_is_written_anew(
+def test_incomplete_frames_of_a_dying_process_are_rewritten(
     tmp_path: Path, decoder: Decoder, video: Video, new_sink: Callable[[], Sink]
 ) -> None:
     whole = begin(tmp_path / "whole", decoder, new_sink())
@@ -101,7 +101,7 @@ def test_what_a_dying_process_leaves_half_written_is_written_anew(
     record(decoder, video, begin(tmp_path / "cut", decoder, new_sink()), limit=6)
     partial = tmp_path / "cut.partial"
     journal = partial / "journal.jsonl"
-    journal.write_bytes(journal.read_bytes()[:-9])  # the line of frame 5 breaks off
+    journal.write_bytes(journal.read_bytes()[:-9])  # the line of frame 5 is incomplete
     if (partial / "samples").exists():
         chunk = partial / "samples" / "c" / "5" / "0" / "0" / "0" / "0" / "0"
         chunk.write_bytes(chunk.read_bytes()[:100])
@@ -116,7 +116,7 @@ def test_what_a_dying_process_leaves_half_written_is_written_anew(
     assert content(tmp_path / "cut") == content(tmp_path / "whole")
 
 
-def test_something_else_is_never_written_over(
+def test_other_files_are_never_overwritten(
     tmp_path: Path, decoder: Decoder, video: Video, new_sink: Callable[[], Sink]
 ) -> None:
     begun = begin(tmp_path / "a", decoder, new_sink())
@@ -146,7 +146,7 @@ def test_something_else_is_never_written_over(
     }
 
 
-def test_a_disk_that_fills_up_keeps_what_is_whole(
+def test_complete_frames_are_kept_on_a_full_disk(
     tmp_path: Path, decoder: Decoder, video: Video, new_sink: Callable[[], Sink]
 ) -> None:
     whole = begin(tmp_path / "whole", decoder, new_sink())
@@ -156,7 +156,9 @@ def test_a_disk_that_fills_up_keeps_what_is_whole(
     record(decoder, video, begun, limit=5)
     with (
         files_no_longer_than(3000),
-        pytest.raises(InputError, match=r"cannot be written: File too large; 5 frames before are whole, and") as caught,
+        pytest.raises(
+            InputError, match=r"cannot be written: File too large; 5 frames written before are complete"
+        ) as caught,
     ):
         record(decoder, video, begun)
     assert "\n" not in str(caught.value)
@@ -168,7 +170,7 @@ def test_a_disk_that_fills_up_keeps_what_is_whole(
     assert content(tmp_path / "cut") == content(tmp_path / "whole")
 
 
-def test_a_video_of_which_nothing_can_be_used_leaves_nothing(tmp_path: Path, decoder: Decoder) -> None:
+def test_a_video_without_usable_frames_leaves_no_files(tmp_path: Path, decoder: Decoder) -> None:
     path = write_mjpeg(tmp_path / "a.avi", pictures(2, 320, 192))
     damage(path, 0)
     damage(path, 1)
@@ -180,9 +182,7 @@ def test_a_video_of_which_nothing_can_be_used_leaves_nothing(tmp_path: Path, dec
     assert [path.name for path in tmp_path.iterdir()] == ["a.avi"]
 
 
-def test_a_folder_of_somebody_else_keeps_its_journal(
-    tmp_path: Path, decoder: Decoder, new_sink: Callable[[], Sink]
-) -> None:
+def test_a_foreign_folder_keeps_its_journal(tmp_path: Path, decoder: Decoder, new_sink: Callable[[], Sink]) -> None:
     (tmp_path / "clip").mkdir()
     (tmp_path / "clip" / "journal.jsonl").write_text("mine", encoding="utf-8")
     with pytest.raises(InputError, match="clip: "):
@@ -213,7 +213,7 @@ def test_nothing_is_written_through_a_link(
 @pytest.mark.parametrize(
     "line", ["3", "null", '{"number": "../x", "time_s": 0.0}', '{"number": -1, "time_s": 0.0}', '{"number": 1}', "[]"]
 )
-def test_a_journal_of_somebody_else_is_refused(
+def test_a_foreign_journal_is_refused(
     tmp_path: Path, decoder: Decoder, video: Video, new_sink: Callable[[], Sink], line: str
 ) -> None:
     begun = begin(tmp_path / "clip", decoder, new_sink())
@@ -228,7 +228,7 @@ def test_a_journal_of_somebody_else_is_refused(
 @pytest.mark.parametrize(
     "text", ["[]", "{}", '{"frames": 3, "lost": []}', '{"frames": [{}], "lost": []}', '{"frames": [']
 )
-def test_an_index_of_somebody_else_is_refused(tmp_path: Path, decoder: Decoder, text: str) -> None:
+def test_a_foreign_index_is_refused(tmp_path: Path, decoder: Decoder, text: str) -> None:
     (tmp_path / "clip").mkdir()
     (tmp_path / "clip" / "frames.json").write_text(text, encoding="utf-8")
     with pytest.raises(InputError, match=r"frames\.json: "):

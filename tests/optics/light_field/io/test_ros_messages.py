@@ -1,4 +1,4 @@
-"""Light fields as ROS 2 messages: frames and cameras are those of the layout's own rays, depth and points in metres."""
+"""Light fields as ROS 2 messages: frames and cameras match the layout's rays, depth and points are in metres."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def light_field(decoder: Decoder) -> LightField:
 
 @pytest.fixture(scope="module")
 def depth(light_field: LightField) -> DepthMap:
-    """A tilted plane, of which a corner is not sure and another not known."""
+    """A tilted plane with an uncertain and an unknown corner."""
     v, u = np.mgrid[0 : light_field.height_px, 0 : light_field.width_px]
     depth_mm = (380.0 + 0.5 * u - 0.2 * v).astype(np.float32)
     confidence = np.where((u < 4) & (v < 3), 0.4, 0.9).astype(np.float32)
@@ -39,7 +39,7 @@ def depth(light_field: LightField) -> DepthMap:
 
 
 def rig_from_frame(transforms: RosMessage, frame: str) -> FloatArray:
-    """The pose (4, 4) in metres of a frame in /tf_static, by the formula of unit quaternions."""
+    """Return the pose (4, 4) in metres of a frame in /tf_static, by the formula of unit quaternions."""
     (found,) = (each.fields for each in transforms.fields["transforms"] if each.fields["child_frame_id"] == frame)
     assert found["header"].fields["frame_id"] == "mirrorcam_camera_optical_frame"
     place, turn = (found["transform"].fields[name].fields for name in ("translation", "rotation"))
@@ -55,7 +55,7 @@ def rig_from_frame(transforms: RosMessage, frame: str) -> FloatArray:
     return pose
 
 
-def test_tf_and_camera_info_project_to_where_the_mirrors_show_a_point(
+def test_tf_and_camera_info_project_points_as_the_mirrors_do(
     layout: Layout, decoder: Decoder, light_field: LightField
 ) -> None:
     transforms = ros_messages.tf_static(light_field, 0)
@@ -73,7 +73,7 @@ def test_tf_and_camera_info_project_to_where_the_mirrors_show_a_point(
         pixels = projected[:, :2] / projected[:, 2:]
         inside = ((pixels > 1) & (pixels < (light_field.width_px - 2, light_field.height_px - 2))).all(axis=1)
         assert inside.sum() > 20
-        # Where the decoder looks those pixels up on the sensor, and where the layout's mirror shows the points there.
+        # The decoder's sensor pixels for these pixels, against those of the points by the layout's mirror.
         rows = slice(index * light_field.height_px, (index + 1) * light_field.height_px)
         whole, parts = decoder.tables[0]
         lookup = cv2.convertMaps(whole[rows], parts[rows], cv2.CV_32FC1)
@@ -85,7 +85,7 @@ def test_tf_and_camera_info_project_to_where_the_mirrors_show_a_point(
         np.testing.assert_allclose(looked_up[served], shown[served], atol=0.06)
 
 
-def test_every_view_has_a_frame_of_its_own_that_no_urdf_has(light_field: LightField) -> None:
+def test_every_view_has_its_own_frame_that_no_urdf_has(light_field: LightField) -> None:
     names = [each.fields["child_frame_id"] for each in ros_messages.tf_static(light_field, 0).fields["transforms"]]
     assert len(set(names)) == 9
     assert names[5] == "mirrorcam_rectified_view_1_2_optical_frame"
@@ -116,7 +116,7 @@ def test_stamps_are_whole_nanoseconds_that_ros_can_hold() -> None:
             ros_messages.stamp_ns(time_s)
 
 
-def test_depth_counts_from_the_view_in_metres_where_it_is_sure(light_field: LightField, depth: DepthMap) -> None:
+def test_certain_depth_is_given_from_the_view_in_metres(light_field: LightField, depth: DepthMap) -> None:
     fields = ros_messages.depth_image(depth, 0).fields
     assert fields["encoding"] == "32FC1"
     found = fields["data"].view(np.float32).reshape(depth.depth_mm.shape)
@@ -127,7 +127,7 @@ def test_depth_counts_from_the_view_in_metres_where_it_is_sure(light_field: Ligh
     np.testing.assert_allclose(found[~unsure], (depth.depth_mm[~unsure] - behind) / 1000.0, rtol=1e-6)
 
 
-def test_points_lie_where_the_pixels_of_the_view_look(light_field: LightField, depth: DepthMap) -> None:
+def test_points_lie_on_the_rays_of_the_views_pixels(light_field: LightField, depth: DepthMap) -> None:
     fields = ros_messages.point_cloud(light_field, depth, 0).fields
     offsets: dict[str, Any] = {each.fields["name"]: each.fields for each in fields["fields"]}
     assert {name: each["offset"] for name, each in offsets.items()} == {"x": 0, "y": 4, "z": 8, "rgb": 12, "sigma": 16}
@@ -146,9 +146,7 @@ def test_points_lie_where_the_pixels_of_the_view_look(light_field: LightField, d
     assert np.array_equal(colours, light_field.samples[MIDDLE])
 
 
-def test_a_frame_has_an_image_and_a_camera_of_each_view_with_one_stamp(
-    light_field: LightField, depth: DepthMap
-) -> None:
+def test_a_frame_has_an_image_and_a_camera_per_view_with_one_stamp(light_field: LightField, depth: DepthMap) -> None:
     messages = list(ros_messages.frame_messages(light_field, 40_000_000, depth))
     topics = [each.topic for each in messages]
     assert len(topics) == len(set(topics)) == 21
@@ -161,7 +159,7 @@ def test_a_frame_has_an_image_and_a_camera_of_each_view_with_one_stamp(
     assert len(list(ros_messages.frame_messages(light_field, 0))) == 18
 
 
-def test_what_is_the_same_for_all_frames_is_latched(light_field: LightField) -> None:
+def test_constant_messages_are_latched(light_field: LightField) -> None:
     messages = {each.topic: each for each in ros_messages.latched_messages(light_field, 0)}
     assert set(messages) == {"/tf_static", "views", "weights"}
     assert all(each.latched for each in messages.values())

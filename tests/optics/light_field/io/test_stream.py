@@ -17,7 +17,7 @@ from tests.core.video.videos import pictures, write_h264
 from tests.optics.light_field.io.conftest import begin
 
 
-def test_frames_after_the_limit_are_not_touched(tmp_path: Path, decoder: Decoder, video: Video) -> None:
+def test_frames_after_the_limit_are_not_read(tmp_path: Path, decoder: Decoder, video: Video) -> None:
     recording = begin(tmp_path / "a.zarr", decoder, ZarrSink())
     record(decoder, video, recording, limit=4)
     record(decoder, video, recording, limit=4)
@@ -25,7 +25,7 @@ def test_frames_after_the_limit_are_not_touched(tmp_path: Path, decoder: Decoder
 
 
 class Loop:
-    """A video without end: the same frames again and again."""
+    """An endless video that repeats its frames."""
 
     def __init__(self, video: Video, count: int) -> None:
         self.video, self.count = video, count
@@ -45,11 +45,11 @@ class Loop:
 
 
 def resident_mb() -> float:
-    """Memory that the process holds, from the kernel."""
+    """Return the resident memory of the process."""
     return int(Path("/proc/self/statm").read_text(encoding="utf-8").split()[1]) * resource.getpagesize() / 1e6
 
 
-def test_memory_stays_flat(tmp_path: Path, parabola_layout: Layout) -> None:
+def test_memory_does_not_grow(tmp_path: Path, parabola_layout: Layout) -> None:
     decoder = Decoder(parabola_layout)
     video = Video(write_h264(tmp_path / "a.mp4", pictures(30, 960, 540)))
     held: list[float] = []

@@ -1,4 +1,4 @@
-"""Folders with the views as one array: samples, weights and geometry come back, and foreign arrays are scaled."""
+"""Folders with the views as one array: round trips, and scaling of foreign arrays."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ GIVEN = Assumed(step_mm=10.0, focal_px=400.0, reference_depth_mm=455.0)
 
 
 @pytest.mark.parametrize("largest", [1.0, 65535.0])
-def test_bytes_come_back_from_floats_of_any_range(tmp_path: Path, largest: float) -> None:
+def test_bytes_are_recovered_from_floats_of_any_range(tmp_path: Path, largest: float) -> None:
     light_field = with_gaps(plane(2, 2, 1.0, uneven=True))
     write_arrays(tmp_path / "a.npy", light_field, largest)
     array = np.load(tmp_path / "a.npy")
@@ -31,7 +31,7 @@ def test_bytes_come_back_from_floats_of_any_range(tmp_path: Path, largest: float
         np.testing.assert_array_equal(getattr(found, name), getattr(light_field, name), err_msg=name)
 
 
-def test_every_byte_comes_back_although_floats_are_rounded(tmp_path: Path) -> None:
+def test_every_byte_is_recovered_although_floats_are_rounded(tmp_path: Path) -> None:
     views = grid_views(1, 2, width_px=16, height_px=16)
     samples = np.broadcast_to(np.arange(256, dtype=np.uint8).reshape(16, 16, 1), (1, 2, 16, 16, 1))
     write_arrays(tmp_path / "a.npy", LightField.of(views, samples, np.ones((1, 2, 16, 16), np.float32)), 1000.0)
@@ -47,7 +47,7 @@ def test_floats_stay_floats(tmp_path: Path, name: str) -> None:
 
 
 @pytest.mark.parametrize("kind", [np.uint8, np.uint16])
-def test_foreign_integers_go_up_to_their_largest_value(tmp_path: Path, kind: Any) -> None:
+def test_foreign_integers_are_scaled_to_their_largest_value(tmp_path: Path, kind: Any) -> None:
     values = np.random.default_rng(7).integers(0, np.iinfo(kind).max, (2, 3, 4, 5, 3), endpoint=True).astype(kind)
     np.save(tmp_path / "a.npy", values)
     found = read_arrays(tmp_path / "a.npy", 1.0, GIVEN)
@@ -58,7 +58,7 @@ def test_foreign_integers_go_up_to_their_largest_value(tmp_path: Path, kind: Any
         read_arrays(tmp_path / "a.npy", 1.0, NOTHING)
 
 
-def test_what_is_no_array_of_views_is_refused_in_one_line(tmp_path: Path) -> None:
+def test_files_that_are_not_arrays_of_views_are_refused_in_one_line(tmp_path: Path) -> None:
     path = tmp_path / "a.npy"
     for content, message in (
         (np.zeros((2, 2, 4, 5)), "expected an array of 5 dimensions of numbers"),

@@ -1,4 +1,4 @@
-"""Views as pictures of 8 bits: weights, opacity and colours that come back."""
+"""Views as 8-bit pictures: round trips of weights, opacity and colours."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from tests.optics.light_field.depth.surfaces import grid_views
 ROWS, COLS, HEIGHT, WIDTH = 2, 3, 40, 60
 
 
-def test_weights_come_back_and_none_that_is_positive_becomes_zero() -> None:
+def test_weights_survive_and_positive_ones_stay_positive() -> None:
     weights = (np.arange(256) / 255.0).astype(np.float32)
     assert np.array_equal(weights_of(weight_bytes(weights)), weights)
     assert weight_bytes(np.array([0.0, 1e-9, 1.0], np.float32)).tolist() == [0, 1, 255]
@@ -38,7 +38,7 @@ def test_samples_of_floats_are_rounded_and_clipped() -> None:
     assert rgb(grey).tolist() == [[[7, 7, 7]]]
 
 
-def test_colours_and_opacity_come_back_from_png(tmp_path: Path) -> None:
+def test_colours_and_opacity_survive_in_png(tmp_path: Path) -> None:
     random = np.random.default_rng(1)
     colours = random.integers(0, 256, (5, 7, 3), dtype=np.uint8)
     opacity = random.integers(0, 256, (5, 7), dtype=np.uint8)
@@ -55,7 +55,7 @@ def light_field(samples: Any, weights: Any = None) -> LightField:
     return LightField.of(grid_views(ROWS, COLS, width_px=WIDTH, height_px=HEIGHT), samples, weights)
 
 
-def test_tiles_put_views_in_order_between_separators() -> None:
+def test_tiles_are_ordered_views_with_separators() -> None:
     samples = np.zeros((ROWS, COLS, HEIGHT, WIDTH, 3), np.uint8)
     for t, s in np.ndindex(ROWS, COLS):
         samples[t, s] = [10 + 40 * t, 10 + 40 * s, 5]
@@ -80,7 +80,7 @@ def test_tiles_of_grey_and_of_float_samples() -> None:
     assert (tiled_views(light_field(bright))[0, 0] == [128, 255, 0]).all()
 
 
-def test_views_in_a_pattern_lie_as_in_space_and_apart() -> None:
+def test_views_in_a_pattern_are_placed_as_in_space_without_overlap() -> None:
     places = 20.0 * Pattern.hexagonal(1).positions
     views = grid_views(
         1, 7, width_px=WIDTH, height_px=HEIGHT, positions_mm=np.column_stack([places, np.zeros(7)])[None]

@@ -1,4 +1,4 @@
-"""The motion of the picture from view to view: as pinholes have it, and none of pictures that do not tell."""
+"""The motion of the picture between views: that of pinholes, and none if pictures do not determine it."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def test_a_plane_moves_by_its_disparity_along_x_in_rows_and_along_y_in_columns(d
     assert np.abs(motion.displacement_px[~rows] - [0.0, -disparity_px]).max() < 0.1
 
 
-def test_planes_before_and_behind_that_of_zero_disparity_do_not_cancel() -> None:
+def test_planes_before_and_behind_zero_disparity_do_not_cancel() -> None:
     motion = measured_motion(scene(3, 3))
     assert motion is not None
     along = motion.displacement_px[:6]
@@ -47,5 +47,5 @@ def noise(spread: float) -> Any:
     ],
     ids=["flat", "flat with noise", "noise", "one view with noise", "single", "tiny"],
 )
-def test_pictures_without_motion_do_not_tell(samples: Any) -> None:
+def test_pictures_without_motion_are_ambiguous(samples: Any) -> None:
     assert measured_motion(with_samples(samples)) is None

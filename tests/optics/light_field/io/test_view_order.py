@@ -1,4 +1,4 @@
-"""Orders of views: the true one passes whatever the pictures are like, every other one is undone or refused."""
+"""Orders of views: the true one passes for any pictures, every other one is corrected or refused."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ ROWS, COLS = 3, 4
 
 
 def stored(samples: Any, sequence: Any, grid: tuple[int, int] | None = None) -> Any:
-    """Samples (t, s, ...) whose view number n, row by row in a grid, is that of a number in the true order."""
+    """Return samples (t, s, ...) in a stored order, given the true number of each view, row by row."""
     flat = samples.reshape(-1, *samples.shape[2:])
     return flat[np.asarray(sequence).ravel()].reshape(*(grid or samples.shape[:2]), *samples.shape[2:])
 
@@ -82,7 +82,7 @@ def test_the_true_order_passes(grid: tuple[int, int], change: Callable[[Any], An
     ],
     ids=["transposed", "columns", "snake of rows", "snake of columns"],
 )
-def test_views_in_another_order_are_put_right(grid: tuple[int, int], name: str, order: Any) -> None:
+def test_views_in_another_order_are_reordered(grid: tuple[int, int], name: str, order: Any) -> None:
     true = with_samples(scene(*grid).samples)
     found, note = in_order(with_samples(stored(true.samples, *order(numbers(true.samples)))))
     if note is None:
@@ -107,7 +107,7 @@ def test_views_in_another_order_are_put_right(grid: tuple[int, int], name: str, 
     ],
     ids=["rows upwards", "columns leftwards", "two by two", "both", "shuffled", "two exchanged"],
 )
-def test_orders_that_are_not_certain_are_refused(grid: tuple[int, int], sequence: Any, message: str) -> None:
+def test_uncertain_orders_are_refused(grid: tuple[int, int], sequence: Any, message: str) -> None:
     samples = scene(*grid).samples
     with pytest.raises(InputError, match=message):
         in_order(with_samples(stored(samples, sequence(numbers(samples)))))
@@ -121,7 +121,7 @@ def test_another_number_of_rows_is_refused(true: tuple[int, int], given: tuple[i
 
 
 def moved(rows: int, cols: int, picture: Any, step_px: tuple[float, float]) -> Any:
-    """Samples of views, each of which shows a picture moved by a step further than its neighbours."""
+    """Return samples of views in which a picture moves by a step from view to view."""
     height, width = picture.shape
     flat = [
         cv2.warpAffine(picture, np.array([[1.0, 0.0, -s * step_px[0]], [0.0, 1.0, -t * step_px[1]]]), (width, height))
@@ -130,7 +130,7 @@ def moved(rows: int, cols: int, picture: Any, step_px: tuple[float, float]) -> A
     return np.stack(flat)[:, 30:-30, 30:-30, None].repeat(3, axis=-1).reshape(rows, cols, height - 60, width - 60, 3)
 
 
-def test_rows_of_many_views_with_small_steps_are_told_from_a_single_row() -> None:
+def test_rows_of_many_views_with_small_steps_are_not_taken_for_a_single_row() -> None:
     rng = np.random.default_rng(2)
     texture = cv2.GaussianBlur(rng.normal(0.0, 1.0, (260, 260)), (0, 0), 2.0)
     views = 120.0 + 20.0 * moved(7, 7, texture / texture.std(), (0.35, 0.35))
@@ -139,25 +139,25 @@ def test_rows_of_many_views_with_small_steps_are_told_from_a_single_row() -> Non
         in_order(with_samples(noisy_views.reshape(1, 49, *views.shape[2:])))
 
 
-def test_a_texture_that_repeats_does_not_tell_the_direction() -> None:
+def test_a_repeating_texture_does_not_determine_the_direction() -> None:
     row, col = np.indices((200, 220)) // 16
     board = np.where((row + col) % 2, 230, 20).astype(np.uint8)
     light_field = with_samples(moved(3, 3, board, (4.0, 21.0)))
     found, note = in_order(light_field)
     assert found is light_field
     assert note is not None
-    assert "repeats" in note
+    assert "repeating" in note
 
 
-def test_a_column_that_is_given_as_a_row_becomes_a_column() -> None:
+def test_a_column_stated_as_a_row_becomes_a_column() -> None:
     true = with_samples(scene(4, 1).samples)
     found, note = in_order(with_samples(true.samples.swapaxes(0, 1)))
-    assert note == "the pictures show that views are in one column: read so"
+    assert note == "the pictures show that views are in one column: reordered"
     assert np.array_equal(found.samples, true.samples)
     assert np.array_equal(found.positions_mm, true.positions_mm)
 
 
-def test_reversed_rows_and_columns_are_a_scene_behind_the_plane_of_zero_disparity() -> None:
+def test_reversed_rows_and_columns_look_like_a_scene_behind_zero_disparity() -> None:
     light_field = with_samples(scene(3, 3).samples[::-1, ::-1])
     assert in_order(light_field) == (light_field, None)
 
@@ -171,13 +171,13 @@ def test_places_with_x_and_y_exchanged_are_refused() -> None:
         in_order(replace(true, positions_mm=uneven[..., [1, 0, 2]]))
 
 
-def test_nothing_is_changed_where_only_the_given_order_may_be_taken() -> None:
+def test_a_fixed_order_is_not_changed() -> None:
     with pytest.raises(InputError, match="column by column in 3 columns of 3, expected row by row"):
         in_order(with_samples(scene(3, 3).samples.swapaxes(0, 1)), may_change=False)
 
 
 def names(text: str, first: int = 0) -> list[Path]:
-    """Names of all views, with `n` their number in a snake."""
+    """Return names of all views, with `n` their number in boustrophedon order."""
     found = []
     for t in range(ROWS):
         for s in range(COLS):
@@ -200,7 +200,7 @@ def names(text: str, first: int = 0) -> list[Path]:
     ],
 )
 @pytest.mark.parametrize("first", [0, 1])
-def test_row_and_column_are_the_numbers_that_take_all_combinations(text: str, has_places: bool, first: int) -> None:
+def test_row_and_column_are_the_numbers_with_all_combinations(text: str, has_places: bool, first: int) -> None:
     expected = names(text, first)
     shuffled = [*expected, Path("cover.png"), Path("map.png")]
     random.Random(3).shuffle(shuffled)
@@ -221,9 +221,9 @@ def test_rows_and_columns_may_count_from_the_middle(text: str) -> None:
     assert found.grid == (ROWS, COLS)
 
 
-def test_a_grid_of_a_few_of_the_pictures_is_refused() -> None:
+def test_a_grid_of_few_of_the_pictures_is_refused() -> None:
     files = [Path(f"v_{t}_{s}.png") for t, s in np.ndindex(2, 2)] + [Path(f"photo {n}.png") for n in range(5)]
-    with pytest.raises(InputError, match="only 4 of 9 pictures make a grid"):
+    with pytest.raises(InputError, match="only 4 of 9 pictures form a grid"):
         named_views(Path("a"), files)
 
 
@@ -231,7 +231,7 @@ def test_a_grid_of_a_few_of_the_pictures_is_refused() -> None:
     "text",
     ["frame_{n:04d}.png", "2024-05-01 ({n}).png", "{n}{n}.png", "a{n:0300d}-{t}.png", "x.png", "a_-{t}_-{s}.png"],
 )
-def test_pictures_of_other_kinds_are_no_views(text: str) -> None:
+def test_pictures_of_other_types_are_not_views(text: str) -> None:
     files = sorted(set(names(text)))
     assert not has_named_views(files)
     with pytest.raises(InputError, match="has no pictures NAME_ROW_COLUMN_Y_X"):

@@ -1,4 +1,4 @@
-"""The geometry of views as fields by name: from lists, arrays and MATLAB's shapes, and what is refused."""
+"""The geometry of views as named fields: from lists, arrays and MATLAB's shapes, and refusals."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ def assert_same(found: Views, expected: Views) -> None:
 
 
 @pytest.mark.parametrize("reference_depth_mm", [375.25, np.inf])
-def test_views_come_back_from_json_to_the_bit(reference_depth_mm: float) -> None:
+def test_views_survive_json_bit_by_bit(reference_depth_mm: float) -> None:
     views = grid_views(2, 3, reference_depth_mm=reference_depth_mm)
     text = json.dumps(fields_of_views(views), allow_nan=False)
     assert_same(views_of_fields(json.loads(text), "a.json"), views)
 
 
-def test_vectors_of_matlab_have_two_dimensions() -> None:
+def test_matlab_vectors_have_two_dimensions() -> None:
     views = grid_views(2, 2, layout_identity="")
     given: dict[str, Any] = {name: np.array(value) for name, value in fields_of_views(views).items()}
     given |= {"centre_px": given["centre_px"][:, None], "layout_identity": np.zeros(0, "<U1")}
@@ -51,7 +51,7 @@ def test_vectors_of_matlab_have_two_dimensions() -> None:
         ({"reference_depth_mm": "nan"}, "expected numbers"),
     ],
 )
-def test_fields_that_are_no_views_are_refused_in_one_line(change: dict[str, Any], message: str) -> None:
+def test_invalid_fields_are_refused_in_one_line(change: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError, match=message) as refused:
         views_of_fields(fields_of_views(grid_views()) | change, "a.json")
     assert "\n" not in str(refused.value)
@@ -59,13 +59,13 @@ def test_fields_that_are_no_views_are_refused_in_one_line(change: dict[str, Any]
         views_of_fields({"positions_mm": [[[0.0, 0.0, 0.0]]]}, "a.json")
 
 
-def test_parallel_views_share_the_middle_of_the_middle_view() -> None:
+def test_parallel_views_share_the_centre_of_the_middle_view() -> None:
     places = np.stack(np.meshgrid([0.0, 10.0, 20.0], [5.0, 15.0]), axis=-1)
     views = parallel_views(places, (7, 5), 100.0, 400.0)
     assert views.positions_mm[1, 1].tolist() == [0.0, 0.0, 0.0]
     assert views.positions_mm[0, 2].tolist() == [10.0, -10.0, 0.0]
     assert views.centre_px.tolist() == [3.0, 2.0]
-    # The point of the reference plane ahead of the middle view is in the same pixel of all.
+    # The point of the reference plane ahead of the middle view has the same pixel in all views.
     assert np.allclose(views.project_in_view(np.array([0.0, 0.0, 400.0])), [3.0, 2.0])
 
 
@@ -85,7 +85,7 @@ def test_parallel_views_share_the_middle_of_the_middle_view() -> None:
         ({"layout_identity": 3}, "does not describe views"),
     ],
 )
-def test_views_that_no_light_field_has_are_refused(change: dict[str, Any], message: str) -> None:
+def test_impossible_views_are_refused(change: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError, match=message):
         views_of_fields(fields_of_views(grid_views()) | change, "a.json")
 
@@ -103,8 +103,8 @@ def test_weights_outside_0_to_1_are_refused(value: float) -> None:
 
 @pytest.mark.parametrize("schema", ["mirrorcam.device_views/1", "mirrorcam.views/1"])
 def test_views_of_a_device_are_refused_by_their_kind(tmp_path: Path, schema: str) -> None:
-    """`evaluate` gives calibrators a `views.json`, too; once it had the schema of this one."""
+    """`evaluate` also writes a `views.json` for calibrators, which once had the same schema."""
     described = {"schema": schema, "width_px": 4, "height_px": 3, "flip_code": 0, "views": []}
     (tmp_path / "views.json").write_text(json.dumps(described), encoding="utf-8")
-    with pytest.raises(InputError, match=r"views\.json: has the views of a device for calibrators, expected those of"):
+    with pytest.raises(InputError, match=r"views\.json: has a device's views for calibrators, expected"):
         read_views(tmp_path / "views.json")

@@ -1,4 +1,4 @@
-"""Recordings in Zarr: arrays by name, beginnings, and what was spoilt on disk."""
+"""Recordings in Zarr: arrays by name, partial recordings, and damaged files."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def test_other_programs_find_the_arrays_by_name(tmp_path: Path, decoder: Decoder
     assert group.attrs["lost"] == [[DAMAGED, "is damaged"]]
 
 
-def test_a_beginning_can_be_looked_at(tmp_path: Path, decoder: Decoder, video: Video) -> None:
+def test_a_partial_recording_can_be_read(tmp_path: Path, decoder: Decoder, video: Video) -> None:
     begun = begin(tmp_path / "a.zarr", decoder, ZarrSink())
     record(decoder, video, begun, limit=9)
     begun.close()
@@ -44,7 +44,7 @@ def test_a_beginning_can_be_looked_at(tmp_path: Path, decoder: Decoder, video: V
     assert stored[7].samples.any()
 
 
-def test_what_is_no_recording_is_refused(tmp_path: Path, decoder: Decoder, video: Video) -> None:
+def test_folders_that_are_not_recordings_are_refused(tmp_path: Path, decoder: Decoder, video: Video) -> None:
     with pytest.raises(InputError, match=r"nowhere.zarr: not a recording of light fields"):
         StoredLightFields(tmp_path / "nowhere.zarr")
     zarr.open_group(tmp_path / "other.zarr", mode="w")
@@ -52,7 +52,7 @@ def test_what_is_no_recording_is_refused(tmp_path: Path, decoder: Decoder, video
         open_light_field(tmp_path / "other.zarr")
 
 
-def test_a_frame_that_was_spoilt_on_disk_is_refused_not_made_up(tmp_path: Path, decoder: Decoder, video: Video) -> None:
+def test_a_damaged_frame_is_refused(tmp_path: Path, decoder: Decoder, video: Video) -> None:
     recording = begin(tmp_path / "a.zarr", decoder, ZarrSink())
     record(decoder, video, recording, limit=4)
     recording.finish()
@@ -90,7 +90,7 @@ def test_arrays_that_do_not_agree_are_refused(tmp_path: Path, decoder: Decoder, 
         StoredLightFields(tmp_path / "a.zarr")
 
 
-def test_weights_that_are_lost_on_disk_are_missed(tmp_path: Path, decoder: Decoder, video: Video) -> None:
+def test_missing_weights_are_noticed(tmp_path: Path, decoder: Decoder, video: Video) -> None:
     recording = begin(tmp_path / "a.zarr", decoder, ZarrSink())
     record(decoder, video, recording, limit=1)
     recording.finish()
@@ -100,7 +100,7 @@ def test_weights_that_are_lost_on_disk_are_missed(tmp_path: Path, decoder: Decod
         StoredLightFields(tmp_path / "a.zarr")[0]
 
 
-def test_journals_of_something_else_are_refused(tmp_path: Path, decoder: Decoder, video: Video) -> None:
+def test_foreign_journals_are_refused(tmp_path: Path, decoder: Decoder, video: Video) -> None:
     begun = begin(tmp_path / "a.zarr", decoder, ZarrSink())
     record(decoder, video, begun, limit=3)
     begun.close()

@@ -1,4 +1,4 @@
-"""Landmarks of a light field, seen by itself and by one that has moved."""
+"""Landmarks of a light field, seen from its own pose and after a motion."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ ALONE = SharedErrors(0.0, 0.0)
 NOISE, SIGMA = 4e-5, 2e-6
 
 
-def test_landmarks_are_seen_where_the_scene_has_them() -> None:
+def test_landmarks_match_the_scene() -> None:
     geometry = Geometry.of(VIEWS)
     first, true_mm = light_field_of(SCENE, VIEWS, subsamples=1)
     pixels = np.stack(np.meshgrid(np.arange(30, 171, 10), np.arange(30, 121, 10)), axis=-1).reshape(-1, 2)
@@ -86,7 +86,7 @@ def moved(pose: FloatArray, xi: FloatArray) -> FloatArray:
     return np.asarray(rigid(Rotation.from_rotvec(xi[3:]).as_matrix(), xi[:3]) @ pose)
 
 
-def test_what_is_expected_is_where_points_are() -> None:
+def test_predicted_pixels_match_the_points() -> None:
     some = landmarks(30)
     points = np.c_[some.directions, np.ones(30)] / some.inverse_mm[:, None]
     there = transform(POSE, points)
@@ -100,7 +100,7 @@ def test_what_is_expected_is_where_points_are() -> None:
 
 
 @pytest.mark.parametrize("number", range(6))
-def test_derivatives_are_those_of_differences(number: int) -> None:
+def test_derivatives_match_finite_differences(number: int) -> None:
     some = landmarks(10)
     seen = seen_from(some, POSE)
     _, jacobian, by_w, _ = _equations(some, seen, POSE)
@@ -119,8 +119,8 @@ def test_an_exact_view_gives_the_exact_pose() -> None:
     assert found.used.all()
 
 
-def test_the_covariance_is_that_of_drawn_errors() -> None:
-    """Its squared errors are six on average, with landmarks that are wrong, too, and a tenth of outliers."""
+def test_the_covariance_matches_drawn_errors() -> None:
+    """Normalised squared errors are six on average, with uncertain landmarks and a tenth of outliers."""
     true = landmarks(400)
     squares = []
     for seed in range(60):
@@ -137,7 +137,7 @@ def test_the_covariance_is_that_of_drawn_errors() -> None:
     assert np.mean(squares) / 6.0 == pytest.approx(1.15, abs=0.35)
 
 
-def test_shared_errors_do_not_lessen_with_numbers() -> None:
+def test_shared_errors_do_not_average_out() -> None:
     share = SharedErrors(0.0, 1e-6)
     alone, shared = [], []
     for count in (200, 3200):
@@ -151,7 +151,7 @@ def test_shared_errors_do_not_lessen_with_numbers() -> None:
     assert shared[1] == pytest.approx(shared[0], rel=0.2)
 
 
-def test_too_few_landmarks_tell_no_pose() -> None:
+def test_too_few_landmarks_determine_no_pose() -> None:
     some = landmarks(40)
     seen = seen_from(some, POSE)
     seen.valid[6:] = False
@@ -182,7 +182,7 @@ def test_points_in_a_plane_are_not_mirrored() -> None:
     assert np.allclose(found, expected, atol=1e-9)
 
 
-def test_heavier_points_count_more() -> None:
+def test_points_count_by_their_weights() -> None:
     src = points(20)
     dst = src + np.array([5.0, 0.0, 0.0])
     dst[0, 1] += 40.0
@@ -192,7 +192,7 @@ def test_heavier_points_count_more() -> None:
     assert not np.allclose(rigid_motions(src, dst, weights), light, atol=0.1)
 
 
-def test_wrong_matches_do_not_move_it() -> None:
+def test_wrong_matches_do_not_change_the_motion() -> None:
     random, src, expected = np.random.default_rng(2), points(200), motion(4)
     dst = transform(expected, src) + random.normal(0.0, [0.3, 0.3, 1.0], (200, 3))
     wrong = random.random(200) < 0.4

@@ -1,4 +1,4 @@
-"""Tracked poses of a rendered light field camera: near the true ones, as near as they say, and lost where they are."""
+"""Tracked poses of a rendered light field camera: accuracy, covariances, and loss of tracking."""
 
 from __future__ import annotations
 
@@ -54,8 +54,8 @@ def squares(found: TrackedPose, true: FloatArray) -> float:
     return float(xi @ np.linalg.solve(found.covariance, xi)) / 6.0
 
 
-def test_poses_are_near_the_true_ones_and_as_near_as_told(filmed: list[LightField]) -> None:
-    """Also the last one, after a jump that the motion before does not predict."""
+def test_poses_are_accurate_within_their_covariances(filmed: list[LightField]) -> None:
+    """Even the last one, after a jump that the previous motion does not predict."""
     tracker = LightFieldTracker(filmed[0])
     found = [tracker.track(each) for each in filmed]
     assert np.array_equal(found[0].world_from_view, np.eye(4))
@@ -77,7 +77,7 @@ def test_key_frames_add_their_covariances(filmed: list[LightField], monkeypatch:
 
 
 @pytest.mark.slow
-def test_another_scene_is_lost_and_the_old_one_found_again(filmed: list[LightField]) -> None:
+def test_tracking_is_lost_in_another_scene_and_recovered(filmed: list[LightField]) -> None:
     other = light_field_of(Relief(seed=5), even_views(3, 10.0, **SIZE), subsamples=1)[0]
     tracker = LightFieldTracker(filmed[0])
     tracker.track(filmed[0])
@@ -89,11 +89,11 @@ def test_another_scene_is_lost_and_the_old_one_found_again(filmed: list[LightFie
 
 def test_light_fields_of_other_views_are_refused(filmed: list[LightField]) -> None:
     tracker = LightFieldTracker(even_views(3, 11.0, **SIZE))
-    with pytest.raises(InputError, match="has other views than those of layout"):
+    with pytest.raises(InputError, match="has other views than layout"):
         tracker.track(filmed[0])
 
 
-def test_the_adjoint_moves_small_motions_to_another_frame() -> None:
+def test_the_adjoint_transforms_small_motions_to_another_frame() -> None:
     dst_from_src = true_poses()[4]
     xi = np.array([1e-4, -2e-4, 3e-4, 2e-6, 1e-6, -3e-6])
     small = rigid(Rotation.from_rotvec(xi[3:]).as_matrix(), xi[:3])
@@ -102,7 +102,7 @@ def test_the_adjoint_moves_small_motions_to_another_frame() -> None:
     assert np.allclose(adjoint(dst_from_src) @ xi, expected, atol=1e-8)
 
 
-def test_tum_files_hold_metres_and_quaternions(tmp_path: Path) -> None:
+def test_tum_files_contain_metres_and_quaternions(tmp_path: Path) -> None:
     save_tum(tmp_path / "a.tum", [0.0, 0.5, 1.0], POSES)
     rows = np.loadtxt(tmp_path / "a.tum")
     assert rows.shape == (2, 8)
@@ -111,7 +111,7 @@ def test_tum_files_hold_metres_and_quaternions(tmp_path: Path) -> None:
     assert np.allclose(Rotation.from_quat(rows[1, 4:]).as_matrix(), TURN, atol=1e-8)
 
 
-def test_json_files_hold_all_that_is_known(tmp_path: Path) -> None:
+def test_json_files_contain_all_values(tmp_path: Path) -> None:
     save_json(tmp_path / "a.json", ["a", "b", "c"], [0.0, 0.5, 1.0], POSES)
     read = json.loads((tmp_path / "a.json").read_text(encoding="utf-8"))
     assert read["schema"] == "mirrorcam.trajectory/1"

@@ -35,7 +35,7 @@ def true_depths(views: Views, surfaces: list[Surface]) -> ViewDepths:
 
 
 def seen_at(views: Views, place: FloatArray, surfaces: list[Surface]) -> FloatArray:
-    """What a pinhole at a place sees, without noise."""
+    """Return the picture of a pinhole at a place, without noise."""
     positions = np.stack([views.positions_mm[1, 1], place])[None]
     pair = replace(views, positions_mm=positions)
     shifts = np.stack(np.meshgrid([-0.25, 0.25], [-0.25, 0.25]), axis=-1).reshape(-1, 2)

@@ -21,14 +21,14 @@ def light_field() -> LightField:
 
 
 @pytest.mark.parametrize(("axis", "line"), [("s", 41), ("t", 57)])
-def test_what_lies_at_its_depth_stands_upright(light_field: LightField, axis: Axis, line: int) -> None:
+def test_points_at_the_chosen_depth_are_vertical(light_field: LightField, axis: Axis, line: int) -> None:
     found = epi(light_field, axis, line, depth_mm=330.0 + BEHIND_MM)
     length = 120 if axis == "s" else 90
     assert found.samples.shape == (3, length, 3)
     both = (found.weights > 0.99).all(axis=0)
     assert both.mean() > 0.7
     assert np.abs(np.diff(found.samples[:, both], axis=0)).mean() < 0.015
-    # Elsewhere it does not.
+    # At other depths they are not.
     sheared = epi(light_field, axis, line)
     both &= (sheared.weights > 0.99).all(axis=0)
     assert np.abs(np.diff(sheared.samples[:, both], axis=0)).mean() > 0.05
@@ -37,17 +37,17 @@ def test_what_lies_at_its_depth_stands_upright(light_field: LightField, axis: Ax
 
 
 @pytest.mark.parametrize("axis", ["s", "t"])
-def test_the_middle_line_is_that_of_the_reference_view(light_field: LightField, axis: Axis) -> None:
+def test_the_middle_line_shows_the_reference_view(light_field: LightField, axis: Axis) -> None:
     found = epi(light_field, axis, 30)
     central = light_field.samples[1, 1] / np.float32(255.0)
     np.testing.assert_allclose(found.samples[1], central[30] if axis == "s" else central[:, 30], atol=1e-6)
 
 
-def test_slopes_are_those_of_points(light_field: LightField) -> None:
+def test_slopes_match_those_of_points(light_field: LightField) -> None:
     depth = 330.0 + BEHIND_MM
     found = epi(light_field, "s", 41)
     slope = found.slope_px_per_mm(light_field, depth)
-    # Of views with a position along z, u is that of their pinhole; the law of slopes leaves z out.
+    # For views with a position along z, u is that of their pinhole; the law of slopes ignores z.
     flat = grid_views(step_mm=10.0, uneven=False)
     point = flat.plane_points_in_rig(depth, np.array([60.0, 41.0]))
     seen = flat.project(point)[1, :, 0]
@@ -74,7 +74,7 @@ def test_the_mean_of_an_upright_epi_is_a_line_of_the_refocused_picture(light_fie
         ("s", 5, -90.0, "focus at -90 mm, expected a depth beyond the views"),
     ],
 )
-def test_what_cannot_be_cut_is_refused(
+def test_impossible_cuts_are_refused(
     light_field: LightField, axis: Axis, line: int, depth_mm: float | None, message: str
 ) -> None:
     with pytest.raises(InputError, match=message):

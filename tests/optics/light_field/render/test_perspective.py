@@ -1,4 +1,4 @@
-"""Pictures by depth: everything sharp, from between the views, and past what stands in the way."""
+"""Pictures by depth: sharp everywhere, from between the views, and without occluders."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ def test_everything_is_sharp_with_less_noise() -> None:
     assert picture.valid.all()
     central = psnr(light_field.samples[1, 1] / 255.0, true, where)
     assert psnr(picture.image, true, where) > central + 6.0
-    # No plane has it all.
+    # No single plane shows everything sharp.
     for depth in (CARD.distance_mm, WALL.distance_mm):
         assert psnr(refocus(light_field, FocalPlane((0, 0, 1 / depth))).image, true, where) < central
 
 
-def test_by_measured_depth_it_is_nearly_as_sharp() -> None:
+def test_the_picture_by_measured_depth_is_nearly_as_sharp() -> None:
     views = grid_views()
     light_field = photograph(views, SCENE, noise=0.02)[0]
     depths = ViewDepths.measured(light_field)
@@ -48,7 +48,7 @@ def test_by_measured_depth_it_is_nearly_as_sharp() -> None:
 
 
 @pytest.mark.parametrize("place", [(12.0, -7.0, 0.0), (-8.0, 14.0, 0.0)])
-def test_between_the_views_it_looks_as_from_there(place: tuple[float, float, float]) -> None:
+def test_a_picture_between_the_views_matches_a_pinhole_there(place: tuple[float, float, float]) -> None:
     views = grid_views()
     light_field = photograph(views, SCENE)[0]
     true = seen_at(views, np.array(place), SCENE)
@@ -62,14 +62,14 @@ def test_between_the_views_it_looks_as_from_there(place: tuple[float, float, flo
     assert nearest < 20.0
 
 
-def test_from_a_views_own_place_it_looks_like_that_view() -> None:
+def test_a_picture_from_a_views_position_matches_that_view() -> None:
     views = grid_views()
     light_field = photograph(views, SCENE, noise=0.0)[0]
     picture = seen_from(light_field, true_depths(views, SCENE), views.positions_mm[1, 2])
     assert psnr(picture.image, light_field.samples[1, 2] / 255.0, picture.valid) > 45.0
 
 
-def test_what_stands_in_the_way_is_left_out() -> None:
+def test_occluders_are_left_out() -> None:
     views = grid_views(step_mm=32.0)
     light_field = photograph(views, [WALL, POST])[0]
     true = truth(views, [WALL])
@@ -83,14 +83,14 @@ def test_what_stands_in_the_way_is_left_out() -> None:
         picture = all_in_focus(without, depths)
         assert (picture.valid & hidden).sum() > 0.9 * hidden.sum()
         assert psnr(picture.image, true, picture.valid & hidden) > least_db
-        # So does a plane behind it, where with the post it shows the post's blur.
+        # So does a plane behind the post, where the picture with the post shows its blur.
         past = refocus(without, plane)
         assert psnr(past.image, true, past.valid & hidden) > least_db
         assert psnr(refocus(light_field, plane).image, true, hidden) < 25.0
 
 
 @pytest.mark.filterwarnings("error")
-def test_views_that_look_unlike_still_fill_what_the_central_one_lacks() -> None:
+def test_dissimilar_views_still_fill_gaps_of_the_central_one() -> None:
     views = grid_views()
     light_field = photograph(views, SCENE)[0]
     samples, weights = light_field.samples.copy(), light_field.weights.copy()
@@ -104,7 +104,7 @@ def test_views_that_look_unlike_still_fill_what_the_central_one_lacks() -> None:
     assert psnr(picture.image, truth(views, SCENE), lacking) > 30.0
 
 
-def test_what_no_view_sees_stays_without_sample() -> None:
+def test_pixels_seen_by_no_view_stay_empty() -> None:
     views = grid_views()
     wide = Surface(400.0, bounds=(-60.0, -22.0, 60.0, 14.0), seed=2, mean=0.65)
     light_field = photograph(views, [WALL, wide])[0]
@@ -115,7 +115,7 @@ def test_what_no_view_sees_stays_without_sample() -> None:
     assert (picture.image[~picture.valid] == 0).all()
 
 
-def test_the_way_around_stays_between_the_views() -> None:
+def test_the_path_around_stays_between_the_views() -> None:
     views = grid_views()
     light_field, places = photograph(views, SCENE)[0], np.array(list(orbit(views, 12)))
     assert places.shape == (12, 3)
@@ -123,11 +123,11 @@ def test_the_way_around_stays_between_the_views() -> None:
     assert ((places >= low - 1e-9) & (places <= high + 1e-9))[:, :2].all()
     assert np.ptp(places[:, 0]) > 30.0
     assert np.ptp(places[:, 1]) > 30.0
-    with pytest.raises(InputError, match=r"place \(90, 0\) mm lies outside the views"):
+    with pytest.raises(InputError, match=r"position \(90, 0\) mm lies outside the views"):
         seen_from(light_field, true_depths(views, SCENE), np.array([90.0, 0.0, 0.0]))
 
 
-def test_from_its_own_place_a_view_decides_where_depth_is_wrong() -> None:
+def test_at_its_own_position_a_view_overrides_wrong_depth() -> None:
     views = grid_views()
     light_field = photograph(views, SCENE, noise=0.0)[0]
     depths = true_depths(views, SCENE)
@@ -144,7 +144,7 @@ def test_from_its_own_place_a_view_decides_where_depth_is_wrong() -> None:
     assert np.abs(picture.image[patch] - 128.0 / 255.0).mean() < 0.02
 
 
-def test_blur_is_that_of_as_many_real_views() -> None:
+def test_blur_matches_that_of_as_many_real_views() -> None:
     few = grid_views(uneven=False)
     light_field = photograph(few, SCENE)[0]
     many = grid_views(2 * (COUNT + 1) + 1, 2 * (COUNT + 1) + 1, step_mm=20.0 / (COUNT + 1), uneven=False)
@@ -159,7 +159,7 @@ def test_blur_is_that_of_as_many_real_views() -> None:
     assert reached > sparse + 8.0
 
 
-def test_what_has_no_sample_stays_without() -> None:
+def test_pixels_without_samples_stay_empty() -> None:
     views = grid_views()
     light_field = photograph(views, SCENE)[0]
     weights, samples = light_field.weights.copy(), light_field.samples.copy()
@@ -174,5 +174,5 @@ def test_what_has_no_sample_stays_without() -> None:
 def test_too_many_views_are_refused() -> None:
     views = grid_views()
     light_field = photograph(views, SCENE)[0]
-    with pytest.raises(InputError, match="401x401 views of 120x90 px, expected 200 million px at most"):
+    with pytest.raises(InputError, match="401x401 views of 120x90 px, expected at most 200 million px"):
         with_views_between(light_field, true_depths(views, SCENE), 199)

@@ -1,4 +1,4 @@
-"""Refocusing a tabletop scene photographed through mirrors as built, unevenly, against what a pinhole sees."""
+"""Refocusing a tabletop scene photographed through uneven mirrors as built, against a pinhole's picture."""
 
 from __future__ import annotations
 
@@ -24,18 +24,18 @@ IN_FOCUS_PX = 0.25
 
 
 def psnr(image: NDArray[Any], true: NDArray[Any], where: NDArray[np.bool_]) -> float:
-    """Peak signal-to-noise ratio of pictures (v, u, c), 0 to 255."""
+    """Return the peak signal-to-noise ratio of pictures (v, u, c), 0 to 255."""
     return float(10.0 * np.log10(255.0**2 / np.mean(np.square(image - true)[where])))
 
 
 def true_view(folder: Path, t: int, s: int) -> NDArray[np.float64]:
-    """The picture of a pinhole at a view (v, u, c), as soft as lens and lookup make it."""
+    """Return the picture (v, u, c) of a pinhole at a view, blurred like lens and lookup."""
     view = read_image(folder / f"truth/views/{t}_{s}.png").astype(np.float64)
     return np.asarray(cv2.GaussianBlur(view, (0, 0), SOFTNESS_PX))
 
 
 def in_focus_everywhere(folder: Path, light_field: LightField, depth_mm: float) -> NDArray[np.bool_]:
-    """Pixels (v, u) of the central view that show, in every view, a matte thing on the plane at a depth."""
+    """Mask (v, u) of the central view: pixels of matte objects on the plane at a depth that every view shows."""
     t, s = TabletopSet.load(folder).central_view
     plane = FocalPlane.at_depth(light_field, depth_mm)
     size = light_field.width_px, light_field.height_px
@@ -52,7 +52,7 @@ def in_focus_everywhere(folder: Path, light_field: LightField, depth_mm: float) 
 
 
 def decoded(folder: Path) -> LightField:
-    """The frame of a tabletop set, by the layout as built, its views made equally bright."""
+    """The decoded frame of a tabletop set, by the layout as built, with views of equal brightness."""
     decoder = Decoder(Layout.load(folder / "truth/layout.json"))
     frame = read_image(folder / TabletopSet.load(folder).frame_name)
     return decoder.equalised(measure([decoder.decode(frame)])).decode(frame)
@@ -73,6 +73,6 @@ def test_a_plane_in_focus_is_within_35_db_of_the_pinhole(default_layout: Layout,
         assert psnr(refocus(light_field, plane).image * 255.0, true, where) > 35.0
         assert psnr(refocus(light_field, plane, combine="median").image * 255.0, true, where) > 35.0
         assert psnr(refocus(light_field, FocalPlane.at_depth(light_field, 300.0)).image * 255.0, true, where) < 30.0
-    # As if views stood on the even grid that lies nearest: sharp on the reference plane alone.
+    # With views assumed on the nearest even grid, only the reference plane is sharp.
     even = LightField.of(light_field.on_regular_grid(), light_field.samples, light_field.weights)
     assert psnr(refocus(even, plane).image * 255.0, true, where) < 35.0

@@ -1,4 +1,4 @@
-"""Refocusing, against what exact pinholes see of planes in closed form."""
+"""Refocusing, against pictures of planes by exact pinholes."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ UPRIGHT = Surface(330.0, seed=4)
 
 
 def truth(views: Views, surfaces: list[Surface], scale: int = 1) -> FloatArray:
-    """What the reference view sees without noise, 0 to 1, in pixels of a view or finer ones, integrated over each."""
+    """Return the reference view's picture without noise, 0 to 1, integrated over pixels of a view or finer ones."""
     fine = replace(
         views,
         focal_px=views.focal_px * scale,
@@ -40,12 +40,12 @@ def psnr(image: NDArray[Any], true: NDArray[Any], where: NDArray[np.bool_]) -> f
 
 
 def plane_of(views: Views, surface: Surface) -> FocalPlane:
-    """The plane of a surface: Z - a X - b Y = distance."""
+    """Return the plane of a surface: Z - a X - b Y = distance."""
     a, b = surface.slope
     return FocalPlane((-a / surface.distance_mm, -b / surface.distance_mm, 1.0 / surface.distance_mm))
 
 
-def test_the_homography_takes_points_of_a_plane_where_views_see_them() -> None:
+def test_the_homography_maps_points_of_a_plane_to_their_pixels() -> None:
     views = grid_views()
     plane = plane_of(views, TILTED)
     pixels = np.array([[3.0, 5.0], [100.0, 20.0], [60.5, 80.25]])
@@ -57,7 +57,7 @@ def test_the_homography_takes_points_of_a_plane_where_views_see_them() -> None:
         np.testing.assert_allclose(moved[:, :2] / moved[:, 2:], seen[t, s], atol=1e-9)
 
 
-def test_a_plane_is_told_by_the_depth_amid_the_picture_and_its_tilt() -> None:
+def test_a_plane_is_given_by_its_depth_in_the_middle_and_its_tilt() -> None:
     views = grid_views()
     behind = views.reference_view_depth_mm
     nearness = FocalPlane.at_depth(views, 400.0, (30.0, 0.0)).nearness(views)
@@ -73,7 +73,7 @@ def test_a_plane_is_told_by_the_depth_amid_the_picture_and_its_tilt() -> None:
     assert FocalPlane.at_depth(views, np.inf).normal_per_mm == (0.0, 0.0, 0.0)
 
 
-def test_a_plane_is_found_through_pixels_and_depths() -> None:
+def test_a_plane_is_fitted_to_pixels_and_depths() -> None:
     views, plane = grid_views(), FocalPlane.at_depth(grid_views(), 390.0, (-20.0, 35.0))
     behind = views.reference_view_depth_mm
     pixels = np.array([[5, 7], [110, 12], [60, 80], [20, 60]])
@@ -96,7 +96,7 @@ def test_a_plane_in_focus_is_as_sharp_as_the_pinhole_sees_it(surface: Surface) -
     assert sharp > 40.0
     median = refocus(light_field, plane_of(views, surface), combine="median")
     assert psnr(median.image, true, overlap) > 40.0
-    # Elsewhere it is out of focus, and so it is where views are taken to stand on an even grid.
+    # It is out of focus at other depths, and with views assumed on an even grid.
     assert psnr(refocus(light_field, FocalPlane((0.0, 0.0, 1.0 / 450.0))).image, true, overlap) < 25.0
     moved = LightField.of(views.on_regular_grid(), light_field.samples, light_field.weights)
     assert psnr(refocus(moved, plane_of(views, surface)).image, true, overlap) < sharp - 4.0
@@ -112,7 +112,7 @@ def test_noise_falls_with_the_root_of_the_number_of_views() -> None:
     assert psnr(picture.image, true, overlap) > psnr(central, true, overlap) + 8.5
 
 
-def test_the_median_leaves_out_what_few_views_show() -> None:
+def test_the_median_removes_objects_in_few_views() -> None:
     views = grid_views()
     light_field = photograph(views, [UPRIGHT])[0]
     samples = light_field.samples.copy()
@@ -124,7 +124,7 @@ def test_the_median_leaves_out_what_few_views_show() -> None:
     assert psnr(refocus(spoilt, plane).image, true, overlap) < 25.0
 
 
-def test_the_median_of_few_samples_is_that_of_those_there_are() -> None:
+def test_the_median_uses_the_existing_samples() -> None:
     views = grid_views(1, 3, uneven=False)
     values = np.array([0.2, 0.8, 0.5], np.float32)
     samples = np.broadcast_to(values[None, :, None, None, None], (1, 3, 90, 120, 1)).copy()
@@ -135,7 +135,7 @@ def test_the_median_of_few_samples_is_that_of_those_there_are() -> None:
     plane = FocalPlane.at_depth(views, views.reference_depth_mm)
     picture = refocus(LightField.of(views, samples, weights), plane, combine="median")
     np.testing.assert_allclose(picture.image[:, 41:, 0], 0.5, atol=1e-6)
-    # The light of 0.2 and 0.8 by sRGB is .0331 and .6038.
+    # In sRGB, levels 0.2 and 0.8 have light .0331 and .6038.
     np.testing.assert_allclose(picture.image[:, 21:39, 0], 1.055 * 0.31846 ** (1 / 2.4) - 0.055, atol=1e-4)
     assert not picture.valid[:, :19].any()
     assert (picture.weights[:, 21:39] == 2).all()
@@ -155,7 +155,7 @@ def test_a_blur_is_a_mean_of_light() -> None:
     assert (to_bytes(picture)[10:-10, 10:-10] == 188).all()
 
 
-def test_weights_choose_how_much_each_view_counts() -> None:
+def test_views_count_by_their_weights() -> None:
     views = grid_views()
     light_field = photograph(views, [UPRIGHT])[0]
     plane = FocalPlane.at_depth(views, 460.0)
@@ -166,7 +166,7 @@ def test_weights_choose_how_much_each_view_counts() -> None:
     soft = aperture(views)
     assert soft[1, 1] == 1.0
     assert soft[0, 0] < soft[0, 1] < 1.0
-    # Less weight far out: less blur.
+    # Less weight of outer views gives less blur.
     true = truth(views, [UPRIGHT])
     middle = np.zeros(true.shape[:2], dtype=bool)
     middle[20:-20, 30:-30] = True
@@ -176,7 +176,7 @@ def test_weights_choose_how_much_each_view_counts() -> None:
         refocus(light_field, plane, combine="median", view_weights=soft)
 
 
-def test_no_sample_leaves_no_trace() -> None:
+def test_missing_samples_have_no_influence() -> None:
     views = grid_views()
     light_field = photograph(views, [UPRIGHT], noise=0.0)[0]
     samples, weights = light_field.samples.copy(), light_field.weights.copy()
@@ -209,7 +209,7 @@ def test_super_sampling_shows_more_than_one_view_has() -> None:
     assert reached > psnr(np.asarray(mean), true, where) + 2.0
 
 
-def test_samples_in_floating_point_and_in_grey_give_the_same() -> None:
+def test_floating_point_and_grey_samples_give_the_same() -> None:
     views = grid_views()
     light_field = photograph(views, [UPRIGHT])[0]
     plane = plane_of(views, UPRIGHT)
@@ -221,7 +221,7 @@ def test_samples_in_floating_point_and_in_grey_give_the_same() -> None:
     assert to_bytes(refocus(grey, plane)).shape == (90, 120, 3)
 
 
-def test_beyond_a_steep_planes_horizon_there_is_nothing() -> None:
+def test_beyond_a_steep_planes_horizon_the_picture_is_empty() -> None:
     views = grid_views()
     light_field = photograph(views, [UPRIGHT])[0]
     plane = FocalPlane.at_depth(views, 375.0, (84.0, 0.0))

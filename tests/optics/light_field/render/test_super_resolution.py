@@ -28,7 +28,7 @@ TILTED = np.array([[2.0, 0.1, 4.3], [-0.05, 1.9, 5.7], [1e-3, -2e-3, 1.0]])
 
 
 def wave(frequency: float, scale: float, shift: FloatArray) -> Float32:
-    """Light (v, u, 1) of a wave to the right with its part down, over pixels of a view (scale 1) or finer ones."""
+    """Return the light (v, u, 1) of a mostly horizontal wave, over pixels of a view (scale 1) or finer ones."""
     at = (np.arange(round(SIDE * scale)) + 0.5) / scale - 0.5
     phase = 2.0 * np.pi * frequency * (at[None] + shift[0])
     down = 0.5 + 0.5 * np.cos(2.0 * np.pi * (at[:, None] + shift[1]) / 40.0)
@@ -39,7 +39,7 @@ def wave(frequency: float, scale: float, shift: FloatArray) -> Float32:
 def solved(
     views: list[Float32], scale: float, shifts: FloatArray = SHIFTS, *, least_absolute: bool = False
 ) -> tuple[Float32, Float32]:
-    """The picture found, and the mean of the views that it starts from."""
+    """Return the solution, and the mean of the views at which it starts."""
     to_fine, matrices = np.diag([scale, scale, 1.0]), []
     to_fine[:2, 2] = (scale - 1.0) / 2.0
     size = (round(SIDE * scale),) * 2
@@ -75,7 +75,7 @@ def test_waves_finer_than_a_view_samples_are_found(scale: float, frequency: floa
     assert rms(found - true) < 0.3 * rms(true - 0.5)
 
 
-def test_views_that_do_not_show_the_plane_leave_the_start_as_it_is() -> None:
+def test_views_that_do_not_show_the_plane_do_not_change_the_start() -> None:
     random = np.random.default_rng(1)
     views = []
     for _ in SHIFTS:
@@ -87,7 +87,7 @@ def test_views_that_do_not_show_the_plane_leave_the_start_as_it_is() -> None:
     assert np.abs(found - mean)[away].max() < 0.02
 
 
-def test_least_absolute_differences_leave_out_what_one_view_shows() -> None:
+def test_least_absolute_differences_ignore_objects_in_one_view() -> None:
     views = noisy(wave(0.62, 1.0, shift) for shift in SHIFTS)
     true = wave(0.62, 2.0, np.zeros(2))
     views[3][20:28, 20:28] = 1.0
@@ -97,7 +97,7 @@ def test_least_absolute_differences_leave_out_what_one_view_shows() -> None:
     assert errors[1] < 0.5 * errors[0]
 
 
-def test_samples_without_weight_count_for_nothing() -> None:
+def test_samples_without_weight_have_no_influence() -> None:
     views = noisy(wave(0.62, 1.0, shift) for shift in SHIFTS)
     to_fine = np.diag([2.0, 2.0, 1.0])
     to_fine[:2, 2] = 0.5
@@ -114,7 +114,7 @@ def test_samples_without_weight_count_for_nothing() -> None:
     np.testing.assert_allclose(super_resolved(views, weights, matrices, start, 2.0)[INNER], found[INNER], atol=2e-3)
 
 
-def test_roughness_is_half_the_gradient_of_its_energy() -> None:
+def test_roughness_is_half_the_gradient_of_the_energy() -> None:
     random = np.random.default_rng(2)
     picture = random.normal(size=(2, 9, 11)).astype(np.float32)
     counts = steps_count(picture, np.float32(0.5))
@@ -132,14 +132,14 @@ def test_roughness_is_half_the_gradient_of_its_energy() -> None:
 
 
 @pytest.mark.parametrize("scale", [1.5, 2.0])
-def test_waves_keep_the_contrast_that_a_larger_pixel_leaves(scale: float) -> None:
+def test_waves_keep_the_contrast_of_larger_pixels(scale: float) -> None:
     table = pixel_taps(scale)
     np.testing.assert_allclose(table.sum(axis=1), 1.0, atol=1e-6)
     taps = table.shape[1]
     away = np.arange(taps) - (taps // 2 - 1) - (np.arange(PHASES + 1) / PHASES)[:, None]
     for frequency in (0.05, 0.2, 0.3, 0.35):
         response = (table * np.exp(2j * np.pi * frequency * away)).sum(axis=1)
-        # Half the step of the phases, and what the window leaves out.
+        # Half the step of the phases, and the part outside of the window.
         np.testing.assert_allclose(response, np.sinc(scale * frequency) / np.sinc(frequency), atol=0.02)
 
 
@@ -151,7 +151,7 @@ def test_light_is_kept_at_every_scale() -> None:
         np.testing.assert_allclose(shown, 0.7, atol=1e-5)
 
 
-def test_going_back_is_the_transpose() -> None:
+def test_the_adjoint_is_the_transpose() -> None:
     random, table = np.random.default_rng(0), pixel_taps(2.0)
     picture = random.normal(size=(3, 50, 60)).astype(np.float32)
     view = random.normal(size=(3, 22, 27)).astype(np.float32)
@@ -162,7 +162,7 @@ def test_going_back_is_the_transpose() -> None:
     assert np.sum(shown * view, dtype=np.float64) == pytest.approx(np.sum(picture * added, dtype=np.float64), abs=1e-3)
 
 
-def test_what_lies_beyond_the_picture_or_behind_the_view_is_left_alone() -> None:
+def test_places_outside_the_picture_or_behind_the_view_are_ignored() -> None:
     table, picture = pixel_taps(2.0), np.ones((1, 30, 30), np.float32)
     shown = np.full((1, 40, 40), np.nan, np.float32)
     project(picture, np.array([[1.0, 0.0, 0.5], [0.0, 1.0, 0.5], [0.0, 0.0, 1.0]]), table, shown)

@@ -1,4 +1,4 @@
-"""Depths of all views: where pixels land, what is sure, and what is left out."""
+"""Depths of all views: projected pixels, certainty, and gaps."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from tests.optics.light_field.render.scenes import SCENE, WALL, behind_mm, true_
 NAN = np.nan
 
 
-def test_pixels_land_where_views_see_their_points() -> None:
+def test_pixels_are_projected_to_the_pixels_of_their_points() -> None:
     views = grid_views()
     start, end = (0, 2), (2, 0)
     points = views.plane_points_in_rig(410.0, np.array([[31.0, 52.0], [77.0, 11.0]]), start)
@@ -22,7 +22,7 @@ def test_pixels_land_where_views_see_their_points() -> None:
     u, v = landed(views, start, views.positions_mm[end], nearness)
     expected = views.project(points)[end]
     np.testing.assert_allclose([[u[52, 31], v[52, 31]], [u[11, 77], v[11, 77]]], expected, atol=1e-3)
-    # What is infinitely far moves by f x (1 / Z0 - 0).
+    # Points at infinity move by f x (1 / Z0 - 0).
     u, _ = landed(views, (1, 1), np.array([20.0, 0.0, 0.0]), np.zeros((90, 120), np.float32))
     moved = views.focal_px * 20.0 / views.reference_distance_mm
     np.testing.assert_allclose(u - np.arange(120), moved, atol=1e-3)
@@ -42,7 +42,7 @@ def test_bad_depths_are_refused() -> None:
         without_nearer(light_field, nothing, behind_mm(views) - 5.0)
 
 
-def test_depth_of_the_reference_view_is_carried_to_the_others() -> None:
+def test_depth_of_the_reference_view_is_projected_to_the_others() -> None:
     views = grid_views()
     true = true_depths(views, SCENE)
     depths = ViewDepths.of_reference(views, true.depth_mm(views)[1, 1])
@@ -50,7 +50,7 @@ def test_depth_of_the_reference_view_is_carried_to_the_others() -> None:
     assert depths.sure[1, 1].all()
     close = np.abs(depths.nearness / true.nearness - 1.0) < 0.01
     assert close[depths.sure].mean() > 0.99
-    # Beside the card is what the reference view does not see: it is filled with the wall, and not sure.
+    # Next to the card, places hidden from the reference view are filled with the wall, as uncertain.
     assert close[:, :, 10:-10, 20:-20].mean() > 0.98
     hidden = ~depths.sure[1, 0, 25:60, 40:80]
     assert 0.02 < hidden.mean() < 0.5
@@ -64,7 +64,7 @@ def test_depth_of_the_reference_view_is_carried_to_the_others() -> None:
         ViewDepths.of_reference(views, holes[1:])
 
 
-def test_samples_just_around_what_is_left_out_are_too() -> None:
+def test_samples_around_excluded_ones_are_excluded() -> None:
     views = grid_views()
     light_field = photograph(views, SCENE)[0]
     depths = true_depths(views, SCENE)
@@ -76,14 +76,14 @@ def test_samples_just_around_what_is_left_out_are_too() -> None:
     assert (weights[np.roll(nearer, (3, 0), axis=(2, 3))] > 0).any()
 
 
-def test_a_hole_is_filled_from_behind_and_not_from_the_edge_it_opened_at() -> None:
+def test_a_hole_is_filled_from_the_background() -> None:
     line = np.array([0.2, 0.2, 0.9, 0.9, NAN, NAN, NAN, NAN, 0.3, 0.3], np.float32)
     shown = filled(np.tile(line, (9, 1)), 0.05)
     np.testing.assert_array_equal(shown[:, 4:8], np.float32(0.3))
     np.testing.assert_array_equal(shown[:, :4], np.tile(line[:4], (9, 1)))
 
 
-def test_a_slope_behind_goes_on_by_what_is_close() -> None:
+def test_a_slope_in_the_background_is_continued_from_close_pixels() -> None:
     slope = np.linspace(0.2, 0.3, 21, dtype=np.float32)
     holes = slope.copy()
     holes[8:13] = NAN
@@ -91,7 +91,7 @@ def test_a_slope_behind_goes_on_by_what_is_close() -> None:
     assert np.abs(shown - slope).max() < 0.012
 
 
-def test_cracks_in_what_is_near_stay_near() -> None:
+def test_cracks_in_near_surfaces_are_filled_with_near_depth() -> None:
     card = np.full((20, 20), 0.2, np.float32)
     card[5:15, 5:15] = 0.8
     card[:, 10] = NAN
@@ -99,7 +99,7 @@ def test_cracks_in_what_is_near_stay_near() -> None:
     assert (filled(card, 0.05)[:5, 10] == np.float32(0.2)).all()
 
 
-def test_corners_without_neighbours_are_filled_and_nothing_is_refused() -> None:
+def test_corners_without_neighbours_are_filled() -> None:
     corner = np.full((8, 9), NAN, np.float32)
     corner[0, 0] = 0.4
     np.testing.assert_allclose(filled(corner, 0.1), 0.4, rtol=1e-6)

@@ -1,4 +1,4 @@
-"""Videos filtered in time: what is still, what moves, what drifts, and what lighting does."""
+"""Videos filtered in time: static and moving scenes, slow drift, and changes of lighting."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ GAINS = np.ones((9, HEIGHT_PX, 3), np.float32)
 
 
 def filtered(scenes: Any, count: int, sigma: float = SIGMA) -> tuple[LightField, LightField]:
-    """The last of some frames, as it is and filtered."""
+    """Return the last of some frames, unfiltered and filtered."""
     random, video = np.random.default_rng(9), TemporalFilter(1)
     for number in range(count):
         frame = shot(scenes(number), random, sigma)
@@ -31,7 +31,7 @@ def rms(values: Any) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 
-def test_noise_of_a_still_scene_falls_as_that_of_a_mean() -> None:
+def test_noise_of_a_static_scene_falls_as_in_a_mean() -> None:
     for count in (2, 5, 12):
         _, found = filtered(lambda number: picture(), count)
         assert rms(error_grey(found, picture())) == pytest.approx(SIGMA / np.sqrt(count), rel=0.12)
@@ -40,7 +40,7 @@ def test_noise_of_a_still_scene_falls_as_that_of_a_mean() -> None:
     assert rms(error_grey(found, picture())) == pytest.approx(SIGMA / np.sqrt(2 * MEMORY - 1), rel=0.2)
 
 
-def test_the_first_frame_and_unrelated_frames_are_as_they_are() -> None:
+def test_the_first_frame_and_unrelated_frames_are_unchanged() -> None:
     random, video = np.random.default_rng(10), TemporalFilter(1)
     for seed in range(6):
         frame = shot(picture(seed, contrast=40.0), random)
@@ -48,11 +48,11 @@ def test_the_first_frame_and_unrelated_frames_are_as_they_are() -> None:
         if seed == 0:
             assert found is frame
         else:
-            # Every one of 256 grey levels comes back from 0 to 1.
+            # Each of 256 grey levels is recovered from 0 to 1.
             assert np.array_equal(found.samples * np.float32(255.0), frame.samples)
 
 
-def test_what_moves_is_new_and_leaves_nothing_behind() -> None:
+def test_moving_objects_leave_no_trace() -> None:
     def scene(number: int) -> Any:
         whole = picture(contrast=10.0)
         whole[30:60, 5 + 3 * number : 35 + 3 * number] = picture(1, contrast=30.0)[:30, :30] + 40.0
@@ -68,7 +68,7 @@ def test_what_moves_is_new_and_leaves_nothing_behind() -> None:
 
 
 @pytest.mark.parametrize("speed_px", [0.05, 0.1, 0.3, 1.0])
-def test_a_slow_drift_of_all_is_not_smeared(speed_px: float) -> None:
+def test_a_slow_drift_of_the_picture_is_not_smeared(speed_px: float) -> None:
     wide = cv2.resize(picture(contrast=30.0), (4 * WIDTH_PX, 4 * HEIGHT_PX), interpolation=cv2.INTER_CUBIC)
 
     def scene(number: int) -> Any:
@@ -79,7 +79,7 @@ def test_a_slow_drift_of_all_is_not_smeared(speed_px: float) -> None:
     last, found = filtered(scene, count)
     truth = np.clip(scene(count - 1), 0, 255)
     assert rms(error_grey(found, truth)) < 1.02 * rms(error_grey(last, truth))
-    # The error along the slope of the picture: what lag makes of it stays below half of a frame's noise.
+    # The error along the picture's gradient: lag contributes less than half of a frame's noise.
     slope = cv2.Sobel(truth, cv2.CV_64F, 1, 0, ksize=1, scale=0.5)
     inner = (slice(None), slice(None), slice(8, -8), slice(8, -8))
     wide_slope = np.broadcast_to(slope, found.samples.shape)[inner]
@@ -87,8 +87,8 @@ def test_a_slow_drift_of_all_is_not_smeared(speed_px: float) -> None:
     assert lag_px * rms(wide_slope) < 0.5 * SIGMA
 
 
-def test_what_comes_nearer_slowly_is_not_kept_where_it_was() -> None:
-    """A weak texture whose disparity grows: no square of it differs by more than noise, but depth would lag."""
+def test_slowly_approaching_objects_do_not_lag() -> None:
+    """A weak texture with growing disparity: no block differs by more than noise, but depth would lag."""
     wide = cv2.resize(picture(contrast=8.0), (4 * WIDTH_PX, 4 * HEIGHT_PX), interpolation=cv2.INTER_CUBIC)
     rate_px, count = 0.03, 40
 
@@ -107,11 +107,11 @@ def test_what_comes_nearer_slowly_is_not_kept_where_it_was() -> None:
         [np.stack([cv2.Sobel(view, cv2.CV_64F, 1, 0, ksize=1, scale=0.5) for view in row]) for row in truth]
     )
     lag_px = (error * slope).sum(axis=(0, 2, 3, 4)) / np.square(slope).sum(axis=(0, 2, 3, 4))
-    # Of the views at the left and at the right, which lag the opposite way: a mean of MEMORY frames would by 0.7 px.
+    # Views at the left and right lag in opposite directions: a mean of MEMORY frames would lag by 0.7 px.
     assert abs(lag_px[2] - lag_px[0]) / 2 < 0.2
 
 
-def test_a_texture_as_fine_as_noise_that_moves_all_over_is_not_averaged() -> None:
+def test_a_moving_texture_as_fine_as_noise_is_not_averaged() -> None:
     scenes = [picture(grain_px=0.7, contrast=8.0)]
     last, found = filtered(lambda number: np.roll(scenes[0], 5 * number, axis=1), 12)
     assert np.abs(found.samples * np.float32(255.0) - last.samples).mean() < 0.05
@@ -124,7 +124,7 @@ def test_lighting_that_changes_is_followed(light: Any) -> None:
     assert rms(error_grey(found, picture() * light(count - 1))) < 0.33 * SIGMA
 
 
-def test_a_frame_that_is_repeated_changes_nothing() -> None:
+def test_a_repeated_frame_changes_nothing() -> None:
     random, video = np.random.default_rng(11), TemporalFilter(1)
     for _ in range(6):
         frame = shot(picture(), random)
@@ -166,7 +166,7 @@ def test_grey_and_floating_point_videos_are_filtered_too() -> None:
     assert np.abs(again.samples - found.samples).max() * 255.0 < 0.6 * SIGMA
 
 
-def test_samples_beyond_all_bounds_do_no_harm_to_later_frames() -> None:
+def test_extreme_samples_do_not_affect_later_frames() -> None:
     random, video = np.random.default_rng(16), TemporalFilter(1)
     for number in range(10):
         frame = shot(picture(), random)
@@ -179,7 +179,7 @@ def test_samples_beyond_all_bounds_do_no_harm_to_later_frames() -> None:
     assert rms(error_grey(found, picture())) < 0.5 * SIGMA
 
 
-def test_light_fields_that_would_take_gigabytes_are_left_as_they_are(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_light_fields_that_would_take_gigabytes_are_not_filtered(monkeypatch: pytest.MonkeyPatch) -> None:
     random, video = np.random.default_rng(17), TemporalFilter(1)
     monkeypatch.setattr("mirrorcam.optics.light_field.temporal.filter.MOST_SAMPLES", 9 * WIDTH_PX * HEIGHT_PX)
     for _ in range(3):
@@ -204,7 +204,7 @@ def test_small_views_are_filtered_too() -> None:
 
 
 def at_disparity(scene: Any, disparity_px: int) -> Any:
-    """The views (t, s, v, u, c) of a picture at a disparity, which goes on at the other side."""
+    """Return the views (t, s, v, u, c) of a periodic picture at a disparity."""
     return np.stack(
         [
             np.stack([np.roll(scene, (-disparity_px * t, -disparity_px * s), (0, 1)) for s in (-1, 0, 1)])
@@ -227,7 +227,7 @@ def test_shifts_follow_the_views() -> None:
 
 
 @pytest.mark.parametrize("disparity_px", [-6, 0, 5])
-def test_motion_is_shared_at_any_disparity_and_noise_is_not(disparity_px: int) -> None:
+def test_motion_is_common_to_views_at_any_disparity_and_noise_is_not(disparity_px: int) -> None:
     random = np.random.default_rng(7)
     scene = picture(grain_px=1.0)
     still = [shot(at_disparity(scene, disparity_px), random) for _ in range(2)]
@@ -236,7 +236,7 @@ def test_motion_is_shared_at_any_disparity_and_noise_is_not(disparity_px: int) -
     assert own_share(moved, still[0], GAINS) < 0.3
 
 
-def test_without_neighbours_or_in_small_views_nothing_is_said() -> None:
+def test_without_neighbours_or_in_small_views_no_motion_is_reported() -> None:
     random = np.random.default_rng(8)
     frames = [shot(picture(seed), random) for seed in (0, 1)]
     small = []

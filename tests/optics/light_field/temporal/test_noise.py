@@ -1,4 +1,4 @@
-"""Noise that is measured between frames: by brightness, through motion, and how independent it is."""
+"""Noise measured between frames: by brightness, despite motion, and its independence."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from tests.optics.light_field.temporal.videos import HEIGHT_PX, SIGMA, picture, 
 
 
 def measured(frames: list[LightField], least: float = ROUNDING, trust: float = 1.0) -> Noise:
-    """The noise that the last of some frames shows, in even light."""
+    """Return the noise measured in the last of some frames, in even light."""
     gains = np.ones((9, 11, 3), np.float32)
     blocks = [Blocks.of(frames[0])]
     for frame in frames[1:]:
@@ -43,14 +43,14 @@ def frames(count: int, scenes: Any, sigma: float = SIGMA) -> list[LightField]:
 
 
 @pytest.mark.parametrize("count", [2, 3])
-def test_noise_is_that_of_the_frames(count: int) -> None:
+def test_noise_matches_the_frames(count: int) -> None:
     found = measured(frames(count, lambda number: picture()))
     assert sigma_grey(found) == pytest.approx(SIGMA, rel=0.04)
     # The mean of three channels has a third of the variance of one, a ninth of their sum.
     assert found.brightness[7] == pytest.approx(found.colours[7] / 9.0, rel=0.08)
 
 
-def test_noise_grows_with_brightness_as_that_of_light_does() -> None:
+def test_noise_grows_with_brightness_like_photon_noise() -> None:
     random = np.random.default_rng(5)
     ramp = np.broadcast_to(np.linspace(10.0, 245.0, 120)[None, :, None], (3, 3, 90, 120, 3))
     noisy = [ramp + np.sqrt(ramp / 30.0) * random.normal(size=ramp.shape) for _ in range(2)]
@@ -61,7 +61,7 @@ def test_noise_grows_with_brightness_as_that_of_light_does() -> None:
     assert found.information()[0, 128] == pytest.approx(1.0 / found.colours[7:9].mean(), rel=0.1)
 
 
-def test_slow_motion_of_all_and_fast_motion_of_most_is_no_noise() -> None:
+def test_slow_motion_of_all_and_fast_motion_of_most_is_not_noise() -> None:
     wide = cv2.resize(picture(contrast=40.0), (480, 360), interpolation=cv2.INTER_CUBIC)
 
     def slowly(number: int) -> Any:
@@ -77,7 +77,7 @@ def test_slow_motion_of_all_and_fast_motion_of_most_is_no_noise() -> None:
     assert sigma_grey(measured(frames(3, mostly))) == pytest.approx(SIGMA, rel=0.15)
 
 
-def test_spread_tells_how_many_values_are_independent() -> None:
+def test_the_spread_gives_the_number_of_independent_values() -> None:
     white = measured(frames(3, lambda number: picture()))
     # Chi-squared of n values: 2 / (9 n) is the variance of its cube root.
     assert white.spread[0] == pytest.approx(np.sqrt(2.0 / (9 * 75)), rel=0.15)
@@ -92,13 +92,13 @@ def test_spread_tells_how_many_values_are_independent() -> None:
     assert measured(joined).spread[0] > 1.2 * white.spread[0]
 
 
-def test_without_noise_there_is_that_of_rounding_or_nothing() -> None:
+def test_without_noise_there_is_rounding_noise_or_none() -> None:
     still = frames(3, lambda number: picture(), sigma=0.0)
     assert measured(still).colours == pytest.approx(3.0 * ROUNDING)
     assert measured(still, LEAST).colours == pytest.approx(3.0 * LEAST)
 
 
-def test_noise_is_followed_down_at_once_and_up_slowly_and_only_where_it_can_be_trusted() -> None:
+def test_the_estimate_falls_at_once_and_rises_slowly_and_only_if_trusted() -> None:
     def noise(variance: float, trust: float) -> Noise:
         return Noise(np.full(BINS, variance, np.float32), np.full(BINS, variance, np.float32), (0.1, 0.1), trust)
 
@@ -107,11 +107,11 @@ def test_noise_is_followed_down_at_once_and_up_slowly_and_only_where_it_can_be_t
     assert noise(1.0, 1.0).followed(noise(4.0, 0.0)).colours[0] == 1.0
     first = noise(9.0, 0.0).followed(noise(4.0, 1.0))
     assert (first.colours[0], first.trust) == (4.0, 1.0)
-    # Without trust, nothing is taken for noise.
+    # Without trust, no difference is taken for noise.
     assert noise(1.0, 0.0).information().min() >= 999.0
 
 
-def test_blocks_are_those_of_the_picture() -> None:
+def test_blocks_follow_the_picture() -> None:
     frame = shot(picture(), np.random.default_rng(0))
     blocks = Blocks.of(frame)
     assert blocks.samples.shape == (9, HEIGHT_PX // SMALL_STRIDE_PX, 120 // SMALL_STRIDE_PX, BLOCK_PX**2, 3)
@@ -124,7 +124,7 @@ def test_blocks_are_those_of_the_picture() -> None:
     assert after == pytest.approx(blocks.samples / 2)
 
 
-def test_lighting_is_that_of_each_row_though_something_covers_a_part_of_it() -> None:
+def test_lighting_is_found_per_row_though_a_part_is_covered() -> None:
     random = np.random.default_rng(1)
     scene = picture(contrast=40.0)
     before = Blocks.of(shot(scene, random)).means
@@ -145,8 +145,8 @@ def test_in_even_light_gains_are_one() -> None:
     assert np.all(lighting(dark, 2.0 * dark) == 1.0)
 
 
-def test_what_is_corrected_does_not_grow_from_frame_to_frame() -> None:
-    """The gains of an error of the mean, in any pattern of rows, leave less of it."""
+def test_corrections_do_not_grow_from_frame_to_frame() -> None:
+    """Gains for an error of the mean reduce it, in any pattern of rows."""
     for pattern in (np.where(np.arange(11) % 2 == 0, 1.01, 0.99), np.where(np.arange(11) % 3 == 0, 1.02, 0.99)):
         means = np.broadcast_to(0.5 * pattern[:, None, None], (9, 11, 15, 3)).astype(np.float32)
         gains = lighting(np.full((9, 11, 15, 3), 0.5, np.float32), means)

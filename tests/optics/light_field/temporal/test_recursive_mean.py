@@ -1,4 +1,4 @@
-"""The recursive mean against its definition, written with whole arrays."""
+"""The recursive mean against its definition, written with complete arrays."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ SHAPE = (21, 37)
 
 
 def over_square(values: Any) -> Any:
-    """Means of the square about each pixel, of the part of it that lies in the view."""
+    """Return means over the square about each pixel, cropped to the view."""
     sums, counts = (
         cv2.boxFilter(each, cv2.CV_64F, (SIDE_PX, SIDE_PX), normalize=False, borderType=cv2.BORDER_CONSTANT)
         for each in (values, np.ones(SHAPE))
@@ -80,8 +80,8 @@ def test_a_view_is_filtered_as_defined(channels: int) -> None:
     assert np.array_equal(out[new_only], (new / full)[new_only].astype(np.float32))
 
 
-def test_information_is_that_of_independent_noise() -> None:
-    """Differences of noise to its own mean, and their running mean, have the variances of the tables."""
+def test_information_matches_independent_noise() -> None:
+    """Differences of noise from its own mean, and their running mean, have the variances of the tables."""
     random = np.random.default_rng(1)
     samples = random.normal(size=(MEMORY, 20_000))
     drift = np.zeros(20_000)

@@ -1,4 +1,4 @@
-"""Videos of light fields: pictures that all views show alike, at the reference depth, with noise of their own."""
+"""Videos of light fields: pictures at the reference depth, the same in all views, with independent noise."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def picture(seed: int = 0, grain_px: float = 2.0, contrast: float = 20.0) -> Any
 
 
 def shot(pictures: Any, random: np.random.Generator, sigma: float = SIGMA, **changes: Any) -> LightField:
-    """A frame of 3x3 views that show a picture (v, u, c) or one each (t, s, v, u, c), with noise, in 8 bits."""
+    """Return an 8-bit frame of 3x3 views of a picture (v, u, c), or of one each (t, s, v, u, c), with noise."""
     colours = pictures.shape[-1]
     samples = np.broadcast_to(pictures, (3, 3, HEIGHT_PX, WIDTH_PX, colours))
     noisy = samples + sigma * random.normal(size=samples.shape)
@@ -32,6 +32,6 @@ def shot(pictures: Any, random: np.random.Generator, sigma: float = SIGMA, **cha
 
 
 def error_grey(light_field: LightField, truth: Any) -> Any:
-    """Errors (t, s, v, u, c) of a light field's samples, of 255."""
+    """Return the errors (t, s, v, u, c) of a light field's samples, from 0 to 255."""
     full = 1.0 if light_field.samples.dtype == np.uint8 else 255.0
     return light_field.samples * full - truth

@@ -1,4 +1,4 @@
-"""A scene of two surfaces, as light field and depth, that formats of cameras and points write."""
+"""A scene of two surfaces, as light field and depth, for formats of cameras and points."""
 
 from __future__ import annotations
 
@@ -23,6 +23,6 @@ def scene() -> tuple[LightField, FloatArray]:
 
 
 def points(scene: tuple[LightField, FloatArray]) -> FloatArray:
-    """What every tenth pixel shows, (n, 3) in rig."""
+    """The points (n, 3) of every tenth pixel, in rig."""
     cloud = point_cloud(*scene)[0]
     return cloud[::10]

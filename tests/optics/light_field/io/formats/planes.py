@@ -13,12 +13,12 @@ from mirrorcam.optics.light_field.light_field import LightField
 from tests.optics.light_field.depth.surfaces import Surface, grid_views, photograph
 
 STEP_MM, FOCAL_PX, DISTANCE_MM = 10.0, 400.0, 455.0
-"""Of `plane`, whose reference plane lies 455 mm from the views."""
+"""Disparity of `plane`, whose reference plane lies 455 mm from the views."""
 EDGE_PX = 16
 
 
 def plane(rows: int, cols: int, disparity_px: float, *, uneven: bool = False, **changes: Any) -> LightField:
-    """A textured plane, upright to the views' axis, that has a disparity per step of 10 mm."""
+    """Return a textured plane, perpendicular to the views' axis, with a disparity per step of 10 mm."""
     views = grid_views(rows, cols, step_mm=STEP_MM, uneven=uneven, **changes)
     if uneven:
         flat = views.positions_mm * [1.0, 1.0, 0.0]
@@ -28,7 +28,7 @@ def plane(rows: int, cols: int, disparity_px: float, *, uneven: bool = False, **
 
 
 def with_gaps(light_field: LightField) -> LightField:
-    """The same without samples in corners that differ from view to view."""
+    """Return the light field without samples in corners that differ from view to view."""
     weights = light_field.weights.copy()
     for t, s in np.ndindex(weights.shape[:2]):
         weights[t, s, : 5 + t, : 7 + 2 * s] = 0.0
@@ -39,7 +39,7 @@ def with_gaps(light_field: LightField) -> LightField:
 def shift_that_agrees(
     pictures: Any, offset: Callable[[float, int, int], tuple[float, float]], candidates: FloatArray
 ) -> float:
-    """Of numbers k, the one for which pictures (t, s, v, u, c), read at (u, v) + offset(k, t, s), differ least."""
+    """Return the number k for which pictures (t, s, v, u, c), read at (u, v) + offset(k, t, s), differ least."""
     rows, cols, height, width = pictures.shape[:4]
     u, v = np.meshgrid(np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32))
     inside = (slice(EDGE_PX, -EDGE_PX), slice(EDGE_PX, -EDGE_PX))
@@ -53,7 +53,7 @@ def shift_that_agrees(
         unlike.append(np.var(moved, axis=0).mean())
     best = int(np.argmin(unlike))
     assert 0 < best < len(candidates) - 1
-    # The lowest point of the parabola through three.
+    # The minimum of the parabola through three points.
     before, here, after = unlike[best - 1 : best + 2]
     return float(
         candidates[best] + (candidates[1] - candidates[0]) * 0.5 * (before - after) / (before - 2 * here + after)

@@ -1,4 +1,4 @@
-"""COLMAP: the cameras and points that it sees in our files, against the scene."""
+"""COLMAP: the cameras and points that it reads from our files, against the scene."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def colmap(scene: tuple[LightField, FloatArray], tmp_path_factory: pytest.TempPa
     return folder
 
 
-def test_colmap_sees_points_where_the_views_do(scene: tuple[LightField, FloatArray], colmap: Path) -> None:
+def test_colmap_projects_points_as_the_views_do(scene: tuple[LightField, FloatArray], colmap: Path) -> None:
     light_field, model = scene[0], pycolmap.Reconstruction(colmap / "sparse")
     left, top, _, _ = margins(light_field)
     assert top > 0
@@ -38,8 +38,8 @@ def test_colmap_sees_points_where_the_views_do(scene: tuple[LightField, FloatArr
         assert 0 < camera.principal_point_y < camera.height
 
 
-def test_colmaps_rig_is_that_of_its_model(scene: tuple[LightField, FloatArray], colmap: Path) -> None:
-    """`rig_configurator` puts views where they are from the middle one: x_camera = x_rig - position."""
+def test_colmaps_rig_matches_its_model(scene: tuple[LightField, FloatArray], colmap: Path) -> None:
+    """`rig_configurator` places views relative to the middle one: x_camera = x_rig - position."""
     (rig,) = pycolmap.read_rig_config(colmap / "rig_config.json")
     assert rig.cameras[0].image_prefix == "view_01_01/"
     assert rig.cameras[0].ref_sensor
@@ -51,7 +51,7 @@ def test_colmaps_rig_is_that_of_its_model(scene: tuple[LightField, FloatArray], 
 
 
 def test_colmap_triangulates_the_scene(scene: tuple[LightField, FloatArray], colmap: Path) -> None:
-    """Features, the rig and matches by pycolmap alone; the points lie on the surfaces that were photographed."""
+    """Features, the rig and matches are pycolmap's; the points lie on the photographed surfaces."""
     database = colmap / "database.db"
     reading = pycolmap.ImageReaderOptions()
     reading.mask_path = colmap / "masks"
@@ -68,7 +68,7 @@ def test_colmap_triangulates_the_scene(scene: tuple[LightField, FloatArray], col
     matching.use_gpu, matching.num_threads = False, 1
     pycolmap.match_exhaustive(database, matching_options=matching)
     given = pycolmap.Reconstruction(colmap / "sparse")
-    # Its bundle adjustment would move the views, which are known.
+    # Its bundle adjustment would move the known views.
     options = pycolmap.IncrementalPipelineOptions()
     options.ba_refine_sensor_from_rig = False
     model = pycolmap.triangulate_points(given, database, colmap / "images", colmap / "points", options=options)
@@ -86,7 +86,7 @@ def test_colmap_triangulates_the_scene(scene: tuple[LightField, FloatArray], col
     assert model.compute_mean_reprojection_error() < 0.2
 
 
-def test_colmaps_model_alone_brings_the_views_back(scene: tuple[LightField, FloatArray], tmp_path: Path) -> None:
+def test_views_are_read_from_colmaps_model_alone(scene: tuple[LightField, FloatArray], tmp_path: Path) -> None:
     light_field = scene[0]
     write_colmap(tmp_path, light_field)
     (tmp_path / "views.json").unlink()
@@ -98,20 +98,20 @@ def test_colmaps_model_alone_brings_the_views_back(scene: tuple[LightField, Floa
     assert np.allclose(found.project(places) - [left, top], light_field.project(places), atol=1e-4)
     assert np.array_equal(found.samples[:, :, top : top + 180, left : left + 240], light_field.samples)
     assert not found.weights[:, :, :top].any()
-    # As pycolmap writes it, in its own order and digits.
+    # As written by pycolmap, in its order and with its digits.
     pycolmap.Reconstruction(tmp_path / "sparse").write_text(tmp_path / "sparse")
     again = read_colmap(tmp_path)
     assert np.allclose(again.positions_mm, found.positions_mm, atol=1e-6)
 
 
-def test_models_that_are_no_light_field_are_refused(scene: tuple[LightField, FloatArray], tmp_path: Path) -> None:
+def test_models_that_are_not_light_fields_are_refused(scene: tuple[LightField, FloatArray], tmp_path: Path) -> None:
     write_colmap(tmp_path, scene[0])
     (tmp_path / "views.json").unlink()
     for name, old, new, message in (
         ("cameras.txt", "PINHOLE", "OPENCV", "is OPENCV, expected PINHOLE"),
         ("cameras.txt", "700.0", "900.0", "do not share a plane"),
         ("images.txt", "view_01_01/", "view_01_09/", "not a model of a grid"),
-        ("images.txt", "2 0.70", "2 0.80", "turned differently"),
+        ("images.txt", "2 0.70", "2 0.80", "different orientations"),
     ):
         path = tmp_path / "sparse" / name
         good = path.read_text(encoding="utf-8")
@@ -122,7 +122,7 @@ def test_models_that_are_no_light_field_are_refused(scene: tuple[LightField, Flo
         path.write_text(good, encoding="utf-8")
 
 
-def test_names_that_lead_out_are_refused(scene: tuple[LightField, FloatArray], tmp_path: Path) -> None:
+def test_names_outside_of_the_folder_are_refused(scene: tuple[LightField, FloatArray], tmp_path: Path) -> None:
     write_colmap(tmp_path / "a", scene[0])
     good = (tmp_path / "a" / "images" / "view_00_00" / "0000.png").read_bytes()
     (tmp_path / "secret.png").write_bytes(good)
@@ -134,7 +134,7 @@ def test_names_that_lead_out_are_refused(scene: tuple[LightField, FloatArray], t
             read_colmap(tmp_path / "a")
 
 
-def test_numbers_that_are_none_and_pictures_of_another_size_are_refused(
+def test_invalid_numbers_and_pictures_of_another_size_are_refused(
     scene: tuple[LightField, FloatArray], tmp_path: Path
 ) -> None:
     write_colmap(tmp_path, scene[0])
@@ -153,7 +153,7 @@ def test_numbers_that_are_none_and_pictures_of_another_size_are_refused(
         path.write_text(good, encoding="utf-8")
 
 
-def test_large_numbers_in_names_take_no_memory(tmp_path: Path) -> None:
+def test_large_numbers_in_names_allocate_no_memory(tmp_path: Path) -> None:
     (tmp_path / "sparse").mkdir()
     (tmp_path / "sparse" / "cameras.txt").write_text("1 PINHOLE 480 270 400 400 240 135\n")
     names = ("v_0_0", "v_999999999_999999999")

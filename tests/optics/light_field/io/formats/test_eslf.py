@@ -1,4 +1,4 @@
-"""ESLF: the disparity that its own readers would find."""
+"""ESLF: the disparity that other readers of the format find."""
 
 from __future__ import annotations
 

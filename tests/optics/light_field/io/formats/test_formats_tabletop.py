@@ -22,11 +22,11 @@ from mirrorcam.render_scenes.settings import SENSORS
 from mirrorcam.render_scenes.tabletop.tabletop_set import TabletopRequest, read_map, render_tabletop
 
 THEIRS = ("lftoolbox", "hci", "stanford", "colmap", "nerfstudio")
-"""Formats that tell where the views are."""
+"""Formats that state the positions of the views."""
 
 
 def forget(path: Path) -> None:
-    """Take from a light field what only this project reads."""
+    """Remove the files of a light field that only this project reads."""
     if path.suffix == ".mat":
         said = loadmat(path)
         savemat(path, {name: said[name] for name in ("LF", "RectOptions")})
@@ -41,7 +41,7 @@ def forget(path: Path) -> None:
 
 
 def unlike(light_field: LightField, distance_mm: FloatArray, *, row_only: bool = False) -> float:
-    """Mean difference in grey, to 20, of what pixels of the middle view show at distances (v, u) to the other views."""
+    """Return the mean difference in grey, up to 20, between the middle view at distances (v, u) and the other views."""
     scale = (distance_mm / light_field.focal_px)[..., None]
     points = np.concatenate(
         [(light_field.pixel_grid() - light_field.centre_px) * scale, distance_mm[..., None]], axis=-1
@@ -61,7 +61,7 @@ def unlike(light_field: LightField, distance_mm: FloatArray, *, row_only: bool =
 
 
 @pytest.mark.slow
-def test_the_tabletops_true_depth_fits_what_other_tools_read(default_layout: Layout, tmp_path: Path) -> None:
+def test_the_tabletops_true_depth_fits_the_files_of_other_tools(default_layout: Layout, tmp_path: Path) -> None:
     request = TabletopRequest(layout=default_layout, seed=2, spp=16, sensor=SENSORS["ideal"])
     manifest = render_tabletop(request, tmp_path)
     assert manifest.central_view == (1, 1)
@@ -76,16 +76,16 @@ def test_the_tabletops_true_depth_fits_what_other_tools_read(default_layout: Lay
         forget(path)
         given = Assumed(focal_px=light_field.focal_px, reference_depth_mm=light_field.reference_distance_mm)
         found = open_light_field(path, assumed=given)
-        # parameters.cfg has one step, which is that across.
+        # parameters.cfg has one step, the horizontal one.
         row_only = to == "hci"
         exact, opposite = (unlike(light_field, each, row_only=row_only) for each in (distance_mm, opposite_mm))
         figure = unlike(found, _padded(distance_mm, found.weights.shape[2:]), row_only=row_only)
         print(to, figure, exact, opposite)
         assert exact < 0.5 * opposite
-        # Cameras are exact; names lack how far ahead views stand; H and parameters.cfg know even steps alone.
+        # Cameras are exact; names lack positions along z; H and parameters.cfg have only even steps.
         assert figure < {"colmap": 1.01, "nerfstudio": 1.01, "stanford": 1.05}.get(to, 2.0) * exact
 
 
 def _padded(distance_mm: FloatArray, size: tuple[int, ...]) -> FloatArray:
-    """Distances with what COLMAP's pictures have above them."""
+    """Return distances, padded like COLMAP's pictures."""
     return np.pad(distance_mm, ((size[0] - len(distance_mm), 0), (size[1] - distance_mm.shape[1], 0)), "edge")

@@ -1,4 +1,4 @@
-"""Scenes of the 4D Light Field Benchmark: round trip, its own formula, and depth beside OpenCV's stereo."""
+"""Scenes of the 4D Light Field Benchmark: round trip, its formula, and depth compared with OpenCV's stereo."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def nine(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, LightField, Fl
     return folder, light_field, depth
 
 
-def test_even_light_fields_survive_the_round_trip_without_what_is_ours(
+def test_even_light_fields_survive_the_round_trip_without_our_own_files(
     nine: tuple[Path, LightField, FloatArray], tmp_path: Path
 ) -> None:
     folder, light_field, depth = nine
@@ -98,7 +98,7 @@ def test_uneven_light_fields_with_gaps_survive_the_round_trip(tmp_path: Path) ->
         assert np.array_equal(getattr(read.light_field, field.name), getattr(cut, field.name)), field.name
 
 
-def test_disparities_are_the_benchmarks_own_of_its_parameters(nine: tuple[Path, LightField, FloatArray]) -> None:
+def test_disparities_follow_the_benchmarks_formula(nine: tuple[Path, LightField, FloatArray]) -> None:
     """d = B f / sensor size * resolution * (1 / Z - 1 / focus distance), as the benchmark's toolkit converts."""
     folder = nine[0]
     parser = ConfigParser()
@@ -111,7 +111,7 @@ def test_disparities_are_the_benchmarks_own_of_its_parameters(nine: tuple[Path, 
     assert np.abs(theirs - read_pfm(folder / "gt_disp_lowres.pfm")).max() < 1e-4
 
 
-def test_pictures_move_as_their_disparities_say(nine: tuple[Path, LightField, FloatArray]) -> None:
+def test_pictures_move_by_their_disparities(nine: tuple[Path, LightField, FloatArray]) -> None:
     """The view one to the right, shifted by the disparity of a patch, shows that patch: rows of views, then columns."""
     folder = nine[0]
     disparity = read_pfm(folder / "gt_disp_lowres.pfm").astype(float)
@@ -151,15 +151,15 @@ def our_disparity(scene: HciScene) -> Disparity:
 
 
 def test_nine_views_beat_the_best_stereo_pair(nine: tuple[Path, LightField, FloatArray]) -> None:
-    """OpenCV's StereoSGBM may choose its pair and its settings with the truth before its eyes."""
+    """Pair and settings of OpenCV's StereoSGBM are chosen with knowledge of the truth."""
     scene = read_hci(nine[0], every=4)
     assert scene.disparity_px is not None
     ours = scores(our_disparity(scene), scene.disparity_px, 4)
     best, _ = best_stereo(scene, 4)
     assert ours["bad"] < 0.6 * best["bad"]
-    # What is left are pixels that a depth edge cuts in halves, of which the truth is that of their middle.
+    # The remaining errors are in pixels across a depth edge, whose truth is that of their centre.
     assert ours["mse"] < best["mse"]
-    # A scene that stereo cannot solve at all would say nothing.
+    # A scene that stereo cannot solve at all would prove nothing.
     assert best["bad"] < 15.0
 
 
@@ -200,7 +200,7 @@ def changed(folder: Path, tmp_path: Path, **changes: Any) -> Path:
         ({"reference_depth_mm": "nan"}, "section 'mirrorcam': does not describe views"),
     ],
 )
-def test_what_is_no_scene_is_refused(
+def test_folders_that_are_not_scenes_are_refused(
     nine: tuple[Path, LightField, FloatArray], tmp_path: Path, changes: dict[str, str], message: str
 ) -> None:
     with pytest.raises(InputError, match=message) as caught:
@@ -245,7 +245,7 @@ def test_blanks_in_a_row_are_refused_at_once(tmp_path: Path) -> None:
     assert time.process_time() - begun < 0.5
 
 
-def test_a_scene_of_more_pictures_than_any_is_refused_before_they_are_looked_for(
+def test_a_scene_of_too_many_pictures_is_refused_before_they_are_searched(
     nine: tuple[Path, LightField, FloatArray], tmp_path: Path
 ) -> None:
     text = (nine[0] / "parameters.cfg").read_text().replace("= 9\n", "= 999\n")

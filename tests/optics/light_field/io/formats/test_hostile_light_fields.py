@@ -1,4 +1,4 @@
-"""Hostile light fields: each of them is refused, and reads nothing outside."""
+"""Hostile light fields: each is refused, and no file outside of its folder is read."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from mirrorcam.core.errors import InputError
 from mirrorcam.optics.light_field.io.formats.registry import open_light_fields
 
 CASES = [(subject, change) for subject, changes in HOSTILE.items() for change in changes]
-# What a reader does not look at does no harm: pictures beside an array, and copies of a shape that agree.
+# Content that a reader ignores is harmless: pictures next to an array, and consistent copies of a shape.
 HARMLESS = {"_picture_huge": {"plenopticam"}}
 
 

@@ -26,7 +26,7 @@ DISPARITY_PX = 1.6
 
 @pytest.fixture(scope="module")
 def written(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Any]:
-    """A plane nearer than the reference plane, on disk and in memory."""
+    """Return a plane nearer than the reference plane, on disk and in memory."""
     path = tmp_path_factory.mktemp("lftoolbox") / "a.mat"
     light_field = plane(3, 3, DISPARITY_PX)
     write_lftoolbox(path, light_field)
@@ -43,10 +43,10 @@ def test_its_slope_focuses_the_plane(written: tuple[Path, Any]) -> None:
 
 
 def test_rays_of_h_meet_at_the_plane(written: tuple[Path, Any]) -> None:
-    """Pixels that a point of the plane has in two views, as ray [s, t, u, v] = H [i, j, k, l, 1] with D = 1 m."""
+    """Pixels of a point of the plane in two views give rays [s, t, u, v] = H [i, j, k, l, 1] with D = 1 m."""
     h = loadmat(written[0])["RectOptions"]["RectCamIntrinsicsH"].item()
     expected_m = 1.0 / (1.0 / DISTANCE_MM + DISPARITY_PX / (FOCAL_PX * STEP_MM)) / 1000.0
-    # In MATLAB's indices, from the view in the middle to the one right and down of it.
+    # In MATLAB's indices, from the middle view to its lower right neighbour.
     one = h @ [2, 2, 60.0, 40.0, 1]
     other = h @ [3, 3, 60.0 - DISPARITY_PX, 40.0 - DISPARITY_PX, 1]
     distance_m = (other[:2] - one[:2]) / (one[2:4] - other[2:4])
@@ -62,7 +62,7 @@ def test_a_name_without_the_ending_is_kept(written: tuple[Path, Any], tmp_path: 
     assert np.array_equal(read_lftoolbox(tmp_path / "a").samples, written[1].samples)
 
 
-def test_h_alone_brings_an_even_grid_back(written: tuple[Path, Any], tmp_path: Path) -> None:
+def test_an_even_grid_is_read_from_h_alone(written: tuple[Path, Any], tmp_path: Path) -> None:
     path, light_field = written
     said = loadmat(path)
     savemat(tmp_path / "theirs.mat", {"LF": said["LF"], "RectOptions": said["RectOptions"]})
@@ -73,8 +73,8 @@ def test_h_alone_brings_an_even_grid_back(written: tuple[Path, Any], tmp_path: P
     assert found.reference_distance_mm == pytest.approx(DISTANCE_MM)
 
 
-def test_a_lenslet_camera_has_its_views_where_their_rays_meet(written: tuple[Path, Any], tmp_path: Path) -> None:
-    """Lytro's H gives s and t on a plane that is not that of the views: move it by 25 mm."""
+def test_the_views_of_a_lenslet_camera_are_where_their_rays_meet(written: tuple[Path, Any], tmp_path: Path) -> None:
+    """Lytro's H gives s and t on a plane other than that of the views: here 25 mm away."""
     said = loadmat(written[0])
     h = said["RectOptions"]["RectCamIntrinsicsH"].item()
     h[:2] += 0.025 * h[2:4]
@@ -126,7 +126,7 @@ def test_files_of_matlab_7_3_are_read_as_the_toolbox_saves_them(written: tuple[P
         read_lftoolbox(path)
 
 
-def test_files_that_are_not_of_the_toolbox_are_refused(written: tuple[Path, Any], tmp_path: Path) -> None:
+def test_files_of_other_programs_are_refused(written: tuple[Path, Any], tmp_path: Path) -> None:
     lf, h = loadmat(written[0])["LF"], np.diag([0.01, 0.01, 1 / 400, 1 / 400, 1.0])
     tall = np.diag([0.01, 0.01, 1 / 400, 1 / 300, 1.0])
     h[2, 0] = h[3, 1] = 0.01  # the rays of neighbouring views meet behind them

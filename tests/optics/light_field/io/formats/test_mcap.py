@@ -1,4 +1,4 @@
-"""ROS 2 bags as a format: how they are known, and single light fields written as one frame."""
+"""ROS 2 bags as a format: their detection, and single light fields written as one frame."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from tests.optics.light_field.io.bags import needs_rosbags
 from tests.optics.light_field.io.formats.planes import plane
 
 
-def test_bags_are_files_by_name_and_folders_by_what_they_hold(tmp_path: Path) -> None:
+def test_bags_are_files_by_name_and_folders_by_content(tmp_path: Path) -> None:
     assert is_bag(tmp_path / "missing.mcap")
     assert is_bag(tmp_path / "A.MCAP")
     assert not is_bag(tmp_path)

@@ -1,4 +1,4 @@
-"""nerfstudio: the cameras that it sees in our files, against the scene."""
+"""nerfstudio: the cameras that it reads from our files, against the scene."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def test_nerfstudio_sees_the_same_colours_in_all_views(scene: tuple[LightField, 
     places, colours = points(scene), point_cloud(*scene)[1][::10].astype(float)
     expected = scene[0].project(places).reshape(9, -1, 2)
     for frame, pixels in zip(frames, expected, strict=True):
-        # The rig of a 90 degree fold has y to the scene and z up, as this world.
+        # The rig of a 90 degree fold has y towards the scene and z up, like this world.
         seen = nerfstudio_pixels(frame, places)
         assert np.allclose(seen - 0.5, pixels, atol=1e-6)
         picture = read_image(tmp_path / frame["file_path"]).astype(float)
@@ -43,7 +43,7 @@ def test_nerfstudio_sees_the_same_colours_in_all_views(scene: tuple[LightField, 
         assert frame["mask_path"].startswith("masks/")
 
 
-def test_nerfstudios_file_alone_brings_the_views_back(scene: tuple[LightField, FloatArray], tmp_path: Path) -> None:
+def test_views_are_read_from_nerfstudios_file_alone(scene: tuple[LightField, FloatArray], tmp_path: Path) -> None:
     light_field = scene[0]
     write_nerfstudio(tmp_path, light_field)
     (tmp_path / "views.json").unlink()
@@ -54,7 +54,7 @@ def test_nerfstudios_file_alone_brings_the_views_back(scene: tuple[LightField, F
     assert np.array_equal(found.samples, light_field.samples)
 
 
-def test_datasets_that_are_no_light_field_are_refused(scene: tuple[LightField, FloatArray], tmp_path: Path) -> None:
+def test_datasets_that_are_not_light_fields_are_refused(scene: tuple[LightField, FloatArray], tmp_path: Path) -> None:
     write_nerfstudio(tmp_path, scene[0])
     (tmp_path / "views.json").unlink()
     path = tmp_path / "transforms.json"
@@ -73,7 +73,7 @@ def test_datasets_that_are_no_light_field_are_refused(scene: tuple[LightField, F
         (lambda frames: frames[0].update(k1=0.1), "have distortion"),
         (lambda frames: frames[0].update(cx=5.0), "do not share a plane"),
         (lambda frames: frames[0].pop("fl_x"), "not a dataset of a grid"),
-        (turn, "turned differently"),
+        (turn, "different orientations"),
     ):
         bad(change)
         with pytest.raises(InputError, match=message):
@@ -93,7 +93,7 @@ def test_datasets_that_are_no_light_field_are_refused(scene: tuple[LightField, F
         ({"file_path": "images/view_00_99.png"}, "not a dataset of a grid of views"),
     ],
 )
-def test_frames_that_are_none_or_lead_out_are_refused(
+def test_invalid_frames_and_names_outside_of_the_folder_are_refused(
     scene: tuple[LightField, FloatArray], tmp_path: Path, changes: dict[str, Any], message: str
 ) -> None:
     write_nerfstudio(tmp_path / "a", scene[0])
@@ -108,7 +108,7 @@ def test_frames_that_are_none_or_lead_out_are_refused(
     assert "\n" not in str(refused.value)
 
 
-def test_names_that_mean_nothing_take_no_time_in_each_frame(tmp_path: Path) -> None:
+def test_unknown_names_take_no_time_per_frame(tmp_path: Path) -> None:
     same = {"file_path": "a_0_0.png", "transform_matrix": np.eye(4).tolist(), "w": 9.0, "h": 9.0}
     focal = dict.fromkeys(("fl_x", "fl_y", "cx", "cy"), 9.0)
     names = {f"name {number}": 0 for number in range(9_000)}
@@ -120,7 +120,7 @@ def test_names_that_mean_nothing_take_no_time_in_each_frame(tmp_path: Path) -> N
     assert time.process_time() - begun < 1.0
 
 
-def test_large_numbers_in_names_take_no_memory(scene: tuple[LightField, FloatArray], tmp_path: Path) -> None:
+def test_large_numbers_in_names_allocate_no_memory(scene: tuple[LightField, FloatArray], tmp_path: Path) -> None:
     write_nerfstudio(tmp_path, scene[0])
     path = tmp_path / "transforms.json"
     stated = json.loads(path.read_text())

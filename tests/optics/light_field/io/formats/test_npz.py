@@ -1,4 +1,4 @@
-"""Light fields as .npz: what goes in comes out, and what does not belong is refused in one line."""
+"""Light fields as .npz: round trip, and refusals in one line."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def light_field() -> LightField:
 
 
 @pytest.mark.parametrize("name", ["a.npz", "a"])
-def test_an_npz_gives_back_what_went_in(tmp_path: Path, light_field: LightField, name: str) -> None:
+def test_an_npz_survives_the_round_trip(tmp_path: Path, light_field: LightField, name: str) -> None:
     save_npz(tmp_path / name, light_field)
     found = load_npz(tmp_path / name)
     for field in fields(LightField):
@@ -50,7 +50,7 @@ def test_the_same_light_field_gives_the_same_bytes(tmp_path: Path, light_field: 
     assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "b.npz").read_bytes()
 
 
-def test_what_is_no_light_field_is_refused_in_one_line(tmp_path: Path, light_field: LightField) -> None:
+def test_files_that_are_not_light_fields_are_refused_in_one_line(tmp_path: Path, light_field: LightField) -> None:
     whole = tmp_path / "whole.npz"
     save_npz(whole, light_field)
     arrays = dict(np.load(whole))

@@ -14,7 +14,7 @@ from tests.optics.light_field.io.formats.planes import plane
 
 
 def test_plenopticams_parameter_is_our_disparity(tmp_path: Path) -> None:
-    """It pads picture i by a i on the left: what is at u comes to u + a i."""
+    """It pads picture i by a i on the left: pixel u moves to u + a i."""
     light_field = plane(3, 3, 2.0)
     write_plenopticam(tmp_path, light_field)
     array = np.load(tmp_path / "vp_img_arr.npy")
@@ -44,11 +44,11 @@ def test_plenopticams_viewpoints_are_enough(tmp_path: Path) -> None:
         read_plenopticam(tmp_path, Assumed(step_mm=10.0, focal_px=400.0, reference_depth_mm=455.0))
 
 
-def test_plenopticam_knows_square_grids_only(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="as many down as across"):
+def test_plenopticam_supports_square_grids_only(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="expected a square grid"):
         write_plenopticam(tmp_path, plane(2, 3, 1.0))
 
 
-def test_a_file_named_as_the_folder_of_viewpoints_is_none(tmp_path: Path) -> None:
+def test_a_file_with_the_name_of_the_folder_of_viewpoints_is_ignored(tmp_path: Path) -> None:
     (tmp_path / "viewpoints_3px").write_bytes(b"a file")
     assert not is_plenopticam(tmp_path)

@@ -1,4 +1,4 @@
-"""Arrays for plenpy: the disparity that it would find."""
+"""Arrays for plenpy: the disparity that it finds."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from mirrorcam.optics.light_field.io.formats.registry import write_light_field
 from tests.optics.light_field.io.formats.planes import CANDIDATES, plane, shift_that_agrees
 
 
-def test_plenpys_disparity_is_that_of_its_planes(tmp_path: Path) -> None:
+def test_plenpys_disparity_matches_the_planes(tmp_path: Path) -> None:
     """Its fit of planes reads view n at + linspace(-0.5, 0.5, N) N slope, and calls -slope the disparity."""
     light_field = plane(3, 4, 1.5)
     write_light_field(tmp_path, light_field, "plenpy")

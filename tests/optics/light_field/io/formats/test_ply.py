@@ -25,13 +25,13 @@ def test_point_clouds_lie_on_the_scene_and_open_elsewhere(scene: tuple[LightFiel
     assert np.allclose(opened.vertices, cloud, atol=1e-4)
     assert np.array_equal(opened.colors[:, :3], colours)
     assert len(cloud) == 160 * 240
-    # In the rig the depth from the pupil is y; pixels of the middle view show them.
+    # In the rig, the depth from the pupil is y; pixels of the middle view show the points.
     assert np.allclose(cloud[:, 1], depth[20:].ravel())
     assert np.allclose(light_field.project(cloud)[1, 1], light_field.pixel_grid()[20:].reshape(-1, 2), atol=1e-6)
 
 
 def test_open3d_opens_the_same_points_and_colours(scene: tuple[LightField, FloatArray], tmp_path: Path) -> None:
-    # Its libraries of the system may be missing, too.
+    # Its system libraries may be missing, too.
     open3d = pytest.importorskip("open3d", reason="Open3D is not installed", exc_type=ImportError)
     cloud, colours = point_cloud(*scene)
     write_ply(tmp_path / "a.ply", cloud, colours)

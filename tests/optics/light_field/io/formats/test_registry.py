@@ -1,4 +1,4 @@
-"""All formats: each gives back what was written, and none lets a bad file pass."""
+"""All formats: round trips, and refusals of invalid files."""
 
 from __future__ import annotations
 
@@ -54,10 +54,10 @@ def assert_same(found: LightField, expected: LightField) -> None:
 
 @pytest.mark.parametrize("to", READABLE)
 @pytest.mark.parametrize(("size", "channels"), [((3, 3), 3), ((2, 2), 1)])
-def test_what_was_written_comes_back(tmp_path: Path, to: Any, size: tuple[int, int], channels: int) -> None:
+def test_light_fields_survive_the_round_trip(tmp_path: Path, to: Any, size: tuple[int, int], channels: int) -> None:
     expected = noise(*size, channels=channels)
     if to in ("hci", "colmap"):
-        # Their masks know only samples and none.
+        # Their masks only distinguish samples from none.
         expected = LightField.of(expected, expected.samples, (expected.weights > 0).astype(np.float32))
     path = tmp_path / f"a{formats()[to].ending}"
     write_light_field(path, expected, to)
@@ -67,7 +67,7 @@ def test_what_was_written_comes_back(tmp_path: Path, to: Any, size: tuple[int, i
 
 
 @pytest.mark.parametrize("to", [name for name in READABLE if name != "plenopticam"])
-def test_grids_of_one_row_come_back(tmp_path: Path, to: Any) -> None:
+def test_grids_of_one_row_survive_the_round_trip(tmp_path: Path, to: Any) -> None:
     expected = with_gaps(plane(1, 3, 1.0))
     path = tmp_path / f"a{formats()[to].ending}"
     write_light_field(path, expected, to)
@@ -75,7 +75,7 @@ def test_grids_of_one_row_come_back(tmp_path: Path, to: Any) -> None:
 
 
 @pytest.mark.parametrize("to", READABLE)
-def test_a_reference_plane_at_infinity_comes_back(tmp_path: Path, to: Any) -> None:
+def test_a_reference_plane_at_infinity_survives_the_round_trip(tmp_path: Path, to: Any) -> None:
     near = noise(2, 2)
     views = grid_views(2, 2, width_px=23, height_px=17, uneven=False, reference_depth_mm=np.inf)
     expected = LightField.of(views, near.samples, (near.weights > 0).astype(np.float32))
@@ -92,13 +92,13 @@ def test_a_reference_plane_at_infinity_comes_back(tmp_path: Path, to: Any) -> No
 
 
 @pytest.mark.parametrize("to", EXACT)
-def test_float_samples_come_back(tmp_path: Path, to: Any) -> None:
+def test_float_samples_survive_the_round_trip(tmp_path: Path, to: Any) -> None:
     expected = noise(3, 3, kind=np.float32)
     path = tmp_path / f"a{formats()[to].ending}"
     write_light_field(path, expected, to)
     found = open_light_field(path)
     assert found.samples.dtype == np.float32
-    # PlenoptiCam's range is that of 16 bits.
+    # PlenoptiCam's range is 16 bits.
     assert np.abs(found.samples.astype(float) - expected.samples).max() < (1e-7 if to == "plenopticam" else 1e-30)
     assert np.array_equal(found.weights, expected.weights)
 
@@ -115,14 +115,14 @@ def test_the_same_light_field_gives_the_same_bytes(tmp_path: Path, to: Any) -> N
 
 
 @pytest.mark.parametrize("to", [name for name in NAMES if "." not in formats()[name].ending])
-def test_folders_with_something_in_them_are_left_alone(tmp_path: Path, to: Any) -> None:
+def test_folders_that_are_not_empty_are_not_written(tmp_path: Path, to: Any) -> None:
     (tmp_path / "mine.txt").write_text("mine", encoding="utf-8")
     with pytest.raises(InputError, match="expected a new or empty folder"):
         write_light_field(tmp_path, noise(2, 2), to)
     assert [file.name for file in tmp_path.iterdir()] == ["mine.txt"]
 
 
-def test_what_is_no_light_field_is_refused(tmp_path: Path) -> None:
+def test_files_that_are_not_light_fields_are_refused(tmp_path: Path) -> None:
     (tmp_path / "a.mat").write_bytes(b"not MATLAB")
     (tmp_path / "a.png").write_bytes(b"not PNG")
     (tmp_path / "empty").mkdir()
@@ -163,7 +163,7 @@ def test_geometry_that_a_file_lacks_is_given_or_in_views_toml(tmp_path: Path, to
     found = open_light_field(path, assumed=given)
     sidecar.write_text("".join(f"{name} = {value}\n" for name, value in given), encoding="utf-8")
     assert_same(open_light_field(path), found)
-    assert open_light_field(path, assumed=Assumed(focal_px=300.0)).focal_px == 300.0  # arguments win
+    assert open_light_field(path, assumed=Assumed(focal_px=300.0)).focal_px == 300.0  # arguments take precedence
     assert np.allclose(found.positions_mm, light_field.positions_mm)
     assert found.reference_distance_mm == pytest.approx(light_field.reference_distance_mm)
     if to == "plenpy" or (to == "plenopticam" and found.samples.dtype == np.float32):
@@ -240,7 +240,7 @@ def test_numbers_that_are_not_finite_are_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("to", ["eslf", "stanford", "nerfstudio", "colmap", "hci", "tiles"])
-def test_pictures_that_take_too_much_memory_together_are_refused(
+def test_pictures_that_take_too_much_memory_in_total_are_refused(
     tmp_path: Path, to: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / f"a{formats()[to].ending}"
@@ -265,7 +265,7 @@ def test_messages_are_short_and_name_the_file(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("to", READABLE)
-def test_formats_of_grids_refuse_a_pattern_and_the_others_hold_it(tmp_path: Path, to: Any) -> None:
+def test_formats_of_grids_refuse_a_pattern_and_the_others_store_it(tmp_path: Path, to: Any) -> None:
     places = 20.0 * Pattern.hexagonal(1).positions
     grid = noise(1, 7)
     positions = np.column_stack([places - places[3], np.zeros(7)])[None]

@@ -1,4 +1,4 @@
-"""Folders of one picture per view: the disparity that their own readers would find, and names of any kind."""
+"""Folders of one picture per view: the disparity that other readers find, and names of any kind."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from tests.optics.light_field.io.orders import GIVEN, scene
 
 
 def numbers(file: Path) -> tuple[str, ...]:
-    """Row, column, y and x of a name."""
+    """Return row, column, y and x from a name."""
     match = PLACED.fullmatch(file.stem)
     assert match is not None
     return match.groups()
 
 
-def test_stanfords_names_tell_where_views_are(tmp_path: Path) -> None:
-    """Pictures read at u + k x, v + k y agree for the metric slope k, however uneven the grid: Y comes before X."""
+def test_stanfords_names_state_view_positions(tmp_path: Path) -> None:
+    """Pictures read at u + k x, v + k y agree for the metric slope k, on any uneven grid: Y comes before X."""
     light_field = plane(3, 4, 1.3, uneven=True)
     write_stanford(tmp_path, light_field)
     files = sorted(tmp_path.glob("*.png"))
@@ -75,7 +75,7 @@ def test_folders_of_pictures_may_have_any_names(tmp_path: Path, name: str, first
     assert format_of(tmp_path).name == "stanford"
     contents = read_stanford(tmp_path, given)
     (found,) = contents.frames
-    assert contents.notes == ("1 picture left out, by name none of the 3x2 views, such as cover.png",)
+    assert contents.notes == ("1 picture left out, not named as one of the 3x2 views, such as cover.png",)
     assert np.allclose(found.positions_mm, light_field.positions_mm, atol=1e-6)
     assert np.abs(found.samples.astype(float) - light_field.samples).mean() < (8.0 if "JP" in name.upper() else 1e-9)
     if not places:
@@ -83,7 +83,7 @@ def test_folders_of_pictures_may_have_any_names(tmp_path: Path, name: str, first
             read_stanford(tmp_path, given.replaced(step_mm=None))
 
 
-def test_folders_of_pictures_that_are_no_grid_are_refused(tmp_path: Path) -> None:
+def test_folders_of_pictures_that_form_no_grid_are_refused(tmp_path: Path) -> None:
     picture = np.zeros((4, 5, 3), np.uint8)
     for name in ("a_0_0.png", "a_0_1.png", "a_1_0.png"):
         write_image(tmp_path / "gap" / name, picture)
@@ -111,7 +111,7 @@ def test_views_in_one_place_have_no_step(tmp_path: Path) -> None:
 
 
 def test_row_and_column_in_names_may_be_exchanged_and_numbered_in_a_snake(tmp_path: Path) -> None:
-    """As a Lytro set has them, IMG_0001_SEQUENCE_COLUMN_ROW: three of the numbers look like a row with places."""
+    """As in a Lytro set, IMG_0001_SEQUENCE_COLUMN_ROW: three of the numbers look like a row with positions."""
     light_field = scene(3, 4)
     for t, s in np.ndindex(3, 4):
         number = 3 * s + (t if s % 2 == 0 else 2 - t) + 1
@@ -119,7 +119,7 @@ def test_row_and_column_in_names_may_be_exchanged_and_numbered_in_a_snake(tmp_pa
             tmp_path / f"IMG_0001_{number:03d}_{s + 1:02d}_{t + 1:02d}.png", light_field.samples[t, s].astype(np.uint8)
         )
     contents = open_light_fields(tmp_path, assumed=GIVEN)
-    assert contents.notes == ("the pictures show that views are column by column in 4 columns of 3: read so",)
+    assert contents.notes == ("the pictures show that views are column by column in 4 columns of 3: reordered",)
     assert np.array_equal(contents.frames[0].samples, light_field.samples)
     assert contents.frames[0].step_mm() == GIVEN.step_mm
 

@@ -12,7 +12,7 @@ from mirrorcam.optics.light_field.io.mosaic import write_mosaic
 from tests.optics.light_field.io.formats.planes import CANDIDATES, plane, shift_that_agrees
 
 
-def test_tiles_are_the_views_beside_each_other(tmp_path: Path) -> None:
+def test_tiles_are_adjacent_views(tmp_path: Path) -> None:
     light_field = plane(2, 3, 0.8)
     write_mosaic(tmp_path / "a.png", light_field, "tiles")
     picture = read_image(tmp_path / "a.png")

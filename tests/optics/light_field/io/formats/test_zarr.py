@@ -1,4 +1,4 @@
-"""Recordings as a format: how they are known, and single light fields written as one frame."""
+"""Recordings as a format: their detection, and single light fields written as one frame."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from mirrorcam.optics.light_field.io.light_field_format import NOTHING
 from tests.optics.light_field.io.formats.planes import plane
 
 
-def test_recordings_are_folders_by_name_or_by_what_they_hold(tmp_path: Path) -> None:
+def test_recordings_are_folders_by_name_or_content(tmp_path: Path) -> None:
     for name in ("a.zarr", "a.zarr.partial", "other"):
         (tmp_path / name).mkdir()
     (tmp_path / "b.zarr").write_text("a file", encoding="utf-8")

@@ -11,7 +11,7 @@ import pytest
 
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.video.frames import Frame, Lost
-from mirrorcam.optics.light_field.io.newest_frame import NewestFrame
+from mirrorcam.core.video.newest_frame import NewestFrame
 
 
 class Frames:

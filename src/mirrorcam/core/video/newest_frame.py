@@ -1,4 +1,4 @@
-"""The newest frame of a source that runs on, whoever takes it; what nobody took in time is counted."""
+"""The newest frame of a running source, for any number of consumers; frames not taken in time are counted."""
 
 from __future__ import annotations
 
@@ -14,32 +14,32 @@ ENDING_S = 2.0
 
 @dataclass(frozen=True)
 class Arrived:
-    """A frame and the time when it arrived, s, by the clock of `NewestFrame`."""
+    """A frame, and its time of arrival, s, by the clock of `NewestFrame`."""
 
     frame: Frame
     moment: float
 
 
 class NewestFrame:
-    """Reads a source in a thread of its own, and holds its newest frame.
+    """Reads a source in its own thread, and keeps its newest frame.
 
     Parameters
     ----------
     source
-        Source of frames; a `LiveCamera`, `Video` or any with `frames` and `stop`.
+        Source of frames: a `LiveCamera`, a `Video` or any object with `frames` and `stop`.
     paced
-        Whether frames arrive when their times say so, as a file's should; else as the source gives them.
+        Whether frames arrive at their stated times, as for a file; otherwise as fast as the source delivers them.
     every
-        Whether each frame is waited for until it is taken, so that none is dropped.
+        Whether to wait until each frame is taken, so that none is dropped.
     arriving
-        Called in the thread that reads with each frame and each lost one, as soon as it arrives.
+        Called in the reading thread with each frame and each lost one, on arrival.
     clock
         Time in s.
 
     Attributes
     ----------
     dropped, lost
-        Numbers of frames that were replaced before they were taken, and that could not be read.
+        Numbers of frames replaced before they were taken, and of frames that could not be read.
     """
 
     def __init__(
@@ -62,9 +62,9 @@ class NewestFrame:
         self._thread.start()
 
     def take(self, timeout_s: float | None = None) -> Arrived | None:
-        """The newest frame, once it is there and was not taken yet; None at the end, and after a time.
+        """Wait for a frame that was not taken yet and return it; None at the end of the source, or after `timeout_s`.
 
-        Raises what the source has raised.
+        Reraises an exception of the source.
         """
         with self._changed:
             self._changed.wait_for(lambda: self._newest is not None or self._over, timeout_s)
@@ -81,7 +81,7 @@ class NewestFrame:
             return self._over and self._newest is None
 
     def stop(self) -> None:
-        """End reading; the source is let go of."""
+        """Stop reading, and release the source."""
         self._stopping.set()
         with self._changed:
             self._changed.notify_all()
@@ -104,7 +104,7 @@ class NewestFrame:
                         return
                 self._arriving(item)
                 self._put(item)
-        except BaseException as error:  # raised again where a frame is taken
+        except BaseException as error:  # reraised by `take`
             self._error = error
         finally:
             with self._changed:
