@@ -27,7 +27,7 @@ from mirrorcam.bench.suite_run import Rendered, Workers, layouts_of, planned, re
 from mirrorcam.core.disk.output_folder import output_folder
 from mirrorcam.core.figures.figure_texts import count_text
 from mirrorcam.core.processes.worker_pool import Died, cores
-from mirrorcam.render_scenes.suites.set_work import SetAnswer
+from mirrorcam.render_scenes.suites.set_work import SetResult
 from mirrorcam.render_scenes.suites.suite import Suite
 from mirrorcam.render_scenes.variant import choose_variant
 
@@ -103,7 +103,7 @@ def on_cluster(suite: Suite, folder: Path) -> tuple[Run, int]:
     ):
         workers = workers_of(cluster.scheduler_address)
 
-        def with_a_kill(tasks: Sequence[str]) -> Iterator[tuple[int, SetAnswer | Died]]:
+        def with_a_kill(tasks: Sequence[str]) -> Iterator[tuple[int, SetResult | Died]]:
             nonlocal killed
             for done, answer in enumerate(workers.render(tasks)):
                 if done == len(tasks) // 2:

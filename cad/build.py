@@ -1,4 +1,4 @@
-"""The builder of a layout's device: what it refuses before any file is written."""
+"""Build all files of a layout's device, after checks that need no file."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from mirrorcam.core.values import Metric
 from mirrorcam.optics.geometry.layout import Layout
 
 EXTRA = ("build123d", "OCP", "trimesh", "manifold3d", "ezdxf", "lib3mf", "jinja2", "markdown_it")
-# What takes seconds to load, with the CAD kernel.
+# Modules that load the CAD kernel, which takes seconds.
 KERNEL = ("mirrorcam.cad.device_files",)
 
 
@@ -41,25 +41,25 @@ def build_parts(
     hardware
         Dimensions that parts are drawn from: camera body, screws, printer, cutter, clearances in mm.
     results
-        Folder that keeps every part: one of the same numbers, made by the same program, is not built again.
+        Store of finished parts; a part with the same dimensions, made by the same program, is read from it.
     workers
         Number of processes that share the work.
     progress
-        Called with the numbers of steps done and of all.
+        Called with the number of finished steps and the number of all steps.
     elastic
-        Whether finite elements predict how gravity, warmth and creep move the mirrors, which takes a minute or two; it
+        Predict by finite elements how gravity, temperature and creep move the mirrors. This takes a minute or two and
         needs the extra `fe`.
 
     Returns
     -------
     dict of str to Metric
-        All figures by name, as in `checks.json`. Those with a limit are the checks; one that fails is past its limit.
+        All figures by name, as in `checks.json`. A figure with a limit is a check, which fails past the limit.
 
     Raises
     ------
     InputError
-        If the device cannot be made (the message names the measure), the extra `cad` is not installed, or `out` cannot
-        be written; files in `out` are then of no use.
+        If the device cannot be made (the message gives the dimension), the extra `cad` is not installed, or `out`
+        cannot be written. Files already in `out` are then incomplete.
     """
     check_type("layout", layout, Layout)
     check_type("hardware", hardware, Hardware)
@@ -71,7 +71,7 @@ def build_parts(
     with _extra_installed():
         from mirrorcam.cad.assembly.device_plan import plan_device
     if elastic and hardware.holder.mirrors == "screws":
-        raise InputError('finite elements hold mirrors by glue, expected holder.mirrors = "glue" or no --elastic')
+        raise InputError('finite elements model glued mirrors, expected holder.mirrors = "glue" or no --elastic')
     if elastic:
         from mirrorcam.cad.checks.elasticity.elasticity_report import require_solvable
 
@@ -91,7 +91,7 @@ def build_parts(
 
 @contextmanager
 def _extra_installed() -> Iterator[None]:
-    """Raise InputError, with the command that installs the extra, where an import in the block lacks part of it."""
+    """Raise InputError with the install command if an import in the block needs the extra `cad`."""
     try:
         yield
     except ModuleNotFoundError as error:

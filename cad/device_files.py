@@ -1,4 +1,4 @@
-"""All files of a device: first of its parts and mirrors, then of the assembly, then the documents."""
+"""Write all files of a device: parts and mirrors, then the assembly, then the documents."""
 
 from __future__ import annotations
 
@@ -36,15 +36,15 @@ from mirrorcam.core.values import Metric
 def write_files(
     device: Device, out: Path, results: Results | None, workers: int, progress: Progress, *, elastic: bool = False
 ) -> dict[str, Metric]:
-    """Write all files into `out`, and keep each part in `results`.
+    """Write all files into `out`, and store each part in `results`.
 
-    Returns the checks, named by their object: `mount.wall_mm`, `device.rays_blocked`.
+    Returns the figures, each named after its object: `mount.wall_mm`, `device.rays_blocked`.
     """
     plans = parts_of(device)
-    made: list[Call] = [
+    part_calls: list[Call] = [
         (make_part, (plan, device.hardware.printer, out, results, device.hardware.screw)) for plan in plans
     ]
-    done, total = 0, len(made) + 6 + len(PICTURES) + elastic
+    done, total = 0, len(part_calls) + 6 + len(PICTURES) + elastic
 
     def step() -> None:
         nonlocal done
@@ -52,7 +52,7 @@ def write_files(
         progress(done, total)
 
     *parts, sheets = call_all(
-        [*made, (write_sheets, (out / "mirrors", device.layout, device.hardware.cutting))],
+        [*part_calls, (write_sheets, (out / "mirrors", device.layout, device.hardware.cutting))],
         workers,
         step,
         preload=(__name__,),
@@ -60,10 +60,10 @@ def write_files(
     pieces = pieces_of(device, parts)
     write_glb(out / "assembly.glb", pieces)
     pictures = pictures_of(device, parts, pieces)
-    drawn: list[Call] = [(write_picture, (out, picture)) for picture in pictures]
+    picture_calls: list[Call] = [(write_picture, (out, picture)) for picture in pictures]
     revision = value_digest([device.layout.identity, *(plan.identity for plan in plans)])[:12]
-    bent: list[Call] = [(write_elasticity, (out, device))] if elastic else []
-    # The coupon is printed before all others.
+    elastic_calls: list[Call] = [(write_elasticity, (out, device))] if elastic else []
+    # The coupon is printed alone, before the other parts.
     device_parts = [plan for plan in plans if plan.name != COUPON]
     checks, (plates, plate_checks), *others = call_all(
         [
@@ -72,8 +72,8 @@ def write_files(
             (write_assembly, (out / "assembly.step", device, parts)),
             (write_live_view, (out, device.layout, pieces)),
             (write_assembly_drawing, (out / "drawings", device.layout, pieces, revision)),
-            *drawn,
-            *bent,
+            *picture_calls,
+            *elastic_calls,
         ],
         workers,
         step,

@@ -1,4 +1,4 @@
-"""One part from its plan to its files, once: what was made of the same numbers by the same program is taken over."""
+"""Make the files of one part from its plan, or read them from the store if the plan and the program are the same."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from mirrorcam.core.disk.program import NOT_INSTALLED, program_of
 from mirrorcam.core.disk.results import Results
 
 CODE = ("mirrorcam.cad.part_files", "mirrorcam.cad.assembly.catalogue")
-"""Modules that write the files of parts, and that know how each part is made."""
+"""Modules whose code, with all that they import, decides the files of a part."""
 ENDINGS = {"parts": (".step", ".stl", ".3mf"), "drawings": (".svg", ".pdf")}
 _BUILT = "part.json"
 
@@ -27,23 +27,23 @@ _BUILT = "part.json"
 def make_part(
     part: PartPlan, printer: Printer, out: Path, results: Results | None, screw: Fastening = HARDWARE.screw
 ) -> BuiltPart:
-    """Make and check the files of a part in `out`, or write those that `results` keeps of the same part.
+    """Make and check the files of a part in `out`, or copy them from `results` if it has the same part.
 
-    `out/parts` gets NAME.step, .stl and .3mf, `out/drawings` NAME.svg and .pdf. Raises InputError where the part cannot
-    be made. `screw` decides which holes the drawing marks for inserts and nuts.
+    Writes NAME.step, .stl and .3mf to `out/parts`, and NAME.svg and .pdf to `out/drawings`. `screw` decides which
+    holes the drawing marks for inserts and nuts. Raises InputError if the part cannot be made.
     """
     if results is None:
         return _make(part, printer, out, screw)
-    made_of, kept_as = _made_of(part, printer, screw), f"part-{part.name}"
+    inputs, key = _inputs(part, printer, screw), f"part-{part.name}"
     names = [f"{folder}/{part.name}{ending}" for folder, endings in ENDINGS.items() for ending in endings]
-    contents = results.get(kept_as, made_of)
+    contents = results.get(key, inputs)
     if contents is not None and contents.keys() == {_BUILT, *names}:
         write_files(out, {name: contents[name] for name in names})
         built = BuiltPart.model_validate_json(contents[_BUILT])
         return BuiltPart.of(part, out / "parts", built.mass, built.checks)
     built = _make(part, printer, out, screw)
     record = built.replaced(folder=Path("parts")).model_dump_json().encode()
-    results.put(kept_as, made_of, {_BUILT: record} | {name: (out / name).read_bytes() for name in names})
+    results.put(key, inputs, {_BUILT: record} | {name: (out / name).read_bytes() for name in names})
     return built
 
 
@@ -63,13 +63,13 @@ def _make(part: PartPlan, printer: Printer, out: Path, screw: Fastening) -> Buil
 
 
 def mark_of(part: PartPlan) -> tuple[str, ...]:
-    """Lines engraved into a part: its number, its revision, and the date of issue, if it has one."""
+    """Lines engraved into a part: number, revision and, if known, date of issue."""
     date = issue_date()
     return (part.number, part.identity[:8], *(() if date == UNDATED else (date,)))
 
 
-def _made_of(part: PartPlan, printer: Printer, screw: Fastening) -> dict[str, str]:
-    """Return what decides about a part's files: its plan, place and name, printer, screws, date, code, libraries."""
+def _inputs(part: PartPlan, printer: Printer, screw: Fastening) -> dict[str, str]:
+    """Digests and versions of a part's inputs: plan, printer, screws, date, slicer, code and libraries."""
     parameters = {"part": plain(part), "printer": plain(printer), "screw": plain(screw)}
     versions = {"date": issue_date(), "slicer": slicer_version() or NOT_INSTALLED}
     return {"parameters": value_digest(parameters)} | versions | program_of(*CODE)

@@ -1,7 +1,7 @@
-"""Splitting of a part larger than the printer's bed into pieces, and the pins between them.
+"""Split a part larger than the printer's bed into pieces, and join them by pins.
 
-Cuts run through the meshed part, at the places with the most space for pins; a piece is a B-rep solid, what lies
-between two cuts, with holes for its pins.
+The cuts are chosen on a mesh of the part, where they leave the most space for pins. Each piece is a B-rep solid
+between cuts, with holes for its pins.
 """
 
 from __future__ import annotations
@@ -63,15 +63,15 @@ from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.transforms import rigid, transform
 
-# How many places are tried for each cut.
+# Number of places tried for each cut.
 TRIED = 9
-# Distance of the sections that are looked at along a pin.
+# Spacing of the sections tested along a pin.
 SLICE_MM = 1.0
 MESH_MM = 0.05
 
 
 def mesh_of(solid: Part) -> Manifold:
-    """A solid's mesh, for sections and to see what falls apart."""
+    """Mesh of a solid, for sections and tests of connectivity."""
     points, triangles = solid.tessellate(MESH_MM)
     corners = np.array([tuple(point) for point in points])
     mesh = Mesh64(corners, np.array(triangles, dtype=np.uint64))
@@ -80,20 +80,20 @@ def mesh_of(solid: Part) -> Manifold:
 
 
 def triangles_of(body: Manifold) -> FloatArray:
-    """The triangles (n, 3, 3) of a body, counter-clockwise from outside."""
+    """Triangles (n, 3, 3) of a body, counter-clockwise seen from outside."""
     mesh = body.to_mesh64()
     triangles: FloatArray = np.asarray(mesh.vert_properties)[np.asarray(mesh.tri_verts, dtype=np.int64)]
     return triangles
 
 
 def falls_apart(body: Manifold, axis: int, place_mm: float, crumb_mm: float) -> bool:
-    """Return whether a cut across an axis leaves more than two pieces that are larger than a cube of `crumb_mm`."""
+    """Return whether a cut across an axis leaves more than two pieces larger than a cube of side `crumb_mm`."""
     normal = np.eye(3)[axis]
     return any(len(fragments(half, crumb_mm)) != 1 for half in body.split_by_plane(normal, place_mm))
 
 
 def fragments(body: Manifold, crumb_mm: float) -> list[Manifold]:
-    """The separate pieces of a body, without fragments too small to print."""
+    """Connected pieces of a body, without those too small to print."""
     return [piece for piece in body.decompose() if piece.volume() > crumb_mm**3]
 
 
@@ -105,9 +105,9 @@ def inside(body: Manifold, spans: tuple[Span, Span]) -> Manifold:
 
 
 def best_places_mm(body: Manifold, axis: int, span: Span, bed_mm: float, hardware: Hardware) -> tuple[float, ...]:
-    """Places to cut a body, over a span along an axis, into equal pieces that fit the bed.
+    """Places of the cuts that divide a body, over a span along an axis, into nearly equal pieces that fit the bed.
 
-    Each cut may be moved a little; of the places that are tried, the one with the most space for pins is taken.
+    Each cut may shift by the slack of the pieces on the bed, and goes where it leaves the most space for pins.
     """
     start, end = span
     count = int(np.ceil((end - start) / bed_mm))
@@ -117,32 +117,32 @@ def best_places_mm(body: Manifold, axis: int, span: Span, bed_mm: float, hardwar
         middle = start + (end - start) * i / count
         tried = np.linspace(middle - slack, middle + slack, TRIED)
         areas = [area_for_pins(body, axis, float(place), (-FAR_MM, FAR_MM), hardware).area for place in tried]
-        # Of places that are as good, the one nearest to the middle.
+        # Among equally good places, the one nearest to the middle.
         best = max(range(TRIED), key=lambda k: (round(areas[k], 3), -abs(tried[k] - middle)))
         places.append(float(tried[best]))
     return tuple(places)
 
 
 def area_for_pins(body: Manifold, axis: int, place_mm: float, span: Span, hardware: Hardware) -> BaseGeometry:
-    """Places for the axis of a pin in a cut, with the thinnest wall all along the pin and beyond its ends.
+    """Area of a cut where a pin's axis may lie, with the thinnest wall all along the pin and beyond its ends.
 
     Parameters
     ----------
     body : Manifold
         The part as it lies on the bed.
     axis, place_mm : int, float
-        Axis of the bed that is cut across (0 or 1), and where.
+        Axis of the bed across which the cut runs (0 or 1), and its place along that axis.
     span : (float, float)
-        Where along the bed's other axis pins may be.
+        Range for pins along the bed's other axis.
     hardware : Hardware
         Pins, fits and the thinnest wall.
 
     Returns
     -------
     BaseGeometry
-        An area; its x is along the bed's other axis, its y is up.
+        An area with x along the bed's other axis and y up.
     """
-    # The bed's other axis, up, and the axis that is cut across.
+    # Axes of the section: the bed's other axis, up, and the normal of the cut.
     turned = body.transform(np.column_stack([np.eye(3)[[1 - axis, 2, axis]], np.zeros(3)]))
     half = reach_of_pin_mm(hardware)
     levels = np.linspace(place_mm - half, place_mm + half, int(np.ceil(2.0 * half / SLICE_MM)) + 1)
@@ -152,42 +152,42 @@ def area_for_pins(body: Manifold, axis: int, place_mm: float, span: Span, hardwa
 
 
 def _section(body: Manifold, level: float) -> BaseGeometry:
-    """A section across z; loops inside loops are holes."""
+    """Section of a body across z; loops inside loops are holes."""
     loops = (shapely.Polygon(loop) for loop in body.slice(level).to_polygons())
     return reduce(lambda one, other: one.symmetric_difference(other), loops, shapely.Polygon())
 
 
 @dataclass(frozen=True)
-class _Whole:
-    """A part before it is cut; the same numbers, the same part."""
+class _UncutPart:
+    """A part before it is cut, compared by its dimensions."""
 
     numbers: str
     plan: Any = field(compare=False)
     make: Callable[[Any], Part] = field(compare=False)
 
 
-def whole_part(plan: Any, make: Callable[[Any], Part]) -> Part:
-    """A part before it is cut, made once for all its pieces; each gets a copy, since booleans change their operands."""
+def uncut_part(plan: Any, make: Callable[[Any], Part]) -> Part:
+    """The part before it is cut, made once for all its pieces. Returns a copy, since booleans change their operands."""
     numbers = json.dumps([f"{make.__module__}.{make.__qualname__}", plain(plan)])
-    return deepcopy(_make_whole(_Whole(numbers, plan, make)))
+    return deepcopy(_make_uncut(_UncutPart(numbers, plan, make)))
 
 
 @lru_cache(maxsize=1)
-def _make_whole(whole: _Whole) -> Part:
-    return whole.make(whole.plan)
+def _make_uncut(part: _UncutPart) -> Part:
+    return part.make(part.plan)
 
 
 @recipe("cad.split.make_piece")
 def make_piece(plan: PiecePlan) -> Part:
-    """Cut a piece out of its part, and drill its holes for pins; raises InputError where it is not one solid."""
+    """Cut a piece out of its part, and drill its holes for pins; raises InputError unless it is one solid."""
     low, high = np.array(plan.low_mm), np.array(plan.high_mm)
     with BuildPart() as piece:
-        insert(whole_part(plan.whole, plan.make))
+        insert(uncut_part(plan.whole, plan.make))
         with Locations(_plane(plan.rig_from_bed)), Locations(Location(tuple((low + high) / 2.0))):
             width, length, height = (high - low).tolist()
             Box(width, length, height, mode=Mode.INTERSECT)
         for frame in plan.rig_from_pins:
-            # A hole lies when printed: its ceiling is a roof that needs no support.
+            # A hole is horizontal on the bed: its ceiling is a roof that prints without support.
             with BuildSketch(_plane(frame)):
                 Circle(plan.hole_mm[0] / 2.0)
                 Polygon(*_roof(plan.hole_mm[0] / 2.0), align=None)
@@ -204,7 +204,7 @@ def _plane(frame: FloatArray) -> Plane:
 
 
 def _roof(radius_mm: float) -> tuple[tuple[float, float], ...]:
-    """The triangle on a circle whose upper sides are its tangents, `ROOF_DEG` from upright."""
+    """The triangle on a circle whose upper sides are tangents, `ROOF_DEG` from upright."""
     steep = np.radians(ROOF_DEG)
     side, height = radius_mm * np.cos(steep), radius_mm * np.sin(steep)
     return (-side, height), (side, height), (0.0, radius_mm / np.sin(steep))
@@ -215,7 +215,7 @@ EXPLODE_MM = 25.0
 
 @dataclass(frozen=True)
 class Pieces:
-    """The printed parts that a part is split into, or itself, and the pins between them."""
+    """The pieces that a part is split into, or the part itself, and the pins between them."""
 
     parts: tuple[PartPlan, ...]
     pins: tuple[BoughtItem, ...]
@@ -230,30 +230,30 @@ class _Pin:
 
 
 def split(part: PartPlan, corners_in_rig: FloatArray, hardware: Hardware, cuts_mm: Cuts | None = None) -> Pieces:
-    """The part as it is, where it fits the printer's bed; else cut in pieces.
+    """Split a part that does not fit the printer's bed; return any other as it is.
 
     Parameters
     ----------
     part : PartPlan
-        The whole part. It is made only if it has to be cut.
+        The uncut part. Its solid is made only if it has to be cut.
     corners_in_rig : (n, 3)
-        Points in rig, mm, whose box on the bed holds the part.
+        Points in rig, mm, whose bounding box on the bed contains the part.
     hardware : Hardware
         The printer's bed and thinnest wall, fits and pins.
     cuts_mm : pair of tuples of float, optional
-        Places of cuts along the bed's x and y, kept to within `plan.cuts.MOVED_MM`; without them, the places with the
-        most space for pins.
+        Places of cuts along the bed's x and y, which may shift by up to `plan.cuts.MOVED_MM`. Default: the places with
+        the most space for pins.
 
     Returns
     -------
     Pieces
         One part without pins, or pieces numbered along the bed's x and then y, with two pins in every joint. Cuts are
-        upright on the bed, so that every piece prints as the whole part would.
+        upright on the bed, so that every piece prints in the same orientation as the uncut part.
 
     Raises
     ------
     InputError
-        With the measure that breaks: too high, no space for two pins in a cut, or a piece that falls apart.
+        If the part is too high, a cut has no space for two pins, or a piece is not connected.
     """
     corners = transform(part.print_from_rig, corners_in_rig)
     low, high = corners.min(axis=0), corners.max(axis=0)
@@ -262,7 +262,7 @@ def split(part: PartPlan, corners_in_rig: FloatArray, hardware: Hardware, cuts_m
     bed = bed_lengths_mm(lengths, hardware)
     if lengths[0] <= bed[0] and lengths[1] <= bed[1]:
         return Pieces((turned_onto_bed(part, lengths[0], bed[0], hardware),), ())
-    body = mesh_of(whole_part(part.plan, part.make)).transform(part.print_from_rig[:3])
+    body = mesh_of(uncut_part(part.plan, part.make)).transform(part.print_from_rig[:3])
     if cuts_mm is None:
         spans = [(float(low[axis]), float(high[axis])) for axis in (0, 1)]
         cuts_mm = (
@@ -311,7 +311,7 @@ def _pieces(
 
 
 def _piece(part: PartPlan, number: int, plan: PiecePlan, bounds: FloatArray, off_middle: FloatArray) -> PartPlan:
-    """A piece as a part, from its bounds (2, 3) on the bed and how far its middle (3,) is from the whole part's."""
+    """Plan a piece as a part, from its bounds (2, 3) on the bed and the offset (3,) from the uncut part's middle."""
     lowered = rigid(np.eye(3), [0.0, 0.0, -bounds[0, 2]])
     apart = plan.rig_from_bed[:3, :3] @ (off_middle * [1.0, 1.0, 0.0])
     return replace(
@@ -327,7 +327,7 @@ def _piece(part: PartPlan, number: int, plan: PiecePlan, bounds: FloatArray, off
 
 
 def _bought(pin: _Pin, pieces: dict[Cell, PartPlan], hardware: Hardware) -> BoughtItem:
-    """A pin in its place, half in either piece."""
+    """A pin as a bought item, half in either piece."""
     diameter, length = hardware.holder.pin_mm
     first, second = (pieces[cell] for cell in pin.cells)
     return BoughtItem(
@@ -341,7 +341,7 @@ def _bought(pin: _Pin, pieces: dict[Cell, PartPlan], hardware: Hardware) -> Boug
 
 
 def _two_pins(part: PartPlan, body: Manifold, joint: Joint, rig_from_bed: FloatArray, hardware: Hardware) -> list[_Pin]:
-    """The two pins of a joint, as far apart as they can be."""
+    """The two pins of a joint, as far apart as the cut allows."""
     axis, cut = joint.axis, joint.at_mm
     area = area_for_pins(body, axis, cut, joint.span_mm, hardware)
     corners, apart = farthest_pair(get_coordinates(area))
@@ -361,7 +361,7 @@ def _two_pins(part: PartPlan, body: Manifold, joint: Joint, rig_from_bed: FloatA
 
 
 def _bounds_of_piece(part: PartPlan, number: int, body: Manifold, bed_mm: Span, hardware: Hardware) -> FloatArray:
-    """Bounds (2, 3) on the bed of a piece; raises InputError where it falls apart or does not fit the bed."""
+    """Bounds (2, 3) of a piece on the bed; raises InputError if it falls apart or does not fit the bed."""
     title = f"piece {number} of the {part.title.lower()}"
     found = fragments(body, hardware.printer.wall_mm)
     if len(found) != 1:

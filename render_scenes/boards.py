@@ -1,7 +1,7 @@
 """Calibration boards: their print, and their motion.
 
-The print is a texture with a margin of white paper, in its place on the board. A board moves along smooth paths through
-key poses; a rolling shutter reads its rows out at different poses.
+The print is a texture with a margin of white paper, positioned on the board. A board moves along smooth paths through
+key poses; a rolling shutter reads each row at a different pose.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ def print_on_paper(target: Target) -> NDArray[np.uint8]:
 
 
 def margin_mm(target: Target) -> float:
-    """Width of the white paper around the printed squares."""
+    """Return the width of the white margin around the printed squares."""
     return MARGIN_SQUARES * (target.tag_mm if isinstance(target, AprilGrid) else target.square_mm)
 
 
@@ -110,20 +110,20 @@ def smooth_motion(keys: FloatArray, times: FloatArray) -> FloatArray:
     if len(keys) == 1:
         return np.repeat(keys, len(at), axis=0)
     knots = np.arange(len(keys), dtype=np.float64)
-    turns = RotationSpline(knots, Rotation.from_matrix(keys[:, :3, :3]))(at)
-    return rigid(turns.as_matrix(), CubicSpline(knots, keys[:, :3, 3], bc_type="clamped")(at))
+    rotations = RotationSpline(knots, Rotation.from_matrix(keys[:, :3, :3]))(at)
+    return rigid(rotations.as_matrix(), CubicSpline(knots, keys[:, :3, 3], bc_type="clamped")(at))
 
 
 def poses_at(poses: FloatArray, parts: FloatArray) -> FloatArray:
     """Interpolate poses within the readout of one frame.
 
-    Positions, and rotation vectors relative to the middle, follow parabolas: the acceleration within a readout is taken
-    as constant.
+    Positions, and rotation vectors relative to the middle pose, follow parabolas, with constant acceleration within a
+    readout.
 
     Parameters
     ----------
     poses
-        Poses (3, 4, 4) at the begin, middle and end of the readout.
+        Poses (3, 4, 4) at the start, middle and end of the readout.
     parts
         Fractions (n,) of the readout, 0 to 1.
 

@@ -1,10 +1,10 @@
-"""The lens of a sensor: undistorted pixels of a whole sensor, smooth waves off its model, and blur out of focus.
+"""The lens of a sensor: undistorted pixels of the full sensor, smooth deviations from the lens model, and defocus.
 
 Undistorted pixels come from a spline between nodes at which they are exact.
 
-A thin lens that is in focus at a distance shows a point at another one, both along the axis, as a disc of the diameter
-f A |1 / focus - 1 / distance|. The discs of a plane grow linearly in the image. Views whose boards are planes are
-blurred by a Gaussian with the variance of this circle of confusion.
+A thin lens images a point out of focus as a disc with diameter f A |1 / focus - 1 / distance|, both distances along the
+axis. For a plane, the diameter is linear in the image. Views of planar boards are blurred by a Gaussian with the
+variance of this circle of confusion.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ PERIODS = 2.0
 
 
 class WavyCamera(Camera):
-    """A camera whose pixel p sees what the model's pixel p - w(p) sees.
+    """A camera whose pixel p has the ray of the model's pixel p - w(p).
 
     With a = 2 pi `PERIODS` p / width and A twice the RMS, w = A (sin a_x cos a_y, cos a_x sin a_y).
 
@@ -47,7 +47,7 @@ class WavyCamera(Camera):
         return Camera.model_validate(self.model_dump(exclude={"waves_px"}))
 
     def waves(self, pixels: FloatArray) -> FloatArray:
-        """The waves w (..., 2) at pixels (..., 2), px."""
+        """Return the waves w (..., 2) in px at pixels (..., 2)."""
         angle = 2.0 * np.pi * PERIODS * pixels / self.width_px
         sine, cosine = np.sin(angle), np.cos(angle)
         return 2.0 * self.waves_px * np.stack([sine[..., 0] * cosine[..., 1], cosine[..., 0] * sine[..., 1]], axis=-1)
@@ -64,8 +64,8 @@ class WavyCamera(Camera):
         return self.model.normalized_from_pixels(pixels - self.waves(pixels))
 
 
-def as_it_is(camera: Camera, sensor: SensorModel) -> Camera:
-    """The camera with the lens of a sensor model, which follows the camera's model unless it has waves."""
+def true_camera(camera: Camera, sensor: SensorModel) -> Camera:
+    """Return the camera with the waves of a sensor model's lens, or the camera itself without waves."""
     if sensor.lens_waves_px == 0.0:
         return camera
     return WavyCamera(**camera.model_dump(), waves_px=sensor.lens_waves_px)
@@ -75,7 +75,7 @@ GRID_PX = 8.0  # spacing of exact undistortion; a quintic spline between the nod
 
 
 def undistorted_pixels(camera: Camera, u: FloatArray, v: FloatArray) -> FloatArray:
-    """Normalized coordinates (n_v, n_u, 2) of the pixels with columns u and rows v, both increasing."""
+    """Return normalized coordinates (n_v, n_u, 2) of the pixels with columns u and rows v, both increasing."""
     # Nodes up to the edge of the sensor, beyond which the lens model may have no rays.
     nodes = [
         np.linspace(-0.5, length - 0.5, int(length / GRID_PX) + 2) for length in (camera.height_px, camera.width_px)
@@ -86,20 +86,20 @@ def undistorted_pixels(camera: Camera, u: FloatArray, v: FloatArray) -> FloatArr
 
 
 BLUR_STEP_PX = 0.25
-"""Largest step of sigma, px, between blurred copies that are mixed."""
+"""Largest step of sigma in px between interpolated blurred copies."""
 
 LEAST_BLUR_PX = 0.02
-"""Sigma, px, that is left out."""
+"""Smaller sigmas in px are neglected."""
 
 ROWS = 32
-"""Rows that are mixed at a time."""
+"""Number of rows per batch of interpolation."""
 
 LEAST_SAMPLED = 0.7
-"""Sigma, subpixels, from which on a sampled Gaussian has the variance of the Gaussian; less is mixed."""
+"""Smallest sigma in subpixels at which a sampled Gaussian has the right variance; smaller ones are interpolated."""
 
 
 def defocused(sharp: NDArray[np.float32], variance_px2: NDArray[np.float32], subpixels: int) -> NDArray[np.float32]:
-    """Blur a view (h, w) by a variance (h, w) of each subpixel, mixed between levels.
+    """Blur a view (h, w) by a variance per subpixel (h, w), interpolated between levels.
 
     Parameters
     ----------
@@ -116,7 +116,7 @@ def defocused(sharp: NDArray[np.float32], variance_px2: NDArray[np.float32], sub
     levels = _levels(low * subpixels, high * subpixels, BLUR_STEP_PX * subpixels)
     blurred = [_blurred(sharp, level) for level in levels]
     found = np.empty_like(sharp)
-    # A few rows at a time stay in the processor's cache.
+    # Batches of rows fit the processor's cache.
     for start in range(0, len(sharp), ROWS):
         rows = slice(start, start + ROWS)
         mixed = blurred[0][rows]

@@ -28,17 +28,17 @@ class Triangles:
 
 
 def read_mesh(path: Path) -> Triangles:
-    """The triangles of an STL, PLY or OBJ file, in its own units and frame, or InputError in one line.
+    """Read the triangles of an STL, PLY or OBJ file, in its own units and frame; raise InputError if invalid.
 
-    PLY and OBJ are read by Mitsuba: its variant must have been set.
+    Mitsuba reads PLY and OBJ, so that its variant must be set.
     """
     suffix = path.suffix.lower()
     if suffix not in MESH_SUFFIXES:
-        raise InputError(f"{path}: no mesh that can be read, expected {', '.join(MESH_SUFFIXES)}")
+        raise InputError(f"{path}: not a readable mesh, expected {', '.join(MESH_SUFFIXES)}")
     raw = read_bytes(path)
     found = _stl(path, raw) if suffix == ".stl" else _by_mitsuba(path, suffix[1:])
     if not len(found.faces) or not np.isfinite(found.points).all():
-        what = "holds a point that is not finite" if len(found.faces) else "holds no triangle"
+        what = "contains a point that is not finite" if len(found.faces) else "contains no triangle"
         raise InputError(f"{path}: {what}, expected a surface")
     return found
 
@@ -73,7 +73,7 @@ def _by_mitsuba(path: Path, plugin: str) -> Triangles:
 
 
 def leaves(size_mm: float, seed: int) -> Triangles:
-    """Make twigs with leaves that fill a cube of a size (mm) around the origin, in random orientations."""
+    """Generate twigs with leaves in random orientations that fill a cube of `size_mm` around the origin."""
     random = np.random.default_rng(seed)
     along = np.linspace(0.0, 1.0, 9)
     across = np.array([-1.0, 0.0, 1.0])

@@ -15,7 +15,7 @@ from mirrorcam.render_scenes.settings import Bend, RenderSettings, SurfaceFinish
 class MirrorFinish(Value):
     """Surface finish of one mirror: linear reflectance in red, green and blue, roughness, sag and ripple.
 
-    Directions are those along which the surface bends, anticlockwise from the x axis of the mirror's frame `plane`.
+    The surface bends along the directions, which are anticlockwise from the x axis of the mirror's frame `plane`.
     """
 
     reflectance: tuple[float, float, float]
@@ -43,7 +43,7 @@ class MirrorFinish(Value):
         return float(np.dot([0.212671, 0.715160, 0.072169], self.reflectance))
 
     def bent(self, mirror: Mirror) -> Mirror:
-        """A mirror with the sag of this finish as its curvature; its ripple is left out."""
+        """Return the mirror with the sag of this finish as its curvature, without the ripple."""
         along, across = _direction(self.sag_direction_deg)
         bends = np.outer(along, along) + (np.outer(across, across) if self.bend == "sphere" else 0.0)
         (xx, xy), (_, yy) = 2e3 * self.sag_mm / radius_mm(mirror) ** 2 * bends
@@ -57,7 +57,7 @@ class MirrorFinish(Value):
         Parameters
         ----------
         radius_mm
-            Distance from the middle at which the sag is half above the plane; the other half is below, in the middle.
+            Radius at which the surface is half the sag above the plane; in the middle it is half the sag below.
         points
             Points (..., 2) of the plane, mm, frame `plane`.
 
@@ -89,7 +89,7 @@ def _direction(angle_deg: float) -> tuple[FloatArray, FloatArray]:
 
 
 def radius_mm(mirror: Mirror) -> float:
-    """Distance of the farthest corner of a mirror from its middle."""
+    """Return the distance of the farthest corner of a mirror from its middle."""
     return float(np.linalg.norm(mirror.outline_in_plane_mm, axis=1).max())
 
 
@@ -99,9 +99,9 @@ def uniform_finishes(settings: RenderSettings, count: int) -> tuple[MirrorFinish
 
 
 def draw_finishes(settings: RenderSettings, count: int, random: np.random.Generator) -> tuple[MirrorFinish, ...]:
-    """Draw the surface finish of each mirror; empty where the settings ask for ideal mirrors.
+    """Draw the surface finish of each mirror; empty if the settings request ideal mirrors.
 
-    Settings with other magnitudes give, from the same generator state, the same deviations scaled.
+    With the same generator state, deviations scale with the magnitudes in the settings.
     """
     finish = settings.finish
     if finish == SurfaceFinish():

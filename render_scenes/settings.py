@@ -15,32 +15,34 @@ PUPIL_WALK_MM = Bounds(-10.0, 10.0)
 
 
 class SensorModel(Value):
-    """Model of lens, sensor and processing, of 8 bits: radiance 1 / `exposure` is grey level 255.
+    """Model of lens, sensor and 8-bit processing: radiance 1 / `exposure` is grey level 255.
 
-    All but `exposure` are zero or off in an ideal camera. Where the lens or the sensor separates colours, pictures of
-    grey light are in colour, too.
+    All fields but `exposure` are zero or off in an ideal camera. If the lens or the sensor separates colours, pictures
+    of grey light are in colour, too.
     """
 
-    lens_blur_px: float = Bounds(0.0, 100.0).field(0.8, "sigma of the lens's Gaussian blur where it is in focus")
-    focus_mm: float = DEPTH_MM.field(500.0, "distance along the axis, through the mirrors, that is in focus")
+    lens_blur_px: float = Bounds(0.0, 100.0).field(0.8, "sigma of the lens's Gaussian blur in focus")
+    focus_mm: float = DEPTH_MM.field(500.0, "focus distance along the axis, via the mirrors")
     aperture_mm: float = APERTURE_MM.field(0.0, "diameter of the pupil; 0: a pinhole, in focus everywhere")
     pupil_walk_mm: float = PUPIL_WALK_MM.field(
         0.0, "shift of the pupil towards the scene for light at 45 degrees to the axis; it grows as the tangent squared"
     )
     lens_waves_px: float = Bounds(0.0, 10.0).field(
-        0.0, "RMS along an axis by which the lens is off its model, in waves of half the sensor's width"
+        0.0, "RMS deviation of the lens from its model along each axis, in waves of half the sensor's width"
     )
     lateral_chromatic_percent: float = Bounds(-5.0, 5.0).field(
-        0.0, "how much larger red pictures are than green ones, and blue ones smaller"
+        0.0, "excess magnification of red over green, and of green over blue"
     )
     axial_chromatic_px: float = Bounds(0.0, 100.0).field(
-        0.0, "sigma of the blur of red and blue beside that of the lens, where green is in focus"
+        0.0, "sigma of the additional blur of red and blue where green is in focus"
     )
     vignetting: float = Bounds(0.0, 100.0).field(
         0.0,
         "exponent of cos in the fall-off of light away from the axis; 4 is natural vignetting",
     )
-    veiling_glare: float = Bounds(0.0, 1.0).field(0.0, "light spread evenly over the picture, of its mean")
+    veiling_glare: float = Bounds(0.0, 1.0).field(
+        0.0, "fraction of the picture's mean light that is spread evenly over it"
+    )
     prnu_percent: float = Bounds(0.0, 100.0).field(
         0.0, "sigma of the pixels' sensitivity, a pattern that all pictures share"
     )
@@ -48,14 +50,12 @@ class SensorModel(Value):
     full_well_electrons: float = Bounds(0.0, 1e9).field(
         0.0, "electrons at grey level 255, which set the shot noise; 0: no shot noise"
     )
-    read_noise_grey: float = Bounds(0.0, 255.0).field(1.0, "sigma of the other noise, in grey levels")
-    bayer: bool = Field(default=False, description="one colour a pixel (RGGB), demosaiced along edges")
-    denoising_grey: float = Bounds(0.0, 255.0).field(
-        0.0, "sigma, in grey levels, of the differences that a bilateral filter takes for noise"
-    )
+    read_noise_grey: float = Bounds(0.0, 255.0).field(1.0, "sigma of the signal-independent noise, in grey levels")
+    bayer: bool = Field(default=False, description="one colour per pixel (RGGB), demosaiced along edges")
+    denoising_grey: float = Bounds(0.0, 255.0).field(0.0, "range sigma of the bilateral filter, in grey levels")
     tone_curve: ToneCurve = Field(default="linear", description="response of the picture to light: linear or srgb")
     sharpening: float = Bounds(0.0, 10.0).field(0.0, "amount of unsharp masking")
-    jpeg_quality: int | None = Bounds(1, 100).field(None, "quality of JPEG files, without it PNG")
+    jpeg_quality: int | None = Bounds(1, 100).field(None, "quality of JPEG files; none: PNG")
     h264_crf: int | None = Bounds(0, 51).field(None, "constant rate factor of x264 for PNG files or the video")
     readout_ms: float = Bounds(0.0, 10_000.0).field(
         0.0, "time from the exposure of the first row to that of the last: a rolling shutter"
@@ -87,9 +87,9 @@ _C920 = SensorModel(
 )
 
 SENSORS: dict[SensorName, SensorModel] = {
-    # No defect but 8-bit quantisation. Sharp corners alias, so that the lens blur is kept.
+    # No defect but 8-bit quantisation. The lens blur stays, because sharp corners would alias.
     "ideal": SensorModel(read_noise_grey=0.0),
-    # A webcam in good light: f/2 of 3.67 mm, a small chip, compressed as it comes over USB.
+    # A webcam in good light: f/2 at 3.67 mm, a small chip, JPEG compression over USB.
     "c920": _C920,
     # A cheap webcam in dim light.
     "poor": SensorModel(
@@ -105,7 +105,7 @@ SENSORS: dict[SensorName, SensorModel] = {
         jpeg_quality=70,
         readout_ms=33.0,
     ),
-    # The same as c920, with all that a webcam does to colours and edges before its pictures leave it.
+    # c920 with the colour and edge processing of a webcam.
     "webcam": _C920.replaced(
         pupil_walk_mm=0.1,
         lens_waves_px=0.05,
@@ -138,16 +138,16 @@ class SurfaceFinish(Value):
     )
     reflectance_percent: float = Bounds(0.0, 100.0).field(0.0, "sigma of the reflectance between mirrors")
     roughness: float = Field(default=0.0, ge=0, lt=1, description="alpha of the Beckmann microfacet distribution")
-    bend: Bend = Field(default="sphere", description="shape of the sag: along both axes or along one")
+    bend: Bend = Field(default="sphere", description="shape of the sag: curved along both axes or along one")
     sag_mm: float = TOLERANCE_MM.field(0.0, "sigma of the sag: depth of the middle below the rim")
     ripple_mm: float = TOLERANCE_MM.field(0.0, "amplitude of the surface waviness")
     ripple_wavelength_mm: float = LENGTH_MM.field(20.0)
 
 
 class RenderSettings(Value):
-    """Settings of rendering a set, beyond its layout, board and poses.
+    """Settings of a rendered set, beyond its layout, board and poses.
 
-    Radiance is linear and without unit; a sensor of `exposure` 1 maps radiance 1 to grey level 255.
+    Radiance is linear and without unit; a sensor with `exposure` 1 maps radiance 1 to grey level 255.
     """
 
     renderer: RendererName = Field(
@@ -160,15 +160,15 @@ class RenderSettings(Value):
     finish: SurfaceFinish = SurfaceFinish()
     surroundings: float = RADIANCE.field(
         0.25,
-        "radiance of the surroundings where the parts of a device are in the scene; otherwise unused",
+        "radiance of the surroundings if the parts of a device are in the scene; otherwise unused",
     )
     sensor: SensorModel = SENSORS["c920"]
-    maps: bool = Field(default=True, description="write ground-truth maps of every pixel")
+    maps: bool = Field(default=True, description="write ground-truth maps with a value for every pixel")
     video: VideoName | None = Field(
         default=None,
-        description="also write the frames as a video: mp4, of H.264; or avi, of the JPEG files as they are",
+        description="also write the frames as a video: mp4 with H.264, or avi with the unchanged JPEG files",
     )
-    video_crf: int = Bounds(0, 51).field(18, "constant rate factor of an mp4 of frames that came as JPEG or PNG")
+    video_crf: int = Bounds(0, 51).field(18, "constant rate factor of an mp4 encoded from JPEG or PNG frames")
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -179,7 +179,7 @@ class RenderSettings(Value):
 
     @property
     def subpixels(self) -> int:
-        """Number of subpixels along each side of a pixel, on which the lens blur acts: two where `spp` allows it."""
+        """Number of subpixels along each side of a pixel, for the lens blur: two if `spp` allows it."""
         return 2 if self.renderer == "fast" or self.spp % 4 == 0 else 1
 
     @property

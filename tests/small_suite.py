@@ -9,7 +9,7 @@ from mirrorcam.bench.suite_run import Rendered, Workers, planned, render_suite
 from mirrorcam.core.disk.output_folder import output_folder
 from mirrorcam.designs.sweep_files import design_here
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.render_scenes.suites.set_work import SetAnswer, render_on_one_core
+from mirrorcam.render_scenes.suites.set_work import SetResult, render_on_one_core
 from mirrorcam.render_scenes.suites.suite import Suite
 from mirrorcam.render_scenes.variant import choose_variant
 from tests.small_set import BOARD
@@ -25,7 +25,7 @@ def small_suite(layout: Layout, name: str = "small", **stated: object) -> Suite:
     )
 
 
-def here(tasks: Sequence[str]) -> Iterator[tuple[int, SetAnswer]]:
+def here(tasks: Sequence[str]) -> Iterator[tuple[int, SetResult]]:
     """Sets as this process renders them, one after the other."""
     for number, task in enumerate(tasks):
         yield number, render_on_one_core(task)

@@ -1,6 +1,6 @@
-"""The steps of building a device, in order: what each joins, when calibration pictures are taken, and the tools.
+"""The steps of building a device, in order: the pieces joined, the calibration pictures taken, and the tools.
 
-The guide's headings, and the check of what the camera sees in those pictures, both follow this table.
+The guide's headings, and the check of the camera's view in those pictures, both follow this table.
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ from mirrorcam.cad.plan.fasteners import diameter_mm
 from mirrorcam.cad.plan.part_plan import BoughtItem
 
 CAMERA = "camera"
-# Regular expressions of the names.
+# Regular expressions of names.
 MIRROR, ADAPTER, CARRIERS = r"mirror_\d+(?:-\d+)?", r"adapter_\w+", rf"{CARRIER}\d+(?:-\d+)?"
 
 
 @dataclass(frozen=True)
 class Step:
-    """A step of the guide: pairs of pieces that it makes one, by patterns of their names.
+    """A step of the guide: the pairs of pieces that it joins, by patterns of their names.
 
-    `pictures` is the folder of the calibration pictures that are taken at its end, "" where it takes none.
+    `pictures` is the folder of the calibration pictures that are taken at its end; "" for none.
     """
 
     name: str
@@ -50,18 +50,18 @@ STEPS = (
 def with_camera(
     steps: Iterable[Step], last: Step, pieces: Iterable[str], fastened: Mapping[str, tuple[str, ...]]
 ) -> set[str]:
-    """The pieces that hang together with the camera when a step is done, without the camera itself.
+    """The pieces connected to the camera at the end of a step, without the camera itself.
 
     Parameters
     ----------
     steps : iterable of Step
         All steps, in order.
     last : Step
-        The one that is done.
+        The step that ends.
     pieces : iterable of str
-        Names of all pieces of the assembled device but fasteners; "mount_1" is of a split part.
+        Names of all pieces of the assembled device except fasteners; "mount_1" is a piece of a split part.
     fastened : mapping of str to tuple of str
-        Names of fasteners, each with the parts that it joins: it is there as soon as all of these are.
+        Names of fasteners, each with the parts that it joins; it is present as soon as these are.
 
     Returns
     -------
@@ -69,27 +69,28 @@ def with_camera(
         Names of pieces and fasteners.
     """
     names = set(pieces) - {CAMERA}
-    together = _hanging_with({CAMERA}, names, _joined_until(steps, last))
-    together |= {
+    connected = _connected({CAMERA}, names, _joined_until(steps, last))
+    connected |= {
         name
         for name, parts in fastened.items()
-        if all(any(is_piece_of(held, part) for held in together) for part in parts)
+        if all(any(is_piece_of(piece, part) for piece in connected) for part in parts)
     }
-    return together - {CAMERA}
+    return connected - {CAMERA}
 
 
 def parts_when_joined(joins: Iterable[str], pieces: Iterable[str], steps: Iterable[Step] = STEPS) -> set[str]:
-    """The pieces that are there when parts are screwed together: all that hangs together with them after that step.
+    """The pieces present when parts are screwed together: all that are connected to them after that step.
+
+    The step is the one that joins both parts, else the first by which each has been joined to something, else the last.
 
     Parameters
     ----------
     joins : iterable of str
-        Names of the parts that a fastener joins; of one part, what it holds in this.
+        Names of the parts that a fastener joins; only one if it holds a bought item in that part.
     pieces : iterable of str
-        Names of all pieces of the assembled device but fasteners; "mount_1" is of a split part.
+        Names of all pieces of the assembled device except fasteners; "mount_1" is a piece of a split part.
     steps : iterable of Step
-        All steps, in order: the one is taken that joins both parts, else the first by which each has been joined to
-        something; all of them where there is none.
+        All steps, in order.
 
     Returns
     -------
@@ -97,7 +98,7 @@ def parts_when_joined(joins: Iterable[str], pieces: Iterable[str], steps: Iterab
         Names of pieces.
     """
     parts, order, names = tuple(joins), tuple(steps), set(pieces)
-    last = next((step for step in order if any(_makes_one(pair, parts) for pair in step.joins)), None)
+    last = next((step for step in order if any(_matches(pair, parts) for pair in step.joins)), None)
     if last is None:
         seen: list[str] = []
         for step in order:
@@ -106,10 +107,10 @@ def parts_when_joined(joins: Iterable[str], pieces: Iterable[str], steps: Iterab
                 last = step
                 break
     started = {name for name in names if any(is_piece_of(name, part) for part in parts)}
-    return _hanging_with(started, names, _joined_until(order, last or order[-1]))
+    return _connected(started, names, _joined_until(order, last or order[-1]))
 
 
-def _makes_one(pair: tuple[str, str], parts: tuple[str, ...]) -> bool:
+def _matches(pair: tuple[str, str], parts: tuple[str, ...]) -> bool:
     return len(parts) == 2 and any(
         is_piece_of(parts[0], first) and is_piece_of(parts[1], second) for first, second in (pair, pair[::-1])
     )
@@ -124,26 +125,26 @@ def _joined_until(steps: Iterable[Step], last: Step) -> list[tuple[str, str]]:
     return joins
 
 
-def _hanging_with(start: set[str], names: set[str], joins: list[tuple[str, str]]) -> set[str]:
-    """A set of pieces, and all that pairs of patterns join to it, directly or by others."""
-    together = set(start)
-    while grown := {
+def _connected(start: set[str], names: set[str], joins: list[tuple[str, str]]) -> set[str]:
+    """A set of pieces, and all that pairs of patterns join to it, directly or through others."""
+    connected = set(start)
+    while added := {
         name
-        for name in names - together
+        for name in names - connected
         for pair in joins
         for mine, other in (pair, pair[::-1])
-        if is_piece_of(name, mine) and any(is_piece_of(held, other) for held in together)
+        if is_piece_of(name, mine) and any(is_piece_of(piece, other) for piece in connected)
     }:
-        together |= grown
-    return together
+        connected |= added
+    return connected
 
 
 def is_piece_of(name: str, kind: str) -> bool:
-    """Whether a piece's name is of a kind: "mount" and "mount_1" are of "mount"."""
+    """Return whether a piece is a part of a name pattern, or a piece of it: "mount" and "mount_1" are of "mount"."""
     return re.fullmatch(rf"(?:{kind})(?:_\d+)?", name) is not None
 
 
-# Across flats of the hexagon socket, mm, by the thread's diameter: ISO 4762, table 1, and ISO 10642, table 1.
+# Width across flats of the hexagon socket by the thread's diameter, mm: ISO 4762, table 1, and ISO 10642, table 1.
 SOCKETS_MM = {
     "ISO 4762": {2.0: 1.5, 3.0: 2.5, 4.0: 3.0, 5.0: 4.0, 6.0: 5.0},
     "ISO 10642": {3.0: 2.0, 4.0: 2.5, 5.0: 3.0, 6.0: 4.0},
@@ -152,14 +153,14 @@ SOCKETS_MM = {
 
 @dataclass(frozen=True)
 class Tool:
-    """Something that is used but does not stay in the device: its name, and what it is for."""
+    """A tool or consumable that does not stay in the device: its name and purpose."""
 
     name: str
     purpose: str
 
 
 def tools_of(device: Device, items: Sequence[BoughtItem]) -> tuple[Tool, ...]:
-    """All hand tools that a device of these bought items takes, in the order of the guide's steps; no machines."""
+    """All hand tools for a device with these bought items, in the order of the guide's steps, without machines."""
     glass = device.hardware.cutting.material == "glass"
     found = [
         Tool("calipers", "to measure camera, mirrors and board"),
@@ -189,7 +190,7 @@ def tools_of(device: Device, items: Sequence[BoughtItem]) -> tuple[Tool, ...]:
 
 
 def also_needed(device: Device) -> tuple[Tool, ...]:
-    """Things needed that are neither built in nor tools."""
+    """Items needed that are neither built in nor tools."""
     needed = [
         Tool("calibration board, printed on paper", "`mirrorcam board --out board.pdf` makes the page, at 100 %"),
         Tool("flat stiff plate of its size, of glass or aluminium", "to glue the board on"),
@@ -200,7 +201,7 @@ def also_needed(device: Device) -> tuple[Tool, ...]:
 
 
 def _keys(items: Sequence[BoughtItem]) -> list[Tool]:
-    """Hex keys by their sizes, and the screws that each is for."""
+    """Hex keys by size, each with its screws."""
     screws: dict[float, list[str]] = {}
     for item in items:
         standard = standard_of(item_title(item)).partition(",")[0]

@@ -1,6 +1,6 @@
-"""The catalogue of a device: printed parts with names, numbers, named faces and places on the bed, and bought items.
+"""The catalogue of a device: printed parts with names, numbers, named faces and poses on the bed, and bought items.
 
-A bought insert or nut has the moves by which it would leave its seat, which follow from the plans of the pockets.
+A bought insert or nut has the moves by which it leaves its seat, which follow from the plans of the pockets.
 """
 
 from __future__ import annotations
@@ -32,13 +32,13 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.camera_body import Lips
 from mirrorcam.optics.geometry.transforms import rigid, transform
 
-# Which way a part stands when printed: rows are the bed's x, y and z in rig.
+# Orientations of a part in print: rows are the bed's x, y and z in rig.
 X_UP = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
 Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 Z_UP = np.eye(3)
 SCENE = np.array([0.0, 1.0, 0.0])
 
-# In an exploded view carriers are so far from the holder.
+# Distance of carriers from the holder in an exploded view.
 CARRIER_OUT_MM = 25.0
 
 EXPLODE = {
@@ -51,7 +51,7 @@ EXPLODE = {
 
 
 def parts_of(device: Device) -> tuple[PartPlan, ...]:
-    """Parts to print, in the order of their numbers; one that is larger than the bed in pieces."""
+    """Parts to print, in the order of their numbers; a part larger than the bed as its pieces."""
     return _on_bed(device).parts
 
 
@@ -70,7 +70,7 @@ def _on_bed(device: Device) -> Pieces:
     cuts = {HOLDER: device.holder.cuts_on_bed_mm}
     if device.mount.bed_cuts_mm:
         cuts[MOUNT] = ((), device.mount.bed_cuts_mm)
-    pieces = [split(part, corners[part.name], device.hardware, cuts.get(part.name)) for part in _whole(device)]
+    pieces = [split(part, corners[part.name], device.hardware, cuts.get(part.name)) for part in _uncut(device)]
     parts = (part for piece in pieces for part in piece.parts)
     return Pieces(
         tuple(replace(part, faces=named_faces(device, part.name)) for part in parts),
@@ -78,7 +78,7 @@ def _on_bed(device: Device) -> Pieces:
     )
 
 
-def _whole(device: Device) -> Iterator[PartPlan]:
+def _uncut(device: Device) -> Iterator[PartPlan]:
     """The parts to print before any is split, in the order of their numbers."""
     moves = explode_of(device)
 
@@ -110,7 +110,7 @@ def bought_items(device: Device) -> tuple[BoughtItem, ...]:
     mount, clip, back = device.mount, device.clip, device.back
     head_z = -mount.rig_from_head[:3, 2]
     holes = np.column_stack([mount.holes_in_head_mm, np.full(4, -mount.head.grip_mm)])
-    slots = device.holder.slot_ways if device.holder.slots else ACROSS
+    slots = device.holder.slot_directions if device.holder.slots else ACROSS
     down, scene = np.array([0.0, 0.0, -1.0]), np.array([0.0, 1.0, 0.0])
     slide = clip.slide_at - clip.slide.grip_mm * scene
     head, foot = (MOUNT, HOLDER), (back.parts[0].name, MOUNT)
@@ -121,11 +121,11 @@ def bought_items(device: Device) -> tuple[BoughtItem, ...]:
             head_z,
             mount.head,
             head,
-            holder_nut_ways_mm,
+            holder_nut_exits_mm,
             slots,
         ),
-        *_screws(device, slide, -scene, clip.slide, (MOUNT, CLIP), slide_nut_ways_mm),
-        *_screws(device, back.foot_heads, down, back.foot, foot, foot_nut_ways_mm, size=back.foot_size),
+        *_screws(device, slide, -scene, clip.slide, (MOUNT, CLIP), slide_nut_exits_mm),
+        *_screws(device, back.foot_heads, down, back.foot, foot, foot_nut_exits_mm, size=back.foot_size),
         *(item for joint in back.joints for item in _of_joint(device, joint)),
         *back.items,
         *_camera_screws(device),
@@ -135,14 +135,14 @@ def bought_items(device: Device) -> tuple[BoughtItem, ...]:
 
 
 def _of_joint(device: Device, joint: BackJoint) -> Iterator[BoughtItem]:
-    """The screws of a joint between two parts of the back, and their threads."""
+    """The screws of a joint between two parts of the back, with their inserts or nuts."""
     yield from _screws(
-        device, joint.heads, joint.out, joint.held, joint.joins, lambda _, seats: joint.nut_ways_mm, joint.corners
+        device, joint.heads, joint.out, joint.stack, joint.joins, lambda _, seats: joint.nut_exits_mm, joint.corners
     )
 
 
 def explode_of(device: Device) -> dict[str, FloatArray]:
-    """How far each printed part is moved (3,) in an exploded view, by its name."""
+    """Displacements (3,) of the printed parts in an exploded view, by name."""
     own = {name: np.array(move) for name, move in EXPLODE.items()}
     off = EXPLODE[HOLDER] - CARRIER_OUT_MM * device.holder.rig_from_mount[:3, 2]
     carriers = {carrier_name(each.name): off for each in device.mirror_carriers}
@@ -155,14 +155,14 @@ def _screws(
     out: FloatArray,
     stack: Stack,
     joins: tuple[str, str],
-    nut_ways_mm: Callable[[Device, FloatArray], FloatArray],
+    nut_exits_mm: Callable[[Device, FloatArray], FloatArray],
     corners: FloatArray = ACROSS,
     size: str = "M3",
 ) -> Iterator[BoughtItem]:
-    """Screws with their heads, or the washers under these, at points (n, 3), their inserts or nuts.
+    """Screws with their heads, or the washers under these, at points (n, 3), and their inserts or nuts.
 
-    `out` (3,) points from the tip to the head.
-    Nuts have a corner in the direction `corners`, (3,) or (n, 3), and leave their seats by `nut_ways_mm`.
+    `out` (3,) points from the tip to the head. Nuts have a corner in the direction `corners`, (3,) or (n, 3), and leave
+    their seats by `nut_exits_mm`.
     """
     screw = device.hardware.screw
     outer, inner = (explode_of(device)[name] for name in joins)
@@ -173,27 +173,27 @@ def _screws(
         yield BoughtItem("screw", size, stack.length_mm, under_head, outer + 25.0 * out, joins)
     mouths = heads - stack.grip_mm * out
     if screw.kind == "insert":
-        way = insert_way_mm(out)
+        moves = insert_exit_mm(out)
         for mouth in mouths:
-            yield _thread(device, along(mouth, out), inner, joins[1:], way)
+            yield _thread(device, along(mouth, out), inner, joins[1:], moves)
         return
     seats = mouths - stack.begins_mm * out
-    ways = nut_ways_mm(device, seats)
-    for seat, way, corner in zip(seats, ways, np.broadcast_to(corners, heads.shape), strict=True):
-        yield _thread(device, along(seat, out, corner), inner, joins[1:], way)
+    exits = nut_exits_mm(device, seats)
+    for seat, moves, corner in zip(seats, exits, np.broadcast_to(corners, heads.shape), strict=True):
+        yield _thread(device, along(seat, out, corner), inner, joins[1:], moves)
 
 
 def _thread(
-    device: Device, rig_from_item: FloatArray, apart: FloatArray, joins: tuple[str, ...], way_out_mm: FloatArray
+    device: Device, rig_from_item: FloatArray, apart: FloatArray, joins: tuple[str, ...], exit_moves_mm: FloatArray
 ) -> BoughtItem:
-    """An insert or a nut; in an exploded view it is at the end of its way out of its part, which is moved `apart`."""
+    """An insert or a nut; in an exploded view it is at the end of its exit moves, beyond the part's move `apart`."""
     screw = device.hardware.screw
     length = screw.insert_mm if screw.kind == "insert" else screw.nut_height_mm
-    return BoughtItem(screw.kind, "M3", length, rig_from_item, apart + way_out_mm.sum(axis=0), joins, way_out_mm)
+    return BoughtItem(screw.kind, "M3", length, rig_from_item, apart + exit_moves_mm.sum(axis=0), joins, exit_moves_mm)
 
 
 def _camera_screws(device: Device) -> Iterator[BoughtItem]:
-    """The fasteners of the camera in its clip: sprung screws that press a body, or a board's own screws."""
+    """The fasteners of the camera in its clip: sprung screws on a body, or a board's own screws."""
     clip, hardware = device.clip, device.hardware
     above = np.array([0.0, 0.0, 1.0])
     apart = np.array(EXPLODE[CLIP])
@@ -207,9 +207,9 @@ def _camera_screws(device: Device) -> Iterator[BoughtItem]:
         yield BoughtItem("screw", "M3", sprung.length_mm, along(sprung.head, out), apart + 25.0 * out, (CLIP,))
         seat = sprung.tip + (sprung.mouth_mm - sprung.thread_mm) * out
         insert = hardware.screw.kind == "insert"
-        way = insert_way_mm(out) if insert else sprung.nut_way_mm
+        moves = insert_exit_mm(out) if insert else sprung.nut_way_mm
         across = ACROSS if insert else SCENE - (SCENE @ out) * out
-        yield _thread(device, along(seat, out, across), apart, (CLIP,), way)
+        yield _thread(device, along(seat, out, across), apart, (CLIP,), moves)
 
 
 def _carrier_items(device: Device) -> Iterator[BoughtItem]:
@@ -235,48 +235,48 @@ def _carrier_items(device: Device) -> Iterator[BoughtItem]:
             )
             mouth = head - (adjuster.plate_mm + adjuster.gap_mm) * away
             if screw.kind == "insert":
-                yield _thread(device, along(mouth, away), apart, (name,), insert_way_mm(away))
+                yield _thread(device, along(mouth, away), apart, (name,), insert_exit_mm(away))
             else:
                 seat = mouth - UNDER_NUT_MM * away
-                way = beyond(corners_of((carrier.body,)), seat, -away)[None]
-                yield _thread(device, along(seat, away, across), apart, (name,), way)
+                exit_mm = beyond(corners_of((carrier.body,)), seat, -away)[None]
+                yield _thread(device, along(seat, away, across), apart, (name,), exit_mm)
 
 
 def standing(bed_from_rig: FloatArray, low_mm: float) -> FloatArray:
-    """The transform (4, 4) to the bed of a part that stands turned by a rotation (3, 3), its foot at `low_mm`."""
+    """The transform (4, 4) of a part to the bed by a rotation (3, 3), with its lowest point at `low_mm` after that."""
     return rigid(bed_from_rig, [0.0, 0.0, -low_mm])
 
 
 def turned(bed_from_rig: FloatArray, degrees: float) -> FloatArray:
-    """The transform (4, 4) of a part that lies turned on the bed."""
+    """A transform (4, 4) to the bed, followed by a turn about the bed's normal."""
     about_z = np.eye(4)
     about_z[:2, :2] = turn(degrees)
     return np.asarray(about_z @ bed_from_rig)
 
 
 def lying_on(rig_from_face: FloatArray) -> FloatArray:
-    """The transform (4, 4) to the bed of a part that lies on a flat face, whose frame's z points out of the part."""
+    """The transform (4, 4) of a part to the bed with a flat face down; the face's frame has z out of the part."""
     bed_from_face = np.diag([1.0, -1.0, -1.0, 1.0])
     face_from_rig = np.linalg.inv(rig_from_face)
     return np.asarray(bed_from_face @ face_from_rig)
 
 
 def named_faces(device: Device, part: str) -> tuple[NamedFace, ...]:
-    """The faces of a printed part, by its name or the name of a piece of it, such as "mount_1".
+    """The named faces of a printed part or of a piece of it, such as "mount_1".
 
-    "seat_ROW-COLUMN" and "pad_ROW-COLUMN" behind each mirror, "joint_NAME" at each connection to another part.
+    "seat_ROW-COLUMN" and "pad_ROW-COLUMN" are behind each mirror, "joint_NAME" at each connection to another part.
     """
-    whole = re.sub(r"_\d+$", "", part)
+    uncut = re.sub(r"_\d+$", "", part)
     faces = []
     for joint in connections(device):
-        if joint.parent == whole:
+        if joint.parent == uncut:
             frame = joint.rig_from_parent_joint
             faces.append(NamedFace(f"joint_{joint.name}", frame[:3, 3], frame[:3, 2]))
-        if joint.child == whole:
+        if joint.child == uncut:
             frame = joint.rig_from_child_joint
             faces.append(NamedFace(f"joint_{joint.name}", frame[:3, 3], -frame[:3, 2]))
     for name, mirror in zip(device.layout.mirror_names, device.layout.mirrors, strict=True):
-        if (part != carrier_name(name)) if device.mirror_carriers else (whole != HOLDER):
+        if (part != carrier_name(name)) if device.mirror_carriers else (uncut != HOLDER):
             continue
         normal = mirror.rig_from_plane[:3, 2]
         for kind, height in (("seat", seat_height_mm(mirror, device.hardware)), ("pad", mirror.back_mm)):
@@ -287,30 +287,30 @@ def named_faces(device: Device, part: str) -> tuple[NamedFace, ...]:
 
 SIDE = np.array([1.0, 0.0, 0.0])
 ABOVE = np.array([0.0, 0.0, 1.0])
-# An insert is drawn so far from its hole.
+# Distance of an insert from its hole in an exploded view.
 INSERT_OUT_MM = 17.0
 
 
-def insert_way_mm(out: FloatArray) -> FloatArray:
-    """The move (1, 3) of inserts that enter a part by the face that the screw enters; `out` (3,) has length 1."""
+def insert_exit_mm(out: FloatArray) -> FloatArray:
+    """The exit move (1, 3) of an insert in the face that the screw enters, along a unit vector `out` (3,)."""
     return INSERT_OUT_MM * out[None]
 
 
-def holder_nut_ways_mm(device: Device, seats: FloatArray) -> FloatArray:
-    """Moves (n, 1, 3) in rig of the nuts at seats (n, 3) in the holder's back: along their slots."""
-    corners, ways = device.holder.corners_in_rig, device.holder.slot_ways
-    unit = ways / np.linalg.norm(ways, axis=1)[:, None]
-    return np.array([[beyond(corners, seat, way)] for seat, way in zip(seats, unit, strict=True)])
+def holder_nut_exits_mm(device: Device, seats: FloatArray) -> FloatArray:
+    """Exit moves (n, 1, 3) in rig of the nuts at seats (n, 3) in the holder's back: along their slots."""
+    corners, directions = device.holder.corners_in_rig, device.holder.slot_directions
+    unit = directions / np.linalg.norm(directions, axis=1)[:, None]
+    return np.array([[beyond(corners, seat, direction)] for seat, direction in zip(seats, unit, strict=True)])
 
 
-def slide_nut_ways_mm(device: Device, seats: FloatArray) -> FloatArray:
-    """Moves (n, 1, 3) of the nuts of the clip's slide: off its wall, out at the side to the scene."""
+def slide_nut_exits_mm(device: Device, seats: FloatArray) -> FloatArray:
+    """Exit moves (n, 1, 3) of the nuts of the clip's slide: from its wall towards the scene."""
     corners = corners_of(device.clip.pieces)
     return np.array([[beyond(corners, seat, SCENE)] for seat in seats])
 
 
-def foot_nut_ways_mm(device: Device, seats: FloatArray) -> FloatArray:
-    """Moves (n, 2, 3) of the nuts in the mount's foot: off its plate into the truss, out by the nearer side."""
+def foot_nut_exits_mm(device: Device, seats: FloatArray) -> FloatArray:
+    """Exit moves (n, 2, 3) of the nuts in the mount's foot: off its plate into the truss, then to the nearer side."""
     corners, screw = corners_of(device.mount.pieces), device.hardware.screw
     plate = device.mount.foot_z_mm + foot_plate_mm(device.mount.section.depth_mm, device.hardware)
     # The origin of a nut is at its face towards the screw.

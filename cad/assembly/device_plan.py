@@ -1,4 +1,4 @@
-"""The plan of a whole device: plans of all its parts, and the joints between them."""
+"""The plan of a complete device: the plans of all its parts, and the joints between them."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ from mirrorcam.optics.geometry.camera_body import BoardHoles
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.transforms import rigid
 
-# Places on each move of the dust cover at which the camera is looked for.
-WAY_STEPS = 8
+# Steps of each move of the dust cover at which clashes with the camera are tested.
+COVER_STEPS = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +51,7 @@ class Device:
 
     @property
     def mirror_carriers(self) -> tuple[CarrierPlan, ...]:
-        """The carriers that mirrors are glued to, in the layout's order; none where they are glued to the holder."""
+        """The carriers of the mirrors, in the layout's order; none if mirrors are glued to the holder."""
         return self.holder.carriers if isinstance(self.holder, ScrewedHolderPlan) else ()
 
 
@@ -63,7 +63,7 @@ def plan_device(layout: Layout, hardware: Hardware) -> Device:
     layout : Layout
         Camera and mirrors.
     hardware : Hardware
-        All dimensions that do not come from the layout.
+        All dimensions that do not follow from the layout.
 
     Returns
     -------
@@ -73,8 +73,8 @@ def plan_device(layout: Layout, hardware: Hardware) -> Device:
     Raises
     ------
     InputError
-        With the measure that breaks, where the device cannot be made: light that a part would stop, a part that the
-        printer cannot print, a mirror that cannot be cut.
+        If the device cannot be made: a part would block light, a part cannot be printed, or a mirror cannot be cut. The
+        message gives the dimension.
     """
     require_same_camera(layout.camera, hardware.camera)
     _require_known_screws(hardware)
@@ -85,7 +85,7 @@ def plan_device(layout: Layout, hardware: Hardware) -> Device:
     beams = [[pocket, beam] for pocket, _, beam in light]
     require_dark("camera", camera_boxes(hardware), layout, beams)
     require_dark("camera clip", slid(clip.pieces, clip.travel_mm), layout, light)
-    # Late, because it takes longest: a minute for large layouts.
+    # The holder takes longest, a minute for large layouts, so that other checks come first.
     screwed = hardware.holder.mirrors == "screws"
     holder = plan_screwed_holder(layout, hardware) if screwed else plan_holder(layout, hardware)
     mount = plan_mount(layout, holder, clip, hardware)
@@ -108,7 +108,7 @@ def plan_device(layout: Layout, hardware: Hardware) -> Device:
 
 
 def _require_known_screws(hardware: Hardware) -> None:
-    """Raise InputError where a camera's board has screws of a thread that is not in the table."""
+    """Raise InputError if the thread of a camera board's screws is not in the table."""
     camera = hardware.camera
     known = sorted(thread.diameter_mm for thread in THREADS.values())
     if isinstance(camera.held_by, BoardHoles) and camera.held_by.screw_mm not in known:
@@ -121,18 +121,18 @@ def _require_known_screws(hardware: Hardware) -> None:
 def _cover(
     layout: Layout, holder: HolderPlan, mount: MountPlan, camera: tuple[Frustum, ...], hardware: Hardware
 ) -> CoverPlan | None:
-    """The dust cover, if it is requested, fits the bed, and comes off past the camera in its clip (`camera`)."""
+    """The dust cover, if it is requested, fits the bed, and its moves clear the camera in its clip (`camera`)."""
     cover = plan_cover(layout, holder, mount, hardware) if hardware.holder.dust_cover else None
     if cover is None:
         return None
-    shares = np.linspace(0.0, 1.0, WAY_STEPS + 1)[:, None]
+    shares = np.linspace(0.0, 1.0, COVER_STEPS + 1)[:, None]
     places = np.vstack([shares * cover.way_mm[0], cover.way_mm[0] + shares * cover.way_mm[1]])
-    in_its_way = (
+    clashes = (
         overlap_mm(moved(cover.outer, place), solid) > 0.0
         for place in places
         for solid in (*camera, *lens_boxes(hardware))
     )
-    return None if any(in_its_way) else cover
+    return None if any(clashes) else cover
 
 
 def camera_boxes(hardware: Hardware) -> tuple[Frustum, ...]:
@@ -148,7 +148,7 @@ def camera_boxes(hardware: Hardware) -> tuple[Frustum, ...]:
 
 
 def lens_boxes(hardware: Hardware) -> tuple[Frustum, ...]:
-    """A box around the camera's lens ring or barrel, before its body; none where nothing stands out."""
+    """A box around the camera's lens ring or barrel in front of its body; none if nothing protrudes."""
     camera = hardware.camera
     half, front = camera.lens_ring_mm / 2.0, camera.pupil_behind_front_mm
     if not camera.lens_protrusion_mm:
@@ -162,7 +162,7 @@ def slid(solids: tuple[Frustum, ...], travel_mm: float) -> tuple[Frustum, ...]:
 
 
 def connections(device: Device) -> tuple[Connection, ...]:
-    """The joints between the parts, from the holder on."""
+    """The joints between the parts, starting from the holder."""
     mount, clip, back = device.mount, device.clip, device.back
     out_of_back = device.holder.rig_from_mount
     downwards = np.diag([1.0, -1.0, -1.0])

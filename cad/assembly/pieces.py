@@ -1,4 +1,4 @@
-"""The pieces of an assembled device as meshes: printed parts, mirrors, camera, fasteners, each with its mass."""
+"""The pieces of an assembled device as meshes with their masses: printed parts, mirrors, camera and fasteners."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ ITEM_RGB: dict[str, Rgb] = {
     "pin": (0.62, 0.64, 0.67),
     "spring": (0.66, 0.70, 0.76),
 }
-# By the end of an item's title.
+# Standards by the end of an item's title.
 STANDARDS = {
     "thread-forming screw": "for plastics, pan head",
     "countersunk screw": "ISO 10642, hexagon socket",
@@ -61,7 +61,7 @@ STANDARDS = {
     "pin": "ISO 2338 or a piece of rod",
     "compression spring": "spring steel, DIN 2098 or similar",
 }
-# g/cm3: acrylic (PMMA, data sheets 1.18 to 1.19), float glass (EN 572-1), brass CuZn39Pb3, steel.
+# Densities in g/cm3: acrylic (PMMA, 1.18 to 1.19 in data sheets), float glass (EN 572-1), brass CuZn39Pb3, steel.
 MIRRORS, BRASS, STEEL = {"acrylic": 1.19, "glass": 2.5}, 8.47, 7.85
 MIRROR_OUT_MM = 35.0
 CAMERA_OUT_MM = 15.0
@@ -73,10 +73,10 @@ ANGLE_RAD = 0.35
 
 @dataclass(frozen=True)
 class Piece:
-    """A piece of the assembled device: `mesh` in rig, mm; `explode_mm` (3,) is its shift, in rig, in an exploded view.
+    """A piece of the assembled device: `mesh` in rig, mm, and its displacement `explode_mm` (3,) in an exploded view.
 
-    `name` is unique: the stem of a part's files, "mirror_ROW-COLUMN", or a fastener's. `number` is the number of a
-    part or a mirror, "" for bought items; `item` is the fastener that a piece shows.
+    `name` is unique: the name of a part or a fastener, or "mirror_ROW-COLUMN". `number` is the number of a part or a
+    mirror, "" for bought items; `item` is the bought item of a fastener.
     """
 
     name: str
@@ -94,7 +94,7 @@ PieceOrPart = TypeVar("PieceOrPart", Piece, BuiltPart)
 
 
 def pieces_of(device: Device, parts: Iterable[BuiltPart]) -> tuple[Piece, ...]:
-    """All pieces of a device, its printed parts read from their STL files."""
+    """All pieces of a device, with the printed parts read from their STL files."""
     printed = [_printed(part) for part in parts if part.name not in APART]
     return (
         *printed,
@@ -110,7 +110,7 @@ def _printed(part: BuiltPart) -> Piece:
 
 
 def mirror_pieces(device: Device, printed: Sequence[Piece]) -> tuple[Piece, ...]:
-    """The mirrors as cut; in an exploded view each moves with the holder, or its nearest piece, and off its seat."""
+    """The mirrors as cut; in an exploded view each moves with its carrier or its piece of the holder, and off it."""
     pieces = []
     carriers = {piece.name: piece for piece in printed}
     for name, mirror in zip(device.layout.mirror_names, device.layout.mirrors, strict=True):
@@ -132,14 +132,14 @@ def mirror_pieces(device: Device, printed: Sequence[Piece]) -> tuple[Piece, ...]
 
 
 def holder_under(mirror: Mirror, parts: Sequence[PieceOrPart]) -> PieceOrPart:
-    """The holder, or of a split one the piece whose centre of mass is nearest to the middle of a mirror."""
+    """The holder or, if it is split, the piece whose centre of mass is nearest to the middle of a mirror."""
     middle = mirror.outline_in_rig_mm.mean(axis=0)
     holders = [part for part in parts if part.name.startswith(HOLDER)]
     return min(holders, key=lambda part: float(np.linalg.norm(part.mass.centre_in_rig_mm - middle)))
 
 
 def camera_piece(device: Device, clip: Piece) -> Piece:
-    """The camera, of the mass that its maker states; it leaves its clip towards the scene, a board by the front."""
+    """The camera with its stated mass; in an exploded view a body moves towards the scene, a board forwards."""
     camera = device.hardware.camera
     mesh = tessellated(camera_solid(camera))
     mass = mass_of(mesh, camera.mass_g / (mesh.volume / 1000.0))
@@ -149,7 +149,7 @@ def camera_piece(device: Device, clip: Piece) -> Piece:
 
 
 def item_pieces(items: Sequence[BoughtItem]) -> tuple[Piece, ...]:
-    """Fasteners in their places."""
+    """The fasteners in their places."""
     meshes: dict[tuple[str, str, float], trimesh.Trimesh] = {}
     pieces = []
     for name, item in zip(item_names(items), items, strict=True):
@@ -175,7 +175,7 @@ def item_pieces(items: Sequence[BoughtItem]) -> tuple[Piece, ...]:
 
 
 def item_names(items: Sequence[BoughtItem]) -> tuple[str, ...]:
-    """Names of fasteners, numbered by kind: "screw_01"; one that cuts its own thread is a "screw_forming_13"."""
+    """Names of fasteners, numbered by kind: "screw_01"; "screw_forming_13" for a thread-forming screw."""
     counted: Counter[str] = Counter()
     names = []
     for item in items:
@@ -186,9 +186,9 @@ def item_names(items: Sequence[BoughtItem]) -> tuple[str, ...]:
 
 
 def item_title(item: BoughtItem) -> str:
-    """The title of a bought item: "M3 x 12 screw", "M3 nut", "M3 x 12 countersunk screw" (of size "M3 countersunk").
+    """The title of a bought item: "M3 x 12 screw", "M3 nut", "M3 x 12 countersunk screw" (size "M3 countersunk").
 
-    A nut with an inch thread is a "1/4-20 UNC hexagon nut", as shops call it.
+    A nut with an inch thread has its trade name, "1/4-20 UNC hexagon nut".
     """
     if item.kind in ("nut", "washer"):
         return f"{item.size}{' hexagon' if item.size.endswith('UNC') else ''} {item.kind}"
@@ -200,7 +200,7 @@ def item_title(item: BoughtItem) -> str:
 
 
 def standard_of(title: str) -> str:
-    """The standard, or in words the kind, of a bought item by its title."""
+    """The standard of a bought item by its title, or a description if there is none."""
     return next(standard for name, standard in STANDARDS.items() if title.endswith(name))
 
 
@@ -235,9 +235,9 @@ def mass_of(mesh: trimesh.Trimesh, density_g_per_cm3: float) -> MassProperties:
 
 
 def composed(bodies: Sequence[MassProperties]) -> MassProperties:
-    """Several bodies as one: masses add, inertias about the common centre by the parallel axis theorem.
+    """Several bodies as one, by the parallel axis theorem.
 
-    I = sum of I_k + m_k (|d_k|^2 1 - d_k d_k^T), d_k from the common centre to the centre of body k.
+    I = sum of I_k + m_k (|d_k|^2 1 - d_k d_k^T), with d_k from the common centre to the centre of body k.
     """
     masses = np.array([body.mass_g for body in bodies])
     centres = np.array([body.centre_in_rig_mm for body in bodies])
@@ -257,14 +257,14 @@ ABOVE: Any = (Align.CENTER, Align.CENTER, Align.MIN)
 BELOW: Any = (Align.CENTER, Align.CENTER, Align.MAX)
 HINGE_MM = 7.8
 CABLE_STUB_MM = 20.0
-# Coils of a spring that is drawn as a sleeve, the dead ones among them.
+# Coils of a spring that is drawn as a sleeve, including the inactive ones.
 SLEEVE_COILS = 5.5
-# ISO 7089: outer diameter and hole of a washer, over the diameter of its thread.
+# ISO 7089: ratio of a washer's outer diameter, and of its hole, to the thread's diameter.
 WASHER, WASHER_HOLE = 7.0 / 3.0, 3.2 / 3.0
 
 
 def camera_solid(camera: CameraBody) -> Part:
-    """The camera in rig, its entrance pupil in the origin: body, lens ring, folded foot, hinge, cable."""
+    """The camera in rig, with its entrance pupil at the origin: body, lens ring, folded foot, hinge, cable."""
     front = camera.pupil_behind_front_mm
     middle = (-camera.lens_x_mm, -camera.lens_y_mm)
     with BuildPart() as body:
@@ -299,7 +299,7 @@ def camera_solid(camera: CameraBody) -> Part:
 
 
 def _rounded(camera: CameraBody) -> None:
-    """Add the outline of a body with round ends to a sketch: a slot where nothing of its shorter sides is flat."""
+    """Add the outline of a body with round ends to a sketch: a slot if its shorter sides have no flat."""
     width, height, radius = camera.width_mm, camera.height_mm, camera.end_radius_mm
     if 2.0 * radius < min(width, height):
         RectangleRounded(width, height, radius)
@@ -308,7 +308,7 @@ def _rounded(camera: CameraBody) -> None:
 
 
 def item_solid(item: BoughtItem) -> Part:
-    """A screw, insert, nut or pin in its own frame: origin under the head (at the mouth of the hole), z outwards."""
+    """A bought item in its own frame: origin under a head or at the mouth of a hole, z outwards."""
     if item.kind == "spring":
         return _sleeve(item)
     diameter = diameter_mm(item.size)
@@ -329,7 +329,7 @@ def item_solid(item: BoughtItem) -> Part:
             extrude(amount=item.length_mm)
             Hole(diameter / 2.0)
         elif item.kind == "insert":
-            # Outer diameter 4.6 for M3, pressed into a hole of 4.0: it is as wide as its hole where it is seen.
+            # An M3 insert has an outer diameter of 4.6; it is drawn with the 4.0 of the hole into which it is pressed.
             Cylinder(4.0 / 3.0 * diameter / 2.0, item.length_mm, align=BELOW)
             Hole(diameter / 2.0)
         else:
@@ -338,7 +338,7 @@ def item_solid(item: BoughtItem) -> Part:
 
 
 def _sleeve(spring: BoughtItem) -> Part:
-    """A spring as a sleeve of its mean diameter, as thick as the volume of its wire makes it (with two dead coils)."""
+    """A spring as a sleeve of its mean diameter and its wire's volume, including the inactive coils."""
     wire, mean, _ = (float(number) for number in spring.size.split(" x "))
     thick = min(np.pi * wire**2 * SLEEVE_COILS / (4.0 * spring.length_mm), wire)
     with BuildPart() as body:

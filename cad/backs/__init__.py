@@ -1,5 +1,5 @@
-"""Backs: what is screwed under the mount's foot, and carries the device on a desk, a tripod, an arm, a profile.
+"""Backs: adapters under the mount's foot that support the device on a desk, a tripod, an arm or a profile.
 
-Each kind is planned into the one type `Back`; `plan_backs.plan_back` chooses by the table of dimensions. The rest of
-`cad` reads the `Back`, and knows no kinds.
+`plan_backs.plan_back` plans any kind as a `Back`, selected by its table of dimensions. The rest of `cad` uses the
+`Back` and does not depend on its kind.
 """

@@ -1,6 +1,6 @@
-"""A back as the rest of the device sees it: its parts, joints, bought items, what it stands on, and what it carries.
+"""A back for the rest of the device: its parts, joints, bought items, support and load.
 
-The load, mass and centre of all that stands on the back, follows from the plans, before anything is made.
+The load is the mass and centre of all that the back carries. It follows from the plans, before any part is made.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from mirrorcam.core.values import FloatArray
 # Colours of the part under the mount's foot, and of the part fastened to it.
 RGB: Rgb = (0.35, 0.60, 0.42)
 SECOND_RGB: Rgb = (0.55, 0.74, 0.52)
-# Which way a part of a back stands when printed: rows are the bed's x, y and z in rig.
+# Orientations of a back's part in print: rows are the bed's x, y and z in rig.
 AS_IT_STANDS = np.eye(3)
 FRONT_DOWN = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 BACK_DOWN = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
@@ -32,17 +32,17 @@ ON_ITS_SIDE = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
 
 
 class PlannedPart(Protocol):
-    """The plan of a printed part of a back, of which a solid is made."""
+    """The plan of a back's printed part."""
 
     @property
     def corners(self) -> FloatArray:
-        """Points (n, 3) in rig whose hull holds the part and is no larger along the axes."""
+        """Points (n, 3) in rig whose hull contains the part and has the same extent along the axes."""
         ...
 
 
 @dataclass(frozen=True)
 class BackPart:
-    """A printed part of a back: the numbers it is made of, how it lies on the bed (3, 3), where it is when exploded."""
+    """A printed part of a back: its plan, orientation on the bed (3, 3), and displacement in an exploded view."""
 
     name: str
     title: str
@@ -56,21 +56,21 @@ class BackPart:
 class BackJoint:
     """M3 screws between two parts of a back, into inserts or nuts.
 
-    Their heads are at points (n, 3), `out` (3,) points from the tips to the heads. Nuts have a corner towards
-    `corners` (3,) and leave their seats by `nut_ways_mm` (n, k, 3).
+    Their heads are at points (n, 3), `out` (3,) points from the tips to the heads, and `stack` is their grip and
+    thread. Nuts have a corner towards `corners` (3,) and leave their seats by the moves `nut_exits_mm` (n, k, 3).
     """
 
     heads: FloatArray
     out: FloatArray
-    held: Stack
+    stack: Stack
     joins: tuple[str, str]
-    nut_ways_mm: FloatArray
+    nut_exits_mm: FloatArray
     corners: FloatArray
 
 
 @dataclass(frozen=True)
 class Carrier:
-    """The support of a back as convex solids in rig, mm, for clearances and light; no piece of the device."""
+    """The support of a back, as convex solids in rig, mm, for clearances and light; not part of the device."""
 
     name: str
     solids: tuple[Frustum, ...]
@@ -78,10 +78,10 @@ class Carrier:
 
 @dataclass(frozen=True)
 class Neck:
-    """The section of a back that its load passes: a rectangle about a point (3,), across a unit vector (3,).
+    """A weak section of a back that bears the load: a rectangle about a point (3,), with a unit normal `across` (3,).
 
-    `sides_mm` are its lengths along `along` (3,), in its plane, and at right angles to that. A neck that only bends,
-    about `along`, does so under forces `arm_mm` away, such as those on the edge of a foot.
+    `sides_mm` are its lengths along `along` (3,), in its plane, and normal to that. With `arm_mm`, the section only
+    bends about `along`, under forces at that lever arm, such as a force on the edge of a foot.
     """
 
     name: str
@@ -92,31 +92,29 @@ class Neck:
     arm_mm: float | None = None
 
     def stress_mpa(self, force_n: float, at: FloatArray) -> float:
-        """The largest stress of a force at a point (3,), whichever way it points: of the sum of its components.
+        """The largest stress by a force at a point (3,) in any direction, as the sum of its components.
 
-        Tension F/A, bending M/W about both sides, W = b h^2 / 6, and torsion T / (a b^2) with a = 1/5, b the shorter
-        side, which is the least that holds for any rectangle (Timoshenko, Theory of Elasticity, 109).
+        Tension F/A, bending M/W about both sides, W = b h^2 / 6, and torsion T / (a b^2) with b the shorter side and
+        a = 1/5, a lower bound for all rectangles (Timoshenko, Theory of Elasticity, 109).
         """
         a, b = self.sides_mm
         if self.arm_mm is not None:
             return force_n * (1.0 / (a * b) + self.arm_mm / (a * b**2 / 6.0))
         lever = at - self.at
         normal = np.cross(self.across, self.along)
-        far = {axis: float(np.linalg.norm(lever - (lever @ way) * way)) for axis, way in self._axes(normal).items()}
-        bending = far["along"] / (a * b**2 / 6.0) + far["normal"] / (b * a**2 / 6.0)
-        torsion = far["across"] / (max(a, b) * min(a, b) ** 2 / 5.0)
+        arms = (float(np.linalg.norm(lever - (lever @ axis) * axis)) for axis in (self.along, normal, self.across))
+        about_along, about_normal, about_across = arms
+        bending = about_along / (a * b**2 / 6.0) + about_normal / (b * a**2 / 6.0)
+        torsion = about_across / (max(a, b) * min(a, b) ** 2 / 5.0)
         return force_n * (1.0 / (a * b) + bending + torsion)
-
-    def _axes(self, normal: FloatArray) -> dict[str, FloatArray]:
-        return {"along": self.along, "normal": normal, "across": self.across}
 
 
 @dataclass(frozen=True)
 class RobotLink:
-    """Where the device hangs on an arm: the parent link, and the pose of the device's link in it.
+    """The device's attachment to an arm: the parent link, and the pose of the device's link in it.
 
-    The device's link has x to the scene, y left and z up; its origin is at `origin_in_rig` (3,), mm. Its pose in the
-    parent's frame is `xyz_mm`, and `rpy` in rad about the fixed axes. `arms` names the arms that it is for.
+    The device's link has x towards the scene, y left and z up, and its origin at `origin_in_rig` (3,), mm. Its pose in
+    the parent's frame is `xyz_mm`, and `rpy` in rad about the fixed axes. `arms` names the arms that fit.
     """
 
     parent: str
@@ -128,7 +126,7 @@ class RobotLink:
 
 @dataclass(frozen=True)
 class Stand:
-    """The support of a device that stands by itself: convex corners (n, 2; x and y), at `z_mm` in rig."""
+    """The base of a free-standing device: a convex polygon (n, 2; x and y) at `z_mm` in rig, and the required tilt."""
 
     corners: FloatArray
     z_mm: float
@@ -137,11 +135,11 @@ class Stand:
 
 @dataclass(frozen=True)
 class Back:
-    """A back of any kind, in rig, mm; the first of its parts is screwed to the mount's foot.
+    """A back of any kind, in rig, mm; its first part is screwed to the mount's foot.
 
-    The foot's screws, of `foot_size`, have their heads at `foot_heads` (4, 3) and the stack `foot`. `joints` are its
-    further M3 screws with their threads, `items` what else is bought for it, `connections` how its parts meet each
-    other. `table` is the part of the hardware that it was planned from.
+    The foot's screws, of `foot_size`, have their heads at `foot_heads` (4, 3) and the stack `foot`. `joints` are
+    further M3 screws with their threads, `items` other bought items, and `connections` the joints between its parts.
+    `table` is the hardware's table from which it was planned.
     """
 
     table: Any
@@ -159,7 +157,7 @@ class Back:
 
     @property
     def kind(self) -> str:
-        """The kind, as a hardware file and the command name it."""
+        """The kind, by its name in hardware files and commands."""
         return str(self.table.kind)
 
 
@@ -172,10 +170,10 @@ class Load:
 
 
 def carried(mount: MountPlan, clip: ClipPlan, hardware: Hardware) -> Load:
-    """All but the back: the holder as if it were solid, its mirrors, the mount, the clip and the camera.
+    """Mass of all but the back: the holder as if solid, the mirrors, the mount, the clip and the camera.
 
-    Pieces of a part count in full where they overlap: an estimate from above, by which backs are laid out. Checks weigh
-    the parts as made.
+    Overlapping pieces of a part count in full, so that this is an upper bound, for the design of backs. Checks use the
+    masses of the parts as made.
     """
     body = body_box(hardware.camera)
     masses = [
@@ -189,7 +187,7 @@ def carried(mount: MountPlan, clip: ClipPlan, hardware: Hardware) -> Load:
 
 
 def _weighed(pieces: tuple[Frustum, ...], hardware: Hardware) -> tuple[float, FloatArray]:
-    """Mass in g, and the middle (3,), of pieces of plastic."""
+    """Mass in g, and centre (3,), of pieces of plastic."""
     volumes = np.array([abs(volume_mm3(piece)) for piece in pieces])
     middles = np.array([np.vstack([piece.base, piece.top]).mean(axis=0) for piece in pieces])
     return float(volumes.sum()) * hardware.printer.plastic_g_per_cm3 / 1000.0, np.asarray(

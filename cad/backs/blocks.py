@@ -29,16 +29,16 @@ from mirrorcam.cad.plan.prisms import corners_of
 from mirrorcam.cad.plan.seats import Frustum
 from mirrorcam.core.values import FloatArray
 
-# A head's facets as printed lean a little more than its cone, and slicers leave a degree or two for rounding: a cone
-# of 44 deg got support in three plates of nine.
+# The facets of a printed cone overhang slightly more than the cone, and slicers round by a degree or two: with 44 deg,
+# three of nine plates got support.
 STEEP = np.radians(ROOF_DEG)
-# A countersink is so much wider than the head, as facets cut off its round: less than what counts as a touch.
+# Radial clearance of a countersink for the facets of its round: less than the tolerance of the clash check.
 HEAD_FIT_MM = 0.05
-# A countersink opens no further than this below the head: neighbours 9.5 mm apart, and edges, keep a wall.
+# A countersink widens at most this far below the head, so that walls remain between holes 9.5 mm apart and at edges.
 FLARE_MM = 0.3
-# Slots that stand upright when printed have round ends and no roofs.
+# Slots that are vertical in print have round ends and no roofs.
 ROUND_DEG = 89.0
-# Corners of round solids.
+# Number of corners of a faceted disc.
 CORNERS = 96
 TRIPOD = "1/4-20 UNC"
 ALONG_X, ALONG_Y = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
@@ -46,7 +46,7 @@ ALONG_X, ALONG_Y = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
 
 @dataclass(frozen=True)
 class Disc:
-    """A disc about an axis along y through a point (3,), from there on towards y, in rig, mm."""
+    """A disc about an axis along y, from the middle (3,) of its first face towards +y, in rig, mm."""
 
     middle: FloatArray
     radius_mm: float
@@ -55,7 +55,7 @@ class Disc:
 
 @dataclass(frozen=True)
 class BlocksPlan:
-    """A part in rig, mm: convex pieces and discs, less cuts; `lengths` are for its drawing."""
+    """A part in rig, mm: convex pieces and discs, minus cuts; `lengths` are for its drawing."""
 
     name: str
     pieces: tuple[Frustum, ...]
@@ -70,7 +70,7 @@ class BlocksPlan:
 
     @property
     def dimensions(self) -> tuple[Length | Hole, ...]:
-        """Where its faces are, and the holes and rounds."""
+        """The lengths, rounds and holes."""
         rounds = (Hole(each.middle, ALONG_Y, round(2.0 * each.radius_mm, 3)) for each in self.discs)
         return (*self.lengths, *rounds, *holes(self.cuts))
 
@@ -78,14 +78,15 @@ class BlocksPlan:
 def countersunk_hole(
     head: FloatArray, grip_mm: float, sink_mm: float, size: str, flare_mm: float = FLARE_MM
 ) -> tuple[Bore | Countersink, ...]:
-    """A hole along z for a countersunk screw, the top of its head at a point (3,), `sink_mm` over a part's lower face.
+    """A hole along z for a countersunk screw, with its head's top at a point (3,), `sink_mm` above a part's lower face.
 
-    It prints without support as the part stands: the cone leans `ROOF_DEG`. It opens until `flare_mm` below the head.
+    It prints without support in the part's upright position, with a cone of `ROOF_DEG` that widens up to `flare_mm`
+    below the head.
     """
     thread = thread_of(size)
     half, wide = thread.clearance_mm / 2.0, SUNK_HEAD * thread.diameter_mm / 2.0 + HEAD_FIT_MM
     flare = min(sink_mm, flare_mm) + OUTSIDE_MM
-    # A little steeper than the head, which therefore rests on its rim.
+    # Slightly steeper than the head, which therefore rests on its rim.
     mouth = wide + flare * np.tan(STEEP)
     cone = Countersink(head - flare * ABOVE, ABOVE, mouth, half, (mouth - half) / np.tan(STEEP))
     bore = Bore(head, ABOVE, half, grip_mm + OUTSIDE_MM)
@@ -99,9 +100,9 @@ def countersunk_hole(
 
 
 def countersunk_slot(top: FloatArray, size: str, deep_mm: float, travel_mm: float) -> tuple[Bore, Countersink]:
-    """A slot along y through a part for a countersunk screw, which is level with the part's upper face, and its groove.
+    """A slot along y and its groove, for a countersunk screw that is flush with the part's upper face.
 
-    It is about a point (3,) of that face, on which the part is printed.
+    Its middle is a point (3,) of that face, on which the part is printed.
     """
     thread = thread_of(size)
     half, wide = thread.clearance_mm / 2.0, SUNK_HEAD * thread.diameter_mm / 2.0 + HEAD_FIT_MM
@@ -113,9 +114,9 @@ def countersunk_slot(top: FloatArray, size: str, deep_mm: float, travel_mm: floa
 
 
 def head_cuts(heads: FloatArray, grip_mm: float, up: FloatArray | None, hardware: Hardware) -> Iterator[Bore]:
-    """Holes along z for M3 screws whose heads rest at points (n, 3), and the space of heads and driver below them.
+    """Holes along z for M3 screws whose heads rest at points (n, 3), and the space for heads and driver below them.
 
-    `up` (3,) is up on the bed where they lie as printed, None where they stand.
+    `up` (3,) points up on the bed if the holes are horizontal in print, and is None if they are vertical.
     """
     clearance = hardware.screw.clearance_hole_mm / 2.0
     for head in heads:
@@ -124,19 +125,19 @@ def head_cuts(heads: FloatArray, grip_mm: float, up: FloatArray | None, hardware
 
 
 def faceted(disc: Disc) -> Frustum:
-    """A disc as a prism whose corners lie on its circle."""
+    """A disc as an inscribed prism."""
     turn = 2.0 * np.pi / CORNERS * np.arange(CORNERS)
     base = disc.middle + disc.radius_mm * np.column_stack([np.cos(turn), np.zeros(CORNERS), np.sin(turn)])
     return Frustum(base, base + disc.thick_mm * ALONG_Y)
 
 
 def ring(middle: FloatArray, radii_mm: tuple[float, float], thick_mm: float) -> tuple[Frustum, ...]:
-    """A ring between two radii about an axis along y, as convex sectors: no larger than it is."""
+    """A ring between two radii about an axis along y, as convex sectors inside it."""
     turn = 2.0 * np.pi / CORNERS * np.arange(CORNERS + 1)
     inner, outer = radii_mm
     sectors = []
     for start, end in pairwise(turn):
-        # The chord of the inner circle lies inside of it: its corners are moved out.
+        # The chord of the inner circle lies inside it, so its corners are moved out.
         near = inner / np.cos(np.pi / CORNERS)
         loop = [(near, start), (outer, start), (outer, end), (near, end)]
         base = np.array([middle + np.array([r * np.cos(t), 0.0, r * np.sin(t)]) for r, t in loop])
@@ -145,14 +146,14 @@ def ring(middle: FloatArray, radii_mm: tuple[float, float], thick_mm: float) -> 
 
 
 def tripod_depth_mm(nut: TripodNut) -> float:
-    """Least thickness of a part with the nut of a tripod, which lies flush in its upper face."""
+    """Least thickness of a part with a tripod's nut flush in its upper face."""
     return nut.floor_mm + thread_of(TRIPOD).nut_height_mm + NUT_FIT_MM
 
 
 def tripod_cuts(top: FloatArray, thick_mm: float, nut: TripodNut) -> tuple[Bore, Hexagon]:
     """The pocket of a tripod's nut about a point (3,) of a part's upper face, and the hole under it.
 
-    The nut goes in from above, and is held there by the mount's foot; the tripod presses the floor under it.
+    The nut drops in from above, and the mount's foot retains it. The tripod clamps the floor under it.
     """
     thread = thread_of(TRIPOD)
     mouth = top + OUTSIDE_MM * ABOVE
@@ -163,8 +164,8 @@ def tripod_cuts(top: FloatArray, thick_mm: float, nut: TripodNut) -> tuple[Bore,
 
 
 def tripod_nut(top: FloatArray, thick_mm: float, nut: TripodNut, part: str, explode_mm: FloatArray) -> BoughtItem:
-    """The nut in the pocket of `tripod_cuts`, in a part of a name; it leaves by the part's upper face."""
+    """The nut in the pocket of `tripod_cuts`, in the named part; it leaves through the part's upper face."""
     thread = thread_of(TRIPOD)
-    way = 25.0 * ABOVE
-    seat = top - (thick_mm - nut.floor_mm - thread.nut_height_mm) * ABOVE
-    return BoughtItem("nut", TRIPOD, thread.nut_height_mm, along(seat, ABOVE), explode_mm + way, (part,), way[None])
+    exit_mm = 25.0 * ABOVE
+    frame = along(top - (thick_mm - nut.floor_mm - thread.nut_height_mm) * ABOVE, ABOVE)
+    return BoughtItem("nut", TRIPOD, thread.nut_height_mm, frame, explode_mm + exit_mm, (part,), exit_mm[None])

@@ -2,9 +2,9 @@
 
 The bracket has an upright plate behind the mount's foot, a shelf and two ribs; it prints on its back.
 
-Arms, whose views look along the axis: ISO 9409-1-50-4-M6, and Kinova's Gen3. The Gen3 is measured in sections of
+Arms, with the views along their axis: ISO 9409-1-50-4-M6, and Kinova's Gen3. The Gen3 was measured in sections of
 `bracelet_no_vision_link.STL` of ros2_kortex, kortex_description/arms/gen3/7dof/meshes, commit 1fdbef34 (Kinova inc.,
-BSD-3-Clause): the face lies 61.525 mm before the link's origin, where `end_effector_link` is; four core holes of
+BSD-3-Clause). Its face, with `end_effector_link`, lies 61.525 mm before the link's origin. It has four core holes of
 4.2 mm at (+-27, +-16) mm, a hole of 4 mm at (30.5, 0) mm, and a rim from 35.4 to 37.5 mm that stands out by 2.9 mm.
 
 Stands and arms for monitors (VESA MIS-D): four M4 nuts in the front of the bracket's plate.
@@ -36,7 +36,7 @@ RIB_MM = 5.0
 
 @dataclass(frozen=True)
 class Bracket:
-    """A bracket in rig, mm: its plan, the middle (3,) of its plate's back, the heads (4, 3) of the foot's screws.
+    """A bracket in rig, mm: its plan, the middle (3,) of its plate's back, and the heads (4, 3) of the foot's screws.
 
     The plate's front is at y = `front_mm`.
     """
@@ -61,9 +61,9 @@ def plan_bracket(
 ) -> Bracket:
     """Lay out a bracket whose plate has its middle `below_mm` under the mount's foot.
 
-    `sides_mm` are the plate's half width, how far it reaches below its middle, and its thickness; the ribs stand from
-    `rib_x_mm` outwards on both sides. `cuts` of the plate, and the `ends` (3,) of further dimensions, are given
-    about the middle of its back as the origin. The shelf is `grip_mm` thick: heads rest under it.
+    `sides_mm` are the plate's half width, its extent below its middle, and its thickness. The ribs stand from
+    `rib_x_mm` outwards on both sides. The origin of the plate's `cuts`, and of the `ends` (3,) of further dimensions,
+    is the middle of its back. The shelf is `grip_mm` thick, with the screws' heads under it.
     """
     half, down, thick = sides_mm
     foot_z, slide = mount.foot_z_mm, float(mount.slide[1])
@@ -92,7 +92,7 @@ def plan_bracket(
     ]
     if reach < half:
         lengths.append(length(root, root + 2.0 * reach * ALONG_X))
-    # The ribs alone, at the root of the shelf.
+    # The ribs alone, without the shelf, at its root.
     deep = below_mm + down / 2.0
     neck = Neck("ribs at the plate", np.array([0.0, front, foot_z - deep / 2.0]), ALONG_Y, ABOVE, (deep, 2.0 * RIB_MM))
     lengths += [length(start + middle, end + middle) for start, end in ends]
@@ -100,7 +100,7 @@ def plan_bracket(
 
 
 def plate_neck(bracket: Bracket, width_mm: float, thick_mm: float, up_mm: float) -> Neck:
-    """The section of the plate `up_mm` over its middle, over the screws that hold it."""
+    """The section of the plate at `up_mm` over its middle, above its screws."""
     at = bracket.middle + np.array([0.0, thick_mm / 2.0, up_mm])
     return Neck("plate over its screws", at, ABOVE, ALONG_X, (width_mm, thick_mm))
 
@@ -115,7 +115,7 @@ def _moved(cut: Frustum | Bore | Hexagon, by: FloatArray) -> Frustum | Bore | He
 
 BRACKET, CENTRING = Iso9409Back.parts
 _, SPACER = Gen3Back.parts
-# The centring ring is loose in the plate and in the flange by this much on each side, so that it goes in by hand.
+# Clearance of the centring ring on each side in the plate and in the flange, so that it is mounted by hand.
 LOOSE_MM = 0.2
 RING_WALL_MM = 4.0
 EXPLODE = np.array([0.0, -60.0, -45.0])
@@ -123,7 +123,7 @@ INNER = np.array([0.0, -110.0, -45.0])
 
 
 def plan_iso9409(table: Iso9409Back, mount: MountPlan, load: Load, hardware: Hardware) -> Back:
-    """Lay out the bracket of a flange ISO 9409-1-50-4-M6, and a ring that centres it."""
+    """Lay out the bracket for a flange ISO 9409-1-50-4-M6, and a ring that centres it."""
     at = table.circle_mm / 2.0 / np.sqrt(2.0)
     spots = np.array([(x, z) for x in (-at, at) for z in (-at, at)])
     centre, thick = table.centre_mm / 2.0, table.plate_mm
@@ -158,7 +158,7 @@ def plan_iso9409(table: Iso9409Back, mount: MountPlan, load: Load, hardware: Har
 
 
 def plan_gen3(table: Gen3Back, mount: MountPlan, load: Load, hardware: Hardware) -> Back:
-    """Lay out the bracket of a Kinova Gen3, and a disc that bridges the rim round its face."""
+    """Lay out the bracket for a Kinova Gen3, and a spacer disc inside the rim round its face."""
     x, z = table.holes_mm
     spots = np.array([(a, b) for a in (-x, x) for b in (-z, z)])
     thick, (disc_radius, disc_thick) = table.plate_mm, table.spacer_mm
@@ -170,7 +170,7 @@ def plan_gen3(table: Gen3Back, mount: MountPlan, load: Load, hardware: Hardware)
     )
     face = bracket.middle - disc_thick * ALONG_Y
     holes = (replace(hole, mouth=hole.mouth + face) for hole in _holes(spots, clearance, disc_thick))
-    # Between a hole and the rim there is no space for a wall: it is a slot, open to the edge.
+    # There is no space for a wall between a hole and the rim, so that each hole is a slot, open to the edge.
     slots = (_slot(spot, clearance, disc_thick, face) for spot in spots)
     spacer = BlocksPlan(SPACER, (), (*holes, *slots), discs=(Disc(face, disc_radius, disc_thick),))
     inner, outer, high = table.rim_mm
@@ -199,9 +199,9 @@ def _back_of(
     size: str,
     hardware: Hardware,
 ) -> Back:
-    """The back of a bracket with a part behind its plate, and screws of a size at spots (n, 2; x and z) in its front.
+    """A back with a bracket, a part behind its plate, and screws of a size at spots (n, 2; x and z) in its front.
 
-    What it is fastened to is not among it.
+    The caller adds the carrier.
     """
     middle, front, thick = bracket.middle, bracket.front_mm, table.plate_mm
     places = [np.array([x, front, middle[2] + z]) for x, z in spots]
@@ -225,7 +225,7 @@ def _back_of(
 
 
 def _slot(spot: FloatArray, radius_mm: float, thick_mm: float, face: FloatArray) -> Frustum:
-    """What opens a hole at a spot (2,; x and z) outwards, in a disc on a face about a point (3,)."""
+    """The cut that opens a hole at a spot (2,; x and z) outwards, in a disc on a face about a point (3,)."""
     out = spot / np.linalg.norm(spot)
     side = radius_mm * np.array([-out[1], out[0]])
     corners = np.array([spot - side, spot + side, spot + side + 20.0 * out, spot - side + 20.0 * out])
@@ -239,12 +239,12 @@ def _holes(spots: FloatArray, radius_mm: float, thick_mm: float) -> tuple[Bore, 
 
 
 (NAME,) = VesaBack.parts
-# From a screw to the plate's edge, from the shelf to the upper screws, and the ribs from the middle.
+# Distances from a screw to the plate's edge, from the shelf to the upper screws, and from the middle to the ribs.
 EDGE_MM, UNDER_MM, RIB_X_MM = 8.0, 14.0, 26.0
 
 
 def plan_vesa(table: VesaBack, mount: MountPlan, load: Load, hardware: Hardware) -> Back:
-    """Lay out the bracket; its plate is open in the middle."""
+    """Lay out the bracket for VESA, with a window in its plate."""
     m4, at, thick = thread_of("M4"), table.square_mm / 2.0, table.plate_mm
     spots = [(x, z) for x in (-at, at) for z in (-at, at)]
     deep = m4.nut_height_mm + NUT_FIT_MM
@@ -271,9 +271,8 @@ def plan_vesa(table: VesaBack, mount: MountPlan, load: Load, hardware: Hardware)
         items.append(
             BoughtItem("screw", "M4", table.screw_mm, along(place, -ALONG_Y), EXPLODE - 30.0 * ALONG_Y, (NAME,))
         )
-        seat, way = middle + np.array([x, thick - deep, z]), 25.0 * ALONG_Y
-        frame = along(seat, -ALONG_Y)
-        items.append(BoughtItem("nut", "M4", m4.nut_height_mm, frame, EXPLODE + way, (NAME,), way[None]))
+        frame, exit_mm = along(middle + np.array([x, thick - deep, z]), -ALONG_Y), 25.0 * ALONG_Y
+        items.append(BoughtItem("nut", "M4", m4.nut_height_mm, frame, EXPLODE + exit_mm, (NAME,), exit_mm[None]))
     arm = box(
         (-half, float(middle[1]) - table.arm_mm, float(middle[2]) - half),
         (half, float(middle[1]), float(middle[2]) + half),

@@ -1,7 +1,7 @@
 """Kinova's second generation: a split clamp round the last shell, its upper half (the saddle) under the mount's foot.
 
-The wrist runs along y, below the camera: parallel to the views of a fold of 90 deg. Both halves are profiles in the x-z
-plane along y; they print with the clamp's face on the bed.
+The wrist runs along y below the camera, parallel to the views for a fold of 90 deg. Both halves are profiles in the x-z
+plane, extruded along y; they print with the clamp's face on the bed.
 """
 
 from __future__ import annotations
@@ -55,11 +55,11 @@ CAP_EAR_MM = 5.0
 EAR_OFF_MM = 0.3
 
 ARMS = "MICO and JACO with two fingers: m1n4s200, m1n6s200, j2n6s200, j2s6s200 of kinova-ros"
-# Least and largest radius, mm, of the last shell with two fingers at distances from its link's origin towards the
-# fingers; and of the joint's ring, which reaches as far to both sides of the origin. Measured in sections of
-# `hand_2finger.STL` and `ring_small.STL`, kinova-ros, kinova_description/meshes, commit 924781d3 (Kinova Robotics,
-# BSD-3-Clause). The shell with three fingers, `hand_3finger.STL`, is 31.5 to 31.8 mm at 12 mm and to 34.0 mm at 18 mm,
-# where a clamp needs it round: it does not fit.
+# SHELL_MM: distance from the link's origin towards the fingers, smallest and largest radius of the last shell with two
+# fingers. JOINT_RING_MM: radius of the joint's ring, and its extent to both sides of the origin. Measured in sections
+# of `hand_2finger.STL` and `ring_small.STL`, kinova-ros, kinova_description/meshes, commit 924781d3 (Kinova Robotics,
+# BSD-3-Clause). The shell with three fingers, `hand_3finger.STL`, does not fit: its radius is 31.5 to 31.8 mm at 12 mm
+# and up to 34.0 mm at 18 mm, where the clamp needs a round shell.
 SHELL_MM = np.array(
     [
         *((0.0, 31.47, 31.51), (4.0, 31.43, 31.51), (8.0, 31.41, 31.51), (10.0, 31.41, 31.51), (12.0, 31.43, 31.51)),
@@ -70,18 +70,18 @@ SHELL_MM = np.array(
 )
 SHELL_DIAMETER_MM = 63.0
 JOINT_RING_MM = (34.05, 9.75)
-# Where the shell is no longer round to 0.12 mm, as the clamp needs it.
+# Distance up to which the shell is round to 0.12 mm.
 ROUND_TO_MM = 18.0
-# Corners of round solids lie on them, the flats between them this little below.
+# Sagitta of the facets of round solids, whose corners lie on the circle.
 SAGITTA_MM = 0.02
 
 
 @dataclass(frozen=True)
 class RingPlan:
-    """Half of the clamp in rig, mm: a ring about x = 0, z = `axis_z_mm`, over or under that, and what it carries.
+    """Half of the clamp in rig, mm: half a ring about x = 0, z = `axis_z_mm`, with its pieces.
 
-    `above` is true for the upper half; the ring spans `band_mm` (2,) along y and has an inner radius of `radius_mm`.
-    `ears` (2, 3) are where the clamp's screws go through its face towards the other half.
+    `above` is true for the upper half. The ring spans `band_mm` (2,) along y and has the inner radius `radius_mm`.
+    `ears` (2, 3) are the points where the clamp's screws pass through its face towards the other half.
     """
 
     name: str
@@ -97,7 +97,7 @@ class RingPlan:
 
     @property
     def dimensions(self) -> tuple[Length | Hole, ...]:
-        """The bore, the clamp's band, and the holes."""
+        """The bore, the clamp's band, the ear, and the holes."""
         middle = np.array([0.0, self.band_mm[1], self.axis_z_mm])
         across, along = np.array([self.radius_mm, 0.0, 0.0]), np.array([0.0, np.ptp(self.band_mm), 0.0])
         ear = np.array([self.ears[:, 0].min(), self.band_mm[1], self.ears[0, 2]])
@@ -112,12 +112,12 @@ class RingPlan:
 
     @property
     def corners(self) -> FloatArray:
-        """The corners (8, 3) of a box around all of it."""
+        """The corners (8, 3) of its bounding box."""
         return corners_of((self.bounds,))
 
     @property
     def bounds(self) -> Frustum:
-        """A box around all of it."""
+        """Its bounding box."""
         reach = self.radius_mm + self.ring_mm
         level = self.axis_z_mm + (self.gap_mm if self.above else -self.gap_mm) / 2.0
         end = self.axis_z_mm + (reach if self.above else -reach)
@@ -131,7 +131,7 @@ class RingPlan:
 
 @dataclass(frozen=True)
 class ClampPlan:
-    """Both halves, the stacks of the clamp's and the foot's screws, and where their heads (n, 3) rest."""
+    """Both halves, the stacks of the clamp's and the foot's screws, and the places (n, 3) of their heads."""
 
     saddle: RingPlan
     cap: RingPlan
@@ -142,7 +142,7 @@ class ClampPlan:
 
 
 def plan_gen2(wrist: Gen2Back, mount: MountPlan, load: Load, hardware: Hardware) -> Back:
-    """The clamp as a back: it holds the device over the wrist, which looks where the device looks."""
+    """Lay out the clamp as a back: the device is over the wrist and looks along it."""
     plan = plan_clamp(wrist, mount, hardware)
     saddle, cap = plan.saddle, plan.cap
     joins = (CAP, SADDLE)
@@ -162,7 +162,7 @@ def plan_gen2(wrist: Gen2Back, mount: MountPlan, load: Load, hardware: Hardware)
         ),
         foot=plan.foot,
         foot_heads=plan.foot_heads,
-        # The channel for these nuts runs along y: their flats are on its sides.
+        # The channel for these nuts runs along y, with two of their flats on its sides.
         joints=(
             BackJoint(
                 plan.clamp_heads,
@@ -196,10 +196,9 @@ def plan_gen2(wrist: Gen2Back, mount: MountPlan, load: Load, hardware: Hardware)
 
 
 def _wrist(wrist: Gen2Back, middle_mm: float, axis_z_mm: float) -> tuple[Frustum, ...]:
-    """The joint's ring and the last shell as measured, the clamp's middle as far along as the table states.
+    """The joint's ring and the last shell as measured, with the clamp's middle at the table's distance along it.
 
-    Another diameter is taken for a shell of the same form. Where the clamp sits, the shell has its mean radius, in
-    front of it its largest.
+    Another diameter scales the same form. The shell has its mean radius in the clamp, and its largest beyond.
     """
     scale, origin = wrist.diameter_mm / SHELL_DIAMETER_MM, middle_mm - wrist.along_mm
     along, least, most = SHELL_MM.T
@@ -212,7 +211,7 @@ def _wrist(wrist: Gen2Back, middle_mm: float, axis_z_mm: float) -> tuple[Frustum
 
 
 def _round_solid(radii_mm: tuple[float, float], y_mm: tuple[float, float], axis_z_mm: float) -> Frustum:
-    """A cone or cylinder along y, its radius from one to another."""
+    """A faceted cone or cylinder along y, by its two radii and ends."""
     count = int(np.ceil(np.pi / np.arccos(1.0 - SAGITTA_MM / max(radii_mm))))
     turn = 2.0 * np.pi / count * np.arange(count)
     ends = [
@@ -223,7 +222,7 @@ def _round_solid(radii_mm: tuple[float, float], y_mm: tuple[float, float], axis_
 
 
 def plan_clamp(wrist: Gen2Back, mount: MountPlan, hardware: Hardware) -> ClampPlan:
-    """Lay out the clamp below the foot of the mount; the same for all layouts."""
+    """Lay out the clamp below the mount's foot; it is the same for all layouts."""
     foot, clamp = foot_stack(wrist.grip_mm, hardware), stack(CAP_EAR_MM + wrist.gap_mm, hardware)
     place = _place(wrist, mount, hardware)
     spans, ear_at = _ears(wrist, place, hardware)
@@ -253,9 +252,9 @@ def plan_clamp(wrist: Gen2Back, mount: MountPlan, hardware: Hardware) -> ClampPl
 
 @dataclass(frozen=True)
 class _Place:
-    """Where the clamp is in rig, mm: the wrist's radius and axis, the clamp's band (2,) along y.
+    """The clamp's place in rig, mm: the wrist's radius and axis, and the clamp's band (2,) along y.
 
-    Its plate reaches from `under_mm` to the mount's foot; `around_mm` is from a screw's axis to the end of its wall.
+    Its plate reaches from z = `under_mm` to the mount's foot; `around_mm` is the radius of the wall round a screw.
     """
 
     radius_mm: float
@@ -267,12 +266,12 @@ class _Place:
 
 
 def _around_mm(hardware: Hardware) -> float:
-    """From a screw's axis to the end of its wall."""
+    """Radius of the wall round a screw."""
     return hardware.screw.insert_hole_mm / 2.0 + hardware.screw.insert_wall_mm
 
 
 def _place(wrist: Gen2Back, mount: MountPlan, hardware: Hardware) -> _Place:
-    """Place the clamp; raises InputError where its plate is too thin for its screws."""
+    """Place the clamp; raises InputError if its plate is too thin for its screws."""
     screw = hardware.screw
     foot_z = mount.foot_z_mm
     radius = wrist.diameter_mm / 2.0
@@ -288,12 +287,12 @@ def _place(wrist: Gen2Back, mount: MountPlan, hardware: Hardware) -> _Place:
 
 
 def _ears(wrist: Gen2Back, place: _Place, hardware: Hardware) -> tuple[list[tuple[float, float]], FloatArray]:
-    """The reach of the left and the right ear along x, and where their screws (2, 3) go through the saddle's face."""
+    """The spans of both ears along x, and the points (2, 3) where their screws pass through the saddle's face."""
     screw, radius = hardware.screw, place.radius_mm
     x = radius + wrist.ring_mm + place.around_mm
     end = x + max(place.around_mm, (screw.nut_flats_mm + NUT_FIT_MM) / 2.0 + 1.2 * hardware.printer.wall_mm)
     spans = [(-end, -radius - 0.5 * wrist.ring_mm), (radius + 0.5 * wrist.ring_mm, end)]
-    # The holes' roofs are higher than the holes: a little off the middle, both sides have their wall.
+    # The holes' roofs are higher than the holes, so that they are off the middle to leave a wall on both sides.
     y, z = float(place.band_mm.mean()) + EAR_OFF_MM, place.axis_z_mm + wrist.gap_mm / 2.0
     return spans, np.array([(-x, y, z), (x, y, z)])
 
@@ -312,7 +311,7 @@ def _ear_cuts(
 ) -> Iterator[Frustum | Bore | Hexagon]:
     """The threads of the clamp's screws in the saddle's ears.
 
-    An ear is too narrow for a nut's pocket all round: a channel through it holds the nut by two sides.
+    An ear is too narrow for a closed pocket, so that a channel through it holds the nut by two sides.
     """
     screw = hardware.screw
     flat = (screw.nut_flats_mm + NUT_FIT_MM) / 2.0

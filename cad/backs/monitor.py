@@ -28,12 +28,12 @@ from mirrorcam.core.errors import InputError
 from mirrorcam.optics.geometry.transforms import rigid
 
 HOOK, JAW = MonitorBack.parts
-# Level with the plate, so that a key reaches them under the clip of a wide camera.
+# Flush with the plate, so that a key reaches the screws under the clip of a wide camera.
 SCREW = f"M4{COUNTERSUNK}"
-# The hook's thickness, the pad and the jaw's tab between plate and monitor, the jaw's leg; from the leg's back to the
-# jaw's screws, and on to the end of the tab.
+# Thickness of the hook, of pad and tab between plate and monitor, and of the jaw's leg; distances from the leg's back
+# to the jaw's screws, and from these to the end of the tab.
 HOOK_MM, PAD_MM, LEG_MM, TO_SCREW_MM, TAB_MM = 5.0, 7.0, 8.0, 8.0, 7.0
-# From the mount to the jaw's screws, and on to the side of the plate; the screen stands so far before the load.
+# Distances from the mount to the jaw's screws, from these to the side of the plate, and from the load to the screen.
 BESIDE_MM, SIDE_MM, BEFORE_MM = 9.0, 8.0, 12.0
 SHOWN_MM = (150.0, 80.0)
 HOOK_OUT, JAW_OUT = np.array([0.0, 0.0, -45.0]), np.array([0.0, -30.0, -95.0])
@@ -41,7 +41,7 @@ SCREW_MM, TAB_WIDE_MM = 16.0, 15.5
 
 
 def plan_monitor(table: MonitorBack, mount: MountPlan, load: Load, hardware: Hardware) -> Back:
-    """Lay out both parts for a monitor under the load; raises InputError where the jaw does not slide so far."""
+    """Lay out both parts for a monitor under the load; raises InputError if its thickness is out of the jaw's range."""
     thinnest, thickest = table.range_mm
     if not thinnest <= table.thick_mm <= thickest:
         raise InputError(f"monitor is {table.thick_mm:g} mm thick, expected {thinnest:g} to {thickest:g} mm")
@@ -74,7 +74,7 @@ def plan_monitor(table: MonitorBack, mount: MountPlan, load: Load, hardware: Har
     jaw_y = screen_y - table.thick_mm
     screw_y = jaw_y - LEG_MM - TO_SCREW_MM
     jaw_pieces = (
-        # Two tabs: between them the hook's own screws are reached.
+        # Two tabs, with access to the hook's screws between them.
         *(
             box((low, screw_y - TAB_MM, pad_z), (high, jaw_y, low_z))
             for low, high in ((-half, -half + TAB_WIDE_MM), (half - TAB_WIDE_MM, half))
@@ -94,10 +94,10 @@ def plan_monitor(table: MonitorBack, mount: MountPlan, load: Load, hardware: Har
         mouth = np.array([side, screw_y, pad_z - OUTSIDE_MM])
         jaw_cuts.append(Bore(mouth, ABOVE, clearance, PAD_MM + 2.0 * OUTSIDE_MM))
         jaw_cuts.append(Hexagon(mouth, ABOVE, None, m4.nut_flats_mm + NUT_FIT_MM, deep + OUTSIDE_MM))
-        head, seat, way = np.array([side, screw_y, foot_z]), np.array([side, screw_y, pad_z + deep]), -60.0 * ABOVE
+        head, seat, down = np.array([side, screw_y, foot_z]), np.array([side, screw_y, pad_z + deep]), -60.0 * ABOVE
         items.append(BoughtItem("screw", SCREW, SCREW_MM, along(head, ABOVE), HOOK_OUT + 30.0 * ABOVE, (HOOK, JAW)))
         items.append(
-            BoughtItem("nut", "M4", m4.nut_height_mm, along(seat, ABOVE), JAW_OUT + way / 2.0, (JAW,), way[None])
+            BoughtItem("nut", "M4", m4.nut_height_mm, along(seat, ABOVE), JAW_OUT + down / 2.0, (JAW,), down[None])
         )
     wide, tall = SHOWN_MM
     monitor = box((-wide, jaw_y, pad_z - tall), (wide, screen_y, pad_z))

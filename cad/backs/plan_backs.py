@@ -1,4 +1,4 @@
-"""The one place that knows all kinds of backs: what plans each table of dimensions, and what makes a plan a solid."""
+"""The registry of all kinds of backs: the planner of each table of dimensions, and the maker of each plan's solid."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ from mirrorcam.cad.plan.part_plan import recipe
 def make_ring(plan: RingPlan) -> Part:
     """Half of the wrist's clamp."""
     side = 1.0 if plan.above else -1.0
-    # Seen along +y, with x to the left and z up.
+    # Viewed along +y, with x to the left and z up.
     plane = Plane(origin=(0.0, plan.band_mm[0], plan.axis_z_mm), x_dir=(-1.0, 0.0, 0.0), z_dir=(0.0, 1.0, 0.0))
     outer, reach = plan.radius_mm + plan.ring_mm, 2.0 * (plan.radius_mm + plan.ring_mm)
     with BuildPart() as part:
         insert([solid_of(piece) for piece in plan.pieces])
-        # As far as the middle of the ring, which comes after, so that no two round faces coincide.
+        # Cut to the middle of the ring, which is added afterwards, so that no two round faces coincide.
         with BuildSketch(plane.offset(-reach)):
             Circle(plan.radius_mm + plan.ring_mm / 2.0)
         extrude(amount=2.0 * reach, mode=Mode.SUBTRACT)
@@ -46,7 +46,7 @@ def make_ring(plan: RingPlan) -> Part:
 
 @recipe("cad.backs.back_solids.make_blocks")
 def make_blocks(plan: BlocksPlan) -> Part:
-    """A part of blocks, discs and holes."""
+    """A part of a back, from blocks, discs and holes."""
     with BuildPart() as part:
         insert([solid_of(piece) for piece in plan.pieces])
         for disc in plan.discs:
@@ -56,7 +56,7 @@ def make_blocks(plan: BlocksPlan) -> Part:
 
 
 MAKERS: dict[type, Callable[[Any], Part]] = {RingPlan: make_ring, BlocksPlan: make_blocks}
-"""What makes a solid of the plan of a back's part."""
+"""The function that makes a solid from each type of plan."""
 
 
 PLANNERS: dict[str, Any] = {
@@ -73,9 +73,9 @@ PLANNERS: dict[str, Any] = {
 
 
 def plan_back(clip: ClipPlan, mount: MountPlan, hardware: Hardware) -> Back:
-    """Plan the back that the hardware names, under a mount and for all that stands on it.
+    """Plan the hardware's back under a mount, for the load that it carries.
 
-    Raises InputError with the measure that breaks where it cannot be made.
+    Raises InputError with the dimension if it cannot be made.
     """
     table = hardware.back
     return PLANNERS[table.kind](table, mount, carried(mount, clip, hardware), hardware)

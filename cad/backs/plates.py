@@ -1,8 +1,8 @@
-"""Backs of one plate under the mount's foot: on a desk, a tripod, a clamp of the kind of Arca-Swiss, a profile.
+"""Backs of one plate under the mount's foot: for a desk, a tripod, an Arca-Swiss clamp or a profile.
 
-- Desk and tripod: a plate with a nut for a tripod's screw; on a desk it is larger, so that the device stands.
+- Desk and tripod: a plate with a nut for a tripod's screw; for a desk it is larger, so that the device stands.
 - Arca-Swiss: a dovetail across the device, which prints standing on its end.
-- Aluminium profile of 20 mm: a plate on its slot, held by two T-nuts on both sides of the mount.
+- Aluminium profile of 20 mm: a plate over its slot, with a T-nut on each side of the mount.
 """
 
 from __future__ import annotations
@@ -36,17 +36,17 @@ from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
 
 BEHIND_MM = 2.0
-"""How far a plate reaches behind the mount: the wall of the nut's pocket."""
+"""Extent of a plate behind the mount: the wall of the nut's pocket."""
 
 EXPLODE = np.array([0.0, 0.0, -45.0])
 
 
 @dataclass(frozen=True)
 class FootPlate:
-    """Where a plate under the mount's foot is, in rig, mm.
+    """The place of a plate under the mount's foot, in rig, mm.
 
-    Its faces are at `low_z_mm` and `thick_mm` higher, the heads of its screws rest at points (4, 3), and its nut is
-    about a point (3,) of the upper face: between the hind screws, where all of the mount's foot is over the nut.
+    Its faces are at `low_z_mm` and `thick_mm` higher, and its screws' heads at points (4, 3). `nut_at` (3,) is the
+    middle of its nut's pocket in the upper face: between the rear screws, where the mount's foot covers the nut.
     """
 
     low_z_mm: float
@@ -56,7 +56,7 @@ class FootPlate:
 
 
 def foot_plate(table: DeskBack | TripodBack, mount: MountPlan, hardware: Hardware) -> FootPlate:
-    """A plate thick enough for the nut, and for the countersunk heads of the foot's screws."""
+    """A plate thick enough for the nut and for the countersunk heads of the foot's screws."""
     foot_z = mount.foot_z_mm
     thick = max(tripod_depth_mm(table.nut), table.grip_mm + hardware.fit.free_mm)
     heads = mount.foot - table.grip_mm * ABOVE
@@ -72,7 +72,7 @@ def back_of_plate(
     hardware: Hardware,
     lengths: tuple[Length, ...] = (),
 ) -> Back:
-    """The back of one plate with an outline (n, 2; x and y), without its necks and what it stands on."""
+    """A back of one plate with an outline (n, 2; x and y); the caller adds necks, and stand or carrier."""
     base = np.column_stack([outline, np.full(len(outline), plate.low_z_mm)])
     sink = plate.thick_mm - table.grip_mm
     cuts = (
@@ -94,7 +94,7 @@ def back_of_plate(
 
 
 def plan_desk(table: DeskBack, mount: MountPlan, load: Load, hardware: Hardware) -> Back:
-    """Lay out a plate so large that the device does not fall over when tipped by `tip_deg` and `spare_deg` more."""
+    """Lay out a plate so large that the device does not fall over at a tilt of `tip_deg` + `spare_deg`."""
     plate = foot_plate(table, mount, hardware)
     outline = _outline(table, mount, load, plate.low_z_mm)
     left, back = outline.min(axis=0)
@@ -108,15 +108,15 @@ def plan_desk(table: DeskBack, mount: MountPlan, load: Load, hardware: Hardware)
 
 
 def _before_mount(slide_y: float, outline: FloatArray, z: float, thick: float) -> Neck:
-    """The plate's section at the front of the mount, which bends where the device leans on the plate's front edge."""
+    """The plate's section at the front of the mount, which bends when the device leans on the plate's front edge."""
     width, arm = float(np.ptp(outline[:, 0])), float(outline[:, 1].max()) - slide_y
     return Neck("plate before the mount", np.array([0.0, slide_y, z]), ALONG_Y, ALONG_X, (width, thick), arm)
 
 
 def _outline(table: DeskBack, mount: MountPlan, load: Load, low_z: float) -> FloatArray:
-    """The plate's outline (n, 2; x and y): under all of the mount's foot, and as far about the load as it may tip."""
+    """The plate's outline (n, 2; x and y): under all of the mount's foot, and round the load for the required tilt."""
     reach = float((load.at[2] - low_z) * np.tan(np.radians(table.tip_deg + table.spare_deg)))
-    # Over a corner that is cut off it falls no sooner than over a side.
+    # The chamfers are no nearer to the load than the sides.
     cut = table.corner_mm
     half = max(mount.half_width_mm, abs(float(load.at[0])) + reach)
     back = min(float(mount.slide[1]) - mount.section.depth_mm - BEHIND_MM, float(load.at[1]) - reach)
@@ -129,9 +129,9 @@ def _outline(table: DeskBack, mount: MountPlan, load: Load, low_z: float) -> Flo
 
 
 (TRIPOD,) = TripodBack.parts
-# The tripod's head: a plate that is kept clear, as a common ball head has it.
+# Side and height of the space for the tripod's head, as of a common ball head.
 HEAD_MM = (50.0, 20.0)
-# The plate reaches this far before the mount: the wall of the countersinks.
+# Extent of the plate in front of the mount: the wall of the countersinks.
 BEFORE_MM = 1.0
 
 
@@ -144,7 +144,7 @@ def plan_tripod(table: TripodBack, mount: MountPlan, load: Load, hardware: Hardw
     low_z, y = plate.low_z_mm, float(plate.nut_at[1])
     side, high = HEAD_MM[0] / 2.0, HEAD_MM[1]
     head = box((-side, y - side, low_z - high), (side, y + side, low_z))
-    # Tipped over the edge of the tripod's head, the plate bends across the nut's pocket.
+    # A force over the edge of the tripod's head bends the plate across the nut's pocket.
     neck = Neck(
         "plate beside the nut",
         np.array([0.0, y, low_z + plate.thick_mm / 2.0]),
@@ -164,11 +164,11 @@ def plan_tripod(table: TripodBack, mount: MountPlan, load: Load, hardware: Hardw
 
 
 def plan_arca(table: ArcaBack, mount: MountPlan, load: Load, hardware: Hardware) -> Back:
-    """Lay out the dovetail; raises InputError where its slope is higher than all of it."""
+    """Lay out the dovetail; raises InputError if its slope does not end between its lip and its top."""
     half, foot_z = mount.half_width_mm, mount.foot_z_mm
     wide, neck = table.width_mm / 2.0 - table.fit_mm, table.neck_mm / 2.0
     heads = mount.foot - table.grip_mm * ABOVE
-    # Under the middle of the screws.
+    # The dovetail is under the middle of the screws.
     y, low = float(heads[:, 1].mean()), foot_z - table.height_mm
     edge = low + table.lip_mm
     over = edge + wide - neck
@@ -203,15 +203,16 @@ def plan_arca(table: ArcaBack, mount: MountPlan, load: Load, hardware: Hardware)
 
 (PROFILE,) = ProfileBack.parts
 T_NUT = "M5 T-slot"
-# From the mount to a screw's axis, and on to the end of the plate; the plate stands out so far before and behind.
+# Distances from the mount to a screw's axis, from there to the end of the plate, and from the mount to the plate's
+# front and rear edges.
 BESIDE_MM, BEYOND_MM, OVER_MM = 9.0, 8.0, 3.0
 SHOWN_MM = 120.0
-# Deep below the face, the heads' holes leave a wall between each other.
+# The heads lie deep below the face, so that wider holes still leave a wall between them.
 FLARE_MM = 0.6
 
 
 def plan_profile(table: ProfileBack, mount: MountPlan, load: Load, hardware: Hardware) -> Back:
-    """Lay out the plate over a profile along x, its slot under the hind screws of the mount's foot."""
+    """Lay out the plate over a profile along x, with its slot under the rear screws of the mount's foot."""
     foot_z, m5 = mount.foot_z_mm, thread_of("M5")
     low_z, front = foot_z - table.plate_mm, float(mount.slide[1])
     heads = mount.foot - table.grip_mm * ABOVE
@@ -235,13 +236,13 @@ def plan_profile(table: ProfileBack, mount: MountPlan, load: Load, hardware: Har
         head = top - table.sunk_mm * ABOVE
         items.append(BoughtItem("screw", "M5", table.screw_mm, along(head, ABOVE), explode + 30.0 * ABOVE, (PROFILE,)))
         nut = np.array([side, y, low_z - table.lip_mm])
-        way = -30.0 * ABOVE
-        items.append(BoughtItem("nut", T_NUT, table.nut_mm, along(nut, ABOVE), explode + way, (PROFILE,), way[None]))
+        down = -30.0 * ABOVE
+        items.append(BoughtItem("nut", T_NUT, table.nut_mm, along(nut, ABOVE), explode + down, (PROFILE,), down[None]))
     plan = BlocksPlan(PROFILE, (box((-end, back - OVER_MM, low_z), (end, front + OVER_MM, foot_z)),), tuple(cuts))
     half = table.profile_mm / 2.0
     profile = box((-SHOWN_MM, y - half, low_z - table.profile_mm), (SHOWN_MM, y + half, low_z))
     depth = front - back + 2.0 * OVER_MM
-    # Both sides of the mount bear together.
+    # Both sides of the mount share the load.
     neck = Neck(
         "plate beside the mount",
         np.array([0.0, y, low_z + grip / 2.0]),

@@ -1,4 +1,4 @@
-"""Checks of the exported files, each read back and measured against the layout; a failure is a metric, not an error."""
+"""Checks of the exported files, each read back and measured against the layout; failures are metrics, not errors."""
 
 from __future__ import annotations
 

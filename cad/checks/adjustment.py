@@ -1,7 +1,7 @@
-"""Mirrors on carriers: tilted and moved by all of their travel they meet nothing, springs hold them, drivers reach.
+"""Checks of mirrors on carriers: clashes over the full travel, spring forces and access by the driver.
 
-In each pose the mirror is tilted by `holder.adjust_deg` about axes all round, and moved back and forth by
-`holder.adjust_mm` at the same time. Its own screws go with it, for whose shanks `plan_adjuster` leaves space.
+In each pose the mirror is tilted by `holder.adjust_deg` about one of several axes and moved by `holder.adjust_mm` in
+either direction. Its own screws move with it; `plan_adjuster` leaves space for their shanks.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ DIRECTIONS = 8
 GRAVITY_N_PER_G = 9.80665e-3
 # Length of a driver's blade, and diameter and length of its handle.
 BLADE_MM, HANDLE_MM = 75.0, (20.0, 30.0)
-# Solids nearer than this to a tilted mirror are looked at.
+# Only solids nearer than this to a mirror are tested.
 NEAR_MM = 5.0
 
 
 def check_adjustment(
     device: Device, solids: Mapping[str, manifold3d.Manifold], carriers: Mapping[str, manifold3d.Manifold]
 ) -> dict[str, Metric]:
-    """Check that every mirror can be adjusted; {} of a device whose mirrors are glued to the holder.
+    """Check that every mirror can be adjusted; {} if the mirrors are glued to the holder.
 
     Parameters
     ----------
@@ -40,14 +40,14 @@ def check_adjustment(
     solids : mapping of str to Manifold
         The solids of the assembled device by name, in rig, mm.
     carriers : mapping of str to Manifold
-        Solids that the device is fastened to, which may be in the way of a driver.
+        Solids that support the device and may block a driver.
 
     Returns
     -------
     dict of str to Metric
-        Volume that tilted mirrors, with their carriers, have in common with others; the least gap that is left; the
-        least force of a spring, and the weight, shaken, that it has to hold; volume in the way of the driver when all
-        is assembled; how far a turn tilts the smallest and the largest carrier.
+        Volume that tilted mirrors with their carriers share with other solids; the least gap to these; the least force
+        of a spring, limited by the heaviest mirror's weight under acceleration; volume that blocks the driver in the
+        assembled device; smallest and largest tilt by one turn of a screw.
     """
     holder = device.holder
     if not isinstance(holder, ScrewedHolderPlan):
@@ -70,7 +70,7 @@ def check_adjustment(
 
 
 def poses(carrier: CarrierPlan, tilt_deg: float, shift_mm: float) -> Iterator[FloatArray]:
-    """Motions (4, 4) in rig of a carrier to the ends of its travel."""
+    """Motions (4, 4) in rig that take a carrier to the ends of its travel."""
     frame, back = carrier.rig_from_back, np.linalg.inv(carrier.rig_from_back)
     for turn in 2.0 * np.pi / DIRECTIONS * np.arange(DIRECTIONS):
         for shift in (-shift_mm, shift_mm):
@@ -83,7 +83,7 @@ def poses(carrier: CarrierPlan, tilt_deg: float, shift_mm: float) -> Iterator[Fl
 def _tilted(
     device: Device, holder: ScrewedHolderPlan, solids: Mapping[str, manifold3d.Manifold]
 ) -> tuple[float, float]:
-    """Volume that tilted mirrors and carriers have in common with other solids, and the least gap between them."""
+    """Volume that tilted mirrors and carriers share with other solids, and the least gap between them."""
     dimensions = device.hardware.holder
     common, gap = 0.0, NEAR_MM
     for carrier in holder.carriers:
@@ -105,7 +105,7 @@ def _tilted(
 
 
 def _heaviest_g(device: Device, solids: Mapping[str, manifold3d.Manifold]) -> float:
-    """Mass of the heaviest mirror with its carrier, its plastic solid, glass taken for both."""
+    """Mass of the heaviest mirror with its carrier: an upper bound with solid plastic and glass mirrors."""
     density = device.hardware.printer.plastic_g_per_cm3
     glass = 2.5
     return max(
@@ -119,9 +119,8 @@ def _heaviest_g(device: Device, solids: Mapping[str, manifold3d.Manifold]) -> fl
 
 
 def _driver_clash(holder: ScrewedHolderPlan, solids: Mapping[str, manifold3d.Manifold]) -> float:
-    """Volume that a driver at the screws has in common with the assembled device, and what carries it."""
-    there = [solid for name, solid in solids.items() if not name.startswith(FASTENERS)]
-    around = manifold3d.Manifold.compose(there)
+    """Largest volume that a driver at a screw shares with the assembled device and its support."""
+    around = manifold3d.Manifold.compose([solid for name, solid in solids.items() if not name.startswith(FASTENERS)])
     wide = SUNK_HEAD * thread_of("M3").diameter_mm / 2.0
     blade = manifold3d.Manifold.cylinder(BLADE_MM, DRIVER_MM / 2.0, circular_segments=32)
     handle = manifold3d.Manifold.cylinder(HANDLE_MM[1], HANDLE_MM[0] / 2.0, circular_segments=32)

@@ -1,4 +1,4 @@
-"""Clashes, contacts and clearances between the solids of a device, in rig, mm, and of the dust cover over it."""
+"""Clashes, contacts and clearances between the solids of a device, in rig, mm, and of its dust cover."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from mirrorcam.cad.parts.dust_cover import CoverPlan
 from mirrorcam.cad.plan.device_names import CARRIER, HOLDER
 from mirrorcam.core.values import FloatArray, Metric
 
-# Where faces touch, numbers rounded in a file let them sink into each other by this much at most.
+# Largest overlap of touching faces by the rounding of numbers in files.
 ROUNDING_MM = 1e-4
-# Round shapes of one diameter are meshes with different corners: they sink into each other, or leave as much between.
+# Largest overlap, and largest gap of a contact, of round shapes with one diameter, whose meshes have different corners.
 PRESSED_MM = 0.1
 TOUCH_MM = 0.08
-# A pin is glued into holes a little wider than itself, one in each of two parts: it holds across a gap of this width.
+# A pin is glued into slightly wider holes in two parts: it counts as fastened across a gap of this width.
 PINNED_MM = 0.2
-# Distances of solids beyond this are not measured.
+# Larger distances of solids are not measured.
 NEAR_MM = 10.0
-# Fasteners by the beginning of their names, and the threads that hold screws.
+# Prefixes of the names of fasteners, and of the threads that hold screws.
 FASTENERS = ("screw", "washer", "spring", "insert", "nut", "pin")
 THREADS = ("insert", "nut")
-# A screw that cuts its own thread in plastic: the hole is about 0.8 of its diameter, 2 mm for boards.
+# A thread-forming screw in plastic: its hole is about 0.8 of its diameter, 2 mm for boards.
 FORMING = "screw_forming"
 FORMED_MM = 0.25
 # The shell of the robot's wrist, and the clamp round it, bored to its diameter.
@@ -34,7 +34,7 @@ WRIST, CLAMP = "wrist", "adapter_"
 
 @dataclass(frozen=True)
 class Meeting:
-    """Two solids by name: the volume that both fill, and the gap between them."""
+    """Two solids by name, with the volume that they share and the gap between them."""
 
     names: tuple[str, str]
     common_mm3: float
@@ -46,7 +46,7 @@ class Meeting:
 
 
 def meetings(solids: Mapping[str, manifold3d.Manifold]) -> list[Meeting]:
-    """Pairs of solids that come nearer than `NEAR_MM`."""
+    """Pairs of solids nearer to each other than `NEAR_MM`."""
     boxes = {name: np.array(solid.bounding_box()).reshape(2, 3) for name, solid in solids.items()}
     found = []
     for pair in combinations(solids, 2):
@@ -63,9 +63,9 @@ def meetings(solids: Mapping[str, manifold3d.Manifold]) -> list[Meeting]:
 
 
 def common_mm3(first: manifold3d.Manifold, second: manifold3d.Manifold, depth_mm: float = ROUNDING_MM) -> float:
-    """Volume that both solids fill, without pieces that are, on average, thinner than `depth_mm`: there they touch.
+    """Volume that both solids share, without pieces whose mean thickness is below `depth_mm`, which are contacts.
 
-    A thin piece is as thick as twice its volume over its surface.
+    The mean thickness of a thin piece is twice its volume over its surface.
     """
     pieces = (first ^ second).decompose()
     return float(sum(piece.volume() for piece in pieces if 2.0 * piece.volume() > depth_mm * piece.surface_area()))
@@ -74,11 +74,11 @@ def common_mm3(first: manifold3d.Manifold, second: manifold3d.Manifold, depth_mm
 def check_clashes(
     solids: Mapping[str, manifold3d.Manifold], least_mm: float, carriers: Collection[str] = ()
 ) -> dict[str, Metric]:
-    """Volume that two solids fill; gaps between those that do not touch; fasteners that hold nothing.
+    """Check volumes that two solids share, gaps between solids that do not touch, and fasteners without contact.
 
-    Of each part, the camera and what carries the device, and of each mirror and fastener in the way. A gap of less than
-    `least_mm` is neither a touch nor a clearance. Fasteners have holes with fits of their own, which are not looked at.
-    What carries the device, by its names in `carriers`, has threads of its own.
+    Reports each part, the camera and each carrier, and each mirror and fastener that clashes. A gap of less than
+    `least_mm` is neither a contact nor a clearance. The fits of fasteners in their holes are not checked. Solids named
+    in `carriers`, which support the device, have their own threads.
     """
     met = meetings(solids)
     fasteners = [name for name in solids if name.startswith(FASTENERS)]
@@ -100,7 +100,7 @@ def check_clashes(
         if name.startswith("screw")
         and not any(_forms(name, other) or other.startswith(THREADS) or other in carriers for other in touched[name])
     ]
-    # Both parts that a pin joins hold it.
+    # A pin touches both parts that it joins.
     loose = [len(touched[name]) < (2 if name.startswith("pin") else 1) for name in fasteners]
     return {
         "device.clash_mm3": Metric(value=sum(meeting.common_mm3 for meeting in met), unit="mm3", limit=0.0),
@@ -131,7 +131,7 @@ def _gap(gap_mm: float, least_mm: float) -> Metric:
 
 
 def _forms(first: str, second: str) -> bool:
-    """Return whether one is a screw that cuts its own thread, the other a part to cut it in."""
+    """Return whether one is a thread-forming screw and the other a part."""
     return any(
         inner.startswith(FORMING) and not (outer.startswith(FASTENERS) or outer == "camera" or is_mirror(outer))
         for inner, outer in ((first, second), (second, first))
@@ -139,9 +139,9 @@ def _forms(first: str, second: str) -> bool:
 
 
 def _pressed(first: str, second: str) -> bool:
-    """Return whether one sits in the other's hole of the same diameter.
+    """Return whether one sits in a hole of the same diameter in the other.
 
-    An insert or pin does in a part, a screw in its thread, the wrist in its clamp.
+    These are an insert or pin in a part, a screw in its thread, and the wrist in its clamp.
     """
     for inner, outer in ((first, second), (second, first)):
         if inner == WRIST and outer.startswith(CLAMP):
@@ -153,9 +153,9 @@ def _pressed(first: str, second: str) -> bool:
     return False
 
 
-# The way is looked at in steps of this length.
+# Step along the moves of the cover.
 STEP_MM = 4.0
-# Catches give way by less than this as they pass the flange.
+# Catches deflect by less than this as they pass the flange.
 GIVES_MM = 0.3
 
 
@@ -167,21 +167,20 @@ def check_cover(
     Returns
     -------
     dict of str to Metric
-        Volume that the cover has in common with another solid where it sits, and the largest on its way off, at steps
-        along the moves of its plan.
+        Volume that the cover shares with other solids in its place, and the largest at steps along its moves off.
     """
     others = manifold3d.Manifold.compose(list(solids.values()))
-    passed = [common_mm3(cover.translate(tuple(move.tolist())), others, GIVES_MM) for move in _places(plan.way_mm)]
+    moved = [common_mm3(cover.translate(tuple(shift.tolist())), others, GIVES_MM) for shift in _places(plan.way_mm)]
     return {
         "dust_cover.clash_mm3": Metric(value=common_mm3(cover, others, ROUNDING_MM), unit="mm3", limit=0.0),
-        "dust_cover.way_clash_mm3": Metric(value=max(passed), unit="mm3", limit=0.0),
+        "dust_cover.way_clash_mm3": Metric(value=max(moved), unit="mm3", limit=0.0),
     }
 
 
-def _places(way_mm: FloatArray) -> Iterator[FloatArray]:
-    """Shifts (3,) from the seat along moves (n, 3), one after the other."""
+def _places(moves_mm: FloatArray) -> Iterator[FloatArray]:
+    """Shifts (3,) from the seat along successive moves (n, 3)."""
     done = np.zeros(3)
-    for move in way_mm:
+    for move in moves_mm:
         steps = max(int(np.ceil(np.linalg.norm(move) / STEP_MM)), 1)
         yield from (done + move * share for share in np.arange(1, steps + 1) / steps)
         done = done + move

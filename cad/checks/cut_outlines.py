@@ -1,7 +1,7 @@
-"""Mirrors as cut, read back from the files that a laser cuts them by and measured against the layout.
+"""Mirrors as cut, read back from the laser's files and measured against the layout.
 
-All that is known here of a file is its layers CUT and ENGRAVE and its groups `mirror_ROW-COLUMN`. Mirrors are drawn
-from the back, half the kerf larger than they become, anywhere on the stock sheet and turned, but never turned over.
+This check uses only the files' layers CUT and ENGRAVE and their groups `mirror_ROW-COLUMN`. Mirrors are drawn from the
+back, larger by half the kerf than they become, anywhere on the stock sheet and rotated, but never flipped.
 """
 
 from __future__ import annotations
@@ -24,32 +24,32 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.transforms import transform
 
-# Lines nearer than this to each other burn into one.
+# Least distance of a laser's lines: closer lines merge.
 LINE_GAP_MM = 0.5
 GAP_SEARCH_MM = 10.0
 MITRE_LIMIT = 100.0
-# Fits whose errors differ by less are equally good: a rectangle fits in two ways.
+# Fits whose errors differ by less are equally good: a rectangle fits in two orientations.
 SAME_FIT_MM = 1e-3
 ARROW_DEG = 0.1
 
 
 @dataclass(frozen=True)
 class MirrorCut:
-    """A mirror in its file: the laser's path (n, 2), and the engraved strokes (m, 2), the arrow's shaft first."""
+    """A mirror in its file: the laser's path (n, 2) and the engraved strokes (m, 2), the arrow's shaft first."""
 
     sheet: int
     path: FloatArray
     strokes: tuple[FloatArray, ...]
 
     def finished(self, cutting: Cutting) -> FloatArray:
-        """The outline (n, 2) of the mirror once it is cut, counter-clockwise, less the kerf."""
+        """The outline (n, 2) of the cut mirror, without the kerf, counter-clockwise."""
         shrunk = orient(Polygon(self.path)).buffer(-cutting.allowance_mm, join_style="mitre", mitre_limit=MITRE_LIMIT)
         return np.array(orient(shrunk).exterior.coords)[:-1]
 
 
 @dataclass(frozen=True)
 class OutlineFit:
-    """A polygon fitted rigidly onto another: its corners (n, 2) in the other's order, the turn (2, 2), the error."""
+    """A rigid fit of a polygon onto another: corners (n, 2) in the other's order, rotation (2, 2) and error."""
 
     corners: FloatArray
     turn: FloatArray
@@ -57,9 +57,9 @@ class OutlineFit:
 
 
 def fits(polygon: FloatArray, expected: FloatArray) -> list[OutlineFit]:
-    """Best rigid fits of a polygon's corners (n, 2) onto others (n, 2), for every first corner and both orders.
+    """Best rigid fits of a polygon's corners (n, 2) onto other corners (n, 2), for every first corner and both orders.
 
-    Empty where the counts differ. The same corners in reverse order are the same shape; a mirror image is not.
+    Empty if the counts differ. The same corners in reverse order are the same shape; a mirror image is not.
     """
     if len(polygon) != len(expected):
         return []
@@ -70,7 +70,7 @@ def fits(polygon: FloatArray, expected: FloatArray) -> list[OutlineFit]:
         for start in range(len(corners)):
             moved = np.roll(corners, start, axis=0)
             moved = moved - moved.mean(axis=0)
-            # Closed form of the best turn in the plane.
+            # Closed form of the best rotation in the plane.
             across = (moved[:, 0] * centred[:, 1] - moved[:, 1] * centred[:, 0]).sum()
             angle = np.arctan2(across, (moved * centred).sum())
             turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
@@ -80,9 +80,9 @@ def fits(polygon: FloatArray, expected: FloatArray) -> list[OutlineFit]:
 
 
 def read_cuts(paths: Sequence[Path]) -> tuple[dict[str, MirrorCut], dict[str, int]]:
-    """Read the mirrors of all stock sheets, by row and column, and count what does not belong in the files.
+    """Read the mirrors of all stock sheets, by row and column, and count errors in the files.
 
-    Counted are lines on CUT that are no closed outline of a named mirror, names that come twice, and files not in mm.
+    Errors are lines on CUT that are not the closed outline of a named mirror, duplicate names, and files not in mm.
     """
     cuts: dict[str, MirrorCut] = {}
     wrong = {"stray_cuts": 0, "names_twice": 0, "files_not_in_mm": 0}
@@ -92,7 +92,7 @@ def read_cuts(paths: Sequence[Path]) -> tuple[dict[str, MirrorCut], dict[str, in
         wrong["stray_cuts"] += sum(entity.dxf.layer == "CUT" for entity in drawing.modelspace())
         for group_name, group in drawing.groups:
             name = group_name.removeprefix("mirror_")
-            # Reading turns a group into a set; handles keep the order in which it was drawn.
+            # Groups are read as unordered sets; handles preserve the order of drawing.
             drawn = sorted(group, key=lambda entity: int(entity.dxf.handle, 16))
             lines = [line for line in drawn if isinstance(line, LWPolyline)]
             closed = [line for line in lines if line.dxf.layer == "CUT" and line.closed]
@@ -106,8 +106,8 @@ def read_cuts(paths: Sequence[Path]) -> tuple[dict[str, MirrorCut], dict[str, in
 
 
 def mirror_fits(cuts: Mapping[str, MirrorCut], layout: Layout, cutting: Cutting) -> dict[str, OutlineFit]:
-    """The finished outlines in the files, each fitted onto its mirror in the layout, both seen from the back."""
-    laid = {}
+    """The fit of every finished outline in the files onto its mirror in the layout, both seen from the back."""
+    placed = {}
     for name, mirror in zip(layout.mirror_names, layout.mirrors, strict=True):
         if name not in cuts:
             continue
@@ -115,14 +115,14 @@ def mirror_fits(cuts: Mapping[str, MirrorCut], layout: Layout, cutting: Cutting)
         best = min((fit.error_mm for fit in found), default=0.0)
         alike = [fit for fit in found if fit.error_mm <= best + SAME_FIT_MM]
         if alike:
-            laid[name] = min(alike, key=lambda fit: _arrow_error_deg(cuts[name], fit))
-    return laid
+            placed[name] = min(alike, key=lambda fit: _arrow_error_deg(cuts[name], fit))
+    return placed
 
 
 def check_cuts(paths: Sequence[Path], layout: Layout, cutting: Cutting) -> dict[str, Metric]:
-    """Check that every mirror is there once, in its shape, on its stock sheet, apart from others, its mark upright."""
-    cuts, wrong = read_cuts(paths)
-    laid = mirror_fits(cuts, layout, cutting)
+    """Check that every mirror occurs once, in its shape, on its stock sheet, apart from others, its mark upright."""
+    cuts, errors = read_cuts(paths)
+    placed = mirror_fits(cuts, layout, cutting)
     outlines = [(cut.sheet, Polygon(cut.path)) for cut in cuts.values()]
     tree = STRtree([outline for _, outline in outlines])
     gaps = [
@@ -132,13 +132,13 @@ def check_cuts(paths: Sequence[Path], layout: Layout, cutting: Cutting) -> dict[
         if other != place and outlines[other][0] == sheet
     ]
     stock = box(0.0, 0.0, *cutting.sheet_mm)
-    arrows = [_arrow_error_deg(cuts[name], fit) for name, fit in laid.items()]
+    arrows = [_arrow_error_deg(cuts[name], fit) for name, fit in placed.items()]
     return {
-        "outlines_missing": Metric(value=len(set(layout.mirror_names) - set(laid)), unit="", limit=0),
+        "outlines_missing": Metric(value=len(set(layout.mirror_names) - set(placed)), unit="", limit=0),
         "outlines_too_many": Metric(value=len(set(cuts) - set(layout.mirror_names)), unit="", limit=0),
-        **{name: Metric(value=count, unit="", limit=0) for name, count in wrong.items()},
+        **{name: Metric(value=count, unit="", limit=0) for name, count in errors.items()},
         "outline_error_um": Metric(
-            value=max((fit.error_mm for fit in laid.values()), default=0.0) * 1000.0, unit="um", limit=1.0
+            value=max((fit.error_mm for fit in placed.values()), default=0.0) * 1000.0, unit="um", limit=1.0
         ),
         "outline_gap_mm": Metric(
             value=min(gaps, default=GAP_SEARCH_MM), unit="mm", limit=LINE_GAP_MM, lower_is_better=False
@@ -160,25 +160,25 @@ def check_cuts(paths: Sequence[Path], layout: Layout, cutting: Cutting) -> dict[
     }
 
 
-def mirrors_as_cut(laid: Mapping[str, OutlineFit], layout: Layout) -> dict[str, manifold3d.Manifold]:
-    """The finished mirrors in their places in rig: right prisms between back and front, by row and column."""
+def mirrors_as_cut(placed: Mapping[str, OutlineFit], layout: Layout) -> dict[str, manifold3d.Manifold]:
+    """The finished mirrors in their places in rig: right prisms from back to front, by row and column."""
     solids = {}
     for name, mirror in zip(layout.mirror_names, layout.mirrors, strict=True):
-        if name in laid:
+        if name in placed:
             back = mirror.back_mm
-            solids[name] = prism(mirror, laid[name].corners, back, back + mirror.thickness_mm)
+            solids[name] = prism(mirror, placed[name].corners, back, back + mirror.thickness_mm)
     return solids
 
 
 def prism(mirror: Mirror, outline: FloatArray, low_mm: float, high_mm: float) -> manifold3d.Manifold:
-    """A convex outline (n, 2), seen from the back, between two heights over the reflecting plane: a solid in rig."""
+    """The solid in rig between two heights over the reflecting plane, on a convex outline (n, 2) seen from the back."""
     flat = outline * (1.0, -1.0)
     ends = [np.column_stack([flat, np.full(len(flat), height)]) for height in (low_mm, high_mm)]
     return manifold3d.Manifold.hull_points(transform(mirror.rig_from_plane, np.concatenate(ends)))
 
 
 def _arrow_error_deg(cut: MirrorCut, fit: OutlineFit) -> float:
-    """Angle of the engraved arrow from up, once the mirror lies as in the device; 180 where there is none."""
+    """Angle of the engraved arrow from up, with the mirror oriented as in the device; 180 if there is no arrow."""
     if not cut.strokes or len(cut.strokes[0]) != 2:
         return 180.0
     x, y = fit.turn @ (cut.strokes[0][1] - cut.strokes[0][0])
@@ -186,5 +186,5 @@ def _arrow_error_deg(cut: MirrorCut, fit: OutlineFit) -> float:
 
 
 def _from_back(mirror: Mirror) -> FloatArray:
-    """The outline (n, 2) in the mirror's frame seen from the back: x kept, y up, which is against the frame's y."""
+    """The outline (n, 2) seen from the back: x as in the mirror's frame, y up, opposite to the frame's y."""
     return mirror.outline_in_plane_mm * (1.0, -1.0)

@@ -1,4 +1,4 @@
-"""Checks of the whole device, on the files as written: mirrors in their seats, light, clashes and mass."""
+"""Checks of the complete device from its written files: mirrors in their seats, light, clashes and mass."""
 
 from __future__ import annotations
 
@@ -36,28 +36,28 @@ from mirrorcam.optics.geometry.layout import Layout
 
 ASSEMBLY = "assembly.glb"
 CAMERA = "camera"
-# Surroundings that the camera sees past all parts veil the sub-images: by one of 255 grey levels at most, if they are
-# five times as bright as the scene and the lens scatters 3 % of the light over all of the picture (its veiling glare,
-# ISO 9358).
+# Limit of the share of pixels that see the surroundings past all parts. Their veiling glare is at most one of 255 grey
+# levels if they are five times as bright as the scene, and the lens scatters 3 % of the light over the picture (ISO
+# 9358).
 STRAY_LIGHT = 1.0 / 255.0 / (5.0 * 0.03)
-# Height over its seat from which a mirror is lowered, in its thicknesses.
+# Height over its seat from which a mirror is lowered, in thicknesses.
 DROP_OF_THICKNESS = 4.0
-# The clearance around a mirror is tested this much smaller than stated, so that walls just there are not met.
+# Reduction of the tested clearance around a mirror, so that walls exactly at the clearance do not clash.
 ROUNDING_MM = 1e-3
 
 
 @dataclass(frozen=True)
 class DeviceAsMade:
-    """A device as read back from the folder of a build: parts as printed, mirrors as cut, all else as assembled.
+    """A device as read back from its folder: parts as printed, mirrors as cut, other pieces as assembled.
 
-    `laid` are the mirrors' outlines in the files `sheets`, by row and column; `assembly` are the meshes of the assembly
-    and `solids` the solids of all pieces, both by name, in rig, mm.
+    `outlines` are the mirrors' outlines in the files `sheets`, by row and column. `assembly` has the meshes of the
+    assembly and `solids` the solids of all pieces, both by name, in rig, mm.
     """
 
     device: Device
     printed: Sequence[BuiltPart]
     sheets: Sequence[Path]
-    laid: Mapping[str, OutlineFit]
+    outlines: Mapping[str, OutlineFit]
     assembly: Mapping[str, trimesh.Trimesh]
     solids: Mapping[str, manifold3d.Manifold]
 
@@ -66,27 +66,27 @@ class DeviceAsMade:
         """Read `mirrors/*.dxf` and `assembly.glb` of a folder, and the STL files of the parts."""
         printed = [part for part in parts if part.name not in APART]
         sheets = sorted((folder / "mirrors").glob("*.dxf"))
-        laid = mirror_fits(read_cuts(sheets)[0], device.layout, device.hardware.cutting)
+        outlines = mirror_fits(read_cuts(sheets)[0], device.layout, device.hardware.cutting)
         assembly = read_glb(folder / ASSEMBLY)
         solids = {part.name: solid_of(read_stl(part.stl)) for part in printed}
-        solids |= {f"mirror_{name}": solid for name, solid in mirrors_as_cut(laid, device.layout).items()}
+        solids |= {f"mirror_{name}": solid for name, solid in mirrors_as_cut(outlines, device.layout).items()}
         solids |= {name: solid_of(mesh) for name, mesh in assembly.items() if name not in solids}
-        return cls(device, printed, sheets, laid, assembly, solids)
+        return cls(device, printed, sheets, outlines, assembly, solids)
 
     @cached_property
-    def sound(self) -> dict[str, manifold3d.Manifold]:
+    def valid(self) -> dict[str, manifold3d.Manifold]:
         """The solids that are valid."""
         return {name: solid for name, solid in self.solids.items() if is_manifold(solid)}
 
     @cached_property
-    def sound_parts(self) -> dict[str, manifold3d.Manifold]:
+    def valid_parts(self) -> dict[str, manifold3d.Manifold]:
         """The printed parts whose solids are valid."""
-        return {part.name: self.sound[part.name] for part in self.printed if part.name in self.sound}
+        return {part.name: self.valid[part.name] for part in self.printed if part.name in self.valid}
 
     @cached_property
     def mirrors(self) -> list[manifold3d.Manifold | None]:
-        """The mirrors in the layout's order, None where one is missing."""
-        return [self.sound.get(f"mirror_{name}") for name in self.device.layout.mirror_names]
+        """The mirrors in the layout's order, None for a missing one."""
+        return [self.valid.get(f"mirror_{name}") for name in self.device.layout.mirror_names]
 
 
 def check_device(device: Device, parts: Sequence[BuiltPart], folder: Path) -> dict[str, Metric]:
@@ -99,52 +99,49 @@ def check_device(device: Device, parts: Sequence[BuiltPart], folder: Path) -> di
     parts : sequence of BuiltPart
         Its printed parts, with their STEP and STL files.
     folder : Path
-        Holds `mirrors/*.dxf` and `assembly.glb`.
+        Folder with `mirrors/*.dxf` and `assembly.glb`.
 
     Returns
     -------
     dict of str to Metric
-        Checks and figures by name: `device.NAME`, `mirrors.NAME`, or `PIECE.NAME`. Parts are taken as printed,
-        mirrors as cut, camera and fasteners as in the assembly, what carries the device as the back has it.
+        Checks and figures by name: `device.NAME`, `mirrors.NAME` or `PIECE.NAME`. Parts are as printed, mirrors as cut,
+        camera and fasteners as in the assembly, and the device's support as in the plan of the back.
     """
     made, hardware = DeviceAsMade.read(device, parts, folder), device.hardware
-    items, whole = bought_items(device), weighed(hardware, made.assembly)
-    carriers = carriers_of(device, {name: made.sound[name] for name in item_names(items) if name in made.sound})
+    items, total = bought_items(device), weighed(hardware, made.assembly)
+    carriers = carriers_of(device, {name: made.valid[name] for name in item_names(items) if name in made.valid})
     return {
         **_check_pieces(made, parts),
-        **check_mass(whole),
-        **check_back(device.back, items, made.sound, whole),
+        **check_mass(total),
+        **check_back(device.back, items, made.valid, total),
         **_check_stiffness(device),
         **check_nest(device.clip, device.layout, hardware),
-        **check_rest(made.sound.get(CLIP), made.sound.get(CAMERA), hardware),
+        **check_rest(made.valid.get(CLIP), made.valid.get(CAMERA), hardware),
         **{f"mirrors.{name}": check for name, check in _check_mirrors(made).items()},
-        **check_light(device.layout, hardware, made.sound_parts | carriers, made.mirrors, made.sound.get(CAMERA)),
+        **check_light(device.layout, hardware, made.valid_parts | carriers, made.mirrors, made.valid.get(CAMERA)),
         **_check_stray_light(made),
         **_check_cover(made, parts),
-        **check_surrounding_light(device.layout, made.sound),
-        **check_clashes(made.sound | carriers, hardware.fit.press_mm, carriers),
-        **check_insertion(items, made.sound),
-        **check_tool_reach(items, made.sound),
-        **check_adjustment(device, made.sound, carriers),
-        **check_step_views(device.layout, items, made.sound),
+        **check_surrounding_light(device.layout, made.valid),
+        **check_clashes(made.valid | carriers, hardware.fit.press_mm, carriers),
+        **check_insertion(items, made.valid),
+        **check_tool_reach(items, made.valid),
+        **check_adjustment(device, made.valid, carriers),
+        **check_step_views(device.layout, items, made.valid),
     }
 
 
 def _check_pieces(made: DeviceAsMade, parts: Sequence[BuiltPart]) -> dict[str, Metric]:
-    """Check that the assembly holds all pieces and no others, as valid meshes.
-
-    As many parts are sliced as there are where a slicer is installed, whose own checks are each part's.
-    """
+    """Check that the assembly has exactly the expected pieces, as valid meshes, and count the sliced parts."""
     expected = _names_expected(made.device, made.printed)
     return {
         "device.pieces_amiss": Metric(value=len(expected ^ set(made.assembly)), unit="", limit=0),
         "device.parts_sliced": Metric(value=sum("slices" in part.checks for part in parts), unit=f"of {len(parts)}"),
-        "device.meshes_broken": Metric(value=len(made.solids) - len(made.sound), unit="", limit=0),
+        "device.meshes_broken": Metric(value=len(made.solids) - len(made.valid), unit="", limit=0),
     }
 
 
 def _check_stiffness(device: Device) -> dict[str, Metric]:
-    """How far gravity turns and moves the mirrors, at worst, by bending the mount: by closed form, from the plan."""
+    """Largest rotation and displacement of the mirrors by gravity, which bends the mount, from the plan."""
     mount, limit = device.mount, device.hardware.mount.tilt_deg
     return {
         "mount.tilt_deg": Metric(value=round(mount.tilt_deg, 4), unit="deg", limit=limit),
@@ -153,7 +150,7 @@ def _check_stiffness(device: Device) -> dict[str, Metric]:
 
 
 def _check_mirrors(made: DeviceAsMade) -> dict[str, Metric]:
-    """Check the mirrors as cut, their seats, and their way into these."""
+    """Check the mirrors as cut, their seats, and their paths into these."""
     layout, hardware = made.device.layout, made.device.hardware
     seated = CARRIER if made.device.mirror_carriers else HOLDER
     holders = (part for part in made.printed if part.name.startswith(seated))
@@ -161,40 +158,40 @@ def _check_mirrors(made: DeviceAsMade) -> dict[str, Metric]:
     return {
         **check_cuts(made.sheets, layout, hardware.cutting),
         **check_seats(faces, layout, hardware, made.device.holder.planned_cover),
-        **check_drop(made.laid, layout, list(made.sound_parts.values()), hardware.fit.free_mm),
+        **check_drop(made.outlines, layout, list(made.valid_parts.values()), hardware.fit.free_mm),
     }
 
 
 def _check_stray_light(made: DeviceAsMade) -> dict[str, Metric]:
-    parts = manifold3d.Manifold.compose(list(made.sound_parts.values()))
-    past = stray_light(made.device.layout, parts, [solid for solid in made.mirrors if solid is not None])
-    return {"device.stray_light": Metric(value=past, unit="of the pixels", limit=STRAY_LIGHT)}
+    parts = manifold3d.Manifold.compose(list(made.valid_parts.values()))
+    share = stray_light(made.device.layout, parts, [solid for solid in made.mirrors if solid is not None])
+    return {"device.stray_light": Metric(value=share, unit="of the pixels", limit=STRAY_LIGHT)}
 
 
 def _check_cover(made: DeviceAsMade, parts: Sequence[BuiltPart]) -> dict[str, Metric]:
-    """Check the dust cover, if the device has one, against all that is there when the device is at rest."""
+    """Check the dust cover, if the device has one, against all other pieces."""
     covers = [solid_of(read_stl(part.stl)) for part in parts if part.name == COVER]
     plan = made.device.cover
-    return check_cover(plan, covers[0], made.sound) if plan and covers else {}
+    return check_cover(plan, covers[0], made.valid) if plan and covers else {}
 
 
 def carriers_of(
     device: Device, fasteners: Mapping[str, manifold3d.Manifold] = MappingProxyType({})
 ) -> dict[str, manifold3d.Manifold]:
-    """Solids that the back is fastened to, by name, in rig, with holes for its fasteners; no pieces of the device."""
-    in_it = manifold3d.Manifold.compose(list(fasteners.values()))
+    """Solids that support the back, by name, in rig, with holes for its fasteners; they are not part of the device."""
+    inside = manifold3d.Manifold.compose(list(fasteners.values()))
     return {
         carrier.name: manifold3d.Manifold.batch_boolean(
             [manifold3d.Manifold.hull_points(np.vstack([solid.base, solid.top])) for solid in carrier.solids],
             manifold3d.OpType.Add,
         )
-        - in_it
+        - inside
         for carrier in device.back.carriers
     }
 
 
 def _names_expected(device: Device, printed: Sequence[BuiltPart]) -> set[str]:
-    """The names that the pieces of the assembly must have."""
+    """The expected names of the assembly's pieces."""
     counted: Counter[str] = Counter()
     names = {*(part.name for part in printed), *(f"mirror_{name}" for name in device.layout.mirror_names), CAMERA}
     for item in bought_items(device):
@@ -205,7 +202,7 @@ def _names_expected(device: Device, printed: Sequence[BuiltPart]) -> set[str]:
 
 
 def weighed(hardware: Hardware, assembly: Mapping[str, trimesh.Trimesh]) -> MassProperties:
-    """All of the assembly as one body, plastic taken as solid, without the camera's cable."""
+    """Mass properties of the assembly as one body, with solid plastic."""
     bodies = []
     density: float
     for name, mesh in assembly.items():
@@ -221,19 +218,19 @@ def weighed(hardware: Hardware, assembly: Mapping[str, trimesh.Trimesh]) -> Mass
     return composed(bodies)
 
 
-def check_mass(whole: MassProperties) -> dict[str, Metric]:
+def check_mass(total: MassProperties) -> dict[str, Metric]:
     """Mass and centre in rig of the assembly."""
     return {
-        "device.mass_g": Metric(value=round(whole.mass_g, 2), unit="g"),
+        "device.mass_g": Metric(value=round(total.mass_g, 2), unit="g"),
         **{
             f"device.centre_{axis}_mm": Metric(value=round(float(centre), 2), unit="mm")
-            for axis, centre in zip("xyz", whole.centre_in_rig_mm, strict=True)
+            for axis, centre in zip("xyz", total.centre_in_rig_mm, strict=True)
         },
     }
 
 
 def read_glb(path: Path) -> dict[str, trimesh.Trimesh]:
-    """The pieces of a GLB file by name, in rig, mm: seen from the node `device`, whatever the file's units and axes."""
+    """The pieces of a GLB file by name, in rig, mm: in the frame of the node `device`, for any units of the file."""
     scene = trimesh.load_scene(path)
     rig_from_file = np.linalg.inv(scene.graph.get("device")[0])
     meshes = {}
@@ -247,18 +244,18 @@ def read_glb(path: Path) -> dict[str, trimesh.Trimesh]:
 
 
 def check_drop(
-    laid: Mapping[str, OutlineFit], layout: Layout, parts: Sequence[manifold3d.Manifold], fit_mm: float
+    outlines: Mapping[str, OutlineFit], layout: Layout, parts: Sequence[manifold3d.Manifold], fit_mm: float
 ) -> dict[str, Metric]:
-    """Check that the mirrors, as cut, go down to their seats along the normal with the stated clearance around them.
+    """Check that the mirrors, as cut, reach their seats along the normal with the stated clearance around them.
 
-    Both are volumes common with a part: of the mirror's path, and of the mirror grown to its sides by the clearance.
+    Reports the volumes that parts share with the mirrors' paths, and with the mirrors grown sideways by the clearance.
     """
     together = manifold3d.Manifold.compose(list(parts))
     in_path = in_clearance = 0.0
     for name, mirror in zip(layout.mirror_names, layout.mirrors, strict=True):
-        if name not in laid:
+        if name not in outlines:
             continue
-        corners, thickness = laid[name].corners, mirror.thickness_mm
+        corners, thickness = outlines[name].corners, mirror.thickness_mm
         low = mirror.back_mm + ROUNDING_MM
         grown = np.array(Polygon(corners).buffer(fit_mm - ROUNDING_MM).exterior.coords)
         in_path += common_mm3(together, prism(mirror, corners, low, low + DROP_OF_THICKNESS * thickness))

@@ -1,4 +1,4 @@
-"""Meshes of exported files, read back independently of how the part was made."""
+"""Meshes of exported files, read back independently of the code that made the part."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ MODEL_3MF = "3D/3dmodel.model"
 
 
 def read_stl(path: Path) -> trimesh.Trimesh:
-    """The mesh of an STL file; vertices at the same place are one."""
+    """The mesh of an STL file, with coincident vertices merged."""
     return trimesh.load_mesh(path)
 
 
 def read_3mf(path: Path) -> trimesh.Trimesh:
     """Read a 3MF file, mm, as one mesh: the objects of its build items in their places on the bed.
 
-    Raises ValueError for what our files never hold: another unit, or an object made of others.
+    Raises ValueError for content that this program never writes: another unit, or an object composed of others.
     """
     with zipfile.ZipFile(path) as package:
         model = ElementTree.fromstring(package.read(MODEL_3MF))
@@ -39,7 +39,7 @@ def read_3mf(path: Path) -> trimesh.Trimesh:
             raise ValueError(f"{path}: object {item.get('objectid')} has no mesh of its own")
         vertices = np.array([[float(v.attrib[axis]) for axis in "xyz"] for v in body.iter(f"{CORE_3MF}vertex")])
         faces = [[int(t.attrib[corner]) for corner in ("v1", "v2", "v3")] for t in body.iter(f"{CORE_3MF}triangle")]
-        # Twelve numbers, row by row, of the matrix that a row vector (x, y, z, 1) is multiplied by from the left.
+        # Twelve numbers, row by row, of the matrix (4, 3) by which a row vector (x, y, z, 1) is multiplied.
         place = np.array(item.get("transform", "1 0 0 0 1 0 0 0 1 0 0 0").split(), dtype=np.float64).reshape(4, 3)
         corners.append(np.array(faces) + sum(map(len, points)))
         points.append(vertices @ place[:3] + place[3])
@@ -52,7 +52,7 @@ def solid_of(mesh: trimesh.Trimesh) -> manifold3d.Manifold:
 
 
 def is_manifold(solid: manifold3d.Manifold) -> bool:
-    """True if manifold3d found an oriented surface without holes that encloses something."""
+    """Return whether manifold3d found an oriented closed surface that encloses a volume."""
     return bool(solid.status() == manifold3d.Error.NoError and not solid.is_empty())
 
 

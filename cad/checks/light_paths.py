@@ -1,11 +1,11 @@
-"""The layout's light, ray-cast against meshes: an independent proof that nothing blocks it.
+"""Ray casts of the layout's light against meshes: an independent proof that nothing blocks it.
 
-Light is traced from the pupil over the mirrors, through the glass of second-surface ones, by the code that judges
-layouts; the cones and beams that parts are cut with are not used. All in rig, mm.
+Light is traced from the pupil over the mirrors, including refraction in second-surface mirrors, by the code that
+assesses layouts. The cones and beams with which parts are cut are not used. All coordinates are in rig, mm.
 
-The same rays check what the camera sees when calibration pictures are taken, against the pieces built so far (pictures
-of the bare camera need a free view; pictures through the mirrors, every mirror's part of the frame), and how much of
-the light round the device falls on its mirrors: what a hood shades, and dust falls with it.
+Two more checks use such rays. The first tests the camera's view in calibration pictures against the pieces built by
+then: pictures of the bare camera need a free view, and pictures through the mirrors need every mirror's part of the
+frame. The second measures how much light of the surroundings reaches the mirrors, past a hood that also keeps off dust.
 """
 
 from __future__ import annotations
@@ -31,22 +31,22 @@ from mirrorcam.optics.design.assess.chief_rays import sampled_light, traced
 from mirrorcam.optics.geometry.layout import SLIVER, Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 
-# Rays stop this far from the mirror that they leave: the rounding of the STL's 32-bit numbers is 1e-5 mm.
+# Rays start this far from the mirror: the rounding of the STL's 32-bit numbers is 1e-5 mm.
 SURFACE_MM = 1e-3
-# Rays go through a grid of this step, or a finer one that has this many points on a small mirror.
+# Step of the grid of rays; a small mirror has a finer grid with this number of points.
 RAY_STEP_MM = 1.0
 RAYS_OF_MIRROR = 200
-# Clearances larger than this are not measured.
+# Larger clearances are not measured.
 NEAR_MM = 10.0
-# Pixels along an edge of a sub-image whose light through the rim of the pupil is cast.
+# Number of pixels along an edge of a sub-image for rays through the rim of the pupil.
 RIM_STEPS = 12
 
 
 @dataclass(frozen=True)
 class MirrorLight:
-    """The light of one mirror: segments (2, n, 2, 3) from the mirror to the pupil and from it to the working distance.
+    """The light of one mirror: segments (2, n, 2, 3) from the mirror to the pupil, and to the working distance.
 
-    The first `inner` of them go through a grid on the mirror, the others through its edge.
+    The first `inner` segments pass through a grid on the mirror, the others through its edge.
     """
 
     rays: FloatArray
@@ -54,12 +54,12 @@ class MirrorLight:
 
     @property
     def hulls(self) -> tuple[manifold3d.Manifold, manifold3d.Manifold]:
-        """The light to the pupil and to the scene as convex solids."""
+        """The light to the pupil and the light to the scene as convex solids."""
         return tuple(manifold3d.Manifold.hull_points(leg[self.inner :].reshape(-1, 3)) for leg in self.rays)
 
 
 def light_of(layout: Layout, index: int, hardware: Hardware) -> MirrorLight:
-    """Exact light from the middle of the pupil over the usable part of a mirror, if it has any."""
+    """Exact light from the middle of the pupil over the usable part of a mirror; empty if it has none."""
     mirror = layout.mirrors[index]
     flat, inner = _grid(mirror, RAY_STEP_MM)
     if len(flat) == 0:
@@ -70,7 +70,7 @@ def light_of(layout: Layout, index: int, hardware: Hardware) -> MirrorLight:
 
 
 def light_of_rim(layout: Layout, index: int, hardware: Hardware) -> FloatArray:
-    """Segments (2, n, 2, 3) as in `light_of`, but from all over the pupil, for unvignetted pixels."""
+    """Segments (2, n, 2, 3) as in `light_of`, but from the full pupil, for unvignetted pixels."""
     mirror = layout.mirrors[index]
     starts, rays = sampled_light(mirror, layout.camera.pupil, RIM_STEPS)
     met, leaving, directions = traced(mirror, rays, starts)
@@ -78,7 +78,7 @@ def light_of_rim(layout: Layout, index: int, hardware: Hardware) -> FloatArray:
 
 
 def _grid(mirror: Mirror, step_mm: float) -> tuple[FloatArray, int]:
-    """Points (n, 2) on the apparent mirror, in its frame: first a grid, then the edge; and how many the grid has."""
+    """Points (n, 2) on the apparent mirror, in its frame: first a grid, then the edge; and the number in the grid."""
     if len(mirror.usable_normalized) == 0:
         return np.zeros((0, 2)), 0
     apparent = mirror.apparent
@@ -104,7 +104,7 @@ def _segments(
     leaving: FloatArray,
     directions: FloatArray,
 ) -> FloatArray:
-    """Segments (2, n, 2, 3), mirror first, that begin `SURFACE_MM` before it."""
+    """Segments (2, n, 2, 3), mirror first, that start `SURFACE_MM` from it."""
     forward = layout.view_from_rig[2]
     reach = (working_distance_mm(layout, hardware) - leaving @ forward) / (directions @ forward)
     near, far = np.stack([met, leaving]), np.stack([pupil, leaving + reach[:, None] * directions])
@@ -128,17 +128,17 @@ def check_light(
     hardware : Hardware
         The gap between parts and light, and the working distance of a layout without a spec.
     parts : mapping of str to Manifold
-        Solids that must not stand in the light, by name: the printed parts and what carries the device.
+        Solids that must not block light, by name: the printed parts and the device's support.
     mirrors : sequence of Manifold or None
-        Solids of the mirrors in the layout's order, None where one is missing.
+        Solids of the mirrors in the layout's order, None for a missing one.
     camera : Manifold or None
-        The camera's body. It holds the pupil, so only the light on its way out is cast against it.
+        The camera's body. It contains the pupil, so that only the light to the scene is cast against it.
 
     Returns
     -------
     dict of str to Metric
-        Rays that are blocked, the gap between each part and the light (as wide as parts are cut, less the tolerance of
-        their meshes), and the light that mirrors hide from each other (limited as in a layout as built).
+        Number of blocked rays; the gap between each part and the light, limited by the fit minus the tolerance of the
+        meshes; the light that mirrors block for each other, with the limit for a layout as built.
     """
     lights = [light_of(layout, index, hardware) for index in range(len(layout.mirrors))]
     together = manifold3d.Manifold.compose(list(parts.values()))
@@ -159,7 +159,7 @@ def check_light(
 def _cast(
     lights: Sequence[MirrorLight], parts: manifold3d.Manifold, camera: manifold3d.Manifold | None
 ) -> tuple[int, int]:
-    """Numbers of rays that are cast against the parts, and that those, or the camera on the way out, block."""
+    """Number of rays cast, and number of those that the parts, or on the way to the scene the camera, block."""
     rays = np.concatenate([light.rays.reshape(-1, 2, 3) for light in lights])
     blocked = hits(parts, rays)
     if camera is not None:
@@ -168,7 +168,7 @@ def _cast(
 
 
 def _rim_light_stopped(layout: Layout, parts: manifold3d.Manifold, hardware: Hardware) -> float:
-    """Share of the rays of the worst mirror, of whole pupils, that the parts block."""
+    """Largest share, over the mirrors, of the rays through the full pupil that the parts block."""
     rims = [light_of_rim(layout, index, hardware) for index in range(len(layout.mirrors))]
     return max((hits(parts, rim.reshape(-1, 2, 3)) / max(2 * rim.shape[1], 1) for rim in rims), default=0.0)
 
@@ -176,7 +176,7 @@ def _rim_light_stopped(layout: Layout, parts: manifold3d.Manifold, hardware: Har
 def _light_gaps(
     lights: Sequence[MirrorLight], parts: Mapping[str, manifold3d.Manifold], hardware: Hardware
 ) -> dict[str, Metric]:
-    """Gap between each part and the light: as wide as parts are cut, less the tolerance of their meshes."""
+    """Gap between each part and the light, limited by the fit minus the tolerance of the meshes."""
     hulls = [hull for light in lights if len(light.rays[0]) for hull in light.hulls]
     gaps = {name: min((part.min_gap(hull, NEAR_MM) for hull in hulls), default=0.0) for name, part in parts.items()}
     least = hardware.fit.light_mm - STL_TOLERANCE_MM
@@ -187,7 +187,7 @@ def _light_gaps(
 
 
 def shade_of_mirrors(lights: Sequence[MirrorLight], mirrors: Sequence[manifold3d.Manifold | None]) -> float:
-    """Share of the light of the worst mirror that the other mirrors' solids stop: the cost of thick mirrors."""
+    """Largest share of a mirror's light that the other mirrors' solids block: the cost of thick mirrors."""
     worst = 0.0
     for index, light in enumerate(lights):
         others = manifold3d.Manifold.compose([solid for place, solid in enumerate(mirrors) if solid and place != index])
@@ -197,7 +197,7 @@ def shade_of_mirrors(lights: Sequence[MirrorLight], mirrors: Sequence[manifold3d
     return worst
 
 
-# Rays end here: beyond the device.
+# Length of rays, beyond the device.
 FAR_MM = 1000.0
 
 
@@ -207,7 +207,7 @@ def check_step_views(
     solids: Mapping[str, manifold3d.Manifold],
     steps: Sequence[Step] = STEPS,
 ) -> dict[str, Metric]:
-    """Check that nothing hides what calibration pictures must show.
+    """Check that nothing blocks the camera's view in calibration pictures.
 
     Parameters
     ----------
@@ -218,14 +218,14 @@ def check_step_views(
     solids : mapping of str to Manifold
         The solids of the assembled device by name, in rig, mm.
     steps : sequence of Step
-        How it is put together.
+        The steps of assembly.
 
     Returns
     -------
     dict of str to Metric
-        For each step that takes pictures, named by their folder: the share of the frame that is hidden. Without mirrors
-        before the camera all of the frame counts, with them the usable parts of their sub-images, and each mirror's
-        share of the frame is hidden where another piece is met before that mirror.
+        For each step that takes pictures, named by their folder: the hidden share of the frame. Without mirrors, the
+        full frame counts. With mirrors, the usable parts of the sub-images count, and are hidden where another piece is
+        in front of the mirror.
     """
     fastened = {name: item.joins for name, item in zip(item_names(items), items, strict=True)}
     pieces = [name for name in solids if name not in fastened]
@@ -247,7 +247,7 @@ def check_step_views(
 
 def _hidden(rays: FloatArray, solid: manifold3d.Manifold) -> int:
     """Number of viewing rays (n, 2), normalized, that meet a solid."""
-    return int(np.isfinite(_met_at(rays, solid)).sum())
+    return int(np.isfinite(_first_hit_mm(rays, solid)).sum())
 
 
 def _hidden_before_mirrors(
@@ -264,33 +264,33 @@ def _hidden_before_mirrors(
             count += len(usable)
             continue
         rest = manifold3d.Manifold.compose([others, *(solid for other, solid in mirrors.items() if solid is not own)])
-        at_own = _met_at(usable, own)
-        count += int((~np.isfinite(at_own) | (_met_at(usable, rest) < at_own)).sum())
+        at_own = _first_hit_mm(usable, own)
+        count += int((~np.isfinite(at_own) | (_first_hit_mm(usable, rest) < at_own)).sum())
     return count
 
 
-def _met_at(rays: FloatArray, solid: manifold3d.Manifold) -> FloatArray:
-    """Where viewing rays (n, 2), normalized, from the pupil first meet a solid, as z in mm (n,); infinite where not."""
-    met = np.full(len(rays), np.inf)
+def _first_hit_mm(rays: FloatArray, solid: manifold3d.Manifold) -> FloatArray:
+    """z in mm (n,) of the first hits of viewing rays (n, 2), normalized, on a solid; infinite for rays that miss."""
+    depths = np.full(len(rays), np.inf)
     for index, ray in enumerate(rays):
         hits = solid.ray_cast(np.zeros(3), np.array([*ray, 1.0]) * FAR_MM)
         if hits:
-            met[index] = min(float(hit.position[2]) for hit in hits)
-    return met
+            depths[index] = min(float(hit.position[2]) for hit in hits)
+    return depths
 
 
 RAYS = 400
 SURROUNDINGS_MM = 400.0
-# Rays begin so far before a mirror.
+# Distance in front of a mirror at which rays start.
 BEFORE_MM = 0.5
 GOLDEN = np.pi * (3.0 - np.sqrt(5.0))
 
 
 def check_surrounding_light(layout: Layout, solids: Mapping[str, manifold3d.Manifold]) -> dict[str, Metric]:
-    """The share of surroundings, equally bright on all sides, whose light reaches the middles of the mirrors.
+    """The share of light from uniformly bright surroundings that reaches the middles of the mirrors.
 
-    Of each mirror's half-space, by rays that are as dense as they illuminate it (cosine), past the solids of the device
-    in rig, mm: 1 for bare mirrors.
+    It is a cosine-weighted share of each mirror's half-space that the device's solids (in rig, mm) leave free; 1 for
+    bare mirrors.
     """
     together = manifold3d.Manifold.compose(list(solids.values()))
     rays = np.concatenate([_rays(mirror) for mirror in layout.mirrors])
@@ -299,7 +299,7 @@ def check_surrounding_light(layout: Layout, solids: Mapping[str, manifold3d.Mani
 
 
 def _rays(mirror: Mirror) -> FloatArray:
-    """Segments (n, 2, 3) in rig from the middle of a mirror, spread evenly over the disc below their directions."""
+    """Segments (n, 2, 3) in rig from the middle of a mirror, with cosine-weighted directions (a spiral on a disc)."""
     place = np.arange(RAYS) + 0.5
     radius, turn = np.sqrt(place / RAYS), GOLDEN * place
     flat = np.column_stack([radius * np.cos(turn), radius * np.sin(turn)])

@@ -1,7 +1,7 @@
-"""Checks of what bears loads: the six points and leaves of the camera's clip, and the back under the device.
+"""Checks of load-bearing features: the six points and leaves of the camera's clip, and the back under the device.
 
-How well the camera repeats in its clip, whether the device stands, whether a tripod's screw holds, and the stress where
-the load passes.
+They cover the camera's repeatability in its clip, the device's stability, the engagement of a tripod's screw, and the
+stress in the back.
 """
 
 from __future__ import annotations
@@ -25,27 +25,27 @@ from mirrorcam.core.values import FloatArray, Metric
 from mirrorcam.optics.geometry.camera_body import BoardHoles
 from mirrorcam.optics.geometry.layout import Layout
 
-# Gaps beyond this are not measured.
+# Larger gaps are not measured.
 NEAR_MM = 5.0
 
 
 def check_nest(clip: ClipPlan, layout: Layout, hardware: Hardware) -> dict[str, Metric]:
-    """Check that the screws press a body on all six points, and bend their leaves no further than lasts.
+    """Check that the screws press a body on all six points, without overstraining their leaves.
 
     Parameters
     ----------
     clip : ClipPlan
-        The clip; one that holds a board by its screws has no points nor leaves to check.
+        The clip; a clip for a board has neither points nor leaves.
     layout : Layout
-        Camera and mirrors: how sub-images move.
+        Camera and mirrors, for the motion of sub-images.
     hardware : Hardware
         The camera's mass, the acceleration that the nest withstands, and the plastic.
 
     Returns
     -------
     dict of str to Metric
-        The least force at any point at that acceleration, the greatest strain of a leaf; as figures the screws' forces;
-        and of a board too, what re-clamping does, one standard deviation.
+        The least force at any point under that acceleration, the largest strain of a leaf, and the screws' forces; for
+        boards too, the standard deviations of re-clamping.
     """
     repeats = repeatability(clip, layout, hardware)
     figures = {
@@ -77,19 +77,19 @@ def check_nest(clip: ClipPlan, layout: Layout, hardware: Hardware) -> dict[str, 
 def check_rest(
     clip: manifold3d.Manifold | None, camera: manifold3d.Manifold | None, hardware: Hardware
 ) -> dict[str, Metric]:
-    """Check that a lens that rests on its clip can be drawn onto it, as far as the play of its board's holes.
+    """Check that the play of a board's holes lets a tie draw its lens onto the clip's rest.
 
     Parameters
     ----------
     clip, camera : Manifold or None
-        The solids as they stand in the device, in rig, mm; None where one is not valid.
+        The solids in the device, in rig, mm; None if invalid.
     hardware : Hardware
-        The camera's body; one without `rest_mm` has nothing to check.
+        The camera's body; without `rest_mm` there is nothing to check.
 
     Returns
     -------
     dict of str to Metric
-        The gap between clip and barrel over the board; without either solid, as large as is looked for.
+        The gap between clip and barrel above the board; `NEAR_MM` if a solid is invalid.
     """
     body = hardware.camera
     if body.rest_mm is None or not isinstance(body.held_by, BoardHoles):
@@ -104,16 +104,16 @@ def check_rest(
 
 
 STANDARD_GRAVITY = 9.80665
-# A device that is carried, knocked or moved by an arm bears so many times its weight.
+# Load of a device that is carried, knocked or moved by an arm, in multiples of its weight.
 TIMES_ITS_WEIGHT = 3.0
-# Stress that a print bears across its layers for years: a sixth of what breaks it there at once, about 30 MPa of PLA
+# Stress that a print bears across its layers for years: a sixth of the short-term strength there, about 30 MPa for PLA
 # (Kuznetsov et al., Strength of PLA components fabricated with fused deposition technology, Polymers 10, 2018).
 STRESS_MPA = 5.0
 TURNS = 3.0
 
 
 def check_back(
-    back: Back, items: Sequence[BoughtItem], solids: Mapping[str, manifold3d.Manifold], whole: MassProperties
+    back: Back, items: Sequence[BoughtItem], solids: Mapping[str, manifold3d.Manifold], total: MassProperties
 ) -> dict[str, Metric]:
     """Check a back under a device.
 
@@ -125,21 +125,20 @@ def check_back(
         All bought items of the device, in the order of their names.
     solids : mapping of str to Manifold
         The solids of the assembled device by name, in rig, mm.
-    whole : MassProperties
-        Of all pieces together.
+    total : MassProperties
+        Mass properties of the assembled device.
 
     Returns
     -------
     dict of str to Metric
-        The largest stress where the back's load passes, which is so many times the device's weight in any direction;
-        of a device that stands by itself how far it can be tipped; and how many turns of a tripod's screw are in the
-        nut that the back holds.
+        The largest stress in the back's necks under a multiple of the device's weight in any direction; for a
+        free-standing device, the tilt at which it falls over; for a back with a tripod's nut, the turns of engagement.
     """
-    force = TIMES_ITS_WEIGHT * whole.mass_g / 1000.0 * STANDARD_GRAVITY
-    stress = max((neck.stress_mpa(force, whole.centre_in_rig_mm) for neck in back.necks), default=0.0)
+    force = TIMES_ITS_WEIGHT * total.mass_g / 1000.0 * STANDARD_GRAVITY
+    stress = max((neck.stress_mpa(force, total.centre_in_rig_mm) for neck in back.necks), default=0.0)
     checks = {"device.back_stress_mpa": Metric(value=round(stress, 3), unit="MPa", limit=STRESS_MPA)}
     if back.stand is not None:
-        tips = tips_at_deg(back.stand, whole.centre_in_rig_mm)
+        tips = tips_at_deg(back.stand, total.centre_in_rig_mm)
         limit = back.stand.tip_deg
         checks["device.tips_at_deg"] = Metric(value=round(tips, 2), unit="deg", limit=limit, lower_is_better=False)
     for name, item in zip(item_names(items), items, strict=True):
@@ -150,22 +149,22 @@ def check_back(
 
 
 def tips_at_deg(stand: Stand, centre_mm: FloatArray) -> float:
-    """The angle in deg by which a device may be tipped over any side of its support; negative where it falls at once.
+    """The smallest tilt in deg over a side of its base at which a device falls over; negative if it cannot stand.
 
-    Its centre of mass (3,) passes over the side when tipped by atan(d / h), d its distance from the side as seen from
-    above, h its height.
+    The centre of mass (3,) is above the side at a tilt of atan(d / h), with d its horizontal distance from the side and
+    h its height.
     """
     starts, ends = stand.corners, np.roll(stand.corners, -1, axis=0)
-    ways = (ends - starts) / np.linalg.norm(ends - starts, axis=1)[:, None]
-    inside = np.column_stack([-ways[:, 1], ways[:, 0]])
+    along = (ends - starts) / np.linalg.norm(ends - starts, axis=1)[:, None]
+    inward = np.column_stack([-along[:, 1], along[:, 0]])
     middle = stand.corners.mean(axis=0)
-    inside *= np.sign(((middle - starts) * inside).sum(axis=1))[:, None]
-    distance = float(((centre_mm[:2] - starts) * inside).sum(axis=1).min())
+    inward *= np.sign(((middle - starts) * inward).sum(axis=1))[:, None]
+    distance = float(((centre_mm[:2] - starts) * inward).sum(axis=1).min())
     return float(np.degrees(np.arctan2(distance, centre_mm[2] - stand.z_mm)))
 
 
 def tripod_turns(screw_mm: float, nut: manifold3d.Manifold | None, part: manifold3d.Manifold | None) -> float:
-    """Turns of a screw that stands out by `screw_mm` in a nut over the lower face of a part; 0 where one is missing."""
+    """Turns of a tripod's screw, `screw_mm` long, in the nut over a part's lower face; 0 if nut or part is missing."""
     if nut is None or part is None:
         return 0.0
     under = nut.bounding_box()[2] - part.bounding_box()[2]

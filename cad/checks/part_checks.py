@@ -1,8 +1,8 @@
-"""Checks of a printed part: its STEP, STL and 3MF files, against each other and against the printer.
+"""Checks of a printed part: its STEP, STL and 3MF files, against each other and against the printer's limits.
 
-Overhangs that need support, flat ceilings that bridge, and layers that begin in the air are found in meshes (mm) that
-lie as they print: z up, the bed under their lowest point. Rays from a mesh's surface straight into the material find
-the thinnest wall and floor.
+Overhangs that need support, flat ceilings that bridge, and layers that start in the air are detected in meshes (mm) in
+print orientation: z up, with the lowest point on the bed. Rays from a mesh's surface along the inward normal find the
+thinnest wall and floor.
 """
 
 from __future__ import annotations
@@ -35,27 +35,27 @@ from mirrorcam.cad.write.part_export import STL_TOLERANCE_MM
 from mirrorcam.cad.write.slicer import check_slicing
 from mirrorcam.core.values import FloatArray, Metric
 
-# Two faces make a wall where they are parallel to 15 deg; the edge of a wedge is not a wall.
+# Two faces form a wall if they are parallel to within 15 deg; the edge of a wedge is not a wall.
 WALL_COSINE = np.cos(np.radians(15.0))
 WALL_SAMPLE_MM2 = 1.0
 WALL_DOT_MM2 = 0.5
-# Walls thicker than this are not distinguished.
+# Thicker walls are reported as this thick.
 THICK_MM = 12.0
 # Rays start this far inside: the rounding of the STL's 32-bit numbers is 1e-5 mm.
 SURFACE_MM = 1e-3
 
 
 def thinnest_wall_mm(mesh: trimesh.Trimesh, body: manifold3d.Manifold, up: FloatArray | None = None) -> float:
-    """Smallest distance, straight into the material, between two faces that are parallel to 15 deg; `THICK_MM` at most.
+    """Smallest distance, along the inward normal, of two faces that are parallel to within 15 deg; at most `THICK_MM`.
 
-    Dots that together cover less than `WALL_DOT_MM2` are no wall: no nozzle prints them, and nothing depends on them.
-    With `up` (3,), a unit vector, faces that are level to 15 deg are left to `thinnest_floor_mm`.
+    The thinnest spots are ignored if their total area is less than `WALL_DOT_MM2`, which no nozzle prints. With `up`
+    (3,), a unit vector, faces that are level to within 15 deg are left to `thinnest_floor_mm`.
     """
     return _thinnest_mm(mesh, body, np.full(len(mesh.faces), True) if up is None else ~_level(mesh, up))
 
 
 def thinnest_floor_mm(mesh: trimesh.Trimesh, body: manifold3d.Manifold, up: FloatArray) -> float:
-    """The same between two faces that are level when printed: floors are made of layers, walls of lines."""
+    """`thinnest_wall_mm` for faces that are level in print: floors consist of layers, walls of lines."""
     return _thinnest_mm(mesh, body, _level(mesh, up))
 
 
@@ -76,7 +76,7 @@ def _thinnest_mm(mesh: trimesh.Trimesh, body: manifold3d.Manifold, faces: NDArra
 
 
 def _samples(triangles: FloatArray, normals: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Points (m, 3) spread over triangles (n, 3, 3), their normals (m, 3), and the area (m,) that each stands for."""
+    """Points (m, 3) spread over triangles (n, 3, 3), with their normals (m, 3) and the areas (m,) they represent."""
     sizes = np.linalg.norm(np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]), axis=1) / 2
     if not (sizes > 0.0).any():
         return np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0)
@@ -95,23 +95,23 @@ def _samples(triangles: FloatArray, normals: FloatArray) -> tuple[FloatArray, Fl
 
 
 LAYER_MM = 0.2
-# An angle is read from a mesh: round shapes are facets, and numbers of a file are rounded.
+# Tolerance of angles in a mesh, which has facets and rounded numbers.
 ANGLE_DEG = 0.5
-# What stands out by no more than a layer of a face at the printer's angle does is supported by the layer below: a
-# region that is nowhere wider than this, seen from above, does not hang.
+# A region at most this wide, seen from above, needs no support: it protrudes no further than one layer of a face at the
+# overhang limit, which the layer below supports.
 STRIP_MM = 0.2
-# A ceiling is flat where it lies within this angle; a bridge's end is supported this near to what stands below it.
+# Largest angle of a flat ceiling, and largest horizontal gap between a bridge's end and the material below it.
 FLAT_DEG = 1.0
 TOUCH_MM = 0.05
 ON_BED_MM = 0.01
-# Lines of plastic over a gap, and the directions that are tried for them.
+# Spacing of the lines of a bridge, and the directions that are tried.
 BRIDGE_STEP_MM = 0.2
 BRIDGE_TURNS_DEG = np.arange(0.0, 180.0, 5.0)
 BRIDGE_SHARE = 0.99
 
 
 def check_overhangs(mesh: trimesh.Trimesh, solid: manifold3d.Manifold, printer: Printer) -> dict[str, Metric]:
-    """Area that hangs steeper than the printer can, area and length of bridges, and area that starts in the air."""
+    """Check the area beyond the overhang limit, the length of bridges, and the area that starts in the air."""
     hanging, bridged, longest = overhangs(mesh, solid, printer)
     return {
         "overhang_mm2": Metric(value=round(hanging, 3), unit="mm2", limit=0.0),
@@ -122,11 +122,11 @@ def check_overhangs(mesh: trimesh.Trimesh, solid: manifold3d.Manifold, printer: 
 
 
 def overhangs(mesh: trimesh.Trimesh, solid: manifold3d.Manifold, printer: Printer) -> tuple[float, float, float]:
-    """Area that needs support, area that bridges (both of the faces, mm2), and the longest bridge in mm.
+    """Area of faces that need support, area of faces that bridge, both in mm2, and the longest bridge in mm.
 
-    Faces that look down steeper than the printer can are taken together where they share an edge. A flat ceiling among
-    them bridges if straight lines in some direction, no longer than the printer can, cover it and are supported at both
-    ends. What lies on the bed is none of this.
+    Downward faces beyond the overhang limit are grouped into regions by shared edges. A flat region bridges if straight
+    lines in some direction, at most as long as the printer bridges, cover it and are supported at both ends. Faces on
+    the bed are excluded.
     """
     triangles, normals = np.array(mesh.triangles), np.array(mesh.face_normals)
     on_bed = triangles[..., 2].max(axis=1) < triangles[..., 2].min() + ON_BED_MM
@@ -150,7 +150,7 @@ def overhangs(mesh: trimesh.Trimesh, solid: manifold3d.Manifold, printer: Printe
 
 
 def _regions(mesh: trimesh.Trimesh, chosen: NDArray[np.bool_]) -> list[NDArray[np.int64]]:
-    """Indices (m,) of the chosen faces of each region that hangs together by edges."""
+    """Indices (m,) of the chosen faces of each region, connected by edges."""
     places = np.flatnonzero(chosen)
     number = np.full(len(chosen), -1)
     number[places] = np.arange(len(places))
@@ -162,9 +162,9 @@ def _regions(mesh: trimesh.Trimesh, chosen: NDArray[np.bool_]) -> list[NDArray[n
 
 
 def bridge_mm(ceiling: Polygon, below: MultiPolygon, most_mm: float) -> float | None:
-    """The longest line over a flat ceiling, in the direction where that is shortest; None where it is no bridge.
+    """The longest line over a flat ceiling, in the direction where that is shortest; None if it does not bridge.
 
-    `below` is what stands right under it. Lines must be at most `most_mm` long and end at what stands below.
+    Lines must be at most `most_mm` long and end on `below`, the section of the material right under the ceiling.
     """
     bearing = below.buffer(LAYER_MM / 2.0 + TOUCH_MM)
     prepare(bearing)
@@ -172,14 +172,14 @@ def bridge_mm(ceiling: Polygon, below: MultiPolygon, most_mm: float) -> float | 
     for turn in BRIDGE_TURNS_DEG:
         ends = _spans(ceiling, float(turn))
         lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
-        held = intersects_xy(bearing, ends[..., 0], ends[..., 1]).all(axis=1) & (lengths <= most_mm)
-        if lengths[held].sum() >= BRIDGE_SHARE * lengths.sum() > 0.0:
-            lengths_of_turns.append(float(lengths[held].max()))
+        supported = intersects_xy(bearing, ends[..., 0], ends[..., 1]).all(axis=1) & (lengths <= most_mm)
+        if lengths[supported].sum() >= BRIDGE_SHARE * lengths.sum() > 0.0:
+            lengths_of_turns.append(float(lengths[supported].max()))
     return min(lengths_of_turns, default=None)
 
 
 def _spans(area: Polygon, turn_deg: float) -> FloatArray:
-    """Parallel lines over an area, `BRIDGE_STEP_MM` apart and turned from x: their ends (n, 2, 2)."""
+    """Ends (n, 2, 2) of parallel lines over an area, `BRIDGE_STEP_MM` apart, at an angle to x."""
     turn = np.radians(turn_deg)
     along, across = np.array([np.cos(turn), np.sin(turn)]), np.array([-np.sin(turn), np.cos(turn)])
     corners = get_coordinates(area)
@@ -199,7 +199,7 @@ def polygons(section: manifold3d.CrossSection) -> MultiPolygon:
 
 
 def floating_mm2(solid: manifold3d.Manifold, overhang_deg: float) -> float:
-    """The largest unsupported piece of a layer: its layers below end in the air, not on the bed."""
+    """The area of the largest piece of a layer that is not supported down to the bed."""
     _, _, bed_mm, _, _, top_mm = solid.bounding_box()
     reach = LAYER_MM * np.tan(np.radians(overhang_deg))
     borne: manifold3d.CrossSection | None = None
@@ -216,10 +216,10 @@ def floating_mm2(solid: manifold3d.Manifold, overhang_deg: float) -> float:
     return largest
 
 
-# A 3MF file has its numbers as decimals, an STL file as 32-bit numbers.
+# Tolerance between a 3MF file, with decimal numbers, and an STL file, with 32-bit numbers.
 SAME_MESH_UM = 5.0
 SAME_VOLUME = 1e-6
-# Corners in files are rounded, at 100 mm by up to 4e-6 mm: faces move by about this.
+# Shift of faces by rounding in files, which is up to 4e-6 mm for corners at 100 mm.
 ROUNDED_MM = 1e-6
 
 
@@ -229,29 +229,28 @@ def check_part(part: PartPlan, folder: Path, printer: Printer) -> dict[str, Metr
     Parameters
     ----------
     part : PartPlan
-        The plan that the part was made of.
+        The part's plan.
     folder : Path
-        Holds NAME.step, NAME.stl (both in rig, mm) and NAME.3mf (as printed).
+        Folder with NAME.step, NAME.stl (both in rig, mm) and NAME.3mf (as printed).
     printer : Printer
         Limits of the printer.
 
     Returns
     -------
     dict of str to Metric
-        Checks (with a limit) and figures by name. A mesh that is not manifold counts as having no wall and as needing
-        support everywhere, since nothing measured on it proves anything. Without a slicer there are no checks of
-        slicing.
+        Checks (with a limit) and figures by name. A mesh that is not manifold cannot be measured, and is reported with
+        walls of 0 mm and support everywhere. Slicing is checked only with a slicer.
     """
     shape = import_step(folder / f"{part.name}.step")
     solids = shape.solids()
     volume = sum(solid.volume for solid in solids)
-    # A mesh cuts off round shapes, by its tolerance at most; flat ones it meets.
+    # A mesh deviates from curved faces by at most its tolerance, and is exact for flat ones.
     curved = sum(face.area for face in shape.faces() if face.geom_type != GeomType.PLANE)
     volume_limit = STL_TOLERANCE_MM * curved + SAME_VOLUME * volume + ROUNDED_MM * shape.area
     mesh, printed = read_stl(folder / f"{part.name}.stl"), read_3mf(folder / f"{part.name}.3mf")
     body, lying = solid_of(mesh), solid_of(printed)
-    up, sound = part.print_from_rig[2, :3], is_manifold(body)
-    wall, floor = (thinnest_wall_mm(mesh, body, up), thinnest_floor_mm(mesh, body, up)) if sound else (0.0, 0.0)
+    up, valid = part.print_from_rig[2, :3], is_manifold(body)
+    wall, floor = (thinnest_wall_mm(mesh, body, up), thinnest_floor_mm(mesh, body, up)) if valid else (0.0, 0.0)
     return {
         "solids": Metric(value=len(solids), unit="", limit=1),
         "invalid_solids": Metric(value=sum(not solid.is_valid for solid in solids) if solids else 1, unit="", limit=0),
@@ -272,17 +271,18 @@ def check_part(part: PartPlan, folder: Path, printer: Printer) -> dict[str, Metr
 
 
 def check_bed(mesh: trimesh.Trimesh, printed: trimesh.Trimesh, part: PartPlan, printer: Printer) -> dict[str, Metric]:
-    """Check the part in the 3MF file: on the bed, no larger than it, and up as planned.
+    """Check that the part in the 3MF file is on the bed, fits it, and has the planned orientation.
 
-    `lie_error_um` is the largest difference between the heights of its corners and of the STL file's, laid as planned.
+    `lie_error_um` is the largest difference between the heights of its corners and those of the STL file in the planned
+    orientation.
     """
     low, high = printed.bounds
     beyond = np.maximum(np.maximum(-low, high - np.array(printer.bed_mm)), 0.0).max()
     bed = (*sorted(printer.bed_mm[:2], reverse=True), printer.bed_mm[2])
     size = (*sorted((high - low)[:2], reverse=True), (high - low)[2])
     planned = np.sort(np.array(mesh.vertices) @ part.print_from_rig[2, :3] + part.print_from_rig[2, 3])
-    lies = np.sort(np.array(printed.vertices)[:, 2])
-    wrong = np.abs(lies - planned).max() if len(lies) == len(planned) else float(np.ptp(planned))
+    heights = np.sort(np.array(printed.vertices)[:, 2])
+    error = np.abs(heights - planned).max() if len(heights) == len(planned) else float(np.ptp(planned))
     return {
         **{
             f"print_{name}_mm": Metric(value=round(float(length), 3), unit="mm", limit=limit)
@@ -290,5 +290,5 @@ def check_bed(mesh: trimesh.Trimesh, printed: trimesh.Trimesh, part: PartPlan, p
         },
         "off_bed_um": Metric(value=round(float(beyond) * 1000.0, 2), unit="um", limit=SAME_MESH_UM),
         "above_bed_um": Metric(value=round(max(float(low[2]), 0.0) * 1000.0, 2), unit="um", limit=SAME_MESH_UM),
-        "lie_error_um": Metric(value=round(float(wrong) * 1000.0, 2), unit="um", limit=SAME_MESH_UM),
+        "lie_error_um": Metric(value=round(float(error) * 1000.0, 2), unit="um", limit=SAME_MESH_UM),
     }

@@ -21,17 +21,17 @@ from mirrorcam.core.values import FloatArray, Metric
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 
-# A face this far from where a seat or its pads belong is not taken for them, but for what lies behind the seat.
+# Tolerances within which a face is a seat or its pads, and not a face behind the seat.
 SEAT_SEARCH_MM = 0.25
 SEAT_SEARCH_DEG = 0.5
-# A seat may face this much less of a mirror than planned: lines of a plan and of a file are rounded.
+# Tolerance of a seat's cover against its plan, since lines of a plan and of a file are rounded.
 COVER_ROUNDING = 1e-3
-# A wall is taken for a pocket's where it is parallel to an edge of the mirror and this near to where it belongs.
+# Tolerances within which a wall belongs to a pocket: to its planned place, and in parallelism to an edge of the mirror.
 WALL_SEARCH_MM = 0.1
 WALL_SEARCH_DEG = 0.1
 CURVE_POINTS = 17
-# Areas below this, a third of the square of a printed line, are ignored, whether they support the mirror or not.
-# What stands in a mirror's way, however small, is found when the mirror is lowered into its seat.
+# Smaller areas, a third of the square of a printed line, are ignored. Obstacles of any size are found by the check that
+# lowers the mirror into its seat.
 DOT_MM2 = 0.05
 
 
@@ -44,13 +44,13 @@ class FlatFace:
 
     @cached_property
     def loops(self) -> tuple[FloatArray, ...]:
-        """Corners (n, 3) of its borders, the outer one first."""
+        """Loops of corners (n, 3) of its borders, the outer border first."""
         return (_loop(self.face.outer_wire()), *map(_loop, self.face.inner_wires()))
 
     def seen_from(self, frame: FloatArray) -> BaseGeometry:
-        """Its area, projected to the x and y of a frame (4, 4).
+        """Its area, projected to x and y of a frame (4, 4).
 
-        Where borders touch in the solid, they may cross here, by rounding.
+        Borders that touch in the solid may cross by rounding, which is repaired.
         """
         outer, *holes = ((loop - frame[:3, 3]) @ frame[:3, :2] for loop in self.loops)
         return make_valid(Polygon(outer, holes), method="structure", keep_collapsed=False)
@@ -62,7 +62,7 @@ class FlatFace:
 
 
 def flat_faces(shapes: Iterable[Shape[Any]]) -> list[FlatFace]:
-    """All flat faces of some solids."""
+    """All flat faces of solids."""
     return [
         FlatFace(face, np.array(tuple(face.normal_at())))
         for shape in shapes
@@ -71,19 +71,19 @@ def flat_faces(shapes: Iterable[Shape[Any]]) -> list[FlatFace]:
 
 
 def _loop(wire: Wire) -> FloatArray:
-    """Corners (n, 3) of a closed line; curved edges are points.
+    """Corners (n, 3) of a closed wire, with sampled points of curved edges.
 
-    Edges follow each other by their nearest ends: in a file, corners of one place differ by more than build123d allows.
+    Edges are chained by their nearest ends, since coincident corners in a file differ by more than build123d tolerates.
     """
-    left = []
+    remaining = []
     for edge in wire.edges():
         count = 1 if edge.geom_type == GeomType.LINE else CURVE_POINTS
-        left.append(np.array([tuple(edge @ (place / count)) for place in range(count + 1)]))
-    points = [left.pop(0)]
-    while left:
-        ends = np.array([(line[0], line[-1]) for line in left])
+        remaining.append(np.array([tuple(edge @ (place / count)) for place in range(count + 1)]))
+    points = [remaining.pop(0)]
+    while remaining:
+        ends = np.array([(line[0], line[-1]) for line in remaining])
         place, turned = divmod(int(np.linalg.norm(ends - points[-1][-1], axis=2).argmin()), 2)
-        line = left.pop(place)
+        line = remaining.pop(place)
         points.append(line[::-1] if turned else line)
     return np.concatenate([line[:-1] for line in points])
 
@@ -96,12 +96,12 @@ def _facing(faces: Sequence[FlatFace], direction: FloatArray, within_deg: float)
 
 @dataclass(frozen=True)
 class Seat:
-    """A mirror's seat as found in the files: pads that carry it, and a floor behind them that glue fills.
+    """A mirror's seat as found in the files: the pads that carry it, and the floor behind them, covered by glue.
 
-    `offset_mm` is how far the planes of the pads are, at most, from the corners of the mirror's back, `bond_error_mm`
-    how far off the glue's thickness behind it the floor is; `angle_deg` how far any of them is tilted; `pads_in_plane`
-    (n, 2) are the middles of the pads; `cover` is the share of the outline behind which the floor is; `span_mm` the
-    diameter of the largest circle on the mirror behind which there is neither.
+    `offset_mm` is the largest distance of the pads' planes from the corners of the mirror's back, `bond_error_mm` the
+    largest error of the floor's distance behind it, and `angle_deg` the largest tilt of pads and floor. `pads_in_plane`
+    (n, 2) are the middles of the pads. `cover` is the share of the outline with floor behind it, `span_mm` the diameter
+    of the largest circle on the mirror with neither pad nor floor behind it.
     """
 
     offset_mm: float
@@ -112,7 +112,7 @@ class Seat:
     span_mm: float
 
     def carries(self, mirror: Mirror) -> bool:
-        """Return whether there are three pads, with the middle of the mirror between them."""
+        """Return whether there are three pads with the middle of the mirror inside their triangle."""
         middle = Polygon(mirror.outline_in_plane_mm).centroid
         return len(self.pads_in_plane) == PADS and Polygon(self.pads_in_plane).contains(middle)
 
@@ -123,9 +123,9 @@ class Seat:
 
 
 def find_seat(faces: Sequence[FlatFace], mirror: Mirror, bond_mm: float) -> Seat | None:
-    """The seat of a mirror: the faces about in the plane of its back, the pads, and about `bond_mm` behind it.
+    """The seat of a mirror: pads near the plane of its back, and a floor about `bond_mm` behind it.
 
-    Only what lies behind its outline counts; None where there is no floor.
+    Only areas behind its outline count; None if there is no floor.
     """
     outline = Polygon(mirror.outline_in_plane_mm)
     corners = {depth: outline_at(mirror, mirror.back_mm - depth) for depth in (0.0, bond_mm)}
@@ -161,7 +161,7 @@ def find_seat(faces: Sequence[FlatFace], mirror: Mirror, bond_mm: float) -> Seat
 
 
 def pocket_gaps_mm(faces: Sequence[FlatFace], mirror: Mirror, fit_mm: float) -> list[float]:
-    """Distances from the mirror's edges of the walls of its pocket: flat, parallel to an edge, beside the mirror."""
+    """Distances between a mirror's edges and the walls of its pocket: flat faces next to and parallel to an edge."""
     frame, back = mirror.rig_from_plane, mirror.back_mm
     corners = np.array(orient(Polygon(mirror.outline_in_plane_mm)).exterior.coords)
     gaps = []
@@ -174,9 +174,9 @@ def pocket_gaps_mm(faces: Sequence[FlatFace], mirror: Mirror, fit_mm: float) -> 
             away = (local[:, :2] - start) @ outward
             if np.abs(away - fit_mm).max() > WALL_SEARCH_MM:
                 continue
-            beside = (local[:, :2] - start) @ along
-            # Not the wall of a neighbour's pocket that happens to be in line with this edge.
-            within = beside.max() > 0.0 and beside.min() < length
+            reach = (local[:, :2] - start) @ along
+            # Exclude walls of adjacent pockets that are collinear with this edge.
+            within = reach.max() > 0.0 and reach.min() < length
             if within and local[:, 2].max() > back + SEAT_SEARCH_MM and local[:, 2].min() < back + mirror.thickness_mm:
                 gaps += [float(away.min()), float(away.max())]
     return gaps
@@ -192,16 +192,16 @@ def check_seats(
     faces : sequence of FlatFace
         Flat faces of all pieces of the holder, as read from STEP files, in rig, mm.
     layout : Layout
-        The mirrors whose seats are looked for.
+        The mirrors of the seats.
     hardware : Hardware
         The fit of a mirror in its pocket, and the thickness of the glue behind it.
     planned_cover : sequence of float
-        Share of every mirror's back that its seat is to face at the distance of the glue.
+        Planned share of every mirror's back that its seat covers.
 
     Returns
     -------
     dict of str to Metric
-        The worst seat, its pads and its floor, and the worst wall of a pocket.
+        The largest errors of seats, pads, floors and pocket walls.
     """
     fit = hardware.fit.free_mm
     seats = [find_seat(faces, mirror, hardware.holder.bond_mm) for mirror in layout.mirrors]

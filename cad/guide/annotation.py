@@ -1,6 +1,6 @@
-"""Annotations on the views of a drawing: dimensions, notes of holes, geometrical tolerances, datums.
+"""Annotations on the views of a drawing: dimensions, notes of holes, geometrical tolerances and datums.
 
-A dimension is in the view that shows it best, notes of holes above the views. Tolerance frames follow
+A dimension is drawn in the view that shows it best, and notes of holes above the views. Tolerance frames follow
 ISO 1101, datums ISO 5459.
 """
 
@@ -22,8 +22,8 @@ from mirrorcam.cad.guide.dimension_lines import (
     TIERS_MM,
     LinearDimension,
     draw_tiers,
-    has_room,
     number,
+    text_fits,
 )
 from mirrorcam.cad.guide.drawing_sheet import INK, DrawingSheet, text_width_mm
 from mirrorcam.cad.guide.hole_callouts import (
@@ -46,13 +46,13 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.tolerances import Tolerances
 
 FIRST_WORDS_MM, WORDS_PITCH_MM, WORDS_MM = 5.0, 5.0, 26.0
-# Leaders lean by this much per mm upwards, so that they differ from edges of the part.
+# Slope of leaders, so that they differ from edges of the part.
 LEAN = 0.27
 # Share of its area by which a symmetric outline may differ from its mirror image.
 ASYMMETRY = 0.01
-# Shortest straight edge that others are measured from.
+# Shortest straight edge from which dimensions are measured.
 STRAIGHT_MM = 1.0
-# Where along an aligned dimension its text is tried: the middle first.
+# Tried places of an aligned dimension's text along it, the middle first.
 ALONG = (0.5, 0.47, 0.53, 0.44, 0.56, 0.41, 0.59, 0.35, 0.65, 0.2, 0.8)
 
 
@@ -67,7 +67,7 @@ class Note:
 
 @dataclass(frozen=True)
 class AlignedDimension:
-    """An aligned dimension, parallel to what it measures: both ends (2, 2) on paper, and its text."""
+    """An aligned dimension, parallel to the measured distance: both ends (2, 2) on paper, and its text."""
 
     ends: FloatArray
     words: str
@@ -75,11 +75,11 @@ class AlignedDimension:
 
 @dataclass
 class Annotations:
-    """All annotations of one view."""
+    """All annotations of one view: dimensions below, left and aligned, and notes."""
 
     below: list[LinearDimension]
     left: list[LinearDimension]
-    askew: list[AlignedDimension]
+    aligned: list[AlignedDimension]
     notes: list[Note]
 
 
@@ -87,13 +87,13 @@ def annotate(
     sheet: DrawingSheet,
     placed: Sequence[PlacedView],
     dimensions: Iterable[Length | Hole],
-    room_mm: tuple[float, float] = (TIERS_MM, TIERS_MM),
+    free_mm: tuple[float, float] = (TIERS_MM, TIERS_MM),
     traces: Sequence[tuple[int, int, float]] = (),
 ) -> None:
     """Draw overall dimensions and the plan's, each in the view that shows it best.
 
-    `room_mm` is free left of the views and below them. `traces` are those that a section may have: the number of the
-    view, the coordinate, x (0) or y (1), that is the same all along, and its value on paper.
+    `free_mm` is the free space left of the views and below them. `traces` are possible traces of a section: the index
+    of the view, the coordinate, x (0) or y (1), that is constant along the trace, and its value on paper.
     """
     jobs = [Annotations([], [], [], []) for _ in placed]
     _overall(placed, jobs)
@@ -113,9 +113,9 @@ def annotate(
         draw_oblique(sheet, placed[index], hole)
     for index, (view, job) in enumerate(zip(placed, jobs, strict=True)):
         upright_at, level_at = ([at for where, across, at in traces if (where, across) == (index, k)] for k in (0, 1))
-        draw_tiers(sheet, view.box, job.below, room_mm[1], upright=False, traces=upright_at)
-        draw_tiers(sheet, view.box, job.left, room_mm[0], upright=True, traces=level_at)
-        for aligned in job.askew:
+        draw_tiers(sheet, view.box, job.below, free_mm[1], upright=False, traces=upright_at)
+        draw_tiers(sheet, view.box, job.left, free_mm[0], upright=True, traces=level_at)
+        for aligned in job.aligned:
             _draw_aligned(sheet, view, aligned)
         _draw_notes(sheet, view.box, job.notes)
 
@@ -130,26 +130,26 @@ def _overall(placed: Sequence[PlacedView], jobs: Sequence[Annotations]) -> None:
 
 
 def _length(placed: Sequence[PlacedView], jobs: Sequence[Annotations], dimension: Length) -> None:
-    """Place a length in the first view that shows it in full, as an aligned dimension where it is oblique there."""
+    """Place a length in the first view that shows its true length, as an aligned dimension if it is oblique there."""
     span = dimension.span_in_rig
-    real = float(np.linalg.norm(span))
-    words = f"{dimension.before}{number(real)} {dimension.text}".strip()
+    true_length = float(np.linalg.norm(span))
+    words = f"{dimension.before}{number(true_length)} {dimension.text}".strip()
     depths = [abs(float(view.view.axes_in_rig[2] @ span)) for view in placed]
     index = int(np.argmin(np.round(depths, 3)))
     view, job = placed[index], jobs[index]
     points = view.paper(dimension.points_in_rig)
     across = np.abs(view.view.axes_in_rig[:2] @ span)
-    if across[1] <= PARALLEL * real:
+    if across[1] <= PARALLEL * true_length:
         _add(job.below, LinearDimension(points[:, 0], points[:, 1], words))
-    elif across[0] <= PARALLEL * real:
+    elif across[0] <= PARALLEL * true_length:
         _add(job.left, LinearDimension(points[:, 1], points[:, 0], words))
     else:
         start = dimension.points_in_rig[0]
-        job.askew.append(AlignedDimension(view.paper(np.array([start, start + span])), words))
+        job.aligned.append(AlignedDimension(view.paper(np.array([start, start + span])), words))
 
 
 def _add(tier: list[LinearDimension], new: LinearDimension) -> None:
-    """Add a dimension unless it is there already; of two equal ones the one with more text stays."""
+    """Add a dimension to a tier; of two equal ones, only that with the longer text stays."""
     for place, old in enumerate(tier):
         if np.abs(np.sort(old.along) - np.sort(new.along)).max() < 1e-3:
             tier[place] = max(old, new, key=lambda linear: len(linear.words))
@@ -158,14 +158,14 @@ def _add(tier: list[LinearDimension], new: LinearDimension) -> None:
 
 
 def _holes(sheet: DrawingSheet, placed: PlacedView, job: Annotations, words: str, group: Sequence[Hole]) -> None:
-    """Draw centre marks; note all equal holes once, and dimension them from the part's edge and from each other."""
+    """Draw centre marks, one note for all equal holes, and dimensions from the part's edge and between holes."""
     centres = placed.paper(np.array([hole.centre_in_rig for hole in group]))
     radius = group[0].diameter_mm / 2.0 * placed.scale
     arms = np.array([(-1.0, 0.0), (1.0, 0.0)]) * (radius + 1.8)
     marks = [centre + turned for centre in centres for turned in (arms, arms[:, ::-1])]
     sheet.lines(marks, AXIS_MM, INK, CENTRE_DASHES_MM)
     count = f"{len(group)}x " if len(group) > 1 else ""
-    # The hole whose leader is shortest.
+    # The note points to the hole with the shortest leader.
     job.notes.append(Note(centres[np.lexsort((centres[:, 0], -centres[:, 1]))[0]], radius, count + words))
     axis = group[0].axis_in_rig / np.linalg.norm(group[0].axis_in_rig)
     low, origin = placed.box[0], placed.box[0]
@@ -186,9 +186,9 @@ def _holes(sheet: DrawingSheet, placed: PlacedView, job: Annotations, words: str
         if (
             abs(places.mean() - middle) < 1e-2
             and _symmetric(placed, coordinate)
-            and not (has_room(edge, number(edge / placed.scale)) and _ends_straight(placed, coordinate))
+            and not (text_fits(edge, number(edge / placed.scale)) and _ends_straight(placed, coordinate))
         ):
-            # Symmetric, as the axis shows: only how far the holes are apart.
+            # Symmetric, as the axis shows: dimension only the distances between the holes.
             _axis(sheet, placed.box, coordinate, middle)
             stops = []
         else:
@@ -203,7 +203,7 @@ def _holes(sheet: DrawingSheet, placed: PlacedView, job: Annotations, words: str
 
 
 def _symmetric(placed: PlacedView, coordinate: int) -> bool:
-    """Whether the outline of a view, its convex hull, is symmetric about its middle along x or y."""
+    """Return whether the convex hull of a view is symmetric about its middle along x or y."""
     points = np.concatenate(placed.view.visible)
     mirrored = points.copy()
     mirrored[:, coordinate] = placed.view.box[:, coordinate].sum() - points[:, coordinate]
@@ -212,14 +212,14 @@ def _symmetric(placed: PlacedView, coordinate: int) -> bool:
 
 
 def _ends_straight(placed: PlacedView, coordinate: int) -> bool:
-    """Whether a view's outline begins with a straight edge along x or y, from which one can measure: no round."""
+    """Return whether a view's outline starts with a straight edge along x or y, from which dimensions are measured."""
     hull = MultiPoint(np.concatenate(placed.view.visible)).convex_hull
     ends = np.array(hull.exterior.coords)
     return bool(np.ptp(ends[ends[:, coordinate] < ends[:, coordinate].min() + 1e-3, 1 - coordinate]) > STRAIGHT_MM)
 
 
 def _axis(sheet: DrawingSheet, box: FloatArray, coordinate: int, at: float) -> None:
-    """The axis of symmetry of a view, across x or y."""
+    """Draw the axis of symmetry of a view, across x or y."""
     ends = np.array([[at, box[0, 1] - 3.0], [at, box[1, 1] + 3.0]])
     if coordinate:
         ends = np.array([[box[0, 0] - 3.0, at], [box[1, 0] + 3.0, at]])
@@ -233,17 +233,17 @@ def _draw_aligned(sheet: DrawingSheet, placed: PlacedView, aligned: AlignedDimen
     normal = np.array([-along[1], along[0]])
     edges = MultiLineString([line * placed.scale + placed.shift for line in placed.view.visible])
 
-    def in_the_way(side: float) -> float:
+    def crossed_mm(side: float) -> float:
         band = [side * (FIRST_TIER_MM + 2.0 * TEXT_MM) * normal, side * BESIDE_MM * normal]
         return float(
             Polygon([start + band[0], end + band[0], end + band[1], start + band[1]]).intersection(edges).length
         )
 
-    side = min((1.0, -1.0), key=in_the_way)
-    out, beside = side * FIRST_TIER_MM * normal, side * BESIDE_MM * normal
+    side = min((1.0, -1.0), key=crossed_mm)
+    out, gap = side * FIRST_TIER_MM * normal, side * BESIDE_MM * normal
     ends = np.array([start + out, end + out])
     over = side * 1.5 * normal
-    sheet.lines([ends, *(np.array([at + beside, at + out + over]) for at in (start, end))], LINE_MM)
+    sheet.lines([ends, *(np.array([at + gap, at + out + over]) for at in (start, end))], LINE_MM)
     sheet.arrow_head(ends[0], -along)
     sheet.arrow_head(ends[1], along)
     angle = float(np.degrees(np.arctan2(along[1], along[0])))
@@ -261,7 +261,7 @@ def _draw_aligned(sheet: DrawingSheet, placed: PlacedView, aligned: AlignedDimen
 
 
 def _draw_notes(sheet: DrawingSheet, box: FloatArray, notes: Sequence[Note]) -> None:
-    """Draw notes above the view, the rightmost lowest: then no leader crosses text or another leader."""
+    """Draw notes above the view, the rightmost lowest, so that no leader crosses text or another leader."""
     pitch = min(WORDS_PITCH_MM, (WORDS_MM - FIRST_WORDS_MM - TEXT_MM - 1.5) / max(len(notes) - 1, 1))
     ordered = sorted(notes, key=lambda note: (-(note.point[0] - LEAN * note.point[1]), note.words))
     steep = np.array([LEAN, 1.0]) / np.hypot(LEAN, 1.0)
@@ -283,12 +283,12 @@ TRIANGLE_MM = (1.6, 2.0)
 
 STEM_MM = 2.0
 RESERVED_MM = 50.0
-"""Height that the tolerances of a holder take up below its table."""
+"""Height of the tolerances of a holder below its table."""
 
 
 @dataclass(frozen=True)
 class GeometricalTolerance:
-    """A tolerance zone `zone_mm` wide for `of`, features in words, against datums."""
+    """A tolerance zone `zone_mm` wide for the features described in `of`, with respect to datums."""
 
     of: str
     characteristic: Characteristic
@@ -297,11 +297,11 @@ class GeometricalTolerance:
 
 
 def holder_tolerances(plan: HolderPlan, built: Tolerances) -> tuple[GeometricalTolerance, ...]:
-    """The tolerances of a holder's seats, of which the layout's figures as built are made (`built`).
+    """The tolerances of a holder's seats that correspond to the tolerances of a layout as built (`built`).
 
-    Datum A is the flat back, B the holes of the mount's screws in it. A seat may lie anywhere within the shift of a
-    mirror either way along its normal; the zone of its angularity, which contains its flatness, is the step that tilts
-    the smallest mirror by as much as one is tilted as built. The back is as flat as the seats.
+    Datum A is the flat back, B the holes of the mount's screws in it. The profile zone of a seat is the mirror's
+    tolerance along its normal, plus or minus. The zone of angularity, which includes flatness, is the step that tilts
+    the smallest mirror by its tolerance of tilt. The back is as flat as the seats.
     """
     side = float(np.sqrt(min(_area_mm2(core.top) for core in plan.cores)))
     flat = round(side * float(np.tan(np.deg2rad(built.tilt_deg))), 2)
@@ -331,7 +331,7 @@ def tolerance_notes(built: Tolerances) -> tuple[str, ...]:
 def draw_frames(
     sheet: DrawingSheet, left: float, top: float, tolerances: Sequence[GeometricalTolerance], notes: Sequence[str]
 ) -> float:
-    """Draw tolerance frames below each other, from a corner downwards, and notes; returns where they end."""
+    """Draw tolerance frames from a corner downwards, and notes; returns the y of their lower end."""
     sheet.text((left, top - 5.0), "Geometrical tolerances (ISO 1101)", TEXT_MM, bold=True)
     start = left + max(text_width_mm(each.of, TEXT_MM) for each in tolerances) + 3.0
     y = top - 7.0
@@ -364,21 +364,21 @@ def _symbol(sheet: DrawingSheet, middle: FloatArray, characteristic: Characteris
     sheet.lines([middle + line], SYMBOL_MM)
 
 
-def draw_datum(sheet: DrawingSheet, at: FloatArray, way: float, letter: str) -> None:
-    """A datum triangle on a horizontal line at a point (2,), and its letter in a box, up (`way` 1) or down (-1)."""
+def draw_datum(sheet: DrawingSheet, at: FloatArray, side: float, letter: str) -> None:
+    """Draw a datum triangle on a horizontal line at a point (2,), with its letter above (`side` 1) or below (-1)."""
     half, high = TRIANGLE_MM
-    tip = at + np.array([0.0, way * high])
-    box = tip[1] + way * STEM_MM
+    tip = at + np.array([0.0, side * high])
+    box = tip[1] + side * STEM_MM
     base = np.array([half, 0.0])
     corners = np.array([at - base, at + base, tip, at - base])
     sheet.lines([corners, np.array([tip, (tip[0], box)])], FRAME_LINE_MM, INK)
-    low = box if way > 0.0 else box - FRAME_MM
+    low = box if side > 0.0 else box - FRAME_MM
     sheet.rectangle((at[0] - FRAME_MM / 2.0, low), (at[0] + FRAME_MM / 2.0, low + FRAME_MM), FRAME_LINE_MM)
     sheet.text((float(at[0]), low + 1.3), letter, TEXT_MM, align="center")
 
 
 def draw_holder_datums(sheet: DrawingSheet, front: PlacedView) -> None:
-    """Mark a holder's datums: A on its flat back, the lower edge of the view, and B at the callout of its holes."""
+    """Mark a holder's datums: A on its flat back (the lower edge of the view), and B at the callout of its holes."""
     (_, low), (right, _) = front.box
     edge = np.array([(right + 1.0, low), (right + 9.0, low)])
     sheet.lines([edge], LINE_MM)

@@ -27,10 +27,10 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 
 STEM = "assembly"
-"""Stem of the files of the assembly drawing."""
+"""File name of the assembly drawing without ending."""
 NUMBER = "MC-00"
 PX_PER_MM = 6.0
-"""Of paper, of the pictures that say which edges are hidden."""
+"""Resolution on paper of the renderings that determine hidden edges."""
 
 EDGE_MM, PALE_MM, LEADER_MM = 0.25, 0.18, 0.13
 BALLOON_MM, BESIDE_MM = 4.0, 5.0
@@ -42,7 +42,7 @@ PATH_DASHES_MM = (2.0, 0.6, 0.5, 0.6)
 
 @dataclass(frozen=True)
 class ListedItem:
-    """A line of the parts list: pieces that are the same item."""
+    """A line of the parts list: equal pieces."""
 
     number: int
     pieces: tuple[Piece, ...]
@@ -51,7 +51,7 @@ class ListedItem:
 
 
 def listed_items(pieces: Sequence[Piece]) -> tuple[ListedItem, ...]:
-    """The items of a device in the order of its pieces: printed parts, all mirrors as one, the camera, fasteners."""
+    """The items of a device in the order of its pieces: printed parts, all mirrors as one item, camera, fasteners."""
     groups: dict[str, list[Piece]] = {}
     for piece in pieces:
         groups.setdefault("mirrors" if piece.kind == "mirror" else piece.title, []).append(piece)
@@ -68,7 +68,7 @@ def listed_items(pieces: Sequence[Piece]) -> tuple[ListedItem, ...]:
 
 
 def draw_assembly(layout: Layout, pieces: Sequence[Piece], revision: str) -> DrawingSheet:
-    """Draw the assembly of a device from its pieces, as seen from in front; `revision` is for the title block."""
+    """Draw the assembly of a device from its pieces, seen from the front; `revision` is for the title block."""
     listed = listed_items(pieces)
     sheet = DrawingSheet(*A3_MM)
     rows = tuple(
@@ -84,9 +84,9 @@ def draw_assembly(layout: Layout, pieces: Sequence[Piece], revision: str) -> Dra
     shot, corner = _line_view(sheet, apart, axes, area)
     _draw_paths(sheet, apart, shot, corner)
     _draw_balloons(sheet, listed, pieces, shot, corner)
-    together = np.array([(left + 8.0, bottom + 12.0), (A3_MM[0] - BORDER_MM - 6.0, low - 6.0)])
-    _line_view(sheet, [(piece, np.zeros(3)) for piece in pieces], axes, together)
-    sheet.text((float(together[:, 0].mean()), bottom + 5.0), "Assembled", TEXT_MM, align="center")
+    assembled = np.array([(left + 8.0, bottom + 12.0), (A3_MM[0] - BORDER_MM - 6.0, low - 6.0)])
+    _line_view(sheet, [(piece, np.zeros(3)) for piece in pieces], axes, assembled)
+    sheet.text((float(assembled[:, 0].mean()), bottom + 5.0), "Assembled", TEXT_MM, align="center")
     title = Title("Assembly", NUMBER, "see parts list", None, revision, "assembly.step", PARTS_TOLERANCE)
     draw_title_block(sheet, title)
     return sheet
@@ -102,7 +102,8 @@ def _line_view(
 ) -> tuple[Shot, FloatArray]:
     """Draw the visible edges of pieces, each moved by (3,) mm, in a rectangle (2, 2) of the sheet.
 
-    Returns the picture by which they were judged, with a body for each piece, and the rectangle's upper left corner.
+    Returns the rendering that determines hidden edges, with a body for each piece, and the rectangle's upper left
+    corner.
     """
     size = np.ptp(area, axis=0)
     bodies = [ShadedBody(np.asarray(piece.mesh.triangles) + away, (1.0, 1.0, 1.0)) for piece, away in placed]
@@ -124,7 +125,7 @@ def _paper(pixels: FloatArray, corner: FloatArray) -> FloatArray:
 def _draw_paths(
     sheet: DrawingSheet, placed: Sequence[tuple[Piece, FloatArray]], shot: Shot, corner: FloatArray
 ) -> None:
-    """Chain lines from fasteners to their places in the parts that they join, as those are drawn."""
+    """Draw chain lines from fasteners to their places in the displaced parts that they join."""
     parts = {piece.name: away for piece, away in placed if piece.kind == "part"}
     for piece, away in placed:
         if piece.item is None:
@@ -144,7 +145,7 @@ def _draw_balloons(
     shot: Shot,
     corner: FloatArray,
 ) -> None:
-    """A balloon for each item, left and right of the view, its leader to the piece of it that is best seen."""
+    """Draw a balloon for each item, left or right of the view, with a leader to its most visible piece."""
     index = {piece.name: number for number, piece in enumerate(pieces)}
     tips = []
     for item in listed:

@@ -1,4 +1,4 @@
-"""The assembly guide: numbered steps with pictures, its text following the plans of the device."""
+"""The assembly guide: numbered steps with pictures, with figures from the plans of the device."""
 
 from __future__ import annotations
 
@@ -39,9 +39,9 @@ WEB = Path(__file__).parents[1] / "web"
 def write_guide(
     folder: Path, device: Device, parts: Sequence[BuiltPart], pieces: Sequence[Piece], estimate: str = ""
 ) -> None:
-    """Write guide.md into `folder`, where mirrors/ is written already; its links lead to all files there.
+    """Write guide.md, with links to the device's files, into `folder`, where mirrors/ must already be.
 
-    `estimate` is the text on the cost of the device.
+    `estimate` is the sentence about the device's cost.
     """
     environment = Environment(
         loader=FileSystemLoader(WEB), undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, autoescape=False
@@ -99,20 +99,20 @@ def write_guide(
 
 
 def focus_of(layout: Layout) -> float:
-    """Where the lens is to be in focus, mm from the pupil along the axis: best for the depths of the design, if stated.
+    """The focus distance, mm from the pupil along the axis: the best for the design's depths, if stated.
 
-    Distances are those along the light, which are the same past the mirrors as without them.
+    It is a distance along the light's path, which mirrors do not change.
     """
     best = layout.metrics.get("best_focus_mm")
     return best.value if best is not None and best.known else layout.camera.focus_mm
 
 
-# How deep one-part silicone cures in a day of the open air, mm, least and most of data sheets; it slows with depth.
+# Least and largest cured depth of one-part silicone in a day in open air, mm, from data sheets; it slows with depth.
 CURES_MM = (2.0, 3.0)
 
 
 def _cure_texts(device: Device) -> dict[str, str]:
-    """How far the glue's air has to come from the edge of the mirror that is the widest, and the least time for it."""
+    """The largest distance of the glue from a mirror's edge, and the least curing time for it."""
     deepest = max(
         float(maximum_inscribed_circle(Polygon(mirror.outline_in_plane_mm)).length) for mirror in device.layout.mirrors
     )
@@ -120,12 +120,12 @@ def _cure_texts(device: Device) -> dict[str, str]:
     return {"deepest_mm": f"{deepest:.0f}", "days": f"{least} to {most}" if most > least else f"{least}"}
 
 
-# Measures of a camera that the guide's first table has rows of its own for.
+# Measures of a camera with rows in the guide's first table.
 TABLED = {"width_mm", "height_mm", "depth_mm", "lens_ring_mm", "lens_protrusion_mm", "pupil_behind_front_mm", "mass_g"}
 
 
 def _more_measures(camera: CameraBody) -> list[tuple[str, str, str, str]]:
-    """What else the camera's file states: what it is, its field, its value, and how it is taken."""
+    """Rows of the other measures in the camera's file: description, field, value and method."""
     return [
         (measure.what, measure.field, f"{getattr(camera, measure.field):g}", measure.how)
         for measure in MEASURES
@@ -134,7 +134,7 @@ def _more_measures(camera: CameraBody) -> list[tuple[str, str, str, str]]:
 
 
 def _nest_texts(device: Device) -> dict[str, Any]:
-    """Figures of the step of the camera: how it is held and how well it repeats, as in the checks."""
+    """Figures of the camera's step: its contacts and repeatability, as in the checks."""
     clip, hardware = device.clip, device.hardware
     repeats = repeatability(clip, device.layout, hardware)
     held_by = hardware.camera.held_by
@@ -149,14 +149,14 @@ def _nest_texts(device: Device) -> dict[str, Any]:
     if clip.nest is None:
         return texts
     back, end = (screw.leaf.force_n(hardware.printer.plastic_mpa) for screw in clip.nest.screws)
-    held = {"v": bool(abs(clip.nest.normals[4, 0]) > 0.1), "back_n": f"{back:.0f}", "end_n": f"{end:.0f}"}
+    contacts = {"v": bool(abs(clip.nest.normals[4, 0]) > 0.1), "back_n": f"{back:.0f}", "end_n": f"{end:.0f}"}
     for place, screw in zip(("back", "end"), clip.nest.screws, strict=True):
-        held[f"{place}_screw"] = f"M3 x {screw.length_mm:g} screw"
-    return texts | held
+        contacts[f"{place}_screw"] = f"M3 x {screw.length_mm:g} screw"
+    return texts | contacts
 
 
 def _carrier_texts(device: Device) -> dict[str, Any]:
-    """Figures of the guide on the mirrors' carriers; {} where mirrors are glued to the holder."""
+    """Figures of the mirrors' carriers for the guide; {} if mirrors are glued to the holder."""
     holder = device.holder
     if not isinstance(holder, ScrewedHolderPlan):
         return {}
@@ -175,23 +175,23 @@ def _carrier_texts(device: Device) -> dict[str, Any]:
 
 
 def is_sliced(parts: Sequence[BuiltPart]) -> bool:
-    """Whether a slicer gave the mass of every part."""
+    """Return whether every part was sliced."""
     return all("print_g" in part.checks for part in parts)
 
 
 def masses_of(parts: Sequence[BuiltPart]) -> dict[str, str]:
-    """Mass of every part by its name, in grams: as sliced where a slicer gave all of them, or else as solids."""
+    """Mass of every part by name, in grams: as sliced if every part was, else as solid plastic."""
     sliced = is_sliced(parts)
     return {part.name: f"{part.checks['print_g'].value if sliced else part.mass.mass_g:.0f}" for part in parts}
 
 
 def camera_toml(camera: CameraBody) -> str:
-    """A camera's body as the text of its TOML file, which `read_body` reads."""
+    """A camera's body as the text of a TOML file for `read_body`."""
     return tomli_w.dumps(camera.model_dump(mode="json", exclude_none=True)).rstrip()
 
 
 def _mirror_rows(device: Device) -> list[tuple[str, str, str, int]]:
-    """Name, width and height (mm, across and along its arrow) and number of corners of every mirror."""
+    """Name, width and height (mm, across and along the arrow), and number of corners of every mirror."""
     rows = []
     for name, mirror in zip(device.layout.mirror_names, device.layout.mirrors, strict=True):
         width, height = np.ptp(mirror.outline_in_plane_mm, axis=0)
@@ -200,7 +200,7 @@ def _mirror_rows(device: Device) -> list[tuple[str, str, str, int]]:
 
 
 def _tightening_rows(pieces: Sequence[Piece], hardware: Hardware) -> list[tuple[str, str, str]]:
-    """The screws that join the same parts, with their count; these parts; how far the screws may be tightened."""
+    """Rows of counted screws, the parts that they join, and their largest torque."""
     titled = [(piece, piece.item) for piece in pieces if piece.item is not None]
     titles = {piece.name: piece.title.lower() for piece in pieces if piece.kind == "part"}
     groups: dict[tuple[tuple[str, ...], str], list[Piece]] = {}
@@ -214,7 +214,7 @@ def _tightening_rows(pieces: Sequence[Piece], hardware: Hardware) -> list[tuple[
 
 
 def _height_of_row(device: Device, row: int) -> float:
-    """Mean height of a row's mirrors in the device as it stands, mm."""
+    """Mean height of a row's mirrors in the upright device, mm."""
     layout = device.layout
     middles = np.array([mirror.outline_in_rig_mm.mean(axis=0) for mirror in layout.mirrors])
     heights = -(middles @ layout.view_from_rig[1])

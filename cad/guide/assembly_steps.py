@@ -1,4 +1,4 @@
-"""The pieces that come together at each step of the assembly; pictures and guide both follow them."""
+"""The pieces of each step of the assembly, for pictures and guide."""
 
 from __future__ import annotations
 
@@ -14,23 +14,22 @@ from mirrorcam.cad.assembly.pieces import Piece
 from mirrorcam.cad.plan.device_names import CARRIER, CLIP, HOLDER, MOUNT
 from mirrorcam.core.figures.figure_texts import TIMES
 
-# All parts of a back, by the beginning of their names.
+# Prefix of the names of a back's parts.
 ADAPTER = "adapter"
-# The parts behind mirrors, likewise.
 
 
 def joins_of(piece: Piece) -> tuple[str, ...]:
-    """The parts that a fastener joins, outer part first; () for anything else."""
+    """The parts that a fastener joins, the outer part first; () for other pieces."""
     return piece.item.joins if piece.item else ()
 
 
 def belongs(part: Piece, name: str) -> bool:
-    """Return whether a printed part is the named one, or a piece of it: "mount_1" of "mount"."""
+    """Return whether a printed part is the named one or a piece of it, such as "mount_1" of "mount"."""
     return is_piece_of(part.name, re.escape(name))
 
 
 def home_of(fastener: Piece, name: str, parts: Iterable[Piece]) -> Piece | None:
-    """The part of a name that a fastener is in: of several pieces the nearest; None where there is none."""
+    """The named part that a fastener is in, or its nearest piece if it is split; None if there is none."""
     middle = np.asarray(fastener.mesh.bounds).mean(axis=0)
 
     def distance(part: Piece) -> float:
@@ -48,12 +47,12 @@ def counted(pieces: Iterable[Piece]) -> str:
 
 @dataclass(frozen=True)
 class Stages:
-    """All pieces of a device, by the step at which they are taken."""
+    """All pieces of a device, grouped by the steps that need them."""
 
     pieces: Sequence[Piece]
 
     def printed(self, *stems: str) -> list[Piece]:
-        """Printed parts whose names begin so: all pieces of a part that is split."""
+        """Printed parts with these prefixes, which include all pieces of a split part."""
         return [piece for piece in self.pieces if piece.kind == "part" and piece.name.startswith(stems)]
 
     def of_kind(self, *kinds: str) -> list[Piece]:
@@ -77,7 +76,7 @@ class Stages:
 
     @property
     def carriers(self) -> list[Piece]:
-        """Parts that mirrors are glued to, where these are not glued to the holder."""
+        """The carriers of mirrors; none if mirrors are glued to the holder."""
         return self.printed(CARRIER)
 
     @property
@@ -95,26 +94,26 @@ class Stages:
 
     @property
     def threads(self) -> list[Piece]:
-        """Inserts and captive nuts, which go in before parts are joined: all but the back's own."""
+        """Inserts and captive nuts that are inserted before parts are joined: all but the back's own."""
         return [piece for piece in self.of_kind("insert", "nut") if piece.item is None or piece.item.size == "M3"]
 
     @property
     def back_nuts(self) -> list[Piece]:
-        """Nuts of other sizes than M3, which the back holds for what it is fastened to."""
+        """Nuts of sizes other than M3, by which the back is fastened to its support."""
         return [piece for piece in self.of_kind("nut") if piece not in self.threads]
 
     @property
     def pins(self) -> list[Piece]:
-        """Pins between the pieces of a part that is split."""
+        """Pins between the pieces of a split part."""
         return self.of_kind("pin")
 
     def threads_in(self, parts: Iterable[Piece]) -> list[Piece]:
-        """The inserts and nuts that sit in parts: in the last that they join."""
-        held = list(parts)
-        return [piece for piece in self.threads if any(belongs(part, joins_of(piece)[-1]) for part in held)]
+        """The inserts and nuts whose seats are in the given parts."""
+        seats = list(parts)
+        return [piece for piece in self.threads if any(belongs(part, joins_of(piece)[-1]) for part in seats)]
 
     def screws(self, stem: str, *others: str) -> list[Piece]:
-        """Screws that join a part and others, by the beginnings of their names, with their washers and springs."""
+        """Screws, washers and springs that join a part to others, all given by the prefixes of their names."""
         return [
             piece
             for piece in self.of_kind("screw", "washer", "spring")
@@ -128,7 +127,7 @@ class Stages:
 
     @property
     def camera_screws(self) -> list[Piece]:
-        """Screws of the clip that join no other part: they hold the camera."""
+        """Screws that join only the clip, which hold the camera."""
         return [piece for piece in self.of_kind("screw") if set(joins_of(piece)) <= {CLIP, CAMERA}]
 
     @property

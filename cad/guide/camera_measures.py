@@ -1,4 +1,4 @@
-"""The drawing of where to measure a camera: its body to scale, a letter for every measure, and what each is now."""
+"""The drawing for measuring a camera: its body to scale, with a letter and the current value of every measure."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ EDGE_MM, AXIS_MM, DASHED_MM = 0.35, 0.13, 0.2
 HIDDEN_MM, CHAIN_MM = (1.6, 0.8), (2.4, 0.6, 0.6, 0.6)
 TEXT_MM, TITLE_MM, ROW_MM = 2.5, 4.0, 6.2
 ROOM_MM = 34.0
-"""Space for dimensions left of and below each view."""
+"""Free space for dimensions left of and below each view."""
 
 
 @dataclass(frozen=True)
 class Measure:
-    """A measure of a camera's body: its letter in the drawing, its field, what it is, and how it is taken."""
+    """A measure of a camera's body: its letter in the drawing, its field, its description and method."""
 
     letter: str
     field: str
@@ -46,18 +46,18 @@ MEASURES = (
     Measure("N", "hinge_from_back_mm", "how far it reaches from the back towards the front", "calipers"),
     Measure("P", "mass_g", "mass without its cable, g", "kitchen scale"),
 )
-"""All measures of a body, in the order of the questions; letters skip I and O."""
+"""All measures of a body, in the order of the questions; the letters I and O are skipped."""
 
 
 def draw_camera(body: CameraBody) -> DrawingSheet:
-    """Draw a camera on an A4 sheet: from behind, as its picture shows the world, from its right side, and its measures.
+    """Draw a camera on an A4 sheet: from behind (like its picture), from its right side, and its table of measures.
 
-    Lengths of the drawing are true to the body, mm; `guessed` ones are marked.
+    The views are to scale; `guessed` measures are marked.
     """
     sheet = DrawingSheet(*A4_MM)
     wide = body.width_mm + body.depth_mm + max(body.lens_protrusion_mm, 0.0)
     high = body.height_mm
-    # The largest scale at which both views, with their dimensions, are above the table.
+    # The largest scale at which both views with their dimensions fit above the table.
     scale = min((A4_MM[0] - 2.0 * ROOM_MM - 52.0) / wide, (A4_MM[1] - 6.0 - ROOM_MM - _table_mm() - 20.0) / high, 4.0)
     low = _table_mm() + ROOM_MM
     _from_behind(sheet, body, scale, np.array([ROOM_MM + 6.0, low]))
@@ -69,7 +69,7 @@ def draw_camera(body: CameraBody) -> DrawingSheet:
 
 
 def _from_behind(sheet: DrawingSheet, body: CameraBody, scale: float, low: FloatArray) -> None:
-    """The body as seen by who holds it and looks along with it: its lens and cable are at the other end and here."""
+    """Draw the body from behind, with the lens on the far side and the cable on the near side."""
     size = scale * np.array([body.width_mm, body.height_mm])
     sheet.lines([low + _rounded(size, scale * body.end_radius_mm)], EDGE_MM)
     middle = low + size / 2.0
@@ -89,19 +89,19 @@ def _from_behind(sheet: DrawingSheet, body: CameraBody, scale: float, low: Float
         LinearDimension(np.sort([lens[0], middle[0]]), np.array([lens[1], middle[1]]), _words("E", body.lens_x_mm)),
         LinearDimension(np.sort([lens[0], cable[0]]), np.array([lens[1], cable[1]]), _words("L", body.cable_x_mm)),
     ]
-    beside = [
+    left = [
         LinearDimension(np.array([low[1], low[1] + size[1]]), np.full(2, low[0]), _words("B", body.height_mm)),
         LinearDimension(np.sort([lens[1], middle[1]]), np.array([lens[0], middle[0]]), _words("F", body.lens_y_mm)),
     ]
-    _draw(sheet, np.array([low, low + size]), below, beside)
-    beside_ring = lens + (0.75 * scale * body.lens_ring_mm / 2.0 + 1.0) * np.ones(2)
-    sheet.text(beside_ring, f"Ø {_words('G', body.lens_ring_mm)}", TEXT_MM, over_lines=True)
+    _draw(sheet, np.array([low, low + size]), below, left)
+    at_ring = lens + (0.75 * scale * body.lens_ring_mm / 2.0 + 1.0) * np.ones(2)
+    sheet.text(at_ring, f"Ø {_words('G', body.lens_ring_mm)}", TEXT_MM, over_lines=True)
     caption = low + size * (0.5, 1.0) + np.array([0.0, 3.0])
     sheet.text(caption, "from behind: what is right here is right in the picture", TEXT_MM, align="center", colour=SOFT)
 
 
 def _from_the_side(sheet: DrawingSheet, body: CameraBody, scale: float, low: FloatArray) -> None:
-    """The body from its right side, its front to the right."""
+    """Draw the body from its right side, with its front to the right."""
     size = scale * np.array([body.depth_mm, body.height_mm])
     front = low[0] + size[0]
     sheet.rectangle((low[0], low[1]), (front, low[1] + size[1]), EDGE_MM)
@@ -138,11 +138,11 @@ def _from_the_side(sheet: DrawingSheet, body: CameraBody, scale: float, low: Flo
 
 
 def _draw(
-    sheet: DrawingSheet, box: FloatArray, below: Sequence[LinearDimension], beside: Sequence[LinearDimension]
+    sheet: DrawingSheet, box: FloatArray, below: Sequence[LinearDimension], left: Sequence[LinearDimension]
 ) -> None:
-    """Dimensions below a view and left of it; measures of no length are in the table alone."""
+    """Draw dimensions below a view and left of it; measures of 0 appear only in the table."""
     draw_tiers(sheet, box, [each for each in below if each.span > 0.2], ROOM_MM, upright=False)
-    draw_tiers(sheet, box, [each for each in beside if each.span > 0.2], ROOM_MM, upright=True)
+    draw_tiers(sheet, box, [each for each in left if each.span > 0.2], ROOM_MM, upright=True)
 
 
 def _words(letter: str, value: float) -> str:
@@ -150,7 +150,7 @@ def _words(letter: str, value: float) -> str:
 
 
 def _rounded(size: FloatArray, radius: float) -> FloatArray:
-    """The outline (n, 2) of a rectangle from the origin on, with round corners."""
+    """The outline (n, 2) of a rectangle with round corners, with its lower left corner at the origin."""
     radius = min(radius, float(size.min()) / 2.0)
     turn = np.linspace(0.0, np.pi / 2.0, 19)
     arc = radius * np.column_stack([np.cos(turn), np.sin(turn)])
@@ -169,7 +169,7 @@ def _table_mm() -> float:
 
 
 def _table(sheet: DrawingSheet, body: CameraBody) -> None:
-    """All measures in two columns, with their values; a guess has a question mark."""
+    """Draw all measures in two columns, with their values; guesses have a question mark."""
     half = (len(MEASURES) + 1) // 2
     for place, measure in enumerate(MEASURES):
         x = 12.0 + (A4_MM[0] - 20.0) / 2.0 * (place // half)

@@ -1,4 +1,4 @@
-"""The page of a device: one HTML file that works from disk and offline, with the assembly in 3-D."""
+"""The page of a device: one HTML file with the assembly in 3-D, which works offline from disk."""
 
 from __future__ import annotations
 
@@ -52,10 +52,10 @@ def write_page(
     pictures: Sequence[DevicePicture],
     checks: Mapping[str, Metric],
 ) -> None:
-    """Write index.html into `folder`, which holds assembly.glb, bom.md, guide.md and all that the page links to.
+    """Write index.html into `folder`, which contains assembly.glb, bom.md, guide.md and all linked files.
 
-    `plates` has the names of the parts on each plate, by its file's path in the folder.
-    The model is embedded in the page (a browser reads no file from disk by itself), pictures and files lie beside it.
+    `plates` has the names of the parts on each plate, by its file's path in the folder. The model is embedded in the
+    page, since browsers do not load files from disk; pictures and other files are linked.
     """
     layout = device.layout
     views = len(layout.mirrors) if layout.pattern else f"{layout.rows} by {layout.cols}"
@@ -110,7 +110,7 @@ def _other_files(folder: Path, parts: Sequence[BuiltPart], plates: Mapping[str, 
 
 
 def _on_plate(names: Sequence[str], purpose: str, parts: Sequence[BuiltPart]) -> str:
-    """The parts on a plate by number and title, then its purpose, and the part to print before it."""
+    """The numbers and titles of the parts on a plate, its purpose, and the part to print first."""
     of_name = {part.name: f"{part.number} {part.title}" for part in parts}
     listed = ", ".join(of_name[name] for name in names)
     coupon = next((part for part in parts if part.name == COUPON), None)
@@ -119,13 +119,13 @@ def _on_plate(names: Sequence[str], purpose: str, parts: Sequence[BuiltPart]) ->
 
 
 def _not_shown(parts: Sequence[BuiltPart]) -> str:
-    """Which printed parts the model lacks, since they are no pieces of the device in use; "" for none."""
+    """A sentence about the printed parts that the model lacks, since they are not mounted in use; "" for none."""
     apart = [f"{part.number} {part.title}" for part in parts if part.name in APART]
     return f"Not in the model, since not in use with it: {', '.join(apart)}" if apart else ""
 
 
 def _groups(checks: Mapping[str, Metric], parts: Sequence[BuiltPart]) -> list[tuple[str, FigureTable]]:
-    """Checks by what they are of, which their names begin with; the device as a whole comes first."""
+    """Tables of checks, grouped by the object that prefixes their names; the device comes first."""
     titles = {part.name: f"{part.number} {part.title}" for part in parts}
     groups: dict[str, dict[str, Metric]] = {}
     for name, metric in checks.items():

@@ -1,6 +1,6 @@
-"""The pictures of a device, made from its model: assembled, exploded, its light, and one for each step of the guide.
+"""The pictures of a device from its model: assembled, exploded, its light, and one for each step of the guide.
 
-The picture of the camera's step names points, slots and screws of the clip, and the end that goes in first.
+The picture of the camera's step labels points, slots and screws of the clip, and the end that goes in first.
 """
 
 from __future__ import annotations
@@ -44,9 +44,9 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.transforms import transform
 
-# A camera that goes into a nest is drawn turned by this, its first end still in reach of the V or the stop.
+# Tilt of a camera drawn on its path into a nest, with its first end still near the V or the stop.
 TILT_DEG = 14.0
-# Where the viewer stands, in rig, with the nest's first end at the left; of another it is mirrored along x.
+# Directions to the viewer in rig if the nest's first end is at the left, else mirrored along x.
 ABOVE_SCENE, BELOW_SCENE = (0.15, 0.45, 1.0), (-0.35, 1.0, -0.75)
 FIRST_END = "this end goes in first"
 
@@ -58,17 +58,17 @@ def viewers(clip: ClipPlan) -> tuple[FloatArray, FloatArray]:
 
 
 def first_side(nest: Nest) -> float:
-    """The sign of x of the end that goes in first: that of the front's corner away from the mount."""
+    """The sign of x of the end that goes in first: the end of the front's corner pad away from the mount."""
     return float(np.sign(nest.points[0, 0]))
 
 
 def is_v(nest: Nest) -> bool:
-    """Whether the first end rests in a V, as round ends do."""
+    """Return whether the first end rests in a V, which is for round ends."""
     return bool(abs(nest.normals[4, 0]) > 0.1)
 
 
 def notes_of(clip: ClipPlan) -> tuple[tuple[str, FloatArray], ...]:
-    """What a clip's picture names, each with its point (3,) in rig: where the body rests, and the slots of the ties."""
+    """The labels of a clip's picture with their points (3,) in rig: contacts of the body, and slots of the ties."""
     left, right, z = clip.tie_mm
     inner_y = clip.slide_y_mm + clip.slide.wall_mm
     notes = [("slot of the cable tie", np.array([x, inner_y, z])) for x in (left, right)]
@@ -82,7 +82,7 @@ def notes_of(clip: ClipPlan) -> tuple[tuple[str, FloatArray], ...]:
 
 
 def screw_label(clip: ClipPlan, screw: Piece) -> str:
-    """The title of a camera's screw, and of one of a nest where it is."""
+    """The title of a camera's screw, with its place if it belongs to a nest."""
     if clip.nest is None:
         return screw.title
     middle = np.asarray(screw.mesh.bounds).mean(axis=0)
@@ -91,7 +91,7 @@ def screw_label(clip: ClipPlan, screw: Piece) -> str:
 
 
 def tilted(clip: ClipPlan, triangles: FloatArray) -> FloatArray:
-    """The triangles (n, 3, 3) of a camera turned about its first end, as it goes into a nest; a board is not."""
+    """The triangles (n, 3, 3) of a camera tilted about its first end on its path into a nest; a board is unchanged."""
     if clip.nest is None:
         return triangles
     side = first_side(clip.nest)
@@ -107,7 +107,7 @@ def end_point(nest: Nest, triangles: FloatArray) -> FloatArray:
     return np.array([corner[0], corners[:, 1].mean(), nest.points[3, 2]])
 
 
-# Where the viewer stands, in view axes (right, down, forward): in the scene, seeing the mirrors; behind the device.
+# Directions to the viewer in view axes (right, down, forward): in the scene, facing the mirrors, or behind the device.
 IN_FRONT = (0.95, 0.12, 1.0)
 BELOW = (0.55, 0.75, 1.0)
 BEHIND = (-0.80, -0.35, -1.0)
@@ -115,9 +115,9 @@ LEVEL = (1.0, -0.45, 0.45)
 RAY_BEYOND_MIRROR = 1.1
 BED_GAP_MM = 14.0
 COUNT_CAPTION = "From behind; the number after a name is how many go into the part"
-# Bars that show which edge is read on a scale.
+# Thickness of the bars that mark the edge to read on a scale.
 BAR_MM = 1.4
-# How far from below their normal mirrors are seen before their seats, and where a seat's name is.
+# Component from below of the viewer's direction to the mirrors, and height of a seat's name over the seat.
 SEATS_FROM_BELOW, SEAT_NAME_MM = 0.3, 2.0
 EDGE_TEXT = "This edge at the longest mark"
 
@@ -126,17 +126,17 @@ NO_BODY = ShadedBody(np.zeros((0, 3, 3)), GUIDE_RGB)
 
 
 def pictures_of(device: Device, parts: Sequence[BuiltPart], pieces: Sequence[Piece]) -> tuple[DevicePicture, ...]:
-    """All pictures of a device, in the order in which the page shows them; those of steps have the steps' names."""
+    """All pictures of a device, in the order of the page; pictures of steps have the steps' names."""
     layout = device.layout
     viewers = (IN_FRONT, LEVEL, BELOW, BEHIND)
     front, level, below, behind = (view_axes(layout, viewer) for viewer in viewers)
-    whole = tuple(still(piece, name_of(piece)) for piece in pieces)
+    named = tuple(still(piece, name_of(piece)) for piece in pieces)
     bare = tuple(still(piece) for piece in pieces)
     rays = tuple(middle_ray(layout, index) for index in range(len(layout.mirrors)))
     apart = placed([(piece, piece.explode_mm) for piece in pieces])
     stages = Stages(pieces)
     return (
-        DevicePicture("assembled", "The device, assembled", front, whole),
+        DevicePicture("assembled", "The device, assembled", front, named),
         DevicePicture("exploded", "Exploded view", front, apart),
         DevicePicture("light", "The light: from the lens via every mirror to the scene", front, bare, rays),
         DevicePicture("behind", "The device from behind", behind, bare),
@@ -151,7 +151,7 @@ def pictures_of(device: Device, parts: Sequence[BuiltPart], pieces: Sequence[Pie
 
 
 def view_axes(layout: Layout, viewer_in_view: Sequence[float] | FloatArray) -> FloatArray:
-    """Rows right, up and towards the viewer (3, 3) in rig; up is the scene's."""
+    """Rows right, up and towards the viewer (3, 3) in rig, with the scene's up direction."""
     towards = layout.view_from_rig.T @ np.asarray(viewer_in_view, dtype=np.float64)
     towards /= np.linalg.norm(towards)
     up = -layout.view_from_rig[1]
@@ -165,7 +165,7 @@ ISOMETRIC_AXES = Rotation.from_euler("zx", (-28.0, -52.0), degrees=True).as_matr
 
 
 def middle_ray(layout: Layout, index: int) -> FloatArray:
-    """Pupil, middle of a mirror, and a point towards the scene: (3, 3) in rig, mm."""
+    """The middle ray (3, 3) of a mirror in rig, mm: pupil, middle of the mirror, and a point towards the scene."""
     mirror = layout.mirrors[index]
     middle = mirror.outline_in_rig_mm.mean(axis=0)
     direction = middle - mirror.virtual_centre_in_rig_mm
@@ -174,19 +174,19 @@ def middle_ray(layout: Layout, index: int) -> FloatArray:
 
 
 def axes_towards(layout: Layout, viewer_in_rig: FloatArray) -> FloatArray:
-    """As `view_axes`, of a direction (3,) in rig."""
+    """`view_axes` for a direction (3,) in rig."""
     return view_axes(layout, layout.view_from_rig @ viewer_in_rig)
 
 
 def _inserts(layout: Layout, stages: Stages, behind: FloatArray, below: FloatArray) -> DevicePicture:
-    """The parts from behind and from the front, with inserts and nuts; carriers of mirrors by themselves."""
+    """The parts from behind and from the front, with inserts and nuts, and separately the carriers."""
     title = "Where inserts and nuts go"
     carriers = stages.carriers
     items = _threads(stages, [part for part in stages.of_kind("part") if part not in carriers])
     third = None
     if carriers:
-        ways = [np.diff(places_out(thread), axis=0)[-1] for thread in stages.threads_in(carriers)]
-        axes = axes_towards(layout, mean([way / np.linalg.norm(way) for way in ways]))
+        moves = [np.diff(places_out(thread), axis=0)[-1] for thread in stages.threads_in(carriers)]
+        axes = axes_towards(layout, mean([move / np.linalg.norm(move) for move in moves]))
         third = DevicePicture(
             "inserts", title, axes, _threads(stages, carriers), caption="The mirror carriers", inside=True
         )
@@ -195,7 +195,7 @@ def _inserts(layout: Layout, stages: Stages, behind: FloatArray, below: FloatArr
 
 
 def _threads(stages: Stages, among: Sequence[Piece]) -> tuple[Item, ...]:
-    """Parts away from each other, their inserts and nuts at the beginning of their ways in, with arrows."""
+    """Exploded parts, with their inserts and nuts at the start of their paths and arrows."""
     parts = [part for part in among if stages.threads_in([part])]
     carriers = {piece.name for piece in stages.carriers}
     threads = stages.threads_in(parts)
@@ -216,12 +216,12 @@ def _threads(stages: Stages, among: Sequence[Piece]) -> tuple[Item, ...]:
 
 
 def _label_with_count(part: Piece, short: bool, count: int) -> str:
-    """The name of a part in the picture of its inserts or nuts, and how many it takes."""
+    """The name of a part in the picture of inserts or nuts, and their number."""
     return f"{part.number if short else name_of(part)}: {count}"
 
 
 def _mirrors(layout: Layout, stages: Stages) -> DevicePicture:
-    """The mirrors before their seats, seen along their normals, and in the same view the seats by name."""
+    """The mirrors in front of their seats, seen along their normals, and in the same view the seats by name."""
     title = "Which mirror goes where"
     normal = mean([mirror.normal_in_rig for mirror in layout.mirrors])
     normal = normal / np.linalg.norm(normal)
@@ -261,7 +261,7 @@ def _holder_on_mount(stages: Stages) -> tuple[Item, ...]:
 
 
 def _camera(device: Device, stages: Stages) -> DevicePicture:
-    """The camera before its clip from above the lens and from behind, with points of the clip that the guide names."""
+    """The camera in front of its clip, from above the lens and from behind, with labels for the guide."""
     clip = device.clip
     rest = [*stages.clip, *stages.threads_in(stages.clip)]
     joint = joined(rest, [], stages.camera_screws, stages.clip)
@@ -275,12 +275,12 @@ def _camera(device: Device, stages: Stages) -> DevicePicture:
         if clip.nest is not None:
             end = end_point(clip.nest, body.triangles)
             seat = end_point(clip.nest, triangles_of(camera))
-            way = (seat - end) / np.linalg.norm(seat - end)
-            head = arrow_head((end + seat) / 2.0, way)
+            direction = (seat - end) / np.linalg.norm(seat - end)
+            head = arrow_head((end + seat) / 2.0, direction)
             new.append(Item(head, FIRST_END, np.array([end, seat])))
     first, second = (axes_towards(device.layout, viewer) for viewer in viewers(clip))
     notes, title = notes_of(clip), "Camera and clip"
-    # The camera hides nothing of the clip in the lower view.
+    # The lower view omits the camera, which would hide the clip.
     lower = DevicePicture("camera", title, second, plain, notes=notes, caption="The clip alone, from the camera's back")
     return DevicePicture(
         "camera", title, first, (*plain, *new), notes=notes, caption="From above the lens", below=lower
@@ -288,7 +288,7 @@ def _camera(device: Device, stages: Stages) -> DevicePicture:
 
 
 def _clip_on_mount(device: Device, stages: Stages) -> tuple[Item, ...]:
-    """The clip with its camera before the mount; a red bar on each marks the edge and the scale that it is read on."""
+    """The clip with its camera in front of the mount, with red bars on the scale and on the edge that reads it."""
     rest = [*stages.holder, *stages.carriers, *stages.mount, *stages.mirrors, *stages.holder_screws]
     new = [*stages.clip, *stages.camera, *stages.camera_screws]
     items = joined(rest, new, stages.clip_screws, stages.mount, together=stages.clip)
@@ -301,7 +301,7 @@ def _clip_on_mount(device: Device, stages: Stages) -> tuple[Item, ...]:
 
 
 def scale_edges(device: Device) -> tuple[FloatArray, FloatArray]:
-    """Bars (n, 3, 3) as triangles in rig: along the clip's edge that reads the scale, and along the longest mark."""
+    """Triangles (n, 3, 3) in rig of two bars: on the clip's edge that reads the scale, and on the longest mark."""
     clip, mount = device.clip, device.mount
     longest = longest_mark_mm(clip, mount.half_width_mm, device.hardware)
     ends = np.array([mount.half_width_mm - longest, mount.half_width_mm])
@@ -312,26 +312,25 @@ def scale_edges(device: Device) -> tuple[FloatArray, FloatArray]:
 
 
 def _adapter_on_mount(stages: Stages) -> tuple[Item, ...]:
-    held = stages.threads_in(stages.adapter)
-    new = {piece.name for piece in (*stages.adapter, *stages.adapter_screws, *stages.back_nuts, *held)}
+    threads = stages.threads_in(stages.adapter)
+    new = {piece.name for piece in (*stages.adapter, *stages.adapter_screws, *stages.back_nuts, *threads)}
     rest = [piece for piece in stages.pieces if piece.name not in new]
     items = joined(rest, stages.adapter, (*stages.adapter_screws, *stages.back_nuts), stages.mount)
-    # Inserts and nuts are in the adapter already.
+    # Inserts and nuts are already in the adapter.
     base = mean([piece.explode_mm for piece in stages.mount])
-    homes = [(thread, home_of(thread, joins_of(thread)[-1], stages.adapter)) for thread in held]
+    homes = [(thread, home_of(thread, joins_of(thread)[-1], stages.adapter)) for thread in threads]
     return (*items, *(moved(thread, STEP_SHARE * (home.explode_mm - base)) for thread, home in homes if home))
 
 
 def _on_bed(parts: Sequence[BuiltPart]) -> tuple[Item, ...]:
-    """The parts as printed, in rows on a floor, as wide as deep."""
-
+    """The parts in print orientation, in rows on a floor, with similar width and depth."""
     meshes = [(part, trimesh.load_mesh(part.stl)) for part in parts]
-    laid = [(part, transform(part.print_from_rig, np.asarray(mesh.triangles))) for part, mesh in meshes]
-    sizes = [np.ptp(triangles.reshape(-1, 3), axis=0) for _, triangles in laid]
+    printed = [(part, transform(part.print_from_rig, np.asarray(mesh.triangles))) for part, mesh in meshes]
+    sizes = [np.ptp(triangles.reshape(-1, 3), axis=0) for _, triangles in printed]
     row_end = 1.05 * np.sqrt(sum((size[0] + BED_GAP_MM) * (size[1] + BED_GAP_MM) for size in sizes))
     x = y = deepest = 0.0
     items = []
-    for (part, triangles), size in zip(laid, sizes, strict=True):
+    for (part, triangles), size in zip(printed, sizes, strict=True):
         if x > 0.0 and x + size[0] > row_end:
             x, y, deepest = 0.0, y - deepest - BED_GAP_MM, 0.0
         shift = np.array([x, y - size[1], 0.0]) - triangles.reshape(-1, 3).min(axis=0)

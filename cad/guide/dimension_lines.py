@@ -14,18 +14,18 @@ LINE_MM = 0.15
 TEXT_MM = 2.5
 FIRST_TIER_MM, TIER_PITCH_MM, TIERS_MM = 7.5, 6.5, 27.0
 BESIDE_MM = 1.0
-# A text is so far over its line, and extension lines go so far past one.
+# Gap between a text and its line, and extension of extension lines past a dimension line.
 OVER_LINE_MM, PAST_LINE_MM = 0.9, 1.5
-# Dimension lines that meet in an arrow head overlap by no more than this.
+# Largest overlap of dimension lines that meet at an arrow head.
 TOUCH_MM = 0.05
-# An extension line keeps so far from a text beside it, and where along its line a text is tried: the middle first.
+# Gap between a text and an extension line, and tried shifts of a text along its line, the middle first.
 BESIDE_TEXT_MM = 0.6
 SHIFTS = (0.0, *(sign * share / 10.0 for share in range(1, 5) for sign in (-1, 1)))
 
 
 @dataclass(frozen=True)
 class LinearDimension:
-    """A dimension along x or y: coordinates (2,) along and across it of both its ends, mm on paper, and its text."""
+    """A dimension along x or y: coordinates (2,) of both ends along and across it, mm on paper, and its text."""
 
     along: FloatArray
     across: FloatArray
@@ -37,12 +37,12 @@ class LinearDimension:
 
 
 def number(value_mm: float) -> str:
-    """A length as a drawing writes it: at most two decimals, no trailing zeros."""
+    """A length as text: at most two decimals, no trailing zeros."""
     return f"{value_mm:.2f}".rstrip("0").rstrip(".")
 
 
-def has_room(span: float, words: str) -> bool:
-    """Whether the words of a dimension have room between its arrows."""
+def text_fits(span: float, words: str) -> bool:
+    """Return whether the text of a dimension fits between its arrows."""
     return span >= text_width_mm(words, TEXT_MM) + 2.0 * ARROW_MM[0] + 1.0
 
 
@@ -50,15 +50,15 @@ def draw_tiers(
     sheet: DrawingSheet,
     box: FloatArray,
     linears: Sequence[LinearDimension],
-    room_mm: float,
+    free_mm: float,
     *,
     upright: bool,
     traces: Sequence[float] = (),
 ) -> None:
-    """Short dimensions next to the part, longer ones outside them: extension lines cross no dimension line.
+    """Draw dimensions in tiers, shorter ones nearer to the part, so that extension lines cross no dimension line.
 
-    Dimensions that follow each other share a line. Those whose text others' extension lines would cross are outermost.
-    `traces` are where traces of sections may cross the tiers: texts keep clear of them, too.
+    Consecutive dimensions share a line. Dimensions whose text would be crossed by other extension lines are outermost.
+    Texts also keep clear of `traces`, the places where traces of sections may cross the tiers.
     """
     tiers: list[list[tuple[float, float]]] = []
     chosen = []
@@ -69,7 +69,7 @@ def draw_tiers(
         width = widths[id(linear)]
         crossed = all(_struck(linear, width, ends, before=before) for before in (False, True))
         return (
-            crossed and not has_room(linear.span, linear.words),
+            crossed and not text_fits(linear.span, linear.words),
             linear.span,
             float(linear.along.min()),
             linear.words,
@@ -85,9 +85,9 @@ def draw_tiers(
             tiers.append([])
         tiers[level].append((low, high))
         chosen.append((level, linear, width, before))
-    # The text of the outermost line is beyond it where it is upright, else only the extension lines are.
+    # An upright outermost line has its text beyond it, a level one only the ends of extension lines.
     beyond = BESIDE_MM + (TEXT_MM + OVER_LINE_MM if upright else PAST_LINE_MM)
-    pitch = min(TIER_PITCH_MM, (room_mm - FIRST_TIER_MM - beyond) / max(len(tiers) - 1, 1))
+    pitch = min(TIER_PITCH_MM, (free_mm - FIRST_TIER_MM - beyond) / max(len(tiers) - 1, 1))
     edge = float(box[0, 0 if upright else 1])
     for level, linear, width, before in chosen:
         crossing = [other.along for outer, other, _, _ in chosen if outer > level]
@@ -97,23 +97,23 @@ def draw_tiers(
 
 
 def _text_middle(linear: LinearDimension, width: float, crossing: FloatArray) -> float:
-    """Where along its dimension line a text is, clear of the extension lines that cross the line, if it can be."""
+    """The place of a text along its dimension line, clear of crossing extension lines if possible."""
     middle, room = float(linear.along.mean()), linear.span - width - 2.0 * ARROW_MM[0] - 1.0
     places = [middle + share * max(room, 0.0) for share in SHIFTS]
     return min(places, key=lambda place: bool((np.abs(crossing - place) < width / 2.0 + BESIDE_TEXT_MM).any()))
 
 
 def _covers(linear: LinearDimension, width: float, *, before: bool = False) -> tuple[float, float]:
-    """The stretch of a tier that a dimension line and its text take up; text that does not fit lies beside it."""
+    """The range of a tier that a dimension line and its text cover; text that does not fit is outside the arrows."""
     low, high = float(linear.along.min()), float(linear.along.max())
-    if has_room(linear.span, linear.words):
+    if text_fits(linear.span, linear.words):
         return low, high
     short, long = ARROW_MM[0] + 1.5, ARROW_MM[0] + width + 2.0
     return (low - long, high + short) if before else (low - short, high + long)
 
 
 def _struck(linear: LinearDimension, width: float, ends: FloatArray, *, before: bool = False) -> bool:
-    """Whether an extension line, one of `ends`, may cross the text that a dimension has beside itself."""
+    """Return whether an extension line, one of `ends`, may cross the text that a dimension has outside its arrows."""
     covers = _covers(linear, width, before=before)
     low, high = (covers[0], float(linear.along.min())) if before else (float(linear.along.max()), covers[1])
     return bool(((ends > low + 1e-3) & (ends < high - 1e-3)).any())
@@ -129,7 +129,7 @@ def _draw_linear(
     upright: bool,
     before: bool = False,
 ) -> None:
-    """Draw a dimension line at `tier`, its text about `within` where that has room between the arrows."""
+    """Draw a dimension line at `tier`, with its text about `within` if it fits between the arrows."""
 
     def on_sheet(points: Sequence[tuple[float, float]]) -> FloatArray:
         array = np.array(points)
@@ -141,7 +141,7 @@ def _draw_linear(
         on_sheet([(at, start - BESIDE_MM), (at, tier - PAST_LINE_MM)])
         for at, start in zip((low, high), starts, strict=True)
     ]
-    inside = has_room(linear.span, linear.words)
+    inside = text_fits(linear.span, linear.words)
     reach = 0.0 if inside else ARROW_MM[0] + 1.5
     beyond = 0.0 if inside else width
     line = (low - reach - beyond, high + reach) if before else (low - reach, high + reach + beyond)

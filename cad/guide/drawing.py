@@ -1,6 +1,6 @@
 """The drawing of a part: three views and an isometric on an A3 sheet, dimensions, tables and title block.
 
-The functional dimensions are read from the part's plan; the mirror holder and carriers have a table of their seats.
+The functional dimensions come from the part's plan; the mirror holder and carriers have a table of their seats.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ from mirrorcam.optics.geometry.tolerances import Tolerances
 
 
 def holder_holes(plan: HolderPlan) -> tuple[Hole, ...]:
-    """The holes that the mount is screwed to, in the flat back."""
+    """The holes for the mount's screws in the flat back."""
     rotation, origin = plan.rig_from_mount[:3, :3], plan.rig_from_mount[:3, 3]
     screw = plan.screw
     if screw.kind == "insert":
@@ -66,12 +66,12 @@ def holder_holes(plan: HolderPlan) -> tuple[Hole, ...]:
 
 
 def seat_names(plan: HolderPlan) -> list[tuple[str, FloatArray]]:
-    """Name of every seat's mirror, and the middle (3,) of its corners in rig."""
+    """The mirror's name, and the middle (3,) of the corners in rig, for every seat."""
     return [(name, core.top.mean(axis=0)) for name, core in zip(plan.mirror_names, plan.cores, strict=True)]
 
 
 def seat_table(plan: HolderPlan | CarrierPlan, bed_from_rig: FloatArray) -> DrawingTable:
-    """Table of seat planes from the flat back: the middle of the seat, tilt and direction of tilt of its normal.
+    """Table of seat planes relative to the flat back: the seat's middle, and its normal's tilt and direction of tilt.
 
     `bed_from_rig` is a rotation (3, 3).
     """
@@ -109,7 +109,7 @@ def seat_table(plan: HolderPlan | CarrierPlan, bed_from_rig: FloatArray) -> Draw
 
 
 def offered(plan: Any) -> tuple[Length | Hole, ...]:
-    """The dimensions of a part's plan in rig; a piece of a split part has the dimensions of the part."""
+    """The dimensions of a part's plan in rig; a piece of a split part has the dimensions of the uncut part."""
     if isinstance(plan, PiecePlan):
         return offered(plan.whole)
     if isinstance(plan, HolderPlan):
@@ -125,36 +125,36 @@ TEXT_MM, NOTE_MM = 2.5, 2.0
 ROW_MM = 4.4
 CLEAR_MM = 4.0
 NAME_MM = 8.0
-"""Height of the name of a section over it."""
+"""Height of a section's name above it."""
 
 
 def write_drawing(
     folder: Path, solid: Part, part: PartPlan, printer: Printer, screw: Fastening = HARDWARE.screw
 ) -> tuple[Path, Path]:
-    """Write NAME.svg and NAME.pdf into `folder`: the part as it lies on the printer's bed, third-angle projection."""
+    """Write NAME.svg and NAME.pdf into `folder`: the part in print orientation, in third-angle projection."""
     return draw(solid, part, printer, screw).write(folder / part.name, f"{part.number} {part.title}")
 
 
 def draw(solid: Part, part: PartPlan, printer: Printer, screw: Fastening = HARDWARE.screw) -> DrawingSheet:
-    """Draw a part on a drawing sheet; `screw` decides which of its holes are marked for inserts and nuts."""
+    """Draw a part on a drawing sheet; `screw` decides which holes are marked for inserts and nuts."""
     bed_from_rig = part.print_from_rig[:3, :3]
     top, front, right = (project(solid, axes @ bed_from_rig) for axes in (TOP, FRONT, RIGHT))
     isometric = project(solid, ISOMETRIC @ bed_from_rig, hidden_too=False)
-    whole = part.plan.whole if isinstance(part.plan, PiecePlan) else part.plan
-    # The carriers of a holder have the seats.
-    seats = isinstance(whole, HolderPlan) and bool(whole.cores)
+    plan = part.plan.whole if isinstance(part.plan, PiecePlan) else part.plan
+    # A holder for carriers has no seats.
+    seats = isinstance(plan, HolderPlan) and bool(plan.cores)
     dimensions = dimensions_of(part, solid, screw)
     views = (top, front, right)
-    seated = (seat_table(whole, bed_from_rig),) if seats or isinstance(whole, CarrierPlan) else ()
+    seated = (seat_table(plan, bed_from_rig),) if seats or isinstance(plan, CarrierPlan) else ()
     tables = (*seated, *hole_tables(hole_groups(views, dimensions), views))
     sheet = DrawingSheet(*A3_MM)
     table_left, table_low = draw_tables(sheet, tables, RESERVED_MM if seats else 0.0)
     if seats:
         built = Tolerances()
         table_low = draw_frames(
-            sheet, table_left + 7.5, table_low, holder_tolerances(whole, built), tolerance_notes(built)
+            sheet, table_left + 7.5, table_low, holder_tolerances(plan, built), tolerance_notes(built)
         )
-    placed, scale, room_mm = _arrange(top, front, right, table_left)
+    placed, scale, free_mm = _arrange(top, front, right, table_left)
     section = _section_of(part, solid, dimensions)
     for view in placed:
         _draw_view(sheet, view, VISIBLE_MM if view.scale >= 1.0 else SMALL_MM)
@@ -164,7 +164,7 @@ def draw(solid: Part, part: PartPlan, printer: Printer, screw: Fastening = HARDW
         if section and (trace := trace_in(view, section, bed_from_rig))
     }
     crossed = [(index, trace.across, float(trace.ends[0, trace.across])) for index, trace in traces.items()]
-    annotate(sheet, placed, dimensions, room_mm, crossed)
+    annotate(sheet, placed, dimensions, free_mm, crossed)
     free = _free(sheet, placed, table_left, table_low)
     cut_at, corner_low, corner_high = _place_section(section, free, scale)
     _draw_view(sheet, _isometric(isometric, placed, corner_low, corner_high), SMALL_MM)
@@ -175,20 +175,20 @@ def draw(solid: Part, part: PartPlan, printer: Printer, screw: Fastening = HARDW
     if seats:
         draw_holder_datums(sheet, placed[1])
         low, high = placed[0].box
-        for name, middle in seat_names(whole):
+        for name, middle in seat_names(plan):
             at = placed[0].paper(middle)
-            # Not those on another piece of a holder that is split.
+            # Skip seats on other pieces of a split holder.
             if (at > low).all() and (at < high).all():
                 base = at - (0.0, TEXT_MM / 2.0)
                 sheet.text(base, name, TEXT_MM, align="center", colour=SOFT, over_lines=True)
     material, model = printed_of(printer.plastic), f"parts/{part.name}.step"
-    tolerance = GAUGE_TOLERANCE if isinstance(whole, CouponPlan) else GENERAL_TOLERANCE
+    tolerance = GAUGE_TOLERANCE if isinstance(plan, CouponPlan) else GENERAL_TOLERANCE
     draw_title_block(sheet, Title(part.title, part.number, material, scale, part.identity, model, tolerance))
     return sheet
 
 
 def _draw_view(sheet: DrawingSheet, placed: PlacedView, width_mm: float) -> None:
-    """Draw a view's edges; small views have theirs close together, and want thin lines."""
+    """Draw a view's edges; small views need thin lines."""
     visible, hidden = on_paper(placed.view, placed.scale)
     if hidden:
         sheet.lines([line + placed.shift for line in hidden], HIDDEN_MM, HIDDEN_COLOUR, HIDDEN_DASHES_MM)
@@ -196,7 +196,7 @@ def _draw_view(sheet: DrawingSheet, placed: PlacedView, width_mm: float) -> None
 
 
 def dimensions_of(part: PartPlan, solid: Part, screw: Fastening) -> tuple[Length | Hole, ...]:
-    """The dimensions of a part's plan, without those on other pieces of a part that is split."""
+    """The dimensions of a part's plan, without those on other pieces of a split part."""
     lengths = [each for each in offered(part.plan) if isinstance(each, Length)]
     holes = (each for each in offered(part.plan) if isinstance(each, Hole))
     pressed = "" if isinstance(part.plan, CouponPlan) else PRESSED
@@ -216,9 +216,9 @@ def dimensions_of(part: PartPlan, solid: Part, screw: Fastening) -> tuple[Length
 def _arrange(
     top: PartView, front: PartView, right: PartView, right_end: float
 ) -> tuple[tuple[PlacedView, PlacedView, PlacedView], float, tuple[float, float]]:
-    """Place the views at the largest scale of the standard that leaves space for their dimensions.
+    """Place the views at the largest standard scale that leaves space for their dimensions.
 
-    Returns them, the scale, and the free space left of and below each, mm.
+    Returns the views, the scale, and the free space left of and below each view, mm.
     """
     bottom = BORDER_MM + BLOCK_MM
     free = np.array([right_end - BORDER_MM, A3_MM[1] - BORDER_MM - bottom])
@@ -226,22 +226,22 @@ def _arrange(
     high = float(np.ptp(front.box, axis=0)[1])
     spare = free - (2 * TIERS_MM + 12.0, 2 * TIERS_MM + 2 * WORDS_MM)
     scale = next((s for s in SCALES if s * (wide + deep) <= spare[0] and s * (deep + high) <= spare[1]), SCALES[-1])
-    # The rest goes around the views in equal shares.
+    # Distribute the remaining space equally around the views.
     loose = np.maximum(spare - scale * np.array([wide + deep, deep + high]), 0.0) / 3.0
-    room_mm = (TIERS_MM + min(float(loose[0]), 30.0), TIERS_MM + min(float(loose[1]), 20.0))
-    left = BORDER_MM + room_mm[0]
-    low = bottom + room_mm[1]
-    upper = low + scale * high + WORDS_MM + room_mm[1]
-    beside = left + scale * wide + room_mm[0] + 4.0
+    free_mm = (TIERS_MM + min(float(loose[0]), 30.0), TIERS_MM + min(float(loose[1]), 20.0))
+    left = BORDER_MM + free_mm[0]
+    low = bottom + free_mm[1]
+    upper = low + scale * high + WORDS_MM + free_mm[1]
+    beside = left + scale * wide + free_mm[0] + 4.0
 
     def at(view: PartView, x: float, y: float) -> PlacedView:
         return PlacedView(view, scale, np.array([x, y]) - view.box[0] * scale)
 
-    return (at(top, left, upper), at(front, left, low), at(right, beside, low)), scale, room_mm
+    return (at(top, left, upper), at(front, left, low), at(right, beside, low)), scale, free_mm
 
 
 def _isometric(view: PartView, placed: Sequence[PlacedView], low: FloatArray, high: FloatArray) -> PlacedView:
-    """The isometric fills a rectangle that is left free."""
+    """The isometric, scaled to a free rectangle."""
     scale = min(float(((high - low) / np.ptp(view.box, axis=0)).min()), 1.3 * placed[0].scale)
     return PlacedView(view, scale, (low + high) / 2.0 - view.box.mean(axis=0) * scale)
 
@@ -249,15 +249,15 @@ def _isometric(view: PartView, placed: Sequence[PlacedView], low: FloatArray, hi
 def _section_of(part: PartPlan, solid: Part, dimensions: Sequence[Length | Hole]) -> Section | None:
     """The section that shows the cavities of a part."""
     bed_from_rig = part.print_from_rig[:3, :3]
-    whole = part.plan.whole if isinstance(part.plan, PiecePlan) else part.plan
-    plane = section_plane(whole, [each for each in dimensions if isinstance(each, Hole)], bed_from_rig)
+    plan = part.plan.whole if isinstance(part.plan, PiecePlan) else part.plan
+    plane = section_plane(plan, [each for each in dimensions if isinstance(each, Hole)], bed_from_rig)
     return cut(solid, *plane, bed_from_rig) if plane else None
 
 
 def _free(
     sheet: DrawingSheet, placed: Sequence[PlacedView], right_end: float, table_low: float
 ) -> tuple[FloatArray, ...]:
-    """Free rectangles (2, 2): above the view from the right, right of it, and below the tables, all clear of words."""
+    """Free rectangles (2, 2): above the view from the right, right of it, and below the tables, all clear of text."""
     top, _, right = placed
     high_y = A3_MM[1] - BORDER_MM - 8.0
     above = np.array([(top.box[1, 0] + 12.0, right.box[1, 1] + WORDS_MM + 4.0), (right_end - 6.0, high_y)])
@@ -268,7 +268,7 @@ def _free(
 
 
 def _clear_of_words(sheet: DrawingSheet, rectangle: FloatArray) -> FloatArray:
-    """The larger of what is right of and what is below the words that reach into a rectangle (2, 2) from its left."""
+    """The larger part of a rectangle (2, 2) right of or below the texts that extend into it from the left."""
     boxes = np.array([(words.corners.min(axis=0), words.corners.max(axis=0)) for words in sheet.words])
     inside = ((boxes[:, 1] > rectangle[0]) & (boxes[:, 0] < rectangle[1])).all(axis=1)
     if not inside.any():
@@ -282,7 +282,7 @@ def _clear_of_words(sheet: DrawingSheet, rectangle: FloatArray) -> FloatArray:
 def _place_section(
     section: Section | None, free: Sequence[FloatArray], scale: float
 ) -> tuple[PlacedView | None, FloatArray, FloatArray]:
-    """Place a section at the views' scale or the next ones; returns it and the rectangle left for the isometric."""
+    """Place a section at the views' scale or a smaller one; returns it and the rectangle left for the isometric."""
     above, beside, below = free
     if section is None:
         return None, above[0], above[1]
@@ -304,13 +304,13 @@ def _place_section(
 
 
 def _in_rectangle(view: PartView, scale: float, rectangle: FloatArray) -> PlacedView:
-    """A view in the middle of a rectangle (2, 2), with room for its name over it."""
+    """A view in the middle of a rectangle (2, 2), with space for its name above it."""
     middle = rectangle.mean(axis=0) - (0.0, NAME_MM / 2.0)
     return PlacedView(view, scale, middle - view.box.mean(axis=0) * scale)
 
 
 def _draw_section_marks(sheet: DrawingSheet, traces: Sequence[Trace], cut_at: PlacedView, scale: float) -> None:
-    """The name of a section over it, with its scale where that is not the views', and one of its traces."""
+    """Draw a section's name, with its scale if it differs from the views', and one of its traces."""
     name = "A-A" if cut_at.scale == scale else f"A-A ({ratio(cut_at.scale)})"
     box = cut_at.box
     sheet.text((float(box[:, 0].mean()), float(box[1, 1]) + 3.0), name, LETTER_MM, align="center", bold=True)
@@ -318,7 +318,7 @@ def _draw_section_marks(sheet: DrawingSheet, traces: Sequence[Trace], cut_at: Pl
 
 
 def draw_tables(sheet: DrawingSheet, tables: Sequence[DrawingTable], reserved_mm: float) -> tuple[float, float]:
-    """Draw tables in the upper right corner, below each other; returns where the area left of and below them ends."""
+    """Draw tables in the upper right corner, one below the other; returns their left and lower limits."""
     right, top = A3_MM[0] - BORDER_MM, A3_MM[1] - BORDER_MM
     left = right
     for table in tables:

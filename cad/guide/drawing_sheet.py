@@ -1,6 +1,6 @@
-"""A drawing sheet in mm, origin in its lower left corner: lines, arrows, text, border and title block, as SVG and PDF.
+"""A drawing sheet in mm from its lower left corner: lines, arrows, text, border and title block, as SVG and PDF.
 
-The title block states title, number, revision, date, scale, and the one general tolerance.
+The title block has title, number, revision, date, scale and the general tolerance.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ MM_PER_INCH = 25.4
 POINTS_PER_MM = 72.0 / MM_PER_INCH
 FONT = FontProperties(family="DejaVu Sans")
 BOLD = FontProperties(family="DejaVu Sans", weight="bold")
-# Height of a capital over the size of the font.
+# Ratio of a capital's height to the font size.
 CAPITALS = 0.73
 INK = "#10151f"
 SOFT = "#8b94a5"
@@ -53,7 +53,7 @@ def text_width_mm(text: str, height_mm: float, *, bold: bool = False) -> float:
 
 
 def fitted_text(text: str, width_mm: float, height_mm: float) -> str:
-    """A text of any characters, cut to a width and with marks for what the font lacks."""
+    """A text cut to a width, with placeholders for characters that the font lacks."""
     drawn = drawable(text, get_font(findfont(FONT)).get_charmap())
     return fitted(drawn, width_mm, lambda part: text_width_mm(part, height_mm))
 
@@ -67,7 +67,7 @@ def _width_of_size_1(text: str, bold: bool) -> float:
 
 
 class DrawingSheet:
-    """A drawing sheet of `width_mm` x `height_mm`, and what is on it: words, and lines with their width."""
+    """A drawing sheet of `width_mm` x `height_mm`, with a record of its texts, and of its lines with their widths."""
 
     def __init__(self, width_mm: float, height_mm: float) -> None:
         self.size_mm = (width_mm, height_mm)
@@ -81,7 +81,7 @@ class DrawingSheet:
     def lines(
         self, lines: Sequence[FloatArray], width_mm: float, colour: str = INK, dashes_mm: Sequence[float] = ()
     ) -> None:
-        """Draw polylines (n, 2); dashes are alternately drawn and left out."""
+        """Draw polylines (n, 2); `dashes_mm` are alternately lengths of dashes and gaps."""
         self.drawn += [(line, width_mm) for line in lines]
         width = width_mm * POINTS_PER_MM
         style: Any = (0.0, [dash / width_mm for dash in dashes_mm]) if dashes_mm else "solid"
@@ -101,7 +101,7 @@ class DrawingSheet:
         self.lines([np.array([(x0, y0), (x1, y0), (x1, y1), (x0, y1), (x0, y0)])], width_mm)
 
     def arrow_head(self, tip: FloatArray, direction: FloatArray) -> None:
-        """A filled arrow head that points along `direction` (2,) and ends in `tip` (2,)."""
+        """Draw a filled arrow head that points along `direction` (2,), with its tip at `tip` (2,)."""
         along = direction / np.linalg.norm(direction)
         across = np.array([-along[1], along[0]])
         length, half = ARROW_MM
@@ -109,7 +109,7 @@ class DrawingSheet:
         self._axes.add_patch(Polygon(corners, closed=True, facecolor=INK, edgecolor="none"))
 
     def dot(self, middle: FloatArray, radius: float) -> None:
-        """A filled dot about `middle` (2,): the end of a leader within an outline."""
+        """Draw a filled dot at `middle` (2,), the end of a leader within an outline."""
         self._axes.add_patch(Circle((float(middle[0]), float(middle[1])), radius, facecolor=INK, edgecolor="none"))
 
     def text(
@@ -124,7 +124,7 @@ class DrawingSheet:
         turn_deg: float = 0.0,
         over_lines: bool = False,
     ) -> None:
-        """Write a line of text on its base line at `at` (2,), turned about that; 90 deg is read from the right.
+        """Write a line of text with its base line at `at` (2,), rotated about that; 90 deg is read from the right.
 
         `over_lines` clears the paper behind it.
         """
@@ -175,7 +175,7 @@ MATERIAL_MM, TOLERANCE_MM = 56.0, 98.0
 """Widths of the fields of the material and of the general tolerance."""
 
 GENERAL_TOLERANCE = "± 0.2; angles ± 0.5° (ISO 8015)"
-"""Of every dimension in mm and degrees that has no tolerance of its own; stated nowhere else on a drawing."""
+"""General tolerance of dimensions without their own tolerance, in the title block only."""
 
 GAUGE_TOLERANCE = "none: gauges, used as printed"
 PARTS_TOLERANCE = "on the drawings of the parts"
@@ -189,9 +189,9 @@ EPOCH = "SOURCE_DATE_EPOCH"
 
 @dataclass(frozen=True)
 class Title:
-    """Entries of a title block; `revision` is the identity of the numbers that the drawing was made of.
+    """Entries of a title block; `revision` is the identity of the part's dimensions.
 
-    `model` is the file with the shape of what the drawing does not dimension.
+    `model` is the file that defines all features without dimensions.
     """
 
     title: str
@@ -204,9 +204,9 @@ class Title:
 
 
 def issue_date() -> str:
-    """The date that drawings bear, as in ISO 8601: that of SOURCE_DATE_EPOCH, or none, so that bytes stay the same.
+    """The date of drawings in ISO 8601, from SOURCE_DATE_EPOCH; undated without it, so that bytes are reproducible.
 
-    Raises InputError where that variable is no whole number of seconds.
+    Raises InputError if that variable is not an integer number of seconds.
     """
     seconds = os.environ.get(EPOCH)
     if seconds is None:
@@ -214,11 +214,11 @@ def issue_date() -> str:
     try:
         return datetime.fromtimestamp(int(seconds), UTC).date().isoformat()
     except (ValueError, OverflowError, OSError):
-        raise InputError(f"{EPOCH} is {seconds[:40]!r}, expected whole seconds since 1970") from None
+        raise InputError(f"{EPOCH} is {seconds[:40]!r}, expected an integer number of seconds since 1970") from None
 
 
 def printed_of(plastic: str) -> str:
-    """The material of a printed part, the name of the plastic cut to its field."""
+    """The material of a printed part, with the plastic's name cut to its field."""
     printed = ", printed"
     return fitted_text(plastic, MATERIAL_MM - 4.0 - text_width_mm(printed, VALUE_MM), VALUE_MM) + printed
 
@@ -254,14 +254,14 @@ def draw_title_block(sheet: DrawingSheet, title: Title) -> None:
 
 
 def ratio(scale: float | None) -> str:
-    """A scale as ISO 5455 writes it; one that is of no standard is not to be measured."""
+    """A scale as in ISO 5455; None is "not to scale"."""
     if scale is None:
         return "not to scale"
     return f"{scale:g} : 1" if scale >= 1.0 else f"1 : {1.0 / scale:g}"
 
 
 def _third_angle(sheet: DrawingSheet, middle: FloatArray) -> None:
-    """The symbol of third-angle projection: the circles of a cone on the left, its side on the right."""
+    """Draw the symbol of third-angle projection: the circles of a cone on the left, its side on the right."""
     turn = np.linspace(0.0, 2.0 * np.pi, 65)
     circle = np.column_stack([np.cos(turn), np.sin(turn)])
     left, side = middle + np.array([[-11.0, 0.0], [9.0, 0.0]])

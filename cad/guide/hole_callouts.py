@@ -1,7 +1,7 @@
 """Holes in a drawing: their callouts and places.
 
-A callout has a hole's size, its depth in the material or that it goes through, and what it is for. Holes called out
-once in a view are dimensioned there, numbered ones listed in a table, and oblique ones shown in true length.
+A callout has a hole's size, its depth in the material or "through", and its purpose. Holes with the same callout are
+dimensioned in their view or, if they are many, numbered and listed in a table. Oblique holes have their angle.
 """
 
 from __future__ import annotations
@@ -32,10 +32,10 @@ DEPTH = "↧"
 """The symbol of depth (ISO 129-1)."""
 
 PRESSED = "±0.1"
-"""Tolerance of what holds an insert or a nut: by so much the steps of the fit coupon differ, and only one fits."""
+"""Tolerance of a hole for an insert or a nut: the step between the gauges of the fit coupon, of which only one fits."""
 
-# The wall of a hole is looked for this far outside it, its floor or shoulder at this share of its radius. One that
-# closes by a cone has its shoulder somewhat later, by up to this share.
+# Distance outside a hole at which its wall is tested, and share of its radius at which its floor or shoulder is tested.
+# The shoulder of a conical end is deeper, by up to the share CONE of the radius.
 BESIDE_MM = 0.05
 INWARD = 0.9
 BEYOND_MM = 0.03
@@ -44,7 +44,7 @@ SAME_MM = 1e-3
 
 
 class Material:
-    """Where a solid has material, along lines and at points in rig, mm."""
+    """Point and line queries for the material of a solid in rig, mm."""
 
     def __init__(self, solid: Part) -> None:
         shape = solid.wrapped
@@ -53,35 +53,35 @@ class Material:
         self._crossed.Load(shape, 1e-6)
 
     def holds(self, point: FloatArray) -> bool:
-        """Whether a point (3,) lies inside the material."""
+        """Return whether a point (3,) lies inside the material."""
         self._inside.Perform(gp_Pnt(*point.tolist()), 1e-6)
         return bool(self._inside.State() == TopAbs_State.TopAbs_IN)
 
-    def along(self, start: FloatArray, way: FloatArray, length_mm: float) -> list[tuple[float, float]]:
-        """The stretches (from, to) of a line from a point (3,) along a unit vector (3,) that run in the material."""
-        self._crossed.Perform(gp_Lin(gp_Pnt(*start.tolist()), gp_Dir(*way.tolist())), 0.0, length_mm)
+    def along(self, start: FloatArray, direction: FloatArray, length_mm: float) -> list[tuple[float, float]]:
+        """The intervals (from, to) inside the material of a line from a point (3,) along a unit vector (3,)."""
+        self._crossed.Perform(gp_Lin(gp_Pnt(*start.tolist()), gp_Dir(*direction.tolist())), 0.0, length_mm)
         found = [self._crossed.WParameter(i + 1) for i in range(self._crossed.NbPnt())]
         stops = np.unique(np.round([0.0, *found, length_mm], 6))
         return [
             (float(low), float(high))
             for low, high in pairwise(stops)
-            if high - low > SAME_MM and self.holds(start + (low + high) / 2.0 * way)
+            if high - low > SAME_MM and self.holds(start + (low + high) / 2.0 * direction)
         ]
 
 
 def called_out(holes: Iterable[Hole], solid: Part, screw: Fastening, pressed: str = PRESSED) -> tuple[Hole, ...]:
-    """The holes with their full text; the axis of a blind one then runs from its open end into the material.
+    """The holes with complete texts; the axis of a blind hole runs from its open end into the material.
 
     Parameters
     ----------
     holes : iterable of Hole
-        Those without `cut_mm` stay as they are.
+        Holes; those without `cut_mm` are returned unchanged.
     solid : Part
         The part, in rig.
     screw : Fastening
-        Fastening that decides which holes are for an insert, a nut or a screw.
+        Dimensions that identify holes for inserts, nuts and screws.
     pressed : str
-        The tolerance of those for an insert or a nut, "" of gauges, which differ by as much.
+        Tolerance of holes for inserts and nuts; "" for gauges, whose steps are that tolerance.
     """
     material = Material(solid)
     return tuple(hole if hole.cut_mm is None else _called_out(hole, material, screw, pressed) for hole in holes)
@@ -98,9 +98,9 @@ def _called_out(hole: Hole, material: Material, screw: Fastening, pressed: str) 
     radius = hole.diameter_mm / 2.0
 
     def floor(end: FloatArray, out: FloatArray) -> bool:
-        """Whether material faces the tool's end: all round, so that another cut beside it is not taken for none."""
+        """Return whether there is material at the tool's end, at half of the directions to allow for adjacent cuts."""
         return any(
-            sum(material.holds(end + beyond * out + INWARD * radius * way) for way in across) >= len(across) / 2
+            sum(material.holds(end + beyond * out + INWARD * radius * side) for side in across) >= len(across) / 2
             for beyond in (BEYOND_MM, CONE * radius)
         )
 
@@ -108,16 +108,16 @@ def _called_out(hole: Hole, material: Material, screw: Fastening, pressed: str) 
     closed_end = floor(end, axis)
     if closed_start == closed_end:
         return replace(hole, text=_joined(hole.text, THROUGH, _purpose(hole, screw, through=True)))
-    # From its closed end to the last of the walls that follow.
-    origin, way = (end, -axis) if closed_end else (start - OUTSIDE_MM * axis, axis)
-    # The walls of a slot are across its length: of eight ways one is within 22.5 deg of square to that.
-    beside = (radius + BESIDE_MM) / (np.cos(np.pi / 8.0) if hole.travel_mm else 1.0)
-    walls = [high for side in across for _, high in material.along(origin + beside * side, way, hole.cut_mm)[-1:]]
+    # The depth is measured from the closed end to the end of the longest wall.
+    origin, outward = (end, -axis) if closed_end else (start - OUTSIDE_MM * axis, axis)
+    # One of eight directions is within 22.5 deg of the normal of a slot's side walls.
+    off = (radius + BESIDE_MM) / (np.cos(np.pi / 8.0) if hole.travel_mm else 1.0)
+    walls = [high for side in across for _, high in material.along(origin + off * side, outward, hole.cut_mm)[-1:]]
     deep = max(walls, default=hole.cut_mm)
     depth = f"{DEPTH}{deep:.2f}".rstrip("0").rstrip(".")
     purpose = _purpose(hole, screw, through=False)
     text = _joined(hole.text, pressed if purpose in (INSERT, NUT) else "", depth, purpose)
-    return replace(hole, text=text, centre_in_rig=origin + deep * way, axis_in_rig=-way)
+    return replace(hole, text=text, centre_in_rig=origin + deep * outward, axis_in_rig=-outward)
 
 
 def _across(axis: FloatArray) -> list[FloatArray]:
@@ -145,7 +145,7 @@ def _joined(*texts: str) -> str:
 
 
 MOST_PLACES = 4
-"""Of more places along x or y than these there is a table: no tiers of dimensions have room for them."""
+"""Largest number of places along x or y that are dimensioned; more are listed in a table."""
 
 PARALLEL = 1e-4
 AXIS_MM = 0.13
@@ -159,7 +159,7 @@ Groups = dict[tuple[int, str], list[Hole]]
 
 
 def hole_groups(views: Sequence[PartView], dimensions: Iterable[Length | Hole]) -> Groups:
-    """The holes by the index of the view that looks along their axes most, and by their callout in it."""
+    """The holes, grouped by the view that is most parallel to their axes, and by their callout in it."""
     groups: Groups = defaultdict(list)
     for hole in dimensions:
         if isinstance(hole, Hole):
@@ -171,7 +171,7 @@ def hole_groups(views: Sequence[PartView], dimensions: Iterable[Length | Hole]) 
 
 
 def callout(hole: Hole, away: float) -> str:
-    """The words at a hole, whose axis points `away` from the viewer by this cosine."""
+    """The text of a hole's callout; `away` is the cosine of its axis with the direction to the viewer."""
     size = f"Ø{number(hole.diameter_mm)}"
     if hole.travel_mm:
         size = f"slot {number(hole.diameter_mm)} x {number(hole.diameter_mm + hole.travel_mm)}"
@@ -182,7 +182,7 @@ def callout(hole: Hole, away: float) -> str:
 
 
 def in_table(holes: Sequence[Hole], view: PartView) -> bool:
-    """Whether holes of one callout are at too many places for dimensions, in a view that is square to their axis."""
+    """Return whether holes with one callout are at too many places for dimensions, in a view along their axis."""
     if abs(float(view.axes_in_rig[2] @ _unit(holes[0].axis_in_rig))) < 1.0 - PARALLEL:
         return False
     flat = np.array([hole.centre_in_rig for hole in holes]) @ view.axes_in_rig[:2].T
@@ -190,13 +190,13 @@ def in_table(holes: Sequence[Hole], view: PartView) -> bool:
 
 
 def numbered(holes: Sequence[Hole], view: PartView) -> list[Hole]:
-    """Holes in the order of their numbers, 1 on: from above downwards in the view, and from left to right."""
+    """Holes in the order of their numbers from 1: from top to bottom in the view, and from left to right."""
     flat = np.array([hole.centre_in_rig for hole in holes]) @ view.axes_in_rig[:2].T
     return [holes[place] for place in np.lexsort((np.round(flat[:, 0], 3), -np.round(flat[:, 1], 3)))]
 
 
 def hole_tables(groups: Groups, views: Sequence[PartView]) -> tuple[DrawingTable, ...]:
-    """A table of places for every callout that has too many for dimensions."""
+    """A table of places for every callout with too many places for dimensions."""
     tables = []
     for (index, words), holes in groups.items():
         view = views[index]
@@ -215,7 +215,7 @@ def hole_tables(groups: Groups, views: Sequence[PartView]) -> tuple[DrawingTable
 
 
 def draw_numbers(sheet: DrawingSheet, placed: PlacedView, holes: Sequence[Hole]) -> None:
-    """The number of each hole of a table, at its lower right: leaders come from above."""
+    """Draw the number of each hole of a table at its lower right, since leaders come from above."""
     for place, hole in enumerate(numbered(holes, placed.view), start=1):
         off = hole.diameter_mm / 2.0 * placed.scale * 0.71 + 0.8
         at = placed.paper(hole.centre_in_rig) + np.array([off, -off - NUMBER_MM])
@@ -223,9 +223,9 @@ def draw_numbers(sheet: DrawingSheet, placed: PlacedView, holes: Sequence[Hole])
 
 
 def oblique_holes(groups: Groups, views: Sequence[PartView], lengths: Iterable[Length]) -> list[tuple[int, Hole]]:
-    """Holes that no view looks along and no length leads to, with the view that has their axes in its plane.
+    """Holes that are oblique to all views and have no length, with the index of the view parallel to their axes.
 
-    Of those whose axes are one line in that view the one that is entered from outside: a blind one, where there is one.
+    Of holes whose axes coincide in that view, a blind one is preferred.
     """
     ends = np.vstack([np.zeros((0, 3)), *(each.points_in_rig for each in lengths)])
     found: dict[tuple[float, ...], tuple[int, Hole]] = {}
@@ -247,7 +247,7 @@ def oblique_holes(groups: Groups, views: Sequence[PartView], lengths: Iterable[L
 
 
 def oblique_lengths(placed: PlacedView, hole: Hole) -> tuple[LinearDimension, LinearDimension]:
-    """How far the middle of an oblique hole's mouth is from the left edge of a view, and from the lower one."""
+    """Dimensions of the middle of an oblique hole's mouth from the left and from the lower edge of a view."""
     at, low = placed.paper(hole.centre_in_rig), placed.box[0]
     across, up = (
         LinearDimension(
@@ -259,7 +259,7 @@ def oblique_lengths(placed: PlacedView, hole: Hole) -> tuple[LinearDimension, Li
 
 
 def draw_oblique(sheet: DrawingSheet, placed: PlacedView, hole: Hole) -> None:
-    """The axis of an oblique hole in a view that has it in its plane, and its angle to the nearer axis of the view."""
+    """Draw the axis of an oblique hole in a view parallel to it, and its angle to the nearer axis of the view."""
     at = placed.paper(hole.centre_in_rig)
     out = -(placed.view.axes_in_rig[:2] @ _unit(hole.axis_in_rig))
     turned = float(np.degrees(np.arctan2(out[1], out[0])))
@@ -274,8 +274,8 @@ def draw_oblique(sheet: DrawingSheet, placed: PlacedView, hole: Hole) -> None:
     sheet.lines([at + np.outer([1.0, ARC_MM + 2.0], ray(base))], LINE_MM)
     sheet.lines([np.array([at + ARC_MM * ray(angle) for angle in np.linspace(base, turned, 25)])], LINE_MM)
     sense = np.sign(turned - base)
-    for angle, way in ((base, -sense), (turned, sense)):
-        sheet.arrow_head(at + ARC_MM * ray(angle), way * np.array([-ray(angle)[1], ray(angle)[0]]))
+    for angle, sign in ((base, -sense), (turned, sense)):
+        sheet.arrow_head(at + ARC_MM * ray(angle), sign * np.array([-ray(angle)[1], ray(angle)[0]]))
     middle = at + (ARC_MM + 1.5) * ray((base + turned) / 2.0)
     align: Align = "left" if middle[0] >= at[0] else "right"
     sheet.text(

@@ -1,4 +1,4 @@
-"""Labels around a picture, each with a leader to what it names; no leader crosses another."""
+"""Labels around a picture, each with a leader to the body or point that it names; leaders do not cross."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ SMALLEST_TEXT_PX = 15
 ROW_OF_TEXT = 1.9
 MARGIN_PX = 26
 SHIFT = 4
-# A surface nearer than a point by more than this hides it.
+# A surface hides a point if it is nearer by more than this.
 HIDDEN_MM = 1.0
-# Of the font, regular: left out, it is that of the last text that anything in this process drew.
+# Regular weight of the font; by default OpenCV uses that of the last text in the process.
 WEIGHT = 400
 CAPTION_PX, BOLD = 26, 700
 CAPTION_ROOM_PX = MARGIN_PX + TEXT_PX + 16
-"""From the upper edge down to where a picture with a caption may begin."""
+"""Height of the space for a caption at the upper edge of a picture."""
 
 
 @dataclass(frozen=True)
 class Label:
-    """A name for a body (by its index) of a picture, or for a point (3,) in rig: of that body, or with -1 of any."""
+    """A name for a body of a picture, by its index, or for a point (3,) in rig on that body (-1: on any body)."""
 
     body: int
     text: str
@@ -54,7 +54,7 @@ class _Line:
 
 
 def deepest(seen: NDArray[np.bool_]) -> tuple[FloatArray, float] | None:
-    """The pixel (column, row) deepest inside of an area (h, w), and how deep it is, px; None where there is none."""
+    """The pixel (column, row) farthest inside an area (h, w), and its distance from the border, px; None if empty."""
     if not seen.any():
         return None
     inside = cv2.distanceTransform(np.pad(seen.astype(np.uint8), 1), cv2.DIST_L2, 3)[1:-1, 1:-1]
@@ -63,15 +63,15 @@ def deepest(seen: NDArray[np.bool_]) -> tuple[FloatArray, float] | None:
 
 
 def anchor(shot: Shot, body: int) -> FloatArray | None:
-    """The pixel (column, row) deepest inside the visible part of a body, or None where it is hidden."""
+    """The pixel (column, row) farthest inside the visible part of a body; None if it is hidden."""
     found = deepest(shot.bodies == body)
     return found[0] if found else None
 
 
 def place_of(shot: Shot, label: Label) -> FloatArray | None:
-    """The pixel (column, row) that a label names, or None where it is hidden or outside of the picture.
+    """The pixel (column, row) that a label names; None if it is hidden or outside the picture.
 
-    For a point of a body it is the nearest pixel of the body.
+    A point of a body gives the nearest visible pixel of the body.
     """
     if label.at is None:
         return anchor(shot, label.body)
@@ -90,11 +90,11 @@ def place_of(shot: Shot, label: Label) -> FloatArray | None:
 
 
 def annotate(shot: Shot, labels: Sequence[Label], top_px: int = MARGIN_PX) -> Pixels:
-    """The picture with its names in columns at its left and right sides, `top_px` down; hidden bodies get none."""
+    """The picture with names in columns at its left and right sides, from `top_px` down; hidden bodies have none."""
     found = [(label, point) for label in labels if (point := place_of(shot, label)) is not None]
     image = shot.image.copy()
     height, width = image.shape[:2]
-    # Halved by where they are, lines to the left and to the right never meet.
+    # Split into a left and a right half, so that leaders to the left and to the right never meet.
     found.sort(key=lambda item: (item[1][0], item[1][1], item[0].text))
     half = (len(found) + 1) // 2
     rows = max(half, len(found) - half)
@@ -109,14 +109,14 @@ def annotate(shot: Shot, labels: Sequence[Label], top_px: int = MARGIN_PX) -> Pi
             for box, place in zip(boxes, places, strict=True)
         ]
         order = uncrossed(starts, [point for _, point in group])
-        # A name that changes rows keeps its own width.
+        # A name keeps its own width when it changes rows.
         for place, index in zip(places, order, strict=True):
             label, point = group[index]
             box = boxes[index]
             x = MARGIN_PX if left else width - MARGIN_PX - box[2]
             start = np.array([x + box[2] + 8.0 if left else x - 8.0, place])
             _leader(image, start, point)
-            # A long name may reach over what is drawn: on white it can be read there too.
+            # A white background keeps a long name legible over the picture.
             ground = ((int(x) - 4, int(place - 0.6 * size)), (int(x + box[2]) + 4, int(place + 0.6 * size)))
             cv2.rectangle(image, *ground, (255, 255, 255), -1)
             cv2.putText(image, label.text, (int(x), int(place + 0.36 * size)), INK, font, size, WEIGHT)
@@ -124,7 +124,7 @@ def annotate(shot: Shot, labels: Sequence[Label], top_px: int = MARGIN_PX) -> Pi
 
 
 def written(shot: Shot, labels: Sequence[Label]) -> Pixels:
-    """The picture with each name in the middle of its body, on white; hidden bodies get none."""
+    """The picture with each name in the middle of its body, on white; hidden bodies have none."""
     image = shot.image.copy()
     height, width = image.shape[:2]
     font = cv2.FontFace("sans")
@@ -140,7 +140,7 @@ def written(shot: Shot, labels: Sequence[Label]) -> Pixels:
 
 
 def captioned(image: Pixels, caption: str) -> Pixels:
-    """The picture with a caption at its upper left; "" leaves it as it is."""
+    """The picture with a caption at its upper left, if any."""
     if not caption:
         return image
     drawn = image.copy()
@@ -149,7 +149,7 @@ def captioned(image: Pixels, caption: str) -> Pixels:
 
 
 def uncrossed(starts: Sequence[FloatArray], ends: Sequence[FloatArray]) -> list[int]:
-    """An end for each start, so that no two lines cross: crossing ones swap ends, which makes both shorter."""
+    """An end for each start, so that no two lines cross: crossing lines swap ends, which shortens their sum."""
     order = list(range(len(starts)))
     swapped = True
     while swapped:
@@ -161,11 +161,11 @@ def uncrossed(starts: Sequence[FloatArray], ends: Sequence[FloatArray]) -> list[
     return order
 
 
-def rows_near(wanted: Sequence[float], pitch: float, begins: float, ends: float) -> list[float]:
-    """Rows near the wanted ones (ascending), at least a pitch apart, and half of one inside a range."""
+def rows_near(preferred: Sequence[float], pitch: float, begins: float, ends: float) -> list[float]:
+    """Rows near the preferred ones (ascending), at least a pitch apart, and half a pitch inside a range."""
     low, high = begins + pitch / 2.0, ends - pitch / 2.0
     rows: list[float] = []
-    for value in wanted:
+    for value in preferred:
         rows.append(max(value, low if not rows else rows[-1] + pitch))
     limit = high
     for index in reversed(range(len(rows))):

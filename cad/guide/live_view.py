@@ -1,4 +1,4 @@
-"""The expected live view of the assembled device: a picture, and outlines to lay over the camera's own."""
+"""The expected live view of the assembled device: a picture, and an overlay of outlines for the camera's picture."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 
 PICTURE, OVERLAY = "live_view", "live_overlay"
-"""Stems of the two files in `pictures/`; the overlay has the size of the camera's frames and is clear but for lines."""
+"""Names of the two files in `pictures/`; the transparent overlay has the size of the camera's frames."""
 
 AROUND, PART, MIRROR = 226, 46, 203
-"""Grey levels: past all parts, printed parts seen squarely, and the scene in the mirrors."""
+"""Grey levels of the surroundings, of printed parts seen frontally, and of the scene in the mirrors."""
 
 LINE_RGB = (240, 120, 20)
 TEXT_RGB = (28, 33, 45)
-# Fractions of a pixel in which corners are drawn, in bits.
+# Bits of the fractions of a pixel in which corners are drawn.
 SHIFT = 4
 NEAREST_MM = 1.0
 WIDEST_PX = 1400
-# The largest names are as high as the frame's width over this.
+# Ratio of the frame's width to the largest height of a name.
 LARGEST_OF_WIDTH = 32.0
 
 
@@ -62,7 +62,7 @@ def live_view(layout: Layout, pieces: Iterable[Piece]) -> NDArray[np.uint8]:
 
 
 def live_overlay(layout: Layout) -> NDArray[np.uint8]:
-    """The same outlines and names on nothing, as BGRA (h, w, 4)."""
+    """The same outlines and names on a transparent background, as BGRA (h, w, 4)."""
     camera = layout.camera
     image = np.zeros((camera.height_px, camera.width_px, 4), dtype=np.uint8)
     colour = (*LINE_RGB[::-1], 255)
@@ -74,7 +74,7 @@ def live_overlay(layout: Layout) -> NDArray[np.uint8]:
 
 
 def _fill_parts(image: NDArray[np.uint8], layout: Layout, triangles: FloatArray) -> None:
-    """Draw triangles (n, 3, 3) in rig as the camera sees them, the farthest first, darker where they face away."""
+    """Draw triangles (n, 3, 3) in rig as the camera sees them, the farthest first, darker at grazing angles."""
     seen = triangles[(triangles[..., 2] > NEAREST_MM).all(axis=1)]
     normals = np.cross(seen[:, 1] - seen[:, 0], seen[:, 2] - seen[:, 0])
     middles = seen.mean(axis=1)
@@ -91,7 +91,7 @@ def _fill_parts(image: NDArray[np.uint8], layout: Layout, triangles: FloatArray)
 
 
 def _drawn(points_px: FloatArray) -> NDArray[np.int32]:
-    """Points (n, 2) as integers of OpenCV, with `SHIFT` bits behind the point; far ones are cut to what these hold."""
+    """Points (n, 2) as OpenCV's fixed-point integers with `SHIFT` fractional bits, clipped to their range."""
     return np.asarray(np.round(np.clip(points_px, -1e5, 1e5) * (1 << SHIFT)), dtype=np.int32)
 
 
@@ -100,7 +100,7 @@ def _line_px(layout: Layout) -> int:
 
 
 def _name(image: NDArray[np.uint8], name: str, outline: FloatArray, colour: tuple[int, ...]) -> None:
-    """Write a mirror's name in the middle of its outline, as large as a sixth of its height at most."""
+    """Write a mirror's name in the middle of its outline, with at most a sixth of its height."""
     low, high = outline.min(axis=0), outline.max(axis=0)
     height, width = image.shape[:2]
     size = int(np.clip((high[1] - low[1]) / 6.0, 12.0, width / LARGEST_OF_WIDTH))

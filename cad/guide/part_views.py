@@ -15,15 +15,15 @@ from shapely import LineString, MultiLineString, STRtree
 from mirrorcam.core.values import FloatArray
 
 CURVE_STEPS = 32
-# On paper, in mm: hidden lines along visible ones, and those shorter than two dashes (the step of a fit behind a rim),
+# On paper: hidden lines this near to visible ones, and those shorter than two dashes (the step of a fit behind a rim),
 # are left out.
 ALONG_VISIBLE_MM = 0.12
 SHORTEST_HIDDEN_MM = 1.6
-# Longest hidden lines over the visible ones, in all of a view.
+# Largest ratio of the total lengths of hidden and visible lines of a view.
 MOST_HIDDEN = 2.5
 
-# Rows right, up and towards the viewer, in the axes of the part as printed. Third angle: the view from above lies
-# above the front view, the one from the right to its right.
+# Rows right, up and towards the viewer, in the part's axes in print. Third angle: the view from above is above the
+# front view, the view from the right is to its right.
 TOP = np.eye(3)
 FRONT = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 RIGHT = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
@@ -84,7 +84,7 @@ def polylines(edges: Iterable[Edge]) -> list[FloatArray]:
     """Edges as polylines (n, 3), mm."""
     lines = []
     for edge in edges:
-        # What build123d offers for this takes ten times as long, and there are thousands.
+        # build123d's method takes ten times as long, for thousands of edges.
         curve = BRepAdaptor_Curve(edge.wrapped)
         count = 2 if curve.GetType() == GeomAbs_CurveType.GeomAbs_Line else CURVE_STEPS + 1
         points = [curve.Value(step) for step in np.linspace(curve.FirstParameter(), curve.LastParameter(), count)]
@@ -93,9 +93,9 @@ def polylines(edges: Iterable[Edge]) -> list[FloatArray]:
 
 
 def on_paper(view: PartView, scale: float) -> tuple[list[FloatArray], list[FloatArray]]:
-    """Visible and hidden polylines (n, 2) in mm of paper, each drawn once, without details too small to be read.
+    """Visible and hidden polylines (n, 2) on paper, mm, without duplicates and illegibly small details.
 
-    Hidden lines are left out where they are so many that nothing could be read of them.
+    All hidden lines are left out if they are too many to be legible.
     """
     visible = _joined(view.visible, scale)
     hidden = _joined(view.hidden, scale)
@@ -107,14 +107,14 @@ def on_paper(view: PartView, scale: float) -> tuple[list[FloatArray], list[Float
 
 
 def _away_from(visible: MultiLineString, hidden: MultiLineString) -> list[LineString]:
-    """Hidden lines without their stretches along visible ones."""
+    """Hidden lines without their parts along visible ones."""
     zones = shapely.buffer(np.array(visible.geoms), ALONG_VISIBLE_MM, quad_segs=2)
     tree = STRtree(zones)
-    left = []
+    clear = []
     for line in hidden.geoms:
         near = tree.query(line, predicate="intersects")
-        left += _lines(line.difference(shapely.union_all(zones[np.sort(near)])) if len(near) else line)
-    return left
+        clear += _lines(line.difference(shapely.union_all(zones[np.sort(near)])) if len(near) else line)
+    return clear
 
 
 def _joined(lines: Sequence[FloatArray], scale: float) -> MultiLineString:

@@ -1,6 +1,6 @@
-"""A picture of a device as views of bodies with names of bodies and points: how pieces are placed, and how it is drawn.
+"""A picture of a device: views of bodies with labels, the placement of pieces in them, and the drawing.
 
-Pieces are in their places or away from them, pale, with arrows and lines to their seats.
+Pieces are in their places, possibly pale, or displaced, with arrows and lines to their seats.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ from mirrorcam.core.images.pictures import write_image
 from mirrorcam.core.values import FloatArray
 
 PICTURE_PX = (1400, 1050)
-# Margin for the names at both sides.
+# Margins for the names at both sides.
 MARGINS_PX = (275, 50)
-# For a view that names points: of a letter, and beside the text.
+# Width of a letter, and margin next to the text, for a view with labels of points.
 NOTE_PX, NOTE_MARGIN_PX = 12, 50
 BARE_MARGINS_PX = (60, 50)
 LIGHT_RGB: Rgb = (0.94, 0.51, 0.10)
@@ -32,7 +32,7 @@ GUIDE_RGB: Rgb = (0.55, 0.62, 0.72)
 
 @dataclass(frozen=True)
 class Item:
-    """A body of a picture, in rig, its label ("" for none), and a line to where it belongs."""
+    """A body of a picture, in rig, its label ("" for none), and a line to its place."""
 
     body: ShadedBody
     label: str
@@ -41,10 +41,10 @@ class Item:
 
 @dataclass(frozen=True)
 class DevicePicture:
-    """A picture before it is drawn: file stem, title, the viewer's axes (3, 3) in rig, bodies, rays.
+    """A picture before it is drawn: file name, title, the viewer's axes (3, 3) in rig, bodies and rays.
 
-    `notes` name points (3,) in rig where these are seen; `caption` is written above the view; with `inside`, names are
-    written where what they name is, without leaders; `below` is a further view in the same file.
+    `notes` are labels of points (3,) in rig, drawn if these are visible. `caption` is written above the view. With
+    `inside`, names are written on the bodies, without leaders. `below` is a further view in the same file.
     """
 
     name: str
@@ -64,23 +64,23 @@ class DevicePicture:
 
 
 def write_picture(folder: Path, picture: DevicePicture) -> None:
-    """Draw a picture, all its views one below the other, and write it below a device's folder."""
+    """Draw a picture, with its views one below the other, and write it into a device's folder."""
     write_image(folder / picture.path, np.vstack([_drawn(view) for view in views_of(picture)]))
 
 
 def views_of(picture: DevicePicture) -> list[DevicePicture]:
-    """The views of a picture, the upper first."""
+    """The views of a picture, from top to bottom."""
     return [picture, *(views_of(picture.below) if picture.below else ())]
 
 
 def labels_of(view: DevicePicture) -> list[Label]:
-    """The names in a view, of bodies and of points."""
+    """The labels in a view, of bodies and of points."""
     named = [Label(index, item.label) for index, item in enumerate(view.items) if item.label]
     return [*named, *(Label(-1, text, point) for text, point in view.notes)]
 
 
 def shot_of(view: DevicePicture, size_px: tuple[int, int] = PICTURE_PX) -> Shot:
-    """A view as it is rendered, without its names."""
+    """A rendered view, without its labels."""
     points = np.concatenate([*(item.body.triangles.reshape(-1, 3) for item in view.items), *view.rays])
     margins = MARGINS_PX if labels_of(view) and not view.inside else BARE_MARGINS_PX
     if view.notes and not view.inside:
@@ -104,12 +104,12 @@ def _drawn(view: DevicePicture) -> Pixels:
 
 
 PALE = 0.55
-# In the picture of a step new pieces stand off by this share of its way in the exploded view.
+# Displacement of new pieces in the picture of a step, as a share of that in the exploded view.
 STEP_SHARE = 0.8
-# The head of an arrow, from the inserted piece towards its seat: its length, its radius, and how far before it.
+# Length and radius of an arrow's head towards a seat, and its distance from the inserted piece.
 ARROW_MM, ARROW_RADIUS_MM, ARROW_BEFORE_MM = 6.0, 2.2, 3.5
 ARROW_RGB: Rgb = (0.86, 0.16, 0.12)
-# How far mirrors are drawn before their seats.
+# Distance of mirrors drawn in front of their seats.
 MIRROR_LIFT_MM = 30.0
 
 
@@ -125,7 +125,7 @@ def still(piece: Piece, label: str = "", *, pale: bool = False) -> Item:
 def moved(
     piece: Piece, away: FloatArray, label: str = "", *, pale: bool = False, seat: FloatArray | None = None
 ) -> Item:
-    """A piece drawn `away` (3,) mm from its place, with a line from where that is drawn, `seat` (3,), if given."""
+    """A piece displaced by `away` (3,) mm, with a line to its place, which is displaced by `seat` (3,), if given."""
     here = still(piece, label, pale=pale)
     centre = np.asarray(piece.mesh.bounds).mean(axis=0)
     path = None if seat is None else np.array([centre + seat, centre + away])
@@ -133,7 +133,7 @@ def moved(
 
 
 def name_of(piece: Piece) -> str:
-    """Number and title of a part or the camera; "" of anything smaller."""
+    """Number and title of a part or the camera; "" for other pieces."""
     return f"{piece.number} {piece.title}".strip() if piece.kind in ("part", "camera") else ""
 
 
@@ -143,12 +143,12 @@ def triangles_of(piece: Piece) -> FloatArray:
 
 
 def mean(vectors: Sequence[FloatArray]) -> FloatArray:
-    """The mean (3,) of vectors; 0 of none."""
+    """The mean (3,) of vectors; 0 if there are none."""
     return np.mean(vectors, axis=0) if vectors else np.zeros(3)
 
 
 def put_in(thread: Piece, seat: FloatArray) -> tuple[Item, Item]:
-    """An insert or a nut outside of its part, which is drawn `seat` (3,) mm away, its way in, and an arrow along it."""
+    """An insert or a nut outside its part, which is displaced by `seat` (3,) mm, with its path and an arrow."""
     places = seat + places_out(thread)
     drawn = moved(thread, places[-1])
     inwards = places[-2] - places[-1]
@@ -159,15 +159,15 @@ def put_in(thread: Piece, seat: FloatArray) -> tuple[Item, Item]:
 
 
 def places_out(thread: Piece) -> FloatArray:
-    """Where an insert or a nut is on its way out of its seat (n, 3), from its seat on, mm."""
-    moves = thread.item.way_out_mm if thread.item else np.zeros((0, 3))
+    """Displacements (n, 3) of an insert or a nut along its exit moves, starting at its seat, mm."""
+    moves = thread.item.exit_moves_mm if thread.item else np.zeros((0, 3))
     return np.concatenate([np.zeros((1, 3)), np.cumsum(moves, axis=0)])
 
 
-def arrow_head(at: FloatArray, way: FloatArray) -> ShadedBody:
-    """A cone from a point (3,) along a unit vector (3,)."""
+def arrow_head(at: FloatArray, direction: FloatArray) -> ShadedBody:
+    """A cone at a point (3,) along a unit vector (3,)."""
     cone = trimesh.creation.cone(ARROW_RADIUS_MM, ARROW_MM, sections=24)
-    cone.apply_transform(trimesh.geometry.align_vectors(np.array([0.0, 0.0, 1.0]), way))
+    cone.apply_transform(trimesh.geometry.align_vectors(np.array([0.0, 0.0, 1.0]), direction))
     return ShadedBody(np.asarray(cone.triangles, dtype=np.float64) + at, ARROW_RGB)
 
 
@@ -178,7 +178,10 @@ def joined(
     resting: Sequence[Piece],
     together: Sequence[Piece] = (),
 ) -> tuple[Item, ...]:
-    """Pieces already assembled, pale, and new ones, moved away as in the exploded view in which `resting` rests."""
+    """Pieces already assembled, pale, and new pieces, displaced as in an exploded view in which `resting` stays.
+
+    New pieces move by the mean displacement of `together`, if given.
+    """
     base = mean([piece.explode_mm for piece in resting])
     block = mean([piece.explode_mm for piece in together]) - base if together else None
     moves = [(piece, STEP_SHARE * (piece.explode_mm - base if block is None else block)) for piece in new]
@@ -187,7 +190,7 @@ def joined(
 
 
 def placed(moves: Sequence[tuple[Piece, FloatArray]]) -> tuple[Item, ...]:
-    """Pieces away from their places, each fastener and the camera with a line to where it belongs as that is drawn."""
+    """Displaced pieces; fasteners and the camera have a line to their displaced place."""
     parts = {piece.name: piece for piece, _ in moves if piece.kind == "part"}
     away = {piece.name: move for piece, move in moves}
     items: list[Item] = []
@@ -207,7 +210,7 @@ def placed(moves: Sequence[tuple[Piece, FloatArray]]) -> tuple[Item, ...]:
 
 
 def lifted(piece: Piece, holder: Sequence[Piece], normal: FloatArray) -> Item:
-    """A mirror lifted along the viewer's way, or a carrier between it and the holder."""
+    """A mirror lifted towards the viewer, or a carrier between it and the holder."""
     if piece.kind == "mirror":
         return moved(piece, MIRROR_LIFT_MM * normal, piece.name.removeprefix("mirror_"))
     nearest = min((part.explode_mm for part in holder), key=lambda move: _distance(move, piece))

@@ -24,19 +24,19 @@ HATCH_MM, HATCH_LINE_MM = 2.0, 0.12
 TRACE_MM, TRACE_END_MM = 0.18, 0.5
 TRACE_DASHES_MM = (6.0, 0.8, 0.8, 0.8)
 TRACE_BEYOND_MM = (4.0, 7.0, 10.0, 13.0, 16.0, 20.0, 24.0, 28.0)
-"""How far the trace of a cut may go beyond its view: the first of these that has room for arrow and letter."""
+"""Tried extensions of a section's trace beyond its view: the first with space for arrow and letter is used."""
 
 LETTER_MM = 3.5
 ON_PLANE_MM = 1e-4
-# A plane through blind holes shows more than one through others.
+# Weight of blind holes in the choice of a plane, relative to through holes.
 BLIND = 10
-# By the axis of the bed that a plane is square to, the axes of the view that looks at it.
+# The view's axes, by the axis of the bed that is normal to the plane.
 AXES = (RIGHT, FRONT, TOP)
 
 
 @dataclass(frozen=True)
 class Section:
-    """A part cut square to axis `normal` of the bed at `at_mm` along it; the view, and the hatched faces in it, mm."""
+    """A part cut normal to the axis `normal` of the bed at `at_mm`; the view, and the hatched faces in it, mm."""
 
     normal: int
     at_mm: float
@@ -45,10 +45,10 @@ class Section:
 
 
 def section_plane(plan: Any, holes: Sequence[Hole], bed_from_rig: FloatArray) -> tuple[int, float] | None:
-    """The plane that shows the cavities of a part: the axis of the bed that it is square to, and its place, mm.
+    """The plane that shows the cavities of a part: its normal, as an axis of the bed, and its place, mm.
 
-    A mount and a cover are cut through their middles, any other part through the axes of most of its holes, blind ones
-    first. None for a part without holes. `bed_from_rig` is a rotation (3, 3).
+    A mount and a cover are cut through their middles, other parts through the axes of as many holes as possible, with
+    preference for blind ones. None for a part without holes. `bed_from_rig` is a rotation (3, 3).
     """
     if isinstance(plan, MountPlan):
         return 2, float(bed_from_rig[2] @ plan.slide)
@@ -65,7 +65,7 @@ def section_plane(plan: Any, holes: Sequence[Hole], bed_from_rig: FloatArray) ->
 
 
 def _axis_of(hole: Hole) -> tuple[float, ...]:
-    """A hole's axis as its point nearest to the origin, and its direction whichever way: one of holes in line."""
+    """A hole's axis as its point nearest to the origin and its unsigned direction: equal for coaxial holes."""
     axis = hole.axis_in_rig / np.linalg.norm(hole.axis_in_rig)
     axis = axis * np.sign(axis[np.abs(axis).argmax()])
     foot = hole.centre_in_rig - axis * (hole.centre_in_rig @ axis)
@@ -73,13 +73,13 @@ def _axis_of(hole: Hole) -> tuple[float, ...]:
 
 
 def cut(solid: Part, normal: int, at_mm: float, bed_from_rig: FloatArray) -> Section | None:
-    """Cut a solid and view the part behind the plane; None where the plane misses it."""
+    """Cut a solid and view the part behind the plane; None if the plane misses it."""
     axes = AXES[normal] @ bed_from_rig
     towards = axes[2]
     along = bed_from_rig[normal]
     origin = at_mm * along
-    left = solid.split(Plane(origin=tuple(origin), z_dir=tuple(towards)), keep=Keep.BOTTOM)
-    kept = left if isinstance(left, list) else [left]
+    behind = solid.split(Plane(origin=tuple(origin), z_dir=tuple(towards)), keep=Keep.BOTTOM)
+    kept = behind if isinstance(behind, list) else [behind]
     solids = [each for piece in kept if piece is not None for each in piece.solids()]
     faces = [
         area
@@ -103,14 +103,14 @@ def _lies_on(face: Face, towards: FloatArray, level_mm: float) -> bool:
 def _areas(face: Face, axes: FloatArray) -> list[Polygon]:
     """A face of the cut in the view."""
     lines = [line @ axes[:2].T for line in polylines(face.edges())]
-    # Ends that meet are joined to a ten-thousandth.
+    # Merge coincident ends to 1e-4.
     strings = shapely.set_precision(MultiLineString([LineString(line) for line in lines]), 1e-4)
     area = shapely.build_area(shapely.unary_union(strings))
     return [part for part in shapely.get_parts(area) if isinstance(part, Polygon)]
 
 
 def hatch(sheet: DrawingSheet, faces: Sequence[Polygon], scale: float, shift: FloatArray) -> None:
-    """Hatch the faces of a cut at 45 deg, all lines of one grid."""
+    """Hatch the faces of a cut at 45 deg, with all lines on one grid."""
     lines: list[FloatArray] = []
     for face in faces:
         area = shapely.transform(face, lambda corners: corners * scale + shift)
@@ -125,25 +125,25 @@ def hatch(sheet: DrawingSheet, faces: Sequence[Polygon], scale: float, shift: Fl
 
 @dataclass(frozen=True)
 class Trace:
-    """The trace of a section in a view: its ends (2, 2) on paper, the way (2,) that the section looks."""
+    """The trace of a section in a view: its ends (2, 2) on paper, and the section's viewing direction (2,)."""
 
     ends: FloatArray
     look: FloatArray
 
     @property
     def across(self) -> int:
-        """The coordinate, x (0) or y (1), that is the same at both ends."""
+        """The coordinate, x (0) or y (1), that is equal at both ends."""
         return int(np.argmin(np.abs(self.ends[1] - self.ends[0])))
 
     @property
     def feet(self) -> FloatArray:
-        """Where the arrows begin (2, 2)."""
+        """The points (2, 2) where the arrows start."""
         inward = (self.ends[1] - self.ends[0]) / np.linalg.norm(self.ends[1] - self.ends[0])
         return self.ends + 1.2 * np.array([inward, -inward])
 
     @property
     def marks(self) -> tuple[Polygon, ...]:
-        """The areas that the letters and arrows at both ends cover."""
+        """The areas of the letters and arrows at both ends."""
         return tuple(
             LineString([foot - (2.6 + LETTER_MM / 2.0) * self.look, foot + 6.0 * self.look]).buffer(
                 0.75 * LETTER_MM + 0.3
@@ -152,13 +152,13 @@ class Trace:
         )
 
     def longer(self, beyond_mm: tuple[float, float]) -> Trace:
-        """The trace with each of its ends so far beyond the view."""
+        """The trace with its ends extended by these lengths."""
         along = (self.ends[1] - self.ends[0]) / np.linalg.norm(self.ends[1] - self.ends[0])
         return replace(self, ends=self.ends + np.array([-along, along]) * np.array(beyond_mm)[:, None])
 
 
 def trace_in(parent: PlacedView, section: Section, bed_from_rig: FloatArray) -> Trace | None:
-    """The trace of a section across a view, None in one that does not see its plane edge on."""
+    """The trace of a section across a view; None if the view does not show the plane edge-on."""
     axes, box = parent.view.axes_in_rig, parent.box
     normal = bed_from_rig[section.normal]
     along = axes[:2] @ normal
@@ -176,12 +176,12 @@ def trace_in(parent: PlacedView, section: Section, bed_from_rig: FloatArray) -> 
 def draw_trace(sheet: DrawingSheet, traces: Sequence[Trace], letter: str) -> None:
     """Draw the trace that covers the least of the sheet: its line, thick ends, arrows and letters.
 
-    Each end goes beyond its view as far as arrow and letter need to be clear.
+    Each end extends beyond its view until arrow and letter are clear.
     """
     boxes = np.array([Polygon(words.corners) for words in sheet.words])
     lines = np.array([LineString(line) for line, _ in sheet.drawn])
 
-    def in_the_way(trace: Trace, end: int) -> tuple[int, int]:
+    def overlaps(trace: Trace, end: int) -> tuple[int, int]:
         # The trace's own line may cross the view and its dimensions, but no text.
         mark = trace.marks[end]
         covered = shapely.union_all([mark, LineString([trace.ends.mean(axis=0), trace.ends[end]])])
@@ -189,11 +189,11 @@ def draw_trace(sheet: DrawingSheet, traces: Sequence[Trace], letter: str) -> Non
 
     found = []
     for trace in traces:
-        ways = [
-            min((*in_the_way(trace.longer((far, far)), end), far) for far in TRACE_BEYOND_MM if _on(sheet, trace, far))
+        costs = [
+            min((*overlaps(trace.longer((far, far)), end), far) for far in TRACE_BEYOND_MM if _on(sheet, trace, far))
             for end in (0, 1)
         ]
-        found.append((np.sum(ways, axis=0).tolist(), trace.longer((ways[0][2], ways[1][2]))))
+        found.append((np.sum(costs, axis=0).tolist(), trace.longer((costs[0][2], costs[1][2]))))
     _, trace = min(found, key=lambda each: each[0])
     sheet.lines([trace.ends], TRACE_MM, INK, TRACE_DASHES_MM)
     for end, foot in zip(trace.ends, trace.feet, strict=True):
@@ -206,7 +206,7 @@ def draw_trace(sheet: DrawingSheet, traces: Sequence[Trace], letter: str) -> Non
 
 
 def _on(sheet: DrawingSheet, trace: Trace, beyond_mm: float) -> bool:
-    """Whether a trace that goes so far beyond its view has its marks within the border and over the title block."""
+    """Return whether the marks of a trace extended beyond its view are inside the border and above the title block."""
     low = np.array([BORDER_MM, BORDER_MM + BLOCK_MM]) + 1.0
     high = np.array(sheet.size_mm) - BORDER_MM - 1.0
     bounds = np.array([mark.bounds for mark in trace.longer((beyond_mm, beyond_mm)).marks])

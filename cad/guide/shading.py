@@ -20,25 +20,26 @@ from mirrorcam.core.values import FloatArray
 Rgb = tuple[float, float, float]
 Pixels = NDArray[np.uint8]
 SUPERSAMPLING = 2
-# Fragments that are worked on at once: bounds the memory.
+# Number of fragments in a block, which limits the memory.
 FRAGMENTS = 1_500_000
-# Neighbouring pixels show an edge where the surface turns by more than this (cosine) or jumps by this many pixels.
+# There is an edge between adjacent pixels if the normals differ by more than this (cosine), or the depth by this many
+# pixels.
 EDGE_COSINE = 0.97
 EDGE_JUMP_PX = 9.0
 EDGE_DARKNESS = 0.62
-# A line in a surface is drawn; rounding must not hide it.
+# Bias towards the viewer, so that rounding does not hide lines on a surface.
 LINE_BEFORE_SURFACE_MM = 0.3
-# Two lights, as seen by the viewer (right, up, towards), and how bright they are; the rest comes from everywhere.
+# Directions to two lights in the viewer's axes (right, up, towards), and their strengths, in addition to ambient light.
 LIGHTS = ((np.array([-0.45, 0.60, 0.66]), 0.42), (np.array([0.70, 0.10, 0.50]), 0.16))
 AMBIENT = 0.50
-# Corners are darker: a pixel is compared with the mean nearness of squares of these sizes, mm.
+# Ambient occlusion: a pixel is compared with the mean nearness of squares of these sizes, mm.
 CORNER_MM = (3.0, 9.0)
 CORNER_DARKNESS = 0.55
 
 
 @dataclass(frozen=True)
 class ShadedBody:
-    """Triangles (n, 3, 3) in rig, mm, counter-clockwise from outside, of one colour (0 to 1); `shine` for mirrors."""
+    """Triangles (n, 3, 3) in rig, mm, counter-clockwise from outside, in one colour (0 to 1); `shine` for mirrors."""
 
     triangles: FloatArray
     rgb: Rgb
@@ -47,7 +48,7 @@ class ShadedBody:
 
 @dataclass(frozen=True)
 class Screen:
-    """An orthographic view: `axes` (3, 3) rows right, up, towards the viewer; its centre (2,) mm and px per mm."""
+    """An orthographic view: `axes` (3, 3) with rows right, up and towards the viewer, centre (2,) in mm, and scale."""
 
     axes: FloatArray
     centre: FloatArray
@@ -74,7 +75,7 @@ class Screen:
 
 @dataclass(frozen=True)
 class Shot:
-    """A picture (h, w, 3), and which body (index, -1: none) and how near (mm) each of its pixels shows."""
+    """A picture (h, w, 3), with the index of the body (-1: none) and the nearness (mm) of each pixel."""
 
     image: Pixels
     bodies: NDArray[np.int32]
@@ -83,7 +84,7 @@ class Shot:
 
 
 def render(bodies: Sequence[ShadedBody], screen: Screen, lines: Sequence[tuple[FloatArray, Rgb, float]] = ()) -> Shot:
-    """Draw bodies, and polylines (points (n, 3) in rig, colour, width in px) where nothing is nearer, on white."""
+    """Draw bodies, and the visible parts of polylines (points (n, 3) in rig, colour, width in px), on white."""
     fine = Screen(
         screen.axes,
         screen.centre,
@@ -109,7 +110,7 @@ def render(bodies: Sequence[ShadedBody], screen: Screen, lines: Sequence[tuple[F
 
 
 def _rasterise(corners: FloatArray, size_px: tuple[int, int]) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
-    """Nearness (h, w) and which triangle is nearest (h, w), -1 where there is none, of corners (n, 3, 3) in px, mm."""
+    """Nearness (h, w), and index of the nearest triangle (h, w; -1: none), for corners (n, 3, 3) in px and mm."""
     width, height = size_px
     nearness = np.full(width * height, -np.inf, dtype=np.float32)
     index = np.full(width * height, -1, dtype=np.int32)
@@ -124,18 +125,18 @@ def _rasterise(corners: FloatArray, size_px: tuple[int, int]) -> tuple[NDArray[n
 def _fragments(
     corners: FloatArray, width: int, height: int
 ) -> Iterator[tuple[NDArray[np.int32], NDArray[np.int64], NDArray[np.float32]]]:
-    """Blocks of (triangle, pixel, nearness) of every pixel whose middle lies in a triangle, row by row of each."""
+    """Blocks of (triangle, pixel, nearness) for all pixels with their middle in a triangle, row by row."""
     flat = corners[..., :2]
     edge_a, edge_b = flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0]
     area = edge_a[:, 0] * edge_b[:, 1] - edge_a[:, 1] * edge_b[:, 0]
     rise = corners[:, 1:, 2] - corners[:, :1, 2]
-    good = np.abs(area) > 1e-9
-    safe = np.where(good, area, 1.0)
+    regular = np.abs(area) > 1e-9
+    safe = np.where(regular, area, 1.0)
     slope_x = (rise[:, 0] * edge_b[:, 1] - rise[:, 1] * edge_a[:, 1]) / safe
     slope_y = (rise[:, 1] * edge_a[:, 0] - rise[:, 0] * edge_b[:, 0]) / safe
     top = np.clip(np.ceil(flat[..., 1].min(axis=1) - 0.5), 0, height).astype(int)
     bottom = np.clip(np.floor(flat[..., 1].max(axis=1) - 0.5) + 1, 0, height).astype(int)
-    rows = np.where(good, np.maximum(bottom - top, 0), 0)
+    rows = np.where(regular, np.maximum(bottom - top, 0), 0)
     triangle = np.repeat(np.arange(len(corners)), rows)
     row = np.arange(len(triangle)) - np.repeat(np.cumsum(rows) - rows, rows) + top[triangle]
     left, right = np.full(len(row), np.inf), np.full(len(row), -np.inf)
@@ -147,7 +148,7 @@ def _fragments(
         crossed = (np.minimum(a[:, 1], b[:, 1]) <= y) & (y <= np.maximum(a[:, 1], b[:, 1])) & (a[:, 1] != b[:, 1])
         left, right = np.where(crossed, np.minimum(left, x), left), np.where(crossed, np.maximum(right, x), right)
     crossed = left <= right
-    # Slightly outside the triangle too, so that no crack shows between neighbours.
+    # Includes pixels slightly outside the triangle, so that there is no crack between adjacent triangles.
     start = np.clip(np.ceil(np.where(crossed, left, 0.0) - 0.5 - 1e-4), 0, width).astype(int)
     stop = np.clip(np.floor(np.where(crossed, right, -1.0) - 0.5 + 1e-4) + 1, 0, width).astype(int)
     counts = np.maximum(stop - start, 0)
@@ -176,13 +177,13 @@ def _shade(
     nearness: NDArray[np.float32],
     px_per_mm: float,
 ) -> NDArray[np.float32]:
-    """Colours (h, w, 3): two lights, darker corners, dark edges; a mirror shows a sky that is brighter upwards."""
+    """Colours (h, w, 3): two lights, ambient occlusion, dark edges; a mirror shows a sky that is brighter upwards."""
     light = np.full(len(owners), AMBIENT)
     for direction, strength in LIGHTS:
         light += strength * np.maximum(normals_seen @ (direction / np.linalg.norm(direction)), 0.0)
     colours = np.array([body.rgb for body in bodies])[owners] * light[:, None]
     shines = np.array([body.shine for body in bodies])[owners]
-    # A mirror seen along -z reflects to 2 n_z n - z.
+    # A mirror with normal n, seen along -z, reflects to 2 n_z n - z.
     mirrored_up = 2.0 * normals_seen[:, 2] * normals_seen[:, 1]
     sky = np.array([0.52, 0.66, 0.80]) + np.array([0.40, 0.30, 0.19]) * (0.5 + 0.5 * mirrored_up)[:, None]
     colours = np.where(shines[:, None], sky, colours)
@@ -199,14 +200,14 @@ def _shade(
         kernel = (2 * max(1, round(size * px_per_mm / 2.0)) + 1,) * 2
         share = np.maximum(cv2.blur(weight, kernel), 1e-3)
         around = cv2.blur(height, kernel) / share + ground
-        # In a corner the surroundings are a little nearer; what is much nearer only stands in front.
+        # In a corner the surroundings are slightly nearer; much nearer surfaces are only in front.
         nearer = np.maximum(around - level, 0.0) / size
         dark += nearer / (1.0 + nearer**2)
     image *= (1.0 - CORNER_DARKNESS * dark * shown)[..., None]
     far = np.where(shown, nearness, np.float32(-1e9))
     edge = np.zeros(index.shape, dtype=bool)
     for here, there in ((np.s_[:-1, :], np.s_[1:, :]), (np.s_[:, :-1], np.s_[:, 1:])):
-        # Few neighbours show different triangles: the rest is left alone.
+        # Only pairs of pixels with different triangles are compared, which are few.
         differs = index[here] != index[there]
         one, other = index[here][differs], index[there][differs]
         turned = np.einsum("nc,nc->n", normals[one], normals[other]) < EDGE_COSINE
@@ -242,11 +243,11 @@ def _draw_line(
         image[rows[seen], columns[seen]] = rgb
 
 
-# Faces that meet at less than this many degrees are one curved surface.
+# Faces that meet at a smaller angle belong to one curved surface.
 SMOOTH_DEG = 25.0
-# An edge is seen where no surface is nearer by more than this, as the surfaces that it bounds rise within a pixel.
+# Tolerance of the depth of a visible edge, since its own surfaces rise within a pixel.
 BEHIND_MM = 0.6
-# Shorter pieces of edges, px, are left out: where an edge is hidden, rounding lets through dots of it.
+# Shorter pieces of edges, px, are left out: rounding makes dots of hidden edges visible.
 SHORTEST_PX = 2.5
 NOTHING = -1e9
 # Decimals of positions on a sheet, mm.
@@ -254,7 +255,7 @@ ROUNDED_TO = 2
 
 
 def edges_of(mesh: trimesh.Trimesh, towards: FloatArray) -> FloatArray:
-    """Sharp edges of a closed mesh, and its outline for a viewer in direction (3,): end points (n, 2, 3)."""
+    """Ends (n, 2, 3) of the sharp edges of a closed mesh, and of its outline for a viewer in direction (3,)."""
     sharp = mesh.face_adjacency_angles > np.deg2rad(SMOOTH_DEG)
     faces = mesh.face_normals @ towards > 0.0
     pairs = faces[mesh.face_adjacency]
@@ -263,7 +264,7 @@ def edges_of(mesh: trimesh.Trimesh, towards: FloatArray) -> FloatArray:
 
 
 def visible_lines(edges: FloatArray, shot: Shot) -> list[FloatArray]:
-    """The pieces (2, 2) in px of edges (n, 2, 3) in rig, mm, that no surface of a picture lies before."""
+    """The visible pieces (2, 2) in px of edges (n, 2, 3) in rig, mm, in a rendered picture."""
     ends = shot.screen.pixels(edges)
     spans = ends[:, 1] - ends[:, 0]
     lengths = np.linalg.norm(spans[:, :2], axis=1)
@@ -281,7 +282,7 @@ def visible_lines(edges: FloatArray, shot: Shot) -> list[FloatArray]:
 
 
 def _seen(points: FloatArray, shot: Shot) -> NDArray[np.bool_]:
-    """Whether points (n, 3), px and nearness, are nowhere behind all surfaces of the pixels around them."""
+    """Mask (n,) of points (n, 3), px and nearness, that are not behind the farthest surface of the adjacent pixels."""
     farthest = cv2.erode(np.maximum(shot.nearness, NOTHING), np.ones((3, 3), dtype=np.uint8))
     height, width = farthest.shape
     columns, rows = np.floor(points[:, :2]).astype(int).T
@@ -291,7 +292,7 @@ def _seen(points: FloatArray, shot: Shot) -> NDArray[np.bool_]:
 
 
 def joined(lines: Sequence[FloatArray]) -> list[FloatArray]:
-    """Lines (n, 2) of a sheet, mm, rounded, those that meet end to end as one: a curve is then one line."""
+    """Lines (n, 2) of a sheet, mm, rounded and merged at their ends, so that a curve is one line."""
     rounded = [np.round(line, ROUNDED_TO) for line in lines]
     merged = shapely.line_merge(shapely.MultiLineString([line for line in rounded if (line[0] != line[-1]).any()]))
     return [shapely.get_coordinates(line) for line in shapely.get_parts(merged)]

@@ -1,8 +1,8 @@
-"""The screws that hold and tilt a mirror's carrier: how long they are, what springs press, and how far they move it.
+"""The screws that hold and tilt a mirror's carrier: screw length, spring force and range of adjustment.
 
-A countersunk screw comes from the holder's back, passes a spring in a recess of its front, and draws the carrier to the
-holder by the thread in the carrier's back. Three of them set a plane: turned in, a screw moves its corner of the
-carrier by its pitch per turn.
+A countersunk screw enters from the holder's back, passes a spring in a recess of the front, and draws the carrier to
+the holder by the thread in the carrier's back. Three screws set a plane: each moves its corner of the carrier by the
+pitch per turn.
 """
 
 from __future__ import annotations
@@ -16,33 +16,34 @@ from mirrorcam.cad.plan.hardware import PRINT_SETTINGS, Hardware
 from mirrorcam.core.errors import InputError
 
 SCREW = "M3"
-"""Thread of the screws: the same as all others, so that inserts and nuts are the same."""
+"""Thread of the screws, the same as all others, so that inserts and nuts are the same."""
 
-# The carrier's edge keeps this far from the holder at the end of its travel.
+# Gap between the carrier's edge and the holder at the end of its travel.
 SPARE_MM = 0.2
-# A screw ends this far before the end of its hole, a head lies this far below the back.
+# Clearance at the end of a screw's hole, and depth of a head below the back.
 TIP_MM, SUNK_MM = 0.2, 0.3
-# At the end of its travel a spring is still pressed by this much.
+# Compression of a spring at the loose end of the travel.
 PRESSED_MM = 1.2
-# The cone for a head is as wide as the head and this much; it leans so far from upright, and widens below the head.
+# Radial clearance of a head in its cone, and the cone's half angle; the cone widens towards the back.
 HEAD_FIT_MM, CONE_DEG = 0.05, 44.0
 # Depth in the plate for a head and its cone, down to the wall under a spring.
 HEAD_SPACE_MM = 2.5
-# The blade of the driver, the holes in the mount through which it turns the screws, and how far these reach along the
-# mount's x from their middles: they print lying, with a roof.
+# Widths of the driver's blade and of its holes in the mount, and the ends of these holes along the mount's x from their
+# middles: the holes are horizontal in print and have a roof.
 DRIVER_MM, DRIVER_HOLE_MM = 4.0, 4.6
 DRIVER_HOLE_ENDS_MM = (-DRIVER_HOLE_MM / 2.0, DRIVER_HOLE_MM / 2.0 / float(np.sin(np.radians(ROOF_IN_WEBS_DEG))))
-# The plastic under a captive nut in a carrier.
+# Thickness of the plastic under a captive nut in a carrier.
 UNDER_NUT_MM = 2.0
 
 
 @dataclass(frozen=True)
 class Adjuster:
-    """The three screws of every carrier, all alike; mm.
+    """The screws of the carriers, three for each and all alike; mm.
 
-    A screw of `length_mm` passes the holder, `plate_mm` thick, and the gap of `gap_mm` to the carrier, and reaches
-    `engaged_mm` into its hole, `hole_mm` deep. A spring, pressed to `spring_mm` by `force_n`, lies in a recess of
-    `recess_mm` in the holder's front; the rest of the travel, `travel_mm` either way, leaves it pressed by `least_n`.
+    A screw of `length_mm` passes through the holder, `plate_mm` thick, and the gap of `gap_mm` to the carrier, and
+    engages `engaged_mm` in a hole `hole_mm` deep. A spring, compressed to `spring_mm` by `force_n`, lies in a recess of
+    depth `recess_mm` in the holder's front. At the loose end of the travel, plus or minus `travel_mm`, its force is
+    still `least_n`.
     """
 
     length_mm: float
@@ -59,18 +60,18 @@ class Adjuster:
 
     @property
     def head_mm(self) -> float:
-        """Diameter of the cone for a head where it is widest: at the back."""
+        """Largest diameter of the cone for a head, at the back."""
         return head_wide_mm()
 
     @property
     def cone_mm(self) -> float:
-        """Depth of that cone, down to the clearance hole."""
+        """Depth of the cone, down to the clearance hole."""
         half = thread_of(SCREW).clearance_mm / 2.0
         return float((self.head_mm / 2.0 - half) / np.tan(np.radians(CONE_DEG)))
 
 
 def head_wide_mm() -> float:
-    """Diameter of the cone for a head at the back, below which the head lies."""
+    """Diameter of the cone for a sunk head at the back's face."""
     return SUNK_HEAD * thread_of(SCREW).diameter_mm + 2.0 * (HEAD_FIT_MM + SUNK_MM)
 
 
@@ -81,7 +82,7 @@ def recess_wide_mm(hardware: Hardware) -> float:
 
 
 def boss_mm(hardware: Hardware) -> float:
-    """Radius of the plastic of a carrier round a screw's axis: an insert and its wall, or a nut and a thin one."""
+    """Radius of a carrier's plastic round a screw's axis: an insert and its wall, or a nut and a thin wall."""
     screw = hardware.screw
     if screw.kind == "insert":
         return screw.insert_hole_mm / 2.0 + screw.insert_wall_mm
@@ -89,40 +90,40 @@ def boss_mm(hardware: Hardware) -> float:
 
 
 def travel_mm(reach_mm: float, hardware: Hardware) -> float:
-    """How far a point of a carrier, `reach_mm` from its middle, moves either way along the screws."""
+    """Range of motion along the screws, plus or minus, of a carrier's point `reach_mm` from its middle."""
     return float(np.tan(np.radians(hardware.holder.adjust_deg)) * reach_mm + hardware.holder.adjust_mm)
 
 
 def least_plate_mm(travel: float, hardware: Hardware) -> float:
-    """Thickness of a holder that has space for a spring's recess and a head's cone, with a wall between them."""
+    """Least thickness of a holder with a spring's recess, a head's cone and a wall between them."""
     spring = hardware.holder.spring
     return spring.free_mm - PRESSED_MM - travel + HEAD_SPACE_MM + hardware.printer.wall_mm
 
 
 def plan_adjuster(screws_reach_mm: float, edge_reach_mm: float, plate_mm: float, hardware: Hardware) -> Adjuster:
-    """Choose the screw, and how far springs are pressed.
+    """Choose the length of the screws and the compression of the springs.
 
     Parameters
     ----------
     screws_reach_mm, edge_reach_mm : float
-        The largest distance of a carrier's screw, and of its edge, from the middle of its screws.
+        Largest distance of a carrier's screw, and of its edge, from the middle of its screws.
     plate_mm : float
         Thickness of the holder.
     hardware : Hardware
-        Screws, spring, and how far mirrors are to be moved.
+        Screws, spring and range of adjustment.
 
     Raises
     ------
     InputError
-        Where no screw on the list is long enough, or the spring too short.
+        If no screw on the list is long enough, the spring is too short, or a tilted screw touches its hole.
     """
     screw, spring = hardware.screw, hardware.holder.spring
     travel = travel_mm(screws_reach_mm, hardware)
-    # In whole layers, of which the coupon's gauge for it is printed.
+    # A multiple of the layer height, since the coupon has a printed gauge of this thickness.
     layer = PRINT_SETTINGS.layer_mm
     gap = round(layer * float(np.ceil((travel_mm(edge_reach_mm, hardware) + SPARE_MM) / layer)), 6)
-    held = screw.engaged_mm if screw.kind == "insert" else UNDER_NUT_MM + screw.nut_height_mm
-    least = plate_mm - SUNK_MM + gap + held + travel
+    engagement = screw.engaged_mm if screw.kind == "insert" else UNDER_NUT_MM + screw.nut_height_mm
+    least = plate_mm - SUNK_MM + gap + engagement + travel
     lengths = [length for length in screw.lengths_mm if length >= least]
     if not lengths:
         raise InputError(

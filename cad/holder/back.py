@@ -1,6 +1,6 @@
-"""The flat back of the mirror holder: its direction, its cuts, and the holes for the mount's screws.
+"""The flat back of the mirror holder: its direction, the cuts through it, and the holes for the mount's screws.
 
-A hole has a blunt end, and for a captive nut a slot.
+A hole ends in a blunt cone. A captive nut slides into it through a slot.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from shapely.geometry.base import BaseGeometry
 from shapely.geometry.polygon import orient
 
 from mirrorcam.cad.holder.rims import GROUND_MM, RELIEF_MM
-from mirrorcam.cad.plan.cuts import Cuts, bed_lengths_mm, clearance_round_pin_mm, cut_slack_mm, thin_beside_mm2
+from mirrorcam.cad.plan.cuts import Cuts, bed_lengths_mm, clearance_round_pin_mm, cut_slack_mm, thin_wall_mm2
 from mirrorcam.cad.plan.fasteners import ROOF_DEG, head_space_mm
 from mirrorcam.cad.plan.hardware import Fastening, Hardware
 from mirrorcam.cad.plan.prisms import clip_loop
@@ -26,12 +26,12 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.transforms import transform
 
-# A cone at the end of a hole is blunt, with this radius: half a line of plastic.
+# Radius of the blunt end of a hole's cone: half a line of plastic.
 POINT_MM = 0.2
 
 
 def screw_depths_mm(hardware: Hardware) -> tuple[float, float, float]:
-    """Depths from the back where the thread of insert or nut begins and ends, and the depth of the hole."""
+    """Depths from the back of the start and the end of the insert's or nut's thread, and of the hole."""
     screw = hardware.screw
     if screw.kind == "insert":
         return 0.0, screw.insert_mm, screw.insert_depth_mm
@@ -47,19 +47,19 @@ def hole_mm(screw: Fastening) -> float:
 
 
 def tip_mm(screw: Fastening) -> float:
-    """Height of the cone that such a hole ends in: a flat ceiling would need support beside a hollow's slope."""
+    """Height of the cone at the end of a screw hole: a flat ceiling next to a hollow's slope would need support."""
     return float((hole_mm(screw) / 2.0 - POINT_MM) / np.tan(np.deg2rad(ROOF_DEG)))
 
 
 def slot_width_mm(hardware: Hardware) -> float:
-    """Width of the slot that a nut slides in by."""
+    """Width of the slot through which a nut slides in."""
     return hardware.screw.nut_flats_mm + 2.0 * hardware.fit.slide_mm
 
 
-def slot_way(footprint: Polygon, hole: FloatArray) -> FloatArray:
-    """The direction (2,) in which a nut's slot leaves a convex footprint: square to the nearest edge.
+def slot_direction(footprint: Polygon, hole: FloatArray) -> FloatArray:
+    """The direction (2,) in which a nut's slot leaves a convex footprint: normal to the nearest edge.
 
-    What stands over an oblique slot would end in a tip that recedes faster than the slot's roof.
+    Over an oblique slot the material would end in a tip that recedes faster than the slot's roof.
     """
     corners = get_coordinates(orient(footprint))
     sides = np.diff(corners, axis=0)
@@ -70,7 +70,7 @@ def slot_way(footprint: Polygon, hole: FloatArray) -> FloatArray:
 def nut_slots(
     holes_mm: FloatArray, footprint: Polygon, centre_mm: FloatArray, rig_from_mount: FloatArray, hardware: Hardware
 ) -> tuple[Frustum, ...]:
-    """The slots, from each hole (n, 2) square to the nearest edge, that nuts slide in by: held at their flats.
+    """The slots for nuts, from each hole (n, 2) normal to the nearest edge. Their sides hold the nuts at two flats.
 
     A screw from the back pulls its nut against the slot's floor. The roof is a ridge of 45 deg.
     """
@@ -80,11 +80,13 @@ def nut_slots(
     corner = hardware.screw.nut_flats_mm / np.sqrt(3.0) + hardware.fit.slide_mm
     slots = []
     for hole in holes_mm:
-        way = slot_way(footprint, centre_mm + hole)
-        across = np.array([-way[1], way[0]])
+        direction = slot_direction(footprint, centre_mm + hole)
+        across = np.array([-direction[1], direction[0]])
         ends = [
-            transform(rig_from_mount, np.column_stack([hole + place * way + profile[:, :1] * across, profile[:, 1]]))
-            for place in (-corner, 1e3)
+            transform(
+                rig_from_mount, np.column_stack([hole + end * direction + profile[:, :1] * across, profile[:, 1]])
+            )
+            for end in (-corner, 1e3)
         ]
         slots.append(Frustum(ends[0], ends[1]))
     return tuple(slots)
@@ -92,19 +94,20 @@ def nut_slots(
 
 # Fillers that recede into the slab end this far inside it.
 IN_SLAB_MM = 0.5
-# A part that is cut is thicker than its pins need by this much: clearance to place them.
+# Additional thickness of a part that is cut, so that its pins can shift.
 PIN_SLACK_MM = 0.5
-# A cut leaves the place of equal pieces by at most this part of the length: a narrow piece is too small for pins.
+# Largest shift of a cut, as a share of the part's length, from that of equal pieces: narrow pieces have no space for
+# pins.
 OFF_MIDDLE = 0.1
-# A square millimetre of wall too thin to print costs as much as this length of cut through mirrors.
+# Cost of a square millimetre of wall too thin to print, as a length of cut through mirrors.
 THIN_MM_PER_MM2 = 1000.0
 
 
 @dataclass(frozen=True)
 class MountFace:
-    """The plane of the back (`back_mm`, along z of the mount's axes from the pupil) and its holes.
+    """The plane of the back, at `back_mm` from the pupil along the mount's z, and its holes.
 
-    `centre_mm` (2,) and `holes_mm` (4, 2) about it are along the mount's x and y.
+    `centre_mm` (2,) is along the mount's x and y from the pupil, `holes_mm` (4, 2) from that centre.
     """
 
     back_mm: float
@@ -113,7 +116,7 @@ class MountFace:
 
 
 def mount_axes(layout: Layout) -> FloatArray:
-    """Axes (3, 3; rows x, y, z) of the mount frame in rig: z against the mirrors' mean normal, x along the rig's x."""
+    """Axes (3, 3; rows x, y, z) of the mount in rig: z opposite to the mirrors' mean normal, x along the rig's x."""
     away = -np.mean([mirror.normal_in_rig for mirror in layout.mirrors], axis=0)
     if np.linalg.norm(away) < 0.5:
         raise InputError("the mirrors face apart, expected normals within 60 deg of their mean for one flat back")
@@ -126,7 +129,7 @@ def mount_axes(layout: Layout) -> FloatArray:
 
 
 class Front(Protocol):
-    """What stands over a holder's back: `footprint` of it, in the mount's x and y, and where it ends along z."""
+    """The material over a holder's back: its `footprint` in the mount's x and y, and its largest z, `deepest_mm`."""
 
     @property
     def footprint(self) -> Polygon: ...
@@ -135,7 +138,7 @@ class Front(Protocol):
     def deepest_mm(self) -> float: ...
 
     def recedes_to_mm(self, area: Polygon) -> float:
-        """Largest position along the mount's z of the front over an area of the back."""
+        """Largest z in the mount's axes of the front over an area of the back."""
         ...
 
 
@@ -147,15 +150,15 @@ class LevelFront:
     deepest_mm: float
 
     def recedes_to_mm(self, area: Polygon) -> float:
-        """The same everywhere."""
+        """The same z everywhere."""
         return self.deepest_mm
 
 
 class FrontSurface:
-    """The front of the holder as seen straight from its back: a seat behind every mirror, fillers in the gaps.
+    """The front of the holder as seen along the normal of its back: a seat behind every mirror, fillers in the gaps.
 
-    A filler is a mirror's outline grown by `margin_mm`, on a plane parallel to its seat. It recedes behind the seats
-    around it, and its corners are cut off, so that it is nowhere a thin ridge or tip beside a neighbour.
+    A filler is a mirror's outline grown by `margin_mm`, in a plane parallel to its seat. It recedes behind the adjacent
+    seats, and its corners are cut off, so that it forms no thin ridge or tip there.
     """
 
     def __init__(self, layout: Layout, axes: FloatArray, margin_mm: float, hardware: Hardware) -> None:
@@ -166,7 +169,7 @@ class FrontSurface:
         seats = [outline_at(mirror, level) for mirror, level in levels]
         self._cores = self._shadows(seats)
         self._fillers = self._shadows(grown)
-        # Twice the margin, so that the side of a filler, which is not along a neighbour's normal, is no ridge either.
+        # Twice the margin, since the side of a filler is oblique to the adjacent mirror and must form no ridge either.
         around = self._shadows([outline_at(mirror, level, 2.0 * margin_mm) for mirror, level in levels])
         recesses = np.zeros(len(grown))
         for i, filler in enumerate(self._fillers):
@@ -177,12 +180,12 @@ class FrontSurface:
                     recesses[i] = max(recesses[i], float((self._along(j, common) - self._along(i, common)).max()))
         self._recesses_mm = recesses
         self.deepest_mm = max(float((seat @ axes[2]).max()) for seat in seats)
-        # What recedes into the slab is left to the slab.
+        # Fillers are clipped where they recede into the slab.
         receded = (front + recess * axes[2] for front, recess in zip(grown, recesses, strict=True))
         clipped = (clip_loop(front, axes[2], self.deepest_mm + IN_SLAB_MM) for front in receded)
         self.fillers = [front for front in clipped if len(front) >= 3]
         self._all_cores, self._all_fillers = unary_union(self._cores), unary_union(self._fillers)
-        # The slab supports the bases of rims too, which are a little wider than fillers and lie a little lower.
+        # The slab also supports the bases of rims, which are slightly wider and lower than fillers.
         grounds = [
             outline_at(mirror, level - RELIEF_MM, margin_mm + GROUND_MM, bevelled=True) for mirror, level in levels
         ]
@@ -192,15 +195,15 @@ class FrontSurface:
         return [Polygon(outline @ self._axes[:2].T) for outline in outlines]
 
     def _along(self, index: int, points: FloatArray) -> FloatArray:
-        """Position (n,) along the mount's z of a mirror's seat plane, over points (n, 2) of the back."""
+        """z (n,) in the mount's axes of a mirror's seat plane over points (n, 2) of the back."""
         normal, distance = self._planes[index]
         along: FloatArray = (-distance - (points @ self._axes[:2]) @ normal) / (self._axes[2] @ normal)
         return along
 
     def recedes_to_mm(self, area: Polygon) -> float:
-        """Largest position along the mount's z of the front over an area of the back (off the fillers: the slab)."""
+        """Largest z in the mount's axes of the front over an area of the back; outside the fillers, the slab's."""
         gap = area.difference(self._all_cores)
-        # No area contains an empty one.
+        # In shapely, no area contains an empty one.
         if not gap.is_empty and not self._all_fillers.contains(gap):
             return self.deepest_mm
         lowest = -np.inf
@@ -213,17 +216,17 @@ class FrontSurface:
 
 
 def fits_bed(border: Polygon, hardware: Hardware) -> bool:
-    """Return whether a part with this outline is printed in one piece."""
+    """Return whether a part with this outline fits the bed in one piece."""
     left, bottom, right, top = border.bounds
     bed = bed_lengths_mm((right - left, top - bottom), hardware)
     return bool(right - left <= bed[0] and top - bottom <= bed[1])
 
 
 def place_cuts(layout: Layout, axes: FloatArray, border: Polygon, body: Manifold, hardware: Hardware) -> Cuts:
-    """Places of cuts along the mount's x and y through a body (in rig) so that every piece fits the bed.
+    """Places of cuts along the mount's x and y through a body (in rig), so that every piece fits the bed.
 
-    Of all places that leave pieces which fit and hang together, each cut takes the one that passes through the least
-    mirror and leaves no thin wall beside it. The longer side of the part lies along the longer side of the bed.
+    Each cut goes where all pieces fit and are connected, with the least length through mirrors and no thin wall next to
+    it. The longer side of the part lies along the longer side of the bed.
     """
     left, bottom, right, top = border.bounds
     lengths = (right - left, top - bottom)
@@ -239,43 +242,43 @@ def place_cuts(layout: Layout, axes: FloatArray, border: Polygon, body: Manifold
             middle = start + length * i / pieces
             slack = min(cut_slack_mm(length, pieces, longest), OFF_MIDDLE * length)
             tried = np.linspace(middle - slack, middle + slack, 61)
-            costs = THIN_MM_PER_MM2 * thin_beside_mm2(triangles, axis, tried, wall)
+            costs = THIN_MM_PER_MM2 * thin_wall_mm2(triangles, axis, tried, wall)
             costs += [_cut_mm(seats, axis, place) + 0.02 * abs(place - middle) for place in tried]
             by_cost = [float(place) for place in tried[np.argsort(costs, kind="stable")]]
-            whole = (place for place in by_cost if not falls_apart(turned, axis, place, wall))
-            places.append(next(whole, by_cost[0]))
+            connected = (place for place in by_cost if not falls_apart(turned, axis, place, wall))
+            places.append(next(connected, by_cost[0]))
         cuts.append(tuple(places))
     return cuts[0], cuts[1]
 
 
 def _cut_mm(seats: list[Polygon], axis: int, place: float) -> float:
-    """Length of the seats along a line across an axis."""
+    """Length of a cut across an axis that lies in seats."""
     far = 1e4
     line = LineString([(place, -far), (place, far)] if axis == 0 else [(-far, place), (far, place)])
     return float(sum(seat.intersection(line).length for seat in seats))
 
 
 def place_mount(front: Front, hardware: Hardware, cuts_mm: Cuts = ((), ())) -> MountFace:
-    """The rectangle of four holes, not too wide nor half as wide, that leaves the part thinnest, the largest of equals.
+    """The rectangle of four holes with which the part is thinnest; among equals, the largest.
 
-    Every hole keeps the insert's wall to the edge of the footprint, to its neighbours and, with a pin's length, to the
-    cuts; and the thinnest wall to the front above it and above the slot that a nut is put in by. Raises InputError
-    where none fits.
+    Its width is limited by `holder.mount_of_width`, and is at least half of that. Every hole keeps the insert's wall to
+    the edge of the footprint, to adjacent holes and, with half a pin's length, to the cuts. It keeps the thinnest wall
+    to the front above it and above its nut's slot. Raises InputError if no rectangle fits.
     """
     return next(iter(places_of_mount(front, hardware, cuts_mm)))
 
 
 def places_of_mount(front: Front, hardware: Hardware, cuts_mm: Cuts = ((), ())) -> list[MountFace]:
-    """All rectangles that `place_mount` may choose of, the best first; InputError where there is none."""
+    """All rectangles from which `place_mount` chooses, the best first; raises InputError if there is none."""
     left, bottom, right, top = front.footprint.bounds
     centre = np.array([(left + right) / 2.0, (bottom + top) / 2.0])
     around = hardware.screw.insert_hole_mm / 2.0 + hardware.screw.insert_wall_mm
     allowed = front.footprint.buffer(-around)
-    # Half the distance of two holes: in the mount the spaces of their screws' heads have a wall between them.
+    # Half the distance of two holes: in the mount a wall separates the spaces of their screws' heads.
     apart = head_space_mm(hardware) + hardware.printer.wall_mm / 2.0
     joint = around + hardware.holder.pin_mm[1] / 2.0
     depth = screw_depths_mm(hardware)[2] + hardware.printer.wall_mm
-    # A part that is cut is everywhere thick enough for the pins.
+    # A part that is cut is thick enough for the pins everywhere.
     thinnest = 2.0 * clearance_round_pin_mm(hardware) + PIN_SLACK_MM if any(cuts_mm) else 0.0
     thinnest = max(hardware.holder.floor_mm, thinnest)
     found: list[tuple[float, float, FloatArray]] = []
@@ -314,12 +317,12 @@ def space_of_mount(
     around = hardware.screw.insert_hole_mm / 2.0 + hardware.screw.insert_wall_mm
     taken: list[BaseGeometry] = [Point(centre_mm + hole).buffer(around) for hole in holes_mm]
     if hardware.screw.kind == "nut":
-        beside = slot_width_mm(hardware) / 2.0 + hardware.printer.wall_mm
+        half = slot_width_mm(hardware) / 2.0 + hardware.printer.wall_mm
         left, bottom, right, top = footprint.bounds
         far = right - left + top - bottom
         taken += [
-            LineString([centre_mm + hole, centre_mm + hole + far * slot_way(footprint, centre_mm + hole)])
-            .buffer(beside, cap_style="flat")
+            LineString([centre_mm + hole, centre_mm + hole + far * slot_direction(footprint, centre_mm + hole)])
+            .buffer(half, cap_style="flat")
             .intersection(footprint)
             for hole in holes_mm
         ]

@@ -1,12 +1,12 @@
 """Carriers: a wedge behind every mirror, glued to it, which three screws draw to the holder.
 
-A carrier ends within the outline of its mirror, as seen straight from the holder's back: there is no space between
-mirrors. Its back is level with the holder's, its front is the mirror's seat, with pads and grooves like a holder's. Its
-area on the back, and the axes of its screws in it, are chosen together.
+Since there is no space between mirrors, a carrier ends within its mirror's outline as seen along the normal of the
+holder's back. Its back is parallel to the holder's. Its front is the mirror's seat, with pads and grooves as in a
+holder. Its area on the back and the axes of its screws are chosen together.
 
-As its screws are turned, a carrier turns as a rigid body about axes in its back, with the point between its screws
-staying on the screws' mean direction: three displacements along the screws are all of its freedom. A turn clockwise, as
-seen from behind the device, draws that corner to the holder by the pitch of the thread.
+A carrier has three degrees of freedom, the displacements along its screws. It tilts as a rigid body about axes in its
+back, and the point in the middle of its screws moves along their direction only. A clockwise turn of a screw, seen from
+behind the device, draws its corner to the holder by the pitch of the thread.
 """
 
 from __future__ import annotations
@@ -36,17 +36,17 @@ from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.transforms import rigid
 
 FAR_MM = 1e4
-# Places of screws are found on a border that is simplified by less than this.
+# Tolerance of the simplified borders on which screws are placed.
 SIMPLIFIED_MM = 0.03
-# Scales that are tried for what would fit.
+# Scales of a mirror that are tried for the advice in a refusal.
 LARGER = np.arange(1.05, 4.0, 0.05)
 
 
 @dataclass(frozen=True)
 class CarrierArea:
-    """A carrier as seen from the holder's back, along two axes of that from the pupil, mm.
+    """A carrier as seen from the holder's back, in the mount's x and y from the pupil, mm.
 
-    `corners` (n, 2) are convex and counter-clockwise; `screws` (3, 2) are the axes of its screws.
+    `corners` (n, 2) are a convex polygon, counter-clockwise; `screws` (3, 2) are the axes of its screws.
     """
 
     corners: FloatArray
@@ -54,12 +54,12 @@ class CarrierArea:
 
     @property
     def middle(self) -> FloatArray:
-        """The middle (2,) of the screws, about which it is tilted."""
+        """The middle (2,) of the screws, about which the carrier tilts."""
         return np.asarray(self.screws.mean(axis=0))
 
     @property
     def reaches_mm(self) -> tuple[float, float]:
-        """Largest distances of the screws and of the corners from there."""
+        """Largest distances of the screws and of the corners from the middle."""
         ends = (np.linalg.norm(points - self.middle, axis=1).max() for points in (self.screws, self.corners))
         screws, corners = (float(end) for end in ends)
         return screws, corners
@@ -68,24 +68,28 @@ class CarrierArea:
 def plan_areas(
     layout: Layout, axes: FloatArray, taken: Iterable[BaseGeometry], hardware: Hardware
 ) -> tuple[int, tuple[CarrierArea, ...]]:
-    """The areas of all carriers, and which of some places of the mount's screws they are for.
+    """Choose the areas of all carriers, and the first place of the mount's screws that leaves space for their screws.
 
     Parameters
     ----------
     layout : Layout
         The mirrors.
     axes : (3, 3)
-        Rows x, y and z of the mount.
+        Axes of the mount in rig: rows x, y and z.
     taken : iterable of BaseGeometry
-        Where no axis of a carrier's screw may be, for each place of the mount's screws: the first is taken that leaves
-        every carrier three.
+        For each candidate place of the mount's screws, the area without axes of carriers' screws.
     hardware : Hardware
-        Screws, springs, and how far mirrors tilt.
+        Screws, springs and range of tilt.
+
+    Returns
+    -------
+    int, tuple of CarrierArea
+        Index of the chosen place, and the carriers in the order of the mirrors.
 
     Raises
     ------
     InputError
-        Where a mirror has no space for three screws about its middle.
+        If a mirror has no space for three screws about its middle.
     """
     shadows = [_shadow(mirror, axes, 0.0, hardware) for mirror in layout.mirrors]
     areas = [_free_area(index, layout, shadows, axes, hardware) for index in range(len(layout.mirrors))]
@@ -105,20 +109,20 @@ def plan_areas(
             found.append(CarrierArea(get_coordinates(orient(area))[:-1], chosen))
         if len(found) == len(areas):
             return place, tuple(found)
-    raise InputError(_no_space(layout, last, "more beside the mount's own screws, or ", hardware))
+    raise InputError(_no_space(layout, last, "more space next to the mount's screws, or ", hardware))
 
 
 def _no_space(layout: Layout, index: int, expected: str, hardware: Hardware) -> str:
     width, height = np.ptp(layout.mirrors[index].outline_in_plane_mm, axis=0)
     return (
         f"mirror {layout.mirror_names[index]} of {width:.1f} x {height:.1f} mm has no space behind it for three M3 "
-        f"screws with {boss_mm(hardware):.1f} mm of plastic about their middles, expected {expected}"
+        f"screws with {boss_mm(hardware):.1f} mm of plastic round their axes, expected {expected}"
         'holder.mirrors = "glue"'
     )
 
 
 def _shadow(mirror: Mirror, axes: FloatArray, inset_mm: float, hardware: Hardware) -> Polygon:
-    """A mirror's outline, made smaller, as seen along the mount's z."""
+    """A mirror's outline, inset, as seen along the mount's z."""
     flat = Polygon(mirror.outline_in_plane_mm).buffer(-inset_mm, join_style="mitre")
     if flat.is_empty:
         return Polygon()
@@ -129,25 +133,25 @@ def _shadow(mirror: Mirror, axes: FloatArray, inset_mm: float, hardware: Hardwar
 
 
 def _free_area(index: int, layout: Layout, shadows: Sequence[Polygon], axes: FloatArray, hardware: Hardware) -> Polygon:
-    """The area for a carrier: the shadow of its mirror, cut straight where other mirrors come near when tilted."""
+    """The area for a carrier: the projection of its mirror, cut straight so as to clear tilted adjacent mirrors."""
     area = _shadow(layout.mirrors[index], axes, hardware.holder.carrier_inset_mm, hardware)
     for other, shadow in enumerate(shadows):
         if other == index or area.is_empty:
             continue
         near = shadow.buffer(_swing_mm(layout.mirrors[other], axes, hardware), join_style="mitre", mitre_limit=2.0)
         if near.intersects(area):
-            area = _beside(area, get_coordinates(orient(near)))
+            area = _outside(area, get_coordinates(orient(near)))
     return area
 
 
 def _swing_mm(mirror: Mirror, axes: FloatArray, hardware: Hardware) -> float:
-    """How far a tilted mirror's edge may come to the side, with a gap: it turns about its carrier's back."""
+    """Largest sideways motion of a mirror's edge as its carrier tilts about its back, and a gap."""
     high = float(np.ptp(outline_at(mirror, 0.0) @ axes[2])) + 2.0 * hardware.screw.insert_depth_mm
     return hardware.fit.free_mm + high * float(np.tan(np.radians(hardware.holder.adjust_deg)))
 
 
-def _beside(area: Polygon, corners: FloatArray) -> Polygon:
-    """The largest part of a convex area on the outer side of an edge of a convex loop (n + 1, 2)."""
+def _outside(area: Polygon, corners: FloatArray) -> Polygon:
+    """The largest part of a convex area that lies outside one edge of a convex loop (n + 1, 2)."""
     parts = []
     for start, end in pairwise(corners):
         along = end - start
@@ -160,7 +164,7 @@ def _beside(area: Polygon, corners: FloatArray) -> Polygon:
 
 
 def _screws_in(area: Polygon, taken: BaseGeometry, hardware: Hardware) -> FloatArray | None:
-    """Axes (3, 2) of screws as far apart as they can be; None where there is no space for them."""
+    """Axes (3, 2) of screws as far apart as possible; None if there is no space for them."""
     if area.is_empty:
         return None
     free = area.buffer(-boss_mm(hardware)).difference(taken.buffer(SIMPLIFIED_MM))
@@ -174,7 +178,7 @@ def _screws_in(area: Polygon, taken: BaseGeometry, hardware: Hardware) -> FloatA
 
 
 def _what_fits(area: Polygon, hardware: Hardware) -> str:
-    """State the missing size of the mirror in words."""
+    """The size of mirror that would have space, in words."""
     if not area.is_empty:
         corners = get_coordinates(area) - np.array(area.centroid.coords[0])
         for factor in LARGER:
@@ -189,12 +193,12 @@ NOTCH_MM = 1.0
 
 @dataclass(frozen=True)
 class CarrierPlan:
-    """A carrier in rig, mm: its `body` from its back to its seat, the `pads` on that, and what is cut from it
-    (`grooves`, the notch in its upper edge among them).
+    """A carrier in rig, mm: its `body` from its back to its seat, the `pads` on the seat, and the cuts.
 
-    `rig_from_back` (4, 4) is the frame of its flat back, in the middle of its screws, z out of it, towards the holder;
-    `screws_mm` (3, 2) are on it. `planned_cover` is the share of the mirror's back that its seat faces, `glue_mm3` the
-    volume of the gap between them.
+    The cuts are `grooves` (with the notch in its upper edge), `holes` and `nuts`. `rig_from_back` (4, 4) is the frame
+    of its flat back: origin in the middle of its screws, z out of the back towards the holder. `screws_mm` (3, 2) are
+    the screws' axes in that frame. `planned_cover` is the share of the mirror's back that its seat covers, `glue_mm3`
+    the volume of the gap between them.
     """
 
     name: str
@@ -221,9 +225,9 @@ class CarrierPlan:
 
 
 def least_level_mm(mirror: Mirror, area: CarrierArea, axes: FloatArray, hole_mm: float, hardware: Hardware) -> float:
-    """The nearest place along the mount's z, from the pupil, where a carrier's back may be.
+    """The least z of a carrier's back in the mount's axes from the pupil.
 
-    At its thinnest it is as thick as the holder's floor, and over its screws as their holes are deep, and a wall.
+    The carrier is at least as thick as the holder's floor and, over its screws, as their holes' depth and a wall.
     """
     thick = float(_seat_along(mirror, area.corners, axes, hardware).max()) + hardware.holder.floor_mm
     turns = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
@@ -236,7 +240,7 @@ def least_level_mm(mirror: Mirror, area: CarrierArea, axes: FloatArray, hole_mm:
 
 
 def _seat_along(mirror: Mirror, points: FloatArray, axes: FloatArray, hardware: Hardware) -> FloatArray:
-    """Position (n,) along the mount's z of a mirror's seat over points (n, 2) of the back."""
+    """z (n,) in the mount's axes of a mirror's seat over points (n, 2) of the back."""
     normal, distance = mirror.normal_in_rig, seat_distance_mm(mirror, hardware)
     return np.asarray((-distance - (points @ axes[:2]) @ normal) / (axes[2] @ normal))
 
@@ -251,10 +255,10 @@ def plan_carrier(
     screw: Adjuster,
     hardware: Hardware,
 ) -> CarrierPlan:
-    """The carrier of a mirror with its back at a place along the mount's z; InputError where its pads do not fit.
+    """Plan the carrier of a mirror with its back at a given z in the mount's axes.
 
-    A notch is in the middle of the edge that is uppermost in the device, in the direction `up` (3,), as the arrow on
-    the mirror's back points.
+    A notch marks the middle of the edge that is uppermost in the direction `up` (3,), like the arrow on the mirror's
+    back. Raises InputError if the pads do not fit.
     """
     away = axes[2]
     flat = area.corners @ axes[:2]
@@ -296,13 +300,13 @@ def plan_carrier(
 
 
 def _notch(area: CarrierArea, axes: FloatArray, up: FloatArray) -> FloatArray:
-    """A V (3, 2) in the middle of the edge of an area that faces most upwards."""
+    """A V (3, 2) in the middle of the uppermost edge of an area."""
     ends = np.roll(area.corners, -1, axis=0)
     along = (ends - area.corners) / np.linalg.norm(ends - area.corners, axis=1)[:, None]
     outward = np.column_stack([along[:, 1], -along[:, 0]])
     edge = int(np.argmax(outward @ (axes[:2] @ up)))
-    middle, way, out = (area.corners[edge] + ends[edge]) / 2.0, along[edge], outward[edge]
-    return np.asarray(middle + NOTCH_MM * np.array([-way + out / 2.0, way + out / 2.0, -out]))
+    middle, side, out = (area.corners[edge] + ends[edge]) / 2.0, along[edge], outward[edge]
+    return np.asarray(middle + NOTCH_MM * np.array([-side + out / 2.0, side + out / 2.0, -out]))
 
 
 def _has_nuts(hardware: Hardware) -> bool:
@@ -314,7 +318,7 @@ def _nut_flats_mm(hardware: Hardware) -> float:
 
 
 def _nut(mirror: Mirror, at: FloatArray, level_mm: float, axes: FloatArray, hardware: Hardware) -> Frustum:
-    """The pocket of a nut, open to the mirror, which closes it; two of its corners lie along the mount's x."""
+    """The pocket of a nut, which the mirror closes; two of its corners lie along the mount's x."""
     turns = np.pi / 3.0 * np.arange(6)
     loop = at + _nut_flats_mm(hardware) / np.sqrt(3.0) * np.column_stack([np.cos(turns), np.sin(turns)])
     flat = loop @ axes[:2]
@@ -326,7 +330,7 @@ PITCH_MM = thread_of(SCREW).pitch_mm
 
 
 def rig_from_carrier(carrier: CarrierPlan, turns: FloatArray) -> FloatArray:
-    """The motion (4, 4) in rig of a carrier whose screws are turned by (3,), clockwise as seen from behind."""
+    """The motion (4, 4) in rig of a carrier by turns (3,) of its screws, clockwise seen from behind."""
     frame = carrier.rig_from_back
     # The plane of the back through the screws: z = height + slope . (x, y).
     design = np.column_stack([np.ones(3), carrier.screws_mm])
@@ -338,7 +342,7 @@ def rig_from_carrier(carrier: CarrierPlan, turns: FloatArray) -> FloatArray:
 
 
 def centre_after(virtual_centre: FloatArray, carrier: CarrierPlan, turns: FloatArray) -> FloatArray:
-    """The virtual centre (3,) in rig, mm, of a mirror at another (3,) when the screws are turned by (3,)."""
+    """The virtual centre (3,) in rig, mm, to which turns (3,) of the screws move a mirror's virtual centre (3,)."""
     motion = rig_from_carrier(carrier, turns)
     normal = motion[:3, :3] @ virtual_centre
     point = motion[:3, :3] @ (virtual_centre / 2.0) + motion[:3, 3]
@@ -346,33 +350,33 @@ def centre_after(virtual_centre: FloatArray, carrier: CarrierPlan, turns: FloatA
     return np.asarray(2.0 * (unit @ point) * unit)
 
 
-def turns_to(virtual_centre: FloatArray, wanted: FloatArray, carrier: CarrierPlan) -> FloatArray:
-    """The turns (3,) of the screws, clockwise as seen from behind, that bring a mirror to a wanted plane.
+def turns_to(virtual_centre: FloatArray, target: FloatArray, carrier: CarrierPlan) -> FloatArray:
+    """The turns (3,) of the screws, clockwise seen from behind, that bring a mirror to a target plane.
 
     Parameters
     ----------
-    virtual_centre, wanted : (3,)
-        Virtual centres of the mirror as it is and as it shall be, in rig, mm.
+    virtual_centre, target : (3,)
+        Current and target virtual centre of the mirror in rig, mm.
     carrier : CarrierPlan
-        Its screws.
+        The mirror's carrier.
 
     Returns
     -------
     (3,)
-        Turns in the order of the carrier's screws; exact for any tilt of which such a carrier is capable.
+        Turns in the order of the carrier's screws; exact for any tilt within the carrier's freedom.
     """
     frame = carrier.rig_from_back
-    is_normal, to_normal = (_unit(-centre) @ frame[:3, :3] for centre in (virtual_centre, wanted))
+    is_normal, to_normal = (_unit(-centre) @ frame[:3, :3] for centre in (virtual_centre, target))
     turn = _turn_about_level_axis(is_normal, to_normal)
     point = (virtual_centre / 2.0 - frame[:3, 3]) @ frame[:3, :3]
-    goal = (wanted / 2.0 - frame[:3, 3]) @ frame[:3, :3]
+    goal = (target / 2.0 - frame[:3, 3]) @ frame[:3, :3]
     height = float(to_normal @ (goal - turn @ point)) / float(to_normal[2])
     normal = turn[:, 2]
     return np.asarray((height - carrier.screws_mm @ normal[:2] / normal[2]) / PITCH_MM)
 
 
 def turn_deg(carrier: CarrierPlan) -> float:
-    """The largest tilt in deg by one turn of a carrier's screw: the pitch over the least height between them."""
+    """The largest tilt in deg by one turn of a screw: the pitch over the least height of the triangle of screws."""
     height = float(least_height_mm(carrier.screws_mm[None])[0])
     return float(np.degrees(np.arctan(PITCH_MM / height)))
 
@@ -383,19 +387,19 @@ def rotation_about(axis: FloatArray, angle_rad: float) -> FloatArray:
 
 
 def travel_turns(screw: Adjuster) -> float:
-    """How far a screw may be turned either way."""
+    """Largest number of turns of a screw from its nominal position, in either direction."""
     return screw.travel_mm / PITCH_MM
 
 
-def tilt_and_shift(virtual_centre: FloatArray, wanted: FloatArray) -> tuple[float, float]:
-    """How far a mirror is from a wanted plane: the angle in deg, and along the normal, from the pupil, in mm."""
-    first, second = _unit(virtual_centre), _unit(wanted)
+def tilt_and_shift(virtual_centre: FloatArray, target: FloatArray) -> tuple[float, float]:
+    """Angle in deg and difference of distance from the pupil in mm between a mirror's plane and a target plane."""
+    first, second = _unit(virtual_centre), _unit(target)
     angle = np.arctan2(np.linalg.norm(np.cross(first, second)), first @ second)
-    return float(np.degrees(angle)), float(np.linalg.norm(virtual_centre) - np.linalg.norm(wanted)) / 2.0
+    return float(np.degrees(angle)), float(np.linalg.norm(virtual_centre) - np.linalg.norm(target)) / 2.0
 
 
 def _turn_about_level_axis(start: FloatArray, end: FloatArray) -> FloatArray:
-    """The rotation (3, 3) about an axis across z that takes a unit vector to another."""
+    """The rotation (3, 3) about an axis normal to z that takes one unit vector to another."""
     axis = np.cross([0.0, 0.0, 1.0], end - start)
     length = float(np.linalg.norm(axis))
     if length < 1e-15:
@@ -406,7 +410,7 @@ def _turn_about_level_axis(start: FloatArray, end: FloatArray) -> FloatArray:
 
 
 def _least_rotation(start: FloatArray, end: FloatArray) -> FloatArray:
-    """The rotation (3, 3) by the least angle that takes a unit vector to another."""
+    """The rotation (3, 3) by the least angle that takes one unit vector to another."""
     axis = np.cross(start, end)
     length = float(np.linalg.norm(axis))
     return rotation_about(axis / length, float(np.arctan2(length, start @ end))) if length > 1e-15 else np.eye(3)

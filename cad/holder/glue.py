@@ -1,4 +1,4 @@
-"""The glue between mirrors and their seats: its amount, the grooves that take its surplus, and the share it holds."""
+"""The glue between mirrors and their seats: its amount, the area it covers, and grooves for the surplus."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.transforms import transform
 
-# An edge that runs along a groove to less than this does not cross it, and leaves a thin wall beside it.
+# An edge within this angle of a groove does not cross it, and leaves a thin wall next to it.
 ALONG_DEG = 30.0
-# Grooves end so far outside the rims, and so far before a neighbour's column: inside its pocket.
+# Grooves end this far outside the rims, or at this share of the fit before an adjacent column, inside its pocket.
 BEYOND_MM = 0.2
 BESIDE_OF_FIT = 0.8
 
 
 @dataclass(frozen=True)
 class Groove:
-    """A groove of one mirror's seat: `at_mm` is its middle along x of the mirror's plane; it runs along y.
+    """A groove of one mirror's seat, along y of the mirror's plane, with its middle at x = `at_mm`.
 
     `shape` (n, 2) is its outline on the seat, in the plane's axes.
     """
@@ -39,8 +39,8 @@ class Groove:
 def grooves_of(index: int, mirrors: Sequence[Mirror], away: FloatArray, hardware: Hardware) -> tuple[Groove, ...]:
     """Parallel grooves of one mirror, evenly spaced about the middle of its outline; none in a narrow mirror.
 
-    They pass through notches of the rims and out of the part, or up to the column of the next mirror, so that air and
-    surplus glue leave and no thin wall stands before their ends. `away` (3,) points out of the part's back.
+    They pass through notches of the rims and out of the part, or up to the column of the adjacent mirror. Air and
+    surplus glue can leave, and no thin wall remains at their ends. `away` (3,) points out of the part's back.
     """
     dimensions, mirror = hardware.holder, mirrors[index]
     outline = Polygon(mirror.outline_in_plane_mm)
@@ -68,7 +68,7 @@ def grooves_of(index: int, mirrors: Sequence[Mirror], away: FloatArray, hardware
 
 
 def _column(mirror: Mirror, other: Mirror, away: FloatArray, hardware: Hardware) -> Polygon:
-    """The column behind another mirror, where it passes through a mirror's seat plane, in that plane's axes."""
+    """Section of the column behind another mirror with a mirror's seat plane, in that plane's axes."""
     frame = mirror.rig_from_plane
     origin = frame[:3, 3] + seat_height_mm(mirror, hardware) * frame[:3, 2]
     corners = outline_at(other, seat_height_mm(other, hardware)) - origin
@@ -81,22 +81,21 @@ def _parts(area: BaseGeometry) -> list[BaseGeometry]:
 
 
 def _clear_of_edges(outline: Polygon, strip: Polygon, hardware: Hardware) -> bool:
-    """Return whether the land beside a groove is nowhere thinner than a wall: no edge runs along it there."""
+    """Return whether the land next to a groove is at least a wall thick: no edge of the outline runs along it."""
     corners = get_coordinates(outline)
     ends = strip.intersection(outline)
     if ends.bounds[3] - ends.bounds[1] < hardware.holder.groove_pitch_mm:
         return False
     for start, end in pairwise(corners):
         across, along = np.abs(end - start)
-        if np.degrees(np.arctan2(across, along)) < ALONG_DEG:
-            beside = LineString([start, end]).distance(ends)
-            if beside < 1.5 * hardware.printer.wall_mm:
-                return False
+        runs_along = np.degrees(np.arctan2(across, along)) < ALONG_DEG
+        if runs_along and LineString([start, end]).distance(ends) < 1.5 * hardware.printer.wall_mm:
+            return False
     return True
 
 
 def groove_volume(mirror: Mirror, groove: Groove, hardware: Hardware) -> Frustum:
-    """The solid that a groove cuts, from its floor to above the seat."""
+    """The volume of a groove, from its floor to above the seat."""
     seat = seat_height_mm(mirror, hardware)
     levels = (seat - hardware.holder.groove_depth_mm, seat + 0.5 * mirror.thickness_mm)
     base, top = (
@@ -113,10 +112,10 @@ def runs_along_cut(
     cuts_mm: Cuts,
     hardware: Hardware,
 ) -> bool:
-    """Return whether a groove runs along a cut across one of two axes (3,) so near that a thin wall would be left."""
+    """Return whether a groove is so near to a parallel cut across one of two axes (3,) that a thin wall remains."""
     volume, wall = groove_volume(mirror, groove, hardware), hardware.printer.wall_mm
     for axis, places in zip(axes[:2], cuts_mm, strict=True):
-        across = min(abs(axis @ mirror.rig_from_plane[:3, 1]), 1.0)  # by rounding, it may be a little more
+        across = min(abs(axis @ mirror.rig_from_plane[:3, 1]), 1.0)  # rounding may exceed 1
         if np.degrees(np.arcsin(across)) > ALONG_DEG:
             continue
         reach = np.vstack([volume.base, volume.top]) @ axis
@@ -128,25 +127,25 @@ def runs_along_cut(
 def free_of_others(
     index: int, mirrors: Sequence[Mirror], keep_outs: Sequence[Sequence[Frustum]], hardware: Hardware
 ) -> Polygon:
-    """The outline of a mirror, in its plane's axes, less what pockets and light of others take of its seat."""
+    """A mirror's outline, in its plane's axes, without the areas of its seat in other mirrors' pockets and light."""
     mirror, outline = mirrors[index], Polygon(mirrors[index].outline_in_plane_mm)
     others = (volume for other, group in enumerate(keep_outs) if other != index for volume in group)
     return outline.difference(union_all([_section(mirror, outline, volume, hardware) for volume in others]))
 
 
 def planned_cover(mirror: Mirror, free: Polygon, grooves: Sequence[Groove], pads: Sequence[FloatArray]) -> float:
-    """Share of a mirror's back that its seat faces, where this is `free_of_others`: less grooves (n, 2) and pads."""
+    """Share of a mirror's back that its seat covers: the area `free_of_others` without grooves and pads (n, 2)."""
     lost = union_all([*(Polygon(groove.shape) for groove in grooves), *(Polygon(pad) for pad in pads)])
     return float(free.difference(lost).area / Polygon(mirror.outline_in_plane_mm).area)
 
 
 def glue_mm3(free: Polygon, pads: Sequence[FloatArray], hardware: Hardware) -> float:
-    """Volume of the gap between a mirror and its seat, which glue fills: all but the pads (n, 2), over grooves too."""
+    """Volume of glue in the gap between a mirror and its seat: all but the pads (n, 2), including over grooves."""
     return float(free.difference(union_all([Polygon(pad) for pad in pads])).area) * hardware.holder.bond_mm
 
 
 def bead_mm(hardware: Hardware) -> float:
-    """Diameter of a bead of glue that, pressed to the bond's thickness, is as wide as the land between two grooves.
+    """Diameter of a bead of glue that spreads over one pitch of the grooves at the bond's thickness.
 
     The volume per length is pi d^2 / 4 = pitch x bond.
     """
@@ -154,12 +153,12 @@ def bead_mm(hardware: Hardware) -> float:
 
 
 def glue_amount(glue_mm3: Sequence[float]) -> str:
-    """A volume of glue as documents state it: "1.4 ml"."""
+    """The total volume of glue for documents: "1.4 ml"."""
     return f"{sum(glue_mm3) / 1000.0:.2g} ml"
 
 
 def _section(mirror: Mirror, outline: Polygon, volume: Frustum, hardware: Hardware) -> Polygon:
-    """The section of a convex solid with a mirror's seat, in the plane's axes; empty where they do not meet."""
+    """Section of a convex solid with a mirror's seat, in the plane's axes; empty if they do not meet."""
     frame = mirror.rig_from_plane
     origin = frame[:3, 3] + seat_height_mm(mirror, hardware) * frame[:3, 2]
     loop = get_coordinates(outline)[:-1]

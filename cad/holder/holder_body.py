@@ -1,4 +1,4 @@
-"""The solids of a mirror holder as plain numbers, and its body: these joined, and cut by the light."""
+"""The solids of a mirror holder as plain numbers, and its body: their union, cut by the light."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from mirrorcam.cad.splitting import fragments
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
 
-# Solids that are joined reach into each other by this much: faces that only touch need not join.
+# Overlap of solids that are joined: faces that only touch may not join.
 OVERLAP_MM = 0.5
 
 
@@ -26,18 +26,23 @@ OVERLAP_MM = 0.5
 class HolderPlan:
     """The solids of a mirror holder, in rig, mm.
 
-    Material: `slab`, a `flange` round it, `cores` (right behind a mirror, their fronts the seats, in the order of
-    `mirror_names`), the `pads` on them (three for each mirror, in that order, their tops in the plane of its back),
-    `fillers` (in the gaps around and between the mirrors, a little further back), `rims` (each with the ground it
-    stands on after it) and, on the flange, `walls`: the baffle against stray light. Cut out of all of it but the pads
-    are the `keep_outs` (each mirror's pocket, camera cone and reflected beam), the `grooves` of the seats, the
-    `hollows` and, for nuts, the `slots` that they are put in by.
+    Material:
+
+    - `slab`, with a `flange` round it;
+    - `cores` behind the mirrors, whose fronts are the seats, in the order of `mirror_names`;
+    - `pads` on the cores, three for each mirror in that order, with their tops in the plane of the mirror's back;
+    - `fillers` in the gaps around and between the mirrors, slightly further back;
+    - `rims`, each followed by the ground on which it stands;
+    - `walls` on the flange: the baffle against stray light.
+
+    Cuts, which spare the pads: the `keep_outs` (each mirror's pocket, camera cone and reflected beam), the `grooves` of
+    the seats, the `hollows` and, for nuts, the `slots` through which they slide in.
 
     `rig_from_mount` (4, 4) is the frame of the flat back: origin in the middle of the mount holes, x along the rig's x,
-    z out of the back. `holes_in_mount_mm` (4, 2) are on it; the thread of insert or nut lies `thread_mm` (from, to)
-    deep, and a screw may reach `hole_depth_mm`. `size_mm` is the part's along x, y and z of that frame; `cuts_mm` are
-    the positions along its x and y at which the part is cut to fit the bed. `planned_cover` is the share of every
-    mirror's back that its seat faces at the distance of the glue, and `glue_mm3` the volume of the gap between them.
+    z out of the back. `holes_in_mount_mm` (4, 2) are in its plane, with threads at depths `thread_mm` (from, to) and
+    the depth `hole_depth_mm`. `size_mm` is the part's size along x, y and z of that frame. `cuts_mm` are the positions
+    along its x and y at which the part is cut to fit the bed. `planned_cover` is the share of every mirror's back that
+    its seat covers, and `glue_mm3` the volume of the gap between them.
     """
 
     slab: Frustum
@@ -65,14 +70,14 @@ class HolderPlan:
 
     @property
     def corners_in_rig(self) -> FloatArray:
-        """Corners (n, 3) of all the material, before light is taken away: the part lies inside their hull."""
+        """Corners (n, 3) of all material before the light is cut out; the part lies inside their hull."""
         solids = (self.slab, self.flange, *self.cores, *self.pads, *self.fillers, *self.rims)
         walls = (self.walls.outer_foot, self.walls.inner_foot, self.walls.outer_crest, self.walls.inner_crest)
         return np.vstack([*(np.vstack([solid.base, solid.top]) for solid in solids), *walls])
 
     @property
     def bulk(self) -> tuple[Frustum, ...]:
-        """What most of its mass is in, with all that it carries but the mirrors."""
+        """The solids with most of the mass, including the carriers."""
         return (self.slab, *self.cores)
 
     @property
@@ -81,26 +86,26 @@ class HolderPlan:
         return tuple(self.pads[start : start + PADS] for start in range(0, len(self.pads), PADS))
 
     @property
-    def slot_ways(self) -> FloatArray:
+    def slot_directions(self) -> FloatArray:
         """The directions (n, 3) in rig of the slots for nuts, in the order of the holes; none for inserts."""
-        ways = np.array([slot.top[0] - slot.base[0] for slot in self.slots]).reshape(-1, 3)
-        return ways / np.linalg.norm(ways, axis=1, keepdims=True)
+        directions = np.array([slot.top[0] - slot.base[0] for slot in self.slots]).reshape(-1, 3)
+        return directions / np.linalg.norm(directions, axis=1, keepdims=True)
 
     @property
     def cuts_on_bed_mm(self) -> Cuts:
-        """The cuts along x and y of the bed, on which the part lies by its back: y is the mount's, turned round."""
+        """The cuts along x and y of the bed, on which the part lies with its back down, so that y is reversed."""
         return self.cuts_mm[0], tuple(-cut for cut in reversed(self.cuts_mm[1]))
 
 
 def body_of(csg: PlanarCsg, plan: HolderPlan) -> Manifold:
-    """The holder without hollows, grooves and holes: all material that is in no light."""
+    """The holder without hollows, grooves and holes: all material outside the light."""
     away = plan.rig_from_mount[:3, 2]
     down, up, still = OVERLAP_MM * away, -OVERLAP_MM * away, np.zeros(3)
     body = csg.joined(
         [
             plan.slab.stretched(down, still),
             plan.flange.stretched(down, still),
-            # A core reaches into its pocket, whose floor is the seat.
+            # A core extends into its mirror's pocket, whose floor is the seat.
             *(core.stretched(down, up) for core in plan.cores),
             *(filler.stretched(down, still) for filler in plan.fillers),
             *plan.rims[::2],
@@ -117,7 +122,7 @@ def body_of(csg: PlanarCsg, plan: HolderPlan) -> Manifold:
 
 
 def one_piece(body: Manifold, crumb_mm: float) -> Manifold:
-    """The body, without fragments where seats meet that are too small to print; InputError where it falls apart."""
+    """The body without fragments too small to print; raises InputError if it is not connected."""
     pieces = fragments(body, crumb_mm)
     if len(pieces) != 1:
         raise InputError(f"mirror holder falls apart into {len(pieces)} pieces where the light passes, expected one")

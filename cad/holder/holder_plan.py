@@ -1,7 +1,7 @@
-"""The plan of the mirror holder as plain numbers: its solids, and the light, grooves and hollows cut out of them.
+"""Plan the mirror holder as plain numbers: its solids, and the light, grooves and hollows cut out of them.
 
-The slab's back is flat: it lies on the print bed (every seat then looks up, nothing needs support), and the mount is
-screwed to it.
+The slab's back is flat. In print it lies on the bed, so that every seat faces up and nothing needs support. The mount
+is screwed to it.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ from mirrorcam.optics.geometry.transforms import rigid
 
 @dataclass(frozen=True)
 class _Front:
-    """The front of a holder, which depends neither on its thickness nor on its cuts; `axes` are the mount's."""
+    """The front of a holder, which is independent of its thickness and its cuts; `axes` (3, 3) are the mount's."""
 
     layout: Layout
     axes: FloatArray
@@ -77,13 +77,13 @@ def plan_holder(layout: Layout, hardware: Hardware) -> HolderPlan:
     Raises
     ------
     InputError
-        With the measure that breaks, where the holder cannot be made.
+        If the holder cannot be made; the message gives the dimension.
     """
     front = _front(layout, hardware)
     cuts: Cuts = ((), ())
     if not fits_bed(front.border, hardware):
-        # Rims give way to cuts wherever these are. Obstacles of a cut at the front do not depend on the thickness of
-        # the part, which the pins in its cuts decide.
+        # The cuts are placed first, since rims keep clear of them and the pins decide the part's thickness. The
+        # obstacles of a cut are at the front and do not depend on that thickness.
         uncut = _without_rims(front, place_mount(front.surface, hardware), cuts, hardware)
         cuts = place_cuts(layout, front.axes, front.border, body_of(PlanarCsg(), uncut), hardware)
     mount = place_mount(front.surface, hardware, cuts)
@@ -112,7 +112,7 @@ def _front(layout: Layout, hardware: Hardware) -> _Front:
 
 
 def _without_rims(front: _Front, mount: MountFace, cuts: Cuts, hardware: Hardware) -> HolderPlan:
-    """A holder without rims, grooves and hollows, to be cut at places along the mount's axes from the pupil."""
+    """A holder without rims, grooves and hollows; `cuts` are places along the mount's x and y from the pupil."""
     axes, away = front.axes, front.axes[2]
     down = partial(down_from, mount=mount, away=away)
     rig_from_mount = rigid(axes.T, mount.centre_mm @ axes[:2] + mount.back_mm * away)
@@ -160,7 +160,7 @@ def _without_rims(front: _Front, mount: MountFace, cuts: Cuts, hardware: Hardwar
 
 
 def _with_rims(plan: HolderPlan, front: _Front, mount: MountFace, cuts: Cuts, hardware: Hardware) -> HolderPlan:
-    """The holder with rims round its mirrors, and grooves and pads in their seats; cuts take precedence over all."""
+    """The holder with rims round its mirrors, and grooves and pads in their seats, all clear of the cuts."""
     mirrors, axes = front.layout.mirrors, front.axes
     grooves = [
         tuple(
@@ -194,12 +194,12 @@ def _with_rims(plan: HolderPlan, front: _Front, mount: MountFace, cuts: Cuts, ha
 
 
 def down_from(polygon: FloatArray, mount: MountFace, away: FloatArray) -> Frustum:
-    """The column from a polygon (n, 3) straight to the holder's back."""
+    """The column from a polygon (n, 3) to the holder's back, along the back's normal."""
     return Frustum(polygon + (mount.back_mm - polygon @ away)[:, None] * away, polygon)
 
 
 def _reach_mm(front: _Front, mount: MountFace) -> float:
-    """Largest distance of any part of the holder from a mirror along its normal."""
+    """Upper bound of the distance of the holder's material from a mirror along its normal."""
     reach = mount.back_mm - min(float((seat @ front.axes[2]).min()) for seat in front.seats)
     return reach + max(mirror.thickness_mm for mirror in front.layout.mirrors)
 
@@ -213,25 +213,25 @@ def baffle_of(
     rig_from_mount: FloatArray,
     hardware: Hardware,
 ) -> Baffle:
-    """Plan the baffle outside all light and every mirror's path into its pocket, `reach_mm` over all of the holder."""
+    """Plan the baffle outside all light, and outside the paths of mirrors into their pockets, `reach_mm` long."""
     reach = reach_mm + 2.0 * hardware.holder.hood_mm
-    ways_in = (_way_in(mirror, reach, hardware) for mirror in layout.mirrors)
+    insertions = (_insertion(mirror, reach, hardware) for mirror in layout.mirrors)
     return plan_baffle(
         layout,
         Polygon(get_coordinates(border) - mount.centre_mm),
         rig_from_mount,
-        [*chain.from_iterable(keep_outs), *ways_in],
+        [*chain.from_iterable(keep_outs), *insertions],
         hardware.holder.floor_mm,
         hardware,
     )
 
 
 def border_of(footprint: Polygon, hardware: Hardware) -> Polygon:
-    """Outline of the slab: the footprint and space for the walls against stray light, as far as the bed reaches."""
+    """Outline of the slab: the footprint, grown for the baffle as far as the bed allows."""
     left, bottom, right, top = footprint.bounds
     bed = bed_lengths_mm((right - left, top - bottom), hardware)
     wide = footprint.buffer(hardware.holder.shade_out_mm, join_style="mitre", mitre_limit=1.5)
-    # What does not fit is cut anyway.
+    # A side that does not fit the bed is cut anyway.
     spare_x, spare_y = (
         (longest - length) / 2.0 if length <= longest else longest
         for length, longest in zip((right - left, top - bottom), bed, strict=True)
@@ -239,7 +239,7 @@ def border_of(footprint: Polygon, hardware: Hardware) -> Polygon:
     return wide.intersection(box(left - spare_x, bottom - spare_y, right + spare_x, top + spare_y)).simplify(0.05)
 
 
-def _way_in(mirror: Mirror, reach_mm: float, hardware: Hardware) -> Frustum:
-    """The space that a mirror passes through into its pocket."""
+def _insertion(mirror: Mirror, reach_mm: float, hardware: Hardware) -> Frustum:
+    """The volume that a mirror sweeps on its path into its pocket."""
     seat, fit = seat_height_mm(mirror, hardware), hardware.fit.free_mm
     return Frustum(outline_at(mirror, seat, fit), outline_at(mirror, seat + reach_mm, fit))

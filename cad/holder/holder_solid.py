@@ -24,12 +24,12 @@ UPRIGHT = (Align.CENTER, Align.CENTER, Align.MIN)
 
 
 def solid_of(frustum: Frustum) -> Solid:
-    """The B-rep of a frustum, all its faces flat."""
+    """The B-rep of a frustum, with flat faces."""
     return Solid(Shell([Face(Wire.make_polygon([tuple(corner) for corner in loop])) for loop in frustum.faces]))
 
 
 def check_gaps(layout: Layout, hardware: Hardware) -> None:
-    """Raise InputError where two mirrors are so close that the pocket of one would cut the seat of the other."""
+    """Raise InputError if two mirrors are so close that the pocket of one cuts the seat of the other."""
     solids = [mirror_prism(mirror) for mirror in layout.mirrors]
     corners = [np.vstack([solid.base, solid.top]) for solid in solids]
     needed = hardware.fit.free_mm
@@ -47,11 +47,11 @@ def check_gaps(layout: Layout, hardware: Hardware) -> None:
 
 @recipe("cad.holder.solid.make_holder")
 def make_holder(plan: HolderPlan) -> Part:
-    """The holder as one B-rep: its solids joined, less light, pockets, grooves, hollows and holes."""
+    """The holder as one B-rep: the union of its solids, minus light, pockets, grooves, hollows and holes."""
     csg = PlanarCsg()
-    whole = one_piece(body_of(csg, plan), plan.wall_mm)
-    # Grooves end at the walls, which stand right behind rims: what they cut out of a wall would have a ceiling.
-    grooved = csg.cut(whole, plan.grooves) + (whole ^ csg.solid(plan.walls))
+    solid = one_piece(body_of(csg, plan), plan.wall_mm)
+    # Grooves spare the baffle, which stands right behind the rims: a groove in it would have a ceiling.
+    grooved = csg.cut(solid, plan.grooves) + (solid ^ csg.solid(plan.walls))
     body = one_piece(csg.cut(grooved, [*plan.hollows, *plan.slots]), plan.wall_mm)
     with BuildPart() as holder:
         insert(brep(csg, body))
@@ -62,7 +62,7 @@ def make_holder(plan: HolderPlan) -> Part:
 
 @recipe("cad.holder.solid.make_screwed_holder")
 def make_screwed_holder(plan: ScrewedHolderPlan) -> Part:
-    """A holder with carriers as one B-rep: its plate and walls, less light, slots, and the holes of all screws."""
+    """A holder for carriers as one B-rep: its plate and baffle, minus light, slots and the holes of all screws."""
     csg = PlanarCsg()
     body = one_piece(csg.cut(body_of(csg, plan), plan.slots), plan.wall_mm)
     screw, half = plan.adjuster, thread_of(SCREW).clearance_mm / 2.0

@@ -20,11 +20,11 @@ from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.transforms import transform
 
 PADS = 3
-# A pad has this many sides.
+# Sides of a pad, a regular polygon.
 SIDES = 8
-# It stands this far from a groove and from the light of others, and its foot reaches as deep into the seat.
+# Distance of a pad from grooves and other mirrors' light, and the depth of its foot in the seat.
 BESIDE_MM = 0.2
-# Places that are tried are so far apart, or there are so many of them.
+# Least spacing of the places that are tried, and largest number of them.
 STEP_MM, MOST_PLACES = 0.5, 60
 FAR_MM = 1e4
 
@@ -40,8 +40,8 @@ def plan_pads(
 ) -> FloatArray:
     """The middles (3, 2) of the three pads of a mirror's seat, in the plane's axes, mm.
 
-    They stand as far apart as they can: of all triangles about the middle of the outline, the one whose least height is
-    largest. An error of a pad's height tilts the mirror by its ratio to that height.
+    They form the triangle about the middle of the outline with the largest least height, since an error of a pad's
+    height tilts the mirror by at most its ratio to that height.
 
     Parameters
     ----------
@@ -50,23 +50,23 @@ def plan_pads(
     mirror : Mirror
         The mirror that the pads carry.
     free : Polygon
-        Where its seat is, in the plane's axes: the outline, less what light and pockets of others take of it.
+        Area of the seat in the plane's axes: the outline without other mirrors' light and pockets.
     grooves : sequence of Groove
-        Grooves of the seat, which the pads keep away from.
+        Grooves of the seat, from which the pads keep clear.
     axes : (3, 3)
-        Axes of the part's back (rows), across the first two of which it is cut.
+        Axes of the part's back (rows); the part is cut across the first two.
     cuts : Cuts
-        Places of the cuts along these, from the pupil: pads keep a wall away from them.
+        Places of the cuts along these axes, from the pupil; pads keep a wall's thickness from them.
     hardware : Hardware
         Diameter of the pads, fits and walls.
 
     Raises
     ------
     InputError
-        Where there is no space for three pads about the middle.
+        If there is no space for three pads about the middle.
     """
     radius = hardware.holder.pad_mm / 2.0
-    # A mirror may lie anywhere within the fit, with all of each pad behind it.
+    # Each pad stays behind the mirror wherever it lies within the fit.
     inside = Polygon(mirror.outline_in_plane_mm).buffer(-radius - hardware.fit.free_mm)
     region = inside.intersection(free.buffer(-radius - BESIDE_MM))
     taken = [Polygon(groove.shape).buffer(radius + BESIDE_MM) for groove in grooves]
@@ -86,9 +86,9 @@ def plan_pads(
 
 
 def widest_triangle(region: BaseGeometry, middle: FloatArray) -> FloatArray | None:
-    """Of all triangles of points on the border of an area, about a point (2,), the one of the largest least height.
+    """The corners (3, 2) on the border of an area of the triangle about a point (2,) with the largest least height.
 
-    Returns its corners (3, 2), or None where no triangle surrounds the point.
+    Returns None if no triangle contains the point.
     """
     places = _places(region)
     triples = np.array(list(combinations(range(len(places)), PADS)), dtype=np.int64).reshape(-1, PADS)
@@ -98,7 +98,7 @@ def widest_triangle(region: BaseGeometry, middle: FloatArray) -> FloatArray | No
 
 
 def _cut_lines(mirror: Mirror, axes: FloatArray, cuts: Cuts, hardware: Hardware) -> list[LineString]:
-    """Cuts across the first two axes as lines in the seat, in the plane's axes; none that are parallel to it."""
+    """Cuts across the first two axes as lines in the seat, in the plane's axes, without cuts parallel to the seat."""
     frame, lines = mirror.rig_from_plane, []
     origin = frame[:3, 3] + seat_height_mm(mirror, hardware) * frame[:3, 2]
     for axis, places in zip(axes[:2], cuts, strict=True):
@@ -115,7 +115,7 @@ def _cut_lines(mirror: Mirror, axes: FloatArray, cuts: Cuts, hardware: Hardware)
 
 
 def _places(region: BaseGeometry) -> FloatArray:
-    """Points (n, 2) on the border of an area, where those that are farthest apart lie."""
+    """Points (n, 2) along the border of an area."""
     if region.is_empty:
         return np.zeros((0, 2))
     step = max(STEP_MM, region.length / MOST_PLACES)
@@ -131,13 +131,13 @@ def least_height_mm(triangles: FloatArray) -> FloatArray:
 
 
 def _surround(triangles: FloatArray, point: FloatArray) -> NDArray[np.bool_]:
-    """Mask (n,) of the triangles (n, 3, 2) that a point (2,) lies inside of."""
+    """Mask (n,) of the triangles (n, 3, 2) that contain a point (2,)."""
     turns = np.array([_turn(triangles[:, i], triangles[:, (i + 1) % 3], point) for i in range(3)])
     return np.asarray((turns > 0.0).all(axis=0) | (turns < 0.0).all(axis=0))
 
 
 def _turn(first: FloatArray, second: FloatArray, third: FloatArray) -> FloatArray:
-    """Twice the signed area (n,) of triangles of three corners (n, 2)."""
+    """Twice the signed area (n,) of triangles with corners (n, 2)."""
     one, two = second - first, third - first
     return np.asarray(one[..., 0] * two[..., 1] - one[..., 1] * two[..., 0])
 

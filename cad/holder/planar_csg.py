@@ -1,8 +1,8 @@
-"""Planar CSG: solids with flat faces, joined and cut as meshes that are manifold by construction, and as one B-rep.
+"""Planar CSG: join and cut solids with flat faces as meshes that are manifold by construction, and make one B-rep.
 
-A holder is some hundred convex solids, many with faces in one plane. Booleans of B-reps take minutes and lose faces
-there; manifold3d is exact about topology, and every triangle keeps the face and solid that it comes from. The B-rep's
-faces lie in these given planes, not in planes fitted to the mesh.
+A holder consists of about a hundred convex solids, many with coplanar faces. Booleans of B-reps take minutes on these
+and lose faces; manifold3d is exact about topology, and every triangle keeps the index of its face's plane. The faces of
+the B-rep lie in the given planes, not in planes fitted to the mesh.
 """
 
 from __future__ import annotations
@@ -25,24 +25,25 @@ from OCP.TopoDS import TopoDS_Edge, TopoDS_Face, TopoDS_Shell, TopoDS_Solid, Top
 from mirrorcam.cad.plan.seats import planes_of
 from mirrorcam.core.values import FloatArray
 
-# Faces whose planes agree so well lie in one plane.
+# Tolerances within which two planes are the same.
 SAME_PLANE_MM = 1e-7
 SAME_NORMAL = 1e-9
-# Normals are kept on one side of a plane that no face of a part is at right angles to but by chance.
+# Normals are oriented to the positive side of this direction, which is normal to no face except by chance.
 SIDE = np.array([0.48123, 0.23817, 0.84363])
 
 
 class Flat(Protocol):
-    """A solid with flat convex faces, each a loop of corners (n, 3), counter-clockwise from outside."""
+    """A solid with flat convex faces, each a loop of corners (n, 3), counter-clockwise seen from outside."""
 
     @property
     def faces(self) -> list[FloatArray]: ...
 
 
 class PlanarCsg:
-    """Boolean unions and differences of solids with flat faces, which keep track of the planes of all faces.
+    """Boolean unions and differences of solids with flat faces, with the planes of all faces.
 
-    A face id of a result is the index of its plane in `normals` (unit, (3,)) and `offsets`: normal @ x = offset.
+    The face id of a result's triangle is the index of its plane in `normals`, unit vectors (3,), and `offsets`:
+    normal @ x = offset.
     """
 
     def __init__(self) -> None:
@@ -51,7 +52,7 @@ class PlanarCsg:
         self.offsets: list[float] = []
 
     def solid(self, volume: Flat) -> Manifold:
-        """The mesh of a solid, its faces named by their planes."""
+        """The mesh of a solid, with the planes as face ids."""
         loops = volume.faces
         corners: dict[tuple[float, ...], int] = {}
         triangles, planes = [], []
@@ -63,7 +64,7 @@ class PlanarCsg:
                 planes.append(plane)
         mesh = Manifold(_mesh(np.array(list(corners)), np.array(triangles), np.array(planes)))
         if mesh.status() != Error.NoError or mesh.volume() <= 0.0:
-            raise ValueError(f"{len(corners)} corners make no solid: {mesh.status()}, {mesh.volume():g} mm³")
+            raise ValueError(f"{len(corners)} corners form no solid: {mesh.status()}, {mesh.volume():g} mm³")
         return mesh
 
     def joined(self, volumes: Iterable[Flat]) -> Manifold:
@@ -75,7 +76,7 @@ class PlanarCsg:
         return Manifold.batch_boolean([body, *(self.solid(volume) for volume in volumes)], OpType.Subtract)
 
     def _plane(self, normal: FloatArray, offset: float) -> int:
-        """Number of a plane among those met so far, whichever side of it is outside."""
+        """Index of a plane, added if new, whichever of its sides is outside."""
         if normal @ SIDE < 0.0:
             normal, offset = -normal, -offset
         key = tuple(np.round(normal * 1e3).astype(int).tolist())
@@ -99,7 +100,7 @@ def _mesh(corners: FloatArray, triangles: NDArray[np.int64], planes: NDArray[np.
     )
 
 
-# Corners nearer to each other than this are one: an STL rounds as coarsely 200 mm from its origin.
+# Corners nearer to each other than this are merged. An STL rounds as coarsely at 200 mm from its origin.
 CORNER_MM = 1e-4
 
 Loop = list[int]
@@ -107,7 +108,7 @@ Face = tuple[int, list[Loop]]
 
 
 def brep(csg: PlanarCsg, body: Manifold) -> Solid:
-    """One B-rep solid, whose faces are the connected triangles of each plane. Raises ValueError if it is not valid."""
+    """One B-rep solid, whose faces are the connected triangles of each plane; raises ValueError if it is invalid."""
     mesh = body.to_mesh64()
     corners = np.array(mesh.vert_properties)
     triangles, planes = _welded(corners, np.asarray(mesh.tri_verts, dtype=np.int64), np.asarray(mesh.face_id))
@@ -121,7 +122,7 @@ def brep(csg: PlanarCsg, body: Manifold) -> Solid:
 
 
 def _settled(csg: PlanarCsg, corners: FloatArray, faces: Sequence[Face]) -> FloatArray:
-    """Corners (n, 3) moved, by less than rounding, onto the planes of the faces that meet there."""
+    """Corners (n, 3) moved onto the planes of the faces that meet there, unless that is far."""
     meeting: dict[int, set[int]] = {}
     for plane, loops in faces:
         for loop in loops:
@@ -130,8 +131,8 @@ def _settled(csg: PlanarCsg, corners: FloatArray, faces: Sequence[Face]) -> Floa
     for corner, planes in meeting.items():
         several = sorted(planes)
         normals = np.array([csg.normals[plane] for plane in several])
-        missing = np.array([csg.offsets[plane] for plane in several]) - normals @ corners[corner]
-        step = np.linalg.lstsq(normals, missing, rcond=1e-6)[0]
+        residuals = np.array([csg.offsets[plane] for plane in several]) - normals @ corners[corner]
+        step = np.linalg.lstsq(normals, residuals, rcond=1e-6)[0]
         if np.linalg.norm(step) < 10.0 * CORNER_MM:
             corners[corner] += step
     return corners
@@ -140,9 +141,9 @@ def _settled(csg: PlanarCsg, corners: FloatArray, faces: Sequence[Face]) -> Floa
 def _welded(
     corners: FloatArray, triangles: NDArray[np.int64], planes: NDArray[np.uint64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Triangles (n, 3) and their planes (n,) without edges that are shorter than `CORNER_MM`.
+    """Triangles (n, 3) and their planes (n,) with edges shorter than `CORNER_MM` collapsed.
 
-    Such edges result from one plane that was computed in two ways.
+    Short edges arise where the same plane was computed twice with different rounding.
     """
     same = np.arange(len(corners))
     for i in range(3):
@@ -152,7 +153,7 @@ def _welded(
             same[same == high] = low
     welded = same[triangles]
     kept = (welded != np.roll(welded, 1, axis=1)).all(axis=1)
-    # Two triangles back to back enclose nothing.
+    # Two triangles with the same corners cancel: they enclose no volume.
     faces: dict[tuple[int, ...], np.int64] = {}
     for index in np.flatnonzero(kept):
         key = tuple(sorted(welded[index].tolist()))
@@ -171,9 +172,9 @@ def _near(
 
 
 def _settled_needles(corners: FloatArray, triangles: NDArray[np.int64], planes: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Planes (n,) of triangles (n, 3), where those that are a line belong to the face beyond their longest edge.
+    """Planes (n,) of triangles (n, 3), with degenerate ones assigned to the face beyond their longest edge.
 
-    In the face on its other side, such a triangle would join areas that only touch.
+    In any other face, a degenerate triangle would connect areas that only touch.
     """
     ends = corners[triangles]
     sides = np.linalg.norm(np.roll(ends, -1, axis=1) - ends, axis=2)
@@ -186,7 +187,7 @@ def _settled_needles(corners: FloatArray, triangles: NDArray[np.int64], planes: 
         beyond[needle] = owner[(int(triangles[needle][(first + 1) % 3]), int(triangles[needle][first]))]
     planes = planes.copy()
     while True:
-        # One of a row of needles follows the one beyond it.
+        # In a row of needles, each follows the one beyond it.
         moved = [needle for needle in beyond if planes[beyond[needle]] != planes[needle]]
         if not moved:
             return planes
@@ -195,7 +196,7 @@ def _settled_needles(corners: FloatArray, triangles: NDArray[np.int64], planes: 
 
 
 def _faces(triangles: NDArray[np.int64], planes: NDArray[np.int64]) -> list[Face]:
-    """Plane and boundary loops of every connected face; corners at which only two faces meet are left out."""
+    """Plane and boundary loops of every connected face, without corners at which only two faces meet."""
     owner = {(int(corners[i]), int(corners[(i + 1) % 3])): t for t, corners in enumerate(triangles) for i in range(3)}
     face = np.full(len(triangles), -1)
     count = 0
@@ -228,7 +229,7 @@ def _faces(triangles: NDArray[np.int64], planes: NDArray[np.int64]) -> list[Face
         while edge not in seen:
             seen.add(edge)
             loop.append(edge[0])
-            # Turn about the edge's end, inside the face, to the next edge of its boundary.
+            # Rotate about the edge's end, inside the face, to the next edge of its boundary.
             edge = following[edge]
             while face[owner[edge[::-1]]] == face[t]:
                 edge = following[edge[::-1]]
@@ -237,7 +238,7 @@ def _faces(triangles: NDArray[np.int64], planes: NDArray[np.int64]) -> list[Face
 
 
 def _without_spikes(corners: FloatArray, faces: list[Face]) -> list[Face]:
-    """Faces whose loops nowhere run back along the edge that they came by: an area so thin belongs to the next face."""
+    """Faces without spikes, where a loop runs back along the same edge: that thin area joins the adjacent face."""
     loops = [loop for _, group in faces for loop in group]
     found = True
     while found:
@@ -249,8 +250,8 @@ def _without_spikes(corners: FloatArray, faces: list[Face]) -> list[Face]:
                 if first @ second <= 0.0 or len(loop) < 4:
                     continue
                 far, near, start, end = (a, c, b, a) if first @ first > second @ second else (c, a, c, b)
-                way = corners[far] - corners[b]
-                if np.linalg.norm(np.cross(way, corners[near] - corners[b])) > CORNER_MM * np.linalg.norm(way):
+                side = corners[far] - corners[b]
+                if np.linalg.norm(np.cross(side, corners[near] - corners[b])) > CORNER_MM * np.linalg.norm(side):
                     continue
                 other = next(o for o in loops if any(o[k - 1] == start and o[k] == end for k in range(len(o))))
                 place = next(k for k in range(len(other)) if other[k - 1] == start and other[k] == end)
@@ -264,7 +265,7 @@ def _without_spikes(corners: FloatArray, faces: list[Face]) -> list[Face]:
 
 
 def _simple(loop: Loop) -> list[Loop]:
-    """A loop as loops that meet no corner twice."""
+    """A loop split into loops that visit each corner once."""
     for end, corner in enumerate(loop):
         start = loop.index(corner)
         if start < end:
@@ -273,7 +274,7 @@ def _simple(loop: Loop) -> list[Loop]:
 
 
 def _without_needless_corners(faces: list[Face]) -> list[Face]:
-    """Faces without the corners at which only two of them meet, and without slivers that have but two others."""
+    """Faces without corners at which only two faces meet, and without slivers that have only two other corners."""
     while True:
         meeting: dict[int, set[int]] = {}
         for index, (_, loops) in enumerate(faces):
@@ -291,7 +292,7 @@ def _without_needless_corners(faces: list[Face]) -> list[Face]:
 
 
 def _outward(corners: FloatArray, normal: FloatArray, loops: list[Loop]) -> FloatArray:
-    """The normal, turned out of the material: what cuts leaves its faces the other way round."""
+    """The outward normal: faces that come from cutting solids are reversed."""
     areas = [np.cross(corners[loop], np.roll(corners[loop], -1, axis=0)).sum(axis=0) @ normal for loop in loops]
     return normal if sum(areas) > 0.0 else -normal
 
@@ -315,7 +316,7 @@ def _solid(corners: FloatArray, faces: Sequence[tuple[FloatArray, list[Loop]]]) 
         builder.UpdateEdge(edges[(start, end)], max(blur[start], blur[end]))
         return edges[(start, end)]
 
-    # A corner of more than three faces lies as far off some plane as it was welded.
+    # A corner of more than three faces may be off their planes by the distance of welding.
     blur = np.full(len(corners), 1e-7)
     for normal, loops in faces:
         for loop in loops:

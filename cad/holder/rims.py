@@ -1,4 +1,4 @@
-"""Rims that keep a mirror in its place while the glue sets: along its edges, where there is space outside the light."""
+"""Rims that locate a mirror while the glue sets: along its edges, where there is space outside the light."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.transforms import transform
 
-# Space is tested at points this far apart; free stretches are shortened by as much at both ends.
+# Spacing of the points where space is tested; free runs are shortened by as much at both ends.
 STEP_MM = 0.25
-# What lies beside a seat ends this far below it.
+# Depth below a seat of the material next to it.
 RELIEF_MM = 0.3
-# How far the ground of a rim is wider than the rim.
+# Additional width of a rim's ground on each side.
 GROUND_MM = 0.1
 FAR_MM = 1e4
 
@@ -38,18 +38,18 @@ class Edge:
     length_mm: float
 
     def crosses(self, shape: FloatArray) -> bool:
-        """Return whether a flat shape (n, 2) reaches over the edge."""
+        """Return whether a flat shape (n, 2) crosses the edge."""
         return bool(((shape - self.start) @ self.outward).max() > 0.0)
 
     def in_rig(self, along: FloatArray, across: FloatArray, level: FloatArray) -> FloatArray:
-        """Points (..., 3) in rig from mm along the edge, out from it, and over the reflecting plane."""
+        """Points (..., 3) in rig from distances along the edge, outwards from it, and over the reflecting plane, mm."""
         flat = self.start + along[..., None] * self.direction + across[..., None] * self.outward
         local = np.concatenate([flat, level[..., None]], axis=-1)
         return transform(self.mirror.rig_from_plane, local)
 
 
 def edges_of(mirror: Mirror) -> list[Edge]:
-    """The edges of a mirror's outline, counter-clockwise as seen from the pupil."""
+    """The edges of a mirror's outline, counter-clockwise seen from the pupil."""
     corners = np.array(orient(Polygon(mirror.outline_in_plane_mm)).exterior.coords)[:-1]
     edges = []
     for start, end in zip(corners, np.roll(corners, -1, axis=0), strict=True):
@@ -67,19 +67,19 @@ def plan_rims(
     reach_mm: float,
     hardware: Hardware,
 ) -> list[tuple[Frustum, FloatArray]]:
-    """The rims of all mirrors, each with the ground (4, 3) it needs: its foot, widened to the mirror's edge and a
-    little below the seat, so that only the seat touches the mirror's back.
+    """The rims of all mirrors, each with its ground (4, 3): the rim's foot, widened to the mirror's edge.
 
-    A rim enters no light and stands neither before nor behind another mirror or its rim (looked for `reach_mm` far
-    along their normals), where it would become a ridge. Where a mirror's own light spreads over its edge, its rim
-    stands back. What cuts would leave of rims is thinner than a wall: none stands in `beside_cuts`.
+    The ground lies below the seat, so that only the seat touches the mirror's back. A rim enters no light. It stands
+    neither before nor behind another mirror or its rim, up to `reach_mm` along their normals, where it would become a
+    ridge. Where a mirror's own light spreads over its edge, the rim is set back. No rim stands in `beside_cuts`, where
+    a cut would leave less than a wall of it.
     """
     fit = hardware.fit.free_mm
     taken = [
         [
             Frustum(outline_at(mirror, -reach_mm, fit), outline_at(mirror, reach_mm, fit)),
             *group[1:],
-            # Not over a groove either: the rim's foot reaches lower than it is tried at.
+            # Includes the grooves: the rim's foot is lower than the points where space is tested.
             *(
                 groove_volume(mirror, groove, hardware).stretched(np.zeros(3), reach_mm * mirror.normal_in_rig)
                 for groove in own
@@ -98,7 +98,7 @@ def plan_rims(
 
 
 def beside_cuts(axes: FloatArray, cuts_mm: Cuts, hardware: Hardware) -> list[Frustum]:
-    """Zones beside cuts across the first two axes (rows) where less than a wall of a rim would be left."""
+    """Zones along cuts across the first two axes (rows), where less than a wall of a rim would remain."""
     near = hardware.printer.wall_mm + GROUND_MM + STEP_MM
     zones = []
     for axis, places in enumerate(cuts_mm):
@@ -130,13 +130,13 @@ def _rims_of(
         steps = np.linspace(0.0, edge.length_mm, int(np.ceil(edge.length_mm / STEP_MM)) + 1)
         points = edge.in_rig(*np.meshgrid(steps, sides, levels, indexing="ij"))
         lit = np.any([volume.contains(points).any(axis=2) for volume in own_light], axis=0)
-        # Per step the side from which on outwards no light is met.
+        # For each step, the first side beyond which there is no light.
         first_free = np.where(lit.any(axis=1), lit.shape[1] - np.argmax(lit[:, ::-1], axis=1), 0)
-        # Half a step to spare: between two points tried, light may reach a little further.
+        # Half a step of margin: light may reach further between two tested points.
         free = np.append(sides, np.inf)[first_free] <= margin - hardware.printer.wall_mm - 0.5 * (sides[1] - sides[0])
         for volume in others:
             free &= ~volume.contains(points).any(axis=(1, 2))
-        # A groove leaves across the whole width of the rim, which it need not meet at right angles.
+        # A groove crosses the full width of the rim, possibly at an oblique angle.
         band = np.concatenate([[0.0], sides])
         across = edge.start[0] + steps[:, None] * edge.direction[0] + band * edge.outward[0]
         for groove in grooves:
@@ -151,7 +151,7 @@ def _rims_of(
                     edge.in_rig(along, np.array([inner_mm, inner_mm, margin, margin]), np.full(4, level))
                     for level in (bottom - 2.0 * RELIEF_MM, top)
                 )
-                # A little wider than the rim, so that the two have no face in common.
+                # Slightly wider than the rim, so that the two share no face.
                 wider = along + np.array([-GROUND_MM, GROUND_MM, GROUND_MM, -GROUND_MM])
                 out = margin + GROUND_MM
                 ground = edge.in_rig(wider, np.array([0.0, 0.0, out, out]), np.full(4, bottom - RELIEF_MM))

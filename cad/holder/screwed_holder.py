@@ -1,4 +1,4 @@
-"""The plan of a mirror holder whose mirrors sit on carriers: a level plate, with holes for the carriers' screws."""
+"""Plan a mirror holder whose mirrors sit on carriers: a level plate with holes for the carriers' screws."""
 
 from __future__ import annotations
 
@@ -45,9 +45,9 @@ from mirrorcam.optics.geometry.transforms import inverse, rigid, transform
 
 @dataclass(frozen=True)
 class ScrewedHolderPlan(HolderPlan):
-    """A holder that is a level plate with a baffle: no cores, pads, rims, grooves nor hollows.
+    """A holder that is a level plate with a baffle, without cores, pads, rims, grooves or hollows.
 
-    `carriers` are in the order of `mirror_names`, each with three screws, all as in `adjuster`.
+    `carriers` are in the order of `mirror_names`, each with three screws as in `adjuster`.
     """
 
     carriers: tuple[CarrierPlan, ...]
@@ -60,13 +60,13 @@ class ScrewedHolderPlan(HolderPlan):
 
     @property
     def corners_in_rig(self) -> FloatArray:
-        """Corners (n, 3) of the plate with its walls, and of the carriers on it."""
+        """Corners (n, 3) of the plate, its baffle, and the carriers."""
         carriers = (np.vstack([carrier.body.base, carrier.body.top]) for carrier in self.carriers)
         return np.vstack([super().corners_in_rig, *carriers])
 
     @property
     def screws_in_mount_mm(self) -> FloatArray:
-        """Where the axes of the carriers' screws meet the back (3 n, 2), in its frame, three of each carrier."""
+        """Intersections (3 n, 2) of the carriers' screws with the back, in its frame, three for each carrier."""
         mount_from_rig = inverse(self.rig_from_mount)
         points = [
             transform(carrier.rig_from_back, np.column_stack([carrier.screws_mm, np.zeros(3)]))
@@ -76,13 +76,13 @@ class ScrewedHolderPlan(HolderPlan):
 
     @property
     def heads(self) -> FloatArray:
-        """Where these axes meet the back (3 n, 3), in rig."""
+        """Intersections (3 n, 3) of the carriers' screws with the back, in rig."""
         flat = self.screws_in_mount_mm
         return transform(self.rig_from_mount, np.column_stack([flat, np.zeros(len(flat))]))
 
     @property
     def screw_holes(self) -> tuple[Hole, ...]:
-        """The holes of the carriers' screws, as a drawing states them."""
+        """The holes of the carriers' screws for the drawing."""
         axis, thread, screw = self.rig_from_mount[:3, 2], thread_of("M3"), self.adjuster
         datum = Datum(self.rig_from_mount[:3, 3], "the middle of the mount's screws")
         cone = f"countersink Ø{screw.head_mm:.3g} x {2.0 * CONE_DEG:.0f}° (far side)"
@@ -96,9 +96,9 @@ def plan_screwed_holder(layout: Layout, hardware: Hardware) -> ScrewedHolderPlan
     Parameters
     ----------
     layout : Layout
-        The mirrors, in rig, whose fronts stay where they are: the holder lies as far behind as carriers need.
+        The mirrors, in rig. The holder lies as far behind them as the carriers need.
     hardware : Hardware
-        Fits, printer, screws, spring, and how far mirrors are to be tilted.
+        Fits, printer, screws, spring and range of tilt.
 
     Returns
     -------
@@ -108,14 +108,14 @@ def plan_screwed_holder(layout: Layout, hardware: Hardware) -> ScrewedHolderPlan
     Raises
     ------
     InputError
-        With the measure that breaks: a mirror too small for three screws, a holder larger than the bed, a screw longer
-        than any on the list.
+        If a mirror is too small for three screws, the holder is larger than the bed, or a screw would be longer than
+        any on the list.
     """
     axes = mount_axes(layout)
     footprint = _footprint(layout, axes, hardware)
     border = border_of(footprint, hardware)
     _require_bed(border, hardware)
-    # As if the front of the plate were at 0.
+    # Plan with the front of the plate at z = 0 first.
     mounts = places_of_mount(LevelFront(footprint, 0.0), hardware)
     place, areas = plan_areas(layout, axes, (_taken(each, footprint, hardware) for each in mounts), hardware)
     mount = mounts[place]
@@ -136,16 +136,16 @@ def plan_screwed_holder(layout: Layout, hardware: Hardware) -> ScrewedHolderPlan
 
 
 def _footprint(layout: Layout, axes: FloatArray, hardware: Hardware) -> Polygon:
-    """The hull of all mirrors as seen from the back, with the margin that rims of a glued holder have."""
+    """The hull of all mirrors as seen from the back, with the margin for rims as in a holder for glue."""
     margin = hardware.fit.free_mm + hardware.holder.rim_mm
     grown = [outline_at(mirror, seat_height_mm(mirror, hardware), margin, bevelled=True) for mirror in layout.mirrors]
     return MultiPoint(np.vstack(grown) @ axes[:2].T).convex_hull
 
 
 def _taken(mount: MountFace, footprint: Polygon, hardware: Hardware) -> BaseGeometry:
-    """Where no axis of a carrier's screw may be: at the holes of the mount's screws, and at its holes for their heads.
+    """The area without axes of carriers' screws: near the mount's screws, and near the mount's holes for their heads.
 
-    These and the driver's holes have roofs along x (`DRIVER_HOLE_ENDS_MM`); between two of them is a wall.
+    The latter and the driver's holes have roofs along x (`DRIVER_HOLE_ENDS_MM`), and a wall between them.
     """
     spaces = space_of_mount(mount.holes_mm, footprint, mount.centre_mm, hardware)
     taken = [space.buffer(head_wide_mm() / 2.0) for space in spaces]

@@ -1,4 +1,4 @@
-"""Stray light: a baffle round the mirrors, which the camera sees instead of its surroundings, and what gets past it."""
+"""Stray light: a baffle round the mirrors that hides the surroundings from the camera, and the light that passes it."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ FAR_MM = 2000.0
 
 
 def viewing_rays(camera: Camera) -> FloatArray:
-    """Rays (n, 2), in normalized coordinates, of the camera's pixels: one in `STEP_PX` each way."""
+    """Rays (n, 2), in normalized coordinates, through every `STEP_PX`-th pixel of the camera in both directions."""
     columns, rows = (np.arange(STEP_PX / 2.0 - 0.5, size, STEP_PX) for size in (camera.width_px, camera.height_px))
     pixels = np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2)
     rays = camera.normalized_from_pixels(pixels)
@@ -31,14 +31,14 @@ def viewing_rays(camera: Camera) -> FloatArray:
 
 
 def seen_between(layout: Layout) -> FloatArray:
-    """Those of the viewing rays (n, 2) that see no mirror."""
+    """The viewing rays (n, 2) that meet no mirror."""
     rays = viewing_rays(layout.camera)
     mirrors = union_all([Polygon(mirror.apparent.outline_normalized) for mirror in layout.mirrors])
     return np.asarray(rays[~contains_xy(mirrors, rays[:, 0], rays[:, 1])])
 
 
 def stray_light(layout: Layout, holder: Manifold, mirrors: Sequence[Manifold]) -> float:
-    """Share of the camera's pixels that see past holder and mirrors (as solids), by rays from the pupil."""
+    """Share of the camera's pixels that see past the solids of holder and mirrors, by rays from the pupil."""
     past = sum(_misses([holder, *mirrors], np.array([*ray, 1.0]) * FAR_MM) for ray in seen_between(layout))
     return past / len(viewing_rays(layout.camera))
 
@@ -51,8 +51,8 @@ def _misses(bodies: Sequence[Manifold], end: FloatArray) -> bool:
 class Baffle:
     """A closed wall on the holder's slab that keeps stray light from the lens.
 
-    All (n, 3) in rig, mm, corner by corner round the mirrors, counter-clockwise as seen from behind: the outer and the
-    inner side, each at the foot and at the crest.
+    Its outer and its inner side, each at the foot and at the crest, are loops of corresponding corners (n, 3) in rig,
+    mm, round the mirrors, counter-clockwise seen from behind.
     """
 
     outer_foot: FloatArray
@@ -62,7 +62,7 @@ class Baffle:
 
     @property
     def faces(self) -> list[FloatArray]:
-        """The flat faces as corner loops, counter-clockwise from outside."""
+        """The flat faces as loops of corners, counter-clockwise seen from outside."""
         strips = (
             (self.outer_crest, self.outer_foot),
             (self.inner_foot, self.inner_crest),
@@ -85,11 +85,11 @@ def plan_baffle(
     foot_mm: float,
     hardware: Hardware,
 ) -> Baffle:
-    """Lay out the baffle along a convex border, as high as the light beside it permits.
+    """Lay out the baffle along a convex border, as high as the adjacent light permits.
 
-    Its crest runs from corner to corner of short pieces, at a height that no light reaches on either side. It ends
-    where the camera sees no further, or as a hood `hood_mm` over the highest mirror; where it may not rise over
-    `foot_mm` above the back, it stays in the slab.
+    The crest consists of short straight pieces, below all light on either side. It ends where the camera sees no
+    further, or as a hood at `hood_mm` over the highest mirror. Where the baffle may not rise above `foot_mm`, it stays
+    inside the slab.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ def plan_baffle(
     rig_from_mount : (4, 4)
         Frame of the holder's flat back, z out of the back.
     light : sequence of Frustum
-        Solids that the baffle must stay out of, in rig, mm.
+        Solids in rig, mm, that the baffle must not enter.
     foot_mm : float
         Height of the flange, on which the baffle stands, over the back.
     hardware : Hardware
@@ -125,7 +125,7 @@ def plan_baffle(
 
 
 def _placed(rig_from_mount: FloatArray, heights: FloatArray, flat: FloatArray) -> FloatArray:
-    """Points (n, 3) in rig from those (n, 2) of the back and their heights (n,) over it."""
+    """Points (n, 3) in rig from places (n, 2) on the back and heights (n,) over it."""
     return np.asarray(np.column_stack([flat, -heights]) @ rig_from_mount[:3, :3].T + rig_from_mount[:3, 3])
 
 
@@ -141,7 +141,7 @@ def _sides(border: Polygon, hardware: Hardware) -> tuple[FloatArray, FloatArray]
 def _crest_mm(
     outside: FloatArray, inside: FloatArray, lit: Manifold, view: Manifold, hood_mm: float, hardware: Hardware
 ) -> FloatArray:
-    """Heights (n,) over the back of the corners: each as high as the lower of the two pieces that meet there."""
+    """Heights (n,) of the corners over the back: each that of the lower of its two pieces."""
     levels = []
     for i in range(len(outside)):
         piece = np.array([outside[i - 1], outside[i], inside[i], inside[i - 1]])
@@ -150,7 +150,7 @@ def _crest_mm(
 
 
 def _moved_in(corners: FloatArray, by_mm: float) -> FloatArray:
-    """Corners (n, 2) of a convex polygon, counter-clockwise, with every side moved inwards."""
+    """Corners (n, 2) of a convex polygon, counter-clockwise, with every side moved inwards by a distance."""
     along = np.roll(corners, -1, axis=0) - corners
     inward = np.column_stack([-along[:, 1], along[:, 0]]) / np.linalg.norm(along, axis=1, keepdims=True)
     before = np.roll(inward, 1, axis=0)
@@ -158,7 +158,7 @@ def _moved_in(corners: FloatArray, by_mm: float) -> FloatArray:
 
 
 def _in_pieces(corners: FloatArray, counts: NDArray[np.int64]) -> FloatArray:
-    """A closed polygon's corners (n, 2) with every side cut into a given number of equal pieces."""
+    """A closed polygon's corners (n, 2), with every side divided into a given number of equal pieces."""
     following = np.roll(corners, -1, axis=0)
     return np.vstack(
         [
@@ -177,24 +177,25 @@ def _field_of_view(camera: Camera) -> Manifold:
 
 
 def _behind_mirrors(layout: Layout, hardware: Hardware) -> Manifold:
-    """The space that mirrors in their pockets hide from the camera."""
+    """The space hidden from the camera by mirrors at any place in their pockets."""
     loops = [outline_at(mirror, mirror.back_mm, hardware.fit.free_mm) for mirror in layout.mirrors]
     shadows = [Manifold.hull_points(np.vstack([loop, loop * FAR_MM / loop[:, 2].min()])) for loop in loops]
     return Manifold.batch_boolean(shadows, OpType.Add)
 
 
 def _free_height_mm(piece: FloatArray, lit: Manifold, view: Manifold, hood_mm: float, hardware: Hardware) -> float:
-    """Height over the back to which a wall on a convex piece (n, 2) may and need rise.
+    """Height over the back of a wall on a convex piece (n, 2): as high as necessary, as far as light permits.
 
-    It need rise to `hood_mm`, and to where the camera sees it no more: 0 where it sees none.
+    The necessary height is at least `hood_mm` and hides the surroundings from the camera; it is 0 for a wall that the
+    camera cannot see.
     """
     highest = hardware.printer.bed_mm[2]
     seen = _column(piece, highest) ^ view
     needed = hood_mm if seen.is_empty() else max(hood_mm, -seen.bounding_box()[2])
     if needed == 0.0:
         return 0.0
-    beside = Polygon(piece).buffer(hardware.fit.light_mm, join_style="mitre")
-    light = _column(get_coordinates(beside), highest) ^ lit
+    grown = Polygon(piece).buffer(hardware.fit.light_mm, join_style="mitre")
+    light = _column(get_coordinates(grown), highest) ^ lit
     lowest = highest if light.is_empty() else -light.bounding_box()[5] - hardware.fit.light_mm
     return min(lowest, needed)
 

@@ -16,20 +16,20 @@ from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.seats import planes_of
 from mirrorcam.core.values import FloatArray
 
-# A narrower hollow saves nothing.
+# Narrower hollows save nothing.
 NARROWEST_MM = 5.0
 LOWEST_MM = 0.5
-# Where the body's own sides end is not looked at: by rounding, it is air or not.
+# Skip the ends of the body's own sides: rounding makes them neither solid nor air.
 ROUNDING_MM = 1e-3
-# Roofs are slightly steeper than the overhang that prints.
+# Roofs are slightly steeper than the overhang limit.
 STEEPER = 1.01
 
 
 @dataclass(frozen=True)
 class Hollow:
-    """A prism with a cut-off pyramid on it, corner by corner: `base` below the part's back, `eaves`, and `top`.
+    """A prism with a truncated pyramid on it: loops `base` below the part's back, `eaves` and `top`.
 
-    All (n, 3) in rig, mm.
+    All are (n, 3) in rig, mm, with corresponding corners.
     """
 
     base: FloatArray
@@ -38,7 +38,7 @@ class Hollow:
 
     @property
     def faces(self) -> list[FloatArray]:
-        """The flat faces as corner loops, counter-clockwise from outside."""
+        """The flat faces as loops of corners, counter-clockwise seen from outside."""
         base, eaves, top = self.base, self.eaves, self.top
         middle = (base.mean(axis=0) + eaves.mean(axis=0)) / 2.0
         pairs = [(i, (i + 1) % len(base)) for i in range(len(base))]
@@ -54,7 +54,7 @@ class Hollow:
 
     @cached_property
     def half_spaces(self) -> tuple[FloatArray, FloatArray]:
-        """Outward unit normals (m, 3) and offsets (m,): inside is normals @ x <= offsets."""
+        """Outward unit normals (m, 3) and offsets (m,): a point x is inside if normals @ x <= offsets."""
         return planes_of(self.faces)
 
 
@@ -66,15 +66,15 @@ def plan_hollows(
     cuts_mm: Cuts,
     hardware: Hardware,
 ) -> tuple[Hollow, ...]:
-    """The hollows of a solid body, in rows and columns over its footprint (in the mount's x and y).
+    """Plan the hollows of a solid body, in rows and columns over its footprint (in the mount's x and y).
 
-    Over a hollow the floor is `floor_mm` thick, at right angles to its roof; beside it what is not plastic stays
-    `web_mm` away, as other hollows do. Round every hole (n, 2) the insert's wall stands, and along the cuts (positions
-    across x and across y) what a pin's hole needs.
+    Over a hollow the floor is `floor_mm` thick, normal to its roof. Sideways a hollow keeps `web_mm` from other hollows
+    and from air. Material remains round every hole (n, 2) for the insert's wall, and along the cuts (positions across x
+    and across y) for the pins' holes.
     """
     dimensions, screw = hardware.holder, hardware.screw
     boss = screw.insert_hole_mm / 2.0 + screw.insert_wall_mm
-    # Slightly more, so that no section through a joint lies in the side of a hollow.
+    # Slightly more, so that no section tested for a pin coincides with the side of a hollow.
     joint = reach_of_pin_mm(hardware) + 0.1
     inside = footprint.buffer(-dimensions.web_mm, join_style="mitre")
     footprint = footprint.buffer(-ROUNDING_MM, join_style="mitre")
@@ -104,7 +104,7 @@ def plan_hollows(
 def _spans(
     low: float, high: float, cuts: tuple[float, ...], joint: float, widest: float, web: float
 ) -> list[tuple[float, float]]:
-    """Equal spans, no wider than given, with webs between them and joints left out."""
+    """Equal spans, at most `widest` wide, with webs between them and without joints."""
     spans = []
     starts, ends = [low, *(cut + joint for cut in cuts)], [*(cut - joint for cut in cuts), high]
     for start, end in zip(starts, ends, strict=True):
@@ -116,7 +116,7 @@ def _spans(
 
 
 def _off_boss(cell: Polygon, hole: FloatArray, radius: float) -> Polygon:
-    """The largest part of a cell, cut straight across, that leaves a disc round a hole standing."""
+    """The largest part of a cell, after one straight cut, outside a disc round a hole."""
     if not cell.intersects(Point(hole).buffer(radius)):
         return cell
     (x, y), far = hole, 1e4
@@ -130,11 +130,12 @@ def _off_boss(cell: Polygon, hole: FloatArray, radius: float) -> Polygon:
 
 
 def _hollow(body: Manifold, cell: Polygon, footprint: Polygon, hardware: Hardware) -> Hollow | None:
-    """The highest hollow over a convex cell, in the mount frame; None where none fits.
+    """The highest hollow over a convex cell, in the mount frame; None if none fits.
 
     Its roof rises from the eaves towards the cell's middle, up to a flat top that a printer bridges. With roof and top
-    moved out by the floor's thickness and the walls by a web's, it must meet no air. Under each side of the roof, and
-    under its part of the top, that is linear in the corners of the air there: the height is a minimum over corners.
+    moved out by the floor's thickness, and the walls by a web's, the hollow must meet no air. Under each side of the
+    roof, and under its part of the top, this constraint is linear in the corners of the air, so that the height is a
+    minimum over these corners.
     """
     floor = hardware.holder.floor_mm
     corners = get_coordinates(orient(cell.simplify(1e-6)))[:-1]
@@ -143,7 +144,7 @@ def _hollow(body: Manifold, cell: Polygon, footprint: Polygon, hardware: Hardwar
     outward = np.column_stack([directions[:, 1], -directions[:, 0]])
     outward /= np.linalg.norm(outward, axis=1, keepdims=True)
     distances = np.sum((corners - middle) * outward, axis=1)
-    # Height of the complete pyramid, and of the part of it under the top.
+    # Heights of the complete pyramid and of its part below the top.
     steep = STEEPER * np.tan(np.radians(90.0 - hardware.printer.overhang_deg))
     pyramid = float(distances.max()) * steep
     flat = min(hardware.holder.ceiling_mm / (2.0 * float(distances.min())), 0.95)
@@ -151,13 +152,13 @@ def _hollow(body: Manifold, cell: Polygon, footprint: Polygon, hardware: Hardwar
     scale = 1.0 + hardware.holder.web_mm / float(distances.min())
     # Below the mount's origin (towards the mirrors) z is negative.
     levels = (body.bounding_box()[2] - 1.0, -0.5 * LOWEST_MM)
-    # Slightly more than the region examined: with the complete body it takes twice as long.
+    # Slightly more than the tested region; with the complete body this takes twice as long.
     near = body ^ _column(middle + 1.01 * scale * (corners - middle), levels)
     eaves = np.inf
     for i in range(len(corners)):
         side = corners[[i, (i + 1) % len(corners)]] - middle
         above = floor * float(np.hypot(1.0, pyramid / distances[i]))
-        # Where the roof, moved out, and the top, moved up, meet.
+        # Intersection of the roof, moved out, and the top, moved up.
         edge = float(np.clip(1.0 - (rise + floor - above) / pyramid, 0.0, scale))
         under_top = Polygon([middle, *(middle + edge * side)]) if edge > 0.0 else Polygon()
         under_roof = Polygon([*(middle + edge * side), *(middle + scale * side[::-1])])
@@ -168,7 +169,7 @@ def _hollow(body: Manifold, cell: Polygon, footprint: Polygon, hardware: Hardwar
         eaves = min([eaves, *heights])
     if eaves == np.inf:
         return None
-    # Where the roof would start below the back: the same pyramid, cut off higher up.
+    # If the roof would start below the back, the same pyramid is truncated higher up.
     size = min(1.0, flat + (1.0 - flat) * (eaves + rise - LOWEST_MM) / rise)
     if size <= flat or 2.0 * size * distances.min() < NARROWEST_MM:
         return None
@@ -182,7 +183,7 @@ def _hollow(body: Manifold, cell: Polygon, footprint: Polygon, hardware: Hardwar
 
 
 def _air(body: Manifold, area: BaseGeometry, levels: tuple[float, float]) -> list[tuple[float, FloatArray]]:
-    """Height over the back, and x and y (2,), of all corners of the air over a convex area."""
+    """Height over the back, and x and y (2,), of every corner of the air over a convex area."""
     if area.area < 1e-9:
         return []
     points = np.asarray((_column(get_coordinates(area), levels) - body).to_mesh64().vert_properties)
@@ -190,5 +191,5 @@ def _air(body: Manifold, area: BaseGeometry, levels: tuple[float, float]) -> lis
 
 
 def _column(flat: FloatArray, levels: tuple[float, float]) -> Manifold:
-    """The prism between two levels on the convex hull of points (n, 2)."""
+    """The prism between two z on the convex hull of points (n, 2)."""
     return Manifold.hull_points(np.vstack([np.column_stack([flat, np.full(len(flat), z)]) for z in levels]))

@@ -1,9 +1,8 @@
-"""Nesting of convex outlines on stock sheets, turned and packed to one side by their no-fit polygons.
+"""Nesting of convex outlines on stock sheets: rotated, and packed to one side by their no-fit polygons.
 
-A piece at p meets a placed one where p lies in the Minkowski sum of the placed one and the piece reflected in its
-origin; what those sums leave of the sheet is where it may go, and it goes where it reaches least far from that side.
-(Burke, Hellier, Kendall, Whitwell, "Complete and robust no-fit polygon generation", EJOR 179, 2007; of convex pieces
-the sum is the hull of the sums of their corners.)
+A piece at p overlaps a placed one if p lies in the Minkowski sum of the placed piece and the reflected new one (Burke,
+Hellier, Kendall, Whitwell, "Complete and robust no-fit polygon generation", EJOR 179, 2007). For convex pieces this sum
+is the hull of the sums of their corners. A piece goes to the free place where it extends least from the packed side.
 """
 
 from __future__ import annotations
@@ -18,13 +17,13 @@ from shapely import Polygon
 
 from mirrorcam.core.values import FloatArray
 
-# Margin for rounding, so that a piece as wide as the sheet's usable area is not refused.
+# Rounding margin, so that a piece as wide as the sheet's usable area still fits.
 ROUNDING_MM = 1e-6
 
 
 @dataclass(frozen=True)
 class NestedOutline:
-    """The place of an outline: its sheet, turned by `turn` (2, 2), then moved by `shift_mm` (2,)."""
+    """The place of an outline on a sheet: rotated by `turn` (2, 2), then shifted by `shift_mm` (2,)."""
 
     sheet: int
     turn: FloatArray
@@ -37,7 +36,7 @@ class NestedOutline:
 
 @dataclass(frozen=True)
 class _Turned:
-    """A piece in one of its orientations: `outline` (n, 2) with its lower left at the origin, and its size."""
+    """A piece in one of its orientations: `outline` (n, 2) with its lower left corner at the origin, and its size."""
 
     turn: FloatArray
     outline: FloatArray
@@ -48,21 +47,22 @@ class _Turned:
 def nest(pieces: Sequence[FloatArray], sheet_mm: tuple[float, float], gap_mm: float) -> list[NestedOutline]:
     """A place for every convex piece (n, 2), at least a gap from each other and from the sheet's edge.
 
-    They are laid down in several orders, to the left and to the bottom, until their area could need no fewer sheets;
-    else the way with the fewest sheets, and the least of the last one. Raises ValueError for a piece that does not fit.
+    Tries several orders, packed to the left and to the bottom, until the number of sheets reaches its lower bound by
+    area. Otherwise returns the nesting with the fewest sheets, and the least use of the last one. Raises ValueError for
+    a piece that does not fit.
     """
     if not all(fits(piece, sheet_mm, gap_mm) for piece in pieces):
         raise ValueError("a piece is larger than a sheet, expected each to fit")
-    ways = [_ways_to_lie(piece) for piece in pieces]
+    orientations = [_orientations(piece) for piece in pieces]
     usable_mm = _usable_mm(sheet_mm, gap_mm)
     areas = [Polygon(piece).area for piece in pieces]
-    lengths = [max(way.size.max() for way in turned) for turned in ways]
-    widths = [min(way.size.min() for way in turned) for turned in ways]
+    lengths = [max(turned.size.max() for turned in own) for own in orientations]
+    widths = [min(turned.size.min() for turned in own) for own in orientations]
     fewest = np.ceil(sum(areas) / usable_mm.prod())
     best: tuple[tuple[int, float], list[NestedOutline]] | None = None
     for sizes, along in product((areas, lengths, widths), (0, 1)):
         order = sorted(range(len(pieces)), key=lambda index: (-round(sizes[index], 6), index))
-        cost, placed = _lay_down(ways, order, usable_mm, gap_mm, along)
+        cost, placed = _pack(orientations, order, usable_mm, gap_mm, along)
         if best is None or cost < best[0]:
             best = (cost, placed)
         if best[0][0] <= fewest:
@@ -71,33 +71,33 @@ def nest(pieces: Sequence[FloatArray], sheet_mm: tuple[float, float], gap_mm: fl
 
 
 def fits(piece: FloatArray, sheet_mm: tuple[float, float], gap_mm: float) -> bool:
-    """Return whether a convex piece (n, 2) lies on a sheet in one of the orientations tried, a gap from its edge."""
+    """Return whether a convex piece (n, 2) fits on a sheet in a tried orientation, with a gap to the sheet's edge."""
     usable_mm = _usable_mm(sheet_mm, gap_mm)
-    return any((way.size <= usable_mm).all() for way in _ways_to_lie(piece))
+    return any((turned.size <= usable_mm).all() for turned in _orientations(piece))
 
 
 def _usable_mm(sheet_mm: tuple[float, float], gap_mm: float) -> FloatArray:
     return np.array(sheet_mm) - 2.0 * gap_mm + ROUNDING_MM
 
 
-def _ways_to_lie(piece: FloatArray) -> list[_Turned]:
-    """A piece on each of its edges, and these turned by quarters; alike ones once."""
+def _orientations(piece: FloatArray) -> list[_Turned]:
+    """The distinct orientations of a piece on each of its edges, and these rotated by quarter turns."""
     edges = np.roll(piece, -1, axis=0) - piece
     angles = (np.arctan2(edges[:, 1], edges[:, 0])[:, None] + np.arange(4) * np.pi / 2.0).ravel()
-    ways = []
+    orientations = []
     for angle in np.unique(np.round(np.mod(-angles, 2.0 * np.pi), 6) % round(2.0 * np.pi, 6)):
         turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
         outline = piece @ turn.T
         low = outline.min(axis=0)
-        ways.append(_Turned(turn, outline - low, -low, np.ptp(outline, axis=0)))
-    return ways
+        orientations.append(_Turned(turn, outline - low, -low, np.ptp(outline, axis=0)))
+    return orientations
 
 
-def _lay_down(
-    ways: list[list[_Turned]], order: list[int], usable_mm: FloatArray, gap_mm: float, along: int
+def _pack(
+    orientations: list[list[_Turned]], order: list[int], usable_mm: FloatArray, gap_mm: float, along: int
 ) -> tuple[tuple[int, float], list[NestedOutline]]:
-    """Sheets needed and the share used of the last one along an axis, and the places, in the order of the pieces."""
-    placed: list[NestedOutline | None] = [None] * len(ways)
+    """Number of sheets, used share of the last one along an axis, and the places in the order of the pieces."""
+    placed: list[NestedOutline | None] = [None] * len(orientations)
     sheets: list[list[FloatArray]] = []
     used: list[float] = []
     for index in order:
@@ -105,39 +105,39 @@ def _lay_down(
             if number == len(sheets):
                 sheets.append([])
                 used.append(0.0)
-            found = _nearest_place(ways[index], sheets[number], usable_mm, along)
+            found = _nearest_place(orientations[index], sheets[number], usable_mm, along)
             if found is None:
                 continue
-            way, corner = found
-            placed[index] = NestedOutline(number, way.turn, way.offset + corner + gap_mm)
-            grown = Polygon(way.outline + corner).buffer(gap_mm, join_style="mitre", mitre_limit=2.0)
+            turned, corner = found
+            placed[index] = NestedOutline(number, turned.turn, turned.offset + corner + gap_mm)
+            grown = Polygon(turned.outline + corner).buffer(gap_mm, join_style="mitre", mitre_limit=2.0)
             sheets[number].append(shapely.get_coordinates(grown)[:-1])
-            used[number] = max(used[number], float((corner + way.size)[along] / usable_mm[along]))
+            used[number] = max(used[number], float((corner + turned.size)[along] / usable_mm[along]))
             break
     return (len(sheets), used[-1] if used else 0.0), [place for place in placed if place is not None]
 
 
 def _nearest_place(
-    ways: list[_Turned], taken: list[FloatArray], usable_mm: FloatArray, along: int
+    orientations: list[_Turned], taken: list[FloatArray], usable_mm: FloatArray, along: int
 ) -> tuple[_Turned, FloatArray] | None:
-    """The orientation and the corner (2,) at which a piece reaches least far along an axis, then across it."""
+    """The orientation and the corner (2,) at which a piece extends least along an axis, then across it."""
     best: tuple[tuple[float, float], _Turned, FloatArray] | None = None
-    for way in ways:
-        if (way.size > usable_mm).any():
+    for turned in orientations:
+        if (turned.size > usable_mm).any():
             continue
-        free = shapely.box(0.0, 0.0, *(usable_mm - way.size))
+        free = shapely.box(0.0, 0.0, *(usable_mm - turned.size))
         if taken:
-            free = free.difference(shapely.union_all(_no_fit(way.outline, taken)))
+            free = free.difference(shapely.union_all(_no_fit(turned.outline, taken)))
         for corner in shapely.get_coordinates(free):
-            reached = np.round(corner + way.size, 6)
-            key = (float(reached[along]), float(reached[1 - along]))
+            end = np.round(corner + turned.size, 6)
+            key = (float(end[along]), float(end[1 - along]))
             if best is None or key < best[0]:
-                best = (key, way, corner)
+                best = (key, turned, corner)
     return best[1:] if best else None
 
 
 def _no_fit(outline: FloatArray, taken: list[FloatArray]) -> FloatArray:
-    """The no-fit polygons of an outline (n, 2) around those that are taken, as an array of shapely polygons."""
+    """The no-fit polygons of an outline (n, 2) around placed outlines, as an array of shapely polygons."""
     sums = [(other[:, None] - outline).reshape(-1, 2) for other in taken]
     owners = np.repeat(np.arange(len(sums)), [len(points) for points in sums])
     return shapely.convex_hull(shapely.multipoints(np.concatenate(sums), indices=owners))

@@ -1,6 +1,6 @@
 """Stock sheets of mirrors as DXF and SVG in millimetres, with layers CUT, ENGRAVE and NOTES.
 
-The DXF has one group per mirror; the SVG has the layers as groups, cuts red, engraving blue, hairlines.
+The DXF has one group per mirror. The SVG has the layers as groups of hairlines: red cuts and blue engraving.
 """
 
 from __future__ import annotations
@@ -42,9 +42,9 @@ def write_dxf(path: Path, sheet: StockSheet) -> None:
 
 
 def draw_sheet(sheet: StockSheet) -> Drawing:
-    """The DXF drawing of a sheet: its lower left corner at the origin, the notes below it.
+    """The DXF drawing of a sheet, with its lower left corner at the origin and the notes below it.
 
-    Every mirror is a group `mirror_ROW-COLUMN` of its closed line on CUT and its strokes on ENGRAVE.
+    Every mirror is a group `mirror_ROW-COLUMN` of a closed line on CUT and strokes on ENGRAVE.
     """
     drawing = new("R2010")
     drawing.header["$INSUNITS"] = DXF_MM
@@ -62,7 +62,7 @@ def draw_sheet(sheet: StockSheet) -> Drawing:
     for row, note in enumerate(sheet.notes, start=1):
         text = model.add_text(note, height=NOTE_MM, dxfattribs={"layer": "NOTES"})
         text.set_placement((0.0, -1.8 * NOTE_MM * row))
-    # ezdxf would add these in the order of a set, which differs from process to process.
+    # Sorted, since ezdxf would add them in the order of a set, which differs between processes.
     for name in sorted(drawing.entitydb.dxf_types_in_use()):
         drawing.classes.add_class(name)
     return drawing
@@ -70,7 +70,7 @@ def draw_sheet(sheet: StockSheet) -> Drawing:
 
 @contextmanager
 def _fixed_metadata() -> Iterator[None]:
-    """Have ezdxf write fixed dates and identifiers, so that the same mirrors give the same bytes."""
+    """Make ezdxf write fixed dates and identifiers, so that the same mirrors give the same bytes."""
     before = options.write_fixed_meta_data_for_testing
     options.write_fixed_meta_data_for_testing = True
     try:
@@ -79,14 +79,14 @@ def _fixed_metadata() -> Iterator[None]:
         options.write_fixed_meta_data_for_testing = before
 
 
-# What drivers of laser cutters take for a line to follow, not an area to fill: 0.001 in.
+# Drivers of laser cutters cut along lines of this width, 0.001 in, and fill wider ones.
 HAIRLINE_MM = 0.025
 
 
 def write_svg(path: Path, sheet: StockSheet) -> None:
-    """Write a sheet as SVG: the sheet's upper left corner at the origin, the notes below it.
+    """Write a sheet as SVG, with the sheet's upper left corner at the origin and the notes below it.
 
-    Engraving comes before the cuts, as it has to be done.
+    Engraving comes before the cuts, since it has to be done first.
     """
     width, height = sheet.cutting.sheet_mm
     total = height + NOTE_MM * (1.8 * len(sheet.notes) + 1.0)
@@ -115,6 +115,6 @@ def _layer(name: str) -> str:
 
 
 def _path(points: FloatArray, height: float, end: str) -> str:
-    """Path data of points (n, 2) with y up; to 0.1 um."""
+    """Path data of points (n, 2) with y up, rounded to 0.1 um."""
     down = np.column_stack([points[:, 0], height - points[:, 1]])
     return "M" + "L".join(f"{x:.4f} {y:.4f}" for x, y in down) + end

@@ -1,14 +1,14 @@
-"""Mirrors on stock sheets: which face is up, their cut lines, and the marks engraved on their backs.
+"""Mirrors on stock sheets: the face that is up, the cut lines, and the marks engraved on the backs.
 
-Everything is drawn as seen from the *back* of the stock sheet, the side that is glued into its seat: cut with the back
-up, nothing has to be mirrored. Mirrors are turned to fit the sheet, never turned over. What the back is differs:
+All is drawn as seen from the *back* of the stock sheet, the side that is glued to the seat. Since the sheet is cut with
+its back up, nothing has to be mirrored. Mirrors are rotated on the sheet, never flipped. The back is:
 
-- First-surface: the bare side. The coating lies on the table under its film, and the laser comes to it last.
-- Second-surface: the paint on the coating. A laser that engraves there burns both away, and the mark would be seen in
-  the views; so the mark goes into paper tape on the paint.
+- first-surface: the bare side. The coating lies on the table under its film, and the laser reaches it last.
+- second-surface: the paint on the coating. Engraving would burn both away, and the mark would be visible in the views;
+  so the mark goes into paper tape on the paint.
 
-Glass is not cut or marked by a laser: it is cut by a water jet, or scored and broken, and its names are written. A mark
-is an arrow that points up and the mirror's id, in single strokes.
+Glass is neither cut nor marked by a laser: it is cut by a water jet, or scored and broken, and marked by pen. A mark is
+an arrow that points up and the mirror's id, in single strokes.
 """
 
 from __future__ import annotations
@@ -44,10 +44,10 @@ Material = Literal["acrylic", "glass"]
 
 @dataclass(frozen=True)
 class Facing:
-    """How stock of one kind lies, in words that the notes of a sheet and the guide share.
+    """How one kind of stock lies on the table, in words for the notes of a sheet and the guide.
 
-    `up` is the face that the laser meets, `up_is` and `down_is` describe it and the face on the table; `marked`
-    is the layer that the laser engraves, `before` and `after` the work for that.
+    `up` is the face towards the laser; `up_is` and `down_is` describe that face and the face on the table. `marked` is
+    the layer that the laser engraves; `before` and `after` are instructions for before and after the engraving.
     """
 
     up: Literal["back", "front"]
@@ -58,17 +58,17 @@ class Facing:
     after: str
 
     def seen(self, outline_in_plane_mm: FloatArray) -> FloatArray:
-        """An outline (n, 2) in a mirror's frame, as the laser sees it: x along the rig's x, y up from the back."""
+        """An outline (n, 2) from a mirror's frame to the laser's view: x along the rig's x, y up from the back."""
         return outline_in_plane_mm * ((1.0, -1.0) if self.up == "back" else (1.0, 1.0))
 
     @property
     def note(self) -> str:
-        """How to lay the sheet down, for the notes of its drawing."""
+        """How the sheet lies on the table, for the notes of its drawing."""
         return f"{self.up.upper()} up ({self.up_is}), on the table {self.down_is}"
 
 
 def facing_of(surface: Surface, material: Material) -> Facing:
-    """How stock of a kind lies."""
+    """How stock of a surface and material lies on the table."""
     return FACINGS[material, surface]
 
 
@@ -86,9 +86,9 @@ FACINGS: dict[tuple[Material, Surface], Facing] = {
         up_is="the painted side",
         down_is="the clear side under its film",
         marked="paper tape on the paint, not the paint",
-        before="cover the paint with paper tape, and try on an offcut at what power the laser marks the tape alone: "
-        "through the paint it would burn the coating, and the mark would show in the picture",
-        after="Leave the tape on until the mirror is glued in: it bears its name.",
+        before="cover the paint with paper tape, and find on an offcut the power at which the laser marks only the "
+        "tape: a laser through the paint would burn the coating, and the mark would show in the picture",
+        after="Leave the tape on until the mirror is glued in: it carries the mirror's name.",
     ),
     ("glass", "first"): Facing(
         up="back",
@@ -103,27 +103,27 @@ FACINGS: dict[tuple[Material, Surface], Facing] = {
         up_is="the painted side",
         down_is="the clear side",
         marked="the paint, written with a paint marker",
-        before="to score it by hand turn sheet and drawing over together, and score the clear side, since paint and "
-        "coating would chip",
+        before="to score it by hand, flip sheet and drawing together and score the clear side, since paint and coating "
+        "would chip",
         after="",
     ),
 }
 
 
 LINE_GAP_MM = 0.5
-"""Lines of a laser closer than this burn into one."""
+"""Least distance of a laser's lines: closer lines merge."""
 
-# Between signs, of half their height: as it reads best, and as small signs need it.
+# Spacing of glyphs, in units of half their height: for legibility, and for small glyphs.
 GAPS = (0.6, 1.0)
 ARROW = (((0, 0), (0, 2)), ((-0.5, 1.4), (0, 2), (0.5, 1.4)))
 
 
 def mark(text: str, outline: FloatArray, height_mm: float) -> tuple[FloatArray, ...]:
-    """Strokes (n, 2) of an up arrow, its shaft first, and a text inside a convex outline (n, 2), mm, y up.
+    """Strokes (n, 2) of an up arrow, its shaft first, and of a text inside a convex outline (n, 2), mm, y up.
 
-    Signs are `height_mm` high, or as high as fits, `LINE_GAP_MM` from the outline: in a row or a column,
-    spaced wider where only that keeps them as far from each other. Where not even that fits, they are as
-    far apart as can be.
+    Glyphs are in a row or a column, `LINE_GAP_MM` from the outline, and `height_mm` high or as high as fits. Small ones
+    are spaced wider, to keep the line gap between strokes. If no arrangement keeps that gap, they are as far apart as
+    possible.
     """
     polygon = Polygon(outline)
     circle = maximum_inscribed_circle(polygon, tolerance=0.01)
@@ -132,7 +132,7 @@ def mark(text: str, outline: FloatArray, height_mm: float) -> tuple[FloatArray, 
     for gap, axis, centre in product(GAPS, (0, 1), centres):
         strokes = _set_out(text, gap, axis)
         scale = min(height_mm / 2.0, _largest_scale(np.vstack(strokes), outline - centre))
-        # Strokes of a sign are 1 apart.
+        # Strokes of a glyph are 1 apart.
         apart_mm = min(LINE_GAP_MM, scale * min(gap, 1.0))
         if best is None or (apart_mm, scale) > best[0]:
             best = ((apart_mm, scale), tuple(stroke * scale + centre for stroke in strokes))
@@ -141,11 +141,11 @@ def mark(text: str, outline: FloatArray, height_mm: float) -> tuple[FloatArray, 
 
 
 def _set_out(text: str, gap: float, axis: int) -> list[FloatArray]:
-    """Arrow and signs, two high, in a row (axis 0) or down a column (axis 1), their middle in the origin."""
+    """Arrow and glyphs, two high, in a row (axis 0) or down a column (axis 1), centred on the origin."""
     placed: list[FloatArray] = []
     reached = 0.0
-    for sign in (ARROW, *(STROKES[letter] for letter in text)):
-        strokes = [np.array(stroke, dtype=np.float64) for stroke in sign]
+    for glyph in (ARROW, *(STROKES[letter] for letter in text)):
+        strokes = [np.array(stroke, dtype=np.float64) for stroke in glyph]
         corners = np.vstack(strokes)
         low, high = corners.min(axis=0), corners.max(axis=0)
         shift = (
@@ -159,7 +159,7 @@ def _set_out(text: str, gap: float, axis: int) -> list[FloatArray]:
 
 
 def _largest_scale(corners: FloatArray, outline: FloatArray) -> float:
-    """Largest scale about the origin at which points (n, 2) stay the line gap inside a convex outline (m, 2)."""
+    """Largest scale about the origin at which points (n, 2) keep the line gap inside a convex outline (m, 2)."""
     loop = np.array(orient(Polygon(outline)).exterior.coords)
     edges = np.diff(loop, axis=0)
     outward = np.column_stack([edges[:, 1], -edges[:, 0]]) / np.linalg.norm(edges, axis=1)[:, None]
@@ -167,15 +167,15 @@ def _largest_scale(corners: FloatArray, outline: FloatArray) -> float:
     return float((free_mm / (outward @ corners.T).max(axis=1)).min())
 
 
-# Float glass has 1.52, acrylic 1.49.
+# Between the refractive indices of acrylic, 1.49, and float glass, 1.52.
 GLASS_INDEX = 1.505
 
 
 @dataclass(frozen=True)
 class CutMirror:
-    """One mirror on a stock sheet: the laser's closed path (n, 2), half the kerf outside it, and engraved strokes.
+    """One mirror on a stock sheet: the laser's closed path (n, 2), half a kerf outside the edge, and engraved strokes.
 
-    `name` is from `Layout.mirror_names`. Lengths in mm from the sheet's lower left corner, y up.
+    `name` is from `Layout.mirror_names`. Coordinates are in mm from the sheet's lower left corner, y up.
     """
 
     name: str
@@ -185,7 +185,7 @@ class CutMirror:
 
 @dataclass(frozen=True)
 class StockSheet:
-    """One stock sheet, number `number` of `count`, with mirrors of one kind; `stem` is the name of its files."""
+    """One stock sheet, `number` of `count`, with mirrors of one kind; `stem` is its file name without ending."""
 
     number: int
     count: int
@@ -204,7 +204,7 @@ class StockSheet:
         return stock_kind(self.surface, self.thickness_mm, self.cutting)
 
     def _lines_mean(self, facing: Facing) -> tuple[str, str]:
-        """The purpose of the lines of both layers."""
+        """The meaning of the lines on both layers."""
         if self.cutting.material == "glass":
             return (
                 "CUT (red): the finished edge, before its bevel; no kerf is included. Glass is not cut by a laser",
@@ -239,19 +239,19 @@ class StockSheet:
 
 
 def stock_kind(surface: Surface, thickness_mm: float, cutting: Cutting) -> str:
-    """The stock of a mirror, as parts list, guide and cut files name it: "first-surface acrylic mirror, 1 mm"."""
+    """The name of a mirror's stock in parts list, guide and cut files: "first-surface acrylic mirror, 1 mm"."""
     return f"{surface}-surface {cutting.material} mirror, {thickness_mm:g} mm"
 
 
 def outline_from_back(mirror: Mirror, cutting: Cutting) -> FloatArray:
-    """The outline (n, 2) seen from the face that lies up, the back: x along the rig's x, y up."""
+    """The outline (n, 2) seen from the back, which is up: x along the rig's x, y up."""
     return facing_of(mirror.surface, cutting.material).seen(mirror.outline_in_plane_mm)
 
 
 def offset_outline(outline: FloatArray, distance_mm: float) -> FloatArray:
-    """A convex outline (n, 2) moved outwards with mitred corners: as many corners (n, 2), counter-clockwise.
+    """A convex outline (n, 2) offset outwards with mitred corners: the same number of corners, counter-clockwise.
 
-    A corner between edges of outward normals a and b moves by d (a + b) / (1 + a.b), where both moved edges meet.
+    A corner between edges with outward normals a and b moves by d (a + b) / (1 + a.b) to where both moved edges meet.
     """
     corners = np.array(orient(Polygon(outline)).exterior.coords)[:-1]
     edges = np.roll(corners, -1, axis=0) - corners
@@ -261,20 +261,20 @@ def offset_outline(outline: FloatArray, distance_mm: float) -> FloatArray:
 
 
 def require_cuttable(layout: Layout, cutting: Cutting) -> None:
-    """Raise InputError for a mirror that is larger than a sheet, or narrower than can be cut of its thickness."""
+    """Raise InputError if a mirror is larger than a sheet, too narrow for its thickness, or made of the wrong glass."""
     for name, mirror in zip(layout.mirror_names, layout.mirrors, strict=True):
         outline = outline_from_back(mirror, cutting)
         across = _width_mm(outline)
         if across < cutting.least_width * mirror.thickness_mm:
-            least = "its thickness" if cutting.material == "acrylic" else f"{cutting.least_width:g} of its thickness"
+            least = "its thickness" if cutting.material == "acrylic" else f"{cutting.least_width:g} thicknesses"
             raise InputError(
                 f"mirror {name} is {across:.2f} mm across, expected at least {least}, "
                 f"{cutting.least_width * mirror.thickness_mm:g} mm"
             )
         if cutting.material == "glass" and mirror.is_second_surface and mirror.refractive_index < GLASS_INDEX:
             raise InputError(
-                f"mirror {name} was designed with a refractive index of {mirror.refractive_index:g}, expected that of "
-                f"glass, at least {GLASS_INDEX:g}: design again, or cut it of acrylic"
+                f"mirror {name} was designed with a refractive index of {mirror.refractive_index:g}, expected glass, "
+                f"at least {GLASS_INDEX:g}: design again, or cut it from acrylic"
             )
         path = offset_outline(outline, cutting.allowance_mm)
         if not fits(path, cutting.sheet_mm, cutting.gap_mm):
@@ -287,7 +287,7 @@ def require_cuttable(layout: Layout, cutting: Cutting) -> None:
 
 
 def plan_sheets(layout: Layout, cutting: Cutting) -> tuple[StockSheet, ...]:
-    """All mirrors nested on sheets, a set of sheets for every kind of mirror; raises as `require_cuttable` does."""
+    """All mirrors nested on sheets, with separate sheets for every kind of mirror; raises as `require_cuttable`."""
     require_cuttable(layout, cutting)
     kinds = sorted({(mirror.surface, mirror.thickness_mm) for mirror in layout.mirrors})
     planned: list[tuple[Surface, float, list[CutMirror]]] = []
@@ -305,7 +305,7 @@ def plan_sheets(layout: Layout, cutting: Cutting) -> tuple[StockSheet, ...]:
 
 
 def _nested(chosen: list[tuple[str, FloatArray]], cutting: Cutting) -> list[list[CutMirror]]:
-    """Mirrors of one kind, by their names and outlines, sheet by sheet."""
+    """Nested mirrors of one kind, given by names and outlines, sheet by sheet."""
     paths = [offset_outline(outline, cutting.allowance_mm) for _, outline in chosen]
     placed = nest(paths, cutting.sheet_mm, cutting.gap_mm)
     sheets: list[list[CutMirror]] = [[] for _ in range(1 + max(place.sheet for place in placed))]
@@ -323,7 +323,7 @@ def _box_mm(outline: FloatArray) -> tuple[float, float]:
 
 
 def _width_mm(outline: FloatArray) -> float:
-    """Smallest distance of two parallel lines that hold a convex outline (n, 2) between them; one lies on an edge."""
+    """Width of a convex outline (n, 2): the smallest distance of parallel supporting lines, one of them on an edge."""
     corners = np.array(orient(Polygon(outline)).exterior.coords)
     edges = np.diff(corners, axis=0)
     inward = np.column_stack([-edges[:, 1], edges[:, 0]]) / np.linalg.norm(edges, axis=1)[:, None]
@@ -332,7 +332,7 @@ def _width_mm(outline: FloatArray) -> float:
 
 
 def sheet_metrics(sheets: tuple[StockSheet, ...]) -> dict[str, Metric]:
-    """Checks of the stock sheets: smallest feature, smallest gap between lines, and their use."""
+    """Checks of the stock sheets: smallest feature, smallest gap between lines, and use of the sheets."""
     features = [
         _width_mm(offset_outline(cut.outline, -sheet.cutting.allowance_mm)) / sheet.thickness_mm
         for sheet in sheets
@@ -354,10 +354,10 @@ def sheet_metrics(sheets: tuple[StockSheet, ...]) -> dict[str, Metric]:
 
 
 def line_gap_mm(sheet: StockSheet) -> float:
-    """Smallest distance between lines that do not touch: cuts, arrows and signs."""
+    """Smallest distance between lines that do not touch: cuts, arrows and glyphs."""
     closed = [LineString([*cut.outline, cut.outline[0]]) for cut in sheet.cuts]
     strokes = [LineString(stroke) for cut in sheet.cuts for stroke in cut.strokes]
-    # Strokes that meet are one sign.
+    # Strokes that touch form one glyph.
     figures = [*closed, *(part for part in get_parts(unary_union([stroke.buffer(1e-6) for stroke in strokes])))]
     tree = STRtree(figures)
     _, distances = tree.query_nearest(figures, exclusive=True, return_distance=True)

@@ -1,8 +1,8 @@
-"""The clip's holding of a camera by its body: a tray open to the scene, with a nest of six points.
+"""The cradle of a camera with a body: a tray open to the scene, with a nest of six points.
 
-Three pads fix the body's front, beside the slide and at the corner of the stop's end. The body's side towards the mount
-and its end rest on two pads and one; round ends rest on a V instead, and on one pad. Two screws in leaves press: one on
-the back, one obliquely on the far corner. The part prints lying on its slide, the leaves and all that stands off them
+Three pads locate the body's front: two near the slide, one at the corner of the stop's end. Two pads locate the body's
+side towards the mount, and one its end; a round end rests on a V instead, with one pad on the side. Two screws in
+leaves press: one on the back, one obliquely on the far corner. The part prints lying on its slide, with all overhangs
 at 45 deg or steeper.
 """
 
@@ -18,7 +18,7 @@ from mirrorcam.cad.parts.camera_box import (
     GRAVITY_N_PER_KG,
     SCENE,
     UP,
-    Held,
+    Cradle,
     Leaf,
     Nest,
     SprungScrew,
@@ -35,24 +35,24 @@ from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.camera_body import CameraBody, Lips
 
-# Pads stand off the tray by this much, and are this wide and, along the lens axis, this long.
+# Height of pads over the tray, their width, and their length along the lens axis.
 PAD_MM, PAD_WIDE_MM, PAD_LONG_MM = 0.8, 4.0, 8.0
-# Ends with less flat than this, of bodies whose edges are rounder than that, rest on a V.
+# An end rests on a V if its flat is shorter than FLAT_MM and its edges' radius is larger than ROUND_MM.
 FLAT_MM, ROUND_MM = 10.0, 4.0
-# Between the body and the leaf at its far end.
+# Gap between the body and the leaf at its far end.
 APART_MM = 1.0
-# Holes go on beyond a screw's tip: at a square corner that lies in the plane of the leaf, or nearly.
+# Holes extend beyond a screw's tip, which lies near the plane of the leaf at a square corner.
 BEYOND_MM = 4.0
-# Pieces that join reach this far into each other.
+# Overlap of pieces that are joined.
 ROOT_MM = 0.5
 
 
 @dataclass(frozen=True)
 class Tray:
-    """A body in its tray, seen with the stop at low u: u = x, or -x where `side` is -1. Lengths in mm.
+    """A body in its tray, in coordinates (u, y, z) with the stop at low u: u = x, or -x if `side` is -1. Lengths in mm.
 
-    `low` and `high` (3,) are its box in (u, y, z), `radius_mm` that of its edges along z. The tray's wall, end
-    and front lie `PAD_MM` off it.
+    `low` and `high` (3,) are the body's box in (u, y, z), and `radius_mm` is the radius of its edges along z. The
+    tray's wall, end and front keep `PAD_MM` from it.
     """
 
     side: float
@@ -63,7 +63,7 @@ class Tray:
 
     @classmethod
     def of(cls, camera: CameraBody, lips: Lips) -> Tray:
-        """The stop is at the end that is farther from the lens, whose corner then reaches over the front."""
+        """The tray of a body, with the stop at the end farther from the lens, where its corner clears the lens."""
         body = body_box(camera)
         side = 1.0 if body.low[0] + body.high[0] <= 1e-9 else -1.0
         ends = np.sort(side * np.array([body.low[0], body.high[0]]))
@@ -81,7 +81,7 @@ class Tray:
 
     @property
     def level_mm(self) -> float:
-        """The height of the pads and the screw at the body's sides: half its depth, so that no force tips it."""
+        """z of the pads and the screw at the body's sides: the middle of its depth, so that no force tips it."""
         return float(self.low[2] + self.high[2]) / 2.0
 
     @property
@@ -90,7 +90,7 @@ class Tray:
         return flat < FLAT_MM and self.radius_mm > ROUND_MM
 
     def rig(self, points: Sequence[float] | FloatArray) -> FloatArray:
-        """Points or vectors (..., 3) in (u, y, z), in rig."""
+        """Transform points or vectors (..., 3) from (u, y, z) to rig."""
         return np.asarray(points, dtype=np.float64) * [self.side, 1.0, 1.0]
 
     def box(self, u: tuple[float, float], y: tuple[float, float], z: tuple[float, float]) -> Frustum:
@@ -98,15 +98,15 @@ class Tray:
         return box((xs[0], y[0], z[0]), (xs[1], y[1], z[1]))
 
     def across(self, points: Sequence[tuple[float, float]], z: tuple[float, float]) -> Frustum:
-        """A convex polygon (n, 2) of u and y, from one z to another."""
+        """The prism on a convex polygon (n, 2) in u and y, between two z."""
         return along_z(np.array(points) * [self.side, 1.0], *z)
 
 
 def stops(tray: Tray, nest: Nest, top: float, wall: float) -> list[Frustum]:
-    """The lip beside the wall, the end with the corner over the front, and the pads on all of them."""
+    """The lip along the wall, the end with the corner over the front, and the pads on all of them."""
     low, high, end = tray.low, tray.high, tray.end_mm
     front, level, root = float(high[2]) + PAD_MM, tray.level_mm, ROOT_MM
-    corner, *beside = nest.points[:3] * [tray.side, 1.0, 1.0]
+    corner, *at_wall = nest.points[:3] * [tray.side, 1.0, 1.0]
     half = PAD_WIDE_MM / 2.0
     beyond = float(corner[1]) + half
     behind = min(level - PAD_LONG_MM / 2.0, float(high[2]) - 2.0 * wall)
@@ -119,7 +119,7 @@ def stops(tray: Tray, nest: Nest, top: float, wall: float) -> list[Frustum]:
         tray.box((end - wall, end), (tray.wall_mm - root, beyond), (behind, top)),
         tray.box((end - wall, float(corner[0]) + half + 1.0), (tray.wall_mm - root, beyond), (front, top)),
     ]
-    for u, y, z in (corner, *beside):
+    for u, y, z in (corner, *at_wall):
         short = min(half, tray.lip_mm / 2.0)
         profile = [
             (y - short - PAD_MM - root, z + PAD_MM + root),
@@ -147,17 +147,17 @@ def stops(tray: Tray, nest: Nest, top: float, wall: float) -> list[Frustum]:
 
 
 def _lower_wedge(u: float, y: float, end: float, wall: float) -> list[tuple[float, float]]:
-    """The plane at 45 deg through a point, from the end to the wall, and what fills the corner."""
+    """The wedge under the plane at 45 deg through a point, which fills the corner between end and wall."""
     return [(end, y + u - end), (u + y - wall, wall), (end, wall)]
 
 
 def _upper_wedge(u: float, y: float, end: float, half: float) -> list[tuple[float, float]]:
-    """The plane at 45 deg through a point, from the end on, and the wedge over it."""
+    """The wedge over the plane at 45 deg through a point, which starts at the end."""
     return [(end, y - (u - end)), (u + half, y + half), (end, y + half)]
 
 
 def back_leaf(tray: Tray, screw: SprungScrew, around: float, hardware: Hardware) -> list[Frustum]:
-    """The leaf behind the body, with a boss that grows out of it at 45 deg."""
+    """The leaf behind the body, with a boss that widens from it at 45 deg."""
     u, y = float(tray.side * screw.tip[0]), float(screw.tip[1])
     top = float(screw.tip[2]) - hardware.clip.behind_mm
     low, half = float(screw.tip[2]) - screw.mouth_mm, screw.leaf.width_mm / 2.0
@@ -179,7 +179,7 @@ def back_leaf(tray: Tray, screw: SprungScrew, around: float, hardware: Hardware)
 def far_leaf(tray: Tray, screw: SprungScrew, around: float) -> list[Frustum]:
     """The leaf beyond the end, with a boss along the screw on its outer side.
 
-    A leaf thicker than the boss is long is cut off in the plane of the mouth, where tools come from.
+    A leaf thicker than the boss's length is cut off in the plane of the mouth, for access by tools.
     """
     inner = float(tray.high[0]) + APART_MM
     tip = np.array([tray.side * screw.tip[0], screw.tip[1]])
@@ -202,7 +202,7 @@ def far_leaf(tray: Tray, screw: SprungScrew, around: float) -> list[Frustum]:
 
 
 def thread_cuts(screw: SprungScrew, around: float, hardware: Hardware) -> list[Frustum | Bore | Hexagon]:
-    """The hole of a sprung screw, from outside through its boss, and the space for its insert or nut."""
+    """The hole of a sprung screw through its boss, and the pocket for its insert or nut."""
     table, axis = hardware.screw, screw.axis
     up = SCENE - (SCENE @ axis) * axis
     up /= np.linalg.norm(up)
@@ -216,27 +216,28 @@ def thread_cuts(screw: SprungScrew, around: float, hardware: Hardware) -> list[F
         seat = mouth + (screw.thread_mm + OUTSIDE_MM) * axis
         deep = screw.mouth_mm - screw.thread_mm + BEYOND_MM
         pocket = Hexagon(seat + deep * axis, -axis, up, table.nut_flats_mm + NUT_FIT_MM, deep)
-        # Higher than the pocket: the rest of an oblique shoulder over a hole needs support.
+        # Higher than the pocket's roof: an oblique shoulder over the hole would need support.
         pockets, roof_deg = [pocket], float(np.degrees(np.arcsin(radius / (pocket.ridge_mm + NUT_FIT_MM))))
     through = screw.mouth_mm + OUTSIDE_MM + BEYOND_MM
     return [Bore(mouth, axis, radius, through, up, roof_deg=roof_deg), *pockets]
 
 
-# Pads keep off the rounding of the edges.
+# Distance of pads from the rounding of the edges.
 OFF_ROUND_MM = 3.0
-# How much further a screw can be turned in than the drawn body needs.
+# Additional length of a screw beyond the nominal body.
 RESERVE_MM = 3.0
-# What the screws press with at least, and the leaf behind the back's widest and least width.
+# Least force of a screw.
 LEAST_FORCE_N = 3.0
-# The weight, beyond the camera's own, with which no point lets go: a point just about to would not hold.
+# Safety factor on the camera's weight, so that all points stay in contact.
 WEIGHT_RESERVE = 1.1
+# Largest and least width of the leaf behind the back.
 LEAF_WIDE_MM, LEAF_NARROW_MM = 20.0, 11.0
-# Share of the back's screw that the front pad away from the slide takes.
+# Share of the back screw's force on the front pad away from the slide.
 FAR_SHARE = 0.6
 
 
-def hold_body(camera: CameraBody, lips: Lips, around_mm: float, hardware: Hardware) -> Held:
-    """Lay out the tray of a body; raises InputError with the measure at fault.
+def hold_body(camera: CameraBody, lips: Lips, around_mm: float, hardware: Hardware) -> Cradle:
+    """Lay out the tray of a body; raises InputError with the dimension if it cannot be made.
 
     `around_mm` is the radius of a boss for a screw.
     """
@@ -251,7 +252,7 @@ def hold_body(camera: CameraBody, lips: Lips, around_mm: float, hardware: Hardwa
     )
     far_u = float(tray.high[0]) + APART_MM + far.leaf.thickness_mm
     ends = sorted(tray.side * np.array([tray.end_mm - hardware.clip.wall_mm, far_u]))
-    return Held(
+    return Cradle(
         pieces=tuple(pieces),
         cuts=tuple(cut for screw in nest.screws for cut in thread_cuts(screw, around_mm, hardware)),
         inner_y_mm=tray.wall_mm,
@@ -263,7 +264,7 @@ def hold_body(camera: CameraBody, lips: Lips, around_mm: float, hardware: Hardwa
 
 
 def _nest(tray: Tray, camera: CameraBody, around_mm: float, hardware: Hardware) -> Nest:
-    """The six points and the two screws, their leaves of a first thickness."""
+    """The six points and the two screws, with leaves of an initial thickness."""
     front = _front_points(tray, camera)
     sides, inwards = _side_points(tray)
     points = tray.rig(np.vstack([front, sides]))
@@ -276,7 +277,7 @@ def _nest(tray: Tray, camera: CameraBody, around_mm: float, hardware: Hardware) 
 
 
 def _front_points(tray: Tray, camera: CameraBody) -> FloatArray:
-    """Points (3, 3) in (u, y, z) of the front: at the stop's corner away from the wall, and two beside the wall."""
+    """Points (3, 3) of the front in (u, y, z): one at the stop's corner away from the wall, and two near the wall."""
     low, high, r = tray.low, tray.high, tray.radius_mm
     reach, half = tray.lip_mm / 2.0, OFF_ROUND_MM + PAD_WIDE_MM / 2.0
     near, far = float(low[1]) + reach, float(high[1]) - reach
@@ -284,19 +285,19 @@ def _front_points(tray: Tray, camera: CameraBody) -> FloatArray:
     ring = camera.lens_ring_mm / 2.0
     if (clear := -(corner + PAD_WIDE_MM / 2.0 + 1.0) - ring) < 0.0:
         raise InputError(
-            f"camera clip's corner reaches {-clear:.1f} mm over the lens ring, expected it beside the ring"
+            f"camera clip's corner overlaps the lens ring by {-clear:.1f} mm, expected it outside the ring"
         )
     if (clear := -float(low[1]) - tray.lip_mm - ring) < 0.0:
         raise InputError(
-            f"camera clip's lip reaches {-clear:.1f} mm over the lens ring ({camera.lens_ring_mm:g} mm across), "
-            f"expected it beside it: lip_mm at most {tray.lip_mm + clear:.1f}"
+            f"camera clip's lip overlaps the lens ring ({camera.lens_ring_mm:g} mm across) by {-clear:.1f} mm, "
+            f"expected lip_mm of at most {tray.lip_mm + clear:.1f}"
         )
     z = float(high[2])
     return np.array([(corner, far, z), (float(low[0]) + r + half, near, z), (float(high[0]) - r - half, near, z)])
 
 
 def _side_points(tray: Tray) -> tuple[FloatArray, FloatArray]:
-    """Points (3, 3) in (u, y, z) of the sides and the end, and unit vectors (3, 3) into the body there."""
+    """Points (3, 3) of the sides and the end in (u, y, z), and their unit normals (3, 3) into the body."""
     low, high, r, z = tray.low, tray.high, tray.radius_mm, tray.level_mm
     off = r + OFF_ROUND_MM
     far = (float(high[0]) - off, float(low[1]), z)
@@ -309,22 +310,22 @@ def _side_points(tray: Tray) -> tuple[FloatArray, FloatArray]:
 
 
 def _back_screw(tray: Tray, front: FloatArray, camera: CameraBody, around_mm: float, hardware: Hardware) -> SprungScrew:
-    """The screw on the back, within the triangle of the front's points, its leaf beside the cable."""
+    """The screw on the back, within the triangle of the front's points, with its leaf clear of the cable."""
     shares = np.array([FAR_SHARE, *((1.0 - FAR_SHARE) / 2.0,) * 2])
     u, y, _ = (float(value) for value in shares @ front)
     cable = tray.side * camera.cable_x_mm
-    beside = abs(cable - u) - camera.cable_mm / 2.0 - hardware.fit.free_mm
-    width = min(LEAF_WIDE_MM, 2.0 * beside, 2.0 * (u - tray.end_mm))
+    clear = abs(cable - u) - camera.cable_mm / 2.0 - hardware.fit.free_mm
+    width = min(LEAF_WIDE_MM, 2.0 * clear, 2.0 * (u - tray.end_mm))
     if width < LEAF_NARROW_MM:
         raise InputError(
-            f"camera clip's leaf behind the body would be {width:.1f} mm wide beside the cable, "
+            f"camera clip's leaf behind the body would be {width:.1f} mm wide next to the cable, "
             f"expected at least {LEAF_NARROW_MM:g} mm"
         )
     screw = hardware.screw
     space = hardware.clip.behind_mm
     thread, thick = _boss_mm(screw, hardware.printer.wall_mm)
     mouth = space + thick
-    way = np.array([space + float(tray.level_mm - tray.low[2]), 0.0])
+    up = space + float(tray.level_mm - tray.low[2])
     out = float(tray.high[1]) - y + 2.0 * around_mm
     leaf = Leaf(
         y - tray.wall_mm, min(around_mm + thick - hardware.printer.wall_mm, 0.8 * (y - tray.wall_mm)), width, 2.0, 1.0
@@ -336,20 +337,20 @@ def _back_screw(tray: Tray, front: FloatArray, camera: CameraBody, around_mm: fl
         thread_mm=thread,
         length_mm=_long_enough(mouth, screw),
         leaf=leaf,
-        nut_way_mm=np.array([way[0] * ABOVE, out * SCENE]),
+        nut_way_mm=np.array([up * ABOVE, out * SCENE]),
         leaf_at=tray.rig((u, (y + tray.wall_mm) / 2.0, float(tray.low[2]) - space)),
         leaf_way=-ABOVE,
     )
 
 
 def _far_screw(tray: Tray, around_mm: float, hardware: Hardware) -> SprungScrew:
-    """The screw on the far corner, at 45 deg; its boss stands on a leaf beyond the body's end."""
+    """The screw on the far corner, at 45 deg, with its boss on a leaf beyond the body's end."""
     r, screw = tray.radius_mm, hardware.screw
     out = np.array([1.0, 1.0, 0.0]) / np.sqrt(2.0)
     corner = np.array([tray.high[0] - r, tray.high[1] - r, tray.level_mm]) + r * out
     inner = float(tray.high[0]) + APART_MM
     thread, thick = _boss_mm(screw, hardware.printer.wall_mm)
-    # From where the axis enters the leaf, the boss is cut obliquely: the thread keeps off that.
+    # The boss meets the leaf obliquely where the axis enters it; the thread keeps clear of that.
     enters = (inner - float(corner[0])) * np.sqrt(2.0)
     mouth = enters + around_mm / 2.0 + thick
     along = float(corner[1] + enters / np.sqrt(2.0)) - tray.wall_mm
@@ -372,10 +373,10 @@ def _far_screw(tray: Tray, around_mm: float, hardware: Hardware) -> SprungScrew:
 
 
 def _boss_mm(screw: Fastening, wall_mm: float) -> tuple[float, float]:
-    """How deep the thread of a sprung screw begins below the mouth, and the thickness of the boss."""
+    """Depth of a sprung screw's thread below the mouth, and thickness of the boss."""
     if screw.kind == "insert":
         return 0.0, screw.insert_depth_mm + wall_mm
-    # The nut is pressed against the shoulder by the screw, and enters from the body's side.
+    # The nut enters from the body's side, and the screw presses it against the shoulder.
     return screw.insert_wall_mm, screw.insert_wall_mm + screw.nut_height_mm + NUT_FIT_MM
 
 
@@ -389,7 +390,7 @@ def _long_enough(mouth_mm: float, screw: Fastening) -> float:
 
 
 def _with_forces(tray: Tray, nest: Nest, camera: CameraBody, hardware: Hardware) -> Nest:
-    """The nest with leaves as thick as the camera's weight needs, when the robot moves."""
+    """The nest with leaves thick enough for the camera's weight under the robot's acceleration."""
     middle = tray.rig((tray.low + tray.high) / 2.0)
     weight = camera.mass_g / 1000.0 * GRAVITY_N_PER_KG * hardware.clip.shaken_g * WEIGHT_RESERVE
     forces = np.maximum(least_forces_n(nest, middle, weight), LEAST_FORCE_N)

@@ -1,6 +1,6 @@
-"""The camera clip: holds a camera with its entrance pupil at the origin, and slides along the mount.
+"""The camera clip, which holds a camera with its entrance pupil at the origin and slides along the mount.
 
-A body lies in a tray (`body_clip`); a bare board has posts behind it, whose screws cut their own threads.
+A body lies in a tray (`body_clip`). A bare board is fastened to posts behind it by thread-forming screws.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mirrorcam.cad.parts.body_clip import hold_body
-from mirrorcam.cad.parts.camera_box import ABOVE, SCENE, UP, Held, Nest, body_box, tie_height_mm
+from mirrorcam.cad.parts.camera_box import ABOVE, SCENE, UP, Cradle, Nest, body_box, tie_height_mm
 from mirrorcam.cad.plan.dimension import Hole, Length, holes, length
 from mirrorcam.cad.plan.fasteners import OUTSIDE_MM, Bore, Hexagon, Stack, head_space_mm, stack, thread
 from mirrorcam.cad.plan.hardware import Hardware
@@ -20,18 +20,18 @@ from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.camera_body import BoardHoles, CameraBody, Lips
 
-# The least radius of the hole for the cable: a plug of four pins passes.
+# Least radius of the hole for the cable: a plug of four pins passes through.
 PLUG_RADIUS_MM = 4.0
-# The two faces on which a heavy lens's barrel rests look at its axis at this angle to the clip's wall on either side:
-# between them is a gap for what stands out of the barrel, and beside them the screws of the board.
+# The barrel of a heavy lens rests on two faces at this angle to the clip's wall. Between them is a gap for protrusions
+# of the barrel, and outside them are the screws of the board.
 REST_DEG = 35.0
 REST_FROM_MM, REST_TO_MM = 6.0, 12.4
-# A ribbon bends: its slot is wider than it is thick, on both sides.
+# Clearance of a ribbon, which bends, on both sides in its slot.
 RIBBON_FREE_MM = 1.0
 
 
-def hold_board(camera: CameraBody, holes: BoardHoles, hardware: Hardware) -> Held:
-    """Posts on a floor behind the board; each stands on a slope of 45 deg, since the clip prints on its slide."""
+def hold_board(camera: CameraBody, holes: BoardHoles, hardware: Hardware) -> Cradle:
+    """Lay out posts on a floor behind the board, each on a slope of 45 deg, since the clip prints on its slide."""
     clip, body = hardware.clip, body_box(camera)
     back = float(body.low[2])
     floor_top = back - holes.post_mm
@@ -62,7 +62,7 @@ def hold_board(camera: CameraBody, holes: BoardHoles, hardware: Hardware) -> Hel
     cuts.append(
         _cable_hole(camera, (camera.cable_x_mm, float(body.middle[1]) + camera.cable_y_mm), floor_top, floor, hardware)
     )
-    return Held(
+    return Cradle(
         pieces=tuple(pieces),
         cuts=tuple(cuts),
         inner_y_mm=low_y,
@@ -76,9 +76,9 @@ def hold_board(camera: CameraBody, holes: BoardHoles, hardware: Hardware) -> Hel
 
 
 def _rest(camera: CameraBody, gap_mm: float, wall_y: float) -> list[Frustum]:
-    """Wedges on the wall left and right, whose faces are `gap_mm` off the barrel as it is drawn.
+    """Two wedges on the wall, with faces at a distance `gap_mm` from the nominal barrel.
 
-    That is less than the play of the board's holes: a tie round the barrel draws it onto both.
+    The gap is less than the play of the board's holes, so that a tie draws the barrel onto both faces.
     """
     if camera.rest_mm is None:
         return []
@@ -90,8 +90,8 @@ def _rest(camera: CameraBody, gap_mm: float, wall_y: float) -> list[Frustum]:
 
     if (reach := face_y(REST_FROM_MM)) <= wall_y:
         raise InputError(
-            f"camera clip's rest for the lens would begin {wall_y - reach:.1f} mm inside its wall, "
-            f"expected a barrel less wide than {camera.lens_ring_mm:g} mm, or no rest_mm"
+            f"camera clip's rest for the lens would start {wall_y - reach:.1f} mm inside its wall, "
+            f"expected a barrel narrower than {camera.lens_ring_mm:g} mm, or no rest_mm"
         )
     profile = np.array(
         [(REST_FROM_MM, wall_y), (REST_TO_MM, wall_y), (REST_TO_MM, face_y(REST_TO_MM)), (REST_FROM_MM, reach)]
@@ -100,14 +100,14 @@ def _rest(camera: CameraBody, gap_mm: float, wall_y: float) -> list[Frustum]:
 
 
 def _post_radius_mm(holes: BoardHoles) -> float:
-    """Half the width of a post, which is square."""
+    """Half the width of a square post."""
     return holes.hole_mm / 2.0 + 2.0
 
 
 def _cable_hole(
     camera: CameraBody, at: tuple[float, float], top: float, floor_y: tuple[float, float], hardware: Hardware
 ) -> Frustum | Bore:
-    """The hole in the floor for a cable at (x, y): round for a plug; for a ribbon a slot, open if near the edge."""
+    """The hole in the floor for a cable at (x, y): round for a plug; a slot for a ribbon, open if near the edge."""
     free, wall = hardware.fit.free_mm, hardware.clip.wall_mm
     if not camera.cable_thick_mm:
         radius = max(camera.cable_mm / 2.0 + free, PLUG_RADIUS_MM)
@@ -119,20 +119,19 @@ def _cable_hole(
     return box((at[0] - half, at[1] - thick, top - wall - 1.0), (at[0] + half, high, top + 1.0))
 
 
-# What a tie passes behind: this much of the wall, over the rib.
+# Depth of the hollow for a tie in the wall, in addition to the rib's.
 TIE_THICK_MM = 1.6
 
 
 @dataclass(frozen=True)
 class ClipPlan:
-    """A camera clip in rig, mm: convex pieces, what is cut from them, and where it slides.
+    """A camera clip in rig, mm, at the nominal depth of the pupil: convex pieces, cuts, and its slide.
 
-    It stands at the nominal depth of the pupil, its wall (towards -y, and `pieces[0]`) against the mount at y =
-    `slide_y_mm`. The slide's screws are at x = +-`slide_x_mm` and each z of `slide_z_mm`, the lowest first; it moves by
-    up to `travel_mm` either way along z. A rib of the mount, of 45 deg and `rib_mm` high, runs in its groove. Below
-    `bottom_mm` and above `top_mm` there is none of it. A body rests in a `nest`; `board_screws` (n, 3) are where the
-    heads of a board's own screws rest. `tie_mm` are the x of the two slots for the cable's tie, and the z of their
-    middle.
+    Its wall, `pieces[0]`, faces -y and lies against the mount at y = `slide_y_mm`. The slide's screws are at x =
+    +-`slide_x_mm` and each z of `slide_z_mm`, in ascending order; the clip moves by up to `travel_mm` in both
+    directions along z. A rib of the mount, of 45 deg and `rib_mm` high, runs in its groove. The clip extends from
+    `bottom_mm` to `top_mm`. A body rests in a `nest`; `board_screws` (n, 3) are the places of the heads of a board's
+    own screws. `tie_mm` are the x of the two slots for the cable's tie, and the z of their middle.
     """
 
     pieces: tuple[Frustum, ...]
@@ -151,20 +150,20 @@ class ClipPlan:
 
     @property
     def slide_at(self) -> FloatArray:
-        """Points (n, 3) in rig where the slide's screws pass from the mount into the clip."""
+        """Points (n, 3) in rig where the slide's screws cross from the mount into the clip."""
         sides = (-self.slide_x_mm, self.slide_x_mm)
         return np.array([(x, self.slide_y_mm, z) for z in self.slide_z_mm for x in sides])
 
     @property
     def slide_middle(self) -> FloatArray:
-        """The middle (3,) of these."""
+        """The middle (3,) of `slide_at`."""
         return np.asarray(self.slide_at.mean(axis=0))
 
     @property
     def dimensions(self) -> tuple[Length | Hole, ...]:
-        """The holes, how thick wall and leaves are, and where the six points of the nest are.
+        """The holes, the thickness of wall and leaves, and the places of the nest's six points.
 
-        Those from the foot, the side and the face on the mount.
+        The points are dimensioned from the lower end, the side, and the face on the mount.
         """
         low, high = (corners_of(self.pieces[:1]).min(axis=0), corners_of(self.pieces[:1]).max(axis=0))
         wall = length(low, low + (high - low) * SCENE, "wall")
@@ -173,7 +172,7 @@ class ClipPlan:
         return (*holes(self.cuts), wall, *thick, *self._nest_lengths())
 
     def _nest_lengths(self) -> tuple[Length, ...]:
-        """Each distance once: points that lie at one place along an axis share it."""
+        """The distances of the nest's points along each axis; points at the same place share one."""
         if self.nest is None:
             return ()
         corners = corners_of(self.pieces)
@@ -189,29 +188,29 @@ class ClipPlan:
 
 
 def plan_clip(hardware: Hardware) -> ClipPlan:
-    """Lay out the clip of a camera; raises InputError with the measure that breaks where it cannot be made."""
+    """Lay out the clip of a camera; raises InputError with the dimension if it cannot be made."""
     camera, clip, screw = hardware.camera, hardware.clip, hardware.screw
     slide = stack(hardware.mount.slide_skin_mm, hardware)
     around = _around_mm(hardware)
     held_by = camera.held_by
-    held = (
+    cradle = (
         hold_body(camera, held_by, around, hardware)
         if isinstance(held_by, Lips)
         else hold_board(camera, held_by, hardware)
     )
-    slide_x = _slide_x_mm(held, hardware)
+    slide_x = _slide_x_mm(cradle, hardware)
     reach = slide_x + around
-    bottom, top = held.z_mm
+    bottom, top = cradle.z_mm
     top = max(top, bottom + 2.0 * (screw.insert_hole_mm + screw.insert_wall_mm))
-    if held.nest is not None:
-        # A body is heavy: of a thin one, the wall goes on below it, for two rows of screws.
+    if cradle.nest is not None:
+        # A body is heavy: the wall extends below a thin one, for two rows of screws.
         bottom = min(bottom, top - 2.0 * around - _least_apart_mm(hardware))
-    outer_y = held.inner_y_mm - slide.wall_mm
-    wall = box((min(held.x_mm[0], -reach), outer_y, bottom), (max(held.x_mm[1], reach), held.inner_y_mm, top))
-    slide_z = _slide_z_mm(held, (bottom + around, top - around), hardware)
-    cuts = list(held.cuts)
+    outer_y = cradle.inner_y_mm - slide.wall_mm
+    wall = box((min(cradle.x_mm[0], -reach), outer_y, bottom), (max(cradle.x_mm[1], reach), cradle.inner_y_mm, top))
+    slide_z = _slide_z_mm(cradle, (bottom + around, top - around), hardware)
+    cuts = list(cradle.cuts)
     for mouth in np.array([(x, outer_y, z) for z in slide_z for x in (-slide_x, slide_x)]):
-        # The clip lies on this face in print: round holes need no roof.
+        # The clip lies on this face in print, so that round holes need no roof.
         entered = thread(mouth, SCENE, UP, slide, slide.wall_mm, screw)
         cuts += [replace(cut, up=None) if isinstance(cut, Bore) else cut for cut in entered]
     deep = clip.rib_mm + hardware.fit.slide_mm
@@ -220,10 +219,10 @@ def plan_clip(hardware: Hardware) -> ClipPlan:
     )
     base = np.column_stack([groove, np.full(3, bottom - 1.0)])
     cuts.append(Frustum(base, base + (top - bottom + 2.0) * ABOVE))
-    tie_cuts, tie = _tie(held, outer_y, bottom, slide_x - around, hardware)
+    tie_cuts, tie = _tie(cradle, outer_y, bottom, slide_x - around, hardware)
     return ClipPlan(
-        pieces=(wall, *held.pieces),
-        cuts=(*cuts, *tie_cuts, *_lens_tie(held, outer_y, hardware)),
+        pieces=(wall, *cradle.pieces),
+        cuts=(*cuts, *tie_cuts, *_lens_tie(cradle, outer_y, hardware)),
         slide=slide,
         slide_x_mm=slide_x,
         slide_y_mm=outer_y,
@@ -232,8 +231,8 @@ def plan_clip(hardware: Hardware) -> ClipPlan:
         rib_mm=clip.rib_mm,
         bottom_mm=bottom,
         top_mm=top,
-        nest=held.nest,
-        board_screws=held.board_screws,
+        nest=cradle.nest,
+        board_screws=cradle.board_screws,
         tie_mm=tie,
     )
 
@@ -241,27 +240,27 @@ def plan_clip(hardware: Hardware) -> ClipPlan:
 def _around_mm(hardware: Hardware) -> float:
     """Radius of the material round an insert or a nut."""
     screw = hardware.screw
-    held = screw.insert_hole_mm / 2.0 if screw.kind == "insert" else screw.nut_flats_mm / np.sqrt(3.0)
-    return float(held) + screw.insert_wall_mm
+    radius = screw.insert_hole_mm / 2.0 if screw.kind == "insert" else screw.nut_flats_mm / np.sqrt(3.0)
+    return float(radius) + screw.insert_wall_mm
 
 
-def _slide_x_mm(held: Held, hardware: Hardware) -> float:
-    """Distance of the slide screws from the middle, in whole mm: behind no board's floor if nuts enter beside it."""
+def _slide_x_mm(cradle: Cradle, hardware: Hardware) -> float:
+    """Distance of the slide screws from the middle; nuts must enter outside a board's floor (then in integer mm)."""
     least, screw = hardware.clip.screws_apart_mm / 2.0, hardware.screw
-    if screw.kind == "insert" or held.nest is not None:
+    if screw.kind == "insert" or cradle.nest is not None:
         return least
     nut = screw.nut_flats_mm / np.sqrt(3.0) + hardware.fit.free_mm
-    return max(least, float(np.ceil(max(np.abs(held.x_mm)) + nut)))
+    return max(least, float(np.ceil(max(np.abs(cradle.x_mm)) + nut)))
 
 
-def _slide_z_mm(held: Held, ends_mm: tuple[float, float], hardware: Hardware) -> tuple[float, ...]:
-    """Heights of the slide's screws, between `ends_mm`: two, so that the camera's weight does not bend the skin.
+def _slide_z_mm(cradle: Cradle, ends_mm: tuple[float, float], hardware: Hardware) -> tuple[float, ...]:
+    """z of the slide's screws, between `ends_mm`: two rows, so that the camera's weight does not bend the skin.
 
-    They lie about the pads at a body's sides, where the two hold each other, or as near to that as the wall lets them.
-    Where it is too low for two ways of drivers with a wall between them there is one, in the middle or at these pads.
+    They lie symmetrically about the pads at a body's sides, or as near to that as the wall allows. A wall too low for
+    the driver's holes of two rows has one row, in the middle or at these pads.
     """
     low, high = ends_mm
-    middle = (low + high) / 2.0 if held.nest is None else float(held.nest.points[5, 2])
+    middle = (low + high) / 2.0 if cradle.nest is None else float(cradle.nest.points[5, 2])
     away = min(hardware.clip.screws_above_mm, high - low) / 2.0
     if 2.0 * away < _least_apart_mm(hardware) - 1e-9:
         return (middle,)
@@ -270,17 +269,17 @@ def _slide_z_mm(held: Held, ends_mm: tuple[float, float], hardware: Hardware) ->
 
 
 def _least_apart_mm(hardware: Hardware) -> float:
-    """Least distance of two rows of the slide's screws: the drivers' ways into the mount have a wall between them."""
+    """Least distance of two rows of the slide's screws, with a wall between their driver's holes in the mount."""
     return 2.0 * (hardware.clip.travel_mm + head_space_mm(hardware)) + hardware.printer.wall_mm
 
 
 def _tie(
-    held: Held, outer_y: float, bottom: float, widest_mm: float, hardware: Hardware
+    cradle: Cradle, outer_y: float, bottom: float, widest_mm: float, hardware: Hardware
 ) -> tuple[list[Frustum], tuple[float, float, float]]:
-    """Two slots through the wall below the camera, for a tie that takes the pull of its cable.
+    """Two slots through the wall below the camera, for a tie as strain relief of its cable.
 
-    Between them the tie lies in a hollow of the wall's outer face, over the mount's rib. Raises InputError where a
-    cable leaves too far from the middle.
+    Between them the tie lies in a hollow of the wall's outer face, over the mount's rib. Raises InputError if the cable
+    is too far from the middle.
     """
     camera, fit = hardware.camera, hardware.fit
     half_high, half = _tie_slot_mm(hardware)
@@ -292,17 +291,17 @@ def _tie(
             f"camera clip's slot for the cable's tie is {beyond:.1f} mm beyond the screws of its slide, "
             f"expected the cable nearer to the middle"
         )
-    return _slots(left, right, z, (outer_y, held.inner_y_mm), hardware), (left, right, z)
+    return _slots(left, right, z, (outer_y, cradle.inner_y_mm), hardware), (left, right, z)
 
 
-def _lens_tie(held: Held, outer_y: float, hardware: Hardware) -> list[Frustum]:
-    """The slots for a tie round the lens that rests on the clip, beside the faces of its rest; [] without a rest."""
+def _lens_tie(cradle: Cradle, outer_y: float, hardware: Hardware) -> list[Frustum]:
+    """The slots for a tie round a lens that rests on the clip, outside the faces of its rest; [] without a rest."""
     camera = hardware.camera
     if camera.rest_mm is None:
         return []
     z = camera.pupil_behind_front_mm + sum(camera.rest_mm) / 2.0
     away = REST_TO_MM + hardware.printer.wall_mm / 2.0 + _tie_slot_mm(hardware)[1]
-    return _slots(-away, away, z, (outer_y, held.inner_y_mm), hardware)
+    return _slots(-away, away, z, (outer_y, cradle.inner_y_mm), hardware)
 
 
 def _tie_slot_mm(hardware: Hardware) -> tuple[float, float]:

@@ -1,4 +1,4 @@
-"""The fit coupon: one small print to test, before the rest, whether mirrors, inserts, wrist and lens fit."""
+"""The fit coupon: one small print that tests, before the other parts, whether mirrors, inserts, wrist and lens fit."""
 
 from __future__ import annotations
 
@@ -19,29 +19,29 @@ from mirrorcam.optics.geometry.camera_body import BoardHoles
 from mirrorcam.optics.geometry.layout import Layout
 
 MIRROR_MM = (20.0, 15.0)
-"""The test mirror, cut from the stock sheet of the layout's mirrors."""
+"""Width and height of the test mirror, cut from the layout's stock sheet."""
 
 PLATE_MM = 2.4
 STRIP_MM = (22.0, 8.0)
-"""How far the strip for the carriers' gap stands out, and how wide it is."""
+"""Length and width of the strip that gauges the carriers' gap."""
 
 GAUGE_WALL_MM = 3.0
 LENS_STEPS_MM = (-0.3, 0.0, 0.3)
 THREAD_STEPS_MM = (-0.1, 0.0, 0.1)
-"""Differences of the holes of a gauge from the holes of the parts; one, two, three notches mark them."""
+"""Differences of a gauge's holes from the parts' holes, marked by one, two and three notches."""
 
 GO_MM, GO_DEEP_MM = 0.3, 4.0
-"""A body enters a slot that is so much wider than itself, and not one that is so much narrower, so deep each."""
+"""Allowance of the go slot (wider than the camera's body) and of the no-go slot (narrower), and the depth of either."""
 RIG_FROM_COUPON_MM = np.array([130.0, 0.0, -100.0])
-"""It stands beside the device."""
+"""Origin of the coupon in rig, next to the device."""
 
 
 @dataclass(frozen=True)
 class CouponPlan:
-    """A coupon in rig, mm: pieces and cuts; of a back that clamps, a segment of its ring, open to +x.
+    """A coupon in rig, mm: pieces, cuts and, for a back that clamps, a segment of its ring, open to +x.
 
-    The segment of `ring` is about `centre` (3,) along z. `right_mm` is the plate's edge, where it ends; what is clamped
-    touches nothing else.
+    The segment of `ring` is about `centre` (3,) along z and ends at the plate's edge, x = `right_mm`, so that the
+    clamped shell touches nothing else.
     """
 
     pieces: tuple[Frustum, ...]
@@ -59,7 +59,7 @@ class CouponPlan:
 
 @dataclass(frozen=True)
 class Gauge:
-    """A gauge of the coupon: what to try, when it fits, and the parameter of a file that corrects it."""
+    """A gauge of the coupon: its name, the criterion of a fit, and the parameter that corrects it."""
 
     name: str
     fits: str
@@ -67,7 +67,7 @@ class Gauge:
 
 
 def gauges_of(hardware: Hardware) -> tuple[Gauge, ...]:
-    """The gauges that a device's coupon has, as the assembly guide lists them."""
+    """The gauges of a device's coupon, for the assembly guide."""
     screw, camera, fit = hardware.screw, hardware.camera, hardware.fit
     less, _, more = (f"{step:+g}" for step in THREAD_STEPS_MM)
     insert = screw.kind == "insert"
@@ -116,9 +116,9 @@ def gauges_of(hardware: Hardware) -> tuple[Gauge, ...]:
 
 
 def plan_coupon(layout: Layout, hardware: Hardware, gap_mm: float = 0.0) -> CouponPlan:
-    """Lay out the coupon; of the layout only the thickness of the thickest mirror counts.
+    """Lay out the coupon; it depends on the layout only by the thickness of the thickest mirror.
 
-    With a gap between mirrors' carriers and their holder, a strip as thick as that stands out at the left.
+    With a gap between carriers and holder, a strip of that thickness extends to the left.
     """
     at, ring = RIG_FROM_COUPON_MM, hardware.back.ring_gauge
     seat_x, seat_y = _seat_mm(hardware)
@@ -151,12 +151,12 @@ def plan_coupon(layout: Layout, hardware: Hardware, gap_mm: float = 0.0) -> Coup
 
 
 def _length(start: tuple[float, float, float], end: tuple[float, float, float], text: str = "") -> Length:
-    """The distance between two points of the coupon, from its own corner on."""
+    """The distance between two points in the coupon's frame."""
     return length(RIG_FROM_COUPON_MM + start, RIG_FROM_COUPON_MM + end, text)
 
 
 def _seat_lengths(right_mm: float, gap_mm: float, hardware: Hardware) -> Iterator[Length]:
-    """The thickness of the plate, and of the strip for carriers, and the seat within its rims."""
+    """The thickness of plate and strip, and the seat's size within its rims."""
     rim, (x, y) = hardware.holder.rim_mm, _seat_mm(hardware)
     yield _length((right_mm, 0.0, 0.0), (right_mm, 0.0, PLATE_MM), "plate")
     if gap_mm:
@@ -166,7 +166,7 @@ def _seat_lengths(right_mm: float, gap_mm: float, hardware: Hardware) -> Iterato
 
 
 def _slot_lengths(right_mm: float, depth_mm: float, hardware: Hardware) -> Iterator[Length]:
-    """Width and depth of the slot for a camera's body, before its step and after it."""
+    """Width and depth of the go and no-go slots for a camera's body."""
     if not _slot_y_mm(hardware):
         return
     middle, wide = right_mm / 2.0, hardware.camera.height_mm
@@ -177,23 +177,23 @@ def _slot_lengths(right_mm: float, depth_mm: float, hardware: Hardware) -> Itera
 
 
 def _box(low: tuple[float, float, float], high: tuple[float, float, float]) -> Frustum:
-    """The box between two corners, from the coupon's own corner on."""
+    """The box between two opposite corners in the coupon's frame."""
     return box(tuple(RIG_FROM_COUPON_MM + low), tuple(RIG_FROM_COUPON_MM + high))
 
 
 def _seat_mm(hardware: Hardware) -> tuple[float, float]:
-    """Width and depth of the seat of the test mirror, with its rims."""
+    """Width and depth of the test mirror's seat, including its rims."""
     x, y = (side + 2.0 * (hardware.fit.free_mm + hardware.holder.rim_mm) for side in MIRROR_MM)
     return x, y
 
 
 def _thread_pitch_mm(hardware: Hardware) -> float:
-    """Distance of the screw holes of a block."""
+    """Pitch of the block's screw holes."""
     return hardware.screw.nut_flats_mm + hardware.screw.insert_wall_mm + 1.0
 
 
 def _block_mm(hardware: Hardware) -> float:
-    """Width of the block with the screws' holes."""
+    """Width of the block with screw holes."""
     return len(THREAD_STEPS_MM) * _thread_pitch_mm(hardware) + hardware.screw.insert_wall_mm
 
 
@@ -202,12 +202,12 @@ def _slot_x_mm(hardware: Hardware) -> float:
 
 
 def _slot_y_mm(hardware: Hardware) -> float:
-    """Depth of the plate for the slot for a camera's body; 0 for a bare board, which is held by its holes."""
+    """Depth of plate for the slot of a camera's body; 0 for a bare board, which is held by its holes."""
     return 0.0 if isinstance(hardware.camera.held_by, BoardHoles) else 2.0 * GO_DEEP_MM + 2.0
 
 
 def _seat(layout: Layout, hardware: Hardware) -> tuple[list[Frustum], list[Frustum]]:
-    """The seat: rims all round as high over it as the holder's, and grooves for the glue as the holder has."""
+    """The rims and the glue grooves of the seat, with the holder's dimensions."""
     dimensions, (seat_x, seat_y) = hardware.holder, _seat_mm(hardware)
     rim, thickness = dimensions.rim_mm, max(mirror.thickness_mm for mirror in layout.mirrors)
     high = PLATE_MM + dimensions.bond_mm + dimensions.rim_height_of_sheet * thickness
@@ -226,7 +226,7 @@ def _seat(layout: Layout, hardware: Hardware) -> tuple[list[Frustum], list[Frust
 
 
 def _pads(hardware: Hardware) -> list[Frustum]:
-    """Three pads in the seat as a holder's has them, off the grooves."""
+    """Three pads in the seat, clear of the grooves."""
     margin = hardware.holder.rim_mm + 2.0 * hardware.fit.free_mm + hardware.holder.pad_mm / 2.0
     seat_x, seat_y = _seat_mm(hardware)
     middles = np.array([(margin, margin), (seat_x - margin, margin), (seat_x / 2.0, seat_y - margin)])
@@ -238,26 +238,26 @@ def _pads(hardware: Hardware) -> list[Frustum]:
 
 
 def _screw_block(x_mm: float, hardware: Hardware) -> tuple[Frustum, list[Frustum | Bore | Hexagon]]:
-    """A block with holes for inserts or nuts, lying as those in the parts do, with notches in its upper edge."""
+    """A block with horizontal holes for inserts or nuts, as in the parts, and notches in its upper edge."""
     screw, pitch, width = hardware.screw, _thread_pitch_mm(hardware), _block_mm(hardware)
-    held = stack(hardware.mount.skin_mm, hardware)
+    fastened = stack(hardware.mount.skin_mm, hardware)
     high = PLATE_MM + pitch + 2.0 * screw.insert_wall_mm
-    solid = _box((x_mm, 0.0, 0.0), (x_mm + width, held.wall_mm, high))
+    solid = _box((x_mm, 0.0, 0.0), (x_mm + width, fastened.wall_mm, high))
     scene, up = np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0])
     cuts: list[Frustum | Bore | Hexagon] = []
     for index, step in enumerate(THREAD_STEPS_MM):
         tried = screw.replaced(insert_hole_mm=screw.insert_hole_mm + step, nut_flats_mm=screw.nut_flats_mm + step)
         x = x_mm + screw.insert_wall_mm / 2.0 + pitch * (index + 0.5)
         mouth = RIG_FROM_COUPON_MM + np.array([x, 0.0, PLATE_MM + pitch / 2.0])
-        cuts += thread(mouth, scene, up, held, held.wall_mm, tried)
-        cuts += _notches(index + 1, x, (-1.0, held.wall_mm + 1.0), (high - 1.0, high + 1.0))
+        cuts += thread(mouth, scene, up, fastened, fastened.wall_mm, tried)
+        cuts += _notches(index + 1, x, (-1.0, fastened.wall_mm + 1.0), (high - 1.0, high + 1.0))
     return solid, cuts
 
 
 def _notches(
     count: int, x_mm: float, along_y_mm: tuple[float, float], along_z_mm: tuple[float, float]
 ) -> list[Frustum]:
-    """So many notches about a place along x."""
+    """A number of notches about a place along x."""
     middles = [x_mm + 2.4 * (number - (count - 1) / 2.0) for number in range(count)]
     (y0, y1), (z0, z1) = along_y_mm, along_z_mm
     return [_box((middle - 0.5, y0, z0), (middle + 0.5, y1, z1)) for middle in middles]
@@ -278,7 +278,7 @@ def _slot(right_mm: float, depth_mm: float, hardware: Hardware) -> list[Frustum]
 
 
 def _lens_gauges(from_y_mm: float, pitch_mm: float, hardware: Hardware) -> list[Frustum | Bore | Hexagon]:
-    """Holes to try on the lens ring; one, two, three notches in the edge say which is which."""
+    """Holes to try on the lens ring, marked by one, two and three notches in the edge."""
     cuts: list[Frustum | Bore | Hexagon] = []
     end = from_y_mm + pitch_mm
     for index, step in enumerate(LENS_STEPS_MM):

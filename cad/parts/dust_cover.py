@@ -1,4 +1,4 @@
-"""The dust cover: a cap over the mirrors while the device is not in use, that clicks on the flange of their holder."""
+"""The dust cover: a cap over the mirrors while the device is not in use, which snaps on the flange of their holder."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.transforms import inverse, rigid, transform
 
-# Space between the cover and what it covers, and beside the mount.
+# Clearance of the cover over the mirrors, and on both sides of the mount.
 CLEAR_MM = 1.0
-# A catch reaches so far over the flange's back edge; both of its sides are at 45 deg.
+# Overlap of a catch with the flange's back edge, with both sides at 45 deg, and length of a catch.
 CATCH_MM, CATCH_LONG_MM = 0.45, 12.0
 OVERLAP_MM = 0.3
 
 
 @dataclass(frozen=True)
 class CoverPlan:
-    """A cover in rig, mm: what is between `outer` and `inner`, less the `notch` for the mount, with its `catches`.
+    """A cover in rig, mm: the material between `outer` and `inner`, minus the `notch` for the mount, with `catches`.
 
-    `rig_from_front` (4, 4) is the frame of its flat front, z out of the part. `rim_mm` is how far its rim is off the
-    plane of the holder's back, behind it; `way_mm` (2, 3) are the moves in rig by which it is taken off.
+    `rig_from_front` (4, 4) is the frame of its flat front, z out of the part. `rim_mm` is the distance of its rim
+    behind the plane of the holder's back; `way_mm` (2, 3) are the moves in rig by which the cover is taken off.
     """
 
     outer: Frustum
@@ -47,7 +47,7 @@ class CoverPlan:
         """Thickness of floor and wall, and the gap for the mount."""
         across, along, back = self.rig_from_front[:3, :3].T
         sides = np.roll(self.outer.base, -1, axis=0) - self.outer.base
-        # A side that is parallel to the gap, where there is one; its inner face is as far everywhere.
+        # The side most parallel to the gap; its inner face is parallel to it.
         side = int(np.argmax(np.abs(sides @ across) / np.linalg.norm(sides, axis=1)))
         middle = self.outer.base[side] + sides[side] / 2.0
         normal = np.cross(sides[side], back) / np.linalg.norm(sides[side])
@@ -65,9 +65,9 @@ class CoverPlan:
 
 
 def plan_cover(layout: Layout, holder: HolderPlan, mount: MountPlan, hardware: Hardware) -> CoverPlan | None:
-    """Lay out the cover: round the flange, and over all that stands on it; None where it does not fit the bed.
+    """Lay out the cover round the flange and over all that stands on it; None if it does not fit the bed.
 
-    Its rim reaches behind the flange, which its catches hold; where the mount is, it ends before the flange.
+    Its rim reaches behind the flange, on which its catches snap. At the mount, the rim ends before the flange.
     """
     mount_from_rig = inverse(holder.rig_from_mount)
     flange = Polygon(transform(mount_from_rig, holder.flange.base)[:, :2])
@@ -98,7 +98,7 @@ def plan_cover(layout: Layout, holder: HolderPlan, mount: MountPlan, hardware: H
 
 
 def _prism(area: Polygon, from_mm: float, to_mm: float, rig_from_mount: FloatArray) -> Frustum:
-    """The prism on a convex area of the back, between two heights along the mount's z."""
+    """The prism on a convex area of the back, between two z in the mount's frame."""
     corners = get_coordinates(orient(area))[:-1]
     base, top = (
         transform(rig_from_mount, np.column_stack([corners, np.full(len(corners), z)])) for z in (from_mm, to_mm)
@@ -107,35 +107,35 @@ def _prism(area: Polygon, from_mm: float, to_mm: float, rig_from_mount: FloatArr
 
 
 def _notch(flange: Polygon, half_width_mm: float, hardware: Hardware, holder: HolderPlan) -> Frustum:
-    """The gap in the rim for the mount, which passes on the side of the camera, and may reach over the other side."""
+    """The gap in the rim for the mount, through both sides, since the mount may extend beyond the far side."""
     far = float(np.abs(np.array(flange.bounds)).max()) + 10.0
     half = half_width_mm + CLEAR_MM
     return _prism(shapely_box(-half, -far, half, far), -hardware.holder.floor_mm, 20.0, holder.rig_from_mount)
 
 
 def _catches(inside: Polygon, half_width_mm: float, rig_from_mount: FloatArray) -> tuple[Frustum, ...]:
-    """A wedge on the inner wall at the longest side left and right of the mount, over the flange's back edge."""
+    """A wedge on the inner wall at the longest side on either side of the mount, over the flange's back edge."""
     corners = get_coordinates(orient(inside))
     sides = np.stack([corners[:-1], corners[1:]], axis=1)
     wedges = []
     for sign in (-1.0, 1.0):
-        beside = [side for side in sides if (sign * side[:, 0] > half_width_mm).all()]
-        if not beside:
+        clear = [side for side in sides if (sign * side[:, 0] > half_width_mm).all()]
+        if not clear:
             continue
-        start, end = max(beside, key=lambda side: float(np.linalg.norm(side[1] - side[0])))
+        start, end = max(clear, key=lambda side: float(np.linalg.norm(side[1] - side[0])))
         length = float(np.linalg.norm(end - start))
         along = (end - start) / length
         inward = np.array([-along[1], along[0]])
         half = min(CATCH_LONG_MM, 0.8 * length) / 2.0
-        # Across the wall and along z: it meets the flange's edge halfway up its lower slope.
+        # In the wall's normal and z: the wedge meets the flange's edge halfway up its lower slope.
         profile = np.array([(-OVERLAP_MM, -0.1), (0.0, -0.1), (CATCH_MM, CATCH_MM - 0.1), (0.0, 2.0 * CATCH_MM - 0.1)])
         profile = np.vstack([profile, [(-OVERLAP_MM, 2.0 * CATCH_MM - 0.1)]])
         ends = [
             transform(
                 rig_from_mount,
-                np.column_stack([(start + end) / 2.0 + way * half * along + profile[:, :1] * inward, profile[:, 1]]),
+                np.column_stack([(start + end) / 2.0 + side * half * along + profile[:, :1] * inward, profile[:, 1]]),
             )
-            for way in (-1.0, 1.0)
+            for side in (-1.0, 1.0)
         ]
         wedges.append(Frustum(ends[0], ends[1]))
     return tuple(wedges)

@@ -1,8 +1,8 @@
-"""The mount: carries the mirror holder over the camera, and the camera's clip on its slide.
+"""The mount, which carries the mirror holder over the camera, and the camera's clip on its slide.
 
-A profile in the y-z plane, extruded along x: it prints standing on its end, with nothing that overhangs but holes. Two
+It is a profile in the y-z plane, extruded along x, and prints standing on its end with no overhangs but holes. Two
 skins with a truss of webs between them run from the foot up behind the camera, round the lower end of the holder, and
-along its back. On the bed it stands as it is, at an angle, or cut in two, with blocks for the joining pins.
+along its back. It is printed straight on the bed, turned, or cut in two, with blocks for the joining pins.
 """
 
 from __future__ import annotations
@@ -44,10 +44,10 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.transforms import transform
 
-# Kept to the edge of the bed.
+# Margin to the edge of the bed.
 MARGIN_MM = 0.5
 TURN_STEP_DEG = 5
-# Along a piece of the profile a cut is tried at these parts of it, and at most so far from square.
+# Places along a piece of the profile at which a cut is tried, and its largest angle from square.
 CUTS_AT = (0.5, 0.45, 0.55, 0.4, 0.6, 0.35, 0.65, 0.3, 0.7, 0.25, 0.75, 0.2, 0.8, 0.15, 0.85)
 CUTS_DEG = 32.0
 BLOCK_MM = 16.0
@@ -55,11 +55,11 @@ FAR_MM = 1e4
 
 
 @dataclass(frozen=True)
-class Lay:
-    """A profile (y and z in rig) on the bed, turned about the bed's upright by `turn_deg`.
+class Placement:
+    """The placement of a profile (y and z in rig) on the bed, turned by `turn_deg` about the bed's normal.
 
-    Where it fits only in two pieces, `cut_mm` is where along the bed's y it is cut, `at` (2, 2) are the points of its
-    inner and outer side there, `along` (2,) is its direction in y and z.
+    If it fits only in two pieces, `cut_mm` is the place of the cut along the bed's y, `at` (2, 2) the points of the
+    profile's inner and outer side there, and `along` (2,) its direction there, in y and z.
     """
 
     turn_deg: float
@@ -68,16 +68,16 @@ class Lay:
     along: FloatArray | None = None
 
 
-def lay(inner: FloatArray, outer: FloatArray, hardware: Hardware) -> Lay | None:
-    """Turn a profile between two polylines (n, 2) as little as lets it fit; else cut its longest piece in two.
+def place_on_bed(inner: FloatArray, outer: FloatArray, hardware: Hardware) -> Placement | None:
+    """Turn a profile between two polylines (n, 2) by the smallest angle at which it fits, or cut its longest piece.
 
-    None where neither helps.
+    Returns None if it fits neither turned nor in two pieces.
     """
     bed = np.array(hardware.printer.bed_mm[:2])
     band = Polygon([*inner, *outer[::-1]]).buffer(MARGIN_MM, join_style="mitre")
     for degrees in range(0, 180, TURN_STEP_DEG):
         if fits(band, float(degrees), bed):
-            return Lay(float(degrees))
+            return Placement(float(degrees))
     lengths = np.linalg.norm(np.diff(inner, axis=0), axis=1)[1:-1]
     if len(lengths) == 0:
         return None
@@ -85,7 +85,7 @@ def lay(inner: FloatArray, outer: FloatArray, hardware: Hardware) -> Lay | None:
     along = (inner[piece + 1] - inner[piece]) / lengths.max()
     upright = 90.0 - float(np.degrees(np.arctan2(along[1], along[0])))
     turns = [float(degrees) for degrees in range(-90, 91, TURN_STEP_DEG) if abs(degrees - upright) <= CUTS_DEG]
-    # As it is, if it can be.
+    # The smallest turn first.
     for turned in sorted(turns, key=abs):
         for part in CUTS_AT:
             near = inner[piece] + part * (inner[piece + 1] - inner[piece])
@@ -95,45 +95,45 @@ def lay(inner: FloatArray, outer: FloatArray, hardware: Hardware) -> Lay | None:
                 depth = float((outer[piece] - inner[piece]) @ normal)
                 far = near + depth * (normal - np.tan(np.deg2rad(turned - upright)) * along)
                 at, long = np.array([near, far]), _block_mm(np.array([near, far]), along, hardware)[1]
-                # No block stands out where the skins bend.
+                # Blocks must not extend past the bends of the skins.
                 starts = (at - [inner[piece], outer[piece]]) @ along
                 ends = ([inner[piece + 1], outer[piece + 1]] - at) @ along
                 if min(*starts, *ends) >= long:
-                    return Lay(turned, cut, at, along)
+                    return Placement(turned, cut, at, along)
     return None
 
 
 def turn(degrees: float) -> FloatArray:
-    """The rotation (2, 2) by an angle."""
+    """The rotation matrix (2, 2) by an angle."""
     angle = np.deg2rad(degrees)
     return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
 
 
 def fits(area: Polygon, degrees: float, bed: FloatArray) -> bool:
-    """Return whether an area lies on the bed, turned."""
+    """Return whether an area, turned by an angle, fits on the bed."""
     return bool((np.ptp(get_coordinates(area) @ turn(degrees).T, axis=0) <= bed).all())
 
 
 def halves(area: Polygon, degrees: float, cut_mm: float) -> tuple[Polygon, Polygon]:
-    """The halves of an area below and above a cut across it as turned, turned back."""
+    """The halves of an area below and above a cut that is level when the area is turned by an angle."""
     turned = Polygon(get_coordinates(area.exterior) @ turn(degrees).T)
     parts = (shapely.box(-FAR_MM, -FAR_MM, FAR_MM, cut_mm), shapely.box(-FAR_MM, cut_mm, FAR_MM, FAR_MM))
     below, above = (get_coordinates(turned.intersection(part).convex_hull) @ turn(degrees) for part in parts)
     return Polygon(below), Polygon(above)
 
 
-def joint_blocks(laid: Lay, skin_mm: float, half_width_mm: float, hardware: Hardware) -> list[Frustum]:
-    """Blocks on both skins at both ends of the width, so that a cut has space for its pins; none without a cut.
+def joint_blocks(placement: Placement, skin_mm: float, half_width_mm: float, hardware: Hardware) -> list[Frustum]:
+    """Blocks on both skins at both ends of the width, which give a cut space for its pins; none without a cut.
 
-    Those at the end that prints last stand on slopes of 45 deg.
+    The blocks at the end that prints last stand on slopes of 45 deg.
     """
-    if laid.at is None or laid.along is None:
+    if placement.at is None or placement.along is None:
         return []
-    normal = np.array([-laid.along[1], laid.along[0]])
-    thick, long = _block_mm(laid.at, laid.along, hardware)
+    normal = np.array([-placement.along[1], placement.along[0]])
+    thick, long = _block_mm(placement.at, placement.along, hardware)
     blocks = []
-    for point, inwards in zip(laid.at, (normal, -normal), strict=True):
-        ends = np.array([point - long * laid.along, point + long * laid.along])
+    for point, inwards in zip(placement.at, (normal, -normal), strict=True):
+        ends = np.array([point - long * placement.along, point + long * placement.along])
         profile = np.array([*ends, *(ends[::-1] + thick * inwards)])
         root = np.array([*ends, *(ends[::-1] + 0.5 * skin_mm * inwards)])
         blocks.append(along_x(profile, -half_width_mm, -half_width_mm + BLOCK_MM))
@@ -149,38 +149,37 @@ def joint_blocks(laid: Lay, skin_mm: float, half_width_mm: float, hardware: Hard
 
 
 def _block_mm(at: FloatArray, along: FloatArray, hardware: Hardware) -> tuple[float, float]:
-    """How thick a block is, and how far it reaches along its skin to either side of the cut through two points."""
+    """Thickness of a block, and its extent along its skin on either side of the cut through two points (2, 2)."""
     normal, span = np.array([-along[1], along[0]]), at[1] - at[0]
     askew = float(np.abs(span @ along) / np.abs(span @ normal))
-    # 1 mm to spare, of which the depth of a pin's hole takes some.
+    # 1 mm of margin, which includes the clearance of a pin's hole.
     reach = hardware.holder.pin_mm[1] / 2.0 + hardware.printer.wall_mm + 1.0
     thick = 2.0 * clearance_round_pin_mm(hardware) + 1.0 + 2.0 * reach * askew
     return thick, reach + thick * askew
 
 
-# Webs at this angle to the skins: less plastic than at 45 deg, and stiff enough.
+# Angle of the webs to the skins: less plastic than at 45 deg, and stiff enough.
 WEB_DEG = 36.0
 GRAVITY_N_PER_KG = 9.80665
 GLASS_G_PER_CM3 = 2.5
-# The skin is thicker as far around the slots as a washer reaches, and a little more.
+# Extent of the thicker skin round the slots: slightly more than a washer.
 AROUND_SLOTS_MM = 5.0
-# Steps in which wider, deeper and thicker mounts are tried.
+# Steps of the widths and depths that are tried, and factors of the thicknesses.
 WIDER_MM, DEEPER_MM = 8.0, 2.0
 THICKER = (1.0, 1.5, 2.0)
-# A higher bend leans a little further back.
+# Number of heights of the bend that are tried; a higher bend leans further back.
 BENDS_TRIED = 4
 
 
 @dataclass(frozen=True)
 class MountPlan:
-    """A mount in rig, mm: convex pieces, cuts, and where it meets the other parts.
+    """A mount in rig, mm: convex pieces, cuts, and its interfaces to the other parts.
 
-    `rig_from_head` (4, 4) is the face on the holder's back (z out of the mount, into the holder), `holes_in_head_mm`
-    (4, 2) the screws on it, `head` their stack. `foot` (4, 3) are the adapter's screws in its lower face, `slide`
-    (3,) is the middle of the clip's way.
-    `tilt_deg` is how far the mirrors turn about any axis, `shift_um` how far they move, when the device is turned so
-    that `load_g` at `load_at` (3,) pulls the worst way instead of not at all; `path` (n, 2; y and z) is the middle of
-    the truss.
+    `rig_from_head` (4, 4) is the frame of the face on the holder's back (z out of the mount, into the holder), with the
+    screws at `holes_in_head_mm` (4, 2) and their stack `head`. `foot` (4, 3) are the back's screws in the lower face,
+    `slide` (3,) is the middle of the clip's travel. `tilt_deg` and `shift_um` are the rotation and displacement of the
+    mirrors by the weight of `load_g` at `load_at` (3,) in the worst direction. `path` (n, 2; y and z) is the middle
+    line of the truss.
     """
 
     pieces: tuple[Frustum, ...]
@@ -208,17 +207,18 @@ class MountPlan:
 
     @property
     def dimensions(self) -> tuple[Length | Hole, ...]:
-        """Holes, and where the screws of the head meet its face, which is oblique.
+        """The holes, and the places of the head's screws on its face, which is oblique.
 
-        From the foot's corner at the slide along both axes of the bed, as its drawing is seen, and from row to row.
+        The places are dimensioned from the foot's corner at the slide along both axes of the bed, which are those of
+        the drawing's view, and from row to row.
         """
         rows = transform(self.rig_from_head, np.column_stack([self.holes_in_head_mm, np.zeros(4)]))[[1, 2]]
         corner = np.array([rows[0, 0], self.slide[1], self.foot[0, 2]])
         edge = np.array([-self.half_width_mm, *corner[1:]])
-        ways = [np.array([0.0, *way]) for way in turn(self.bed_turn_deg)]
+        axes = [np.array([0.0, *axis]) for axis in turn(self.bed_turn_deg)]
         return (
             *(replace(hole, datum=Datum(edge, "the foot's edge at the slide")) for hole in holes(self.cuts)),
-            *(length(corner, row, way=way) for row in rows for way in ways),
+            *(length(corner, row, direction=axis) for row in rows for axis in axes),
             length(rows[0], rows[1], "head screws"),
             length(edge, edge - [0.0, self.section.depth_mm, 0.0]),
         )
@@ -226,7 +226,7 @@ class MountPlan:
 
 @dataclass(frozen=True)
 class Profile:
-    """A truss between an `inner` and an `outer` line (n, 2; y and z); `path` is the middle line, up to the head's."""
+    """A truss between an `inner` and an `outer` line (n, 2; y and z); `path` is its middle line up to the head."""
 
     section: Section
     inner: FloatArray
@@ -236,15 +236,15 @@ class Profile:
 
 
 def plan_mount(layout: Layout, holder: HolderPlan, clip: ClipPlan, hardware: Hardware) -> MountPlan:
-    """The lightest mount that is stiff enough; raises InputError with the measure that breaks where there is none."""
+    """Plan the lightest mount that is stiff enough; raises InputError with the dimension if there is none."""
     load_g, load_at = _load(layout, holder, hardware)
-    profile, laid = _lightest(holder, clip, load_g, load_at, hardware)
+    profile, placement = _lightest(holder, clip, load_g, load_at, hardware)
     section, half_width = profile.section, profile.section.width_mm / 2.0
     tilt_deg, shift_um = bending(profile, holder, clip, load_g, load_at, hardware)
     grip = hardware.mount.skin_mm
     pieces, webs = truss(profile.inner, profile.outer, section, hardware)
     pieces += [_rib(clip), _slide_skin(clip, half_width)]
-    webs += joint_blocks(laid, section.skin_mm, half_width, hardware)
+    webs += joint_blocks(placement, section.skin_mm, half_width, hardware)
     light = tuple(
         volume
         for volumes in keep_outs(layout, hardware)
@@ -267,30 +267,30 @@ def plan_mount(layout: Layout, holder: HolderPlan, clip: ClipPlan, hardware: Har
         tilt_deg=tilt_deg,
         shift_um=shift_um,
         half_width_mm=half_width,
-        bed_turn_deg=laid.turn_deg,
-        bed_cuts_mm=() if laid.cut_mm is None else (laid.cut_mm,),
+        bed_turn_deg=placement.turn_deg,
+        bed_cuts_mm=() if placement.cut_mm is None else (placement.cut_mm,),
     )
 
 
 def _lightest(
     holder: HolderPlan, clip: ClipPlan, load_g: float, load_at: FloatArray, hardware: Hardware
-) -> tuple[Profile, Lay]:
-    """The lightest profile that is stiff enough and fits the bed; raises InputError where none does."""
+) -> tuple[Profile, Placement]:
+    """The lightest profile that is stiff enough and fits the bed; raises InputError if there is none."""
     limit, tried = hardware.mount.tilt_deg, sorted(profiles(holder, clip, hardware), key=lambda each: each.volume_mm3)
     if not tried:
         raise InputError("mirror holder is too low over the camera's clip for the mount's bend, expected it higher")
-    # The beam has no openings: where it tilts too far, so do the plates.
+    # The beam has no openings: if it tilts too far, so do the plates.
     as_beams = [beam_tilt_deg(profile, load_g, load_at) for profile in tried]
     stiff: Profile | None = None
     for profile, as_beam in zip(tried, as_beams, strict=True):
         if as_beam > limit:
             continue
-        laid = lay(profile.inner, profile.outer, hardware)
-        if laid is None and stiff is not None:
+        placement = place_on_bed(profile.inner, profile.outer, hardware)
+        if placement is None and stiff is not None:
             continue
         if bending(profile, holder, clip, load_g, load_at, hardware)[0] <= limit:
-            if laid is not None:
-                return profile, laid
+            if placement is not None:
+                return profile, placement
             stiff = profile
     if stiff is None:
         stiffest = tried[int(np.argmin(as_beams))]
@@ -309,10 +309,10 @@ def _lightest(
 
 
 def profiles(holder: HolderPlan, clip: ClipPlan, hardware: Hardware) -> Iterator[Profile]:
-    """All widths, thicknesses and depths that are tried."""
+    """The profiles of all widths, thicknesses and depths that are tried."""
     mount, screw = hardware.mount, hardware.screw
     around = head_space_mm(hardware) + screw.insert_wall_mm
-    # The holder's middle need not be the camera's.
+    # The holder may be off the camera's middle.
     screws = head_screws(holder)
     least_half = max(float(np.abs(screws[:, 0]).max()), clip.slide_x_mm, FOOT_X_MM) + around
     least_half = max(least_half, cable_reach_mm(hardware))
@@ -321,7 +321,7 @@ def profiles(holder: HolderPlan, clip: ClipPlan, hardware: Hardware) -> Iterator
         for thicker in THICKER:
             skin, web = thicker * mount.skin_mm, thicker * mount.web_mm
             end = head_end_mm(holder, half_width, web, hardware)
-            # From one top of the slide, depths have the same inner line.
+            # All depths share the inner line from one top of the slide.
             line_from = cache(
                 partial(inner_path, holder, clip, half_width_mm=half_width, head_end_mm=end, hardware=hardware)
             )
@@ -342,12 +342,12 @@ def profiles(holder: HolderPlan, clip: ClipPlan, hardware: Hardware) -> Iterator
 def _lines(
     line_from: Callable[[float], FloatArray | None], clip: ClipPlan, depth: float, hardware: Hardware
 ) -> tuple[FloatArray, FloatArray] | None:
-    """The inner and the outer line (n, 2; y and z) of a mount of a depth; None of one that is too deep.
+    """The inner and the outer line (n, 2; y and z) of a mount of a given depth; None if it is too deep.
 
-    `line_from` gives the inner line from a height of the slide's top in rig, as `inner_path` does.
+    `line_from` returns the inner line from a height of the slide's top in rig, like `inner_path`.
 
-    They bend over the slide, higher in a deep mount: the web from corner to corner lies almost along the holes for the
-    driver below it, and where it met one it would end as a blade.
+    The lines bend above the slide, higher in a deep mount. The web from corner to corner is almost parallel to the
+    driver's holes below it, and would end in a blade at one of them.
     """
     slide_top, foot = clip.top_mm + clip.travel_mm + 2.0, (clip.slide_y_mm, foot_z_mm(clip, depth, hardware))
     least = over_drivers_mm(clip, hardware) + max(THICKER) * hardware.mount.web_mm / 2.0
@@ -368,12 +368,12 @@ def _lines(
 
 
 def head_screws(holder: HolderPlan) -> FloatArray:
-    """Where the screws of the head meet the holder's back (4, 3), in rig."""
+    """Intersections (4, 3) of the head's screws with the holder's back, in rig."""
     return transform(holder.rig_from_mount, np.column_stack([holder.holes_in_mount_mm, np.zeros(4)]))
 
 
 def beam_tilt_deg(profile: Profile, load_g: float, load_at: FloatArray) -> float:
-    """Largest turn of the mirrors under their weight on a sandwich beam as the profile, without openings."""
+    """Largest rotation of the mirrors under their weight, with the profile as a sandwich beam without openings."""
     turned, _ = bends_per_newton(profile.path, load_at, profile.section)
     return float(np.degrees(np.linalg.norm(turned, ord=2))) * load_g / 1000.0 * GRAVITY_N_PER_KG
 
@@ -381,7 +381,7 @@ def beam_tilt_deg(profile: Profile, load_g: float, load_at: FloatArray) -> float
 def bending(
     profile: Profile, holder: HolderPlan, clip: ClipPlan, load_g: float, load_at: FloatArray, hardware: Hardware
 ) -> tuple[float, float]:
-    """Largest turn in deg and shift in um of the mirrors under their weight, over all its directions."""
+    """Largest rotation in deg and shift in um of the mirrors under their weight, over all directions of gravity."""
     cuts = openings(holder, clip, profile.inner[-2:], profile.section, hardware)
     inner, outer, section = profile.inner, profile.outer, profile.section
     moved = mount_compliance(inner, outer, section, head_screws(holder), cuts, load_at, hardware)[:, :3]
@@ -393,7 +393,7 @@ def bending(
 
 
 def _load(layout: Layout, holder: HolderPlan, hardware: Hardware) -> tuple[float, FloatArray]:
-    """Mass in g of the holder, as if it were solid, and its mirrors, and the middle of it (3,): bounds from above."""
+    """Mass in g, and centre (3,), of the mirrors and the holder as if it were solid; an upper bound."""
     slab, *others = holder.bulk
     volume = volume_mm3(slab) + sum(volume_mm3(solid) for solid in others)
     glass = sum(Polygon(m.outline_in_plane_mm).area * m.thickness_mm for m in layout.mirrors)
@@ -402,7 +402,7 @@ def _load(layout: Layout, holder: HolderPlan, hardware: Hardware) -> tuple[float
 
 
 def _rib(clip: ClipPlan) -> Frustum:
-    """The V that guides the clip, over all of its travel."""
+    """The V rib that guides the clip over its full travel."""
     deep, root = clip.rib_mm, 1.0
     y, low = clip.slide_y_mm, clip.bottom_mm - clip.travel_mm
     corners = np.array([(-deep - root, y - root, low), (deep + root, y - root, low), (0.0, y + deep, low)])
@@ -410,9 +410,9 @@ def _rib(clip: ClipPlan) -> Frustum:
 
 
 def _slide_skin(clip: ClipPlan, half_width: float) -> Frustum:
-    """The thicker part of the skin, from below the lowest slot of the slide to over the highest.
+    """The thicker part of the skin, from below the lowest slot of the slide to above the highest.
 
-    On a thin skin the camera would nod by its weight.
+    On a thin skin the camera would pitch under its weight.
     """
     beyond = clip.travel_mm + AROUND_SLOTS_MM
     ends = (min(clip.slide_z_mm) - beyond, max(clip.slide_z_mm) + beyond)

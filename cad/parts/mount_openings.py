@@ -1,4 +1,4 @@
-"""Cuts of the mount: holes for screws and tools, the cable's window, the scale."""
+"""Cuts of the mount: holes for screws and drivers, the cable's window, and the scale."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ from mirrorcam.cad.plan.stiffness import Section
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.transforms import transform
 
-# Marks of the scale beside the clip's upper end, 1 mm apart.
+# Width of the marks of the scale at the clip's upper end, and length of the longest.
 MARK_MM = 0.6
 LONGEST_MARK_MM = 14.0
-# Between the cable's window and the slots for its tie, on both sides.
+# Distance between the cable's window and the slots for its tie, on both sides.
 TIE_OFF_MM = 3.0
-# Slicers take a face for an overhang a little before the printer's limit.
+# Slicers detect overhangs slightly before the printer's limit.
 ROUNDING_DEG = 2.0
 FAR_MM = 1e3
 
@@ -42,7 +42,7 @@ FAR_MM = 1e3
 def openings(
     holder: HolderPlan, clip: ClipPlan, head: FloatArray, section: Section, hardware: Hardware
 ) -> tuple[Frustum | Bore | Hexagon, ...]:
-    """All of them, for a mount whose face on the holder's back runs between two points, `head` (2, 2; y and z)."""
+    """All cuts of a mount whose face on the holder's back lies between two points, `head` (2, 2; y and z)."""
     depth, half_width = section.depth_mm, section.width_mm / 2.0
     plate = foot_plate_mm(depth, hardware)
     mount, screw = hardware.mount, hardware.screw
@@ -72,13 +72,13 @@ def openings(
 
 
 def leaves_blades(holder: HolderPlan, webs: Webs, section: Section, hardware: Hardware) -> bool:
-    """Whether a hole for a driver behind the holder runs so nearly along a web that the web's end cannot be printed.
+    """Return whether a driver's hole behind the holder is so nearly parallel to a web that its end cannot be printed.
 
-    The end of a web over a hole recedes along the web, under the hole's roof: the less steeply the more it runs along
-    the hole.
+    The end of a web over a hole recedes along the web, under the hole's roof. The more parallel web and hole are, the
+    flatter it recedes.
     """
     away = _away(holder)
-    ways = _ways_of_drivers(holder, section.width_mm / 2.0, hardware)
+    drivers = _driver_holes(holder, section.width_mm / 2.0, hardware)
     steepest = np.tan(np.deg2rad(hardware.printer.overhang_deg + ROUNDING_DEG))
     for start, end in webs.webs:
         along = (end - start) / np.linalg.norm(end - start)
@@ -86,59 +86,59 @@ def leaves_blades(holder: HolderPlan, webs: Webs, section: Section, hardware: Ha
         if sine >= np.tan(np.deg2rad(ROOF_IN_WEBS_DEG)) * steepest:
             continue
         web = LineString([start, end])
-        for point, radius in ways:
+        for point, radius in drivers:
             if web.distance(LineString([point, point + FAR_MM * away])) < radius + section.web_mm / 2.0:
                 return True
     return False
 
 
 def head_end_mm(holder: HolderPlan, half_width_mm: float, web_mm: float, hardware: Hardware) -> float:
-    """Where a mount of half a width ends on the holder's back, from the rig's origin up along the back.
+    """Upper end of a mount of given half width on the holder's back, measured along the back from the rig's origin.
 
-    It is over the holder's screws, and where the last web clears all holes for drivers: it runs along them.
+    It is above the holder's screws, where the last web, which is parallel to the drivers' holes, clears all of them.
     """
     away = _away(holder)
     up = np.array([away[1], -away[0]])
-    ways = sorted((float(point @ up), radius) for point, radius in _ways_of_drivers(holder, half_width_mm, hardware))
+    drivers = sorted((float(point @ up), radius) for point, radius in _driver_holes(holder, half_width_mm, hardware))
     screws = transform(holder.rig_from_mount, np.column_stack([holder.holes_in_mount_mm, np.zeros(4)]))[:, 1:]
     end = float((screws @ up).max()) + head_space_mm(hardware) + hardware.screw.insert_wall_mm
-    for at, radius in ways:
+    for at, radius in drivers:
         if at - radius < end and end - web_mm < at + radius:
             end = at + radius + web_mm
     return end
 
 
 def _away(holder: HolderPlan) -> FloatArray:
-    """Where the holder's back faces (2,; y and z)."""
+    """The normal (2,; y and z) of the holder's back."""
     away = holder.rig_from_mount[1:3, 2]
     return np.asarray(away / np.linalg.norm(away))
 
 
-def _ways_of_drivers(holder: HolderPlan, half_width_mm: float, hardware: Hardware) -> list[tuple[FloatArray, float]]:
-    """Points (2,; y and z) on the axes of the holes for drivers behind the holder, and the holes' radii."""
+def _driver_holes(holder: HolderPlan, half_width_mm: float, hardware: Hardware) -> list[tuple[FloatArray, float]]:
+    """Points (2,; y and z) on the axes of the drivers' holes behind the holder, and the holes' radii."""
     screws = transform(holder.rig_from_mount, np.column_stack([holder.holes_in_mount_mm, np.zeros(4)]))
-    ways = [(screw[1:], head_space_mm(hardware)) for screw in screws]
+    drivers = [(screw[1:], head_space_mm(hardware)) for screw in screws]
     if isinstance(holder, ScrewedHolderPlan):
         heads = [head for head in holder.heads if _crosses(head, half_width_mm)]
-        ways += [(head[1:], DRIVER_HOLE_MM / 2.0) for head in heads]
-    return ways
+        drivers += [(head[1:], DRIVER_HOLE_MM / 2.0) for head in heads]
+    return drivers
 
 
 def _crosses(head: FloatArray, half_width_mm: float) -> bool:
-    """Whether the hole for the driver of a carrier's screw meets a mount of half a width."""
+    """Return whether the driver's hole of a carrier's screw meets a mount of given half width."""
     low, high = (float(head[0]) + end for end in DRIVER_HOLE_ENDS_MM)
     return high >= -half_width_mm and low <= half_width_mm
 
 
 def over_drivers_mm(clip: ClipPlan, hardware: Hardware) -> float:
-    """Height in rig of the upper side of the holes for the driver of the clip's screws."""
+    """z in rig of the upper side of the driver's holes for the clip's screws."""
     return max(clip.slide_z_mm) + clip.travel_mm + head_space_mm(hardware)
 
 
 def _for_driver(
     holder: HolderPlan, up: FloatArray, half_width_mm: float, deep_mm: float, hardware: Hardware
 ) -> list[Bore | Frustum]:
-    """Holes for the driver that turns the screws of carriers; those near an end of the mount are open to it."""
+    """Holes for the driver of the carriers' screws; those near an end of the mount are open to that end."""
     if not isinstance(holder, ScrewedHolderPlan):
         return []
     away, wall, radius = holder.rig_from_mount[:3, 2], hardware.printer.wall_mm, DRIVER_HOLE_MM / 2.0
@@ -158,7 +158,7 @@ def _for_driver(
 
 
 def cable_reach_mm(hardware: Hardware) -> float:
-    """Distance from the middle to the end of the cable's window and tie slots, and the thinnest wall beside them."""
+    """Distance from the middle to the end of the cable's window and tie slots, including the thinnest wall."""
     width, height = hardware.mount.cable_window_mm
     tie_width, tie_height = hardware.mount.tie_mm
     roof = tie_height / 2.0 / np.tan(np.deg2rad(ROOF_DEG))
@@ -166,7 +166,7 @@ def cable_reach_mm(hardware: Hardware) -> float:
 
 
 def _for_cable(y: float, floor_z: float, section: Section, hardware: Hardware) -> list[Frustum]:
-    """A window for the cable over the foot's plate, and slots for a tie beside it."""
+    """A window for the cable above the foot's plate, and slots for a tie on both sides."""
     mount, depth = hardware.mount, section.depth_mm
     width, height = mount.cable_window_mm
     half, middle_z = width / 2.0, floor_z + height / 2.0
@@ -184,9 +184,9 @@ def _for_cable(y: float, floor_z: float, section: Section, hardware: Hardware) -
 
 
 def _scale(clip: ClipPlan, half_width: float, hardware: Hardware) -> list[Frustum]:
-    """Marks 1 mm apart, the clip's upper end at the longest when it is at the nominal depth of the pupil.
+    """Marks 1 mm apart; the clip's upper end is at the longest when the pupil is at its nominal depth.
 
-    They run out at the end that prints last, so that nothing of them overhangs.
+    They are open to the end that prints last, so that they have no overhang.
     """
     marks = []
     steps = int(clip.travel_mm)
@@ -202,19 +202,19 @@ def _scale(clip: ClipPlan, half_width: float, hardware: Hardware) -> list[Frustu
 
 
 def longest_mark_mm(clip: ClipPlan, half_width: float, hardware: Hardware) -> float:
-    """Length of the scale's longest mark: beside the clip's slots, whose ceilings a notched line would bridge."""
+    """Length of the scale's longest mark, which ends before the clip's slots: notched ceilings would not bridge."""
     beside = hardware.screw.clearance_hole_mm / 2.0 + hardware.printer.wall_mm
     over_slots = clip.top_mm - int(clip.travel_mm) > max(clip.slide_z_mm) + clip.travel_mm + beside
     return LONGEST_MARK_MM if over_slots else min(LONGEST_MARK_MM, half_width - clip.slide_x_mm - beside)
 
 
 def _flush(holder: HolderPlan, head: FloatArray, half_width: float) -> Frustum:
-    """The cut that keeps the head out of the holder, whose back is turned a little to the side."""
+    """The cut that keeps the head out of the holder if its back is turned sideways."""
     ends: FloatArray = np.column_stack([np.zeros(2), head])
     mount_from_rig = np.asarray(np.linalg.inv(holder.rig_from_mount), dtype=np.float64)
     on_back = transform(mount_from_rig, ends)
     low, high = on_back[:, 1].min(), on_back[:, 1].max() + 1.0
-    # The middle of the mount need not be that of the holder's screws.
+    # The middle of the mount may differ from the middle of the holder's screws.
     left, right = on_back[:, 0].mean() + np.array([-1.0, 1.0]) * (half_width + 5.0)
     corners = np.array([(left, low, 0.0), (right, low, 0.0), (right, high, 0.0), (left, high, 0.0)])
     base: FloatArray = transform(holder.rig_from_mount, corners)

@@ -1,6 +1,6 @@
-"""Stiffness of the mount: skins, webs and the foot's plate as folded plates, softened by their openings.
+"""Stiffness of the mount: skins, webs and the foot's plate as folded plates, with the compliance of their openings.
 
-A perforated strip is softened as a plate with holes, in closed form.
+The modulus of a perforated strip is reduced as for a plate with holes, in closed form.
 """
 
 from __future__ import annotations
@@ -21,31 +21,31 @@ from mirrorcam.cad.plan.seats import Frustum
 from mirrorcam.cad.plan.stiffness import POISSON, FoldedPlates, Section
 from mirrorcam.core.values import FloatArray
 
-# How far beyond a strip an opening is followed: longer than any.
+# Larger than any opening and strip.
 FAR_MM = 500.0
-# What only touches a strip takes nothing of it.
+# Cuts that overlap a strip by less than this only touch it.
 TOUCH_MM = 1e-6
 
 
 def softening(
     start: FloatArray, end: FloatArray, half_width_mm: float, cuts: Iterable[Frustum | Bore | Hexagon]
 ) -> float:
-    """How many times as much as without openings a strip stretches along itself.
+    """Ratio of a strip's compliance along itself with openings to that without.
 
-    The strip is a plate from a point (2,; y and z) to another, `half_width_mm` to either side of x = 0. An ellipse 2 a
-    wide across the stress and 2 b long adds its part of the area times 1 + 2 a / b (Kachanov 1992, Effective elastic
-    properties of cracked solids; holes that do not act on each other); an opening of another shape counts as the
-    ellipse of its width and length. Pockets for nuts do not go through and are left out.
+    The strip is a plate between two points (2,; y and z), `half_width_mm` to either side of x = 0. An ellipse with the
+    axes 2 a across the stress and 2 b along it adds its share of the area times 1 + 2 a / b (Kachanov 1992, Effective
+    elastic properties of cracked solids; holes without interaction). An opening of another shape counts as the ellipse
+    of the same width and length. Pockets for nuts are not through holes and are left out.
     """
     length = float(np.linalg.norm(end - start))
-    whole = box(-half_width_mm, -FAR_MM, half_width_mm, FAR_MM)
+    band = box(-half_width_mm, -FAR_MM, half_width_mm, FAR_MM)
     strip = box(-half_width_mm, 0.0, half_width_mm, length)
     softer = 1.0
     for cut in cuts:
         opening = _in_plane(cut, start, (end - start) / length) if _may_meet(cut, start, end) else None
         if opening is None or not opening.intersects(strip):
             continue
-        opening = opening.intersection(whole)
+        opening = opening.intersection(band)
         low_x, low, high_x, high = opening.bounds
         part = opening.intersection(strip).area / strip.area
         softer += part * (1.0 + 2.0 * (high_x - low_x) / (high - low))
@@ -53,7 +53,7 @@ def softening(
 
 
 def _may_meet(cut: Frustum | Bore | Hexagon, start: FloatArray, end: FloatArray) -> bool:
-    """Whether a cut may meet a strip: not so where all its corners are on one side of it, or beyond one of its ends."""
+    """Return whether a cut may meet a strip: False if all its corners are on one side of it, or beyond one end."""
     if not isinstance(cut, Frustum):
         return True
     length = float(np.linalg.norm(end - start))
@@ -64,9 +64,9 @@ def _may_meet(cut: Frustum | Bore | Hexagon, start: FloatArray, end: FloatArray)
 
 
 def _in_plane(cut: Frustum | Bore | Hexagon, start: FloatArray, along: FloatArray) -> Polygon | None:
-    """The area of a cut in the plane through x and a line from a point along a direction (both (2,); y and z).
+    """Section of a cut with the plane through the x axis and a line from a point along a direction, both (2,; y and z).
 
-    In x and the distance along that line; None where it takes nothing.
+    Coordinates are x and the distance along the line; None if the cut does not meet the plane.
     """
     if isinstance(cut, Hexagon):
         return None
@@ -78,7 +78,7 @@ def _in_plane(cut: Frustum | Bore | Hexagon, start: FloatArray, along: FloatArra
                 return None
             loop = clip_loop(loop, direction, offset - normal[1:] @ start)
         return Polygon(loop) if len(loop) > 2 else None
-    # A bore along the y-z plane, or nearly so; its roof is towards x.
+    # A bore in the y-z plane, or nearly so, with its roof towards +x.
     axis = cut.axis[1:] / np.linalg.norm(cut.axis[1:])
     across = np.array([-axis[1], axis[0]])
     sine = float(along @ across)
@@ -97,20 +97,20 @@ def _in_plane(cut: Frustum | Bore | Hexagon, start: FloatArray, along: FloatArra
 
 @cache
 def _bore_outline(radius_mm: float, travel_mm: float, roof_mm: float) -> Polygon:
-    """The outline of a bore or a slot about its middle: its roof towards +x, its travel along y."""
+    """The outline of a bore or a slot about its middle, with its roof towards +x and its travel along y."""
     half = max(travel_mm / 2.0, 1e-9)
     ends = LineString([(0.0, -half), (0.0, half)]).buffer(radius_mm)
-    # The roof are two tangents from its ridge.
+    # The roof consists of the two tangents from its ridge.
     return ends.union(Point(roof_mm, 0.0)).convex_hull if roof_mm > radius_mm else ends
 
 
-# A screw of the head holds its skin this far to either side, about as far as its head reaches.
+# A screw of the head clamps its skin this far to either side, about the radius of its head.
 SCREW_REACH_MM = 3.0
-# A screw of the foot holds the plastic on a disc of this radius, about as far as its pressure spreads in the back.
+# A screw of the foot clamps the plastic on a disc of this radius, over which its pressure spreads in the back.
 DISC_MM = 6.0
-# Finite elements of solids tilt up to 1.28 times as far about x as these plates do, and .96 to 1.05 times about the
-# other axes, over mounts of 1 x 2 to 5 x 5 mirrors (docs/cad.md). What plates have not: openings that act on each
-# other, and webs cut where they meet a skin. With both factors no mount of these is softer than stated.
+# Solid finite elements tilt up to 1.28 times as far about x as these plates, and .96 to 1.05 times about the other
+# axes, over mounts of 1 x 2 to 5 x 5 mirrors (docs/cad.md). The plates neglect the interaction of openings, and cuts of
+# webs where they meet a skin. With both factors, all of these mounts are at least as stiff as calculated.
 KNOCK_DOWN_ABOUT_X, KNOCK_DOWN = 1.18, 1.1
 
 
@@ -123,16 +123,16 @@ def mount_compliance(
     load: FloatArray,
     hardware: Hardware,
 ) -> FloatArray:
-    """How the mirror holder moves on a mount whose foot is screwed to what does not move.
+    """Compliance of the mirror holder on a mount whose foot is screwed to a fixed support.
 
     Parameters
     ----------
     inner, outer
-        The lines (n, 2; y and z) that the mount's profile lies between.
+        The lines (n, 2; y and z) between which the mount's profile lies.
     section
         Its skins and webs.
     screws : (4, 3) array
-        Points in rig, mm, where the screws of the head meet its face, two in each of two rows.
+        Points in rig, mm, of the head's screws on its face, two in each of two rows.
     cuts
         Openings of the mount.
     load : (3,) array
@@ -143,12 +143,12 @@ def mount_compliance(
     Returns
     -------
     (6, 6) array
-        Column j: shift of the point in mm and turn in rad for a unit force (j < 3, N) or moment (N mm) on the holder,
-        which is rigid beside the mount. Safely large, by the knock-downs.
+        Column j: shift of the point in mm and rotation in rad for a unit force (j < 3, N) or moment (N mm) on the
+        holder, which is assumed rigid. Conservatively large, by the knock-down factors.
     """
     webs = webs_between(inner, outer, section, hardware)
     plate = foot_plate_mm(section.depth_mm, hardware)
-    # The skins leave the foot's plate at its top.
+    # The skins meet the foot's plate at its top.
     level = float(inner[0, 1]) + plate
     feet = [np.array([line[0, 0], level]) for line in (webs.inner, webs.outer)]
     footed = np.array([(inner[0, 0] - y, level) for y in FOOT_Y_MM])
@@ -178,12 +178,12 @@ def mount_compliance(
     foot_edges = np.repeat([edges.at(point) for point in footed], 2)
     head_edges = np.repeat([edges.at(row) for row in rows], 2)
     compliance = plates.compliance(
-        bed=disc_on_solid(DISC_MM, section.plastic_mpa),
-        ground=(foot_edges, np.tile([-FOOT_X_MM, FOOT_X_MM], len(footed))),
-        held=(head_edges, np.concatenate([screws[[0, 1, 0, 1], 0], screws[[2, 3, 2, 3], 0]])),
-        at=load,
+        support_stiffness=disc_on_solid(DISC_MM, section.plastic_mpa),
+        supports=(foot_edges, np.tile([-FOOT_X_MM, FOOT_X_MM], len(footed))),
+        attachments=(head_edges, np.concatenate([screws[[0, 1, 0, 1], 0], screws[[2, 3, 2, 3], 0]])),
+        load=load,
     )
-    # Forces along y and z, and moments about x, work together: those in the plane of the profile.
+    # Forces along y and z, and moments about x, act in the plane of the profile and are coupled.
     in_plane = np.sqrt(KNOCK_DOWN_ABOUT_X) ** np.array([0, 1, 1, 1, 0, 0])
     return np.asarray(KNOCK_DOWN * compliance * np.outer(in_plane, in_plane))
 
@@ -200,7 +200,7 @@ def disc_on_solid(radius_mm: float, modulus_mpa: float) -> FloatArray:
 
 
 class _Edges:
-    """Points of y and z, each once."""
+    """The edges of the strips as unique points (2,; y and z)."""
 
     def __init__(self) -> None:
         self.points: list[FloatArray] = []
@@ -217,7 +217,7 @@ class _Edges:
 def _along(
     line: Sequence[FloatArray], points: Sequence[FloatArray] | FloatArray, thickness_mm: float
 ) -> list[tuple[FloatArray, FloatArray, float]]:
-    """Strips from corner to corner of a line, and from point to point of those that lie on it."""
+    """Strips along a line, divided at its corners and at those of the points that lie on it."""
     path = LineString(line)
     on_path = [point for point in points if path.distance(Point(point)) < 1e-6]
     ordered = sorted([*line, *on_path], key=lambda point: path.project(Point(point)))

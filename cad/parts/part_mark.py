@@ -1,4 +1,4 @@
-"""The mark of a printed part: number, revision and date, engraved into an outer face that carries nothing."""
+"""The mark of a printed part: number, revision and date, engraved into a free outer face."""
 
 from __future__ import annotations
 
@@ -20,36 +20,36 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.transforms import transform
 
 DEPTH_MM, STROKE_MM, SIDE_DEG = 0.4, 1.0, 48.0
-"""Grooves two layers deep, as wide at the face as two lines; their sides lean so far that ceilings need no support."""
+"""Grooves two layers deep, two lines wide at the face, with sides so inclined that they print without support."""
 
 UNIT_MM = 2.0
-"""Half the height of a sign: ridges between strokes are then as wide as two lines."""
+"""Half the height of a glyph: ridges between strokes are then two lines wide."""
 
 GAP, LINE = 0.95, 3.2
-"""Between signs and from line to line, in halves of their height."""
+"""Spacing of glyphs and of lines, in units of half a glyph's height."""
 
-# The mark keeps this far from edges of its face, and leaves this much behind it.
+# Distance of the mark from edges of its face, and thickness of the material behind it.
 EDGE_MM, BEHIND_MM = 1.5, 1.19
-# Nothing stands before a mark as near as this.
+# Free distance in front of a mark.
 SEEN_MM = 25.0
-# Places that are tried are so far apart, and of a face there are so many of them.
+# Spacing of the places that are tried, and their number on a face.
 STEP_MM, PLACES = 1.0, 8
-# A face is outer where the part reaches no further before it, and of a named plane where that is as near.
+# Tolerances: the part's extent in front of an outer face, and the angle (1 - cosine) to a named plane.
 OUTER_MM, PARALLEL = 1e-3, 1e-4
-# Faces towards the bed are pressed flat by the first layers; those overhead would need support.
+# Least z of a face's normal in print: faces on the bed are squeezed by the first layers, and overhangs need support.
 LEAST_UP = -0.2
 
 
 @dataclass(frozen=True)
 class Mark:
-    """Outlines of signs (with holes) in the plane of a frame (4, 4) in rig, mm: z points out of the part."""
+    """Outlines of glyphs (with holes) in the plane of a frame (4, 4) in rig, mm, with z out of the part."""
 
     outlines: tuple[Polygon, ...]
     rig_from_face: FloatArray
 
 
 def plan_mark(solid: Shape[Any], lines: Sequence[str], up: FloatArray, named: Sequence[NamedFace] = ()) -> Mark | None:
-    """Find the place of a mark on a part, or of its first lines; None where there is none, or the part is not sound.
+    """Find a place on a part for as many of a mark's lines as fit; None if there is none, or the mesh is invalid.
 
     Parameters
     ----------
@@ -58,9 +58,9 @@ def plan_mark(solid: Shape[Any], lines: Sequence[str], up: FloatArray, named: Se
     lines : sequence of str
         Digits, letters a to f, M, C and "-".
     up : (3,)
-        Which way the part prints, in rig.
+        Upward direction in print, in rig.
     named : sequence of NamedFace
-        Faces that are kept as they are.
+        Faces that must not be marked.
     """
     points, triangles = solid.tessellate(0.05, 0.35)
     mesh = trimesh.Trimesh(np.array([tuple(point) for point in points]), np.array(triangles))
@@ -94,7 +94,7 @@ def engraved(solid: Part, mark: Mark) -> Part:
 
 
 def _groove(outline: Polygon, rig_from_face: FloatArray) -> Solid:
-    """The solid of a sign's cut: its outline in the face, narrower below as its sides lean; all faces are flat."""
+    """The solid of a glyph's groove: its outline in the face, narrower at the bottom; all faces are flat."""
     narrower = DEPTH_MM * np.tan(np.deg2rad(SIDE_DEG))
     rings = [np.array(ring.coords[:-1]) for ring in (orient(outline).exterior, *orient(outline).interiors)]
     upper = [transform(rig_from_face, np.insert(ring, 2, 0.0, axis=1)) for ring in rings]
@@ -108,7 +108,7 @@ def _groove(outline: Polygon, rig_from_face: FloatArray) -> Solid:
 
 
 def _offset(ring: FloatArray, by_mm: float) -> FloatArray:
-    """A ring (n, 2), its inside to the left, moved to the left with its corners mitred."""
+    """A ring (n, 2) with its inside to the left, offset to the left with mitred corners."""
     along = np.roll(ring, -1, axis=0) - ring
     left = np.column_stack([-along[:, 1], along[:, 0]]) / np.linalg.norm(along, axis=1)[:, None]
     before = np.roll(left, 1, axis=0)
@@ -122,15 +122,15 @@ def _face(rings: Sequence[FloatArray]) -> Face:
 
 
 def set_out(lines: Sequence[str]) -> tuple[Polygon, ...]:
-    """The outlines of the signs of some lines, mm, their middle in the origin."""
+    """The outlines of the glyphs of lines of text, mm, centred on the origin."""
     strokes: list[FloatArray] = []
     for row, line in enumerate(lines):
         reached = 0.0
         for letter in line:
-            sign = [np.array(stroke, dtype=np.float64) for stroke in STROKES[letter.replace("C", "c")]]
-            low = min(stroke[:, 0].min() for stroke in sign)
-            strokes += [stroke + np.array([reached - low, -row * LINE]) for stroke in sign]
-            reached += max(stroke[:, 0].max() for stroke in sign) - low + GAP
+            glyph = [np.array(stroke, dtype=np.float64) for stroke in STROKES[letter.replace("C", "c")]]
+            low = min(stroke[:, 0].min() for stroke in glyph)
+            strokes += [stroke + np.array([reached - low, -row * LINE]) for stroke in glyph]
+            reached += max(stroke[:, 0].max() for stroke in glyph) - low + GAP
     corners = np.vstack(strokes)
     middle = (corners.min(axis=0) + corners.max(axis=0)) / 2.0
     wide = [
@@ -141,12 +141,12 @@ def set_out(lines: Sequence[str]) -> tuple[Polygon, ...]:
 
 
 def _before(face: Face, corners: FloatArray) -> float:
-    """How far a part, by points (n, 3) of it, reaches before the plane of a face, mm."""
+    """Extent of a part, by its points (n, 3), in front of the plane of a face, mm."""
     return float(((corners - np.array(tuple(face.center()))) @ np.array(tuple(face.normal_at()))).max())
 
 
 def _is_free(face: Face, up: FloatArray, named: Sequence[NamedFace]) -> bool:
-    """Whether a face does not lie down on the bed, and is of no named plane."""
+    """Return whether a face neither faces the bed nor lies in a named plane."""
     normal, point = np.array(tuple(face.normal_at())), np.array(tuple(face.center()))
     if normal @ up < LEAST_UP:
         return False
@@ -157,7 +157,7 @@ def _is_free(face: Face, up: FloatArray, named: Sequence[NamedFace]) -> bool:
 
 
 def _frame(face: Face, up: FloatArray) -> FloatArray:
-    """A frame (4, 4) of a face, z out of it; y is up as printed, where the face is not level."""
+    """A frame (4, 4) of a face, z out of it; y points up in print unless the face is level."""
     normal = np.array(tuple(face.normal_at()))
     upright = up if abs(up @ normal) < 0.9 else np.eye(3)[int(np.argmin(np.abs(normal)))]
     y = upright - (upright @ normal) * normal
@@ -174,7 +174,7 @@ def _quarter(frame: FloatArray) -> FloatArray:
 
 
 def _place(face: Face, frame: FloatArray, half: FloatArray, body: manifold3d.Manifold) -> tuple[float, float] | None:
-    """Where on a face a box of half its sides (2,), mm, lies within it with material behind: the deepest inside."""
+    """The place on a face, farthest from its edge, of a box with half sides (2,), mm, that has material behind it."""
     outer, *holes = (_flat(wire, frame) for wire in (face.outer_wire(), *face.inner_wires()))
     area = Polygon(outer, holes).buffer(0.0)
     x0, y0, x1, y1 = area.bounds
@@ -195,7 +195,7 @@ def _place(face: Face, frame: FloatArray, half: FloatArray, body: manifold3d.Man
 
 
 def _is_backed(frame: FloatArray, place: FloatArray, half: FloatArray, body: manifold3d.Manifold) -> bool:
-    """Whether there is material behind a mark and none before it: rays at a grid of points."""
+    """Return whether there is material behind a mark and none in front of it, by rays at a grid of points."""
     steps = np.linspace(-1.0, 1.0, 5)
     for x, y in np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2) * half + place:
         point = frame[:3, 3] + x * frame[:3, 0] + y * frame[:3, 1]
@@ -207,7 +207,7 @@ def _is_backed(frame: FloatArray, place: FloatArray, half: FloatArray, body: man
 
 
 def _flat(wire: Wire, frame: FloatArray) -> FloatArray:
-    """A wire as a loop (n, 2) in the plane of a frame; curved edges by chords."""
+    """A wire as a loop (n, 2) in the plane of a frame, with curved edges as chords."""
     points = []
     for edge in wire.order_edges():
         count = 1 if edge.geom_type == GeomType.LINE else 16

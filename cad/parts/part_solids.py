@@ -1,4 +1,4 @@
-"""The printed parts other than the mirror holder as B-rep solids, made of the numbers of their plans."""
+"""B-rep solids of the printed parts other than the mirror holder, made from their plans."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ Cut = Frustum | Bore | Countersink | Hexagon
 
 
 def bore_solid(bore: Bore) -> Solid:
-    """The solid that a bore removes: a cylinder, or a slot, with a roof that prints without support."""
+    """The solid that a bore removes: a cylinder or a slot, with a roof that prints without support."""
     up = bore.up if bore.up is not None else np.roll(bore.axis, 1)
     along = np.cross(up, bore.axis)
     plane = Plane(origin=tuple(bore.mouth), x_dir=tuple(along), z_dir=tuple(bore.axis))
@@ -61,13 +61,13 @@ def bore_solid(bore: Bore) -> Solid:
 
 
 def _outline(r: float, half: float, steep: float, roof: float) -> None:
-    """Two round ends (one circle, if half is 0) under a roof of two tangents; y is up."""
+    """Draw two round ends (one circle if half is 0) under a roof of two tangents; y is up."""
     tip, middle = np.array([np.cos(steep), np.sin(steep)]), (steep - np.pi / 2.0) / 2.0
-    way = np.array([np.cos(middle), np.sin(middle)])
+    halfway = np.array([np.cos(middle), np.sin(middle)])
     right, mirrored = np.array([half, 0.0]), np.array([-1.0, 1.0])
-    start, over, end = right + np.array([0.0, -r]), right + r * way, right + r * tip
+    start, over, end = right + np.array([0.0, -r]), right + r * halfway, right + r * tip
     ThreePointArc(tuple(start), tuple(over), tuple(end))
-    # Where the tangents are as high as the roof.
+    # Intersection of the tangent with a level roof.
     ridge = max(0.0, end[0] - (roof - end[1]) * np.tan(steep))
     crest = [(ridge, roof), (-ridge, roof)] if ridge > 1e-9 else [(0.0, roof)]
     Polyline(tuple(end), *crest, tuple(mirrored * end))
@@ -77,7 +77,7 @@ def _outline(r: float, half: float, steep: float, roof: float) -> None:
 
 
 def countersink_solid(cut: Countersink) -> Solid:
-    """The solid that a countersink removes: a cone, or a groove with one at either end."""
+    """The solid that a countersink removes: a cone, or a groove with a cone at either end."""
 
     def cone(middle: FloatArray) -> Solid:
         plane = Plane(origin=tuple(middle), z_dir=tuple(cut.axis))
@@ -106,7 +106,7 @@ def hexagon_solid(pocket: Hexagon) -> Solid:
         base = pocket.mouth + radius * loop
         return solid_of(Frustum(base, base + pocket.depth_mm * pocket.axis))
     side = np.cross(pocket.axis, pocket.up)
-    # The two sides at the top would hang at 60 deg: a roof stands in for them.
+    # The two upper sides would overhang at 60 deg and are replaced by a roof.
     ups = np.array([-1.0, -0.5, 0.5, pocket.ridge_mm / radius, 0.5, -0.5])
     sides = np.array([0.0, tall, tall, 0.0, -tall, -tall])
     base = pocket.mouth + radius * (np.outer(ups, pocket.up) + np.outer(sides, side))
@@ -131,7 +131,7 @@ def one_solid(name: str, built: BuildPart) -> Part:
 
 
 def built_of(name: str, pieces: Iterable[Frustum], cuts: Iterable[Cut]) -> Part:
-    """Convex pieces as one solid, less cuts; raises InputError where it falls apart."""
+    """Convex pieces as one solid, minus cuts; raises InputError if it is not connected."""
     with BuildPart() as part:
         insert([solid_of(piece) for piece in pieces])
         insert([cut_solid(cut) for cut in cuts], mode=Mode.SUBTRACT)
@@ -148,7 +148,7 @@ def make_coupon(plan: CouponPlan) -> Part:
                 upright = (Align.CENTER, Align.CENTER, Align.MIN)
                 Cylinder(ring.radius_mm + ring.ring_mm, ring.band_mm, align=upright)
                 Cylinder(ring.radius_mm, ring.band_mm, align=upright, mode=Mode.SUBTRACT)
-            # Of ring and plate, the part left of the plate's edge remains.
+            # Cut the ring off at the plate's edge.
             with BuildSketch(Plane.XY.offset(plan.centre[2])), Locations((plan.right_mm, plan.centre[1])):
                 Rectangle(4.0 * ring.radius_mm, 4.0 * ring.radius_mm, align=(Align.MIN, Align.CENTER))
             extrude(amount=ring.band_mm, mode=Mode.SUBTRACT)
@@ -158,25 +158,25 @@ def make_coupon(plan: CouponPlan) -> Part:
 
 @recipe("cad.parts.solids.make_carrier")
 def make_carrier(plan: CarrierPlan) -> Part:
-    """A mirror's carrier: its wedge with pads, less grooves and the holes of its screws."""
+    """A mirror's carrier: its wedge with pads, minus grooves and the holes of its screws."""
     return built_of(carrier_name(plan.name), (plan.body, *plan.pads), (*plan.grooves, *plan.holes, *plan.nuts))
 
 
 @recipe("cad.parts.solids.make_clip")
 def make_clip(plan: ClipPlan) -> Part:
-    """The camera clip: its pieces joined, its holes cut."""
+    """The camera clip: the union of its pieces, minus its cuts."""
     return built_of(CLIP, plan.pieces, plan.cuts)
 
 
 @recipe("cad.parts.solids.make_mount")
 def make_mount(plan: MountPlan) -> Part:
-    """The mount: skins, webs and foot joined; windows, holes and what light comes near cut."""
+    """The mount: the union of skins, webs and foot, minus windows, holes and light."""
     return built_of(MOUNT, plan.pieces, (*plan.cuts, *plan.light))
 
 
 @recipe("cad.parts.solids.make_cover")
 def make_cover(plan: CoverPlan) -> Part:
-    """The dust cover: a hollow cap with a notch in its rim, and catches."""
+    """The dust cover: a hollow cap with a notch in its rim and with catches."""
     with BuildPart() as part:
         insert(solid_of(plan.outer))
         insert([solid_of(plan.inner), solid_of(plan.notch)], mode=Mode.SUBTRACT)

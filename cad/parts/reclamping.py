@@ -1,4 +1,4 @@
-"""How well a camera comes back to where it was when it is taken out of its clip and put in again."""
+"""Repeatability of a camera's pose when it is taken out of its clip and put back."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.camera_body import BoardHoles
 from mirrorcam.optics.geometry.layout import Layout, working_distance_mm
 
-# How well each point repeats, along its normal: an assumption, of a pad of printed plastic wiped clean, whose lines of
-# 0.2 mm meet a moulded body where they met it before. One standard deviation.
+# Assumed standard deviation of a contact point along its normal: a clean pad of printed plastic, whose lines of 0.2 mm
+# touch the moulded body at the same places again.
 CONTACT_MM = 0.02
 # Places along each axis of the play of a board's holes over which its motions are averaged.
 PLACES = 61
@@ -22,10 +22,10 @@ PLACES = 61
 
 @dataclass(frozen=True)
 class Repeatability:
-    """One standard deviation of the motion of a camera that is taken out of its clip and put back.
+    """Standard deviations of the motion of a camera that is taken out of its clip and put back.
 
-    The pupil's shift, the body's turn, and how far the sub-image moves that moves most: in all, and against the mean of
-    all sub-images, which changes the views' disparities.
+    They are the pupil's shift, the body's rotation, and the motion of the sub-image that moves most: its total motion,
+    and its motion against the mean of all sub-images, which changes the views' disparities.
     """
 
     shift_mm: float
@@ -35,10 +35,10 @@ class Repeatability:
 
 
 def repeatability(clip: ClipPlan, layout: Layout, hardware: Hardware) -> Repeatability:
-    """What re-clamping does to a camera in a nest, or to a board on its posts.
+    """Repeatability of a camera in a nest, or of a board on its posts.
 
-    A nest has independent errors of `CONTACT_MM` at its six points. A board rests on its posts with such errors along
-    their axes, and along itself anywhere that the play of its holes round the screws lets it be, all of it as likely.
+    A nest has independent errors of `CONTACT_MM` at its six points. A board has the same errors along the axes of its
+    posts, and is uniformly distributed in its plane within the play of its holes round the screws.
     """
     held_by = hardware.camera.held_by
     if clip.nest is not None:
@@ -63,13 +63,13 @@ def _back_mm(hardware: Hardware) -> float:
 
 
 def _on_posts(posts: FloatArray) -> FloatArray:
-    """Jacobian (6, n) of a board's motion, in mm and rad in rig, by an error in mm of the height of each post (n, 3).
+    """Jacobian (6, n) of a board's motion, in mm and rad in rig, with respect to errors in mm of its posts' heights.
 
-    The plane that is nearest to the posts' ends in the sense of least squares; of two posts, it does not turn about the
-    line between them. Points at the posts do not move along the plane, so that a pupil before it moves aside.
+    The board lies in the least-squares plane of the posts' ends (n, 3); with two posts, it does not rotate about the
+    line between them. Points at the posts do not move within the plane, so that a pupil in front of it moves sideways.
     """
     x, y, level = posts[:, 0], posts[:, 1], float(posts[:, 2].mean())
-    # The height over a post after a shift along z and turns about x and y.
+    # The heights over the posts after a shift along z and rotations about x and y.
     heights = np.column_stack([np.ones(len(posts)), y, -x])
     motion = np.zeros((6, len(posts)))
     motion[2:5] = np.linalg.pinv(heights)
@@ -78,10 +78,11 @@ def _on_posts(posts: FloatArray) -> FloatArray:
 
 
 def _in_play(centres: FloatArray, play: float) -> FloatArray:
-    """A root (6, 3) of the covariance of a board's motion along itself, in mm and rad in rig, by the play of its holes.
+    """A square root (6, 3) of the covariance of a board's in-plane motion within the play of its holes, in mm and rad.
 
-    The motions are those (t, w) with |t + w x p| <= play at the centre p of every hole (n, 2), all as likely. Averaged
-    over the holes that is |t| <= play about their middle, and w is at most 2 play over their largest distance.
+    The motions (t, w), in rig, are uniformly distributed where |t + w x p| <= play at the centre p of every hole
+    (n, 2). The mean over the holes gives |t| <= play about their middle; w is at most 2 play over their largest
+    distance.
     """
     motion = np.zeros((6, 3))
     if play == 0.0:
@@ -96,7 +97,7 @@ def _in_play(centres: FloatArray, play: float) -> FloatArray:
     for arm in arms:
         free &= np.hypot(x - w * arm[1], y + w * arm[0]) <= play * (1.0 + 1e-12)
     within = np.column_stack([x, y, w])[free]
-    # The root of smallest norm is along the eigenvectors; the pupil moves with the middle, and turns about it.
+    # The root along the eigenvectors; the pupil moves with the middle, and rotates about it.
     sizes, axes = np.linalg.eigh(within.T @ within / len(within))
     root = axes * np.sqrt(np.maximum(sizes, 0.0))
     motion[0] = root[0] + root[2] * middle[1]
@@ -106,15 +107,15 @@ def _in_play(centres: FloatArray, play: float) -> FloatArray:
 
 
 def _largest(moved_px: FloatArray) -> float:
-    """The largest standard deviation, over views, of moves (n, 2, k) by independent errors of 1."""
+    """The largest standard deviation, over views, of motions (n, 2, k) by independent unit errors."""
     return float(np.sqrt((moved_px**2).sum(axis=(1, 2))).max())
 
 
 def _moved_px(layout: Layout, distance_mm: float) -> FloatArray:
-    """How the image of a point at the working distance in the middle of each view moves (n, 2, 6) with the camera.
+    """Jacobian (n, 2, 6) of the pixel of a point in the middle of each view, with respect to the camera's motion.
 
-    The columns are for a shift in mm and a turn in rad, w. Seen from the camera, the point's image in the mirror,
-    p, moves by -(t + w x p); of its pixel, f (dx - x/z dz) / z, distortion left out.
+    The point is at the working distance. The columns are for a shift t in mm and a rotation w in rad. In the camera's
+    frame, the point's mirror image p moves by -(t + w x p), and its pixel by f (dx - x/z dz) / z, without distortion.
     """
     camera, rows = layout.camera, []
     for mirror in layout.mirrors:

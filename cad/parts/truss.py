@@ -23,41 +23,41 @@ from mirrorcam.cad.plan.stiffness import Section
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
 
-# The back's screws in the mount's foot: +-x from the middle, and below the slide's plane. In a clamp the
-# roofs of their heads' holes have a wall to its end and between them.
+# The back's screws in the mount's foot: +-x from the middle, and distances behind the slide's plane. They leave walls
+# round the roofs of their heads' holes in a clamp.
 FOOT_X_MM = 17.0
 FOOT_Y_MM = (4.5, 14.0)
 FOOT_DEPTH_MM = 20.0
-# The foot's plate bears the whole moment of the mirrors, from the outer skin to the screws near the inner one. In a
-# mount this many times as deep as its plate is thick, the plate bends less than the truss over it.
+# The foot's plate transmits the full moment of the mirrors from the outer skin to the screws near the inner one. At
+# this ratio of the mount's depth to the plate's thickness, the plate bends less than the truss above it.
 DEPTHS_PER_PLATE = 3.0
 
 
 def foot_z_mm(clip: ClipPlan, depth_mm: float, hardware: Hardware) -> float:
-    """The foot's lower face: below the clip's lowest position there is the cable's window, then the foot's plate."""
+    """z of the foot's lower face: below the clip's lowest position are the cable's window and the foot's plate."""
     plate = foot_plate_mm(depth_mm, hardware)
     return clip.bottom_mm - clip.travel_mm - 1.0 - hardware.mount.cable_window_mm[1] - plate
 
 
 def foot_plate_mm(depth_mm: float, hardware: Hardware) -> float:
-    """Thickness of the foot's plate, which holds the back's screws, in a mount of a depth."""
+    """Thickness of the foot's plate, which holds the back's screws, in a mount of given depth."""
     return max(stack(hardware.mount.skin_mm, hardware).wall_mm, depth_mm / DEPTHS_PER_PLATE)
 
 
 def foot_stack(grip_mm: float, hardware: Hardware) -> Stack:
     """The screws of a back with `grip_mm` of material under their heads, into the threads of the mount's foot.
 
-    Their tips may stand out of the foot's plate into the hollow over it. Raises InputError where no screw on the list
-    holds there.
+    Their tips may protrude from the foot's plate into the hollow above it. Raises InputError if no screw on the list
+    engages.
     """
-    held, screw = stack(hardware.mount.skin_mm, hardware), hardware.screw
+    own, screw = stack(hardware.mount.skin_mm, hardware), hardware.screw
     length = screw.insert_mm if screw.kind == "insert" else screw.nut_height_mm
-    deepest = screw.insert_depth_mm if screw.kind == "insert" else held.wall_mm + 1.0
-    return stack_into(grip_mm, (held.begins_mm, held.begins_mm + length), deepest, held.wall_mm, screw)
+    deepest = screw.insert_depth_mm if screw.kind == "insert" else own.wall_mm + 1.0
+    return stack_into(grip_mm, (own.begins_mm, own.begins_mm + length), deepest, own.wall_mm, screw)
 
 
 def foot_screws(clip: ClipPlan, depth_mm: float, hardware: Hardware) -> FloatArray:
-    """Points (4, 3) in rig where the back's screws enter the foot's lower face, in a mount of a depth."""
+    """Points (4, 3) in rig where the back's screws enter the foot's lower face, in a mount of given depth."""
     z = foot_z_mm(clip, depth_mm, hardware)
     return np.array([(x, clip.slide_y_mm - y, z) for x in (-FOOT_X_MM, FOOT_X_MM) for y in FOOT_Y_MM])
 
@@ -70,11 +70,11 @@ def inner_path(
     head_end_mm: float,
     hardware: Hardware,
 ) -> FloatArray | None:
-    """The inner line (n, 2) in y and z over the slide: from its top, taut round the holder, along its back.
+    """The inner line (n, 2) in y and z above the slide: from its top, taut round the holder, along its back.
 
-    `slide_top_mm` is the height of its top in rig, `head_end_mm` where it ends, up along the back from the rig's
-    origin. It goes round the convex hull of holder and pupil, which holds all camera cones. None where the top of the
-    slide or the holder's back lies inside of that hull.
+    `slide_top_mm` is z of the slide's top in rig, `head_end_mm` the line's end, measured up along the back from the
+    rig's origin. The line follows the convex hull of holder and pupil, which contains all camera cones. Returns None if
+    the top of the slide or the holder's back lies inside that hull.
     """
     away, origin = holder.rig_from_mount[:3, 2], holder.rig_from_mount[:3, 3]
     if abs(away[0]) > np.sin(np.deg2rad(5.0)):
@@ -84,7 +84,7 @@ def inner_path(
         )
     across = float(np.linalg.norm(away[1:]))
     out = away[1:] / across
-    # The back's plane where it lies nearest to the camera over the mount's width; the rest is cut flush.
+    # The back's plane where it is nearest to the camera over the mount's width; the rest is cut flush.
     level = float(away @ origin) / across - abs(away[0]) / across * half_width_mm
     up = np.array([out[1], -out[0]])
     corners = holder.corners_in_rig[:, 1:]
@@ -103,7 +103,7 @@ def inner_path(
     top = level * out + head_end_mm * up
     y = clip.slide_y_mm
     hull = MultiPoint([*get_coordinates(shadow), (y, slide_top_mm), (0.0, 0.0), top]).convex_hull
-    # Clockwise from the slide (seen with y right, z up) the boundary runs up behind the camera.
+    # Clockwise from the slide (y right, z up), the boundary runs up behind the camera.
     loop = get_coordinates(orient(hull))[-2::-1]
     first = np.abs(loop - [y, slide_top_mm]).sum(axis=1)
     loop = np.roll(loop, -int(first.argmin()), axis=0)
@@ -114,14 +114,14 @@ def inner_path(
 
 
 def to_head(path: FloatArray, holder: HolderPlan) -> FloatArray:
-    """The path up to the middle of the head: its two rows of screws share the load."""
+    """The path up to the middle of the head's two rows of screws, which share the load."""
     line = LineString(path)
     middle = line.project(Point(holder.rig_from_mount[1:3, 3]))
     return get_coordinates(substring(line, 0.0, middle))
 
 
 def offset(inner: FloatArray, depth: float) -> FloatArray:
-    """A polyline (n, 2) moved to its left by a depth, its corners mitred."""
+    """A polyline (n, 2) offset to its left by a depth, with mitred corners."""
     directions = np.diff(inner, axis=0) / np.linalg.norm(np.diff(inner, axis=0), axis=1)[:, None]
     lefts = np.column_stack([-directions[:, 1], directions[:, 0]])
     moved = [inner[0] + depth * lefts[0]]
@@ -134,7 +134,7 @@ def offset(inner: FloatArray, depth: float) -> FloatArray:
 class Webs:
     """The middle lines (n, 2; y and z) of both skins, and the `webs` (m, 2, 2) between them.
 
-    The skins' lines begin at the first web, over the cable's window, and end at the last. Each web runs from skin to
+    The skins' lines start at the first web, above the cable's window, and end at the last. Each web runs from skin to
     skin.
     """
 
@@ -148,7 +148,7 @@ def webs_between(inner: FloatArray, outer: FloatArray, section: Section, hardwar
     depth, web_mm = section.depth_mm, section.web_mm
     part = section.skin_mm / depth
     inside, outside = inner + part / 2.0 * (outer - inner), outer + part / 2.0 * (inner - outer)
-    # Over the foot's plate there is the cable's window, which no web crosses.
+    # No web crosses the cable's window, above the foot's plate.
     over = foot_plate_mm(depth, hardware) + hardware.mount.cable_window_mm[1] + web_mm / 2.0
     inside[0], outside[0] = inside[0] + [0.0, over], outside[0] + [0.0, over]
     webs = [(inside[0], outside[0])]
@@ -169,7 +169,7 @@ def webs_between(inner: FloatArray, outer: FloatArray, section: Section, hardwar
 def truss(
     inner: FloatArray, outer: FloatArray, section: Section, hardware: Hardware
 ) -> tuple[list[Frustum], list[Frustum]]:
-    """The skins, and the webs between them with the foot's plate."""
+    """The skins with the foot's plate, and the webs between them."""
     depth, half_width = section.depth_mm, section.width_mm / 2.0
     part = section.skin_mm / depth
     skins = []
@@ -187,6 +187,6 @@ def truss(
 
 
 def _web(start: FloatArray, end: FloatArray, thickness: float, half_width: float) -> Frustum:
-    """A web whose ends lie in the middle of the skins."""
+    """A web from the middle of one skin to the middle of the other."""
     corners = get_coordinates(LineString([start, end]).buffer(thickness / 2.0, cap_style="flat"))[:-1]
     return along_x(corners, -half_width, half_width)

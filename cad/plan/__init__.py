@@ -1,1 +1,1 @@
-"""Numbers that parts are drawn from, without a CAD kernel."""
+"""Dimensions and plans of parts as plain numbers, without a CAD kernel."""

@@ -1,4 +1,4 @@
-"""The plan of a split: whether a part fits the printer's bed, else cuts that leave no thin wall, pieces, joints, pins.
+"""Plan how a part larger than the printer's bed is split: cuts that leave no thin walls, pieces, joints and pins.
 
 Each joint has two steel pins, in teardrop holes on both sides of the cut.
 """
@@ -23,15 +23,15 @@ if TYPE_CHECKING:
     from build123d import Part
 
 FAR_MM = 1e4
-# Two faces make a wall where they are parallel to 15 deg; the edge of a wedge is not a wall.
+# Two faces form a wall if they are parallel to within 15 deg; the edge of a wedge is not a wall.
 PARALLEL = float(np.cos(np.radians(15.0)))
-# A triangle is level to the rounding of its corners.
+# A triangle counts as level within the rounding of its corners.
 LEVEL_MM = 1e-6
-# A cut that all but touches a corner or an edge leaves slivers that no mesh of finite precision shows: it keeps this
-# far away, and is moved in steps of this length to do so.
+# A cut very near a corner or an edge leaves slivers below the precision of a mesh. It keeps CLEAR_MM away, and is moved
+# in steps of STEP_MM to do so.
 CLEAR_MM = 0.005
 STEP_MM = 0.01
-# The box of a piece reaches this far beyond the part.
+# The boxes of the outer pieces extend this far beyond the part.
 BEYOND_MM = 1.0
 
 Span = tuple[float, float]
@@ -39,16 +39,16 @@ Cuts = tuple[tuple[float, ...], tuple[float, ...]]
 """Places of cuts across x and across y."""
 
 Cell = tuple[int, int]
-"""A piece by its number along the bed's x and y, from 0."""
+"""Indices of a piece along the bed's x and y, from 0."""
 
 
 @dataclass(frozen=True)
 class PiecePlan:
     """A piece of a part: `make(whole)` inside the box from `low_mm` to `high_mm` (3,) along the bed's axes.
 
-    Fragments smaller than a cube of `crumb_mm` do not print and are left out. `rig_from_bed` (4, 4) belongs to the
-    uncut part. `rig_from_pins` (n, 4, 4) are the pins' holes: origin in the cut, z into the piece, y up
-    on the bed; `hole_mm` are their diameter and depth.
+    Fragments smaller than a cube of side `crumb_mm` do not print and are left out. `rig_from_bed` (4, 4) is the pose of
+    the uncut part's bed. `rig_from_pins` (n, 4, 4) are the frames of the pins' holes: origin in the cut, z into the
+    piece, y up on the bed. `hole_mm` is their diameter and depth.
     """
 
     whole: Any
@@ -63,9 +63,9 @@ class PiecePlan:
 
 @dataclass(frozen=True)
 class Joint:
-    """A cut between two neighbouring pieces: at `at_mm` across an axis of the bed, 0 (x) or 1 (y).
+    """A cut between two adjacent pieces: across an axis of the bed, 0 (x) or 1 (y), at the place `at_mm`.
 
-    `span_mm` is where along the bed's other axis its pins may be: pins of cuts that cross keep apart.
+    `span_mm` is the range for its pins along the bed's other axis, clear of the pins of crossing cuts.
     """
 
     cells: tuple[Cell, Cell]
@@ -75,7 +75,7 @@ class Joint:
 
 
 def cells_between(cuts_mm: Cuts, low_mm: FloatArray, high_mm: FloatArray) -> dict[Cell, tuple[Span, Span]]:
-    """The spans along the bed's x and y of every piece of a part between corners (3,), along x and then y."""
+    """Spans along the bed's x and y of each piece of a part with bounds (3,), ordered along x and then y."""
     spans = [
         list(pairwise([float(low_mm[axis]) - BEYOND_MM, *cuts_mm[axis], float(high_mm[axis]) + BEYOND_MM]))
         for axis in (0, 1)
@@ -84,7 +84,7 @@ def cells_between(cuts_mm: Cuts, low_mm: FloatArray, high_mm: FloatArray) -> dic
 
 
 def joints_between(cells: dict[Cell, tuple[Span, Span]], pin_mm: float) -> list[Joint]:
-    """The cuts between neighbouring pieces; their pins keep `pin_mm` from a cut that crosses."""
+    """The cuts between adjacent pieces; their pins keep `pin_mm` from a crossing cut."""
     joints = []
     for cell, spans in cells.items():
         for axis, other in ((0, 1), (1, 0)):
@@ -109,9 +109,9 @@ def off_corners(triangles_mm: FloatArray, axis: int, places_mm: tuple[float, ...
     Parameters
     ----------
     triangles_mm : (n, 3, 3)
-        Triangles of the part on the bed, counter-clockwise from outside.
+        Triangles of the part on the bed, counter-clockwise seen from outside.
     axis : int
-        Axis of the bed that is cut across: 0 or 1.
+        Axis of the bed across which the cuts run: 0 or 1.
     places_mm : tuple of float
         Requested places of cuts along that axis.
     wall_mm : float
@@ -120,7 +120,7 @@ def off_corners(triangles_mm: FloatArray, axis: int, places_mm: tuple[float, ...
     Returns
     -------
     tuple of float
-        Each place, moved by no more than `MOVED_MM` and as little as may be, to the side that leaves less thin walls.
+        Each place, moved as little as necessary and by at most `MOVED_MM`, to the side that leaves less thin wall.
     """
     count = round(MOVED_MM / STEP_MM)
     along = np.unique(triangles_mm[:, :, axis])
@@ -128,33 +128,33 @@ def off_corners(triangles_mm: FloatArray, axis: int, places_mm: tuple[float, ...
     for place in places_mm:
         tried = np.asarray(place + STEP_MM * np.arange(-count, count + 1), dtype=np.float64)
         touching = np.abs(along[:, None] - tried).min(axis=0) < CLEAR_MM
-        # Areas are compared to a tenth of a square millimetre: a leaning face is nearer at one end.
-        thin = np.round(thin_beside_mm2(triangles_mm, axis, tried, wall_mm), 1)
+        # Areas are compared to a tenth of a square millimetre, since an inclined face is nearer at one end.
+        thin = np.round(thin_wall_mm2(triangles_mm, axis, tried, wall_mm), 1)
         best = min(range(len(tried)), key=lambda k: (touching[k], thin[k], abs(k - count)))
         clear.append(float(tried[best]))
     return tuple(clear)
 
 
-def thin_beside_mm2(triangles_mm: FloatArray, axis: int, places_mm: FloatArray, wall_mm: float) -> FloatArray:
-    """Area of the walls thinner than `wall_mm` that cuts across an axis leave beside them.
+def thin_wall_mm2(triangles_mm: FloatArray, axis: int, places_mm: FloatArray, wall_mm: float) -> FloatArray:
+    """Area of the walls thinner than `wall_mm` that cuts across an axis leave.
 
-    Such a wall stands between the cut and a face that is parallel to it, to 15 deg, and looks away from it.
+    A wall lies between the cut and a face that is parallel to it, to within 15 deg, and points away from it.
 
     Parameters
     ----------
     triangles_mm : (n, 3, 3)
-        Triangles of the part, counter-clockwise from outside.
+        Triangles of the part, counter-clockwise seen from outside.
     axis : int
-        Axis that is cut across: 0 or 1.
+        Axis across which the cuts run: 0 or 1.
     places_mm : (m,)
-        Places of cuts along that axis, each looked at by itself.
+        Places of single cuts along that axis.
     wall_mm : float
         Thinnest wall that prints.
 
     Returns
     -------
     (m,)
-        Area in mm^2 beside each cut.
+        Area in mm^2 next to each cut.
     """
     first, second, third = np.moveaxis(triangles_mm, 1, 0)
     normals = np.cross(second - first, third - first)
@@ -169,7 +169,7 @@ def thin_beside_mm2(triangles_mm: FloatArray, axis: int, places_mm: FloatArray, 
 
 
 def _share_below(corners_mm: FloatArray, levels_mm: FloatArray) -> FloatArray:
-    """Shares (m, n) of triangles, whose corners (n, 3) lie at these heights, that lie below levels (m,)."""
+    """Shares (m, n) of the areas of triangles, with corners at heights (n, 3), that lie below levels (m,)."""
     low, middle, high = np.sort(corners_mm, axis=1).T[:, None, :]
     level = levels_mm[:, None]
     at = np.clip(level, low, high)
@@ -178,18 +178,18 @@ def _share_below(corners_mm: FloatArray, levels_mm: FloatArray) -> FloatArray:
     return np.where(high - low < LEVEL_MM, level > low, np.where(at < middle, rising, falling))
 
 
-# How far a cut may be moved off its requested place (see `off_corners`).
+# Largest shift of a cut from its requested place (see `off_corners`).
 MOVED_MM = 0.09
 
 
 def bed_lengths_mm(lengths_mm: tuple[float, float], hardware: Hardware) -> tuple[float, float]:
-    """Length of the bed along a part's x and y: the part's longer side lies along the bed's longer side."""
+    """Lengths of the bed along a part's x and y: the part's longer side lies along the bed's longer side."""
     short, long = sorted(hardware.printer.bed_mm[:2])
     return (long, short) if lengths_mm[0] >= lengths_mm[1] else (short, long)
 
 
 def turned_onto_bed(part: PartPlan, length_mm: float, bed_mm: float, hardware: Hardware) -> PartPlan:
-    """The part, turned by a quarter where its length along x fits the bed only that way."""
+    """The part, turned by a quarter if its length along x fits only the bed's y."""
     if bed_mm == hardware.printer.bed_mm[0] or length_mm <= hardware.printer.bed_mm[0]:
         return part
     quarter = np.array([[0.0, -1.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
@@ -197,7 +197,7 @@ def turned_onto_bed(part: PartPlan, length_mm: float, bed_mm: float, hardware: H
 
 
 def require_height(name: str, height_mm: float, hardware: Hardware) -> None:
-    """Raise InputError where a part is higher than the printer: cuts are upright and make no piece lower."""
+    """Raise InputError if a part is higher than the printer: cuts are upright, and do not lower the pieces."""
     if height_mm > hardware.printer.bed_mm[2]:
         raise InputError(
             f"{name} is {height_mm:.1f} mm high, expected at most {hardware.printer.bed_mm[2]:g} mm (printer bed)"
@@ -205,28 +205,28 @@ def require_height(name: str, height_mm: float, hardware: Hardware) -> None:
 
 
 def cut_slack_mm(length_mm: float, count: int, bed_mm: float) -> float:
-    """Largest shift of each cut into `count` equal pieces, by itself, at which all pieces still fit the bed."""
+    """Largest independent shift of each cut into `count` equal pieces at which all pieces still fit the bed."""
     spare = max(0.0, bed_mm - length_mm / count - MOVED_MM)
     return spare if count == 2 else spare / 2.0
 
 
-# Two pins nearer to each other than this many diameters leave the pieces free to turn.
+# Least distance of two pins, in diameters: nearer pins let the pieces turn.
 PINS_APART = 4.0
 
 
 def clearance_round_pin_mm(hardware: Hardware) -> float:
-    """Least distance from a pin's axis to the outside: the roof of its hole reaches higher than its radius."""
+    """Least distance from a pin's axis to the part's surface: the roof of its hole is higher than its radius."""
     radius = hardware.holder.pin_mm[0] / 2.0 + hardware.fit.press_mm
     return radius / float(np.sin(np.radians(ROOF_DEG))) + hardware.printer.wall_mm
 
 
 def reach_of_pin_mm(hardware: Hardware) -> float:
-    """Length of solid material that a pin needs on either side of a cut: its hole, and the thinnest wall behind."""
+    """Depth of solid material that a pin needs on either side of a cut: its hole and the thinnest wall behind it."""
     return hole_depth_mm(hardware) + hardware.printer.wall_mm
 
 
 def hole_depth_mm(hardware: Hardware) -> float:
-    """Depth of a pin's hole in either piece: the pin does not reach its end."""
+    """Depth of a pin's hole in either piece, with clearance at its end."""
     return hardware.holder.pin_mm[1] / 2.0 + hardware.fit.slide_mm
 
 
@@ -236,7 +236,7 @@ def hole_mm(hardware: Hardware) -> float:
 
 
 def farthest_pair(points_mm: FloatArray) -> tuple[FloatArray, float]:
-    """The two of some points (n, 2) that are farthest apart, as (2, 2), and their distance; 0 mm of no points."""
+    """The two points (2, 2) of (n, 2) that are farthest apart, and their distance; 0 mm if there are no points."""
     distances = np.linalg.norm(points_mm[:, None] - points_mm[None, :], axis=-1)
     if not distances.size:
         return np.zeros((2, 2)), 0.0
@@ -245,6 +245,6 @@ def farthest_pair(points_mm: FloatArray) -> tuple[FloatArray, float]:
 
 
 def hole_frame(middle_mm: FloatArray, axis: int, side: float) -> FloatArray:
-    """Frame (4, 4) on the bed of a hole that begins at a point (3,) of a cut across an axis: z into the piece, y up."""
+    """Frame (4, 4) on the bed of a hole that starts at a point (3,) of a cut across an axis: z into the piece, y up."""
     inwards, upwards = side * np.eye(3)[axis], np.array([0.0, 0.0, 1.0])
     return rigid(np.column_stack([np.cross(upwards, inwards), upwards, inwards]), middle_mm)

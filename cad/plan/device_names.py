@@ -5,33 +5,33 @@ from __future__ import annotations
 from mirrorcam.cad.plan.hardware import Hardware
 
 HOLDER, MOUNT, CLIP, COUPON, COVER = "mirror_holder", "mount", "camera_clip", "fit_coupon", "dust_cover"
-"""The printed parts of every device, if it has them; the table of a back states the names of its parts."""
+"""Names of printed parts; the table of a back has the names of its parts."""
 APART = (COUPON, COVER)
-"""Printed parts that are no pieces of the device in use."""
+"""Printed parts that are not mounted while the device is in use."""
 CARRIER = "carrier_"
-"""Start of the names of the carriers of mirrors on screws."""
+"""Prefix of the names of carriers, which hold mirrors on screws."""
 PICTURES = (
     *("assembled", "exploded", "light", "behind", "print"),
     *("inserts", "mirrors", "holder", "camera", "clip", "adapter"),
 )
-"""Names of the pictures of a device's model, in the order in which the page shows them."""
+"""Names of the pictures of a device's model, in the order of its page."""
 
 
 def carrier_name(mirror: str) -> str:
-    """Return the name of the part that carries a mirror, from the mirror's name."""
+    """Name of the carrier of a mirror, from the mirror's name."""
     return f"{CARRIER}{mirror}"
 
 
 def files_of(hardware: Hardware, *, elastic: bool = False) -> tuple[str, ...]:
-    """Return the paths in its folder of all files that a device of this hardware may have, as patterns of `Path.glob`.
+    """Patterns (`Path.glob`) of all files that a device of this hardware may have, relative to its folder.
 
-    A part that is larger than the printer's bed is written in numbered pieces, the mirrors of several stock sheets in
-    numbered sheets. With `elastic`, the files of finite elements come in addition.
+    A part larger than the printer's bed is written as numbered pieces, and the mirrors of several stock sheets as
+    numbered sheets. `elastic` adds the files of the finite elements.
     """
     cover = (COVER,) if hardware.holder.dust_cover else ()
     carriers = (f"{CARRIER}[0-9]*",) if hardware.holder.mirrors == "screws" else ()
-    whole = (HOLDER, MOUNT, CLIP, *hardware.back.parts, COUPON, *cover, *carriers)
-    parts = (*whole, *(f"{part}_[0-9]*" for part in whole))
+    uncut = (HOLDER, MOUNT, CLIP, *hardware.back.parts, COUPON, *cover, *carriers)
+    parts = (*uncut, *(f"{part}_[0-9]*" for part in uncut))
     robot = (
         *("robot/mirrorcam.xacro", "robot/mirrorcam.urdf"),
         *(f"robot/meshes/{name}.stl" for name in ("mirrors", "camera", "fasteners", "camera_hull")),

@@ -1,4 +1,4 @@
-"""Dimensions that a part's plan offers to its drawing, in rig: lengths, holes, datums and tables."""
+"""Dimensions of a part for its drawing, in rig: lengths, holes, datums and tables."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from mirrorcam.core.values import FloatArray
 
 @dataclass(frozen=True)
 class Length:
-    """The distance between two points (2, 3) in rig, mm, drawn where it is seen in full; `text` follows the number.
+    """The distance between two points (2, 3) in rig, mm, drawn in a view that shows its true length.
 
-    With `way_in_rig` (3,), a unit vector, only the distance along that direction. `before` is what the number follows:
-    "Ø" of a diameter, how often the same length is there.
+    `way_in_rig` (3,), a unit vector, selects the distance along that direction. `before` and `text` stand before and
+    after the number: "Ø" for a diameter, "4x " for a repeated length.
     """
 
     points_in_rig: FloatArray
@@ -27,15 +27,15 @@ class Length:
 
     @property
     def span_in_rig(self) -> FloatArray:
-        """The vector (3,) from the first point to the second, projected on `way_in_rig` where that is given."""
+        """The vector (3,) from the first point to the second, projected on `way_in_rig` if that is given."""
         first, second = self.points_in_rig
-        way = self.way_in_rig
-        return np.asarray(second - first if way is None else way * ((second - first) @ way))
+        direction = self.way_in_rig
+        return np.asarray(second - first if direction is None else direction * ((second - first) @ direction))
 
 
 @dataclass(frozen=True)
 class Datum:
-    """A point (3,) in rig that places of holes are counted from, and what it is on the part."""
+    """A point (3,) in rig from which holes are dimensioned, and its name on the part."""
 
     at_in_rig: FloatArray
     name: str
@@ -43,12 +43,12 @@ class Datum:
 
 @dataclass(frozen=True)
 class Hole:
-    """A hole (or a round): the middle of its mouth (3,) and its axis (3,) in rig; `text` follows the diameter.
+    """A hole or a round: the middle of its mouth (3,) and its axis (3,) in rig; `text` follows the diameter.
 
-    Holes of one diameter, axis and text are drawn as one: "4x Ø3.4". Of a hole whose tool cuts `cut_mm` along the axis
-    the drawing states its depth in the solid, or that it goes through. The size of a hexagon is across its flats,
-    the size of a countersink is its widest diameter, the size of a slot its width: it is longer by `travel_mm`.
-    Places are counted from the edges of a view where there is no `datum`.
+    Holes with the same diameter, axis and text share one callout: "4x Ø3.4". If the tool's length along the axis,
+    `cut_mm`, is given, the drawing states the hole's depth in the solid, or that it is a through hole. The diameter is
+    the width across flats of a hexagon, the largest diameter of a countersink, and the width of a slot, which is longer
+    by `travel_mm`. Without a `datum`, places are measured from the edges of the view.
     """
 
     centre_in_rig: FloatArray
@@ -63,7 +63,7 @@ class Hole:
 
 @dataclass(frozen=True)
 class DrawingTable:
-    """A table of a drawing; `notes` (short lines) are written below it, columns of `words` are flush left."""
+    """A table of a drawing, with `notes` (short lines) below it; the columns in `words` are left-aligned."""
 
     title: str
     head: tuple[str, ...]
@@ -74,14 +74,14 @@ class DrawingTable:
 
 @runtime_checkable
 class Dimensioned(Protocol):
-    """A plan that states the dimensions of its drawing, beside the overall ones."""
+    """A plan with dimensions for its drawing, in addition to the overall ones."""
 
     @property
     def dimensions(self) -> tuple[Length | Hole, ...]: ...
 
 
 def holes(cuts: Iterable[Any]) -> tuple[Hole, ...]:
-    """All holes among the cuts of a part, at their mouths: bores, slots, countersinks, and pockets for nuts."""
+    """The holes among the cuts of a part: bores, slots, countersinks and pockets for nuts."""
     return tuple(_hole(cut) for cut in cuts if isinstance(cut, Bore | Countersink | Hexagon))
 
 
@@ -99,7 +99,7 @@ def _hole(cut: Bore | Countersink | Hexagon) -> Hole:
 
 
 def length(
-    start: FloatArray, end: FloatArray, text: str = "", way: FloatArray | None = None, before: str = ""
+    start: FloatArray, end: FloatArray, text: str = "", direction: FloatArray | None = None, before: str = ""
 ) -> Length:
-    """The distance between two points (3,) in rig, or its part along a direction (3,)."""
-    return Length(np.array([start, end]), text, way, before)
+    """The distance between two points (3,) in rig, or its component along a direction (3,)."""
+    return Length(np.array([start, end]), text, direction, before)

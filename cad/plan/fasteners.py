@@ -1,4 +1,4 @@
-"""Fasteners as plain numbers: threads and their standard sizes, lengths and walls, the holes for them, their frames."""
+"""Fasteners as plain numbers: threads, screw lengths and engagement, the holes for them, and their frames."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from mirrorcam.optics.geometry.transforms import rigid
 
 @dataclass(frozen=True)
 class Thread:
-    """A thread: the screw's diameter, its pitch, head and clearance hole, and the hexagon nut across flats; mm."""
+    """A thread in mm: the screw's diameter, pitch, head and clearance hole, and its hexagon nut."""
 
     diameter_mm: float
     pitch_mm: float
@@ -26,7 +26,7 @@ class Thread:
     nut_height_mm: float
 
 
-# Heads of ISO 4762, holes of ISO 273 (normal), nuts of ISO 4032; the last of ASME B18.3 and B18.2.2.
+# Heads from ISO 4762, holes from ISO 273 (normal), nuts from ISO 4032; the last row from ASME B18.3 and B18.2.2.
 THREADS = {
     "M1.6": Thread(1.6, 0.35, 3.0, 1.6, 1.8, 3.2, 1.3),
     "M2": Thread(2.0, 0.4, 3.8, 2.0, 2.4, 4.0, 1.6),
@@ -40,16 +40,16 @@ THREADS = {
 }
 
 COUNTERSUNK = " countersunk"
-"""End of the size of a screw with a countersunk head of 90 deg (ISO 10642), whose length counts from its top."""
+"""Suffix of the size of a screw with a countersunk head of 90 deg (ISO 10642), whose length includes the head."""
 
 SUNK_HEAD = 2.24
-"""Diameter of such a head over the thread's, where its cone would end in a sharp edge."""
+"""Theoretical sharp diameter of a countersunk head over the thread's diameter."""
 
 
 def thread_of(size: str) -> Thread:
-    """The thread of a size, which begins with its name: "M3", "M3 countersunk", "1/4-20 UNC".
+    """The thread of a size that starts with its name: "M3", "M3 countersunk", "1/4-20 UNC".
 
-    Raises ValueError for a size of no thread in the table.
+    Raises ValueError if the table has no thread of that name.
     """
     for name, thread in THREADS.items():
         if size == name or size.startswith(f"{name} "):
@@ -58,21 +58,21 @@ def thread_of(size: str) -> Thread:
 
 
 def diameter_mm(size: str) -> float:
-    """The diameter of a size: its thread's, or the number that it begins with, "3" for a pin.
+    """The diameter of a size: its thread's, or the size itself if it is a number, such as "3" for a pin.
 
-    Raises ValueError for a size that names neither.
+    Raises ValueError for any other size.
     """
     number = re.match(r"\d+(\.\d+)?$", size)
     return float(number.group()) if number else thread_of(size).diameter_mm
 
 
-# A nut drops into a pocket this much wider and deeper than itself.
+# Clearance of a nut's pocket in width and depth, so that the nut drops in.
 NUT_FIT_MM = 0.2
-# Holes begin this far outside the material, so that no skin is left over their mouths.
+# Holes start this far outside the material, so that no skin covers their mouths.
 OUTSIDE_MM = 0.01
-# Roofs of holes are a little steeper than a printer must be able to do; those that cut webs at 45 deg much more, since
-# a web's end recedes along it. Slicers also take the top of a roof for a ceiling in a thin skin oblique to the bed,
-# seen at 42 deg.
+# Roofs of holes are slightly steeper than the overhang limit, and much steeper where they cut webs at 45 deg, since a
+# web's end recedes along the roof. In a thin skin oblique to the bed, slicers treat the top of a roof of 42 deg as a
+# ceiling, so that skins get steeper roofs too.
 ROOF_DEG = 42.0
 ROOF_IN_SKINS_DEG = 36.0
 ROOF_IN_WEBS_DEG = 30.0
@@ -82,9 +82,9 @@ ROOF_IN_WEBS_DEG = 30.0
 class Bore:
     """A round hole from the middle of its mouth (3,) along an axis (3,), in rig, mm.
 
-    One that lies when printed has `up` (3,), across the axis: its ceiling is then a roof, `roof_deg` from upright.
-    `travel_mm` makes it a slot, as long as that between the middles of its ends, along up x axis; a `flat` one ends
-    level with its ends, so that a screw's head rests on both of its sides, and its ceiling bridges.
+    A bore that is horizontal in print has `up` (3,), normal to the axis: its ceiling is then a roof, `roof_deg` from
+    upright. `travel_mm` makes it a slot along up x axis, with that distance between the centres of its ends. A `flat`
+    slot has a level ceiling that bridges, so that a screw's head rests on both of its sides.
     """
 
     mouth: FloatArray
@@ -98,7 +98,7 @@ class Bore:
 
     @property
     def roof_mm(self) -> float:
-        """Height of the roof's ridge over the middle, where two tangents of the ends meet."""
+        """Height over the middle of the roof's ridge, where the tangents of both ends meet."""
         steep = np.deg2rad(self.roof_deg)
         if self.flat:
             return self.radius_mm
@@ -107,10 +107,10 @@ class Bore:
 
 @dataclass(frozen=True)
 class Countersink:
-    """A cone from the middle of its mouth (3,) along an axis (3,), in rig, mm, to its smaller end.
+    """A cone for a countersunk head, from the middle of its mouth (3,) along an axis (3,), in rig, mm.
 
-    The space of a countersunk head: it prints without support with its mouth on the bed. `travel_mm` makes it the
-    groove of such a slot as a `Bore`'s, along `up` (3,) x axis.
+    It prints without support with its mouth on the bed. `travel_mm` makes it the groove of a slot like a `Bore`'s,
+    along `up` (3,) x axis.
     """
 
     mouth: FloatArray
@@ -126,8 +126,8 @@ class Countersink:
 class Hexagon:
     """A pocket for a nut, in rig: the middle of its mouth (3,), its axis (3,), and `up` (3,), opposite to a corner.
 
-    Its two upper sides are a roof, `ROOF_DEG` from upright; the others hold the nut. One that prints upright has no
-    `up`: all six sides hold, two corners lie along x.
+    Its two upper sides form a roof, `ROOF_DEG` from upright; the other four hold the nut. A pocket whose axis is
+    vertical in print has no `up`: all six sides hold the nut, and two corners lie along x.
     """
 
     mouth: FloatArray
@@ -143,7 +143,7 @@ class Hexagon:
 
     @property
     def ridge_mm(self) -> float:
-        """Height of the roof's ridge over the middle, of a pocket that has one."""
+        """Height of the roof's ridge over the middle, if the pocket has a roof."""
         return float(self.corner_mm * (0.5 + np.sqrt(0.75) / np.tan(np.deg2rad(ROOF_DEG))))
 
 
@@ -151,8 +151,8 @@ class Hexagon:
 class Stack:
     """A screw through `grip_mm` of material into a wall of `wall_mm`, which holds an insert or a nut.
 
-    Its head lies on a washer of `washer_mm`, where that is not 0. `begins_mm` deep in the wall there is the thread, of
-    which `engaged_mm` holds: the insert sits at the face that the screw enters, the nut in the far face.
+    `washer_mm` is the thickness of the washer under its head, 0 for none. The thread starts `begins_mm` below the face
+    that the screw enters: an insert sits at that face, a nut in the far one. `engaged_mm` is the length of engagement.
     """
 
     grip_mm: float
@@ -164,25 +164,25 @@ class Stack:
 
 
 def head_space_mm(hardware: Hardware) -> float:
-    """Radius of the space of a screw's head, with its washer, and of the driver."""
+    """Radius of the space for a screw's head or washer, and for the driver."""
     screw = hardware.screw
     return max(screw.head_mm, screw.washer_mm) / 2.0 + hardware.fit.free_mm
 
 
 def washer_under_mm(grip_mm: float, screw: Fastening) -> float:
-    """Thickness of the washer under a head on so much plastic, which alone would be dented; 0 for none."""
+    """Thickness of the washer under a head on `grip_mm` of plastic; 0 if the plastic bears the head without one."""
     return screw.washer_height_mm if grip_mm <= screw.washer_under_mm else 0.0
 
 
 def stack(grip_mm: float, hardware: Hardware) -> Stack:
-    """The screw for a grip, and the wall that it needs; raises InputError where no screw on the list holds."""
+    """The screw for a grip, and the wall that it needs; raises InputError if no screw on the list engages."""
     screw = hardware.screw
     if screw.kind == "insert":
         thread_mm = (0.0, screw.insert_mm)
         return stack_into(
             grip_mm, thread_mm, screw.insert_depth_mm, screw.insert_depth_mm + hardware.printer.wall_mm, screw
         )
-    # The tip is flush with the far face, the nut just below it; under the nut there is as much as two walls.
+    # The tip is flush with the far face and the nut just below it, with the thickness of two walls under the nut.
     washer = washer_under_mm(grip_mm, screw)
     least = washer + grip_mm + 2.0 * hardware.printer.wall_mm + screw.nut_height_mm + NUT_FIT_MM
     fits = [length for length in screw.lengths_mm if length >= least]
@@ -195,9 +195,9 @@ def stack(grip_mm: float, hardware: Hardware) -> Stack:
 def stack_into(
     grip_mm: float, thread_mm: tuple[float, float], deepest_mm: float, wall_mm: float, screw: Fastening
 ) -> Stack:
-    """The longest screw that does not bottom out in a given hole, whose thread lies `thread_mm` (from, to) deep.
+    """The longest screw that does not bottom out in a given hole, with its thread at depths `thread_mm` (from, to).
 
-    Raises InputError where no screw on the list holds there.
+    Raises InputError if no screw on the list engages.
     """
     begins, ends = thread_mm
     washer = washer_under_mm(grip_mm, screw)
@@ -213,34 +213,35 @@ def stack_into(
 
 
 def thread(
-    mouth: FloatArray, axis: FloatArray, up: FloatArray, held: Stack, wall_mm: float, screw: Fastening
+    mouth: FloatArray, axis: FloatArray, up: FloatArray, fastened: Stack, wall_mm: float, screw: Fastening
 ) -> tuple[Bore | Hexagon, ...]:
-    """The cuts in a wall, as thick as its stack or thicker, for a screw that enters at a mouth (3,) along an axis.
+    """The cuts in a wall for a screw that enters at a mouth (3,) along an axis (3,).
 
-    In a thicker wall the nut's pocket is deeper, so that the nut sits where the screw ends.
+    The wall is at least as thick as the screw's stack. In a thicker wall the nut's pocket is deeper, so that the nut
+    sits where the screw ends.
     """
     start = mouth - OUTSIDE_MM * axis
     if screw.kind == "insert":
         return (Bore(start, axis, screw.insert_hole_mm / 2.0, screw.insert_depth_mm + OUTSIDE_MM, up),)
-    depth = wall_mm - held.begins_mm + OUTSIDE_MM
+    depth = wall_mm - fastened.begins_mm + OUTSIDE_MM
     return (
         Bore(start, axis, screw.clearance_hole_mm / 2.0, wall_mm + 2.0 * OUTSIDE_MM, up),
-        Hexagon(mouth + held.begins_mm * axis, axis, up, screw.nut_flats_mm + NUT_FIT_MM, depth),
+        Hexagon(mouth + fastened.begins_mm * axis, axis, up, screw.nut_flats_mm + NUT_FIT_MM, depth),
     )
 
 
 ACROSS = np.array([1.0, 0.0, 0.0])
-# What has left a part is this far from it: half a nut, and as much as shows.
+# Distance from the part of an item that was moved out: half a nut, and a visible gap.
 CLEAR_MM = 12.0
 
 
 def along(origin: FloatArray, z_axis: FloatArray, across: FloatArray = ACROSS) -> FloatArray:
-    """A frame (4, 4) at a point (3,) with z along a direction (3,) and x as near to another (3,) as it can be."""
+    """A frame (4, 4) at a point (3,): z along a direction (3,), x as near to another direction (3,) as possible."""
     x_axis = across - (z_axis @ across) * z_axis
     x_axis = x_axis / np.linalg.norm(x_axis)
     return rigid(np.column_stack([x_axis, np.cross(z_axis, x_axis), z_axis]), origin)
 
 
-def beyond(corners: FloatArray, place: FloatArray, way: FloatArray) -> FloatArray:
-    """The move (3,) along a unit vector (3,) by which a place (3,) leaves the hull of corners (n, 3)."""
-    return float(((corners - place) @ way).max() + CLEAR_MM) * way
+def beyond(corners: FloatArray, place: FloatArray, direction: FloatArray) -> FloatArray:
+    """The move (3,) along a unit vector (3,) that takes a place (3,) out of the hull of corners (n, 3)."""
+    return float(((corners - place) @ direction).max() + CLEAR_MM) * direction

@@ -1,14 +1,14 @@
-"""Bought hardware, fits, printer and print settings: the one table of dimensions that parts are drawn from.
+"""Bought hardware, fits, printer and print settings: the one table of dimensions from which parts are drawn.
 
-The table is data: a TOML file may replace any of it but the print settings. A camera's body comes from the library of
-cameras (`optics/geometry/cameras/`) or a file of its own. Lengths in mm.
+A TOML file may replace any entry except the print settings. A camera's body comes from the library of cameras
+(`optics/geometry/cameras/`) or from its own file. Lengths in mm.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from pydantic import BeforeValidator, Field
 
@@ -22,141 +22,146 @@ from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.camera_body import CameraBody
 from mirrorcam.optics.geometry.camera_library import read_body
 
-OTHER_VIEW = 0.1  # relative difference of half fields of view, from which a camera is another one
+# Relative difference of the tangents of half fields of view above which two cameras are different models.
+OTHER_VIEW = 0.1
 
 _Size = Annotated[float, PART_MM.each]
 
 
-def _positive(default: float, description: str) -> Any:
-    """A field of a dimension of a part."""
-    return PART_MM.field(default, description)
+_positive = PART_MM.field
 
 
 class Fits(Value):
-    """Gaps between parts, on each side: press, slide and free are one table for all printed parts."""
+    """Gaps between parts, on each side, for all printed parts."""
 
-    press_mm: float = PART_GAP_MM.field(0.1, "gap that holds by itself")
-    slide_mm: float = _positive(0.2, "gap that just separates")
-    free_mm: float = _positive(0.3, "gap that runs free: around a mirror in its pocket")
+    press_mm: float = PART_GAP_MM.field(0.1, "gap of a press fit, which holds by itself")
+    slide_mm: float = _positive(0.2, "gap of a sliding fit")
+    free_mm: float = _positive(0.3, "gap of a free fit, such as a mirror in its pocket")
     light_mm: float = _positive(0.2, "gap between any part and the light, for print errors")
 
 
 class Printer(Value):
-    """The limits of the printer, and its plastic."""
+    """The printer's limits, and its plastic."""
 
     bed_mm: tuple[_Size, _Size, _Size] = Field(default=(220.0, 220.0, 250.0), description="largest part, z up")
     wall_mm: float = _positive(1.2, "thinnest wall that prints: three lines of a 0.4 mm nozzle")
     floor_mm: float = _positive(0.6, "thinnest level floor that prints: three layers")
     overhang_deg: float = Bounds(1.0, 89.0).field(45.0, "steepest overhang from upright without support")
     bridge_mm: float = _positive(10.0, "longest flat ceiling between two walls")
-    plastic: Name = Field(default="PLA", description="what is printed")
-    plastic_g_per_cm3: float = Bounds(0.01, 30.0).field(1.24, "its density")
+    plastic: Name = Field(default="PLA", description="printed plastic")
+    plastic_g_per_cm3: float = Bounds(0.01, 30.0).field(1.24, "density of the plastic")
     plastic_strength_mpa: float = Bounds(0.1, 1e4).field(
-        50.0, "its tensile strength as moulded (PLA: 50 to 60 MPa in data sheets), of which screws use a quarter"
+        50.0,
+        "tensile strength of the plastic as moulded (PLA: 50 to 60 MPa in data sheets), of which screws use a quarter",
     )
     plastic_mpa: float = Bounds(1.0, 1e6).field(
-        2300.0, "its modulus of elasticity as printed (PLA: 2.2 to 2.4 GPa in data sheets)"
+        2300.0, "modulus of elasticity of the plastic as printed (PLA: 2.2 to 2.4 GPa in data sheets)"
     )
     plastic_strain: float = Bounds(1e-4, 0.2).field(
         0.0055,
-        "largest strain of a leaf that stays bent: a quarter of that at yield (PLA: 50 MPa over 2300 MPa, 2.2 %; "
-        "PETG: 0.01)",
+        "largest strain of a leaf spring that stays bent: a quarter of the yield strain (PLA: 50 MPa over 2300 MPa, "
+        "2.2 %; PETG: 0.01)",
     )
 
 
 class Fastening(Value):
-    """M3 screws, and what holds them in a part: a heat-set insert or a captive nut."""
+    """M3 screws and their threads in parts: heat-set inserts or captive nuts."""
 
-    kind: Literal["insert", "nut"] = Field(default="insert", description="what the screws are driven into")
-    clearance_hole_mm: float = _positive(3.4, "hole that an M3 screw passes (ISO 273, normal)")
+    kind: Literal["insert", "nut"] = Field(default="insert", description="thread of the screws in a part")
+    clearance_hole_mm: float = _positive(3.4, "clearance hole of an M3 screw (ISO 273, normal)")
     head_mm: float = _positive(5.7, "diameter of a socket cap head (ISO 4762)")
     head_height_mm: float = _positive(3.0, "height of the head")
     washer_mm: float = _positive(7.0, "outer diameter of a washer (ISO 7089)")
-    washer_height_mm: float = _positive(0.5, "its thickness")
-    washer_under_mm: float = PART_GAP_MM.field(2.0, "a head has a washer under it on plastic that is no thicker")
+    washer_height_mm: float = _positive(0.5, "thickness of the washer")
+    washer_under_mm: float = PART_GAP_MM.field(2.0, "thickest plastic on which a head needs a washer")
     insert_hole_mm: float = _positive(4.0, "hole for a heat-set insert (outer diameter 4.6)")
     insert_mm: float = _positive(5.7, "length of a heat-set insert")
-    insert_depth_mm: float = _positive(6.7, "insert of 5.7 mm and space for melted plastic")
-    insert_sink_mm: float = PART_GAP_MM.field(0.1, "how far an insert may lie below the face, never above it")
+    insert_depth_mm: float = _positive(6.7, "depth of the hole: insert of 5.7 mm and space for melted plastic")
+    insert_sink_mm: float = PART_GAP_MM.field(0.1, "how far an insert may sit below the face; never above it")
     insert_wall_mm: float = _positive(2.0, "material around an insert or a nut")
-    nut_flats_mm: float = _positive(5.5, "nut across flats (ISO 4032)")
+    nut_flats_mm: float = _positive(5.5, "width of a nut across flats (ISO 4032)")
     nut_height_mm: float = _positive(2.4, "height of the nut")
-    engaged_mm: float = _positive(4.0, "shortest thread in an insert that holds")
+    engaged_mm: float = _positive(4.0, "least thread engagement in an insert")
     lengths_mm: tuple[_Size, ...] = Field(
-        default=(5, 6, 8, 10, 12, 16, 20, 25, 30), min_length=1, description="screws that one can buy (ISO 4762)"
+        default=(5, 6, 8, 10, 12, 16, 20, 25, 30), min_length=1, description="lengths of screws on sale (ISO 4762)"
     )
 
 
 class CompressionSpring(Value):
-    """A cylindrical compression spring of steel round a screw between holder and carrier: one that shops have."""
+    """A stock cylindrical compression spring of steel, round a screw between holder and carrier."""
 
     wire_mm: float = _positive(0.5, "diameter of the wire")
-    mean_mm: float = _positive(4.0, "mean diameter of the coils: an M3 screw passes")
-    free_mm: float = _positive(7.0, "length without load")
+    mean_mm: float = _positive(4.0, "mean diameter of the coils: an M3 screw passes through")
+    free_mm: float = _positive(7.0, "free length")
     coils: float = Bounds(1.0, 100.0).field(3.5, "number of active coils")
 
     @property
     def n_per_mm(self) -> float:
-        """Its rate, G d^4 / (8 D^3 n) (EN 13906-1), of spring steel with G = 81.5 GPa."""
+        """Spring rate, G d^4 / (8 D^3 n) (EN 13906-1), for spring steel with G = 81.5 GPa."""
         return 81500.0 * self.wire_mm**4 / (8.0 * self.mean_mm**3 * self.coils)
 
     @property
     def solid_mm(self) -> float:
-        """Its length with all coils closed, two of them inactive, the ends ground."""
+        """Solid length, with two inactive coils and ground ends."""
         return (self.coils + 2.0) * self.wire_mm
 
     @property
     def size(self) -> str:
-        """Wire, mean diameter and free length, as it is ordered."""
+        """Wire diameter, mean diameter and free length, for orders."""
         return f"{self.wire_mm:g} x {self.mean_mm:g} x {self.free_mm:g}"
 
 
 class HolderDimensions(Value):
-    """Dimensions of the mirror holder that the layout does not state."""
+    """Dimensions of the mirror holder that do not follow from the layout."""
 
     mirrors: Literal["glue", "screws"] = Field(
         default="glue",
-        description="how mirrors sit: glued to the holder, or each glued to a carrier that three sprung screws from "
-        "behind draw to the holder, and tilt",
+        description="how mirrors are mounted: glued to the holder, or each glued to a carrier that three sprung screws "
+        "from behind draw to the holder and tilt",
     )
-    adjust_deg: float = Bounds(0.1, 3.0).field(1.0, "how far such screws tilt a mirror either way, about any axis")
-    adjust_mm: float = PART_GAP_MM.field(0.3, "how far they move it either way along their axes, beside that")
-    carrier_inset_mm: float = _positive(0.5, "how far inside the edge of its mirror a carrier ends")
+    adjust_deg: float = Bounds(0.1, 3.0).field(
+        1.0, "range of tilt of a mirror on screws, plus or minus, about any axis"
+    )
+    adjust_mm: float = PART_GAP_MM.field(0.3, "additional range along the screws' axes, plus or minus")
+    carrier_inset_mm: float = _positive(0.5, "distance of a carrier's edge inside the edge of its mirror")
     spring: CompressionSpring = CompressionSpring()
     floor_mm: float = _positive(3.0, "thinnest material behind a mirror: stiff enough to stay flat")
     rim_mm: float = _positive(1.8, "width of the rim outside a pocket")
     rim_length_mm: float = _positive(3.0, "shortest piece of rim worth printing")
     rim_height_of_sheet: float = Field(default=0.6, gt=0, lt=1, description="height of the rim over sheet thickness")
-    mount_step_mm: float = _positive(2.0, "steps in which the rectangle of mount holes is tried")
+    mount_step_mm: float = _positive(2.0, "step of the search for the rectangle of mount holes")
     mount_of_width: float = Field(
-        default=0.36, gt=0, lt=1, description="widest rectangle of them, of the holder's width: narrow mounts are light"
+        default=0.36,
+        gt=0,
+        lt=1,
+        description="largest width of this rectangle over the holder's width: narrow mounts are light",
     )
     cell_mm: float = _positive(
         36.0,
-        "widest hollow behind the mirrors: the webs between narrower ones are more plastic than a slicer's "
+        "widest hollow behind the mirrors: the webs between narrower hollows need more plastic than the slicer's "
         "infill in their place",
     )
-    ceiling_mm: float = _positive(6.0, "width of the flat top of a hollow, which is bridged")
+    ceiling_mm: float = _positive(6.0, "width of the flat top of a hollow, which bridges")
     web_mm: float = _positive(1.6, "thickness of the webs between hollows, and of the outer wall")
     bond_mm: float = Bounds(0.02, 1.0).field(
         0.2,
-        "thickness of the glue between a mirror and its seat: the height of the seat's three pads, one layer of the "
-        "printer, since less of a flat seat is not printed",
+        "thickness of the glue between a mirror and its seat, set by the height of the seat's three pads: at least one "
+        "layer of the printer",
     )
-    pad_mm: float = _positive(2.0, "diameter of these pads, which carry the mirror")
-    groove_mm: float = _positive(1.0, "width of a groove that takes surplus glue")
-    groove_depth_mm: float = _positive(0.6, "its depth below the seat")
-    groove_pitch_mm: float = _positive(7.0, "distance of such grooves from one to the next")
-    shade_mm: float = _positive(1.6, "thickness of the walls that keep stray light out")
+    pad_mm: float = _positive(2.0, "diameter of the pads, which carry the mirror")
+    groove_mm: float = _positive(1.0, "width of a groove for surplus glue")
+    groove_depth_mm: float = _positive(0.6, "depth of a groove below the seat")
+    groove_pitch_mm: float = _positive(7.0, "pitch of the grooves")
+    shade_mm: float = _positive(1.6, "thickness of the baffle's walls against stray light")
     hood_mm: float = PART_GAP_MM.field(
         0.0,
-        "how far these walls reach over the highest mirror where light lets them, as a hood against light and dust "
-        "from the sides; 0: only as far as the camera sees past the mirrors",
+        "height of the baffle over the highest mirror where it blocks no light, as a hood against light and dust from "
+        "the sides; 0: only as high as the camera sees past the mirrors",
     )
     shade_out_mm: float = PART_GAP_MM.field(
-        1.4, "how far they reach out of the rims: less than they are thick leaves no slit"
+        1.4, "how far the baffle stands outside the rims: less than its thickness leaves no slit"
     )
-    shade_step_mm: float = _positive(5.0, "length of their straight pieces")
+    shade_step_mm: float = _positive(5.0, "length of the baffle's straight pieces")
     dust_cover: bool = Field(default=True, description="print a cap for the mirrors, where it fits the bed")
     pin_mm: tuple[_Size, _Size] = Field(default=(3.0, 16.0), description="diameter and length of pins that join pieces")
     depth_without_spec_mm: float = _positive(500.0, "working distance of a layout without a spec")
@@ -165,65 +170,67 @@ class HolderDimensions(Value):
 class MountDimensions(Value):
     """The mount between camera and mirror holder: two skins with a truss of webs between them."""
 
-    skin_mm: float = _positive(1.6, "thickness of both skins: what screw heads rest on")
+    skin_mm: float = _positive(1.6, "thickness of both skins, on which screw heads rest")
     slide_skin_mm: float = _positive(4.0, "thickness of the skin round the screws of the clip")
     web_mm: float = _positive(1.2, "thickness of the webs between the skins")
-    deepest_mm: float = _positive(80.0, "largest distance of the skins that is tried")
-    clearance_mm: float = _positive(1.0, "gap to the mirror holder, off its back")
+    deepest_mm: float = _positive(80.0, "largest depth of the mount, from skin to skin")
+    clearance_mm: float = _positive(1.0, "gap between mount and mirror holder, except at its back")
     tilt_deg: float = Bounds(1e-4, 45.0).field(
         0.05,
-        "how far the mirrors may tilt by their weight when the device is turned: a sixth of the tolerance "
-        "of one mirror as a hobbyist builds it; what is constant of it, a calibration takes up",
+        "largest tilt of the mirrors under gravity when the device changes its attitude: a sixth of a hobbyist's "
+        "tolerance of one mirror; calibration absorbs the constant part",
     )
     cable_window_mm: tuple[_Size, _Size] = Field(
-        default=(18.0, 10.0), description="width and height of the window for the cable: a USB plug passes"
+        default=(18.0, 10.0), description="width and height of the window for the cable: a USB plug passes through"
     )
-    tie_mm: tuple[_Size, _Size] = Field(default=(4.0, 2.0), description="slots for the cable tie beside the window")
+    tie_mm: tuple[_Size, _Size] = Field(
+        default=(4.0, 2.0), description="width and height of the slots for the cable tie next to the window"
+    )
 
 
 class ClipDimensions(Value):
-    """The camera clip and how far it slides along the mount."""
+    """The camera clip, which slides along the mount."""
 
-    wall_mm: float = _positive(4.0, "walls, lips and the floor under a bare board")
-    travel_mm: float = _positive(4.0, "how far the clip slides either way from the nominal depth of the pupil")
-    behind_mm: float = _positive(1.0, "space between the body's back and the leaf of the screw behind it")
+    wall_mm: float = _positive(4.0, "thickness of walls, lips and the floor under a bare board")
+    travel_mm: float = _positive(4.0, "travel of the clip from the nominal depth of the pupil, plus or minus")
+    behind_mm: float = _positive(1.0, "gap between the body's back and the leaf of the screw behind it")
     shaken_g: float = Bounds(0.1, 100.0).field(
-        3.0, "acceleration, as a multiple of gravity, at which no point of the nest lets go of the camera"
+        3.0, "largest acceleration, as a multiple of gravity, at which the camera stays in contact with its six points"
     )
     rib_mm: float = _positive(2.0, "height of the V rib that guides the clip")
-    screws_apart_mm: float = _positive(40.0, "distance of the screws that hold the clip, across the slide")
+    screws_apart_mm: float = _positive(40.0, "distance of the clip's screws across the slide")
     screws_above_mm: float = _positive(
-        18.0, "distance of their two rows along the slide; where the clip is too low for it, there is one row"
+        18.0, "distance of their two rows along the slide; a clip too low for two rows has one"
     )
 
 
 class Cutting(Value):
-    """The stock sheet that the mirrors are cut from, and what cuts it: a laser, or for glass a wheel or a water jet."""
+    """The stock sheet of the mirrors and how it is cut: by laser, or glass by a wheel or a water jet."""
 
     material: Literal["acrylic", "glass"] = Field(
-        default="acrylic", description="what the mirrors are of; glass is cut to the lines themselves, without a kerf"
+        default="acrylic", description="material of the mirrors; glass is cut along the lines, without a kerf"
     )
     sheet_mm: tuple[_Size, _Size] = Field(default=(300.0, 200.0), description="width and height of a sheet")
-    kerf_mm: float = PART_GAP_MM.field(0.2, "full width that the laser burns away")
+    kerf_mm: float = PART_GAP_MM.field(0.2, "full width of the laser's cut")
     gap_mm: float = Field(
-        default=3.0, gt=0.5, le=PART_MM.most, description="gap between mirrors on the sheet, and to its edge"
+        default=3.0, gt=0.5, le=PART_MM.most, description="gap between mirrors on the sheet, and from them to its edge"
     )
     mark_mm: float = _positive(5.0, "height of the mark on the back of a mirror")
     chamfer_mm: float = PART_GAP_MM.field(0.2, "width of the bevel ground on the edges of glass")
 
     @property
     def allowance_mm(self) -> float:
-        """How far the lines of the cut files lie outside the finished edge."""
+        """Distance of the lines of the cut files outside the finished edge."""
         return self.kerf_mm / 2.0 if self.material == "acrylic" else 0.0
 
     @property
     def least_width(self) -> float:
-        """Smallest width of a mirror that can be cut, over its thickness: scored glass breaks where it will below."""
+        """Smallest ratio of a mirror's width to its thickness: scored glass breaks off the line below it."""
         return 1.0 if self.material == "acrylic" else 4.0
 
 
 def field_of_view(camera: Camera) -> str:
-    """The field of view of a camera along x and y, without distortion, as text: "70.4 x 43.3 deg"."""
+    """A camera's field of view along x and y, without distortion, as text: "70.4 x 43.3 deg"."""
     tangents = _half_view_tangents(camera)
     return " x ".join(f"{math.degrees(2.0 * math.atan(tangent)):.1f}" for tangent in tangents) + " deg"
 
@@ -233,7 +240,7 @@ def _half_view_tangents(camera: Camera) -> tuple[float, float]:
 
 
 def require_same_camera(camera: Camera, body: CameraBody) -> None:
-    """Raise InputError where a layout's camera sees another field of view than the one that a body belongs to."""
+    """Raise InputError if a layout's camera has another field of view than the camera of a body."""
     if body.field_of_view_deg is None:
         return
     stated = [math.tan(math.radians(angle) / 2.0) for angle in body.field_of_view_deg]
@@ -251,10 +258,10 @@ def _named(camera: object) -> object:
 
 
 class Hardware(Value):
-    """All dimensions that do not come from a layout, in mm; every part of a device is drawn from these and the layout.
+    """All dimensions of a device that do not follow from its layout, in mm.
 
-    Read from a TOML file by `read_model(Hardware, path)`, which may give any part of it; a camera is given by its name
-    in the library of cameras, the path of a TOML file, or its body's own table.
+    `read_model(Hardware, path)` reads them from a TOML file, which may give any part of the table. A camera is given by
+    its name in the library of cameras, the path of a TOML file, or its body's own table.
     """
 
     fit: Fits = Fits()
@@ -264,7 +271,7 @@ class Hardware(Value):
     mount: MountDimensions = MountDimensions()
     clip: ClipDimensions = ClipDimensions()
     cutting: Cutting = Cutting()
-    back: AnyBack = Field(default=DeskBack(), description="what is screwed under the mount's foot, by its `kind`")
+    back: AnyBack = Field(default=DeskBack(), description="adapter under the mount's foot, by its `kind`")
     prices: Prices = Prices()
     camera: Annotated[CameraBody, BeforeValidator(_named, json_schema_input_type=CameraBody | str)] = Field(
         default_factory=lambda: read_body("c920"), description="body, name in the library, or path of a TOML file"
@@ -276,7 +283,7 @@ HARDWARE = Hardware()
 
 @dataclass(frozen=True)
 class PrintSettings:
-    """Nozzle, layers, number of perimeters (lines of a wall) and share of infill."""
+    """Nozzle, layer height, number of perimeters (lines of a wall) and percentage of infill."""
 
     nozzle_mm: float = 0.4
     layer_mm: float = 0.2

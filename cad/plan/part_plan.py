@@ -1,4 +1,4 @@
-"""Printed parts as exports, checks and documents see them: plans and joints before, files after they are made."""
+"""The types of printed parts that exports, checks and documents use: plans, bought items, built parts and joints."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ if TYPE_CHECKING:
 Rgb = tuple[float, float, float]
 
 FORMING = " thread-forming"
-"""End of the size of a screw that cuts its thread itself, in plastic."""
+"""Suffix of the size of a thread-forming screw, which cuts its own thread in plastic."""
 
 
 _RECIPES: dict[Callable[..., Any], str] = {}
 
 
 def recipe(name: str) -> Callable[[Make], Make]:
-    """Name how a function makes its part, for the part's identity.
+    """Give the function that makes a part a fixed name, which enters the part's identity.
 
-    The identity is printed on drawings and kept in 3MF files: it stays as long as the same numbers give the same part,
-    wherever the function is moved. A function without a recipe goes by its own name.
+    The identity is printed on drawings and stored in 3MF files. The fixed name keeps it stable when the function moves
+    to another module. A function without a recipe enters by its own name.
     """
 
     def named(make: Make) -> Make:
@@ -47,9 +47,10 @@ def _recipe_of(make: Callable[..., Any]) -> str:
 
 @dataclass(frozen=True)
 class NamedFace:
-    """A flat face of a part that has a name: in the plane of a point (3,) and its outward normal (3,), in rig, mm.
+    """A named flat face of a part, in the plane through a point (3,) with an outward normal (3,), in rig, mm.
 
-    It is the nearest face to the point; with a polygon `within` (n, 3) in that plane, each face with its middle in it.
+    It is the face nearest to the point or, with a polygon `within` (n, 3) in that plane, every face whose middle lies
+    in the polygon.
     """
 
     name: str
@@ -60,28 +61,28 @@ class NamedFace:
 
 @dataclass(frozen=True)
 class PartPlan:
-    """A part to print, before it is made: plain numbers, and the function that makes a solid of them.
+    """A part to print, before it is made: its dimensions, and the function that makes a solid from them.
 
-    Both travel to another process, and `plan` alone decides whether the part has to be made again.
+    Both can be sent to another process. The part is made again only if `plan` changes.
 
     Parameters
     ----------
     name : str
-        Stem of the part's files, unique in a device.
+        File name of the part without its ending, unique in a device.
     title, number : str
         Title and part number of the part in documents.
     plan : Any
-        The numbers: a frozen dataclass of numbers, text, arrays, tuples and further such dataclasses.
+        The dimensions: a frozen dataclass of numbers, text, arrays, tuples and further dataclasses.
     make : Callable
-        `make(plan)` gives one solid in rig, mm, as it stands in the assembled device; a function of a module.
+        Function at module level; `make(plan)` returns one solid in rig, mm, in its place in the assembled device.
     print_from_rig : (4, 4)
-        Lays the part on the bed: z up, the lowest point at z = 0, mm.
+        Pose on the bed: z up, the lowest point at z = 0, mm.
     explode_mm : (3,)
-        How far the part is moved, in rig, in an exploded view.
+        Displacement in rig in an exploded view.
     rgb : (float, float, float)
         Colour in pictures, from 0 to 1.
     faces : tuple of NamedFace
-        Faces that have names in its STEP file.
+        Faces named in the STEP file.
     """
 
     name: str
@@ -96,13 +97,13 @@ class PartPlan:
 
     @cached_property
     def identity(self) -> str:
-        """Twelve hexadecimal digits over the numbers that the part is made of: the same identity, the same part."""
+        """Digest of the part's dimensions, twelve hexadecimal digits: parts with the same identity are the same."""
         numbers = {"make": _recipe_of(self.make), "plan": plain(self.plan)}
         return value_digest(numbers)[:12]
 
 
 def plain(value: Any) -> Any:
-    """A plan as nested lists, numbers and text; raises TypeError for anything that is not plain data."""
+    """A plan as nested lists, numbers and text; raises TypeError for other types."""
     if isinstance(value, Value):
         return value.model_dump(mode="json")
     if is_dataclass(value) and not isinstance(value, type):
@@ -121,20 +122,20 @@ def plain(value: Any) -> Any:
 
 
 LICENCE = "CERN-OHL-W-2.0"
-"""Of devices and their files, by its SPDX identifier; the program that makes them is under Apache-2.0."""
+"""SPDX identifier of the licence of devices and their files; the program itself is under Apache-2.0."""
 
 BoughtKind = Literal["screw", "washer", "spring", "insert", "nut", "pin"]
 
 
 @dataclass(frozen=True)
 class BoughtItem:
-    """A bought piece in its place.
+    """A bought item in its place.
 
     `rig_from_item` (4, 4) has its origin under a screw's head or a washer, or at the mouth of an insert's hole, and z
-    along the axis, out of the material. `explode_mm` (3,) is how far it is moved, in rig, in an exploded view; `joins`
-    are the names of the parts that it joins. `way_out_mm` (n, 3) are the moves in rig, one after the other, by which an
-    insert or a nut leaves its seat; backwards, they are how it is put in. Others have none. A spring is as long
-    as it is in the device; its `size` has wire, mean diameter and free length.
+    along the axis, out of the material. `explode_mm` (3,) is the displacement in rig in an exploded view; `joins` names
+    the parts that the item joins. `exit_moves_mm` (n, 3) are the successive moves in rig by which an insert or a nut
+    leaves its seat, the reverse of its assembly; other items have none. The length of a spring is its length in the
+    device; its `size` has wire diameter, mean diameter and free length.
     """
 
     kind: BoughtKind
@@ -143,11 +144,11 @@ class BoughtItem:
     rig_from_item: FloatArray
     explode_mm: FloatArray
     joins: tuple[str, ...]
-    way_out_mm: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
+    exit_moves_mm: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
 
 
 class MassProperties(Value):
-    """A solid of uniform density: mass, its centre (3,) in rig, inertia (3, 3) about that, along the rig's axes."""
+    """Mass of a solid of uniform density, its centre (3,) in rig, and its inertia (3, 3) about that centre in rig."""
 
     volume_mm3: float
     mass_g: float
@@ -156,7 +157,7 @@ class MassProperties(Value):
 
 
 class BuiltPart(Value):
-    """A part with its files: `folder` holds NAME.step, NAME.stl (both in rig, mm) and NAME.3mf (as printed)."""
+    """A part with its files in `folder`: NAME.step and NAME.stl (both in rig, mm) and NAME.3mf (as printed)."""
 
     name: str
     title: str
@@ -194,9 +195,9 @@ class BuiltPart(Value):
 
 @dataclass(frozen=True)
 class Connection:
-    """A joint of two parts: the same frame, once from the plan of each; both (4, 4) in rig.
+    """A joint of two parts: its frame (4, 4) in rig according to the plan of either part.
 
-    z points out of the parent. `slides_mm` is how far the child may move either way along the frame's x.
+    z points out of the parent. The child may move by `slides_mm` in both directions along the frame's x.
     """
 
     name: str

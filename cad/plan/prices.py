@@ -1,7 +1,7 @@
-"""Prices: the one table of what a device's plastic, mirrors and bought items cost, as of a stated month.
+"""Prices of a device's plastic, mirrors and bought items, as of a stated month.
 
-Typical retail prices of small quantities in Europe with tax, estimated and not looked up one by one: what they are for
-is to compare devices, and to know the order of what one costs. The table `[prices]` of a hardware file replaces any.
+They are estimates of typical retail prices of small quantities in Europe with tax. They serve to compare devices and to
+give the order of magnitude of the cost. The table `[prices]` of a hardware file replaces any of them.
 """
 
 from __future__ import annotations
@@ -17,17 +17,17 @@ from mirrorcam.core.names import Name
 from mirrorcam.core.values import Metric, Value
 
 BASIS = "typical retail prices of small quantities, estimated: check before you buy"
-# EUR per kg of filament, by the names that plastics begin with; of any other plastic.
+# EUR per kg of filament, by the start of the plastic's name; OTHER_PLASTIC for any other.
 PLASTICS = {"PLA": 22.0, "PETG": 22.0, "ASA": 30.0, "ABS": 24.0, "PC": 45.0, "PA": 55.0}
 OTHER_PLASTIC = 40.0
-# EUR per 100 cm2 of stock, by the beginning of its name in a parts list. Cutting by a service is not among it.
+# EUR per 100 cm2 of stock, by the start of its name in a parts list, without the cost of a cutting service.
 MIRRORS = {
     "first-surface acrylic mirror": 6.0,
     "second-surface acrylic mirror": 2.0,
     "first-surface glass mirror": 20.0,
     "second-surface glass mirror": 3.0,
 }
-# EUR each, by the beginning or end of a title in a parts list without its length; screws and the like as one of a bag.
+# EUR each, by the start or end of a title in a parts list without its length; small items as their share of a bag.
 EACH = {
     "M3 screw": 0.12,
     "M3 countersunk screw": 0.12,
@@ -81,34 +81,36 @@ def _listed(description: str) -> Any:
 
 
 class Prices(Value):
-    """What differs from the table of prices; `currency` and `date` say what all of them are in, and from when."""
+    """Replacements in the table of prices; `currency` and `date` apply to all prices."""
 
-    currency: Name = Field(default="EUR", description="of all prices; give all that a device needs in another one")
-    date: Name = Field(default="2026-11", description="when the prices were stated")
+    currency: Name = Field(
+        default="EUR", description="currency of all prices; with another one, give every price that a device needs"
+    )
+    date: Name = Field(default="2026-11", description="month of the prices")
     plastic_per_kg: _PriceList = _listed("filament by the name of its plastic")
     mirror_per_100_cm2: _PriceList = _listed('stock by name, such as "first-surface acrylic mirror"')
     each: _PriceList = _listed('bought items by title without their length, such as "M3 screw"; cameras by name')
 
     def of_plastic(self, plastic: str, grams: float) -> float:
-        """Price of so much filament: of the plastic of this name, or of the longest name that it begins with."""
+        """Price of a mass of filament, by the longest known name with which the plastic's name starts."""
         known = _by_name(plastic, PLASTICS | dict(self.plastic_per_kg))
         return (OTHER_PLASTIC if known is None else known) * grams / 1000.0
 
     def of_mirrors(self, stock: str, area_cm2: float) -> float:
-        """Price of so much stock of a name, such as "first-surface acrylic mirror, 1 mm"."""
+        """Price of an area of stock, given by its name, such as "first-surface acrylic mirror, 1 mm"."""
         known = _by_name(stock, MIRRORS | dict(self.mirror_per_100_cm2))
         if known is None:
             raise ValueError(f"stock {stock}: expected one of {', '.join(MIRRORS)}")
         return known * area_cm2 / 100.0
 
     def of_item(self, title: str) -> float | None:
-        """Price of one bought item by its title, None where it is not known."""
+        """Price of one bought item by its title; None if unknown."""
         plain = re.sub(r" x [\d.]+(?= )", "", title)
         return _by_name(plain, EACH | dict(self.each))
 
 
 def hours_text(minutes: float | None) -> str:
-    """A time as hours and whole minutes, to the nearest; a dash for one that is not known."""
+    """A time in hours and minutes, rounded; a dash if unknown."""
     if minutes is None:
         return "-"
     hours, rest = divmod(round(minutes), 60)
@@ -116,7 +118,7 @@ def hours_text(minutes: float | None) -> str:
 
 
 def summary_of(checks: Mapping[str, Metric]) -> str:
-    """Mass, price and printing time of a device in a line, from its figures; missing ones are left out."""
+    """Mass, price and printing time of a device in one line, from its figures; missing figures are left out."""
     mass, price, time = (checks.get(f"device.{name}") for name in ("mass_g", "price", "print_minutes"))
     texts = [f"{mass.value:.0f} g"] if mass else []
     texts += [f"about {price.value:.0f} {price.unit}"] if price else []
@@ -125,6 +127,6 @@ def summary_of(checks: Mapping[str, Metric]) -> str:
 
 
 def _by_name(title: str, known: dict[str, float]) -> float | None:
-    """The price of the longest of some names that a title begins or ends with, None where there is none."""
+    """The price of the longest known name with which a title starts or ends; None if there is none."""
     found = [name for name in known if title.startswith(name) or title.endswith(name)]
     return known[max(found, key=len)] if found else None

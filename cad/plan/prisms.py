@@ -1,4 +1,4 @@
-"""Convex prisms, of which parts are made, as plain numbers, and whether they overlap with light."""
+"""Convex prisms as plain numbers, from which parts are composed, and their overlap with light."""
 
 from __future__ import annotations
 
@@ -14,32 +14,32 @@ from mirrorcam.optics.geometry.layout import Layout
 
 
 def box(low: tuple[float, float, float], high: tuple[float, float, float]) -> Frustum:
-    """The box between two corners, in rig."""
+    """The box between two opposite corners (3,), in rig."""
     (x, y, z), (x1, y1, z1) = low, high
     base = np.array([(x, y, z), (x, y1, z), (x, y1, z1), (x, y, z1)])
     return Frustum(base, base + np.array([x1 - x, 0.0, 0.0]))
 
 
 def along_x(points: FloatArray, from_mm: float, to_mm: float) -> Frustum:
-    """A convex polygon (n, 2) of y and z, from one x to another."""
+    """The prism on a convex polygon (n, 2) in y and z, between two x."""
     base = np.column_stack([np.full(len(points), from_mm), points])
     return Frustum(base, base + np.array([to_mm - from_mm, 0.0, 0.0]))
 
 
 def along_y(points: FloatArray, from_mm: float, to_mm: float) -> Frustum:
-    """A convex polygon (n, 2) of x and z, from one y to another."""
+    """The prism on a convex polygon (n, 2) in x and z, between two y."""
     base = np.column_stack([points[:, 0], np.full(len(points), from_mm), points[:, 1]])
     return Frustum(base, base + np.array([0.0, to_mm - from_mm, 0.0]))
 
 
 def along_z(points: FloatArray, from_mm: float, to_mm: float) -> Frustum:
-    """A convex polygon (n, 2) of x and y, from one z to another."""
+    """The prism on a convex polygon (n, 2) in x and y, between two z."""
     base = np.column_stack([points, np.full(len(points), from_mm)])
     return Frustum(base, base + np.array([0.0, 0.0, to_mm - from_mm]))
 
 
 def roofed(x_mm: tuple[float, float], z_mm: tuple[float, float], y_mm: tuple[float, float]) -> Frustum:
-    """A window along y of a part that prints with x up: over its far x, a steep roof."""
+    """A window along y with a steep roof at its larger x, for a part that prints with x up."""
     (low, high), (near, far) = x_mm, z_mm
     ridge = (high + (far - near) / 2.0 / np.tan(np.deg2rad(ROOF_DEG)), (near + far) / 2.0)
     return along_y(np.array([(low, near), (low, far), (high, far), ridge, (high, near)]), *y_mm)
@@ -51,12 +51,12 @@ def moved(solid: Frustum, by_mm: FloatArray) -> Frustum:
 
 
 def corners_of(solids: Iterable[Frustum]) -> FloatArray:
-    """All corners (n, 3) of some solids."""
+    """All corners (n, 3) of solids."""
     return np.vstack([np.vstack([solid.base, solid.top]) for solid in solids])
 
 
 def clip_loop(loop: FloatArray, direction: FloatArray, most: float) -> FloatArray:
-    """Clip a flat convex loop (n, k) to the half-space x @ direction <= most: a loop (m, k), maybe empty."""
+    """Clip a flat convex loop (n, k) to the half-space x @ direction <= most; the loop (m, k) may be empty."""
     kept = []
     over = np.array([point @ direction for point in loop]) - most
     for start, end, a, b in zip(loop, np.roll(loop, -1, axis=0), over, np.roll(over, -1), strict=True):
@@ -77,10 +77,10 @@ def volume_mm3(solid: Frustum) -> float:
 
 
 def overlap_mm(a: Frustum, b: Frustum) -> float:
-    """Penetration depth of two convex solids, the least shift that parts them; 0 or less where they are apart.
+    """Penetration depth of two convex solids, the least shift that separates them; 0 or less if they do not overlap.
 
-    By separating axes: two convex polyhedra are apart exactly if a face normal of one of them, or the cross product of
-    an edge of each, parts them (Gottschalk 1996).
+    Separating axes: two convex polyhedra are disjoint exactly if a face normal of either, or the cross product of an
+    edge of one and an edge of the other, separates them (Gottschalk 1996).
     """
     corners_a, corners_b = np.vstack([a.base, a.top]), np.vstack([b.base, b.top])
     crossed = np.cross(_edges(a)[:, None], _edges(b)[None]).reshape(-1, 3)
@@ -97,16 +97,16 @@ def _edges(solid: Frustum) -> FloatArray:
     directions = np.vstack(edges)
     directions = directions[np.linalg.norm(directions, axis=1) > 1e-9]
     directions /= np.linalg.norm(directions, axis=1)[:, None]
-    # Opposite directions are the same line.
+    # Opposite directions define the same axis.
     signs = np.sign(directions[np.arange(len(directions)), np.abs(directions).argmax(axis=1)])
     unique: FloatArray = np.unique((directions * signs[:, None]).round(12), axis=0)
     return unique
 
 
 def require_dark(name: str, solids: Iterable[Frustum], layout: Layout, light: list[list[Frustum]]) -> None:
-    """Raise InputError where light of a mirror enters a solid, with the mirror, the solid's name and the depth in mm.
+    """Raise InputError if a mirror's light enters a solid; the message gives the mirror, the solid and the depth in mm.
 
-    `light` is `plan.seats.keep_outs` of the layout; a mirror's pocket counts as its light.
+    `light` is the result of `plan.seats.keep_outs` for the layout; a mirror's pocket counts as its light.
     """
     worst = (1e-6, 0)
     for solid in solids:

@@ -1,6 +1,6 @@
 """Seats, pockets and light of a layout, in the rig frame: where material must be, and where light must pass.
 
-Pure geometry with no CAD kernel: every volume here is a `Frustum`, a convex solid between two polygons.
+Pure geometry without a CAD kernel: every volume is a `Frustum`, a convex solid between two polygons.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.pupil import Pupil
 from mirrorcam.optics.geometry.transforms import transform
 
-# Light is drawn from just in front of the reflecting plane, so that its end never lies in the plane of a seat.
+# Light starts just in front of the reflecting plane, so that its end never lies in the plane of a seat.
 LIGHT_STARTS_MM = 0.05
 
 
 @dataclass(frozen=True)
 class Frustum:
-    """Convex solid between two polygons with parallel edges, corner by corner; a top of one point is an apex.
+    """Convex solid between two polygons with corresponding corners and parallel edges, or a polygon and an apex.
 
-    `base` (n, 3) and `top` (n, 3) or (1, 3) are in rig, mm.
+    `base` (n, 3) and `top`, (n, 3) or (1, 3), are in rig, mm.
     """
 
     base: FloatArray
@@ -37,7 +37,7 @@ class Frustum:
 
     @property
     def faces(self) -> list[FloatArray]:
-        """The flat faces as corner loops, counter-clockwise from outside."""
+        """The flat faces as loops of corners, counter-clockwise seen from outside."""
         base, top = self.base, self.top
         axis = top.mean(axis=0) - base.mean(axis=0)
         if newell_normal(base) @ axis < 0:
@@ -49,11 +49,11 @@ class Frustum:
 
     @cached_property
     def half_spaces(self) -> tuple[FloatArray, FloatArray]:
-        """Outward unit normals (m, 3) and offsets (m,): inside is normals @ x <= offsets."""
+        """Outward unit normals (m, 3) and offsets (m,): a point x is inside if normals @ x <= offsets."""
         return planes_of(self.faces)
 
     def stretched(self, below_mm: FloatArray, above_mm: FloatArray) -> Frustum:
-        """The same with its base and its top moved, each by a vector (3,) along its sides."""
+        """The solid with its base and its top each moved by a vector (3,) along its sides."""
         return Frustum(self.base + below_mm, self.top + above_mm)
 
     def contains(self, points: FloatArray) -> NDArray[np.bool_]:
@@ -63,7 +63,7 @@ class Frustum:
         return inside
 
     def comes_near(self, point: FloatArray, radius_mm: float) -> bool:
-        """Return whether a ball about a point (3,) may touch the solid; conservative: False is certain."""
+        """Return False if a ball about a point (3,) certainly misses the solid; conservative."""
         normals, offsets = self.half_spaces
         return bool((normals @ point - offsets).max() < radius_mm)
 
@@ -75,32 +75,32 @@ def planes_of(loops: list[FloatArray]) -> tuple[FloatArray, FloatArray]:
 
 
 def newell_normal(loop: FloatArray) -> FloatArray:
-    """Unit normal (3,) of a flat loop (n, 3), counter-clockwise about it; a short edge does not disturb it."""
+    """Unit normal (3,) of a flat loop (n, 3), which runs counter-clockwise about it; robust against short edges."""
     centred = loop - loop.mean(axis=0)
     normal = np.cross(centred, np.roll(centred, -1, axis=0)).sum(axis=0)
     return normal / np.linalg.norm(normal)
 
 
 def seat_height_mm(mirror: Mirror, hardware: Hardware) -> float:
-    """Height of a seat over the reflecting plane: behind the mirror's back by the glue, as high as the pads.
+    """Height of a seat over the reflecting plane: behind the mirror's back by the thickness of the glue.
 
-    The back of the mirror rests on three pads of the seat. A second-surface mirror is coated on its back, so the tops
-    of its pads are in the layout's (reflecting) plane; a first-surface mirror is coated on its front, so they lie one
-    thickness behind it.
+    The mirror's back rests on three pads of the seat, whose height is that thickness. A second-surface mirror is coated
+    on its back, so that the tops of its pads are in the layout's (reflecting) plane. A first-surface mirror is coated
+    on its front, so that they lie one thickness of the mirror behind that plane.
     """
     return mirror.back_mm - hardware.holder.bond_mm
 
 
 def seat_distance_mm(mirror: Mirror, hardware: Hardware) -> float:
-    """Distance of the seat's plane from the pupil, along the mirror's normal, which it shares: n.x = -this."""
+    """Distance d of the seat's plane from the pupil: n.x = -d, with the mirror's normal n."""
     return mirror.distance_mm - seat_height_mm(mirror, hardware)
 
 
 def outline_at(mirror: Mirror, height_mm: float, margin_mm: float = 0.0, *, bevelled: bool = False) -> FloatArray:
-    """The outline grown by a margin, at a height over the reflecting plane: (m, 3) in rig, mm.
+    """A mirror's outline, grown by a margin, at a height over the reflecting plane: (m, 3) in rig, mm.
 
-    Mirrors are cut at right angles to their faces, so the outline moves along the normal. Counter-clockwise as seen
-    from the pupil. Corners sharper than 60 deg, or all when `bevelled`, are cut off when grown, hence m >= n.
+    The sides of a mirror are normal to its faces. The outline runs counter-clockwise seen from the pupil. Growing cuts
+    off corners sharper than 60 deg, or all corners if `bevelled`, so that m may exceed the number of corners.
     """
     polygon = Polygon(mirror.outline_in_plane_mm)
     if margin_mm > 0.0:
@@ -111,15 +111,15 @@ def outline_at(mirror: Mirror, height_mm: float, margin_mm: float = 0.0, *, beve
 
 
 def mirror_prism(mirror: Mirror) -> Frustum:
-    """The mirror as cut: a right prism between its back and its front."""
+    """The mirror as cut: a right prism from its back to its front."""
     back = mirror.back_mm
     return Frustum(outline_at(mirror, back), outline_at(mirror, back + mirror.thickness_mm))
 
 
 def pocket(mirror: Mirror, hardware: Hardware) -> Frustum:
-    """The clearance that a mirror needs: its outline grown by the fit, from the seat plane to a fit in front of it.
+    """The space for a mirror: its outline grown by the fit, from the seat plane to one fit in front of the mirror.
 
-    Of all material only the pads of its own seat stand in it.
+    Only the pads of the mirror's own seat stand in it.
     """
     fit = hardware.fit.free_mm
     front = mirror.back_mm + mirror.thickness_mm + fit
@@ -127,21 +127,20 @@ def pocket(mirror: Mirror, hardware: Hardware) -> Frustum:
 
 
 def working_distance_mm(layout: Layout, hardware: Hardware) -> float:
-    """Depth out to which the reflected light must be free: the farthest depth of the design."""
+    """Depth up to which the reflected light must be free: the farthest depth of the design."""
     return max(layout.spec.depths_mm) if layout.spec else hardware.holder.depth_without_spec_mm
 
 
 def light_starts_mm(mirror: Mirror) -> float:
-    """Height over the reflecting plane above which light may lie beside the mirror.
+    """Height over the reflecting plane up to which light stays within the mirror's outline.
 
-    Light enters and leaves a second-surface mirror through its front, which is cut like its back: up to there it is
-    inside the glass.
+    Light enters and leaves a second-surface mirror through its front, which has the same outline as its back.
     """
     return mirror.front_mm if mirror.is_second_surface else LIGHT_STARTS_MM
 
 
 def camera_cone(mirror: Mirror, pupil: Pupil, hardware: Hardware) -> Frustum:
-    """Light between the mirror and the whole pupil, grown by the light fit; of a pinhole, a pyramid."""
+    """Light between the mirror and the full pupil, grown by the light fit; a pyramid for a pinhole."""
     outline = outline_at(mirror, 0.0, hardware.fit.light_mm)
     around = _around_pupil(mirror, pupil, outline)
     share = light_starts_mm(mirror) / mirror.distance_mm
@@ -149,9 +148,9 @@ def camera_cone(mirror: Mirror, pupil: Pupil, hardware: Hardware) -> Frustum:
 
 
 def _around_pupil(mirror: Mirror, pupil: Pupil, outline: FloatArray) -> FloatArray:
-    """Polygon (n, 3) parallel to an outline (n, 3) of a mirror, edge by edge, about the pupil; (1, 3) of a pinhole.
+    """Polygon (n, 3) about the pupil with edges parallel to those of a mirror's outline (n, 3); (1, 3) for a pinhole.
 
-    It is drawn about a circle so large that planes through both touch or miss the ball of the pupil's radius.
+    It circumscribes a circle so large that planes through corresponding edges touch or miss the pupil's ball.
     """
     if pupil.radius_mm == 0.0:
         return np.zeros((1, 3))
@@ -161,17 +160,17 @@ def _around_pupil(mirror: Mirror, pupil: Pupil, outline: FloatArray) -> FloatArr
     beside = (outwards * flat).sum(axis=1)
     tilt = np.arctan2(mirror.distance_mm, beside) - np.arccos(pupil.radius_mm / np.hypot(mirror.distance_mm, beside))
     radius = float((pupil.radius_mm / np.cos(tilt)).max())
-    # Neighbouring edges with normals a and b, both at the radius from the middle, meet at r (a + b) / (1 + a.b).
+    # Adjacent edges with normals a and b, both at distance r from the middle, meet at r (a + b) / (1 + a.b).
     before = np.roll(outwards, 1, axis=0)
     corners = radius * (before + outwards) / (1.0 + (before * outwards).sum(axis=1))[:, None]
     return np.asarray(corners @ mirror.rig_from_plane[:3, :2].T)
 
 
 def reflected_beam(layout: Layout, index: int, hardware: Hardware) -> Frustum:
-    """Light between a mirror and the scene, grown by the light fit, out to the working distance.
+    """Light between a mirror and the scene, grown by the light fit, up to the working distance.
 
-    It spreads from the virtual centre c through the outline (a first-surface model: straight lines).
-    Raises InputError where the mirror does not look at the scene.
+    It spreads in straight lines from the virtual centre through the outline, as for a first-surface mirror. Raises
+    InputError if the mirror does not face the scene.
     """
     mirror = layout.mirrors[index]
     centre = mirror.virtual_centre_in_rig_mm
@@ -190,7 +189,7 @@ def reflected_beam(layout: Layout, index: int, hardware: Hardware) -> Frustum:
 
 
 def keep_outs(layout: Layout, hardware: Hardware) -> list[list[Frustum]]:
-    """Volumes that no part may enter, per mirror: its pocket, its camera cone and its reflected beam, in rig, mm."""
+    """Volumes that no part may enter, for each mirror: pocket, camera cone and reflected beam, in rig, mm."""
     return [
         [
             pocket(mirror, hardware),

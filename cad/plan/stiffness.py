@@ -1,9 +1,9 @@
-"""Stiffness of the mount's structure: a bent sandwich beam in closed form, and folded plates by finite strips.
+"""Stiffness of the mount's structure: a sandwich beam with bends in closed form, and folded plates by finite strips.
 
 `FoldedPlates` are flat strips of one width, joined along straight edges parallel to x: the finite strip method with
 polynomials across the width (Cheung 1976, Finite Strip Method in Structural Analysis). A strip is a thin plate
-(Kirchhoff) and a membrane. Across the width, fields are Legendre polynomials; along the strip, from one edge to the
-next, deflection is a cubic and displacement in the plane a parabola.
+(Kirchhoff) and a membrane. Across the width, fields are Legendre polynomials; along the strip, from edge to edge, the
+deflection is cubic and the in-plane displacement quadratic.
 """
 
 from __future__ import annotations
@@ -35,32 +35,32 @@ class Section:
 
     @property
     def plastic_mm2(self) -> float:
-        """Volume of plastic per length: both skins, and the webs, which are 1 / cos of their angle longer."""
+        """Volume of plastic per length: both skins, and the webs, longer by 1 / cos of their angle."""
         return float(self.width_mm * (2.0 * self.skin_mm + self.web_mm / np.cos(np.deg2rad(self.web_deg))))
 
     @property
     def bending_nmm2(self) -> float:
-        """E I about x, of both skins about the middle (parallel axes)."""
+        """E I about x: both skins about the middle (parallel axis theorem)."""
         inside = self.depth_mm - 2.0 * self.skin_mm
         return self.plastic_mpa * self.width_mm * (self.depth_mm**3 - inside**3) / 12.0
 
     @property
     def sideways_nmm2(self) -> float:
-        """E I about the skins' normal: both stand on edge."""
+        """E I about the skins' normal, both skins bent on edge."""
         return self.plastic_mpa * 2.0 * self.skin_mm * self.width_mm**3 / 12.0
 
     @property
     def shear_n(self) -> float:
-        """Shear force per angle: E A sin^2 a cos a of webs of area A at an angle a (Timoshenko's laced columns)."""
+        """Shear force per angle: E A sin^2 a cos a for webs of area A at angle a (Timoshenko's laced columns)."""
         angle = np.deg2rad(self.web_deg)
         return float(self.plastic_mpa * self.web_mm * self.width_mm * np.sin(angle) ** 2 * np.cos(angle))
 
     @property
     def torsion_nmm2(self) -> float:
-        """G J of two skins whose edges are open, h apart, on a core that shears.
+        """G J of two skins with open edges, a distance h apart, on a core that shears.
 
-        With the skins' warping +-w(x), equilibrium of a skin is w'' = k^2 (w + h x phi' / 2), k^2 = 2 S / (G t h b h)
-        where S is `shear_n`; free edges give G J = 2 G t h^2 b (1 - tanh(k b / 2) / (k b / 2)).
+        With the skins' warping +-w(x), equilibrium of a skin is w'' = k^2 (w + h x phi' / 2), k^2 = 2 S / (G t h b h),
+        where S is `shear_n`. Free edges give G J = 2 G t h^2 b (1 - tanh(k b / 2) / (k b / 2)).
         """
         modulus = self.plastic_mpa / (2.0 * (1.0 + POISSON))
         apart = self.depth_mm - self.skin_mm
@@ -70,11 +70,12 @@ class Section:
 
 
 def bends_per_newton(path: FloatArray, load: FloatArray, section: Section) -> tuple[FloatArray, FloatArray]:
-    """Turn in rad and shift in mm, both (3, 3), of a load at a point (3,) in rig, per N of its weight.
+    """Rotation in rad and shift in mm, both (3, 3), of a load at a point (3,) in rig, per N of its weight.
 
-    Column j is for a force along axis j. The beam follows a path (n, 2; y and z), clamped at its first point, and holds
-    the load rigidly at its last. Castigliano's theorem: the moment (load - p) x F is linear along each straight piece,
-    so that Simpson's rule is exact for what it is squared in. Shear of the truss moves the load and turns nothing.
+    Column j is for a force along axis j. The beam follows a path (n, 2; y and z); its first point is clamped, and its
+    last is rigidly connected to the load. By Castigliano's theorem, with the moment (load - p) x F linear along each
+    straight piece, so that Simpson's rule is exact for the quadratic energy. Shear of the truss shifts the load without
+    rotation.
     """
     turn, shift = np.zeros((3, 3)), np.zeros((3, 3))
     for start, end in pairwise(path):
@@ -97,18 +98,18 @@ def bends_per_newton(path: FloatArray, load: FloatArray, section: Section) -> tu
 
 # Polynomials of degree 0 to 4 across the width: bending on edge is linear, the warping of a twisted strip cubic.
 MODES = 5
-# Displacements of an edge, for each mode: along x, y and z, and the turn about x.
+# Displacements of an edge, for each mode: along x, y and z, and the rotation about x.
 EDGE = 4
-# Ground is this much stiffer than the stiffest displacement of an edge.
+# Stiffness of a rigid support, relative to the stiffest displacement of an edge.
 GROUND = 1e4
-# Fields of a strip: along x, along the strip, across it. Each term of its strain energy is a stiffness and two
-# derivatives of fields: (field, order along the strip, order along x).
+# Fields of a strip: displacement along x, along the strip, and normal to it. A term of the strain energy is a stiffness
+# and two derivatives of fields: (field, order along the strip, order along x).
 _X, _ALONG, _ACROSS = 0, 1, 2
 
 
 @dataclass(frozen=True)
 class FoldedPlates:
-    """Strips in rig, mm: straight lines in the y-z plane between two edges, extruded from -`half_width_mm` to it.
+    """Strips in rig, mm: lines in the y-z plane between two edges, extruded by `half_width_mm` to both sides of x = 0.
 
     `edges` (n, 2) are y and z of the edges, `strips` (m, 2) the edges of each strip, `thickness_mm` (m,) its thickness
     and `modulus_mpa` (m,) its modulus of elasticity.
@@ -124,55 +125,56 @@ class FoldedPlates:
     def compliance(
         self,
         *,
-        ground: tuple[NDArray[np.int64], FloatArray],
-        held: tuple[NDArray[np.int64], FloatArray],
-        at: FloatArray,
-        bed: FloatArray | None = None,
+        supports: tuple[NDArray[np.int64], FloatArray],
+        attachments: tuple[NDArray[np.int64], FloatArray],
+        load: FloatArray,
+        support_stiffness: FloatArray | None = None,
     ) -> FloatArray:
-        """How a rigid body that some points are fixed to moves, per load on it.
+        """Compliance of a rigid body that is attached to the plates.
 
         Parameters
         ----------
-        ground, held : (k,) and (k,) arrays
-            Points that are held, and those fixed to the body: their edges and x in mm, with the turn of the edge.
-        at : (3,) array
-            Point in rig, mm, where forces act on the body, and whose shift is reported.
-        bed : (4,) array or None
-            Stiffness of what holds each point of `ground`: along x, y and z in N/mm, about x in N mm/rad. None: rigid.
+        supports, attachments : (k,) and (k,) arrays
+            Edges and x in mm of the points that are supported and of those fixed to the body, including the edges'
+            rotation.
+        load : (3,) array
+            Point in rig, mm, where forces act on the body and its shift is measured.
+        support_stiffness : (4,) array or None
+            Stiffness of each support: along x, y and z in N/mm, about x in N mm/rad. None: rigid.
 
         Returns
         -------
         (6, 6) array
-            Column j: shift in mm and turn in rad for a unit force (j < 3, N) or moment (N mm) along an axis of rig.
+            Column j: shift in mm and rotation in rad for a unit force (j < 3, N) or moment (N mm) along an axis of rig.
         """
         stiffness = self._stiffness()
-        ground_at, held_at = self._displacements(*ground), self._displacements(*held)
+        supported, attached = self._displacements(*supports), self._displacements(*attachments)
         rigid = GROUND * float(np.diagonal(stiffness).max())
-        bedding = np.tile(np.full(EDGE, rigid) if bed is None else bed, len(ground[0]))
-        stiffness += ground_at.T @ (bedding[:, None] * ground_at)
+        springs = np.tile(np.full(EDGE, rigid) if support_stiffness is None else support_stiffness, len(supports[0]))
+        stiffness += supported.T @ (springs[:, None] * supported)
         factor = cho_factor(stiffness, lower=True, check_finite=False)
-        pliant = held_at @ cho_solve(factor, held_at.T, check_finite=False)
-        body = self._rigid_body(*held, at)
-        compliance = np.linalg.inv(body.T @ np.linalg.solve(pliant, body))
+        flexibility = attached @ cho_solve(factor, attached.T, check_finite=False)
+        body = self._rigid_body(*attachments, load)
+        compliance = np.linalg.inv(body.T @ np.linalg.solve(flexibility, body))
         return np.asarray((compliance + compliance.T) / 2.0)
 
     def _displacements(self, edges: NDArray[np.int64], x_mm: FloatArray) -> FloatArray:
-        """Displacements and turn (k EDGE,) of points on edges, as a matrix on all modes of all edges."""
+        """Matrix (k EDGE, n EDGE MODES) from the modes of all edges to the displacements of points on edges."""
         modes = legendre.legvander(x_mm / self.half_width_mm, MODES - 1)
-        found = np.zeros((len(edges), EDGE, len(self.edges), EDGE, MODES))
+        matrix = np.zeros((len(edges), EDGE, len(self.edges), EDGE, MODES))
         for point, edge in enumerate(edges):
             for component in range(EDGE):
-                found[point, component, edge, component] = modes[point]
-        return found.reshape(len(edges) * EDGE, -1)
+                matrix[point, component, edge, component] = modes[point]
+        return matrix.reshape(len(edges) * EDGE, -1)
 
-    def _rigid_body(self, edges: NDArray[np.int64], x_mm: FloatArray, at: FloatArray) -> FloatArray:
-        """The same displacements as a matrix (k EDGE, 6) on a shift and a turn of all points about one."""
-        arms = np.column_stack([x_mm, self.edges[edges]]) - at
-        found = np.zeros((len(edges), EDGE, 6))
-        found[:, :3, :3] = np.eye(3)
-        found[:, :3, 3:] = np.cross(np.eye(3), arms[:, None]).transpose(0, 2, 1)
-        found[:, 3, 3] = 1.0
-        return found.reshape(-1, 6)
+    def _rigid_body(self, edges: NDArray[np.int64], x_mm: FloatArray, centre: FloatArray) -> FloatArray:
+        """Matrix (k EDGE, 6) from a shift, and a rotation about a centre (3,), to the displacements of these points."""
+        arms = np.column_stack([x_mm, self.edges[edges]]) - centre
+        matrix = np.zeros((len(edges), EDGE, 6))
+        matrix[:, :3, :3] = np.eye(3)
+        matrix[:, :3, 3:] = np.cross(np.eye(3), arms[:, None]).transpose(0, 2, 1)
+        matrix[:, 3, 3] = 1.0
+        return matrix.reshape(-1, 6)
 
     def _stiffness(self) -> FloatArray:
         """Stiffness (n EDGE MODES, n EDGE MODES) of all edges, in N/mm, N and N mm."""
@@ -180,7 +182,7 @@ class FoldedPlates:
         lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
         own = _condensed(_strip_stiffness(self, lengths))
         tangents = (ends[:, 1] - ends[:, 0]) / lengths[:, None]
-        # A strip's own axes: along x, along the strip, and x cross that, which is where a turn about x moves its end.
+        # A strip's own axes: along x, along the strip, and the normal x cross the strip.
         turned = np.zeros((len(lengths), EDGE, EDGE))
         turned[:, 0, 0] = turned[:, 3, 3] = 1.0
         turned[:, 1, 1:3] = tangents
@@ -188,16 +190,16 @@ class FoldedPlates:
         shape = (len(lengths), 2, EDGE, MODES, 2, EDGE, MODES)
         own = np.einsum("sia,seimfjo,sjb->seamfbo", turned, own.reshape(shape), turned, optimize=True)
         block = EDGE * MODES
-        whole = np.zeros((len(self.edges), block, len(self.edges), block))
+        assembled = np.zeros((len(self.edges), block, len(self.edges), block))
         for strip, matrix in zip(self.strips, own.reshape(-1, 2, block, 2, block), strict=True):
             for i, row in enumerate(strip):
                 for j, column in enumerate(strip):
-                    whole[row, :, column] += matrix[i, :, j]
-        return whole.reshape(len(self.edges) * block, -1)
+                    assembled[row, :, column] += matrix[i, :, j]
+        return assembled.reshape(len(self.edges) * block, -1)
 
 
 def _condensed(stiffness: FloatArray) -> FloatArray:
-    """Stiffness of strips' edges alone: no force acts on the bubbles, which come last."""
+    """Stiffness of strips' edges alone: statically condenses the bubble functions, which come last."""
     edges = 2 * EDGE * MODES
     coupling = stiffness[:, edges:, :edges]
     bubbles = np.linalg.solve(stiffness[:, edges:, edges:], coupling)
@@ -207,8 +209,8 @@ def _condensed(stiffness: FloatArray) -> FloatArray:
 def _strip_stiffness(plates: FoldedPlates, lengths: FloatArray) -> FloatArray:
     """Stiffness (m, 10 MODES, 10 MODES) of strips in their own axes.
 
-    In the order of both edges' displacements (along x, along the strip, across it, turn), then of the bubbles (along x,
-    along the strip), which are 0 at both edges; for each of these the modes.
+    Order of the degrees of freedom: displacements of both edges (along x, along the strip, normal to it, rotation),
+    then the bubbles (along x, along the strip), which are 0 at both edges; for each of these the modes.
     """
     membrane = plates.modulus_mpa * plates.thickness_mm / (1.0 - plates.poisson**2)
     plate = membrane * plates.thickness_mm**2 / 12.0
@@ -238,7 +240,7 @@ def _both(factor: FloatArray, a: tuple[int, int, int], b: tuple[int, int, int]) 
 
 
 def _modes_across(half_width: float) -> tuple[FloatArray, FloatArray]:
-    """Modes (3, points, MODES) across the width, with their first and second derivatives, and weights (points,)."""
+    """Modes (3, points, MODES) across the width with first and second derivatives, and quadrature weights (points,)."""
     points, weights = legendre.leggauss(MODES)
     orders = [legendre.legder(np.eye(MODES), order) if order else np.eye(MODES) for order in range(3)]
     return (
@@ -248,9 +250,9 @@ def _modes_across(half_width: float) -> tuple[FloatArray, FloatArray]:
 
 
 def _fields_along(lengths: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Fields (3, 3, m, points, 10) along strips of lengths (m,), with two derivatives, and weights (m, points).
+    """Fields (3, 3, m, points, 10) along strips of lengths (m,), and quadrature weights (m, points).
 
-    The first axis is the displacement (along x, along the strip, across it), the second the order of the derivative.
+    The first axis is the displacement (along x, along the strip, normal to it), the second the order of the derivative.
     """
     points, weights = legendre.leggauss(4)
     s, one = (points + 1.0) / 2.0, np.ones(4)
@@ -268,7 +270,7 @@ def _fields_along(lengths: FloatArray) -> tuple[FloatArray, FloatArray]:
         fields[_X, order][..., [0, 4, 8]] = linear[order].T * by_length
         fields[_ALONG, order][..., [1, 5, 9]] = linear[order].T * by_length
         deflections = hermite[order].T * by_length
-        # Deflections and slopes of its ends define a cubic.
+        # The slope modes of a cubic scale with the strip's length.
         deflections[..., [1, 3]] *= lengths[:, None, None]
         fields[_ACROSS, order][..., [2, 3, 6, 7]] = deflections
     return fields, lengths[:, None] * weights / 2.0

@@ -1,4 +1,4 @@
-"""Signs of single strokes: digits, the letters of hexadecimal numbers, M, and the hyphen."""
+"""A single-stroke font: digits, the letters of hexadecimal numbers, M, and the hyphen."""
 
 STROKES: dict[str, tuple[tuple[tuple[float, float], ...], ...]] = {
     "0": (((0, 0), (1, 0), (1, 2), (0, 2), (0, 0)),),
@@ -20,4 +20,4 @@ STROKES: dict[str, tuple[tuple[tuple[float, float], ...], ...]] = {
     "f": (((1, 2), (0, 2), (0, 0)), ((0, 1), (1, 1))),
     "M": (((0, 0), (0, 2), (2, 2), (2, 0)), ((1, 2), (1, 0))),
 }
-"""The strokes of each sign, through corners of a seven-segment digit: one wide and two high, M two wide."""
+"""Strokes of each glyph: polylines between the corners of a seven-segment digit, one wide and two high; M two wide."""

@@ -1,14 +1,14 @@
-"""How far screws may be tightened: the torque at which plastic bears a quarter of its strength.
+"""Tightening torques of screws, at which the plastic bears a quarter of its strength.
 
-Torque of a screw that pulls with a force F (VDI 2230-1, equation for the tightening torque), with the friction mu of
-thread and head: M = F (0.16 P + 0.58 d2 mu + D mu / 2), where D is the mean diameter of the bearing ring under the
-head. Friction is taken low, since a torque then makes the most force. F is the least force that the plastic bears
+The torque for a preload F (VDI 2230-1, equation for the tightening torque), with friction mu of thread and head, is
+M = F (0.16 P + 0.58 d2 mu + D mu / 2), where D is the mean diameter of the bearing ring under the head. Friction is
+assumed low, since a given torque then causes the largest preload. F is the smallest of these limits:
 
-- under the head, its washer or a nut: pressure on the ring, at most p,
-- round an insert or a thread that the screw cut: shear of the cylinder round it, of which ridges leave a half.
+- the pressure p on the bearing ring under the head, its washer or a nut;
+- the shear strength of half the cylinder round an insert or a thread-forming screw; its ridges take the other half.
 
-p is a quarter of the plastic's tensile strength as moulded, since it creeps under a lasting load, and the shear
-p / sqrt(3) (von Mises).
+p is a quarter of the plastic's tensile strength as moulded, since plastic creeps under a permanent load. The shear
+limit is p / sqrt(3) (von Mises).
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ from mirrorcam.cad.plan.part_plan import FORMING, BoughtItem
 FRICTION = 0.12
 # Share of a plastic's strength that it bears for years.
 LASTING = 0.25
-# Share of the cylinder round an insert or a thread in which plastic holds: the rest is its ridges.
-HELD = 0.5
-# A screw whose tip presses on the body of a camera, through its clip alone, may do so this hard.
+# Share of the cylinder round an insert or a thread that is plastic: the rest is its ridges.
+PLASTIC_SHARE = 0.5
+# Largest force of a screw whose tip presses on the camera's body; it joins the clip alone.
 PRESS_N = 50.0
 PRESSING = (CLIP,)
 ON_AXIS_MM = 1e-3
@@ -36,23 +36,22 @@ ON_AXIS_MM = 1e-3
 
 @dataclass(frozen=True)
 class Tightening:
-    """The torque up to which a screw may be tightened, in N m, and what limits it."""
+    """The largest tightening torque of a screw in N m, and what limits it."""
 
     torque_nm: float
     limit: str
 
     @property
     def text(self) -> str:
-        """The torque as documents state it, two digits rounded down: "0.18 N m"."""
+        """The torque for documents, rounded down to two digits: "0.18 N m"."""
         digit = 10.0 ** (np.floor(np.log10(self.torque_nm)) - 1.0)
         return f"{np.floor(self.torque_nm / digit + 1e-9) * digit:.2g} N m"
 
 
 def tightenings(items: Sequence[BoughtItem], hardware: Hardware) -> tuple[Tightening | None, ...]:
-    """The tightening of each screw among bought items, in their order; None for anything else, and for
-    those that adjust mirrors.
+    """The tightening of each bought item, in their order; None for screws that adjust mirrors, and other items.
 
-    The thread of a screw, and a washer under its head, are found on its axis among the items.
+    The insert, nut or washer of a screw is the item on its axis.
     """
     return tuple(_tightening(item, items, hardware) if item.kind == "screw" else None for item in items)
 
@@ -61,7 +60,7 @@ def _tightening(screw: BoughtItem, items: Sequence[BoughtItem], hardware: Hardwa
     table, thread = hardware.screw, thread_of(screw.size)
     on_axis = {item.kind for item in items if item is not screw and _shares_axis(item, screw)}
     pressure = LASTING * hardware.printer.plastic_strength_mpa
-    # Screws against springs are turned to adjust a mirror, not tightened.
+    # Screws against springs adjust a mirror and are not tightened.
     if screw.joins[-1].startswith(CARRIER):
         return None
     if screw.joins == PRESSING and not screw.size.endswith(FORMING):
@@ -70,7 +69,7 @@ def _tightening(screw: BoughtItem, items: Sequence[BoughtItem], hardware: Hardwa
     outer = max(head, table.washer_mm) if "washer" in on_axis else head
     forces = {"plastic under the head": pressure * _ring_mm2(outer, hole)}
     if screw.size.endswith(FORMING):
-        # Its head lies on the board.
+        # The head rests on the board.
         forces = {"thread in the plastic": _shear_n(thread.diameter_mm, _engaged_mm(screw, hardware), pressure)}
     elif "insert" in on_axis:
         forces["plastic round the insert"] = _shear_n(table.insert_hole_mm, table.insert_mm, pressure)
@@ -89,7 +88,7 @@ def _torque_nm(thread: Thread, force_n: float, bearing_mm: float) -> float:
 
 
 def _shear_n(diameter_mm: float, length_mm: float, pressure_mpa: float) -> float:
-    return float(HELD * pressure_mpa / np.sqrt(3.0) * np.pi * diameter_mm * length_mm)
+    return float(PLASTIC_SHARE * pressure_mpa / np.sqrt(3.0) * np.pi * diameter_mm * length_mm)
 
 
 def _ring_mm2(outer_mm: float, inner_mm: float) -> float:
@@ -97,12 +96,12 @@ def _ring_mm2(outer_mm: float, inner_mm: float) -> float:
 
 
 def _engaged_mm(screw: BoughtItem, hardware: Hardware) -> float:
-    """Length of a board's screw in plastic: all that is below the board."""
+    """Length of a board's screw in plastic, below the board."""
     return max(screw.length_mm - hardware.camera.depth_mm, 0.0)
 
 
 def _shares_axis(item: BoughtItem, screw: BoughtItem) -> bool:
-    """Return whether an item lies on a screw's axis, between its head and a little beyond its tip."""
+    """Return whether an item lies on a screw's axis, between one screw length above the head and the tip."""
     frame = screw.rig_from_item
     along = item.rig_from_item[:3, 3] - frame[:3, 3]
     depth = -float(along @ frame[:3, 2])

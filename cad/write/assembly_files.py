@@ -1,10 +1,10 @@
 """The assembled device as one STEP file and as GLB.
 
-The STEP file is a labelled, coloured tree, put together by joints, in one order. Open CASCADE numbers the placed
-components of a process (`NEXT_ASSEMBLY_USAGE_OCCURRENCE`), and writes colours in the order of a map whose keys are
-memory addresses: `ordered_step` takes both out of the text. The geometry before them comes in the order it was given.
+The STEP file is a labelled, coloured tree in a fixed order, assembled by joints. Open CASCADE numbers the placed
+components per process (`NEXT_ASSEMBLY_USAGE_OCCURRENCE`), and writes colours in the order of a map whose keys are
+memory addresses. `ordered_step` makes the text independent of both; the geometry is already in the order of its input.
 
-The GLB has a node for every piece, with its name, number, colour and displacement when exploded.
+The GLB has a node for every piece, with its name, number, colour and displacement in an exploded view.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.transforms import inverse, rigid
 
-# "#12 = NAME(...);", over several lines; and, within its body, quoted text or a reference.
+# An entity "#12 = NAME(...);", possibly over several lines; in its body, quoted text or a reference.
 ENTITY = re.compile(r"^#(\d+) = (.*?);$", re.DOTALL | re.MULTILINE)
 TOKEN = re.compile(r"'(?:[^']|'')*'|#(\d+)")
 COLOURS = "MECHANICAL_DESIGN_GEOMETRIC_PRESENTATION_REPRESENTATION"
@@ -68,7 +68,7 @@ PLACED = re.compile(r"^NEXT_ASSEMBLY_USAGE_OCCURRENCE\('\d+'")
 
 
 def ordered_step(text: str) -> str:
-    """A STEP file's text with its components counted from 1, and its colours in the order of what they colour."""
+    """A STEP file's text with its components numbered from 1, and its colours in the order of their shapes."""
     start, _, rest = text.partition("DATA;\n")
     data, _, end = rest.partition("ENDSEC;")
     bodies = {int(number): re.sub(r"\n\s*", "", body) for number, body in ENTITY.findall(data)}
@@ -81,7 +81,7 @@ def ordered_step(text: str) -> str:
     def coloured(root: int) -> list[int]:
         return sorted(other for number in _below(root, refers) for other in refers[number] if other in plain)
 
-    # Those that colours share come with the first that has them.
+    # Entities shared by several colours come with the first of these.
     order = dict.fromkeys(sorted(plain))
     for root in sorted(colours, key=coloured):
         order |= dict.fromkeys(number for number in _below(root, refers) if number not in order)
@@ -101,7 +101,7 @@ def _references(body: str) -> list[int]:
 
 
 def _below(root: int, refers: dict[int, list[int]]) -> list[int]:
-    """An entity and all that it refers to, directly or not, in the order in which they are met."""
+    """An entity and all that it refers to, directly or indirectly, in depth-first order."""
     found, waiting = {root: None}, [root]
     while waiting:
         fresh = [other for other in refers[waiting.pop()] if other not in found]
@@ -114,9 +114,9 @@ ROOT = "mirrorcam"
 
 
 def write_assembly(path: Path, device: Device, parts: Iterable[BuiltPart]) -> None:
-    """Write the device as STEP, its printed parts read from their own STEP files.
+    """Write the device as STEP, with its printed parts read from their STEP files.
 
-    The tree: `mirrorcam` over `printed`, `mirrors`, `bought`; below these the pieces, named and coloured as in the GLB.
+    The root `mirrorcam` has the groups `printed`, `mirrors` and `bought`, with pieces named and coloured as in the GLB.
     """
     assembly = assemble(device, parts)
     with TemporaryDirectory() as folder:
@@ -126,14 +126,14 @@ def write_assembly(path: Path, device: Device, parts: Iterable[BuiltPart]) -> No
 
 
 def assemble(device: Device, parts: Iterable[BuiltPart]) -> Compound:
-    """The device in rig: printed parts joined by their plans' connections, and joined to them every piece with a frame.
+    """The device in rig: printed parts joined by their plans' connections, and every other piece joined to one of them.
 
-    Parts are made where they belong, so connecting them moves nothing by more than their plans disagree.
+    Parts are made in their places, so that joints move them only by the differences between their plans.
     """
     fitted = [part for part in parts if part.name not in APART]
     printed = {part.name: _printed(part) for part in fitted}
     for connection in connections(device):
-        parent, child = _bearer((connection.parent,), printed), _bearer((connection.child,), printed)
+        parent, child = _printed_part((connection.parent,), printed), _printed_part((connection.child,), printed)
         connect(connection, parent, child)
     mirrors, bought = [], []
     for name, mirror in zip(device.layout.mirror_names, device.layout.mirrors, strict=True):
@@ -142,7 +142,7 @@ def assemble(device: Device, parts: Iterable[BuiltPart]) -> Compound:
         seat[:3, 3] += mirror.back_mm * mirror.normal_in_rig
         mirrors.append(_joined(printed[holder_under(mirror, fitted).name], solid, seat))
     camera = _coloured(camera_solid(device.hardware.camera), "camera", CAMERA_RGB)
-    bought.append(_joined(_bearer((CLIP,), printed), camera, np.eye(4)))
+    bought.append(_joined(_printed_part((CLIP,), printed), camera, np.eye(4)))
     items = bought_items(device)
     shapes: dict[tuple[str, str, float], Shape[Any]] = {}
     for name, item in zip(item_names(items), items, strict=True):
@@ -150,22 +150,22 @@ def assemble(device: Device, parts: Iterable[BuiltPart]) -> Compound:
         if key not in shapes:
             shapes[key] = item_solid(item)
         solid = _coloured(shapes[key], name, ITEM_RGB[item.kind])
-        bought.append(_joined(_bearer(item.joins, printed), solid, item.rig_from_item))
+        bought.append(_joined(_printed_part(item.joins, printed), solid, item.rig_from_item))
     groups = {"printed": list(printed.values()), "mirrors": mirrors, "bought": bought}
     return Compound(label=ROOT, children=[Compound(label=name, children=group) for name, group in groups.items()])
 
 
 def connect(connection: Connection, parent: Solid, child: Solid) -> None:
-    """Join two parts, both as they are in rig, by joints of the connection's name; sliding parts at mid-travel."""
+    """Join two parts, given in rig, by joints with the connection's name; sliding parts are at mid-travel."""
     rig_from_parent, rig_from_child = connection.rig_from_parent_joint, connection.rig_from_child_joint
     if connection.slides_mm == 0.0:
         place = RigidJoint(connection.name, parent, location_of(rig_from_parent))
         place.connect_to(RigidJoint(connection.name, child, location_of(rig_from_child)))
         return
     origin = rig_from_parent[:3, 3]
-    way = Axis(tuple(origin), tuple(rig_from_parent[:3, 0]))
-    slide = LinearJoint(connection.name, parent, way, (-connection.slides_mm, connection.slides_mm))
-    # A linear joint hands on where it is, but not how its frame is turned: that is left to the child's.
+    axis = Axis(tuple(origin), tuple(rig_from_parent[:3, 0]))
+    slide = LinearJoint(connection.name, parent, axis, (-connection.slides_mm, connection.slides_mm))
+    # A linear joint passes on its place but not its orientation, which the child's joint must have.
     level = rigid(np.eye(3), origin)
     turned = rig_from_child @ inverse(rig_from_parent) @ level
     slide.connect_to(RigidJoint(connection.name, child, location_of(turned)), position=0.0)
@@ -176,33 +176,33 @@ def _printed(part: BuiltPart) -> Solid:
 
 
 def _coloured(shape: Shape[Any], label: str, rgb: Rgb) -> Solid:
-    """A copy of a shape's one solid: solids that share their geometry share their name in STEP."""
+    """A labelled and coloured copy of a shape's one solid; solids that share geometry would share a name in STEP."""
     (solid,) = deepcopy(shape).solids()
     solid.label, solid.color = label, Color(*rgb)
     return solid
 
 
 def _mirror_solid(mirror: Mirror) -> Solid:
-    """A mirror as cut, in its own frame but for its height: the back at z = 0."""
+    """A mirror as cut, in its own frame but with the back at z = 0."""
     corners = [Vector(x, y, 0.0) for x, y in mirror.outline_in_plane_mm]
     face = Face(Wire.make_polygon(corners))
     return Solid.extrude(face, Vector(0.0, 0.0, mirror.thickness_mm))
 
 
-def _joined(bearer: Solid, solid: Solid, rig_from_solid: FloatArray) -> Solid:
-    """The solid, joined by its own frame's origin to a place on its bearer."""
-    place = RigidJoint(solid.label, bearer, location_of(rig_from_solid))
+def _joined(part: Solid, solid: Solid, rig_from_solid: FloatArray) -> Solid:
+    """The solid, joined by its own frame's origin to a place on a part."""
+    place = RigidJoint(solid.label, part, location_of(rig_from_solid))
     place.connect_to(RigidJoint("origin", solid, Location()))
     return solid
 
 
-def _bearer(names: tuple[str, ...], printed: dict[str, Solid]) -> Solid:
-    """The printed part of the first of some names that there is, or a piece of it."""
+def _printed_part(names: tuple[str, ...], printed: dict[str, Solid]) -> Solid:
+    """The printed part, or its first piece, of the first name that exists."""
     for name in names:
         for label, solid in printed.items():
             if label == name or label.startswith(f"{name}_"):
                 return solid
-    raise ValueError(f"{names=} are no printed parts, expected one of {', '.join(printed)}")
+    raise ValueError(f"{names=} are not printed parts, expected one of {', '.join(printed)}")
 
 
 def location_of(rig_from_frame: FloatArray) -> Location:
@@ -215,9 +215,9 @@ GLB_ROOT = "device"
 GLTF_FROM_RIG: FloatArray = 0.001 * np.array(
     [[-1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1000.0]]
 )
-"""glTF is in metres, +Y up, its front towards +Z: the device stands with the rig's z up and looks along the rig's y."""
+"""glTF is in metres, with +Y up and the front towards +Z: the rig's z is up, and the device looks along the rig's y."""
 
-# Metallic and roughness of the material of a piece.
+# Metalness and roughness of a piece's material.
 FINISH: dict[Kind, tuple[float, float]] = {
     "part": (0.0, 0.75),
     "mirror": (1.0, 0.04),
@@ -229,18 +229,18 @@ FINISH: dict[Kind, tuple[float, float]] = {
     "pin": (0.9, 0.35),
     "spring": (0.9, 0.35),
 }
-# What glTF calls ELEMENT_ARRAY_BUFFER and ARRAY_BUFFER.
+# glTF's ELEMENT_ARRAY_BUFFER and ARRAY_BUFFER.
 INDICES, VERTICES = 34963, 34962
-# Edges sharper than this stay edges; the facets of a round hole melt into each other.
+# Sharper edges are shaded flat, so that the facets of a round hole are shaded smooth.
 CREASE_RAD = np.radians(30.0)
 
 
 def write_glb(path: Path, pieces: Sequence[Piece]) -> None:
     """Write the pieces as binary glTF 2.0.
 
-    The node `device` carries `GLTF_FROM_RIG`; the nodes below it, one per piece and named like it, are in rig, mm.
-    Their `extras` are `kind`, `number`, `title` and `explode_mm` [x, y, z] in rig: to explode the device, move each
-    node by a share of it.
+    The node `device` has the matrix `GLTF_FROM_RIG`; its child nodes, one for each piece and with its name, are in rig,
+    mm. Their `extras` are `kind`, `number`, `title` and `explode_mm` [x, y, z] in rig. To explode the device, move each
+    node by a share of `explode_mm`.
     """
     scene = trimesh.Scene()
     scene.graph.update(GLB_ROOT, scene.graph.base_frame, matrix=GLTF_FROM_RIG)
@@ -258,7 +258,7 @@ def write_glb(path: Path, pieces: Sequence[Piece]) -> None:
 
     def finish(tree: dict[str, Any]) -> None:
         tree["asset"]["copyright"] = f"{DESIGNER}, {LICENCE}"
-        # trimesh keeps colours in steps of 1/255.
+        # trimesh rounds colours to 1/255.
         for material in tree["materials"]:
             material["pbrMetallicRoughness"]["baseColorFactor"] = colours[material["name"]]
         for mesh in tree["meshes"]:
@@ -273,19 +273,19 @@ def write_glb(path: Path, pieces: Sequence[Piece]) -> None:
 
 
 def _set_target(tree: dict[str, Any], accessor: int, target: int) -> None:
-    """Set the target of an accessor's buffer view, which viewers use before they read it."""
+    """Set the target of an accessor's buffer view, a hint for viewers."""
     tree["bufferViews"][tree["accessors"][accessor]["bufferView"]]["target"] = target
 
 
 def _shaded(piece: Piece) -> trimesh.Trimesh:
-    """The mesh of a piece, its vertices doubled along sharp edges, with its material."""
+    """The mesh of a piece with duplicate vertices along sharp edges, and its material."""
     mesh = smooth_shade(piece.mesh, angle=CREASE_RAD, facet_minarea=None)
     metallic, roughness = FINISH[piece.kind]
     material = PBRMaterial(
         name=piece.name, baseColorFactor=[*piece.rgb, 1.0], metallicFactor=metallic, roughnessFactor=roughness
     )
     normals = np.array(mesh.vertex_normals)
-    # The corners of a facet without area have none; nothing is seen of it, but glTF requires unit vectors.
+    # Facets without area have no normals; they are invisible, but glTF requires unit vectors.
     normals[np.linalg.norm(normals, axis=1) < 0.5] = (0.0, 0.0, 1.0)
     return trimesh.Trimesh(
         mesh.vertices,
@@ -297,5 +297,5 @@ def _shaded(piece: Piece) -> trimesh.Trimesh:
 
 
 def linear(srgb: FloatArray) -> FloatArray:
-    """Linear light of sRGB values 0 to 1 (IEC 61966-2-1): glTF's colours are linear."""
+    """Linear light from sRGB values 0 to 1 (IEC 61966-2-1), since glTF's colours are linear."""
     return np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)

@@ -1,4 +1,4 @@
-"""The bill of materials: one value, written as Markdown, CSV and JSON."""
+"""The bill of materials, written as Markdown, CSV and JSON."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ from mirrorcam.core.disk.files import write_json, write_text
 from mirrorcam.core.names import markdown_text, spreadsheet_text
 from mirrorcam.core.values import Metric, Value
 
-# All carriers of mirrors in a note.
+# Name of all carriers of mirrors in a note.
 CARRIERS = "mirror_carriers"
-# What has no price, by the beginnings of their titles.
+# Prefixes of titles without a price.
 TOOL, ALSO = "Tool: ", "Also needed: "
 GLUES = {
     "acrylic": "Glue for acrylic that does not craze it (neutral silicone)",
@@ -35,16 +35,16 @@ GLUES = {
 
 
 class PrintedLine(Value):
-    """A part to print. Time and plastic are a slicer's, with its infill, where one was available."""
+    """A part to print. Time and mass of plastic, including infill, are the slicer's; null without a slicer."""
 
     number: str
     title: str
-    file: str = Field(description="3MF, from the folder of the bill")
+    file: str = Field(description="3MF file, relative to the folder of the bill")
     volume_cm3: float
     solid_g: float = Field(description="mass if printed solid")
-    print_minutes: float | None = Field(description="to the nearest minute, so that those of all parts add up")
+    print_minutes: float | None = Field(description="rounded to a minute, so that the parts add up to the total")
     print_g: float | None
-    price: float = Field(description="of its filament")
+    price: float = Field(description="price of its filament")
 
 
 class MirrorLine(Value):
@@ -55,8 +55,8 @@ class MirrorLine(Value):
     area_cm2: float
     sheets: int
     sheet_mm: tuple[float, float]
-    files: tuple[str, ...] = Field(description="DXF, from the folder of the bill")
-    price: float = Field(description="of stock of their area")
+    files: tuple[str, ...] = Field(description="DXF files, relative to the folder of the bill")
+    price: float = Field(description="price of stock of their area")
 
     @property
     def count(self) -> int:
@@ -64,22 +64,22 @@ class MirrorLine(Value):
 
 
 class BoughtLine(Value):
-    """An item to buy, by its number or by the amount in its note; `standard` is its trade designation."""
+    """An item to buy, with its count or with the amount in its note; `standard` is its trade designation."""
 
     title: str
     count: int | None
     standard: str = ""
     note: str
     price: float | None = Field(
-        default=None, description="of all of them; null for tools and what is made, and where none is known"
+        default=None, description="price of all of them; null for tools, for items to be made, and if unknown"
     )
 
 
 class Bom(Value):
-    """All that a device is made of, and the fit coupon; `plastic_g` is a slicer's where all parts were `sliced`.
+    """All materials of a device, including the fit coupon; `plastic_g` is the slicer's if all parts were `sliced`.
 
-    Prices are in `currency`, as of `prices_date`; `price` is the sum of all lines that have one; `unpriced`
-    has the titles of the others.
+    Prices are in `currency`, as of `prices_date`. `price` is the sum of all lines with a price; `unpriced` has the
+    titles of the others.
     """
 
     layout_identity: str
@@ -96,13 +96,13 @@ class Bom(Value):
 
     @property
     def print_minutes(self) -> float | None:
-        """The time of all prints together, where a slicer gave the time of each."""
+        """The total time of all prints; None unless each was sliced."""
         minutes = [line.print_minutes for line in self.printed if line.print_minutes is not None]
         return sum(minutes) if len(minutes) == len(self.printed) else None
 
     @property
     def estimate(self) -> str:
-        """What all of it costs, as a sentence."""
+        """The total cost, as a sentence."""
         without = f" without {', '.join(self.unpriced)}" if self.unpriced else ""
         return f"About {self.price:.0f} {self.currency}{without}, as of {self.prices_date} ({BASIS}; without tools)."
 
@@ -206,7 +206,7 @@ def _priced(line: BoughtLine, prices: Prices) -> BoughtLine:
 
 
 def _where(items: Sequence[tuple[BoughtItem, Tightening | None]], titles: Mapping[str, str]) -> str:
-    """The parts that items join, and how far screws among them may be tightened."""
+    """The parts that items join, and the largest tightening torques of the screws among them."""
     joined: dict[str, set[str]] = {}
     for item, tightening in items:
         joined.setdefault(tightening.text if tightening else "", set()).update(item.joins)
@@ -219,7 +219,7 @@ def _where(items: Sequence[tuple[BoughtItem, Tightening | None]], titles: Mappin
 
 
 def bom_metrics(bom: Bom) -> dict[str, Metric]:
-    """The figures of the whole device that a bill has: its price, and the time of all prints where a slicer gave it."""
+    """The device's figures in its bill: the price and, if sliced, the time of all prints."""
     found = {"device.price": Metric(value=bom.price, unit=bom.currency)}
     if bom.print_minutes is not None:
         found["device.print_minutes"] = Metric(value=bom.print_minutes, unit="min")
@@ -306,5 +306,5 @@ def _or_dash(value: float | None, form: str) -> str:
 
 
 def _in_all(bom: Bom) -> str:
-    """The time of all prints together, where a slicer gave the time of each."""
+    """The total time of all prints, if each was sliced."""
     return f"; {hours_text(bom.print_minutes)} of printing in all" if bom.print_minutes is not None else ""

@@ -1,4 +1,4 @@
-"""The licence of a device, and its complete source: the layout and the hardware that all of its files are made from."""
+"""The licence of a device, and its complete source: the layout and the hardware from which all its files are made."""
 
 from __future__ import annotations
 
@@ -27,18 +27,19 @@ program MirrorCam {version}, which is under Apache-2.0:
 
     mirrorcam cad source/layout.json --hardware source/hardware.toml --out FOLDER
 
-Who conveys devices made from this source, changed or not, gives their recipients this folder as changed, or tells them
-where it is. What such a device is only attached to, such as a robot or a microscope, is not affected.
+If you convey devices made from this source, changed or not, give the recipients this folder with your changes, or state
+where it is available. Equipment to which such a device is only attached, such as a robot or a microscope, is not
+affected.
 """
 
 
 def write_source(folder: Path, layout: Layout, hardware: Hardware) -> None:
-    """Write `NOTICE.txt`, `source/layout.json` and `source/hardware.toml`: they make every file of the device again."""
+    """Write `NOTICE.txt`, and in `source` the `layout.json` and `hardware.toml` that reproduce all other files."""
     write_text(folder / "NOTICE.txt", NOTICE.format(identity=layout.identity, version=version("mirrorcam")))
     layout.save(folder / "source" / "layout.json")
     write_text(folder / "source" / "hardware.toml", hardware_toml(hardware))
 
 
 def hardware_toml(hardware: Hardware) -> str:
-    """All dimensions as the text of a TOML file, which `read_model(Hardware, path)` reads."""
+    """All dimensions as the text of a TOML file for `read_model(Hardware, path)`."""
     return tomli_w.dumps(hardware.model_dump(mode="json", exclude_none=True))

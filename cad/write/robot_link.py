@@ -1,7 +1,7 @@
 """The device for a robot: a URDF link with mass, shape and colours, and a frame for the camera and every view.
 
-The back states where the link's frame is: x forward to the scene, y left, z up (REP 103). Frames of camera and views
-are optical ones: x right, y down, z forward; the camera's is the rig. All in metres and kilograms.
+The back defines the link's frame: x forward to the scene, y left, z up (REP 103). The frames of camera and views are
+optical frames: x right, y down, z forward; the camera's is the rig. Units are metres and kilograms.
 """
 
 from __future__ import annotations
@@ -31,17 +31,16 @@ XACRO = "http://www.ros.org/wiki/xacro"
 USAGE = """MirrorCam on the last link of an arm: {arms}. In the arm's own xacro:
      <xacro:include filename="mirrorcam.xacro"/>
      <xacro:mirrorcam parent="{parent}" mesh_root="package://your_package/cad">{origin}</xacro:mirrorcam>
-     mesh_root is the folder above this file's; origin says where on that link the device sits and how it is turned.
-     The mass takes the plastic for solid; printed with infill the device is lighter."""
+     mesh_root is the parent of this file's folder; origin is the pose of the device on that link.
+     The mass assumes solid plastic; a device printed with infill is lighter."""
 
 
 def write_robot(folder: Path, device: Device, pieces: Sequence[Piece]) -> None:
-    """Write `mirrorcam.xacro` (a macro), `mirrorcam.urdf` (the same below a bare link of the arm), and their meshes.
+    """Write `mirrorcam.xacro` (a macro), `mirrorcam.urdf` (the same on a bare link of the arm), and their meshes.
 
-    Writes nothing of a device that is made for no arm.
-
-    Printed parts are shown by `../parts/NAME.stl`; `meshes/` gets the mirrors, the camera and the fasteners (in rig,
-    mm) and for collisions a convex hull of every printed part and of the camera.
+    Writes nothing if the back is not for an arm. Visible meshes are `../parts/NAME.stl` for printed parts, and files in
+    `meshes/` for mirrors, camera and fasteners (in rig, mm). Collision meshes, also in `meshes/`, are the convex hulls
+    of every printed part and of the camera.
     """
     robot = device.back.robot
     if robot is None:
@@ -73,7 +72,7 @@ def link_from_rig(robot: RobotLink) -> FloatArray:
 
 
 def rig_from_view(layout: Layout, index: int) -> FloatArray:
-    """The pose (4, 4), mm, of a virtual view: at its virtual centre, looking along the views' common axes."""
+    """The pose (4, 4), mm, of a virtual view in rig: at its virtual centre, along the views' common axes."""
     return rigid(layout.view_from_rig.T, layout.virtual_centres_in_rig_mm[index])
 
 
@@ -83,7 +82,7 @@ def link(
     shown: dict[str, tuple[str, tuple[float, float, float]]],
     hulls: list[str],
 ) -> Element:
-    """The link: mass properties of all pieces as one, visible meshes (file and colour by name), collision meshes."""
+    """The link: total mass properties of the pieces, visible meshes (file and colour by name) and collision meshes."""
     body = composed([piece.mass for piece in pieces])
     centre = (pose @ np.append(body.centre_in_rig_mm, 1.0))[:3]
     turn = pose[:3, :3]
@@ -105,14 +104,14 @@ def link(
 
 
 def _mesh(parent: Element, pose: FloatArray, file: str) -> None:
-    """A mesh in rig, mm, as part of the link."""
+    """Add a mesh file in rig, mm, to an element of the link."""
     parent.append(_origin(pose))
     geometry = SubElement(parent, "geometry")
     SubElement(geometry, "mesh", filename=f"${{mesh_root}}/{file}", scale="0.001 0.001 0.001")
 
 
 def frames(layout: Layout, pose: FloatArray) -> list[Element]:
-    """Links without a body, each with its fixed joint: the camera's frame, and below it one per virtual view."""
+    """Links without a body, each with its fixed joint: the camera's frame, and its children, one for each view."""
     camera = "${prefix}_camera_optical_frame"
     elements = _frame(camera, "${prefix}_link", pose)
     for index in range(len(layout.mirrors)):
@@ -130,7 +129,7 @@ def _frame(name: str, parent: str, pose: FloatArray) -> list[Element]:
 
 
 def _origin(pose: FloatArray) -> Element:
-    """A pose (4, 4) in mm as URDF has it: metres, and turns about the fixed x, y and z."""
+    """A pose (4, 4) in mm as a URDF origin: metres, and rotations about the fixed x, y and z."""
     turns = Rotation.from_matrix(pose[:3, :3]).as_euler("xyz")
     return Element("origin", xyz=_numbers(pose[:3, 3] / 1000.0), rpy=_numbers(turns))
 
@@ -147,7 +146,7 @@ def _parent_from_link(robot: RobotLink) -> str:
 
 
 def as_macro(elements: Sequence[Element], robot: RobotLink) -> str:
-    """The elements as a xacro macro `mirrorcam`, to be hung on any link."""
+    """The elements as a xacro macro `mirrorcam`, for use on any link."""
     text = "\n".join(_text(element, 2) for element in elements)
     usage = USAGE.format(arms=robot.arms, parent=robot.parent, origin=_parent_from_link(robot))
     return (
@@ -160,7 +159,7 @@ def as_macro(elements: Sequence[Element], robot: RobotLink) -> str:
 
 
 def as_urdf(elements: Sequence[Element], robot: RobotLink) -> str:
-    """The elements below a bare link of the arm; meshes by their paths from the file."""
+    """The elements on a bare link of the arm, with mesh paths relative to the file."""
     text = "\n".join(_text(element, 1) for element in elements)
     text = text.replace("${prefix}", "mirrorcam").replace("${mesh_root}", "..")
     return (
@@ -176,14 +175,14 @@ def _text(element: Element, level: int) -> str:
 
 
 def _as_one(meshes: Sequence[trimesh.Trimesh]) -> trimesh.Trimesh:
-    """Several meshes as one, side by side."""
+    """Several meshes concatenated into one."""
     starts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
     faces = [mesh.faces + start for mesh, start in zip(meshes, starts, strict=False)]
     return trimesh.Trimesh(np.vstack([mesh.vertices for mesh in meshes]), np.vstack(faces), process=False)
 
 
 def hull_of(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
-    """The convex hull of a mesh; trimesh's own turns faces round that are flat but for rounding."""
+    """The convex hull of a mesh by manifold3d, since trimesh's reverses faces that are flat within rounding."""
     hull = manifold3d.Manifold.hull_points(np.array(mesh.vertices)).to_mesh64()
     return trimesh.Trimesh(np.array(hull.vert_properties), np.array(hull.tri_verts, dtype=np.int64), process=False)
 

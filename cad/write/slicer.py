@@ -1,12 +1,12 @@
-"""Print settings as slicers read them; print time, plastic and need of support by PrusaSlicer, where it is installed.
+"""Print settings for slicers; print time, mass of plastic and need for support by PrusaSlicer, if installed.
 
-The profile is `prusa_profile`, for the rest the slicer's own default, with support wherever the slicer thinks that some
-is needed, other than under bridges. With no support generated, time and grams hold for a print without.
+Parts are sliced with `prusa_profile` and the slicer's defaults, but with automatic support except under bridges. If the
+slicer generates no support, time and grams are those of a print without support.
 
-One setting is not the slicer's own: the search for overhanging perimeters is off. It cuts them up at places that depend
-on rounding, and the slicer takes lines over a gap for a bridge only if they are in one piece. Under a ceiling 8 mm wide
-over a slot in a wall of 1.6 mm, turned on the bed in 13 steps from 0 to 80 deg, it puts no support without that search;
-with it, support at 35 and at 65 deg and at no other angle.
+One default is changed: the detection of overhanging perimeters is off. It splits perimeters at places that depend on
+rounding, and the slicer recognises lines over a gap as a bridge only if they are unbroken. For a ceiling 8 mm wide over
+a slot in a wall of 1.6 mm, turned on the bed in 13 steps from 0 to 80 deg, there is no support without this detection;
+with it, there is support at 35 and 65 deg only.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ from mirrorcam.core.processes.child_program import run_program
 from mirrorcam.core.values import Metric
 
 PROFILE = "mirrorcam"
-"""Name of the profile, and stem of its files."""
+"""Name of the profile and of its files."""
 
 SETTINGS = {
     "layer_height": f"{PRINT_SETTINGS.layer_mm:g}",
     "first_layer_height": f"{PRINT_SETTINGS.layer_mm:g}",
     "perimeters": f"{PRINT_SETTINGS.perimeters}",
-    # Half the time of the newer generator, and as good for walls of several lines.
+    # Takes half the time of the newer generator, and is equivalent for walls of several lines.
     "perimeter_generator": "classic",
     "fill_density": f"{PRINT_SETTINGS.infill_percent}%",
     "perimeter_speed": "45",
@@ -42,13 +42,13 @@ SETTINGS = {
     "gap_fill_speed": "30",
     "travel_speed": "150",
 }
-"""Settings of a print as PrusaSlicer names them: layers, walls and infill, and speeds of a common hobby printer."""
+"""Settings of a print by PrusaSlicer's names: layers, walls and infill, and speeds of a common hobby printer."""
 
 NOZZLE = {"nozzle_diameter": f"{PRINT_SETTINGS.nozzle_mm:g}", "filament_diameter": "1.75"}
 
 
 def of_printer(printer: Printer) -> dict[str, str]:
-    """The bed and the plastic of a printer, as PrusaSlicer names them."""
+    """The bed and the plastic of a printer, by PrusaSlicer's names."""
     width, length, height = (f"{side:g}" for side in printer.bed_mm)
     return {
         "bed_shape": f"0x0,{width}x0,{width}x{length},0x{length}",
@@ -58,21 +58,21 @@ def of_printer(printer: Printer) -> dict[str, str]:
 
 
 def prusa_profile(printer: Printer) -> str:
-    """The profile as an INI file of PrusaSlicer and SuperSlicer: no support, since no part needs any."""
+    """The profile as an INI file for PrusaSlicer and SuperSlicer, without support, since no part needs any."""
     settings = SETTINGS | {"support_material": "0"} | NOZZLE | of_printer(printer)
     settings |= {"print_settings_id": PROFILE}
     return "".join(f"{name} = {value}\n" for name, value in sorted(settings.items()))
 
 
 def embedded(profile: str) -> str:
-    """A profile as it stands in a 3MF project of PrusaSlicer, which skips its first line: every setting a comment."""
+    """A profile for a 3MF project of PrusaSlicer: every setting as a comment, after a first line that is skipped."""
     return f"; {PROFILE}\n\n" + "".join(f"; {line}\n" for line in profile.splitlines())
 
 
 def orca_profile() -> str:
-    """The profile as a process of OrcaSlicer and Bambu Studio, by their names of settings; printers are their own.
+    """The profile as a process for OrcaSlicer and Bambu Studio, by their names of settings, without a printer.
 
-    Both know a process by its `print_settings_id` alone, and take none without a version; every value is a string.
+    Both identify a process by its `print_settings_id`, and reject one without a version; every value is a string.
     """
     settings = {
         "type": "process",
@@ -101,7 +101,7 @@ PROGRAMS = ("prusa-slicer", "prusa-slicer-console", "PrusaSlicer")
 OPTIONS = {
     **{name.replace("_", "-"): value for name, value in (SETTINGS | NOZZLE).items()},
     "gcode-flavor": "marlin2",
-    # Extrusion is written move by move, from zero at every layer.
+    # Resets relative extrusion at every layer.
     "layer-gcode": "G92 E0",
 }
 SWITCHES = (
@@ -113,15 +113,15 @@ SWITCHES = (
     "--dont-support-bridges",
     "--no-overhangs",
 )
-# Faces at just the angle that the printer can are not to be supported for their rounding: a degree, and another which
-# the slicer adds to the requested one.
+# Margin so that rounding causes no support for faces at the overhang limit: one degree, and another that the slicer
+# adds.
 THRESHOLD_DEG = 2.0
 LONGEST_S = 900.0
 
 
 @dataclass(frozen=True)
 class Sliced:
-    """The slicer's figures of a part: printing time, plastic with its infill, and filament spent on support."""
+    """The slicer's figures for a part: printing time, mass of plastic including infill, and filament for support."""
 
     minutes: float
     grams: float
@@ -130,13 +130,13 @@ class Sliced:
 
 @cache
 def find_slicer() -> str | None:
-    """The slicer's path; None where it is not installed."""
+    """The slicer's path; None if it is not installed."""
     return next((path for program in PROGRAMS if (path := shutil.which(program))), None)
 
 
 @cache
 def slicer_version() -> str | None:
-    """Name and version of the slicer, such as "PrusaSlicer-2.5.0"; None where it is not installed."""
+    """Name and version of the slicer, such as "PrusaSlicer-2.5.0"; None if it is not installed."""
     program = find_slicer()
     if program is None:
         return None
@@ -147,9 +147,9 @@ def slicer_version() -> str | None:
 
 
 def slice_3mf(path: Path, printer: Printer) -> Sliced | None:
-    """Slice a 3MF file as it lies on the bed; None where the slicer refuses it.
+    """Slice a 3MF file in its orientation; None if the slicer rejects it.
 
-    Raises FileNotFoundError where there is no slicer.
+    Raises FileNotFoundError if no slicer is installed.
     """
     program = find_slicer()
     if program is None:
@@ -169,7 +169,7 @@ def slice_3mf(path: Path, printer: Printer) -> Sliced | None:
 
 
 def read_gcode(text: str) -> Sliced | None:
-    """Time, grams and support from a G-code file with relative extrusion; None where it prints nothing."""
+    """Time, grams and support from a G-code file with relative extrusion; None if it prints nothing."""
     summary = text[text.rfind("\n; filament used [mm]") :]
     time = re.search(r"^; estimated printing time \(normal mode\) = (.+)$", summary, re.MULTILINE)
     grams = re.search(r"^; filament used \[g\] = ([\d.]+)", summary, re.MULTILINE)
@@ -186,7 +186,7 @@ def read_gcode(text: str) -> Sliced | None:
 
 
 def check_slicing(path: Path, printer: Printer) -> dict[str, Metric]:
-    """Check that a 3MF file slices without support, with the time and plastic it takes; empty without a slicer."""
+    """Check that a 3MF file slices without support, and report time and plastic; {} without a slicer."""
     if find_slicer() is None:
         return {}
     sliced = slice_3mf(path, printer)

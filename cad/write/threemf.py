@@ -1,6 +1,6 @@
-"""Parts as 3MF for a slicer: lying on the bed as they print, with their numbers, licence, material and colours.
+"""Parts as 3MF for a slicer: as they lie on the bed, with their numbers, licence, material and colours.
 
-Print plates are 3MF projects with print settings: all parts of a device on as few beds as hold them.
+Print plates are 3MF projects with print settings: all parts of a device on as few beds as possible.
 """
 
 from __future__ import annotations
@@ -29,33 +29,33 @@ from mirrorcam.core.disk.files import atomic, write_text
 from mirrorcam.core.values import FloatArray, Metric
 
 DESIGNER = "MirrorCam"
-# Name of the relationship of an attached configuration: ours, since slicers look for the file by its path.
+# Relationship type of an attached configuration; slicers find the file by its path.
 CONFIGURATION = "http://mirrorcam/configuration"
 
 
 @dataclass(frozen=True, eq=False)
 class PrintBody:
-    """A part's mesh as it lies on the bed, with its lower left corner as origin: points (n, 3), mm, faces (m, 3)."""
+    """A part's mesh on the bed, in the frame of the bed's lower left corner: points (n, 3), mm, and faces (m, 3)."""
 
     part: PartPlan
     points: FloatArray
     faces: NDArray[np.int64]
 
     def placed(self, turn: FloatArray, shift_mm: FloatArray) -> PrintBody:
-        """The body turned about the bed's upright by (2, 2), then moved by (2,)."""
+        """The body rotated about the bed's normal by (2, 2), then shifted by (2,)."""
         flat = self.points[:, :2] @ turn.T + shift_mm
         return replace(self, points=np.column_stack([flat, self.points[:, 2]]))
 
 
 def body_on_bed(stl: Path, part: PartPlan, printer: Printer) -> PrintBody:
-    """A part of an STL file (rig, mm) as it prints, in the middle of the bed."""
+    """A part from its STL file (rig, mm) in its print orientation, in the middle of the bed."""
     mesh = trimesh.load_mesh(stl)
     middle = (printer.bed_mm[0] / 2.0, printer.bed_mm[1] / 2.0, 0.0)
     return PrintBody(part, lying(np.array(mesh.vertices), part, printer) + middle, np.array(mesh.faces))
 
 
 def write_3mf(path: Path, stl: Path, part: PartPlan, printer: Printer) -> None:
-    """Write the mesh of a part's STL file (rig, mm) as it prints, in the middle of the bed."""
+    """Write the mesh of a part's STL file (rig, mm) in its print orientation, in the middle of the bed."""
     body = body_on_bed(stl, part, printer)
     size = np.ptp(body.points, axis=0)
     described = (
@@ -73,10 +73,10 @@ def write_bodies(
     printer: Printer,
     attached: Mapping[str, str] = MappingProxyType({}),
 ) -> None:
-    """Write bodies as they lie on one bed; `attached` are texts by their paths in the archive.
+    """Write the bodies on one bed; `attached` are texts by their paths in the archive.
 
-    lib3mf gives random UUIDs to what has none; these are made of the parts' identities, so that the same parts give the
-    same bytes.
+    The UUIDs are derived from the parts' identities, so that the same parts give the same bytes; lib3mf's defaults are
+    random.
     """
     wrapper = lib3mf.get_wrapper()
     model = wrapper.CreateModel()
@@ -87,7 +87,7 @@ def write_bodies(
     colours = model.AddBaseMaterialGroup()
     for body in bodies:
         part = body.part
-        # Each object about its own middle, so that a slicer moves and turns it there.
+        # The origin of each object is its middle, so that a slicer moves and rotates it there.
         low, high = body.points.min(axis=0), body.points.max(axis=0)
         middle = np.array([*(low[:2] + high[:2]) / 2.0, 0.0])
         mesh = model.AddMeshObject()
@@ -112,9 +112,9 @@ def write_bodies(
 
 
 def lying(points_in_rig: FloatArray, part: PartPlan, printer: Printer) -> FloatArray:
-    """Points (n, 3) of a part as it prints: its middle over the origin, z = 0 the bed.
+    """Points (n, 3) of a part in its print orientation, with its middle over the origin and the bed at z = 0.
 
-    Where the part only fits turned by a quarter, it is turned.
+    The part is rotated by a quarter turn if it fits only that way.
     """
     points = points_in_rig @ part.print_from_rig[:3, :3].T
     width, length = np.ptp(points[:, :2], axis=0)
@@ -127,7 +127,7 @@ def lying(points_in_rig: FloatArray, part: PartPlan, printer: Printer) -> FloatA
 
 @contextmanager
 def _same_locale() -> Iterator[None]:
-    """Undo what lib3mf's writer does to the process: it sets the locale C, in which Python reads text as ASCII."""
+    """Restore the locale: lib3mf's writer sets the process to C, in which Python reads text as ASCII."""
     before = locale.setlocale(locale.LC_ALL)
     try:
         yield
@@ -141,32 +141,32 @@ def _uuid(part: PartPlan, what: str) -> str:
 
 FOLDER = "plates"
 GAP_MM = 6.0
-"""Least distance of parts from each other: a print head's nozzle, a brim and a skirt pass between."""
+"""Least distance between parts, for a nozzle, a brim and a skirt."""
 
 CONFIG = "/Metadata/Slic3r_PE.config"
-"""Where PrusaSlicer and its relatives look for settings in a 3MF file."""
+"""Path of the settings of PrusaSlicer and its relatives in a 3MF file."""
 
-# Nesting leaves rounding.
+# Rounding of the nesting.
 ROUNDING_MM = 1e-3
 
 
 @dataclass(frozen=True)
 class Plate:
-    """The parts of one print, as they lie on the bed."""
+    """The parts of one print, in their places on the bed."""
 
     bodies: tuple[PrintBody, ...]
 
 
 def plan_plates(parts: Sequence[PartPlan], folder: Path, printer: Printer) -> tuple[Plate, ...]:
-    """Lay parts on beds, by the hulls of their plans; `folder` holds their STL files.
+    """Nest parts on beds by the convex hulls of their plan views; `folder` contains their STL files.
 
-    A part that fills the bed alone lies there as in its own file.
+    Parts may reach to the edge of the bed.
     """
     bodies = [body_on_bed(folder / f"{part.name}.stl", part, printer) for part in parts]
     bed = printer.bed_mm[0], printer.bed_mm[1]
-    # The gap is between parts only: they may reach to the edge of the bed.
-    roomy = (bed[0] + 2.0 * GAP_MM, bed[1] + 2.0 * GAP_MM)
-    places = nest([_hull(body) for body in bodies], roomy, GAP_MM)
+    # The gap is between parts only, not to the edge of the bed.
+    enlarged = (bed[0] + 2.0 * GAP_MM, bed[1] + 2.0 * GAP_MM)
+    places = nest([_hull(body) for body in bodies], enlarged, GAP_MM)
     plates: dict[int, list[PrintBody]] = {}
     for body, place in zip(bodies, places, strict=True):
         plates.setdefault(place.sheet, []).append(body.placed(place.turn, place.shift_mm - GAP_MM))
@@ -174,7 +174,7 @@ def plan_plates(parts: Sequence[PartPlan], folder: Path, printer: Printer) -> tu
 
 
 def _hull(body: PrintBody) -> FloatArray:
-    """The convex hull (n, 2) of a body's plan, counter-clockwise."""
+    """The convex hull (n, 2) of a body's plan view, counter-clockwise."""
     hull = shapely.convex_hull(shapely.MultiPoint(body.points[:, :2]))
     return np.asarray(shapely.get_coordinates(shapely.geometry.polygon.orient(hull))[:-1])
 
@@ -182,27 +182,27 @@ def _hull(body: PrintBody) -> FloatArray:
 def write_plates(
     out: Path, parts: Sequence[PartPlan], printer: Printer
 ) -> tuple[dict[str, tuple[str, ...]], dict[str, Metric]]:
-    """Write `plates/plate_NUMBER.3mf` and the profiles of slicers into a device's folder, which holds `parts/`.
+    """Write `plates/plate_NUMBER.3mf` and the slicers' profiles into a device's folder, which contains `parts/`.
 
     Returns the names of the parts in each file, by its path in the folder, and the checks of the plates.
     """
     plates = plan_plates(parts, out / "parts", printer)
     profile = prusa_profile(printer)
-    held: dict[str, tuple[str, ...]] = {}
+    parts_in: dict[str, tuple[str, ...]] = {}
     for number, plate in enumerate(plates, start=1):
         title = f"Plate {number} of {len(plates)}"
         named = ", ".join(f"{body.part.number} {body.part.title} ({body.part.identity})" for body in plate.bodies)
         path = f"{FOLDER}/plate_{number}.3mf"
         description = f"{named}. Print without support."
         write_bodies(out / path, plate.bodies, title, description, printer, {CONFIG: embedded(profile)})
-        held[path] = tuple(body.part.name for body in plate.bodies)
+        parts_in[path] = tuple(body.part.name for body in plate.bodies)
     write_text(out / FOLDER / f"{PROFILE}.ini", profile)
     write_text(out / FOLDER / f"{PROFILE}_orca.json", orca_profile())
-    return held, check_plates(plates, printer)
+    return parts_in, check_plates(plates, printer)
 
 
 def check_plates(plates: Sequence[Plate], printer: Printer) -> dict[str, Metric]:
-    """Check that parts lie on the bed and apart: by their own outlines from above, not by their hulls."""
+    """Check that parts are on the bed and apart, by their outlines from above instead of their hulls."""
     gap, beyond = np.inf, 0.0
     bed = np.array(printer.bed_mm)
     for plate in plates:

@@ -1,11 +1,11 @@
 """Analytic renderer of a board seen via mirrors, for large sets.
 
-The virtual origin of the light of every subpixel is computed once per device (`fast.pixel_footprints`). A frame needs,
-for each mirror, a projective map to the print, made in float64, and for each subpixel the mean of the print over its
-footprint: a box along the axes of the print with the second moments of the footprint, exact for the 2 x 2 texels that
-it meets. There is no light of more than one reflection, and nothing but mirrors occludes.
+The virtual origin of the light of every subpixel is computed once per device (`fast.pixel_footprints`). Each frame
+needs a projective map to the print per mirror, computed in float64, and the mean of the print over the footprint of
+each subpixel. The footprint is a box along the axes of the print with the footprint's second moments, exact for the
+2 x 2 texels that it meets. Light is reflected once, and only mirrors occlude.
 
-Arrays of millions of subpixels are computed by Dr.Jit where a backend compiles it, by NumPy otherwise.
+Dr.Jit computes arrays of millions of subpixels if a backend compiles, otherwise NumPy.
 """
 
 from __future__ import annotations
@@ -42,13 +42,13 @@ class Arithmetic(Protocol):
     """Arithmetic on float32 and uint32; values of `numbers` and `index` may change without a new compilation."""
 
     def loaded(self, values: NDArray[Any]) -> Any:
-        """An array of float32 or uint32 to compute with."""
+        """Convert to an array of float32 or uint32."""
 
     def numbers(self, values: list[float]) -> list[Any]:
-        """Floats, each for all elements."""
+        """Return floats, each for all elements."""
 
     def index(self, value: int) -> Any:
-        """One unsigned integer for all elements."""
+        """Return one unsigned integer for all elements."""
 
     def minimum(self, a: Any, b: Any) -> Any: ...
 
@@ -59,26 +59,26 @@ class Arithmetic(Protocol):
     def where(self, condition: Any, a: Any, b: Any) -> Any: ...
 
     def truncated(self, a: Any) -> Any:
-        """Integer parts of non-negative floats, as unsigned integers."""
+        """Return integer parts of non-negative floats, as unsigned integers."""
 
     def real(self, a: Any) -> Any:
-        """Floats of integers."""
+        """Convert integers to floats."""
 
     def take(self, table: Any, index: Any) -> Any:
-        """Elements of a table of floats."""
+        """Look up elements of a table of floats."""
 
     def canvas(self, size: int) -> Any:
-        """A new array of zeros to put values into."""
+        """Return a new array of zeros."""
 
     def put(self, canvas: Any, index: Any, values: Any) -> None:
         """Write values at distinct indices of a canvas."""
 
     def finished(self, canvas: Any) -> NDArray[np.float32]:
-        """The values of a canvas."""
+        """Return the values of a canvas."""
 
 
 class NumpyArithmetic:
-    """NumPy arithmetic, for where nothing compiles."""
+    """NumPy arithmetic, if no backend compiles."""
 
     def loaded(self, values: NDArray[Any]) -> Any:
         return values
@@ -121,7 +121,7 @@ class NumpyArithmetic:
 
 
 class DrJitArithmetic:
-    """Dr.Jit, in the variant of Mitsuba that has been set."""
+    """Dr.Jit arithmetic, in the current variant of Mitsuba."""
 
     def __init__(self) -> None:
         import drjit
@@ -197,8 +197,8 @@ class _LoadedFootprints:
 class _ViewWindow:
     """Window (h, w) of the picture around the subpixels of a view.
 
-    `x`, `y` (h, w) are normalized coordinates, `spread` (h, w) is the defocus over that through the whole pupil; empty
-    of a pinhole.
+    `x`, `y` (h, w) are normalized coordinates, `spread` (h, w) is the defocus relative to that of the full pupil. All
+    are empty for a pinhole.
     """
 
     view: int
@@ -213,22 +213,22 @@ class _ViewWindow:
 class FastScene:
     """A movable board, seen by a camera via flat mirrors or, without any, directly.
 
-    Moving the board costs no compilation. Where neither a GPU nor an LLVM compiles, NumPy computes the same.
+    Moving the board needs no compilation. If neither a GPU nor an LLVM compiles, NumPy computes the same.
 
     Parameters
     ----------
     camera
         The camera, at the origin of the frame rig.
     mirrors
-        The mirrors; none for the bare camera.
+        The mirrors; empty for the bare camera.
     target
         The board.
     settings
         Light, reflectance and subpixels.
     finishes
-        Surface finishes, of which only the reflectance is used; without them, uniform mirrors.
+        Surface finishes; only their reflectance is used. By default the mirrors are uniform.
     variant
-        Mitsuba's variant; by default the fastest that this machine can run.
+        Mitsuba's variant; by default the fastest available.
     """
 
     def __init__(
@@ -256,9 +256,9 @@ class FastScene:
         self.place_board(np.eye(4))
 
     def place_board(self, *poses: FloatArray) -> None:
-        """Move the board to a rigid 4x4 pose, mm, or to three: at the readout of the first, middle and last row.
+        """Move the board to a rigid pose (4, 4), mm, or to three: at the readout of the first, middle and last row.
 
-        With the three poses of a rolling shutter, the map to the print follows a parabola through their maps.
+        With three poses of a rolling shutter, the map to the print follows a parabola through their maps.
         """
         self._maps = [
             tuple(map_to_print(view, pose, self._texels_from_board, self._pupil) for pose in poses)
@@ -266,7 +266,7 @@ class FastScene:
         ]
 
     def render(self) -> NDArray[np.float32]:
-        """Render the radiance (h * subpixels, w * subpixels), float32, of the whole sensor; nothing is random."""
+        """Render the radiance (h * subpixels, w * subpixels), float32, of the full sensor, deterministically."""
         light = np.zeros(self._shape, dtype=np.float32)
         canvases = [self._in_focus(window) for window in self._windows]
         for window, canvas in zip(self._windows, canvases, strict=True):
@@ -277,7 +277,7 @@ class FastScene:
         return light
 
     def _in_focus(self, window: _ViewWindow) -> Any:
-        """Canvas of the radiance of a view in focus."""
+        """Return the canvas with the radiance of a view in focus."""
         maps = self._maps[window.view]
         canvas = self._xp.canvas(window.weight.size)
         for footprints in window.footprints:
@@ -288,13 +288,13 @@ class FastScene:
         return canvas
 
     def _time(self, window: _ViewWindow, footprints: _LoadedFootprints) -> Any:
-        """When the rows of footprints are read out, 0 to 1."""
+        """Return the readout times of the footprints' rows, 0 to 1."""
         rows, width = window.place[0], window.weight.shape[1]
         row = self._xp.real(footprints.square // self._xp.index(width)) + self._xp.numbers([float(rows.start)])[0]
         return row * (1.0 / (self._shape[0] - 1))
 
     def _defocus_px2(self, window: _ViewWindow) -> NDArray[np.float32]:
-        """Variance (h, w), px^2, of the defocus of a view: of the circle of confusion of the diameter d, d^2 / 16."""
+        """Return the defocus variance (h, w), px^2, of a view: d^2 / 16 for a circle of confusion of diameter d."""
         maps = self._maps[window.view]
         in_focus = np.array([0.0, 0.0, 1.0 / self._pupil.focus_mm])
         slope = self._fx_px * self._pupil.aperture_mm / 4.0 * (in_focus - maps[len(maps) // 2].nearness)
@@ -307,7 +307,7 @@ class FastScene:
         return found
 
     def _window(self, parts: Sequence[PixelFootprints]) -> _ViewWindow:
-        """Window around the footprints of a view."""
+        """Return the window around the footprints of a view."""
         row, column = np.divmod(np.concatenate([part.square for part in parts]).astype(np.int64), self._shape[1])
         top, left = int(row.min()), int(column.min())
         shape = int(row.max()) + 1 - top, int(column.max()) + 1 - left
@@ -348,7 +348,7 @@ class FastScene:
         )
 
     def _level(self, to_print: PrintMap, footprints: _LoadedFootprints) -> int:
-        """The finest level whose texels are as wide as the view's footprints."""
+        """Return the finest level whose texels are as wide as the view's footprints."""
         rays = np.column_stack([footprints.some, np.ones(len(footprints.some))])
         rays = rays[rays @ to_print.depth > 0.0]
         depth = (rays @ to_print.depth)[:, None]
@@ -358,7 +358,7 @@ class FastScene:
         return int(min(np.ceil(np.log2(widest)), len(self._mipmap.levels) - 1))
 
     def _radiance(self, footprints: _LoadedFootprints, level: MipLevel, numbers: list[list[Any]], time: Any) -> Any:
-        """Mean radiance of the print over footprints, of a rolling shutter read out at times 0 to 1."""
+        """Return the mean radiance of the print over footprints; readout times of a rolling shutter are 0 to 1."""
         xp, x, y, slide = self._xp, footprints.x, footprints.y, footprints.slide_mm
         n = numbers[0]
         if len(numbers) == 3:
@@ -389,7 +389,7 @@ class FastScene:
 
 
 def _overlap(xp: Arithmetic, middle: Any, width: Any, count: Any) -> tuple[Any, Any]:
-    """The first of the two texels that boxes at most one texel wide meet, and the fraction in it."""
+    """Return the first of the two texels met by boxes up to one texel wide, and the fraction in it."""
     width = xp.minimum(width, 1.0)
     start = xp.maximum(xp.minimum(middle, xp.real(count) - 0.5), 0.5) - 0.5 * width
     first = xp.minimum(xp.truncated(start), count - 2)

@@ -1,13 +1,13 @@
-"""Footprints of subpixels: the mirrors that each shows and the virtual origin of its light, shared by all frames.
+"""Footprints of subpixels: the mirrors in each and the virtual origin of its light, shared by all frames.
 
-At the edge of a mirror, which is out of focus, the light of a pixel comes through a part of the pupil only: as if from
-the centroid of that part.
+At the edge of a mirror, which is out of focus, the mirror vignettes the pupil. The light of a pixel then appears to
+come through the centroid of the unvignetted part.
 
-Light that reaches the pupil via a plane mirror appears to come from its virtual centre. Through a second-surface
-mirror, light of one direction appears to come from a point on the line through the pupil along the mirror's normal:
-after k passes to the coating and back it leaves the front 2 k t tan a' beside its point of entry (a' inside the plate),
-as if the virtual centre of the *front* were shifted by 2 k t tan a' / tan a towards the back. k = 0 is the ghost
-reflected by the front, k = 1 the image, k = 2 and 3 the ghosts of one and two internal reflections at the front.
+Light that reaches the pupil via a plane mirror appears to come from its virtual centre. Via a second-surface mirror,
+light of one direction appears to come from a point on the line through the pupil along the mirror's normal. After k
+passes to the coating and back it leaves the front at a distance 2 k t tan a' from its point of entry (a' inside the
+plate), as if the virtual centre of the *front* were shifted by 2 k t tan a' / tan a towards the back. k = 0 is the
+ghost reflected by the front, k = 1 the image, k = 2 and 3 the ghosts of one and two internal reflections at the front.
 """
 
 from __future__ import annotations
@@ -33,15 +33,15 @@ from mirrorcam.optics.geometry.pupil import (
 from mirrorcam.render_scenes.fast.print_map import front_distance_mm
 from mirrorcam.render_scenes.lens import undistorted_pixels
 
-PASSES = 4  # light that passed the coating four times, less than .02 % in acrylic, is left out
-BLOCK = 8  # subpixels along each side of a block that is classified as a whole
-FINE = 4  # samples along each side of a subpixel that the edge of a mirror cuts
+PASSES = 4  # a fourth reflection at the coating is neglected: less than 0.02 % in acrylic
+BLOCK = 8  # subpixels along each side of a block in the classification
+FINE = 4  # samples along each side of a subpixel at the edge of a mirror
 SHARP = 4.0  # subpixels that the blurred edge of a mirror is at least wide, or else is sampled in each
 
 
 @dataclass(frozen=True)
 class PixelFootprints:
-    """Subpixels of the sensor that show a view, each once; all arrays but `steps` are (n,).
+    """Subpixels of the sensor in a view, each once; all arrays but `steps` are (n,).
 
     Attributes
     ----------
@@ -54,14 +54,14 @@ class PixelFootprints:
     slide_mm
         Shift of the view's centre.
     weight
-        Transmittance of mirror and plate, times the share of the pupil that the mirror serves, or of a pinhole the
+        Transmittance of mirror and plate, times the mirror's unvignetted share of the pupil or, for a pinhole, the
         fraction of the subpixel.
     pupil_x, pupil_y
-        Where the ray from the centroid of that part of the pupil crosses z = 0, mm.
+        Point at which the ray from the centroid of the unvignetted part crosses z = 0, mm.
     spread
-        Standard deviation of its points about the centroid, divided by the whole pupil's.
+        Standard deviation of this part about its centroid, divided by the full pupil's.
     steps
-        (2, 2): mean change of x and y (rows) from one subpixel to the next, to the right and down (columns).
+        (2, 2): mean change of x and y (rows) to the next subpixel to the right and down (columns).
     """
 
     view: int
@@ -78,7 +78,7 @@ class PixelFootprints:
 
 @dataclass(frozen=True)
 class _Seen:
-    """Subpixels (n,) that show a mirror, and the parts of the pupil that it serves there."""
+    """Subpixels (n,) of a mirror, and its unvignetted parts of the pupil there."""
 
     square: NDArray[np.int64]
     part: DiscPart
@@ -89,8 +89,8 @@ def pixel_footprints(
 ) -> tuple[tuple[PixelFootprints, ...], ...]:
     """Assign the subpixels of a sensor to views, whose radiances add up.
 
-    There is a view for each mirror and number of passes through its plate. With a pupil, it goes on for some subpixels
-    of no weight beyond those that show it, so that it may be blurred there.
+    There is a view for each mirror and number of passes through its plate. With a pupil, a view extends by some
+    subpixels of zero weight, so that it can be blurred there.
 
     Parameters
     ----------
@@ -106,14 +106,14 @@ def pixel_footprints(
     Returns
     -------
     tuple
-        The footprints of each view, of the whole pupil and of parts of it. No subpixel occurs twice.
+        The footprints of each view, for the full pupil and for parts of it. No subpixel occurs twice.
     """
     grid = _SensorGrid(camera, cut)
     if not mirrors:
         every = np.arange(grid.count)
         return ((grid.footprints(0, every, np.zeros(grid.count), np.ones(grid.count), _whole(grid.count), pupil),),)
     views = []
-    # Nearer mirrors first: a farther one serves at most the rest of the pupil.
+    # Nearer mirrors first: a farther one has at most the rest of the pupil.
     order = sorted(range(len(mirrors)), key=lambda index: front_distance_mm(mirrors[index]))
     for passes in range(PASSES):
         free = np.ones(grid.count)
@@ -145,7 +145,7 @@ def _whole(count: int) -> DiscPart:
 def _transmitted(
     mirror: Mirror, passes: int, normalized: FloatArray, reflectance: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Shift (n,), mm, of the centre, and transmittance (n,), along rays (n, 2)."""
+    """Return the shift (n,), mm, of the centre, and the transmittance (n,), along rays (n, 2)."""
     count = len(normalized)
     if not mirror.is_second_surface:
         return np.zeros(count), np.full(count, reflectance)
@@ -171,7 +171,7 @@ class _SensorGrid:
         return self._shape[0] * self._shape[1]
 
     def points(self, square: NDArray[np.int64]) -> FloatArray:
-        """Normalized coordinates (n, 2) of the centres of subpixels."""
+        """Return normalized coordinates (n, 2) of the centres of subpixels."""
         return np.asarray(self.normalized.reshape(-1, 2)[square])
 
     def footprints(
@@ -204,7 +204,7 @@ class _SensorGrid:
         )
 
     def seen(self, mirror: Mirror, passes: int, pupil: Pupil) -> _Seen:
-        """Subpixels that show a mirror after a number of passes through its plate."""
+        """Return the subpixels of a mirror after a number of passes through its plate."""
         rows, columns = (np.arange(0, length + BLOCK - 1, BLOCK).clip(max=length - 1) for length in self._shape)
         nodes = self.normalized[np.ix_(rows, columns)]
         planes = _served(mirror, nodes.reshape(-1, 2), pupil, passes)
@@ -229,7 +229,7 @@ class _SensorGrid:
         return _Seen(np.concatenate([inside, edge[shown]]), joined(_whole(len(inside)), part.chosen(shown)))
 
     def _squares(self, blocks: NDArray[np.bool_], top: int, left: int) -> NDArray[np.int64]:
-        """Indices (n,) of the subpixels of blocks, of which the first lies `top` and `left` blocks from the corner."""
+        """Return indices (n,) of the subpixels of blocks; the first is `top` and `left` blocks from the corner."""
         mask = np.kron(blocks, np.ones((BLOCK, BLOCK), dtype=np.bool_))
         rows, columns = np.nonzero(mask)
         rows, columns = rows + top * BLOCK, columns + left * BLOCK
@@ -239,10 +239,10 @@ class _SensorGrid:
     def _part(
         self, mirror: Mirror, passes: int, square: NDArray[np.int64], pupil: Pupil, step_mm: float
     ) -> tuple[DiscPart, FloatArray]:
-        """Part of the pupil that the mirror serves at subpixels (n,), and their distances (n,) from its edge, mm.
+        """Return the unvignetted part of the pupil at subpixels (n,), and their distances (n,) from the edge, mm.
 
-        Where a subpixel covers much of the blurred edge, the mean over `FINE` x `FINE` samples. Where the mirror serves
-        nothing, the centroid is the last point of the pupil that it served.
+        If a subpixel covers much of the blurred edge, the part is the mean of `FINE` x `FINE` samples. If it is empty,
+        the centroid is its last point.
         """
         planes = _served(mirror, self.points(square), pupil, passes)
         part = disc_part(planes, pupil.radius_mm)
@@ -263,7 +263,7 @@ class _SensorGrid:
         return part, distance
 
     def _steps(self, square: NDArray[np.int64]) -> tuple[FloatArray, FloatArray]:
-        """Steps (n, 2) in normalized coordinates from subpixels to those on the right and below."""
+        """Return steps (n, 2) in normalized coordinates from subpixels to the next ones on the right and below."""
         rows, columns = np.divmod(square, self._shape[1])
         rows, columns = np.minimum(rows, self._shape[0] - 2), np.minimum(columns, self._shape[1] - 2)
         start = self.normalized[rows, columns]
@@ -271,20 +271,20 @@ class _SensorGrid:
 
 
 def _span(hit: NDArray[np.bool_]) -> tuple[int, int]:
-    """Range of indices with hits, extended by one at either end."""
+    """Return the range of indices with hits, extended by one at either end."""
     found = np.flatnonzero(hit)
     return max(int(found[0]) - 1, 0), min(int(found[-1]) + 2, len(hit))
 
 
 def _served(mirror: Mirror, normalized: FloatArray, pupil: Pupil, passes: int) -> HalfPlanes:
-    """Where light (n, 2) starts that the mirror serves: half-planes about the middle of the pupil as it has walked."""
+    """Return the mirror's part of the pupil for rays (n, 2), as half-planes about the middle of the walked pupil."""
     planes = clear_aperture(mirror, normalized, pupil.focus_mm, passes)
     middle_mm = pupil.middle_mm(normalized)[:, None]
     return HalfPlanes(planes.direction, planes.distance + (planes.direction * middle_mm).sum(axis=-1))
 
 
 def _reach_mm(nearest: FloatArray) -> float:
-    """Largest finite change (rows, columns) of a distance from one node to the next."""
+    """Return the largest finite change (rows, columns) of a distance between adjacent nodes."""
     with np.errstate(invalid="ignore"):
         changes = [np.abs(np.diff(nearest, axis=axis)) for axis in range(2)]
     return max(float(change[np.isfinite(change)].max(initial=0.0)) for change in changes)

@@ -1,6 +1,6 @@
 """Maps from a mirror's view to the print on a board, and the print at several scales.
 
-A map gives the texel that the ray of each subpixel meets; footprints of several sizes read several scales.
+A map gives the texel at the ray of each subpixel; the scale depends on the size of footprints.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from mirrorcam.optics.geometry.pupil import Pupil
 
 @dataclass(frozen=True)
 class MipLevel:
-    """One level of a mipmap: `columns` x `rows` texels, with a black border, from `begin` on in `Mipmap.texels`."""
+    """One level of a mipmap: `columns` x `rows` texels with a black border, starting at `begin` in `Mipmap.texels`."""
 
     begin: int
     columns: int
@@ -26,14 +26,14 @@ class MipLevel:
 
 @dataclass(frozen=True)
 class Mipmap:
-    """The print at scales of 1, 1/2, 1/4, ...; on the level that is used, a footprint is at most a texel wide."""
+    """The print at scales of 1, 1/2, 1/4, ...; a footprint is at most one texel wide on its level."""
 
     texels: NDArray[np.float32]
     levels: tuple[MipLevel, ...]
 
 
 def build_mipmap(radiance: FloatArray) -> Mipmap:
-    """Build the mipmap of a print (rows, columns); each texel is the mean of four of the level before."""
+    """Build the mipmap of a print (rows, columns); each texel is the mean of four texels of the finer level."""
     images = [radiance]
     while min(images[-1].shape) >= 4:
         rows, columns = images[-1].shape
@@ -49,7 +49,7 @@ def build_mipmap(radiance: FloatArray) -> Mipmap:
 class VirtualView:
     """Light along (x, y, 1) in the camera appears to come from `centre_in_rig_mm` (3,) along `turn` (3, 3) @ (x, y, 1).
 
-    These are the virtual centre and the reflection of a mirror's front, or zero and the identity of the bare camera.
+    These are the virtual centre and the reflection of a mirror's front, or zero and identity for the bare camera.
     The centre is shifted along -`normal_in_rig` (3,) by `PixelFootprints.slide_mm`.
     """
 
@@ -64,8 +64,8 @@ class PrintMap:
 
     s is the shift of the view's centre. `print` (2, 3) and `slide` (2, 3) are in texels; `depth` (3,) r is positive for
     rays that meet the printed side. A ray from the point (p, q) of the pupil, mm, adds p across[0] + q across[1] to
-    `print` and p stretch[0] + q stretch[1] to depth r: `across` is (2, 2, 3), `stretch` (2,). `nearness` (3,) r is one
-    over the distance, mm, along the axis.
+    `print` and p stretch[0] + q stretch[1] to depth r: `across` is (2, 2, 3), `stretch` (2,). `nearness` (3,) r is the
+    reciprocal of the distance, mm, along the axis.
     """
 
     print: FloatArray
@@ -87,16 +87,16 @@ def virtual_views(mirrors: tuple[Mirror, ...]) -> tuple[VirtualView, ...]:
 
 
 def front_distance_mm(mirror: Mirror) -> float:
-    """Distance of the front of a mirror from the pupil."""
+    """Return the distance of the front of a mirror from the pupil."""
     return mirror.distance_mm - mirror.front_mm
 
 
 def map_to_print(
     view: VirtualView, rig_from_board: FloatArray, texels_from_board: FloatArray, pupil: Pupil
 ) -> PrintMap:
-    """Map from a view to the print (3x3 `texels_from_board`) on a board at a rigid 4x4 pose in rig, mm.
+    """Return the map from a view to the print (3x3 `texels_from_board`) of a board at a rigid pose (4, 4) in rig, mm.
 
-    The rays of the pupil meet at its focus along the axis.
+    The rays of the pupil meet in its plane of focus.
     """
     board_from_rig = rig_from_board[:3, :3].T
     centre = board_from_rig @ (view.centre_in_rig_mm - rig_from_board[:3, 3])
@@ -104,7 +104,7 @@ def map_to_print(
     flat, origin = texels_from_board[:2, :2], texels_from_board[:2, 2]
 
     def meets_board(start: FloatArray) -> FloatArray:
-        """Rows (2, 3) of which the quotient by `turn[2]` is where the ray from a start meets z = 0, in texels."""
+        """Return rows (2, 3); divided by `turn[2]`, they give the ray's intersection with z = 0, in texels."""
         return flat @ (np.outer(start[:2], turn[2]) - start[2] * turn[:2])
 
     # Seen from the unprinted side, or looking away: a depth that is never positive.

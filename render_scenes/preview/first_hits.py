@@ -22,7 +22,7 @@ from mirrorcam.render_scenes.preview.triangle_tree import (
 )
 
 LID = 1
-"""Part of a cylinder that is its lid; 0 is its side."""
+"""Part number of the lid of a cylinder; 0 is its side."""
 
 # Texture coordinates of the faces of a box, those of Mitsuba's cube, as (1 + u . p) / 2 and (1 + v . p) / 2, in the
 # order -x, x, -y, y, -z, z of the faces.
@@ -32,10 +32,10 @@ BOX_V = np.array([[0, 0, 1], [0, 0, -1], [1, 0, 0], [0, 0, -1], [1, 0, 0], [1, 0
 
 @inlined
 def first_hit(objects: Any, boxes: Any, triangles: Any, start: Any, direction: Any, least: Any) -> Any:
-    """The first object that a ray meets from a length on, in lengths of its direction.
+    """Return the first object on a ray beyond a length, in units of its direction's length.
 
-    Returns the number of the object or `NOTHING`, the length, and the part that is met: the face of a box, the triangle
-    of leaves, or the `LID` of a cylinder.
+    Returns the number of the object or `NOTHING`, the length, and the part hit: the face of a box, the triangle of
+    leaves, or the `LID` of a cylinder.
     """
     found, length, part = NOTHING, np.inf, 0
     squared = dot(direction, direction)
@@ -49,7 +49,7 @@ def first_hit(objects: Any, boxes: Any, triangles: Any, start: Any, direction: A
 
 @inlined
 def is_hidden(objects: Any, boxes: Any, triangles: Any, suspects: Any, start: Any, way: Any, least: Any) -> Any:
-    """Whether an object whose bit is set in `suspects` lies on a way, of which the part `least` is left out."""
+    """Return whether an object whose bit is set in `suspects` lies on a segment, without its first part `least`."""
     squared = dot(way, way)
     for number in range(len(objects)):
         if suspects >> number & 1 and _passes(objects, number, start, way, squared):
@@ -61,7 +61,7 @@ def is_hidden(objects: Any, boxes: Any, triangles: Any, suspects: Any, start: An
 
 @inlined
 def _passes(objects: Any, number: Any, start: Any, direction: Any, squared: Any) -> Any:
-    """Whether a line passes through the sphere around an object."""
+    """Return whether a line passes through the sphere around an object."""
     to = minus(at(objects, number, BOUND), start)
     ahead, radius = dot(to, direction), objects[number, BOUND + 3]
     return (dot(to, to) - radius * radius) * squared <= ahead * ahead
@@ -79,9 +79,9 @@ def _met(
     most: Any,
     nearest: Any,
 ) -> Any:
-    """Length at which a ray meets an object between two lengths, or infinite, and the part of the object.
+    """Return the length at which a ray meets an object between two lengths, or infinity, and the part of the object.
 
-    Of triangles, the `nearest` or any.
+    For triangles, the hit is the `nearest` or any.
     """
     p, d = mapped(objects, number, UNIT, start), turned(objects, number, UNIT, direction)
     kind = int(objects[number, KIND])
@@ -99,7 +99,7 @@ def _met(
 
 @inlined
 def _met_plane(p: Any, d: Any, height: Any, is_disc: Any, least: Any, most: Any) -> Any:
-    """Length at which a ray meets the unit square, or the unit disc, at a height z."""
+    """Return the length at which a ray meets the unit square, or the unit disc, at a height z."""
     there = (height - p[2]) / d[2]
     if not least < there < most:
         return np.inf
@@ -110,7 +110,7 @@ def _met_plane(p: Any, d: Any, height: Any, is_disc: Any, least: Any, most: Any)
 
 @inlined
 def _met_round(a: Any, b: Any, c: Any, least: Any, most: Any) -> Any:
-    """The two solutions of a s^2 + 2 b s + c = 0 between two lengths, in order; infinite where there are none."""
+    """Return the two ordered solutions of a s^2 + 2 b s + c = 0 between two lengths; infinite if missing."""
     root = b * b - a * c
     if root < 0.0:
         return np.inf, np.inf
@@ -136,7 +136,7 @@ def _met_cylinder(p: Any, d: Any, least: Any, most: Any) -> Any:
 
 @inlined
 def _met_box(p: Any, d: Any, least: Any, most: Any) -> Any:
-    """Length at which a ray enters the box of -1 to 1, and the face."""
+    """Return the length at which a ray enters the box of -1 to 1, and the face."""
     x, y, z = 1.0 / d[0], 1.0 / d[1], 1.0 / d[2]
     x_enters, y_enters, z_enters = -p[0] * x - abs(x), -p[1] * y - abs(y), -p[2] * z - abs(z)
     leaves = min(-p[0] * x + abs(x), -p[1] * y + abs(y), -p[2] * z + abs(z))
@@ -152,7 +152,7 @@ def _met_box(p: Any, d: Any, least: Any, most: Any) -> Any:
 
 @inlined
 def normal_at(objects: Any, triangles: Any, number: Any, part: Any, point: Any) -> Any:
-    """Normal of a part of an object at a point, of any length, outwards or, of flat ones, to either side."""
+    """Return the outward normal of a part of an object at a point, not normalized; to either side for flat objects."""
     kind = int(objects[number, KIND])
     if kind == RECTANGLE or (kind == CYLINDER and part == LID):
         return at(objects, number, UNIT + 8)
@@ -166,7 +166,7 @@ def normal_at(objects: Any, triangles: Any, number: Any, part: Any, point: Any) 
 
 @inlined
 def texture_place(objects: Any, number: Any, part: Any, point: Any, right: Any, down: Any) -> Any:
-    """Texture coordinates (2,) at a point of an object, and by how much they change along two vectors."""
+    """Return texture coordinates (2,) at a point of an object, and their changes along two vectors."""
     kind = int(objects[number, KIND])
     p = mapped(objects, number, UNIT, point)
     a, b = turned(objects, number, UNIT, right), turned(objects, number, UNIT, down)
@@ -195,7 +195,7 @@ def texture_place(objects: Any, number: Any, part: Any, point: Any, right: Any, 
 
 @inlined
 def corner_colour(objects: Any, triangles: Any, number: Any, part: Any, point: Any) -> Any:
-    """Colour of a triangle at a point, between the colours of its corners."""
+    """Interpolate the colour of a triangle at a point from its corners."""
     p = minus(mapped(objects, number, UNIT, point), at(triangles, part, 0))
     a, b = at(triangles, part, 3), at(triangles, part, 6)
     aa, ab, bb, pa, pb = dot(a, a), dot(a, b), dot(b, b), dot(p, a), dot(p, b)

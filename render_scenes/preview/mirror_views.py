@@ -1,7 +1,7 @@
-"""Mirrors as arrays: which part of the light of a pixel comes by each, and along which ray of the scene.
+"""Mirrors as arrays: the share of a pixel's light via each mirror, and its ray in the scene.
 
-As in `fast.pixel_footprints`, but at each pixel by itself: at a corner of a mirror, the parts of the pupil that its two
-edges leave are multiplied.
+As in `fast.pixel_footprints`, but for each pixel alone. At a corner of a mirror, the pupil shares of its two edges are
+multiplied.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from mirrorcam.optics.geometry.pupil import Pupil
 from mirrorcam.render_scenes.preview.triangle_tree import along, at, cross, dot, times, turned
 
 LEAST_SHARE = 1.0 / 512.0
-"""Part of the pupil below which a mirror is left out."""
+"""Smallest pupil share at which a mirror is considered."""
 
 
 # Columns of the table of mirrors.
@@ -55,7 +55,7 @@ class MirrorViews(NamedTuple):
 
 
 def mirror_views(layout: Layout, pupil: Pupil, reflectance: float) -> MirrorViews:
-    """The mirrors of a layout as arrays, taken for flat ones; the pupil does not walk."""
+    """Return the mirrors of a layout as arrays, without curvature and pupil walk."""
     order = sorted(range(len(layout.mirrors)), key=lambda k: layout.mirrors[k].distance_mm - layout.mirrors[k].front_mm)
     mirrors = [layout.mirrors[k] for k in order]
     most = max(len(mirror.outline_in_rig_mm) for mirror in mirrors)
@@ -82,12 +82,12 @@ def mirror_views(layout: Layout, pupil: Pupil, reflectance: float) -> MirrorView
 
 
 def _front(mirror: Mirror) -> FloatArray:
-    """Corners (n, 3) of the front of a mirror, in rig, mm."""
+    """Return the corners (n, 3) of the front of a mirror, in rig, mm."""
     return np.asarray(mirror.outline_in_rig_mm + mirror.front_mm * mirror.normal_in_rig)
 
 
 def _edges(mirror: Mirror, count: int) -> FloatArray:
-    """The edges (count, 6) of the front of a mirror, see `MirrorViews.table`."""
+    """Return the edges (count, 6) of the front of a mirror, see `MirrorViews.table`."""
     corners = _front(mirror)
     ends = np.roll(corners, -1, axis=0)
     sides = np.cross(corners, ends)
@@ -97,7 +97,7 @@ def _edges(mirror: Mirror, count: int) -> FloatArray:
 
 
 def _window(camera: Camera, mirror: Mirror, pupil: Pupil) -> tuple[int, int, int, int]:
-    """The pixels that may show a mirror: around its outline, by as much as the pupil blurs that."""
+    """Return the window of pixels that may show a mirror: its outline, widened by the blur of the pupil."""
     corners = _front(mirror)
     steps = np.linspace(0.0, 1.0, 16, endpoint=False)[None, :, None]
     edge = (corners[:, None] * (1.0 - steps) + np.roll(corners, -1, axis=0)[:, None] * steps).reshape(-1, 3)
@@ -115,9 +115,9 @@ def _window(camera: Camera, mirror: Mirror, pupil: Pupil) -> tuple[int, int, int
 
 @inlined
 def served_share(mirrors: Any, number: Any, x: Any, y: Any) -> Any:
-    """Share of the pupil that a mirror serves in the pixel of a ray (x, y, 1); of a pinhole, of the pixel, about.
+    """Return a mirror's pupil share in the pixel of a ray (x, y, 1); for a pinhole, about its share of the pixel.
 
-    An edge cuts a disc off that is as wide as the pupil and the pixel together.
+    An edge vignettes a disc as wide as the pupil and the pixel together.
     """
     table = mirrors.table
     ray, normal = (x, y, 1.0), at(table, number, NORMAL)
@@ -154,7 +154,7 @@ def served_share(mirrors: Any, number: Any, x: Any, y: Any) -> Any:
 
 @inlined
 def _inner_tangent(tangent: Any, refractive_index: Any) -> Any:
-    """Tangent in the glass of a ray with a tangent in air."""
+    """Return the tangent in the glass of a ray from its tangent in air."""
     squared = tangent * tangent
     return tangent / np.sqrt(refractive_index * refractive_index * (1.0 + squared) - squared)
 

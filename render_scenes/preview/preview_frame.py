@@ -88,7 +88,7 @@ def arranged_tabletop(layout: Layout, seed: int, sized_for: Layout | None = None
 
 
 def view_from_board(layout: Layout, target: Target) -> FloatArray:
-    """Rigid 4x4 of a board in view axes, mm: turned a little, in the middle of the common field at the middle depth."""
+    """Return the pose (4, 4) of a slightly tilted board in view axes, mm, in the common field at the middle depth."""
     depth = max(default_reference_depth_mm(layout), nearest_mm(layout) + 0.5 * float(np.linalg.norm(target.size_mm)))
     turn = Rotation.from_euler("XY", BOARD_TURNED_DEG, degrees=True).as_matrix()
     middle = np.append(_middle_mm(layout, depth), depth)
@@ -96,7 +96,7 @@ def view_from_board(layout: Layout, target: Target) -> FloatArray:
 
 
 def _middle_mm(layout: Layout, depth_mm: float) -> FloatArray:
-    """Middle (2,) of the common field at a depth, in view x and y."""
+    """Return the middle (2,) of the common field at a depth, in view x and y."""
     return np.asarray(common_bounds(layout, depth_mm).mean(axis=0))
 
 
@@ -105,10 +105,10 @@ MOST_BLUR_PX = 20.0
 
 
 def out_of_focus(radiance: NDArray[np.float32], along_axis_mm: FloatArray, camera: Camera) -> NDArray[np.float32]:
-    """Blur a picture (h, w, 3) by the circle of confusion of a camera, at the distances (h, w) of what pixels show.
+    """Blur a picture (h, w, 3) by the circle of confusion of a camera, for pixels at distances (h, w).
 
-    A disc of the diameter f A |1 / focus - 1 / distance| has the variance of that squared over 16. Each pixel gathers
-    the light of a disc of its own: at an edge, what is near does not spread over what is far.
+    A disc with diameter d = f A |1 / focus - 1 / distance| has the variance d^2 / 16. Each pixel gathers the light of
+    its own disc, so that near objects do not spread over far ones at an edge.
     """
     if camera.aperture_mm == 0.0:
         return radiance
@@ -121,12 +121,12 @@ def out_of_focus(radiance: NDArray[np.float32], along_axis_mm: FloatArray, camer
 
 
 PARTS = 8
-"""Parts of an object that are distinguished."""
+"""Number of distinguished parts of an object."""
 
 
 @dataclass(frozen=True, eq=False)
 class SensorLight:
-    """Light on the pixels of a sensor, and what they show by the mirror that serves most of the pupil there.
+    """Light on the pixels of a sensor, and the object in each via the mirror with the largest pupil share.
 
     Attributes
     ----------
@@ -137,9 +137,9 @@ class SensorLight:
     thing
         (h, w): number of the object, or -1.
     depth_mm
-        (h, w): depth of it along view z; infinite where there is nothing.
+        (h, w): depth of the object along view z; infinite without one.
     along_axis_mm
-        (h, w): how far away it seems, along the axis of the camera; infinite likewise.
+        (h, w): its apparent distance along the axis of the camera; infinite without an object.
     """
 
     radiance: NDArray[np.float32]
@@ -150,7 +150,7 @@ class SensorLight:
 
 
 def sensor_light(camera: Camera, mirrors: MirrorViews, scene: TracedScene) -> SensorLight:
-    """Trace a ray for each pixel and mirror that it shows, and four where neighbours show different things."""
+    """Trace one ray per pixel and mirror in it, and four where adjacent pixels show different objects."""
     normalized = rays_of_pixels(camera.model_dump_json())
     shape = normalized.shape[:2]
     radiance = np.zeros((*shape, 3), dtype=np.float32)
@@ -162,7 +162,7 @@ def sensor_light(camera: Camera, mirrors: MirrorViews, scene: TracedScene) -> Se
 
 @lru_cache(maxsize=4)
 def rays_of_pixels(camera: str) -> FloatArray:
-    """Normalized coordinates (h, w, 2) of the pixels of a camera, which is given as JSON; NaN where it has no rays."""
+    """Return normalized coordinates (h, w, 2) of the pixels of a camera, given as JSON; NaN without a ray."""
     lens = Camera.model_validate_json(camera)
     columns, rows = np.arange(lens.width_px, dtype=np.float64), np.arange(lens.height_px, dtype=np.float64)
     if lens.is_undistorted:
@@ -174,7 +174,7 @@ def rays_of_pixels(camera: str) -> FloatArray:
 def _trace(
     normalized: Any, mirrors: Any, scene: Any, radiance: Any, mirror: Any, thing: Any, depth: Any, along_axis: Any
 ) -> None:
-    """Fill what `SensorLight` holds; `thing` with the part of the object."""
+    """Fill the arrays of `SensorLight`; `thing` includes the part of the object."""
     height, width = mirror.shape
     free = np.ones((height, width))
     best = np.zeros((height, width))
@@ -220,7 +220,7 @@ def _trace(
 
 @inlined
 def _steps(normalized: Any, mirrors: Any, number: Any, v: Any, u: Any) -> Any:
-    """How the direction of the ray of a pixel changes to the next, to the right and down."""
+    """Return the changes of a pixel's ray direction to the next pixel on the right and below."""
     height, width = normalized.shape[:2]
     a, b = min(u, width - 2), min(v, height - 2)
     right = turned_step(
@@ -240,7 +240,7 @@ def _steps(normalized: Any, mirrors: Any, number: Any, v: Any, u: Any) -> Any:
 
 @inlined
 def _at_edge(shown: Any, weight: Any, v: Any, u: Any, top: Any, bottom: Any, left: Any, right: Any) -> Any:
-    """Whether a neighbour of a pixel shows another part or object by the same mirror."""
+    """Return whether an adjacent pixel shows another part or object via the same mirror."""
     here = shown[v, u]
     for down, across in ((-1, 0), (1, 0), (0, -1), (0, 1)):
         b, a = v + down, u + across
@@ -251,7 +251,7 @@ def _at_edge(shown: Any, weight: Any, v: Any, u: Any, top: Any, bottom: Any, lef
 
 @inlined
 def _smooth(normalized: Any, mirrors: Any, scene: Any, number: Any, v: Any, u: Any, colour: Any) -> None:
-    """Replace the colour of a pixel, taken in its middle, by its mean with the colours at three places around."""
+    """Replace the colour at a pixel's middle by the mean of four points in the pixel."""
     x, y = normalized[v, u, 0], normalized[v, u, 1]
     _, slide = transmitted(mirrors, number, x, y)
     start, direction, least = scene_ray(mirrors, number, x, y, slide)
@@ -274,7 +274,7 @@ SENSOR = SENSORS["c920"].replaced(tone_curve="srgb", exposure=0.75)
 
 @dataclass(frozen=True, eq=False)
 class PreviewFrame:
-    """A preview of what a layout sees.
+    """A preview of the camera's picture.
 
     Attributes
     ----------
@@ -283,9 +283,9 @@ class PreviewFrame:
     picture
         (h, w, 3), uint8, RGB.
     sensor
-        Lens and sensor that took it, of these pixels.
+        Lens and sensor of the picture, with its pixels.
     light
-        Light before lens and sensor, and what each pixel shows.
+        Light before lens and sensor, and the object in each pixel.
     """
 
     layout: Layout
@@ -306,8 +306,8 @@ def preview_frame(
 ) -> PreviewFrame:
     """Render a small picture of a scene via the mirrors of a layout.
 
-    The same arguments give the same picture. The first call of an installation compiles, which takes half a minute;
-    the first of a process loads that and draws textures, which takes a second.
+    The same arguments give the same picture. The first call of an installation compiles for half a minute. The first
+    call of a process loads the compiled code and draws textures for a second.
 
     Parameters
     ----------
@@ -324,15 +324,15 @@ def preview_frame(
     target
         The board; by default `default_board()`.
     sensor
-        Lens and sensor at full resolution; the pupil is that of the camera. What it does to raw pictures (colour
-        filters, denoising, sharpening, compression), rolling shutter and waves of the lens are left out.
+        Lens and sensor at full resolution, with the camera's pupil. The processing of raw pictures (colour filters,
+        denoising, sharpening, compression), rolling shutter and waves of the lens are ignored.
     seed
         Seed of textures, small shifts of objects, and noise.
 
     Raises
     ------
     InputError
-        For a subject or a width that is not offered.
+        For an invalid subject or width.
     """
     if subject not in ("tabletop", "board"):
         raise InputError(f"subject is {subject!r}, expected tabletop or board")
@@ -355,7 +355,7 @@ def preview_frame(
 
 
 def binned_sensor(sensor: SensorModel, factor: float) -> SensorModel:
-    """The lens and the sensor whose pixels are binned to `factor` of their number along an axis.
+    """Return the lens and the sensor with pixels binned to `factor` of their number along an axis.
 
     The mean of n pixels has the noise of n times the electrons, and 1 / sqrt(n) of the read noise and of the scatter of
     sensitivities.

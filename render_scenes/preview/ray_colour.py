@@ -1,6 +1,6 @@
 """The colour of a ray: light on matte surfaces, reflections of glossy ones, and the view through a glass ball.
 
-Surfaces get the light of the lamp with its shadow, of the sky, and, roughly, the light that they throw at each other.
+Surfaces receive the light of the lamp with its shadow, of the sky and, approximately, of other surfaces.
 """
 
 from __future__ import annotations
@@ -43,12 +43,12 @@ from mirrorcam.render_scenes.preview.triangle_tree import NOTHING, along, at, cr
 from mirrorcam.render_scenes.tabletop.objects import GLASS_INDEX
 
 CLEARANCE = 1e-4
-"""Part of a way that is left out where it starts on a surface, so that this does not shade itself."""
+"""Ignored fraction at the start of a segment on a surface, so that the surface does not shade itself."""
 
 
 @inlined
 def facing_normal(scene: Any, number: Any, part: Any, point: Any, direction: Any) -> Any:
-    """Unit normal of an object at a point, to the side that a ray comes from."""
+    """Return the unit normal of an object at a point, on the side of the incident ray."""
     normal = unit(normal_at(scene.objects, scene.triangles, number, part, point))
     return times(normal, -1.0) if dot(normal, direction) > 0.0 else normal
 
@@ -57,9 +57,9 @@ def facing_normal(scene: Any, number: Any, part: Any, point: Any, direction: Any
 def own_colour(
     scene: Any, number: Any, part: Any, point: Any, normal: Any, direction: Any, right: Any, down: Any
 ) -> Any:
-    """Mean colour of an object over the footprint of a ray that meets it at a point.
+    """Return the mean colour of an object over the footprint of a ray at a point.
 
-    `right` and `down` are how the ray moves at the point from one pixel to the next, before it meets the surface.
+    `right` and `down` are the ray's shifts at the point to the adjacent pixels, in front of the surface.
     """
     objects = scene.objects
     if int(objects[number, KIND]) == TRIANGLES:
@@ -78,9 +78,9 @@ def own_colour(
 def scattered(
     scene: Any, number: Any, part: Any, point: Any, normal: Any, direction: Any, right: Any, down: Any, shaded: Any
 ) -> Any:
-    """Radiance (3,) that a matte surface scatters towards where a ray comes from; of a print, what it has.
+    """Return the radiance (3,) that a matte surface scatters back along a ray, or that a print emits.
 
-    Where it is not to be `shaded`, nothing hides the lamp from it.
+    Shadows of the lamp are computed only if `shaded`.
     """
     colour = own_colour(scene, number, part, point, normal, direction, right, down)
     if int(scene.objects[number, MATERIAL]) == PRINTED:
@@ -95,7 +95,7 @@ def scattered(
 def _lamp_light(
     objects: Any, boxes: Any, triangles: Any, lamp: Any, number: Any, point: Any, normal: Any, shaded: Any
 ) -> Any:
-    """Irradiance by the lamp, per radiance of it: as if from its middle, less the part of it that is hidden."""
+    """Return the irradiance per radiance of the lamp, as from its middle, times its visible part."""
     way = minus(at(lamp, MIDDLE, 0), point)
     squared = dot(way, way)
     from_surface, from_lamp = dot(normal, way), -dot(at(lamp, FACING, 0), way)
@@ -106,7 +106,7 @@ def _lamp_light(
     light = 4.0 * half * from_surface * from_lamp / (squared * squared)
     if not shaded:
         return light
-    # What may hide a part of it: what reaches into the cone around it.
+    # Objects in the cone around the lamp may hide a part of it.
     reach = np.sqrt(2.0 * half)
     suspects = 0
     for other in range(len(objects)):
@@ -135,7 +135,7 @@ def _lamp_light(
 
 @inlined
 def _light_around(around: Any, balls: Any, number: Any, point: Any, normal: Any) -> Any:
-    """Mean radiance of the sky, the floor, the wall and the objects around a point, weighted by the cosine."""
+    """Return the cosine-weighted mean radiance of sky, floor, wall and objects around a point."""
     light = at(around, SKY_LIGHT, 0)
     if around[PLACES, 0] < np.inf:
         floor = 0.5 * (1.0 + normal[1]) * FLOOR_PART
@@ -159,7 +159,7 @@ def _light_around(around: Any, balls: Any, number: Any, point: Any, normal: Any)
 
 
 FAR_RADII = 7.0
-"""Distance from which on a ball hides nothing, in its radii: there it would be 2 % of the light."""
+"""Distance, in radii of a ball, beyond which its occlusion is neglected: at most 2 % of the light."""
 FIRST_POINTS = 4
 """Points of the lamp that decide whether all are tested."""
 FLOOR_PART, WALL_PART = 0.8, 0.7
@@ -169,30 +169,30 @@ FLOOR_PART, WALL_PART = 0.8, 0.7
 CLEARANCE_MM = 1e-2
 """Offset of a ray from a ball, so that it does not meet the ball again."""
 GLOSS = 1.03
-"""Light that leaves the body of a glossy surface, by that of a matte one and what the surface lets out again."""
+"""Light from the body of a glossy surface, relative to a matte one, with internal reflection."""
 REFLECTED_SPREAD, REFRACTED_SPREAD = 4.0, 10.0
-"""How much faster rays turn from pixel to pixel when a ball has reflected or refracted them, about."""
+"""Approximate factor on the change of ray directions between pixels after a ball reflects or refracts them."""
 
 
 @inlined
 def ray_colour(scene: Any, start: Any, direction: Any, least: Any, right: Any, down: Any) -> Any:
-    """Radiance (3,) along a ray, and what it meets first.
+    """Return the radiance (3,) along a ray, and its first hit.
 
     Parameters
     ----------
     scene
         A `TracedScene`.
     start, direction
-        Where the ray starts, and its direction, of any length, to which lengths refer.
+        Start and direction of the ray; lengths are in units of the direction's length.
     least
-        Length from which on things are seen.
+        Smallest length of a hit.
     right, down
-        How the direction changes from one pixel to the next, to the right and down.
+        Changes of the direction to the next pixel on the right and below.
 
     Returns
     -------
     tuple
-        Red, green and blue; the number of the object or `NOTHING`; its part; and the length, infinite of nothing.
+        Red, green and blue; the number of the object or `NOTHING`; its part; and the length, infinite without a hit.
     """
     number, length, part = first_hit(scene.objects, scene.boxes, scene.triangles, start, direction, least)
     if number == NOTHING:
@@ -216,7 +216,7 @@ def ray_colour(scene: Any, start: Any, direction: Any, least: Any, right: Any, d
 
 @inlined
 def _reflected_share(cosine: Any) -> Any:
-    """Share of unpolarised light that glass reflects (Fresnel's equations), from outside."""
+    """Return the reflectance of glass for unpolarised light from outside (Fresnel's equations)."""
     inner = np.sqrt(1.0 - (1.0 - cosine * cosine) / (GLASS_INDEX * GLASS_INDEX))
     across = (cosine - GLASS_INDEX * inner) / (cosine + GLASS_INDEX * inner)
     along_plane = (inner - GLASS_INDEX * cosine) / (inner + GLASS_INDEX * cosine)
@@ -225,7 +225,7 @@ def _reflected_share(cosine: Any) -> Any:
 
 @inlined
 def _through_ball(scene: Any, number: Any, point: Any, normal: Any, direction: Any, right: Any) -> Any:
-    """Radiance from a glass ball: what its front reflects, and what is seen through both its surfaces."""
+    """Return the radiance from a glass ball: the reflection at its front, and the light through both surfaces."""
     towards = unit(direction)
     cosine = -dot(normal, towards)
     share = _reflected_share(cosine)

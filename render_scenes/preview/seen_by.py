@@ -1,4 +1,4 @@
-"""What becomes of a preview's picture: its decoded views, pictures focused on depths, and a depth map."""
+"""Products of a preview's picture: its decoded views, pictures focused on depths, and a depth map."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from mirrorcam.render_scenes.preview.preview_frame import PreviewFrame, Subject,
 from mirrorcam.render_scenes.tabletop.tabletop_set import default_depths_mm
 
 BEFORE, BEHIND = 0.85, 1.3
-"""Depths between which is searched, in the nearest and the farthest depth of a design."""
+"""Search range of depths, relative to the nearest and the farthest depth of a design."""
 BEYOND_VIEWS = 1.05
 SRGB_EXPONENT = 1.0 / 2.2
-"""Exponent of grey levels of sRGB over light, about."""
+"""Approximate exponent of sRGB grey levels as a function of light."""
 FAINTEST = 0.25
-"""Brightness of colours of depths that are surely wrong."""
+"""Brightness of the colours of depths with zero confidence."""
 UNKNOWN_GREY = 64
 
 
@@ -39,11 +39,11 @@ class SeenBy:
     frame
         The picture of the camera.
     light_field
-        The views that are decoded from it.
+        The views decoded from the picture.
     depth
         Depth of the reference view, measured in all views, with its confidence.
     searched_mm
-        Depths between which was searched.
+        Search range of depths.
     true_depth_mm
         (v, u): depth of the surfaces in the reference view; infinite where there is none, NaN where it has no sample or
         one of a part of the pupil.
@@ -56,13 +56,13 @@ class SeenBy:
     true_depth_mm: FloatArray
 
     def views_picture(self) -> NDArray[np.uint8]:
-        """All views side by side (h, w, 3), as they lie in space."""
+        """All views side by side (h, w, 3), arranged as in space."""
         return tiled_views(self.light_field)
 
     def refocused(self, depth_mm: float, tilt_deg: tuple[float, float] = (0.0, 0.0)) -> NDArray[np.uint8]:
-        """The picture (v, u, 3) of all views in focus on a plane at a depth.
+        """Return the picture (v, u, 3) of all views in focus on a plane at a depth.
 
-        Raises InputError for a plane that not all views look at.
+        Raises InputError if some views do not see the plane.
         """
         return to_bytes(refocus(self.light_field, FocalPlane.at_depth(self.light_field, depth_mm, tilt_deg)))
 
@@ -82,7 +82,7 @@ class SeenBy:
 
     @property
     def median_error_mm(self) -> float:
-        """Median of the errors of the depth map where something is seen; NaN where it is nowhere known."""
+        """Median error of the depth map on surfaces; NaN if no depth is known."""
         known = self.depth.valid & np.isfinite(self.true_depth_mm)
         error = np.abs(self.depth.depth_mm[known] - self.true_depth_mm[known])
         return float(np.median(error)) if error.size else float("nan")
@@ -93,7 +93,7 @@ def seen_by(
 ) -> SeenBy:
     """Render a preview by `preview_frame`, decode it, and measure depth in it.
 
-    Raises InputError as that does, and as `seen_in` does.
+    Raises InputError as `preview_frame` and `seen_in` do.
     """
     return seen_in(preview_frame(layout, subject, width_px, arranged_for=arranged_for))
 
@@ -101,7 +101,7 @@ def seen_by(
 def seen_in(frame: PreviewFrame) -> SeenBy:
     """Decode a preview, and measure depth in it by the fast search.
 
-    Raises InputError where a mirror shows nothing, views share no field, or there is but one.
+    Raises InputError if a mirror shows nothing, views share no field, or there is only one view.
     """
     decoder = _decoder(frame)
     light_field = decoder.decode(frame.picture)
@@ -111,7 +111,7 @@ def seen_in(frame: PreviewFrame) -> SeenBy:
 
 
 def _decoder(frame: PreviewFrame) -> Decoder:
-    """The decoder of a preview, which knows how its grey levels grow with light."""
+    """Return the decoder of a preview, with the response of its grey levels to light."""
     decoder = Decoder(frame.layout)
     if frame.sensor.tone_curve == "linear":
         return decoder
@@ -121,7 +121,7 @@ def _decoder(frame: PreviewFrame) -> Decoder:
 
 
 def _searched_mm(layout: Layout, views: LightField) -> tuple[float, float]:
-    """Depths between which a preview is searched: the depths of its subject with some room, and beyond the views."""
+    """Return the search range of a preview: the depths of its subject with some margin, in front of the mirrors."""
     depths = default_depths_mm(layout)
     least = views.reference_view_depth_mm + float(views.positions_mm[..., 2].max())
     near = max(BEFORE * min(depths), BEYOND_VIEWS * least)
@@ -129,7 +129,7 @@ def _searched_mm(layout: Layout, views: LightField) -> tuple[float, float]:
 
 
 def _true_depth(decoder: Decoder, frame: PreviewFrame) -> FloatArray:
-    """Depths (v, u) of the surfaces that the reference view shows."""
+    """Return the depths (v, u) of the surfaces in the reference view."""
     reference = reference_index(decoder.views)
     farthest = np.isinf(frame.light.depth_mm)
     depth = np.where(farthest, 0.0, frame.light.depth_mm)

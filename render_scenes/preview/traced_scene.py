@@ -1,6 +1,6 @@
 """Objects of a scene as arrays that rays are traced through, and their textures. In view axes, mm.
 
-Textures are in one table at several scales; footprints of pixels take their means.
+One table stores the textures at several scales, for the means over footprints of pixels.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from mirrorcam.render_scenes.tabletop.objects import (
 from mirrorcam.render_scenes.tabletop.tabletop import Tabletop
 
 MOST_TAPS = 8
-"""Places along the longer axis of a footprint at most; of a longer one, a coarser scale is taken."""
+"""Maximum number of samples along the longer axis of a footprint; a longer footprint uses a coarser scale."""
 
 SHARPER = 0.75
 """Texels of the scale that is looked up, in widths of a footprint: between texels it is smoothed, which widens them."""
@@ -60,7 +60,7 @@ class TextureAtlas(NamedTuple):
 
 
 def texture_atlas(pictures: Sequence[NDArray[np.float32]]) -> TextureAtlas:
-    """The atlas of pictures (rows, columns, 3); each scale has the means of the picture over its texels."""
+    """Build the atlas of pictures (rows, columns, 3); the texels of each scale are means of the picture."""
     texels: list[NDArray[np.float32]] = []
     scales: list[tuple[int, int, int]] = []
     textures: list[tuple[int, int]] = []
@@ -87,7 +87,7 @@ def texture_atlas(pictures: Sequence[NDArray[np.float32]]) -> TextureAtlas:
 
 @inlined
 def mean_colour(texels: Any, scales: Any, textures: Any, texture: Any, at: Any, right: Any, down: Any) -> Any:
-    """Mean of a texture over the parallelogram with sides `right` and `down`, (2,) each, around `at`.
+    """Return the mean of a texture over the parallelogram with sides `right` and `down`, (2,) each, around `at`.
 
     All are in widths and heights of the texture, from its top left corner.
     """
@@ -120,7 +120,7 @@ def mean_colour(texels: Any, scales: Any, textures: Any, texture: Any, at: Any, 
 
 @inlined
 def _between(texels: Any, scales: Any, scale: Any, u: Any, v: Any) -> Any:
-    """Colour of a scale at a place, between its four texels, the outermost of which go on beyond its edges."""
+    """Interpolate the colour of a scale at a point between four texels; the border is replicated."""
     begin, columns, rows = scales[scale, 0], scales[scale, 1], scales[scale, 2]
     x = min(max(u * columns - 0.5, 0.0), columns - 1.0)
     y = min(max(v * rows - 0.5, 0.0), rows - 1.0)
@@ -146,9 +146,9 @@ PLAIN = -1
 LAMP_ORDER = (0, 15, 6, 9, 3, 12, 5, 10, 1, 14, 7, 8, 2, 13, 4, 11)
 """Points of the lamp, of 4 x 4, that shadows are made of: two of its corners and two near its middle first."""
 OPEN = 0.6
-"""Part of the sky that an object of the scene sees."""
+"""Fraction of the sky visible from an object of the scene."""
 LIT = 0.35
-"""Part of its surface that the lamp lights, times the cosine."""
+"""Fraction of an object's surface lit by the lamp, times the cosine."""
 TWIGS_OPAQUE = 0.35
 
 
@@ -201,7 +201,7 @@ class TracedScene(NamedTuple):
 
 
 def traced_tabletop(tabletop: Tabletop) -> TracedScene:
-    """The arrays of a tabletop scene. Raises InputError for a mesh of a file, and for more than one of leaves."""
+    """Return the arrays of a tabletop scene; raise InputError for meshes from files, or more than one of leaves."""
     objects = tabletop.objects
     for item in objects:
         if item.kind not in KINDS:
@@ -233,7 +233,7 @@ def traced_tabletop(tabletop: Tabletop) -> TracedScene:
 
 
 def traced_board(target: Target, view_from_board: FloatArray, settings: RenderSettings) -> TracedScene:
-    """The arrays of a printed board of even radiance at a rigid 4x4 pose, mm, before black."""
+    """Return the arrays of a uniformly lit board at a rigid pose (4, 4), mm, against black."""
     width, height = np.array(target.size_mm) + 2.0 * margin_mm(target)
     middle = view_from_board @ np.array([*target.size_mm, 0.0, 2.0]) / 2.0
     unit = inverse(rigid(view_from_board[:3, :3], middle[:3]))[:3] / np.array([width / 2.0, height / 2.0, 1.0])[:, None]
@@ -258,7 +258,7 @@ def _scene(
 
 
 def unit_from_view(item: SceneObject) -> FloatArray:
-    """The affine map (3, 4) from view axes, mm, to the frame of an object's unit shape."""
+    """Return the affine map (3, 4) from view axes, mm, to the frame of an object's unit shape."""
     width, depth, height = item.size_mm
     half = {
         "rectangle": (width / 2.0, depth / 2.0, 1.0),
@@ -271,7 +271,7 @@ def unit_from_view(item: SceneObject) -> FloatArray:
 
 
 def _radius_mm(item: SceneObject) -> float:
-    """Radius of a sphere around an object and its origin."""
+    """Return the radius of a sphere about an object's origin that contains the object."""
     width, depth, height = item.size_mm
     if item.kind == "leaves":
         reach = np.linalg.norm(leaves(1.0, item.seed).points, axis=1).max()
@@ -291,7 +291,7 @@ def _atlas(textures: tuple[tuple[Kind, TextureName, tuple[int, int], int], ...])
 
 
 def _mean(atlas: TextureAtlas, texture: int) -> FloatArray:
-    """Mean colour (3,) of a texture: its coarsest scale."""
+    """Return the mean colour (3,) of a texture: its coarsest scale."""
     first, count = atlas.textures[texture]
     return np.asarray(atlas.texels[atlas.scales[first + count - 1, 0]], dtype=np.float64)
 
@@ -304,7 +304,7 @@ def _lamp(tabletop: Tabletop) -> FloatArray:
 
 
 def lamp_light(lamp: FloatArray, point: FloatArray, normal: FloatArray) -> FloatArray:
-    """Irradiance (3,) of a surface at a point (3,) with a unit normal (3,), without shadows, as if from its middle."""
+    """Return the lamp's irradiance (3,) at a point (3,) with a unit normal (3,), as from its middle, unshadowed."""
     way = lamp[MIDDLE] - point
     squared = float(way @ way)
     area = 4.0 * float(np.linalg.norm(np.cross(lamp[FIRST_SIDE], lamp[SECOND_SIDE])))
@@ -330,7 +330,7 @@ def _surroundings(tabletop: Tabletop, colours: FloatArray, lamp: FloatArray) -> 
 
 
 def _balls(item: SceneObject) -> list[list[float]]:
-    """Spheres, middle and radius, that stand in for an object where it hides the sky from others."""
+    """Return spheres, middle and radius, that approximate an object in occluding the sky."""
     width, depth, height = item.size_mm
     middle, upwards = item.view_from_object[:3, 3], item.view_from_object[:3, 2]
     if item.kind in ("sphere", "leaves"):

@@ -22,7 +22,7 @@ def dot(a: Any, b: Any) -> Any:
 
 @inlined
 def along(start: Any, length: Any, direction: Any) -> Any:
-    """The point `start` + `length` * `direction`."""
+    """Return the point `start` + `length` * `direction`."""
     return (start[0] + length * direction[0], start[1] + length * direction[1], start[2] + length * direction[2])
 
 
@@ -90,7 +90,7 @@ def unit(vector: Any) -> Any:
 
 
 LEAF = 4
-"""Most triangles of a box that is not divided."""
+"""Largest number of triangles in a leaf box."""
 NEXT, FIRST, COUNT = 6, 7, 8
 """Columns of boxes."""
 NOTHING = -1
@@ -113,7 +113,7 @@ class TriangleTree(NamedTuple):
 
 
 def triangle_tree(surface: Triangles) -> TriangleTree:
-    """Divide the triangles of a mesh at the median along the longest side of their box, again and again."""
+    """Split the triangles of a mesh recursively at the median along the longest side of their box."""
     points = surface.points[surface.faces]
     colours = np.full_like(points, 0.6) if surface.colours is None else surface.colours[surface.faces]
     low, high, middle = points.min(axis=1), points.max(axis=1), points.mean(axis=1)
@@ -148,9 +148,9 @@ NO_TRIANGLES = TriangleTree(np.zeros((0, 9)), np.zeros((0, 18)))
 def nearest_triangle(
     boxes: Any, triangles: Any, start: Any, direction: Any, least: Any, most: Any, nearest: Any
 ) -> Any:
-    """A triangle of a tree that a ray meets between two lengths: its number, or `NOTHING`, and the length.
+    """Return the number of a triangle hit between two lengths, or `NOTHING`, and the length of the hit.
 
-    The `nearest` one, or any.
+    The hit is the `nearest` or any.
     """
     found, length = NOTHING, most
     x, y, z = 1.0 / direction[0], 1.0 / direction[1], 1.0 / direction[2]
@@ -178,7 +178,7 @@ def nearest_triangle(
 
 @inlined
 def _crossing(triangles: Any, triangle: Any, start: Any, direction: Any) -> Any:
-    """Length at which a ray crosses a triangle, infinite where it does not (Moeller and Trumbore, JGT 2(1), 1997)."""
+    """Return the length at which a ray crosses a triangle, or infinity (Moeller and Trumbore, JGT 2(1), 1997)."""
     first, second = at(triangles, triangle, 3), at(triangles, triangle, 6)
     p = cross(direction, second)
     volume = dot(first, p)

@@ -1,8 +1,8 @@
-"""A calibration board before a camera, with or without mirrors, as a Mitsuba scene. World = rig frame, mm.
+"""A calibration board in front of a camera, with or without mirrors, as a Mitsuba scene. World = rig frame, mm.
 
-The board emits light, so that no light source adds noise; mirrors have the outlines of the layout; all else is black.
-The parts of a device, where there are any, occlude what is behind them and scatter the light of the board and of the
-surroundings, whose radiance is uniform.
+The board emits light, so that no light source adds noise. Mirrors have the outlines of the layout; the rest is black.
+The parts of a device, if given, occlude the scene and scatter the light of the board and of the surroundings, whose
+radiance is uniform.
 """
 
 from __future__ import annotations
@@ -30,14 +30,14 @@ from mirrorcam.render_scenes.variant import use_variant
 class BoardScene:
     """A movable board, seen by a camera via mirrors or, without any, directly.
 
-    Moving the board costs no compilation.
+    Moving the board needs no compilation.
 
     Parameters
     ----------
     camera
         The camera, at the origin of the frame rig.
     mirrors
-        The mirrors; none for the bare camera.
+        The mirrors; empty for the bare camera.
     target
         The board.
     settings
@@ -47,7 +47,7 @@ class BoardScene:
     bodies
         Bodies of a device around the mirrors.
     variant
-        Mitsuba's variant; by default the fastest that this machine can run.
+        Mitsuba's variant; by default the fastest available.
     """
 
     def __init__(
@@ -84,7 +84,7 @@ class BoardScene:
         self._parameters = mi.traverse(self.scene)
 
     def place_board(self, rig_from_board: FloatArray) -> None:
-        """Move the board to a rigid 4x4 pose in mm."""
+        """Move the board to a rigid pose (4, 4), rig_from_board in mm."""
         import mitsuba as mi
 
         self._parameters["board.to_world"] = mi.Transform4f(
@@ -95,9 +95,9 @@ class BoardScene:
     def render(
         self, *, spp: int, seed: int, subpixels: int = 1, crop: tuple[int, int, int, int] | None = None
     ) -> NDArray[np.float32]:
-        """Render the radiance of the whole sensor, or of a window `crop` = x, y, width, height in pixels.
+        """Render the radiance of the full sensor, or of a window `crop` = x, y, width, height in pixels.
 
-        Returns float32 (h * subpixels, w * subpixels): each pixel is divided into squares of `spp` samples each.
+        Returns float32 (h * subpixels, w * subpixels), with `spp` samples per subpixel.
         """
         use_variant(self.variant)
         window = (0, 0, self.camera.width_px, self.camera.height_px) if crop is None else crop
@@ -105,7 +105,7 @@ class BoardScene:
 
 
 def _emitting_board(target: Target, settings: RenderSettings) -> dict[str, Any]:
-    """Description of a rectangle that emits the radiance of the print, at the identity pose."""
+    """Describe a rectangle that emits the radiance of the print, at the identity pose."""
     import mitsuba as mi
 
     # Mitsuba's v = 0 is the first row of the bitmap and y = -1 of the rectangle.
@@ -128,7 +128,7 @@ def _emitting_board(target: Target, settings: RenderSettings) -> dict[str, Any]:
 def _path_options(
     mirrors: Sequence[Mirror], finishes: Sequence[MirrorFinish], bodies: Sequence[DeviceBody]
 ) -> PathOptions:
-    # Parts between the mirrors of a device occlude the scene behind them; without parts there is black.
+    # Parts between the mirrors of a device occlude the scene behind them; without parts these pixels are black.
     rough = any(finish.roughness > 0.0 for finish in finishes)
     plates = any(mirror.is_second_surface for mirror in mirrors)
     return PathOptions(

@@ -1,8 +1,8 @@
-"""The base camera as a Mitsuba sensor: a thin lens, the distortion of its chief rays inverted for each ray.
+"""The base camera as a Mitsuba sensor: a thin lens, with the distortion of chief rays inverted for each ray.
 
 A Brown-Conrady lens is inverted by its formula, any other by a table of all pixels.
 
-Mitsuba's world is the rig frame in mm, with the camera at the origin: single precision is finest there. Its pixel
+Mitsuba's world is the rig frame in mm, with the camera at the origin, where single precision is finest. Mitsuba's pixel
 (0, 0) has its centre at (0.5, 0.5), ours at (0, 0).
 """
 
@@ -53,12 +53,12 @@ def _plugin(variant: str) -> str:
     import mitsuba as mi
 
     class LensSensor(mi.Sensor):
-        """Plugin "lens_camera": a camera at the origin of the rig; `intrinsics` are nine numbers between commas.
+        """Plugin "lens_camera": a camera at the origin of the rig; `intrinsics` are nine comma-separated numbers.
 
-        With a `table` (h + 1, w + 1, 2), from `_table`, these serve only as its pinhole.
+        With a `table` (h + 1, w + 1, 2) from `_table`, they define only its pinhole.
 
-        The rays of a point of the sensor start in a pupil of `aperture_mm` and meet on its chief ray, in the plane
-        z = `focus_mm`. Nothing is seen before the plane z = `near_mm`.
+        The rays of a sensor point start in a pupil of `aperture_mm` and meet on the chief ray in the plane
+        z = `focus_mm`. Surfaces nearer than the plane z = `near_mm` are ignored.
         """
 
         def __init__(self, props: mi.Properties) -> None:
@@ -86,7 +86,7 @@ def _plugin(variant: str) -> str:
             dr.make_opaque(self.waves_px, self.per_px)
 
         def chief_ray(self, x: Any, y: Any) -> tuple[Any, Any]:
-            """x/z and y/z of the ray through the middle of the pupil."""
+            """Return x/z and y/z of the ray through the middle of the pupil."""
             if self.table is None:
                 return normalized_from_mitsuba(x, y, self.intrinsics)
             beside = self.table.eval(mi.Point2f((x + 0.5) / self.nodes[0], (y + 0.5) / self.nodes[1]))
@@ -94,7 +94,7 @@ def _plugin(variant: str) -> str:
             return (x - 0.5 - cx) / fx + beside[0], (y - 0.5 - cy) / fy + beside[1]
 
         def ray_through(self, x: Any, y: Any, u: Any = 0.5, v: Any = 0.5) -> Any:
-            """The ray from a point of the pupil, u and v in 0..1, through one of the sensor (Mitsuba's pixels)."""
+            """Return the ray from the pupil point u, v (0 to 1) through the sensor point x, y (Mitsuba's pixels)."""
             if self.is_wavy:
                 sine_x, cosine_x = dr.sincos(self.per_px * (x - 0.5))
                 sine_y, cosine_y = dr.sincos(self.per_px * (y - 0.5))
@@ -144,7 +144,7 @@ def sensor(
     crop: tuple[int, int, int, int] | None = None,
     near_mm: float = 0.0,
 ) -> Any:
-    """Make a Mitsuba sensor for a camera, with a box-filtered film of one channel.
+    """Return a Mitsuba sensor for a camera, with a box-filtered film of one channel.
 
     The variant must have been set (`variant.use_variant`).
 
@@ -153,11 +153,11 @@ def sensor(
     camera
         The camera, at the origin of the frame rig.
     pupil
-        Pupil of its lens; without one, a pinhole.
+        Pupil of the lens; by default a pinhole.
     crop
         Window of the film: x, y, width, height in pixels.
     near_mm
-        Nothing before the plane z = `near_mm` is seen: the camera's own body, in which the pupil lies.
+        Surfaces nearer than the plane z = `near_mm` are ignored: the camera's own body contains the pupil.
     """
     import mitsuba as mi
 
@@ -176,7 +176,7 @@ def sensor(
     return mi.load_dict(
         {
             "type": _plugin(mi.variant()),
-            # As text: a property holds single floats in full, but no list of them.
+            # As text, because a property stores single floats in full precision, but no list of floats.
             "intrinsics": ",".join(repr(float(number)) for number in _nine(camera)),
             "near_mm": near_mm,
             "aperture_mm": lens.aperture_mm,
@@ -192,15 +192,15 @@ def sensor(
 
 
 def _nine(camera: Camera) -> list[float]:
-    """Focal lengths and principal point, and the distortion of a Brown-Conrady lens, or none."""
+    """Return focal lengths, principal point, and the distortion of a Brown-Conrady lens or zeros."""
     lens = camera.distortion if camera.lens_model == PLAIN_LENS else np.zeros(5)
     return [*camera.intrinsics[:4].tolist(), *lens.tolist()]
 
 
 def _table(camera: Camera) -> NDArray[np.float32]:
-    """Differences (h + 1, w + 1, 2) of undistorted corners of all pixels from the pinhole's.
+    """Return the differences (h + 1, w + 1, 2) of all pixels' undistorted corners from the pinhole's.
 
-    Between them the difference is so nearly linear that a pixel is met to 1e-4 px.
+    Linear interpolation between them is correct to 1e-4 px.
     """
     model = camera.model if isinstance(camera, WavyCamera) else camera
     u, v = (np.arange(length + 1.0) - 0.5 for length in (camera.width_px, camera.height_px))

@@ -27,9 +27,9 @@ from mirrorcam.render_scenes.reference.mirror_shapes import mesh
 
 ASSEMBLY = "assembly.glb"
 ROOT = "device"
-APART = ("fit_coupon", "dust_cover")  # among the parts to print, but no pieces of the device in use
-SAME_MM = 0.05  # tolerance between corners of a mirror in a file and in a layout
-# Printed plastic, dark and diffuse, where a file has no colour.
+APART = ("fit_coupon", "dust_cover")  # among the printed parts, but not in the assembled device
+SAME_MM = 0.05  # tolerance between mirror corners in a file and in a layout
+# Dark, diffuse plastic if a file has no colour.
 PLASTIC_RGB = (0.03, 0.03, 0.03)
 _COMPONENTS = {5121: np.uint8, 5123: np.uint16, 5125: np.uint32, 5126: np.float32}
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
@@ -64,7 +64,7 @@ class DeviceParts(Value):
 def parts_of(folder: Path, nominal: Layout, built: Layout) -> DeviceParts:
     """Find the parts in a folder for a layout as built.
 
-    Raises InputError for a folder without parts, or with the parts of another layout.
+    Raises InputError if the folder has no parts, or parts of another layout.
     """
     if (folder / ASSEMBLY).is_file():
         check_mirrors(folder, nominal)
@@ -76,7 +76,7 @@ def parts_of(folder: Path, nominal: Layout, built: Layout) -> DeviceParts:
 
 
 def check_mirrors(folder: Path, nominal: Layout) -> None:
-    """Raise InputError unless the mirrors of an assembly, if it has any, are a layout's."""
+    """Raise InputError if an assembly contains mirrors of another layout."""
     solids = [body for body in read_assembly(folder / ASSEMBLY) if body.kind == "mirror"]
     if not solids:
         return
@@ -87,22 +87,22 @@ def check_mirrors(folder: Path, nominal: Layout) -> None:
 
 
 def bodies_around(parts: DeviceParts) -> tuple[DeviceBody, ...]:
-    """Read the bodies of a device into the frame of its camera, rig. Raises InputError where files have changed."""
+    """Read the bodies of a device into the frame of its camera, rig; raise InputError if files have changed."""
     folder = Path(parts.folder)
     if checksum(folder) != parts.checksum:
-        raise InputError(f"{folder}: other parts than when the set was begun, expected the same files")
+        raise InputError(f"{folder}: parts have changed since the set was started, expected the same files")
     return tuple(body if body.kind == "camera" else moved(body, parts.holder_from_rig) for body in read_bodies(folder))
 
 
 def checksum(folder: Path) -> str:
-    """SHA-256 of the names and bytes of the files that `read_bodies` reads, in hexadecimal."""
+    """Return the SHA-256 of the names and bytes of the files that `read_bodies` reads, in hexadecimal."""
     return digest(*(f"{path.name} {digest(read_bytes(path))} ".encode() for path in parts_files(folder)))
 
 
 def parts_files(folder: Path) -> tuple[Path, ...]:
     """List the files that `read_bodies` reads: the assembly of a folder or, without one, its STL files by name.
 
-    Raises InputError where there is neither.
+    Raises InputError if there is neither.
     """
     if (folder / ASSEMBLY).is_file():
         return (folder / ASSEMBLY,)
@@ -125,7 +125,7 @@ def read_bodies(folder: Path) -> tuple[DeviceBody, ...]:
 
 
 def read_assembly(path: Path) -> tuple[DeviceBody, ...]:
-    """Read an `assembly.glb`: the nodes below `device` of binary glTF 2.0. Raises InputError in one line."""
+    """Read the nodes below `device` of an `assembly.glb`, binary glTF 2.0; raise InputError if it is invalid."""
     raw = read_bytes(path)
     try:
         length = int.from_bytes(raw[12:16], "little")
@@ -168,17 +168,17 @@ def _body(tree: dict[str, Any], data: memoryview, node: dict[str, Any]) -> Devic
 
 
 def moved(body: DeviceBody, holder_from_rig: FloatArray) -> DeviceBody:
-    """Transform a body from the frame of the holder to the frame of the camera, by a rigid 4x4."""
+    """Transform a body from the frame of the holder to the frame of the camera, by a rigid (4, 4)."""
     turn, origin = holder_from_rig[:3, :3], holder_from_rig[:3, 3]
     normals = None if body.normals is None else body.normals @ turn
     return replace(body, points=(body.points - origin) @ turn, normals=normals)
 
 
 def holder_from_rig(nominal: Layout, built: Layout) -> FloatArray:
-    """Estimate the rigid 4x4 from the camera frame of a device as built to the frame of its holder, rig as designed.
+    """Estimate the rigid (4, 4) from the camera frame of a device as built to the frame of its holder, rig as designed.
 
-    Mirrors are perturbed along their normals (and turned about their middles), so that components across the normals
-    determine the position of the pupil by least squares.
+    Mirrors are perturbed along their normals (and rotated about their middles), so that components perpendicular to the
+    normals determine the position of the pupil by least squares.
     """
     turn = nominal.view_from_rig.T @ built.view_from_rig
     rows, values = [], []
@@ -190,12 +190,12 @@ def holder_from_rig(nominal: Layout, built: Layout) -> FloatArray:
 
 
 def near_mm(bodies: Sequence[DeviceBody]) -> float:
-    """Depth z, mm, at which the camera's own body ends, in which the pupil lies; 0 without one."""
+    """Return the depth z, mm, at which the camera's own body ends; 0 without a body. The pupil lies inside it."""
     return max((float(body.points[:, 2].max()) + CLEARANCE_MM for body in bodies if body.kind == "camera"), default=0.0)
 
 
 def body_shapes(bodies: Sequence[DeviceBody]) -> dict[str, Any]:
-    """Make diffuse shapes of the current variant of bodies, by name."""
+    """Return diffuse shapes of bodies for the current variant, by name."""
     return {
         f"body_{body.name}": mesh(
             body.name,
@@ -212,7 +212,7 @@ def body_shapes(bodies: Sequence[DeviceBody]) -> dict[str, Any]:
 
 
 class BodyObstacles:
-    """`truth.light_rays.Obstacles` of bodies in the frame of the camera; Mitsuba's variant must have been set."""
+    """`truth.light_rays.Obstacles` for bodies in the frame of the camera; Mitsuba's variant must be set."""
 
     def __init__(self, bodies: Sequence[DeviceBody]) -> None:
         import mitsuba as mi
@@ -221,7 +221,7 @@ class BodyObstacles:
         self._near_mm = near_mm(bodies)
 
     def free_mm(self, start: FloatArray, direction: FloatArray) -> FloatArray:
-        """Length (...), mm, that rays from points (..., 3) along unit vectors (..., 3) go before a body stops them."""
+        """Return the length (...), mm, of rays from points (..., 3) along unit vectors (..., 3) up to a body."""
         import drjit as dr
         import mitsuba as mi
 
@@ -242,6 +242,6 @@ class BodyObstacles:
         return free.reshape(shape)
 
     def free_from_pupil_mm(self, rays: FloatArray) -> FloatArray:
-        """Length (...), mm, that unit rays (..., 3) go from the pupil; the camera's own body stops none of them."""
+        """Return the length (...), mm, of unit rays (..., 3) from the pupil; the camera's own body is ignored."""
         before = (self._near_mm / rays[..., 2])[..., None] * rays
         return np.asarray(np.linalg.norm(before, axis=-1) + self.free_mm(before, rays))

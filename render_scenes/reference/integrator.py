@@ -4,11 +4,11 @@
 then parallel to the true one, and corners seen via a mirror move by hundredths of a pixel (by tenths where the
 unit is metres). Moving the origin along the *reflected direction* leaves the surface too and does not change the ray.
 
-Where the front of a plate splits light, no branch is chosen at random: a path is traced once for each branch, and their
-radiances add up, so that plates add no noise. Branch 0 is reflected by the front; branch k goes on to the coating, and
-leaves the plate when it meets the front for the k-th time.
+Where the front of a plate splits light, no branch is chosen at random. A path is traced once per branch and the
+radiances are added, so that plates add no noise. Branch 0 is reflected by the front; branch k continues to the coating
+and leaves the plate when it meets the front for the k-th time.
 
-Interactions of light with surfaces (emission, BSDFs, direct light) are in Dr.Jit, for any variant that has been set.
+Interactions of light with surfaces (emission, BSDFs, direct light) are in Dr.Jit, for any variant.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 @cache
 def additive_steps(dimensions: int) -> tuple[float, ...]:
-    """Steps 1/g, 1/g^2, ... of the fractional coordinates, with g the positive root of x^(dimensions + 1) = x + 1."""
+    """Return steps 1/g, 1/g^2, ... of the coordinates; g is the positive root of x^(dimensions + 1) = x + 1."""
     root = 2.0
     while (closer := (1.0 + root) ** (1.0 / (dimensions + 1))) < root:
         root = closer
@@ -35,7 +35,7 @@ CLEARANCE_MM = 0.02
 
 
 def invert(condition: Any) -> Any:
-    """Negate a mask; ~ of a bool of Python, in scalar variants, is no bool."""
+    """Negate a mask; in scalar variants, ~ of a Python bool is not a bool."""
     import drjit as dr
     import mitsuba as mi
 
@@ -43,14 +43,14 @@ def invert(condition: Any) -> Any:
 
 
 def has_flag(bsdf: Any, flag: Any, active: Any) -> Any:
-    """Mask of the active lanes whose BSDF has a flag."""
+    """Return the mask of the active lanes whose BSDF has a flag."""
     import mitsuba as mi
 
     return mi.Bool(False) if bsdf is None else active & mi.has_flag(bsdf.flags(), flag)
 
 
 def emitted_radiance(scene: Any, hit: Any, active: Any) -> Any:
-    """Radiance that an intersected emitter, or the environment, emits towards the ray."""
+    """Return the radiance that an intersected emitter, or the environment, emits towards the ray."""
     import mitsuba as mi
 
     emitter = hit.emitter(scene)
@@ -67,16 +67,16 @@ def sample_bsdf(bsdf: Any, hit: Any, one: Any, two: Any, active: Any) -> tuple[A
 
 
 def power_heuristic(density: Any, other: Any) -> Any:
-    """Weight of one of two sampling strategies in multiple importance sampling (Veach 1997)."""
+    """Return the weight of one of two sampling strategies in multiple importance sampling (Veach 1997)."""
     import drjit as dr
 
     return dr.select(density > 0.0, density * density / dr.maximum(density * density + other * other, 1e-30), 0.0)
 
 
 def direct_light(scene: Any, hit: Any, bsdf: Any, random: Any, active: Any) -> Any:
-    """Radiance that a surface scatters of one sampled point of each emitter (next event estimation).
+    """Return the radiance scattered from one sampled point of each emitter (next event estimation).
 
-    The environment is left to BSDF sampling, which is free of noise wherever nothing occludes a uniform environment.
+    BSDF sampling covers the environment, without noise where a uniform environment is unoccluded.
     """
     import drjit as dr
     import mitsuba as mi
@@ -94,24 +94,24 @@ def direct_light(scene: Any, hit: Any, bsdf: Any, random: Any, active: Any) -> A
     return total
 
 
-PLATE_BRANCHES = 4  # light that passed the coating four times or more is less than 0.02 % in acrylic
+PLATE_BRANCHES = 4  # light with four or more reflections at the coating is less than 0.02 % in acrylic
 NUMBERS = 8  # random numbers reserved for each bounce
 
 
 @dataclass(frozen=True)
 class PathOptions:
-    """Options of the integrator; effects that a scene does not need cost no time.
+    """Options of the integrator; disabled effects cost no time.
 
     Attributes
     ----------
     mirrors_only
         Surfaces that the camera sees directly are black.
     branches
-        Number of branches traced through the first plate: 1 where nothing is transparent.
+        Number of branches traced through the first plate: 1 if nothing is transparent.
     lit
         Surfaces scatter light, which is sampled by Monte Carlo.
     colour
-        Three channels in place of one.
+        Three channels instead of one.
     max_bounces
         Bound of the path length.
     """
@@ -145,7 +145,7 @@ def _plugin(variant: str) -> str:
             dr.make_opaque(self.first, self.last)
 
         def radiance(self, scene: Any, ray: Any, active: Any, branch: Any = 0, key: Any = 0, number: Any = 0) -> Any:
-            """Radiance along rays in one branch, with the random numbers of a key from index `number` on."""
+            """Return the radiance along rays in one branch, with random numbers of a key from index `number`."""
             if self.lit or self.branches > 1:
                 return self._by_branch(scene, ray, active, mi.UInt32(branch), mi.UInt32(key), mi.UInt32(number))
 
@@ -168,10 +168,10 @@ def _plugin(variant: str) -> str:
             return end[1]
 
         def _by_branch(self, scene: Any, ray: Any, active: Any, branch: Any, key: Any, number: Any) -> Any:
-            """Sample as above, through plates and with scattering surfaces.
+            """Return the radiance as `sample` does, through plates and with scattering surfaces.
 
-            The path through the first plate follows the branch, with `passes` passes to its coating; `out` is true
-            after it. All later interactions are sampled at random.
+            The path through the first plate follows the branch, with `passes` passes to its coating; afterwards, `out`
+            is true. All later interactions are sampled at random.
             """
 
             def bounce(
@@ -239,9 +239,9 @@ def _plugin(variant: str) -> str:
             return dr.while_loop(start, lambda *state: state[3], bounce)[1]
 
         def means(self, scene: Any, sensor: Any, x: Any, y: Any, side: Any, spp: Any, seed: Any) -> list[Any]:
-            """Mean radiance of squares (x, y) of `side` pixels, by channel: one lane per square, samples in sequence.
+            """Return the mean radiance of squares (x, y) of `side` pixels, by channel, with one lane per square.
 
-            Memory does not grow with the samples, and sums have one order whatever the number of threads.
+            Samples run in sequence: memory is constant, and the order of sums does not depend on threads.
             """
             # One pattern of samples, shifted in each square by its place on the sensor: unbiased, and no pattern shows.
             bits: list[Any] = [*mi.sample_tea_32(y * 65536 + x, seed)]
@@ -275,7 +275,7 @@ def _plugin(variant: str) -> str:
 
 
 def integrator(light: PathOptions) -> Any:
-    """Make the integrator for the current variant."""
+    """Return the integrator for the current variant."""
     import mitsuba as mi
 
     return mi.load_dict({"type": _plugin(mi.variant()), **vars(light)})
@@ -298,8 +298,8 @@ def render(
     scene
         Scene of the current variant.
     sensor
-        Has `ray_through(x, y, u, v)`: the ray from a point of the pupil, in 0..1, through one of the sensor in
-        Mitsuba's pixels; and `is_pinhole`, where u and v are not used.
+        Has `ray_through(x, y, u, v)`, the ray from a pupil point (0 to 1) through a sensor point in Mitsuba's pixels,
+        and `is_pinhole`, true if u and v are ignored.
     paths
         The integrator.
     crop
@@ -314,7 +314,7 @@ def render(
     Returns
     -------
     NDArray[np.float32]
-        Radiance (height * subpixels, width * subpixels) or, in colour, with a third axis of 3.
+        Radiance (height * subpixels, width * subpixels) or, in colour, (height * subpixels, width * subpixels, 3).
     """
     import drjit as dr
     import mitsuba as mi

@@ -16,11 +16,11 @@ CELLS_PER_WAVE, CELLS_PER_RADIUS = 40, 12
 
 
 def mirror_shapes(mirror: Mirror, finish: MirrorFinish, *, edges: bool = False) -> dict[str, Any]:
-    """Make the faces of a mirror, with the outline of its layout.
+    """Return the faces of a mirror, with the outline of its layout.
 
-    A first-surface mirror is a reflecting face, black from behind; with `edges`, the edges of its substrate are added,
-    as black. A second-surface mirror is a plate: a dielectric front (Fresnel), a coating of the same outline, black
-    from behind, and black edges. Both faces of a bent plate have one shape.
+    A first-surface mirror is a reflecting face with a black back; `edges` adds the black edges of its substrate. A
+    second-surface mirror is a plate: a dielectric front (Fresnel), a coating with the same outline and a black back,
+    and black edges. Both faces of a bent plate have the same shape.
 
     Returns
     -------
@@ -52,7 +52,7 @@ def _coating(finish: MirrorFinish) -> dict[str, Any]:
 
 
 def _fan(mirror: Mirror) -> NDArray[np.int64]:
-    """Triangles (n - 2, 3) of the outline's corners, anticlockwise as seen from the reflecting side."""
+    """Return triangles (n - 2, 3) of the outline's corners, anticlockwise from the reflecting side."""
     count = len(mirror.outline_in_plane_mm)
     return np.array([[0, k, k + 1] if _anticlockwise(mirror) else [0, k + 1, k] for k in range(1, count - 1)])
 
@@ -64,9 +64,9 @@ def _anticlockwise(mirror: Mirror) -> bool:
 
 
 def _face(mirror: Mirror, finish: MirrorFinish, lift_mm: float, bsdf: dict[str, Any]) -> Any:
-    """Make the outline, offset towards the pupil, with the exact normal at every corner.
+    """Return the outline, offset towards the pupil, with the exact normal at every corner.
 
-    Normals computed from the triangles would carry the rounding of their corners.
+    Normals computed from the triangles would suffer from the rounding of their corners.
     """
     if finish.flat:
         corners = mirror.outline_in_rig_mm + lift_mm * mirror.normal_in_rig
@@ -80,7 +80,7 @@ def _face(mirror: Mirror, finish: MirrorFinish, lift_mm: float, bsdf: dict[str, 
 
 
 def _cells(mirror: Mirror, finish: MirrorFinish) -> tuple[FloatArray, NDArray[np.int64]]:
-    """Points (n, 2) of the plane and triangles (m, 3): the fan from the middle to each edge, subdivided."""
+    """Return points (n, 2) of the plane and triangles (m, 3) of a subdivided fan from the middle to each edge."""
     outline = mirror.outline_in_plane_mm if _anticlockwise(mirror) else mirror.outline_in_plane_mm[::-1]
     size = radius_mm(mirror) / CELLS_PER_RADIUS
     if finish.ripple_mm > 0.0:
@@ -106,7 +106,7 @@ def _cells(mirror: Mirror, finish: MirrorFinish) -> tuple[FloatArray, NDArray[np
 
 
 def _edges(mirror: Mirror, height_mm: float) -> Any:
-    """Make the edges of a plate from its coating on, towards the pupil; they absorb."""
+    """Return the absorbing edges of a plate, from its coating towards the pupil."""
     outline = mirror.outline_in_rig_mm
     count = len(outline)
     corners = np.concatenate([outline, outline + height_mm * mirror.normal_in_rig])
@@ -125,9 +125,9 @@ def mesh(
     normals_in_rig: FloatArray | None = None,
     texture_places: FloatArray | None = None,
 ) -> Any:
-    """Make a shape of the current variant of triangles (m, 3) of vertices (n, 3) with normals (n, 3), or flat ones.
+    """Return triangles (m, 3) of vertices (n, 3) with normals (n, 3), or flat, as a shape of the current variant.
 
-    `texture_places` (n, 2) are the places of the vertices in a texture, in units of its sides.
+    `texture_places` (n, 2) are the texture coordinates of the vertices, 0 to 1.
     """
     import mitsuba as mi
 

@@ -1,5 +1,7 @@
-"""Product picture of a device: from the front, where the lens is seen in every mirror, and from the side, on a seamless
-paper background between two soft boxes. World = rig frame, mm; up and forward are those of the views, which look level.
+"""Product picture of a device from the front, with the lens visible in every mirror, and from the side.
+
+The device stands on a seamless paper background between two soft boxes. World = rig frame, mm; the views look
+horizontally, and define up and forward.
 """
 
 from __future__ import annotations
@@ -33,9 +35,9 @@ LENS = ((1.0, (0.55, 0.56, 0.58)), (0.86, (0.006, 0.006, 0.007)), (0.46, (0.01, 
 
 @dataclass(frozen=True)
 class Viewpoint:
-    """A pinhole camera at `eye_in_rig_mm` (3,) that looks at a point, where a pixel is `mm_per_px` wide.
+    """A pinhole camera at `eye_in_rig_mm` (3,) that looks at a point, with a scale of `mm_per_px` there.
 
-    Its pictures are upright: `up_in_rig` (3,) is up.
+    `up_in_rig` (3,) is up in its pictures.
     """
 
     eye_in_rig_mm: FloatArray
@@ -55,7 +57,7 @@ class Viewpoint:
         return np.array([right, np.cross(forward, right), forward])
 
     def ray_through(self, x: Any, y: Any) -> Any:
-        """The ray (Dr.Jit) of a point of the picture, in pixels from its top left corner."""
+        """Return the ray (Dr.Jit) of a point of the picture, in pixels from its top left corner."""
         import drjit as dr
         import mitsuba as mi
 
@@ -67,15 +69,15 @@ class Viewpoint:
 
 
 def level_from_rig(layout: Layout) -> FloatArray:
-    """The rotation (3, 3) to axes in which the views look along y, and z is up: the rig's for a fold of 90 deg."""
+    """Return the rotation (3, 3) to axes with the views along y and z up: the rig's axes for a fold of 90 deg."""
     right, down, forward = layout.view_from_rig
     return np.array([right, forward, -down])
 
 
 def viewpoints(layout: Layout, bodies: Sequence[DeviceBody]) -> tuple[Viewpoint, Viewpoint]:
-    """Viewpoints in the middle of the common field of all mirrors, and to the front, the side and above.
+    """Return viewpoints in the middle of the common field of all mirrors, and to the front, the side and above.
 
-    A point that the camera sees in every mirror sees, in turn, the lens in every mirror.
+    A point that the camera sees in every mirror also sees the lens in every mirror.
     """
     points = np.concatenate([body.points for body in bodies])
     turn = level_from_rig(layout)
@@ -88,7 +90,7 @@ def viewpoints(layout: Layout, bodies: Sequence[DeviceBody]) -> tuple[Viewpoint,
     views = []
     for at in (eye, aside):
         view = Viewpoint(np.asarray(at), middle, turn[2], 1.0, (width, height))
-        # As wide as the farthest point from the middle, seen from the eye.
+        # Wide enough for the farthest point from the middle, as seen from the eye.
         seen = (points - at) @ view.axes.T
         away = np.linalg.norm(middle - at)
         flat = np.abs(seen[:, :2] / seen[:, 2:] * away).max(axis=0)
@@ -104,11 +106,11 @@ def product_picture(layout: Layout, folder: Path, *, spp: int, scale: float = 1.
     layout
         The layout of the device.
     folder
-        What `mirrorcam cad` wrote of this layout.
+        Folder that `mirrorcam cad` wrote for this layout.
     spp
         Samples per pixel.
     scale
-        Size of the picture over 1920 x 1080 pixels.
+        Size of the picture relative to 1920 x 1080 pixels.
 
     Returns
     -------
@@ -118,7 +120,7 @@ def product_picture(layout: Layout, folder: Path, *, spp: int, scale: float = 1.
     Raises
     ------
     InputError
-        The folder holds no assembly, or the assembly of another layout.
+        If the folder contains no assembly, or the assembly of another layout.
     """
     if not (folder / ASSEMBLY).is_file():
         raise InputError(f"{folder}: no {ASSEMBLY}, expected a folder that `mirrorcam cad` wrote")
@@ -168,7 +170,7 @@ def _material(body: DeviceBody) -> dict[str, Any]:
 
 
 def _lens(camera: DeviceBody) -> dict[str, Any]:
-    """Make rings around the optical axis on the front of the camera."""
+    """Return rings around the optical axis on the front of the camera."""
     points = camera.points
     front = points[:, 2].max()
     top = points[points[:, 2] > front - 0.01]
@@ -188,7 +190,7 @@ def _lens(camera: DeviceBody) -> dict[str, Any]:
 
 
 def _studio(bodies: Sequence[DeviceBody], level: FloatArray) -> dict[str, Any]:
-    """Make paper under and behind the device, two soft boxes, and weak ambient light; `level` (3, 3) levels the rig."""
+    """Return paper under and behind the device, two soft boxes and ambient light; `level` (3, 3) levels the rig."""
     import mitsuba as mi
 
     points = np.concatenate([body.points for body in bodies]) @ level.T
@@ -196,7 +198,7 @@ def _studio(bodies: Sequence[DeviceBody], level: FloatArray) -> dict[str, Any]:
     middle, size = (low + high) / 2.0, float((high - low).max())
     back = low[1] - 1.2 * size
     turn = np.linspace(0.0, np.pi / 2.0, 33)
-    # From before the device along the floor, around a bend, and up.
+    # From in front of the device along the floor, around a bend, and up.
     profile = np.array(
         [(middle[1] + PAPER_MM, 0.0)]
         + [(back - BEND_MM * np.sin(angle), BEND_MM * (1.0 - np.cos(angle))) for angle in turn]

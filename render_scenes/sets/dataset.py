@@ -1,4 +1,4 @@
-"""Manifest of a rendered set, `dataset.json`, without ground truth, and the device that it was rendered of.
+"""Manifest of a rendered set, `dataset.json`, without ground truth, and the true layout of the set.
 
 Needs no renderer.
 """
@@ -24,16 +24,16 @@ from mirrorcam.render_scenes.settings import RenderSettings
 
 MANIFEST = "dataset.json"
 KNOWN = ("layout.json", "board.toml")
-"""Files that the user has besides the pictures."""
+"""Files that a user has in addition to the pictures."""
 TRUTH = (
     *("truth/layout.json", "truth/poses.json", "truth/seed.json", "truth/corners.npz"),
     *("truth/readout.json", "truth/finish.json"),
 )
-"""Files of the ground truth beside its maps; the last two only where shutter or mirrors are not ideal."""
+"""Files of the ground truth except its maps; the last two only if the shutter or the mirrors are not ideal."""
 
 
 class Reach(Value):
-    """Range of depths of the boards that a mirror shows, and their largest tilt against its view; 0 without boards."""
+    """Range of depths of the boards visible in a mirror, and their largest tilt to its view; 0 without boards."""
 
     nearest_mm: int = Field(ge=-DEPTH_MM.most, le=DEPTH_MM.most)
     farthest_mm: int = Field(ge=-DEPTH_MM.most, le=DEPTH_MM.most)
@@ -43,7 +43,7 @@ class Reach(Value):
 class Dataset(FolderManifest):
     """Manifest of a rendered set: facts that a user of a real camera knows, and a checksum of each file written so far.
 
-    `request` is a digest of everything that determines the bytes of the set, the seed included.
+    `request` is a digest of everything that determines the bytes of the set, including the seed.
     """
 
     FILE = MANIFEST
@@ -62,13 +62,15 @@ class Dataset(FolderManifest):
     tolerances: Tolerances
     settings: RenderSettings
     rate_hz: float | None = Field(default=None, description="frames per second of one motion; none: independent frames")
-    parts: str | None = Field(default=None, description="checksum of the parts around the mirrors; or none")
+    parts: str | None = Field(default=None, description="checksum of the parts around the mirrors, if any")
     renderer: str = Field(description="program, version and variant")
-    coverage: tuple[float, ...] = Field(description="fraction of each sub-image where the planned frames show corners")
+    coverage: tuple[float, ...] = Field(
+        description="fraction of each sub-image in which the planned frames show corners"
+    )
     reaches: tuple[Reach, ...] = Field(
         description="range of depths and tilts at which each mirror shows the planned boards"
     )
-    base_coverage: float = Field(description="the same of the whole sensor in the base frames")
+    base_coverage: float = Field(description="fraction of the full sensor in which the base frames show corners")
     request: str
     files: dict[str, str] = Field(default_factory=dict, description="SHA-256 of each file, by its name in the set")
 
@@ -84,7 +86,7 @@ class Dataset(FolderManifest):
 
     @property
     def video_name(self) -> str | None:
-        """The name of the video; None where there is none."""
+        """Name of the video, if any."""
         return None if self.settings.video is None else f"video.{self.settings.video}"
 
     @property
@@ -97,23 +99,23 @@ class Dataset(FolderManifest):
 
     @property
     def pupil_name(self) -> str | None:
-        """Name of the ground truth of the pupil; None without maps, and of a pinhole."""
+        """Name of the ground truth of the pupil; None without maps or for a pinhole."""
         return "truth/pupil.exr" if self.settings.maps and self.settings.sensor.aperture_mm > 0.0 else None
 
     def map_of(self, name: str) -> str | None:
-        """Name of the ground-truth maps of a picture; None where there are none."""
+        """Name of the ground-truth maps of a picture, if any."""
         return f"truth/maps/{Path(name).with_suffix('.exr')}" if self.settings.maps else None
 
     @property
     def complete(self) -> bool:
-        """True if every frame, and the video, has been written."""
+        """True if every frame and the video have been written."""
         return not self.missing
 
     @property
     def missing(self) -> tuple[str, ...]:
         """Names of the pictures, and of the video, that have not been written."""
-        wanted = (*self.frame_names, *self.base_names, self.video_name)
-        return tuple(name for name in wanted if name is not None and name not in self.files)
+        required = (*self.frame_names, *self.base_names, self.video_name)
+        return tuple(name for name in required if name is not None and name not in self.files)
 
 
 TRUE_LAYOUT = "truth/layout.json"
@@ -127,16 +129,16 @@ class _Finishes(Value):
 
 
 def true_layout(folder: Path) -> Layout:
-    """The true layout of a set, with the bends that its mirrors were rendered with.
+    """Return the true layout of a set, with the rendered bend of each mirror.
 
-    Ripples are left out: no layout has them, and over a mirror they cancel out. Raises InputError for files that are
-    none, or do not fit together.
+    A layout has no ripples; their mean over a mirror is zero. Raises InputError for files that are invalid or do not
+    match.
     """
     layout = Layout.load(folder / TRUE_LAYOUT)
     if not (folder / FINISH).is_file():
         return layout
     finishes = read_model(_Finishes, folder / FINISH, LARGEST_LAYOUT_BYTES).mirrors
     if len(finishes) != len(layout.mirrors):
-        raise InputError(f"{folder / FINISH}: {len(finishes)} finishes, expected {len(layout.mirrors)}, one a mirror")
+        raise InputError(f"{folder / FINISH}: {len(finishes)} finishes, expected {len(layout.mirrors)}, one per mirror")
     bent = tuple(finish.bent(mirror) for finish, mirror in zip(finishes, layout.mirrors, strict=True))
     return layout.replaced(mirrors=bent)

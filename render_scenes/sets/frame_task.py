@@ -18,7 +18,7 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Target
 from mirrorcam.render_scenes.boards import poses_at
 from mirrorcam.render_scenes.fast.analytic_scene import FastScene
-from mirrorcam.render_scenes.lens import as_it_is
+from mirrorcam.render_scenes.lens import true_camera
 from mirrorcam.render_scenes.mirror_finish import MirrorFinish
 from mirrorcam.render_scenes.reference.board_scene import BoardScene
 from mirrorcam.render_scenes.reference.device_bodies import BodyObstacles, DeviceParts, bodies_around
@@ -34,12 +34,12 @@ from mirrorcam.render_scenes.truth.pixel_maps import (
 )
 from mirrorcam.render_scenes.variant import use_variant
 
-# Rows that the reference renders at one time of a rolling shutter: 0.2 ms of a webcam's readout.
+# Rows that the reference renders with one pose under a rolling shutter: 0.2 ms of a webcam's readout.
 STRIP_PX = 8
 
 
 class CaptureSetup(Value):
-    """Setup shared by a set's frames: device as built (without mirrors: its camera), board and settings."""
+    """Setup shared by a set's frames: device as built, or its bare camera; board; settings."""
 
     built: Layout
     mirrors: bool
@@ -68,11 +68,11 @@ class FrameTask(Value):
 
 
 class _SetRenderer:
-    """Renderer of a setup, and the traced rays of its pixels."""
+    """Renderer of a setup, with the traced rays of its pixels."""
 
     def __init__(self, setup: CaptureSetup) -> None:
         settings = setup.settings
-        built = setup.built.replaced(camera=as_it_is(setup.built.camera, settings.sensor))
+        built = setup.built.replaced(camera=true_camera(setup.built.camera, settings.sensor))
         mirrors = built.mirrors if setup.mirrors else ()
         bodies = () if setup.parts is None else bodies_around(setup.parts)
         self.scene: FastScene | BoardScene
@@ -105,40 +105,40 @@ class _SetRenderer:
         )
 
     def radiance(self, poses: FloatArray, seed: int) -> NDArray[np.float32]:
-        """Radiance (h * subpixels, w * subpixels) of a frame during which the board has poses (1 or 3, 4, 4)."""
+        """Return the radiance (h * subpixels, w * subpixels) of a frame with board poses (1 or 3, 4, 4)."""
         if isinstance(self.scene, FastScene):
             self.scene.place_board(*poses)
             return self.scene.render()
-        cut = self.settings.subpixels
-        spp = self.settings.spp // cut**2
+        subpixels = self.settings.subpixels
+        spp = self.settings.spp // subpixels**2
         if len(poses) == 1:
             self.scene.place_board(poses[0])
-            return self.scene.render(spp=spp, subpixels=cut, seed=seed)
+            return self.scene.render(spp=spp, subpixels=subpixels, seed=seed)
         camera = self.scene.camera
         strips = []
         rows = np.arange(0, camera.height_px, STRIP_PX)
         heights = np.minimum(STRIP_PX, camera.height_px - rows)
-        meanwhile = poses_at(poses, (rows + (heights - 1) / 2.0) / (camera.height_px - 1))
-        for row, height, pose in zip(rows.tolist(), heights.tolist(), meanwhile, strict=True):
+        strip_poses = poses_at(poses, (rows + (heights - 1) / 2.0) / (camera.height_px - 1))
+        for row, height, pose in zip(rows.tolist(), heights.tolist(), strip_poses, strict=True):
             self.scene.place_board(pose)
             window = (0, row, camera.width_px, height)
-            strips.append(self.scene.render(spp=spp, subpixels=cut, seed=seed, crop=window))
+            strips.append(self.scene.render(spp=spp, subpixels=subpixels, seed=seed, crop=window))
         return np.concatenate(strips)
 
 
 @lru_cache(maxsize=2)
 def _set_renderer(setup_json: str) -> _SetRenderer:
-    # One setup for the frames via the mirrors and one for the bare camera's.
+    # Two setups: one for frames via the mirrors, one for the bare camera.
     return _SetRenderer(CaptureSetup.model_validate_json(setup_json))
 
 
 def render_frame(task_json: str) -> dict[str, bytes]:
-    """Render the files of one frame, by their names in the set; the bytes depend on the task alone."""
+    """Return the files of one frame by their names in the set; the bytes depend on the task alone."""
     task = FrameTask.model_validate_json(task_json)
     setup, settings = task.setup, task.setup.settings
-    made = _set_renderer(setup.model_dump_json())
+    renderer = _set_renderer(setup.model_dump_json())
     key = np.random.SeedSequence(task.key)
-    radiance = made.radiance(task.poses, seed=int(key.generate_state(1)[0]))
+    radiance = renderer.radiance(task.poses, seed=int(key.generate_state(1)[0]))
     picture = photograph(
         radiance,
         settings.subpixels,
@@ -147,8 +147,8 @@ def render_frame(task_json: str) -> dict[str, bytes]:
         np.random.default_rng(key.spawn(1)[0]),
     )
     files = {task.name: _compressed(picture, settings)}
-    if task.map_name is not None and made.rays is not None:
-        maps = _maps(made.rays, setup.target, task.poses)
+    if task.map_name is not None and renderer.rays is not None:
+        maps = _maps(renderer.rays, setup.target, task.poses)
         header = {"rig_from_board": json.dumps(task.poses.tolist()), "layout": setup.built.identity, "units": "mm"}
         header |= {"target": setup.target.model_dump_json(), "settings": settings.model_dump_json()}
         files[task.map_name] = exr_bytes(maps, header)
@@ -156,21 +156,21 @@ def render_frame(task_json: str) -> dict[str, bytes]:
 
 
 def _maps(rays: PixelRays, target: Target, poses: FloatArray) -> dict[str, FloatArray]:
-    """Maps of a board with poses (1 or 3, 4, 4): each row at the time of its readout."""
+    """Return the maps of a board with poses (1 or 3, 4, 4), each row at its readout time."""
     if len(poses) == 1:
         return board_maps(rays, target, poses[0])
     fields = (rays.mirror, rays.start, rays.direction, rays.path_before_mm, rays.free_mm)
     count = len(rays.mirror)
-    meanwhile = poses_at(poses, np.arange(count) / (count - 1))
+    row_poses = poses_at(poses, np.arange(count) / (count - 1))
     rows = [
         board_maps(PixelRays(*(field[row : row + 1] for field in fields)), target, pose)
-        for row, pose in enumerate(meanwhile)
+        for row, pose in enumerate(row_poses)
     ]
     return {name: np.concatenate([row[name] for row in rows]) for name in CHANNELS}
 
 
 def render_frame_on_one_core(task_json: str) -> dict[str, bytes]:
-    """`render_frame` in one of as many processes as there are cores."""
+    """Call `render_frame` on one thread, for pools with one process per core."""
     use_variant(FrameTask.model_validate_json(task_json).setup.variant)
     import drjit
 
@@ -180,7 +180,7 @@ def render_frame_on_one_core(task_json: str) -> dict[str, bytes]:
 
 
 def render_frame_in_turn(task_json: str) -> dict[str, bytes]:
-    """`render_frame` in a process with several threads, one after the other: a scene has one pose at a time."""
+    """Call `render_frame` from one of several threads; the calls run in sequence, as a scene has one pose at a time."""
     return _turn().submit(render_frame, task_json).result()
 
 

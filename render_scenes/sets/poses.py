@@ -24,7 +24,7 @@ from mirrorcam.render_scenes.truth.corners import BoolArray, Oracle
 
 MOST_TILT_DEG = 38.0
 MOST_ROLL_DEG = 25.0
-CANDIDATES = 8  # poses tried for each one kept; fewer in large sets, whose number of poses covers everything
+CANDIDATES = 8  # poses tried for each frame; fewer in large sets, which cover the picture anyway
 MOST_TRIED = 800
 FEWEST_CANDIDATES = 2
 CELLS = 10  # coverage is counted on a grid of this many cells along each side of a sub-image
@@ -48,10 +48,10 @@ class PosePlan:
 
 
 def reaches(plan: PosePlan, target: Target, forward: FloatArray) -> tuple[Reach, ...]:
-    """Range of depths and largest tilt at which each view of a plan shows `FEWEST_CORNERS` corners or more.
+    """Return the range of depths and the largest tilt at which each view shows `FEWEST_CORNERS` corners or more.
 
-    Depth belongs to the board's middle along a unit vector (3,) in rig, tilt is the angle of its normal to that vector;
-    in integer mm and degrees, as a person who held the board would know them.
+    Depth is that of the board's middle along the unit vector `forward` (3,) in rig, tilt the angle of the board's
+    normal to this vector. Both are rounded to integer mm and degrees, as precise as a person can hold a board.
     """
     middle = np.array([*target.size_mm, 0.0, 2.0]) / 2.0
     depths = (plan.poses @ middle)[:, :3] @ forward
@@ -68,9 +68,9 @@ def reaches(plan: PosePlan, target: Target, forward: FloatArray) -> tuple[Reach,
 
 
 def plan_frames(layout: Layout, target: Target, count: int, random: np.random.Generator) -> PosePlan:
-    """Plan poses before the mirrors, at and around the depths of the spec, with the printed side toward the mirrors.
+    """Plan poses in front of the mirrors, around the depths of the spec, with the printed side toward the mirrors.
 
-    Raises InputError when the board is too small or too large to be seen.
+    Raises InputError if the board is too small or too large.
     """
     depths = _depths(layout)
     nearest = max(float((m.outline_in_rig_mm @ layout.view_from_rig[2]).max()) for m in layout.mirrors) + ROOM_MM
@@ -94,7 +94,7 @@ def plan_frames(layout: Layout, target: Target, count: int, random: np.random.Ge
 
 
 def plan_of(layout: Layout, target: Target, poses: FloatArray) -> PosePlan:
-    """Evaluate given poses, rig_from_board (n, 4, 4) in mm; InputError where no mirror ever shows a corner."""
+    """Evaluate given poses, rig_from_board (n, 4, 4) in mm; raise InputError if no corner is ever visible."""
     oracle = Oracle(layout, target)
     cells = [_Cells(layout.outline_px(index)) for index in range(len(layout.mirrors))]
     covered = np.zeros((len(cells), CELLS, CELLS), dtype=np.bool_)
@@ -109,9 +109,9 @@ def plan_of(layout: Layout, target: Target, poses: FloatArray) -> PosePlan:
 
 
 def plan_base_frames(layout: Layout, target: Target, count: int, random: np.random.Generator) -> PosePlan:
-    """Plan poses before the bare camera that show corners over its whole sensor, at several distances and tilts.
+    """Plan poses in front of the bare camera with corners all over its sensor, at several distances and tilts.
 
-    Raises InputError when the board is too small or too large to be seen.
+    Raises InputError if the board is too small or too large.
     """
     camera = layout.camera
     oracle = Oracle(layout, target)
@@ -137,7 +137,7 @@ def plan_base_frames(layout: Layout, target: Target, count: int, random: np.rand
 
 
 def _depths(layout: Layout) -> tuple[float, float]:
-    """Nearest and farthest depth of the board's middle: slightly beyond the spec's."""
+    """Return the nearest and farthest depth of the board's middle: slightly beyond the spec's."""
     if layout.spec is not None:
         return 0.92 * min(layout.spec.depths_mm), 1.15 * max(layout.spec.depths_mm)
     scale = layout.mirrors[layout.central_index].distance_mm * np.sqrt(2.0)
@@ -147,12 +147,12 @@ def _depths(layout: Layout) -> tuple[float, float]:
 def _rig_from_board(
     view_from_rig: FloatArray, target: Target, centre_in_view: FloatArray, numbers: FloatArray
 ) -> FloatArray:
-    """Pose of a board with its middle at a point, tilted about x and y and rolled by three numbers in [0, 1]."""
+    """Return the pose of a board centred at a point, with tilts and roll given by three numbers in [0, 1]."""
     tilts = (2.0 * numbers - 1.0) * [MOST_TILT_DEG, MOST_TILT_DEG, MOST_ROLL_DEG]
     view_from_board = Rotation.from_euler("xyz", tilts, degrees=True).as_matrix()
-    turn = view_from_rig.T @ view_from_board
+    rotation = view_from_rig.T @ view_from_board
     middle = np.array([*target.size_mm, 0.0]) / 2.0
-    return rigid(turn, view_from_rig.T @ centre_in_view - turn @ middle)
+    return rigid(rotation, view_from_rig.T @ centre_in_view - rotation @ middle)
 
 
 class _Cells:
@@ -166,7 +166,7 @@ class _Cells:
         self.inside: BoolArray = shapely.contains_xy(shapely.Polygon(outline_px), middles[..., 0], middles[..., 1])
 
     def hit(self, px: FloatArray) -> BoolArray:
-        """Cells (CELLS, CELLS) that contain one of the pixels (n, 2)."""
+        """Return the mask (CELLS, CELLS) of the cells that contain one of the points `px` (n, 2)."""
         at = np.floor((px - self.low) / self.step).astype(int)
         at = at[((at >= 0) & (at < CELLS)).all(axis=1)]
         found = np.zeros((CELLS, CELLS), dtype=np.bool_)
@@ -181,9 +181,9 @@ def _choose(
     count: int,
     random: np.random.Generator,
 ) -> PosePlan:
-    """Choose, for each frame, the candidate pose that shows corners where the frames before showed none.
+    """Choose, for each frame, the candidate pose that shows corners where previous frames showed none.
 
-    A pose has six numbers in [0, 1]: depth, place (2), tilt (2), roll. The depths of the frames are spread evenly.
+    A pose has six numbers in [0, 1]: depth, position (2), tilt (2), roll. The depths of the frames are spread evenly.
     """
     cells = [_Cells(outline) for outline in outlines_px]
     covered = np.zeros((len(cells), CELLS, CELLS), dtype=np.bool_)
@@ -203,21 +203,21 @@ def _choose(
                 continue
             px, visible = seen(rig_from_board)
             hits = np.array([cell.hit(px[i][visible[i]]) for i, cell in enumerate(cells)])
-            # First enough corners in every view, then new cells.
+            # Prefer enough corners in every view, then new cells.
             poorest = int(np.minimum(visible.sum(axis=1), FEWEST_CORNERS).sum())
             gain = (poorest, float((hits & ~covered).sum() + 0.05 * hits.sum()))
             if gain > best_gain:
                 best, best_gain, best_hits = rig_from_board, gain, hits
                 corners[frame] = visible.sum(axis=1)
         if best is None:
-            raise InputError("board: too large to be held before the mirrors without touching them")
+            raise InputError("board: too large to fit in front of the mirrors without touching them")
         poses.append(best)
         covered |= best_hits
     return PosePlan(np.array(poses).reshape(count, 4, 4), _shares(cells, covered), corners)
 
 
 def _shares(cells: list[_Cells], covered: BoolArray) -> FloatArray:
-    """Fraction (views,) of the cells of each view's picture that is covered."""
+    """Return the covered fraction (views,) of the cells of each view's picture."""
     return np.array([float(hits[cell.inside].mean()) for hits, cell in zip(covered, cells, strict=True)])
 
 
@@ -228,7 +228,7 @@ def _check_visible(
     outlines_px: list[FloatArray],
     what: str,
 ) -> None:
-    """Raise InputError for a board whose squares are not resolved, or with too few corners of a view in most frames."""
+    """Raise InputError if the board's squares are not resolved, or a view shows too few corners in most frames."""
     if not len(plan.poses):
         return
     enough: list[NDArray[np.bool_]] = []

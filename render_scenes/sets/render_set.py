@@ -1,7 +1,7 @@
 """A synthetic calibration set: the pictures that a user would take, with the truth in a separate folder.
 
-A set follows from its request: the same request, the same bytes, whoever renders the frames. Every file is written
-atomically, so an interrupted set is continued where it stopped.
+The request determines the bytes of a set, whichever process renders the frames. Every file is written atomically, so
+that an interrupted set can be continued.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.perturbations import draw_as_built
 from mirrorcam.optics.geometry.targets import save_board
-from mirrorcam.render_scenes.lens import as_it_is
+from mirrorcam.render_scenes.lens import true_camera
 from mirrorcam.render_scenes.mirror_finish import MirrorFinish, draw_finishes
 from mirrorcam.render_scenes.reference.device_bodies import BodyObstacles, DeviceParts, bodies_around, parts_of
 from mirrorcam.render_scenes.sets.dataset import Dataset
@@ -42,7 +42,7 @@ def write_truth(
     base_plan: PosePlan,
     seed: int,
 ) -> None:
-    """Write the ground truth of a set, which only a validation may read."""
+    """Write the ground truth of a set; only validation may read it."""
     halfway = moments[:, moments.shape[1] // 2]
     truth = out / "truth"
     frames_px, frames_visible = oracle.all_by_mirrors(list(moments))
@@ -64,7 +64,7 @@ def write_truth(
 
 
 def write_pupil_maps(path: Path, tracer: PupilTracer) -> None:
-    """Write the maps of the parts of the pupil that mirrors serve, which all frames share."""
+    """Write the maps of the pupil's unvignetted part via each mirror, which all frames share."""
     pupil = tracer.pupil
     header = {"layout": tracer.layout.identity, "units": "mm"}
     header |= {"aperture_mm": repr(pupil.aperture_mm), "focus_mm": repr(pupil.focus_mm)}
@@ -82,21 +82,22 @@ def render_set(
     variant: str | None = None,
     progress: Progress = no_progress,
 ) -> Dataset:
-    """Render pictures of a board through an as-built copy of a layout, and by its bare camera.
+    """Render pictures of a board via the mirrors of an as-built copy of a layout, and with its bare camera.
 
     Parameters
     ----------
     request
-        What to render; the same request gives the same bytes.
+        Inputs of the set; the same request gives the same bytes.
     out
-        Folder for the set: `frames/`, `base/`, `layout.json` (nominal), `board.toml`, `dataset.json`, and the truth in
-        its own folder. Finished pictures of an interrupted run with the same request are kept.
+        Folder for the set: `frames/`, `base/`, `layout.json` (nominal), `board.toml`, `dataset.json`, and `truth/`.
+        Pictures that an interrupted run with the same request has finished are kept.
     run
-        Renders pictures of their tasks and yields their numbers and files in any order; by default this process does.
+        Renders the tasks and yields the number and files of each picture, in any order; by default in this process.
     variant
-        Mitsuba's variant, on which the bytes depend; by default the fastest of this machine.
+        Mitsuba's variant, on which the bytes depend; by default the fastest available.
     progress
-        Called with the numbers of pictures done and of all, at the start and after each; a video's count twice.
+        Called with the number of pictures done and the total, at the start and after each picture; pictures in a video
+        count twice.
 
     Returns
     -------
@@ -106,8 +107,8 @@ def render_set(
     Raises
     ------
     InputError
-        If the extra `render` is not installed, the board cannot be seen, the tolerances cannot be built, the pictures
-        make no such video, or `out` holds another set.
+        If the extra `render` is not installed, the board is not visible, no device can be built with the tolerances,
+        the pictures do not fit the video's format, or `out` contains another set.
     """
     check_type("request", request, SetRequest)
     out = path_of("out", out)
@@ -128,7 +129,7 @@ def render_set(
     dataset = dataset.added(out, partial(_write_known, dataset=dataset, layout=layout))
     finishes = draw_finishes(settings, len(built.mirrors), request.random(Stream.FINISH))
     obstacles = None if parts is None else BodyObstacles(bodies_around(parts))
-    taken_by = built.replaced(camera=as_it_is(built.camera, settings.sensor))
+    taken_by = built.replaced(camera=true_camera(built.camera, settings.sensor))
     oracle = Oracle(taken_by, dataset.target, finishes, obstacles, pupil)
     dataset = dataset.added(out, lambda folder: write_truth(folder, oracle, finishes, moments, base_plan, request.seed))
     if (name := dataset.pupil_name) is not None and name not in dataset.files:
@@ -141,7 +142,7 @@ def render_set(
 def _manifest(
     request: SetRequest, plan: PosePlan, base_plan: PosePlan, parts_checksum: str | None, variant: str
 ) -> Dataset:
-    """The manifest without its digest and files."""
+    """Return the manifest without its digest and files."""
     layout = request.layout
     return Dataset(
         layout_identity=layout.identity,
@@ -172,7 +173,7 @@ def _tasks(
     base_plan: PosePlan,
     variant: str,
 ) -> list[FrameTask]:
-    """Tasks of all frames, via the mirrors and of the bare camera."""
+    """Return the tasks of all frames, via the mirrors and with the bare camera."""
     through_mirrors, bare = (
         CaptureSetup(
             built=built,
@@ -222,18 +223,18 @@ def _with_video(out: Path, dataset: Dataset, on_picture: Callable[[int], None]) 
 
 
 def in_this_process(tasks: Sequence[str]) -> Iterator[tuple[int, dict[str, bytes]]]:
-    """Frames of their tasks, one after the other, with all cores at work on each."""
+    """Render the frames of tasks one after the other, each on all cores."""
     yield from enumerate(map(render_frame, tasks))
 
 
 def _digest(dataset: Dataset, built: Layout, plan: PosePlan, base_plan: PosePlan, seed: int) -> str:
-    """Sixteen hexadecimal digits of all that the bytes of a set follow from."""
+    """Return sixteen hexadecimal digits of everything that determines the bytes of a set."""
     inputs = dataset.model_dump(mode="json", exclude={"request", "files"})
     drawn = {"seed": seed, "built": built.identity, "poses": [plan.poses.tolist(), base_plan.poses.tolist()]}
     return value_digest(inputs | drawn)[:16]
 
 
 def _write_known(folder: Path, dataset: Dataset, layout: Layout) -> None:
-    """Write the data that the user has besides the pictures."""
+    """Write the data that a user knows in addition to the pictures."""
     layout.save(folder / "layout.json")
     save_board(folder / "board.toml", dataset.target)

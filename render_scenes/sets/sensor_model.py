@@ -1,8 +1,7 @@
 """Model of lens and sensor: from radiance to the 8-bit picture of a webcam.
 
 Blur, colours, vignetting, veiling glare and noise, then the webcam's processing of the raw picture: demosaicing, noise
-reduction, the tone curve and sharpening, in this order. Pupil and focus are the renderers': they decide which light
-comes to a pixel.
+reduction, the tone curve and sharpening, in this order. The renderers model pupil and focus.
 """
 
 from __future__ import annotations
@@ -21,25 +20,25 @@ from mirrorcam.render_scenes.settings import SensorModel
 Light = NDArray[np.float32]
 
 NODES = np.arange(-3, 5)
-"""Pixels, from the one before a place, through which a picture is interpolated.
+"""Offsets of the pixels that interpolate a picture, from the pixel to the left of the point.
 
-An edge behind a lens of 0.8 px stays in its place, and is right to 0.8 % of its step.
+The interpolation does not shift an edge blurred with 0.8 px, and is correct to 0.8 % of its step.
 """
 
 
 @dataclass(frozen=True)
 class _Colour:
-    """Magnification of one colour about the principal point, and sigma of the blur in it, px."""
+    """Magnification of one colour about the principal point, and sigma of its blur in px."""
 
     magnification: float
     blur_px: float
 
 
 def light_of_pixels(radiance: Light, subpixels: int, camera: Camera, model: SensorModel) -> Light:
-    """Blur radiance by the lens and gather it in pixels.
+    """Blur radiance by the lens and integrate it over the pixels.
 
-    The lens blurs before the pixels integrate. In the other order, detail that pixels cannot resolve would already be
-    aliased, and corners of boards that lie square to the pixels would err by 0.01 px.
+    The blur comes first. In the reverse order, detail that pixels cannot resolve would already be aliased, with errors
+    of 0.01 px at corners of boards aligned with the pixels.
 
     Parameters
     ----------
@@ -48,14 +47,14 @@ def light_of_pixels(radiance: Light, subpixels: int, camera: Camera, model: Sens
     subpixels
         Squares along each side of a pixel.
     camera
-        The camera, whose principal point lateral chromatic aberration leaves in place.
+        The camera; its principal point is the centre of lateral chromatic aberration.
     model
         Lens.
 
     Returns
     -------
     Light
-        (h, w) of grey light through a lens without chromatic aberration, (h, w, 3) otherwise.
+        (h, w) for grey light through a lens without chromatic aberration, otherwise (h, w, 3).
     """
     if model.lateral_chromatic_percent == 0.0 and model.axial_chromatic_px == 0.0:
         return _gathered(radiance, subpixels, model.lens_blur_px)
@@ -87,9 +86,9 @@ def _gathered(radiance: Light, subpixels: int, blur_px: float) -> Light:
 
 
 def magnified(picture: Light, camera: Camera, magnification: float) -> Light:
-    """Magnify a picture (h, w) about the principal point; what lies beyond its border is like the border.
+    """Magnify a picture (h, w) about the principal point, with its border replicated.
 
-    Along one axis after the other, with weights in full precision: `cv2.remap` rounds places to 1/32 px.
+    Each axis is interpolated with weights in full precision, because `cv2.remap` rounds coordinates to 1/32 px.
     """
     if magnification == 1.0:
         return picture
@@ -121,7 +120,7 @@ def _stretched(picture: Light, axis: int, centre_px: float, magnification: float
 
 
 def _lagrange(parts: FloatArray) -> FloatArray:
-    """Weights (nodes, n) of the polynomial through `NODES`, at places (n,) from 0 to 1."""
+    """Return the Lagrange weights (nodes, n) of `NODES` at coordinates `parts` (n,) from 0 to 1."""
     others = [NODES[node != NODES] for node in NODES]
     return np.array(
         [np.prod((parts[:, None] - other) / (node - other), axis=1) for node, other in zip(NODES, others, strict=True)]
@@ -141,7 +140,7 @@ _STEPS = 256
 
 
 def mosaic(light: Picture) -> Picture:
-    """The light (h, w) of one colour in each pixel, of rows R G R G... and G B G B...; grey light is itself."""
+    """Sample one colour per pixel (h, w), in rows R G R G... and G B G B...; grey light stays unchanged."""
     if light.ndim == 2:
         return light
     raw = light[..., 1].copy()
@@ -151,7 +150,7 @@ def mosaic(light: Picture) -> Picture:
 
 
 def processed(grey: Picture, model: SensorModel) -> Picture:
-    """Process a picture as it left the pixels, in grey levels: (h, w) of a Bayer pattern or of grey, or (h, w, 3)."""
+    """Process a raw picture in grey levels: (h, w) with a Bayer pattern or in grey, or (h, w, 3)."""
     if model.bayer:
         grey = demosaiced(grey)
     if model.denoising_grey > 0:
@@ -168,31 +167,31 @@ def processed(grey: Picture, model: SensorModel) -> Picture:
 
 
 def demosaiced(raw: Picture) -> Picture:
-    """Fill in the colours (h, w, 3) of a Bayer pattern (h, w), green along edges."""
+    """Interpolate the colours (h, w, 3) of a Bayer pattern (h, w), green along edges."""
     colours = cv2.demosaicing(_in_steps(raw), cv2.COLOR_BayerRGGB2RGB_EA)
     return np.asarray(colours, dtype=np.float32) / np.float32(_STEPS)
 
 
 def srgb(linear: FloatArray) -> FloatArray:
-    """Tone curve of IEC 61966-2-1, of values from 0 to 1."""
+    """Apply the tone curve of IEC 61966-2-1 to values from 0 to 1."""
     return np.asarray(
         np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 1e-6) ** (1 / 2.4) - 0.055)
     )
 
 
 def _in_steps(grey: Picture) -> NDArray[np.uint16]:
-    """Grey levels as integers, clipped at white."""
+    """Return grey levels in integer steps, clipped at white."""
     return np.asarray(np.clip(np.rint(grey * np.float32(_STEPS)), 0.0, 255.0 * _STEPS).astype(np.uint16))
 
 
 @cache
 def _toned() -> Picture:
-    """Grey level behind the tone curve, for each step of grey before it."""
+    """Return the tone curve's output grey level for each input step."""
     return (255.0 * srgb(np.arange(255 * _STEPS + 1) / (255.0 * _STEPS))).astype(np.float32)
 
 
 NOISE_ROWS = 32
-"""Rows that get their noise at a time."""
+"""Number of rows per batch of noise."""
 
 
 def photograph(
@@ -202,7 +201,7 @@ def photograph(
     model: SensorModel,
     random: np.random.Generator,
 ) -> NDArray[np.uint8]:
-    """Expose a picture.
+    """Convert radiance to an 8-bit picture.
 
     Parameters
     ----------
@@ -220,7 +219,7 @@ def photograph(
     Returns
     -------
     NDArray[np.uint8]
-        Picture (h, w) of grey light where nothing separates colours, otherwise (h, w, 3).
+        Picture (h, w) for grey light if neither lens nor sensor separates colours, otherwise (h, w, 3).
     """
     light = light_of_pixels(radiance, subpixels, camera, model)
     light *= np.float32(255.0 * model.exposure)
@@ -237,12 +236,12 @@ def photograph(
 
 
 def _add_noise(grey: NDArray[np.float32], model: SensorModel, random: np.random.Generator) -> None:
-    """Add shot and read noise to a picture (h, w[, 3]), some rows at a time, which stay in the processor's cache."""
+    """Add shot and read noise to a picture (h, w[, 3]), in batches of rows that fit the processor's cache."""
     for start in range(0, len(grey), NOISE_ROWS):
         rows = grey[start : start + NOISE_ROWS]
         noise = random.standard_normal(rows.shape, dtype=np.float32)
         if model.full_well_electrons > 0:
-            # Shot noise has the variance of the number of electrons; the read noise adds to it.
+            # The variance of shot noise is the number of electrons; the read noise's variance adds to it.
             variance = np.maximum(rows, 0.0)
             variance *= np.float32(255.0 / model.full_well_electrons)
             variance += np.float32(model.read_noise_grey**2)
@@ -258,7 +257,7 @@ def _per_pixel(factor: NDArray[np.float32], grey: NDArray[np.float32]) -> NDArra
 
 @lru_cache(maxsize=2)
 def _sensitivity(width_px: int, height_px: int, percent: float) -> NDArray[np.float32]:
-    """Sensitivity (h, w) of the pixels of one and the same sensor."""
+    """Return the relative sensitivity (h, w) of the pixels, the same for all pictures."""
     pattern = np.random.default_rng(0).standard_normal((height_px, width_px), dtype=np.float32)
     return np.asarray(1.0 + np.float32(percent / 100.0) * pattern)
 
@@ -273,5 +272,5 @@ def _vignette_of(key: str, exponent: float) -> NDArray[np.float32]:
 
 
 def _vignette(camera: Camera, exponent: float) -> NDArray[np.float32]:
-    """Vignetting factor (h, w): cos of the field angle to an exponent."""
+    """Return the vignetting factor (h, w): the cosine of the field angle raised to `exponent`."""
     return _vignette_of(camera.model_dump_json(), exponent)

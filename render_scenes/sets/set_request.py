@@ -20,7 +20,7 @@ from mirrorcam.render_scenes.settings import POSES_HZ, RATE_HZ, RenderSettings
 
 
 class Stream(IntEnum):
-    """Streams of random numbers; each is independent of how much the others draw."""
+    """Streams of random numbers; each is independent of the number of draws from the others."""
 
     AS_BUILT = 0
     POSES = 1
@@ -36,23 +36,23 @@ class SetRequest(Value):
     Parameters
     ----------
     layout
-        Nominal layout; the set is rendered with an as-built copy of it, drawn with `tolerances`.
+        Nominal layout; the set is rendered with an as-built copy, drawn with `tolerances`.
     target
         Board in the pictures.
     frames, base_frames
-        Number of pictures through the mirrors, and by the bare camera.
+        Number of pictures via the mirrors, and with the bare camera.
     seed
         Seed of the as-built copy, the poses and the noise.
     tolerances
-        How far the as-built copy may be from the nominal layout.
+        Deviations of the as-built copy from the nominal layout.
     settings
         Renderer, light, sensor, and whether pixel maps and a video are written.
     poses
         Poses (n, 4, 4) of the board, rig_from_board in mm, instead of planned ones.
     poses_hz
-        Number of poses that a motion passes per second.
+        Number of poses per second of a motion.
     rate_hz
-        Frame rate of a motion: the pictures are then moments of one smooth path through the poses.
+        Frame rate of a motion. If given, the pictures are samples of one smooth path through the poses.
     parts
         Folder with the parts of the device (`build_parts`) that stand around the mirrors.
     """
@@ -70,12 +70,12 @@ class SetRequest(Value):
     parts: GivenPath | None = None
 
     def random(self, stream: Stream) -> np.random.Generator:
-        """The random numbers of a stream."""
+        """Return the random generator of a stream."""
         return np.random.default_rng(np.random.SeedSequence((self.seed, stream)))
 
 
 def planned_frames(request: SetRequest) -> tuple[PosePlan, FloatArray]:
-    """Plan of the board's pose in each frame, and its poses (frames, 1 or 3, 4, 4) while the frame is read out."""
+    """Plan the board's pose in each frame, and its poses (frames, 1 or 3, 4, 4) while the frame is read out."""
     layout, target, random = request.layout, request.target, request.random(Stream.POSES)
     keys = np.array(request.poses)
     if request.rate_hz is not None and (len(keys) or request.frames) == 1:

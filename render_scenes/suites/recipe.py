@@ -1,4 +1,4 @@
-"""Recipes of rendered sets: the little that a suite states of each, and the request that follows from it."""
+"""Recipes of rendered sets: short entries of a suite, and the requests that they expand to."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ from mirrorcam.render_scenes.settings import (
 )
 
 Slug = Annotated[str, Field(max_length=48, pattern=r"^[a-z0-9]+(-[a-z0-9]+)*$")]
-"""A name in small letters, digits and hyphens, which is also the name of a folder."""
+"""A name of lower-case letters, digits and hyphens, also used as a folder name."""
 COPIES = PICTURES.cut(least=1)
 BINNED = Bounds(0.05, 1.0)
 
 
 def _design(data: object) -> object:
-    """A design as a suite writes it: its pattern may be a name, such as hex7."""
+    """Read a suite's design table, whose pattern may be a name such as hex7."""
     if isinstance(data, dict) and isinstance(name := data.get("pattern"), str):
         pattern = Pattern.named(name)
         if pattern is None:
@@ -44,7 +44,7 @@ def _design(data: object) -> object:
 
 
 def _sensor(data: object) -> object:
-    """A sensor as a suite writes it: the name of a preset, or a table of what differs from the one it is `like`."""
+    """Read a suite's sensor: the name of a preset, or a table of changes to the preset named by `like`."""
     name = data.get("like") if isinstance(data, dict) else data
     if isinstance(name, str):
         presets = {str(preset): model for preset, model in SENSORS.items()}
@@ -60,7 +60,7 @@ def _tolerances(data: object) -> object:
 
 
 class SetRecipe(Value):
-    """The entry of a set in a suite; everything that it leaves out has its default.
+    """The entry of a set in a suite; missing values have their defaults.
 
     Parameters
     ----------
@@ -69,25 +69,25 @@ class SetRecipe(Value):
     why
         Purpose of the set.
     copies
-        Number of sets that differ in nothing but their seeds, which count up from `seed`.
+        Number of sets that differ only in their seeds, which count up from `seed`.
     design
-        Design of the camera; its camera is a name of the library, its pattern one such as hex7, or a table.
+        Design of the device; `camera` is a name in the library, `pattern` a name such as hex7 or a table.
     layout
         A layout instead of a design.
     binned
-        Fraction of the camera's pixels along an axis that are left when they are binned.
+        Fraction of the camera's pixels along an axis that remain after binning.
     lens_model, distortion
         The camera's lens instead of the library's.
     tolerances
-        How far the rendered camera may be from its layout, or "none".
+        Tolerances of the rendered device relative to its layout, or "none".
     sensor
-        The name of a preset, a table of what differs from the preset that it is `like`, or a whole table.
+        The name of a preset, a table of changes to the preset named by `like`, or a complete table.
     board, frames, base_frames, seed, rate_hz
-        As of a `SetRequest`.
+        As in `SetRequest`.
     depths_mm
-        Depths that the boards are at and around, instead of the design's.
+        Depths around which boards are placed, instead of the design's.
     renderer, spp, maps, finish
-        As of `RenderSettings`.
+        As in `RenderSettings`.
     """
 
     name: Slug
@@ -129,14 +129,14 @@ class SetRecipe(Value):
 
     @property
     def settings(self) -> RenderSettings:
-        """How its pictures are rendered."""
+        """Settings of rendering."""
         return RenderSettings(
             renderer=self.renderer, spp=self.spp, sensor=self.sensor, finish=self.finish, maps=self.maps
         )
 
     @property
     def camera(self) -> Camera:
-        """The camera of the layout or the design: with the lens that is stated, and binned."""
+        """The camera of the layout or the design, with the recipe's lens and binning."""
         camera = self.design.camera if self.layout is None else self.layout.camera
         if self.lens_model is not None:
             camera = camera.replaced(lens_model=self.lens_model, lens_grid=None, distortion=self.distortion)
@@ -144,7 +144,7 @@ class SetRecipe(Value):
 
     @property
     def spec(self) -> DesignSpec | None:
-        """The design that has to be solved; None where there is a layout."""
+        """The design to solve; None if a layout is given."""
         return self.design.replaced(camera=self.camera) if self.layout is None else None
 
     @property
@@ -158,7 +158,7 @@ class SetRecipe(Value):
         return self.frames + self.base_frames
 
     def expanded(self) -> tuple[Self, ...]:
-        """Each copy as a recipe of its own; their names end in their numbers."""
+        """One recipe per copy, with the copy's number at the end of its name."""
         if self.copies == 1:
             return (self,)
         return tuple(
@@ -167,14 +167,14 @@ class SetRecipe(Value):
         )
 
     def stated(self) -> dict[str, Any]:
-        """All that the bytes of the set follow from, as JSON: the camera in numbers, not by its name in the library."""
+        """Return all inputs that determine the set's bytes, as JSON, with the camera's numbers instead of its name."""
         stated = self.model_dump(mode="json", by_alias=True, exclude={"name", "why", "copies"})
         return stated | {"camera": self.camera.model_dump(mode="json")}
 
     def request(self, designed: Layout | None) -> SetRequest:
-        """The request for the set, with the layout that `spec` led to.
+        """Return the request for the set, with the layout solved from `spec`.
 
-        Raises InputError where the board cannot be seen at the depths that are stated.
+        Raises InputError if the board is not visible at the given depths.
         """
         layout = designed if self.layout is None else self.layout.replaced(camera=self.camera)
         assert layout is not None, "a recipe without a layout needs the one of its design"

@@ -1,4 +1,4 @@
-"""One set of a suite, as a worker renders it: from a task as text to a folder, or to its files as bytes."""
+"""Rendering one set of a suite in a worker: the task is text, the result a folder or files as bytes."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ CODE = (
     "mirrorcam.render_scenes.suites.recipe",
     "mirrorcam.optics.design.optimise",
 )
-"""Modules that decide about the bytes of a set: they render it, state its request, and design its layout."""
+"""Modules that determine the bytes of a set: renderers, requests and the design of layouts."""
 
 
 def folder_name(recipe: SetRecipe, variant: str) -> str:
-    """Name of the folder of a set: its own, and 16 digits of a digest of all that its bytes follow from."""
+    """Return the folder name of a set: its name, and 16 digits of a digest of everything that determines its bytes."""
     inputs = {"recipe": recipe.stated(), "variant": variant, "made_with": program_of(*CODE)}
     return f"{recipe.name}-{value_digest(inputs)[:16]}"
 
@@ -34,7 +34,7 @@ def folder_name(recipe: SetRecipe, variant: str) -> str:
 class SetTask(Value):
     """One set: its recipe, the layout of its design, and Mitsuba's variant.
 
-    With a folder, its files are written there, and an interrupted set is continued; without, they are the answer.
+    With a folder, files are written there and an interrupted set is continued; without one, the files are returned.
     """
 
     recipe: SetRecipe
@@ -44,10 +44,10 @@ class SetTask(Value):
 
 
 @dataclass(frozen=True)
-class SetAnswer:
-    """A worker's answer: why there is no set, or the files of one that it wrote into no folder.
+class SetResult:
+    """Result of a worker: the failure, or the files of a set without a folder.
 
-    `seconds` is the processor time that it took.
+    `seconds` is the processor time of the work.
     """
 
     failure: str = ""
@@ -56,8 +56,8 @@ class SetAnswer:
     seconds: float = field(default=0.0, compare=False)
 
 
-def render_on_one_core(task_json: str) -> SetAnswer:
-    """Render a set in one of as many processes as there are cores; any error is its failure, and stops no suite."""
+def render_on_one_core(task_json: str) -> SetResult:
+    """Render a set on one thread, for pools with one process per core; any error is returned as the failure."""
     started = time.process_time()
     task = SetTask.model_validate_json(task_json)
     files: Mapping[str, bytes] = {}
@@ -71,11 +71,11 @@ def render_on_one_core(task_json: str) -> SetAnswer:
         failure = str(error)
     except Exception as error:
         failure = f"{type(error).__name__}: {error}"
-    return SetAnswer(" ".join(failure.split()), files, program_of(*CODE), time.process_time() - started)
+    return SetResult(" ".join(failure.split()), files, program_of(*CODE), time.process_time() - started)
 
 
-def render_in_turn(task_json: str) -> SetAnswer:
-    """`render_on_one_core` in a process with several threads, one after the other."""
+def render_in_turn(task_json: str) -> SetResult:
+    """Call `render_on_one_core` from one of several threads; the calls run in sequence."""
     return _turn().submit(render_on_one_core, task_json).result()
 
 

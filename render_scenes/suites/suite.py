@@ -1,8 +1,8 @@
-"""Suites: named, versioned lists of recipes, of the program or in a user's TOML file, and what their sets cost.
+"""Suites: named, versioned lists of recipes, built in or in a user's TOML file, and the cost of their sets.
 
-Processor time and bytes are predicted from rates that were measured. `python -m benchmarks.suite_scale rates` compares
-them with what sets take. The rates are of one core of a machine that does `yardstick` in `YARDSTICK_S`; another
-machine, or one that is busy with other work, is as much slower at both.
+Processor time and bytes are predicted from measured rates. `python -m benchmarks.suite_scale rates` compares them with
+the actual cost of sets. The rates hold for one core of a machine that runs `yardstick` in `YARDSTICK_S`. On another or
+a busy machine, both are assumed to be slower by the same factor.
 """
 
 from __future__ import annotations
@@ -34,18 +34,18 @@ VERSION = Bounds(1, 1_000_000)
 
 
 class Suite(Value):
-    """A suite: what its file states, `[defaults]` put into each `[[set]]` that does not state the same.
+    """A suite as in its file, with `[defaults]` for the missing values of each `[[set]]`.
 
     Parameters
     ----------
     name
-        Its name, which its results carry.
+        Name of the suite, repeated in its results.
     version
-        Number that is raised when its sets change, so that figures of one version compare.
+        Number that changes with the sets, so that figures of the same version are comparable.
     description
-        What it is for.
+        Purpose of the suite.
     recipes
-        Its sets, each or many of a kind as one recipe; in a file `[[set]]`.
+        Recipes of the sets, each with one or more copies; `[[set]]` in a file.
     """
 
     name: Slug
@@ -77,7 +77,7 @@ class Suite(Value):
         return self
 
     def times(self, copies: int) -> Self:
-        """The suite with so many copies of each set, which differ in their seeds alone; one is the suite itself."""
+        """Return the suite with a number of copies of each set that differ only in their seeds."""
         if copies == 1:
             return self
         recipes = tuple(recipe.replaced(copies=recipe.copies * copies) for recipe in self.recipes)
@@ -85,19 +85,19 @@ class Suite(Value):
 
     @property
     def sets(self) -> tuple[SetRecipe, ...]:
-        """A recipe for each set."""
+        """One recipe per set."""
         return tuple(one for recipe in self.recipes for one in recipe.expanded())
 
 
 def suite_names() -> tuple[str, ...]:
-    """Names of the suites that come with the program."""
+    """Return the names of the built-in suites."""
     return tuple(sorted(path.stem for path in SUITES.glob("*.toml")))
 
 
 def read_suite(name: str) -> Suite:
-    """A suite of the program by its name, or the suite of a TOML file, whose layouts are files beside it.
+    """Load a built-in suite by its name, or the suite of a TOML file, with paths of layouts relative to the file.
 
-    Raises InputError in one line for a name that is not known, and a file or a recipe that is not valid.
+    Raises InputError for an unknown name, and for an invalid file or recipe.
     """
     if name in suite_names():
         return _read(SUITES / f"{name}.toml")
@@ -118,33 +118,33 @@ def _read(path: Path) -> Suite:
 
 YARDSTICK_S = 0.030
 SET_S = 3.8
-"""Seconds of a set besides its pictures: plan, truth and compiled kernels."""
+"""Seconds of a set in addition to its pictures: plan, truth and compiled kernels."""
 PLAN_S = 0.0075
-"""Seconds of a picture per mirror: its pose is chosen, and its corners are projected."""
+"""Seconds of a picture per mirror, for the choice of its pose and the projection of its corners."""
 FAST_S, SAMPLE_S, PROCESSING_S = 0.07, 0.025, 0.22
 """Seconds per megapixel: of the fast renderer, of a sample of the reference, of a webcam's processing."""
 PLATE_S, BENT_TIMES = 0.55, 2.4
-"""Seconds per megapixel that plates add to the fast renderer; times that bent mirrors take of a sample."""
+"""Additional seconds per megapixel for plates in the fast renderer; factor of bent mirrors on a sample's time."""
 MAPS_S, MAP_S = 4.8, 0.25
 """Seconds per megapixel: of tracing the rays of all maps of a set, and of each map."""
 MIRROR_S = 0.2
-"""Seconds of a design, per mirror."""
+"""Seconds of solving a design, per mirror."""
 START_S = 4.0
 """Seconds until a worker has loaded its libraries."""
 QUALITIES, JPEG_BYTES = (25.0, 70.0, 85.0, 95.0, 100.0), (0.05, 0.095, 0.24, 0.365, 0.8)
-"""Bytes per pixel of a JPEG of a quality, through nine mirrors."""
+"""Bytes per pixel of a JPEG by its quality, via nine mirrors."""
 PNG_BYTES, NOISE_BYTES, MAP_BYTES = 0.49, 0.3, 7.9
 """Bytes per pixel of a PNG, of its noise per grey level, and of the maps."""
 BASE_SHARE = 0.45
-"""Bytes of a picture by the bare camera, of one through nine mirrors."""
+"""Bytes of a picture by the bare camera, relative to one via nine mirrors."""
 MIRROR_SHARE = (0.3, 0.12)
-"""Bytes of a picture through few mirrors, of one through nine: a constant, and a share of each mirror."""
+"""Bytes of a picture via few mirrors, relative to one via nine: a constant, and a share per mirror."""
 TRUTH_BYTES = 300_000
 
 
 @dataclass(frozen=True)
 class Cost:
-    """Processor seconds of the machine of the rates, bytes on the disk, and pictures."""
+    """Processor seconds on the machine of the rates, bytes on disk, and pictures."""
 
     seconds: float
     stored_bytes: float
@@ -152,7 +152,7 @@ class Cost:
 
 
 def set_cost(recipe: SetRecipe) -> Cost:
-    """The cost of rendering a set, without that of its design."""
+    """Return the cost of rendering a set, without its design."""
     camera, sensor = recipe.camera, recipe.sensor
     px = camera.width_px * camera.height_px
     megapixels, finish = px / 1e6, recipe.finish
@@ -173,19 +173,19 @@ def set_cost(recipe: SetRecipe) -> Cost:
 
 
 def design_seconds(spec: DesignSpec) -> float:
-    """Processor seconds of solving a design."""
+    """Return the processor seconds of solving a design."""
     return MIRROR_S * len(spec.arrangement.steps)
 
 
 def _picture_bytes(sensor: SensorModel) -> float:
-    """Bytes per pixel of a picture through the mirrors."""
+    """Return the bytes per pixel of a picture via the mirrors."""
     if sensor.jpeg_quality is not None:
         return float(np.interp(sensor.jpeg_quality, QUALITIES, JPEG_BYTES))
     return PNG_BYTES + NOISE_BYTES * min(sensor.read_noise_grey, 2.0)
 
 
 def elapsed_s(seconds: Sequence[float], workers: int, slowness: float) -> float:
-    """Time until workers, each on a core of its own, have done work of these processor seconds.
+    """Return the elapsed time of work with these processor seconds, for workers with one core each.
 
     `slowness` is the ratio of this machine's time to the time on the machine of the rates.
     """
@@ -196,12 +196,12 @@ def elapsed_s(seconds: Sequence[float], workers: int, slowness: float) -> float:
 
 
 def slowness() -> float:
-    """How much longer a core of this machine takes than one of the machine of the rates; measured within a second."""
+    """Measure, within a second, the ratio of a core's time here to the time on the machine of the rates."""
     return min(yardstick() for _ in range(3)) / YARDSTICK_S
 
 
 def yardstick() -> float:
-    """Processor seconds of a fixed piece of work on one core."""
+    """Return the processor seconds of a fixed piece of work on one core."""
     numbers = np.random.default_rng(0).random((1080, 1920))
     started = time.process_time()
     grey = (255.0 * np.exp(-numbers)).astype(np.uint8)

@@ -30,7 +30,7 @@ _WORDS = _TEXT.split()
 
 
 def texture(name: TextureName, size_px: tuple[int, int], seed: int) -> Texture:
-    """Make a texture (height, width, 3) of `size_px` = width, height; the same for the same seed."""
+    """Generate a texture (height, width, 3) with `size_px` = width, height; the seed determines it."""
     width, height = size_px
     picture = _MAKERS[name](height, width, np.random.default_rng(seed))
     return np.clip(picture, 0.02, 0.9).astype(np.float32)
@@ -39,9 +39,9 @@ def texture(name: TextureName, size_px: tuple[int, int], seed: int) -> Texture:
 def grain(
     height: int, width: int, random: np.random.Generator, *, cell: tuple[float, float], fall: float
 ) -> FloatArray:
-    """Make fractal noise (height, width), mean 0, deviation near 1: octaves of cells `cell` = high, wide and finer.
+    """Generate fractal noise (height, width) with mean 0 and deviation near 1; the coarsest cells are `cell` = (h, w).
 
-    Each octave has cells half as large, and is `fall` times as strong as the one before.
+    Each further octave has cells half as large and an amplitude `fall` times as large.
     """
     total, strength, power = np.zeros((height, width)), 1.0, 0.0
     tall, wide = cell
@@ -109,7 +109,7 @@ def _page(height: int, width: int, random: np.random.Generator) -> FloatArray:
 
 
 def _write(ink: NDArray[np.uint8], text: str, at: tuple[int, int], high: float) -> None:
-    """Write a line, its capitals `high` texels tall, from the bottom left corner `at` on."""
+    """Draw a line of text with capitals `high` texels tall and the bottom left corner `at`."""
     scale = high / 30.0
     cv2.putText(ink, text, at, cv2.FONT_HERSHEY_SIMPLEX, scale, 255, max(round(2 * scale), 1), cv2.LINE_AA)
 
@@ -169,17 +169,17 @@ MOST_TEXELS = 4096
 SKY = (0.62, 0.65, 0.70)
 LAMP = (105.0, 98.0, 87.0)
 LAMP_PLACE = (-1.2, -2.4, -1.3)
-"""Middle of the area light from what it faces, in view axes and scales of the arrangement."""
+"""Middle of the area light relative to its target, in view axes and scales of the arrangement."""
 LAMP_HALF = 0.22
-"""Half a side of it, likewise."""
+"""Half a side of the area light, in scales of the arrangement."""
 
 
 class SceneObject(Value):
     """An object of a tabletop scene: a surface around the origin of its frame, placed by `view_from_object`.
 
-    Of `size_mm`, a sphere uses x; a cylinder x (diameter) and z (length, along its z); a rectangle x and y. The base of
-    a mesh is at its origin. Without a texture, of `texels_per_mm` or of `texture_px` (columns, rows), the object has
-    the plain `colour`, linear RGB.
+    A sphere uses x of `size_mm`, a cylinder x (diameter) and z (length, along its z), a rectangle x and y. The base of
+    a mesh is at its origin. The resolution of a texture is `texels_per_mm` or `texture_px` (columns, rows). Without a
+    texture the object has the uniform `colour`, linear RGB.
     """
 
     name: str
@@ -196,7 +196,7 @@ class SceneObject(Value):
 
 
 def shapes_of(item: SceneObject, view_from_rig: FloatArray) -> list[Any]:
-    """Make the shapes of an object, in rig, mm."""
+    """Return the shapes of an object, in rig, mm."""
     import mitsuba as mi
 
     rig_from_object = rigid(view_from_rig.T, np.zeros(3)) @ item.view_from_object
@@ -228,7 +228,7 @@ def shapes_of(item: SceneObject, view_from_rig: FloatArray) -> list[Any]:
 
 
 def _loaded(shape: dict[str, Any]) -> Any:
-    """A shape without Mitsuba's warnings: it takes what float32 rounds of a rotation, times a size in mm, for shear."""
+    """Load a shape without Mitsuba's warnings, which mistake float32 rounding of a scaled rotation for shear."""
     import mitsuba as mi
 
     level = mi.log_level()
@@ -240,7 +240,7 @@ def _loaded(shape: dict[str, Any]) -> Any:
 
 
 def based(item: SceneObject) -> Triangles:
-    """Read the mesh of a file, with the middle of its base at the origin; InputError where it cannot be read."""
+    """Read the mesh of a file, with the middle of its base at the origin; raise InputError if it is unreadable."""
     assert item.file is not None
     surface = read_mesh(item.file)
     low, high = surface.points.min(axis=0), surface.points.max(axis=0)
@@ -268,7 +268,7 @@ def _reflectance(item: SceneObject) -> dict[str, Any]:
 
 
 def texture_size_px(item: SceneObject) -> tuple[int, int]:
-    """Columns and rows of the texture of an object."""
+    """Return the columns and rows of the texture of an object."""
     if item.texture_px is not None:
         return item.texture_px
     width, depth, height = item.size_mm
@@ -279,14 +279,14 @@ def texture_size_px(item: SceneObject) -> tuple[int, int]:
 
 
 def surface_texture(kind: Kind, name: TextureName, size_px: tuple[int, int], seed: int) -> Texture:
-    """The texture (rows, columns, 3) of a kind of object, by its texture coordinates from the top left corner on."""
+    """Return the texture (rows, columns, 3) of a kind of object; texture coordinates start at the top left corner."""
     picture = texture(name, size_px, seed)
     # The v coordinate of a cylinder grows towards its top.
     return picture[::-1].copy() if kind == "cylinder" else picture
 
 
 def lamp_square(target_in_view: FloatArray, reach_mm: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Middle (3,) of the area light, the unit vector (3,) to where it faces, half its sides (2, 3); view axes, mm."""
+    """Return middle (3,), unit normal (3,) and half sides (2, 3) of the area light, in view axes, mm."""
     towards = -np.array(LAMP_PLACE) / np.linalg.norm(LAMP_PLACE)
     first = np.cross([0.0, 0.0, 1.0], towards)
     first /= np.linalg.norm(first)
@@ -295,7 +295,7 @@ def lamp_square(target_in_view: FloatArray, reach_mm: float) -> tuple[FloatArray
 
 
 def lights(target_in_view: FloatArray, reach_mm: float, view_from_rig: FloatArray) -> dict[str, Any]:
-    """Make an area light above, left of and before a point (3,) in view axes, and a uniform environment, in rig.
+    """Return, in rig, a uniform environment and an area light above, left of and in front of a target in view axes.
 
     Size and distance of the area light are proportional to `reach_mm`, so that its irradiance does not depend on scale.
     """

@@ -30,9 +30,9 @@ _STANDING = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 
 @dataclass(frozen=True)
 class _Placement:
-    """Placement of an object: `rank` 0 is the nearest depth, 1 the farthest; x is in halves of the common field.
+    """Placement of an object: `rank` 0 is the nearest depth, 1 the farthest; x is relative to half the common field.
 
-    `size` and `up` (from the table) are in widths of that field. A texture has `detail` times the usual texels.
+    `size` and `up` (height above the table) are relative to the field's width. `detail` scales the texture resolution.
     """
 
     name: str
@@ -63,20 +63,20 @@ _PLACEMENTS = (
 
 
 class NamedMesh(Value):
-    """A mesh of the user: its file, in mm with z up, and the place of the middle of its base in view axes."""
+    """A mesh of the user: its file, in mm with z up, and the middle of its base in view axes."""
 
     file: Path
     place_in_view_mm: Vector3 | None = None
 
 
 def nearest_mm(layout: Layout) -> float:
-    """Depth from which on no mirror blocks the view."""
+    """Return the depth beyond which no mirror blocks the view."""
     return max(float((m.outline_in_rig_mm @ layout.view_from_rig[2]).max()) for m in layout.mirrors) + ROOM_MM
 
 
 @dataclass(frozen=True)
 class Tabletop:
-    """Objects, the point (3,) that the area light faces, in view axes, and the scale `reach_mm` of the arrangement."""
+    """Objects, the target (3,) of the area light in view axes, and the scale `reach_mm` of the arrangement."""
 
     objects: tuple[SceneObject, ...]
     lit_in_view: FloatArray
@@ -86,7 +86,7 @@ class Tabletop:
 def arrange_tabletop(
     layout: Layout, depths_mm: tuple[float, ...], seed: int, meshes: tuple[NamedMesh, ...] = ()
 ) -> Tabletop:
-    """Arrange objects on a table before a wall; the seed changes colours, textures and small shifts only.
+    """Arrange objects on a table in front of a wall; the seed changes only colours, textures and small shifts.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ def arrange_tabletop(
     Raises
     ------
     InputError
-        Depths do not ascend, or objects would touch the camera.
+        If depths do not ascend, or objects would touch the camera.
     """
     depths = _checked(layout, depths_mm)
     random = np.random.default_rng(seed)
@@ -179,7 +179,7 @@ def _placed(
     texels_per_mm: float,
     random: np.random.Generator,
 ) -> SceneObject:
-    """Make the object of a placement on a table at y = `top_mm`, in the common field (2,) from left to right."""
+    """Return the object of a placement on a table at y = `top_mm`; the common field (2,) is from left to right."""
     left, right = field_mm
     size_mm = np.array(place.size) * (right - left)
     high = {"sphere": size_mm[0], "rectangle": size_mm[1] * np.cos(np.deg2rad(place.lean_deg))}
@@ -204,7 +204,7 @@ def _placed(
 
 
 def check_meshes(layout: Layout, objects: tuple[SceneObject, ...]) -> None:
-    """Raise InputError for a mesh that cannot be read or reaches into the camera."""
+    """Raise InputError for a mesh that is unreadable or reaches into the camera."""
     for item in objects:
         if item.kind == "mesh":
             depths = based(item).points @ item.view_from_object[2, :3] + item.view_from_object[2, 3]

@@ -1,13 +1,14 @@
 """A tabletop scene with its light and the mirrors in Mitsuba, seen via the mirrors or by pinholes. In rig, mm.
 
-Its paths are traced with next event estimation, through lit scenes of mirrors, glass and diffuse surfaces, in colour.
-The variance is kept low, so that few samples suffice. Every diffuse surface of a path is lit by a sampled point of each
-area light; the path goes on by cosine-weighted sampling, so that a uniform environment lights unoccluded surfaces
-without noise. The position in the pixel and the random numbers of the first such surface come from one low-discrepancy
-sequence in all these dimensions; later bounces take independent numbers.
+Paths are traced in colour with next event estimation, through scenes of mirrors, glass and diffuse surfaces. The
+variance is low, so that few samples suffice. At every diffuse surface of a path, one point of each area light is
+sampled. Cosine-weighted sampling continues the path, so that a uniform environment lights unoccluded surfaces without
+noise. One low-discrepancy sequence gives the position in the pixel and the random numbers of the first diffuse surface;
+later bounces use independent numbers.
 
-Left out: light of an area light via mirror or glass onto a diffuse surface (caustics, whose noise would need
-thousands of samples), so that glass casts a shadow; and light scattered by more than `MATTE_BOUNCES` diffuse surfaces.
+Caustics, from an area light via mirror or glass onto a diffuse surface, are not modelled, because their noise would
+need thousands of samples. Glass therefore casts a shadow. Light is scattered by at most `MATTE_BOUNCES` diffuse
+surfaces.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ from mirrorcam.render_scenes.tabletop.tabletop import Tabletop
 from mirrorcam.render_scenes.variant import SCALAR, use_variant
 
 RayThrough = Callable[[Any, Any, Any, Any], Any]
-"""The ray from a point of the pupil, u and v in 0..1, through one of the sensor, x and y in Mitsuba's pixels."""
+"""The ray from the pupil point u, v (0 to 1) through the sensor point x, y, in Mitsuba's pixels."""
 
 MATTE_BOUNCES = 3
 SEGMENTS = 12  # largest number of path segments, with those through glass and between mirrors
@@ -62,7 +63,7 @@ def render_lit(
     ray_through
         The camera: called with x, y, u, v.
     is_pinhole
-        Whether u and v are not used.
+        Whether the camera ignores u and v.
     size
         Width and height in pixels.
     subpixels
@@ -74,8 +75,8 @@ def render_lit(
     by_mirrors
         Surfaces that the camera sees without a mirror are black.
     most_indirect
-        Upper bound of what an area light adds to a sample by way of a surface that scatters. A bound leaves out the
-        brightest glints on other surfaces, whose noise would need thousands of samples.
+        Upper bound of an area light's contribution to a sample via a scattering surface. It suppresses the brightest
+        glints on other surfaces, whose noise would need thousands of samples.
 
     Returns
     -------
@@ -86,7 +87,7 @@ def render_lit(
     import mitsuba as mi
 
     width, height = (length * subpixels for length in size)
-    # Opaque, so that other numbers do not compile other kernels.
+    # Opaque, so that other numbers do not need other kernels.
     opaque: list[Any] = [mi.UInt32(number) for number in (width, spp, seed, int(by_mirrors))]
     columns, samples, key, first = opaque
     side = mi.Float(1.0 / subpixels)
@@ -120,10 +121,10 @@ def _unit(bits: Any) -> Any:
 
 
 def _radiance(scene: Any, ray: Any, numbers: list[Any], first: Any, key: tuple[Any, Any], most_indirect: Any) -> Any:
-    """Colour along rays.
+    """Return the colour along rays.
 
-    `numbers` are the five random numbers of the first diffuse surface; `key` generates those of later ones. Surfaces
-    met before segment `first` only reflect.
+    `numbers` are the five random numbers of the first diffuse surface; `key` generates those of later ones. Before
+    segment `first`, surfaces only reflect.
     """
     import drjit as dr
     import mitsuba as mi
@@ -179,7 +180,7 @@ NOTHING = -1
 class Hits:
     """First intersections of rays (...): points (..., 3) in rig, mm, path lengths, mm, and indices of the objects.
 
-    Not finite, and `NOTHING`, where a ray meets no object.
+    A ray without an object has values that are not finite, and the index `NOTHING`.
     """
 
     points: FloatArray
@@ -188,7 +189,7 @@ class Hits:
 
 
 class TabletopScene:
-    """Objects and light sources before the mirrors of a layout.
+    """Objects and light sources in front of the mirrors of a layout.
 
     The mirrors are part of the scene: they occlude light and are reflected in glossy objects.
 
@@ -206,7 +207,7 @@ class TabletopScene:
     Raises
     ------
     InputError
-        No backend compiles.
+        If no backend compiles.
     """
 
     def __init__(self, layout: Layout, tabletop: Tabletop, mirror_reflectance: float, variant: str | None = None):
@@ -235,14 +236,14 @@ class TabletopScene:
         self._owners = [(shape, int(name.split("_")[1])) for name, shape in shapes.items()]
 
     def photograph(self, pupil: Pupil, *, spp: int, subpixels: int, seed: int) -> NDArray[np.float32]:
-        """Render radiance (h * subpixels, w * subpixels, 3) of the sensor via the mirrors; all else is black."""
+        """Render radiance (h * subpixels, w * subpixels, 3) of the sensor via the mirrors; the rest is black."""
         camera, lens = self.layout.camera, sensor(self.layout.camera, pupil=pupil)
         size = camera.width_px, camera.height_px
         how = {"spp": spp, "subpixels": subpixels, "seed": seed}
         return self._render(lens.ray_through, size, is_pinhole=lens.is_pinhole, by_mirrors=True, **how)
 
     def view(self, views: Views, t: int, s: int, start_depth_mm: float, *, spp: int, seed: int) -> NDArray[np.float32]:
-        """Render the radiance (v, u, 3) in a pinhole at a view's position, of what lies beyond a depth."""
+        """Render the radiance (v, u, 3) in a pinhole at a view's position, beyond a depth."""
         through = pinhole(views, t, s, start_depth_mm)
         return self._render(
             through,
@@ -281,7 +282,7 @@ class TabletopScene:
 
 
 def pinhole_rays(views: Views, t: int, s: int, start_depth_mm: float) -> tuple[FloatArray, FloatArray]:
-    """Points (v, u, 3), mm, where the rays of a view's pixel centres pass a depth, and their unit vectors, in rig."""
+    """Return points (v, u, 3), mm, of the rays of a view's pixel centres at a depth, and unit vectors, in rig."""
     centre = views.reference_view_in_rig_mm + views.positions_mm[t, s] @ views.view_from_rig
     direction = views.plane_points_in_rig(views.reference_depth_mm, views.pixel_grid()) - centre
     direction /= np.linalg.norm(direction, axis=-1, keepdims=True)
@@ -290,7 +291,7 @@ def pinhole_rays(views: Views, t: int, s: int, start_depth_mm: float) -> tuple[F
 
 
 def pinhole(views: Views, t: int, s: int, start_depth_mm: float) -> RayThrough:
-    """`pinhole_rays` for points of the view in Mitsuba's pixels, in Dr.Jit."""
+    """Return `pinhole_rays` as a Dr.Jit function of points in Mitsuba's pixels."""
     import drjit as dr
     import mitsuba as mi
 

@@ -1,8 +1,8 @@
-"""A tabletop scene photographed through a layout, with the ground truth of its light field in a separate folder.
+"""A tabletop scene photographed via a layout's mirrors, with the ground truth of its light field in a separate folder.
 
-The truth: what a pinhole at each virtual camera sees, on the very grid that decoding with the layout as built uses, and
-how far away that is. A set follows from its request, to the byte; every file is written atomically, and an
-interrupted set is continued where it stopped.
+The truth is the picture and depth seen by a pinhole at each virtual camera, on the grid that decoding uses with the
+layout as built. The request determines the bytes of a set. Every file is written atomically, so that an interrupted set
+can be continued.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from mirrorcam.optics.geometry.perturbations import draw_as_built
 from mirrorcam.optics.geometry.tolerances import Tolerances
 from mirrorcam.optics.light_field.decoder import choose_views, default_reference_depth_mm
 from mirrorcam.optics.light_field.light_field import Views
-from mirrorcam.render_scenes.lens import as_it_is
+from mirrorcam.render_scenes.lens import true_camera
 from mirrorcam.render_scenes.sets.sensor_model import photograph
 from mirrorcam.render_scenes.settings import SENSORS, SensorModel
 from mirrorcam.render_scenes.tabletop.objects import SceneObject
@@ -46,7 +46,7 @@ KNOWN = ("layout.json", "truth/layout.json", "truth/things.json")
 MAPS = "truth/maps/frames/0000.exr"
 # Values of a mask: no object, or an object of this material.
 MASK = {"nothing": 0, "matte": 1, "glossy": 2, "glass": 3}
-# Streams of random numbers, each independent of how much the others draw.
+# Streams of random numbers; each is independent of the number of draws from the others.
 _AS_BUILT, _ARRANGEMENT, _FRAME, _NOISE, _VIEWS = range(5)
 _SUBPIXELS = 2
 
@@ -59,9 +59,9 @@ class TabletopRequest(Value):
     Parameters
     ----------
     layout
-        Nominal layout; the scene is photographed with an as-built copy of it, drawn with `tolerances`.
+        Nominal layout; the scene is photographed with an as-built copy, drawn with `tolerances`.
     depths_mm
-        Depths of the objects, ascending; by default those the layout was designed for.
+        Depths of the objects, ascending; by default the layout's design depths.
     meshes
         Additional objects from files.
     seed
@@ -89,7 +89,7 @@ class TabletopRequest(Value):
 class TabletopSet(FolderManifest):
     """The manifest, `scene.json`: what a user of a real camera knows, and a checksum of each file written so far.
 
-    `request` is a digest of everything that determines the bytes of the set, the seed included.
+    `request` is a digest of everything that determines the bytes of the set, including the seed.
     """
 
     FILE = MANIFEST
@@ -119,16 +119,16 @@ class TabletopSet(FolderManifest):
 
 
 def render_tabletop(request: TabletopRequest, out: Path, *, progress: Progress = no_progress) -> TabletopSet:
-    """Photograph a tabletop scene through an as-built copy of a layout, with its ground truth.
+    """Render a tabletop scene via the mirrors of an as-built copy of a layout, with its ground truth.
 
     Parameters
     ----------
     request
-        What to render; the same request gives the same bytes.
+        Inputs of the set; the same request gives the same bytes.
     out
         Folder for the set. Finished files of an interrupted run with the same request are kept.
     progress
-        Called with the numbers of pictures done and of all, at the start, after the frame and after each true view.
+        Called with the number of pictures done and the total, at the start, after the frame and after each true view.
 
     Returns
     -------
@@ -138,8 +138,8 @@ def render_tabletop(request: TabletopRequest, out: Path, *, progress: Progress =
     Raises
     ------
     InputError
-        If no backend compiles the renderer, depths or meshes make no scene, views have no common field, or `out` holds
-        something else.
+        If no backend compiles the renderer, depths or meshes are invalid, views have no common field, or `out` contains
+        anything else.
     """
     layout = request.layout
     if request.sensor.h264_crf is not None:
@@ -166,7 +166,7 @@ def render_tabletop(request: TabletopRequest, out: Path, *, progress: Progress =
     manifest = manifest.added(out, write_known)
     total = 1 + len(truth)
     progress(0, total)
-    taken_by = built.replaced(camera=as_it_is(built.camera, request.sensor))
+    taken_by = built.replaced(camera=true_camera(built.camera, request.sensor))
     scene = TabletopScene(taken_by, tabletop, request.mirror_reflectance, variant)
     if not {manifest.frame_name, MAPS} <= manifest.files.keys():
         picture, maps = _frame(scene, built, request)
@@ -202,7 +202,7 @@ def _manifest(request: TabletopRequest, depths_mm: tuple[float, ...], variant: s
 
 
 def read_map(path: Path, channel: str) -> FloatArray:
-    """One channel (h, w) of an EXR file of the truth, or InputError in one line."""
+    """Read one channel (h, w) of an EXR file of the truth; raise InputError if it is missing."""
     import OpenEXR
 
     if not path.is_file():
@@ -215,7 +215,7 @@ def read_map(path: Path, channel: str) -> FloatArray:
 
 
 def _truth_names(t: int, s: int, views: int) -> dict[str, str]:
-    """Names of the files of a true view by their kinds; one view alone has no disparity."""
+    """Return the file names of a true view by kind; a single view has no disparity."""
     return {
         kind: f"truth/{kind}/{t}_{s}{ending}" for kind, ending in _KINDS.items() if kind != "disparity" or views > 1
     }
@@ -225,7 +225,7 @@ _KINDS = {"views": ".png", "depth": ".exr", "disparity": ".exr", "mask": ".png",
 
 
 def default_depths_mm(layout: Layout) -> tuple[float, ...]:
-    """The nearest and the farthest depth that a layout was designed for, and its plane of zero disparity between."""
+    """Return the nearest and farthest design depth of a layout, and its plane of zero disparity in between."""
     middle = default_reference_depth_mm(layout)
     if layout.spec is None:
         return 0.8 * middle, middle, 4.0 / 3.0 * middle
@@ -237,13 +237,13 @@ def _random(*key: int) -> np.random.Generator:
 
 
 def _views(built: Layout, reference_depth_mm: float) -> Views:
-    """Views of decoding with the layout as built; second-surface mirrors are replaced by their apparent mirrors."""
+    """Return the views for decoding with the layout as built, with apparent mirrors for second-surface mirrors."""
     seen = built.replaced(mirrors=tuple(mirror.apparent for mirror in built.mirrors))
     return replace(choose_views(seen, reference_depth_mm, "common"), layout_identity=built.identity)
 
 
 def _frame(scene: TabletopScene, layout: Layout, request: TabletopRequest) -> tuple[bytes, bytes]:
-    """Files of the picture and of the ground-truth maps of its pixels."""
+    """Return the files of the picture and of the ground-truth maps of its pixels."""
     seed = int(_random(request.seed, _FRAME).integers(2**32))
     spp = max(request.spp // _SUBPIXELS**2, 1)
     radiance = scene.photograph(request.sensor.pupil, spp=spp, subpixels=_SUBPIXELS, seed=seed)
@@ -260,7 +260,7 @@ def _frame(scene: TabletopScene, layout: Layout, request: TabletopRequest) -> tu
 
 
 def _depth_mm(hits: Hits, view_from_rig: FloatArray, *, missed: float) -> FloatArray:
-    """Depths of what rays meet, of their shape, in the frame of the views; `missed` for those that meet nothing."""
+    """Return the depths of hits in the frame of the views, and `missed` for rays without a hit."""
     nothing = hits.object_index == NOTHING
     return np.where(nothing, missed, np.where(nothing[..., None], 0.0, hits.points) @ view_from_rig[2])
 
@@ -268,7 +268,7 @@ def _depth_mm(hits: Hits, view_from_rig: FloatArray, *, missed: float) -> FloatA
 def _true_view(
     scene: TabletopScene, views: Views, t: int, s: int, request: TabletopRequest, classes: NDArray[np.uint8]
 ) -> dict[str, bytes]:
-    """The files of a true view, by their kinds."""
+    """Return the files of a true view by kind."""
     start_mm = nearest_mm(scene.layout)
     seed = int(_random(request.seed, _VIEWS, t, s).integers(2**32))
     radiance = scene.view(views, t, s, start_mm, spp=request.spp, seed=seed)
@@ -289,7 +289,7 @@ def _true_view(
 
 
 def _object_list(objects: tuple[SceneObject, ...], views: Views, seed: int) -> dict[str, object]:
-    """Content of `truth/things.json`; labels in `truth/things` count from 1, in this order."""
+    """Return the content of `truth/things.json`; labels in `truth/things` count from 1, in this order."""
     return {
         "seed": seed,
         "mask": MASK,
@@ -305,7 +305,7 @@ def _object_list(objects: tuple[SceneObject, ...], views: Views, seed: int) -> d
 
 
 def _digest(manifest: TabletopSet, built: Layout, objects: tuple[SceneObject, ...], seed: int) -> str:
-    """Sixteen hexadecimal digits of all that the bytes of a set follow from."""
+    """Return sixteen hexadecimal digits of everything that determines the bytes of a set."""
     inputs = manifest.model_dump(mode="json", exclude={"request", "files"})
     stand = [item.model_dump(mode="json", by_alias=True, exclude={"file"}) for item in objects]
     drawn = {"seed": seed, "built": built.identity, "things": stand}

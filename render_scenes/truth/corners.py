@@ -28,7 +28,7 @@ VISIBLE_MARGIN_PX = 2.0  # a corner nearer to the edge of its sub-image, or of t
 
 
 def _on_sensor(camera: Camera, px: FloatArray) -> BoolArray:
-    """Mask of the pixels (..., 2) at least the margin inside the sensor; False at NaN."""
+    """Return the mask of the pixels (..., 2) inside the sensor by at least the margin; False at NaN."""
     far_edge = np.array([camera.width_px, camera.height_px]) - 1.0 - VISIBLE_MARGIN_PX
     return np.all((px >= VISIBLE_MARGIN_PX) & (px <= far_edge), axis=-1)
 
@@ -39,7 +39,7 @@ def _faces(centre_in_rig: FloatArray, rig_from_board: FloatArray) -> bool:
 
 
 def _clear_of(layout: Layout, index: int, points: FloatArray) -> BoolArray:
-    """Mask of the segments from mirror `index` to points (n, 3) that miss all other mirrors."""
+    """Return the mask of the segments from mirror `index` to points (n, 3) that miss all other mirrors."""
     mirror = layout.mirrors[index]
     virtual = mirror.reflect(points)
     at_mirror = mirror.cut(virtual[:, :2] / virtual[:, 2:])
@@ -58,20 +58,20 @@ def _clear_of(layout: Layout, index: int, points: FloatArray) -> BoolArray:
 
 
 def _through(camera: Camera, mirror: Mirror, px: FloatArray, finish: MirrorFinish | None) -> BoolArray:
-    """Mask of pixels (n, 2) with all rays `VISIBLE_MARGIN_PX` beside them leaving a mirror through its front."""
+    """Return the mask of pixels (n, 2) whose rays within `VISIBLE_MARGIN_PX` all leave a mirror through its front."""
     length = reflected(mirror, _unit_rays_around(camera, px), finish)[3]
     return np.asarray(np.isfinite(length).all(axis=1))
 
 
 def _unit_rays_around(camera: Camera, px: FloatArray) -> FloatArray:
-    """Unit rays (n, 4, 3) of the pixels `VISIBLE_MARGIN_PX` beside pixels (n, 2)."""
+    """Return unit rays (n, 4, 3) at a distance of `VISIBLE_MARGIN_PX` from pixels (n, 2)."""
     margin = VISIBLE_MARGIN_PX * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
     rays = camera.unproject(px[:, None] + margin)
     return np.asarray(rays / np.linalg.norm(rays, axis=-1, keepdims=True))
 
 
 def sub_image(layout: Layout, index: int) -> shapely.Polygon:
-    """Outline of a sub-image in pixels, without the part beyond the domain of the lens model."""
+    """Return the outline of a sub-image in pixels, clipped to the domain of the lens model."""
     outline = layout.outline_px(index)
     inside = outline[np.isfinite(outline).all(axis=1)]
     return shapely.Polygon(inside) if len(inside) >= 3 else shapely.Polygon()
@@ -91,8 +91,8 @@ class Oracle:
     obstacles
         Bodies that stand around the mirrors, if any.
     pupil
-        Pupil of the lens, from whose middle corners are seen. Where it walks, it moves corners, not the borders of what
-        is visible.
+        Pupil of the lens; corners are projected through its middle. A walk of the pupil moves corners, not the borders
+        of the visible region.
     """
 
     def __init__(
@@ -111,9 +111,9 @@ class Oracle:
     def by_mirrors(self, rig_from_board: FloatArray) -> tuple[FloatArray, BoolArray]:
         """Project the corners of a board via each mirror.
 
-        A corner is visible if it lies inside the sub-image and the sensor by `VISIBLE_MARGIN_PX`, before the mirror, if
-        its light passes the whole plate of a second-surface mirror, if the printed side faces the virtual camera, and
-        if no other mirror or obstacle occludes it.
+        A corner is visible if it lies in front of the mirror and inside the sub-image and the sensor by
+        `VISIBLE_MARGIN_PX`, if its light is not clipped by the rim of a second-surface mirror, if the printed side
+        faces the virtual camera, and if no other mirror or obstacle occludes it.
 
         Parameters
         ----------
@@ -138,9 +138,9 @@ class Oracle:
         return px, visible
 
     def while_read(self, poses: FloatArray) -> tuple[FloatArray, BoolArray]:
-        """`by_mirrors` under a rolling shutter, for poses (3, 4, 4) as `boards.poses_at` takes them.
+        """Project the corners via each mirror under a rolling shutter, for poses (3, 4, 4) as in `boards.poses_at`.
 
-        Each corner is projected with the pose at which the row of its own image is read.
+        Each corner is projected with the pose at the readout of its image's row.
         """
         corners = np.column_stack([self.target.corners_in_board_mm, np.ones(len(self.target.corners_in_board_mm))])
         px = np.empty((len(self.layout.mirrors), len(corners), 2))
@@ -155,11 +155,11 @@ class Oracle:
         return px, visible
 
     def _image(self, index: int, points: FloatArray) -> FloatArray:
-        """Pixels (n, 2) of points (n, 3) in rig via a mirror; NaN without an image."""
+        """Project points (n, 3) in rig via a mirror to pixels (n, 2); NaN without an image."""
         return image_px(self.layout.camera, self.layout.mirrors[index], points, self._finishes[index], self._pupil)
 
     def _seen(self, index: int, points: FloatArray, px: FloatArray) -> BoolArray:
-        """Visibility, apart from the side of the board, of points (n, 3) in rig with images at pixels (n, 2)."""
+        """Return the visibility of points (n, 3) in rig imaged at pixels (n, 2), for either side of the board."""
         mirror = self.layout.mirrors[index]
         seen = _on_sensor(self.layout.camera, px)
         seen &= points @ mirror.normal_in_rig + mirror.distance_mm > 0
@@ -173,7 +173,7 @@ class Oracle:
         return seen
 
     def _free(self, obstacles: Obstacles, index: int, points: FloatArray, px: FloatArray) -> BoolArray:
-        """Mask of pixels (n, 2) around which no obstacle stops rays to the mirror and on to points (n, 3)."""
+        """Return the mask of pixels (n, 2) without an obstacle between pupil, mirror and points (n, 3)."""
         rays = _unit_rays_around(self.layout.camera, px)
         entry_mm, start, direction, _ = reflected(self.layout.mirrors[index], rays, self._finishes[index])
         free = obstacles.free_from_pupil_mm(rays) > entry_mm
@@ -181,15 +181,15 @@ class Oracle:
         return np.asarray(free.all(axis=1))
 
     def direct(self, rig_from_board: FloatArray) -> tuple[FloatArray, BoolArray]:
-        """Pixels (corners, 2) of the board's corners in the camera without mirrors, and their visibility (corners,)."""
+        """Project the corners without mirrors: pixels (corners, 2) and visibility (corners,)."""
         points = transform(rig_from_board, self.target.corners_in_board_mm)
         px = image_px(self.layout.camera, None, points, pupil=self._pupil)
         return px, _on_sensor(self.layout.camera, px) & _faces(np.zeros(3), rig_from_board)
 
     def all_by_mirrors(self, moments: Sequence[FloatArray]) -> tuple[FloatArray, BoolArray]:
-        """`by_mirrors` or `while_read` for frames of 1 or 3 poses (1 or 3, 4, 4), stacked.
+        """Stack the results of `by_mirrors` or `while_read` for frames of 1 or 3 poses (1 or 3, 4, 4).
 
-        Shapes (frames, mirrors, corners, 2) and (frames, mirrors, corners).
+        The shapes are (frames, mirrors, corners, 2) and (frames, mirrors, corners).
         """
         corners = len(self.target.corners_in_board_mm)
         px = np.empty((len(moments), len(self.layout.mirrors), corners, 2))
@@ -199,7 +199,7 @@ class Oracle:
         return px, visible
 
     def all_direct(self, poses: Sequence[FloatArray]) -> tuple[FloatArray, BoolArray]:
-        """`direct` for poses, stacked: (poses, corners, 2) and (poses, corners)."""
+        """Stack the results of `direct` for poses: (poses, corners, 2) and (poses, corners)."""
         px = np.empty((len(poses), len(self.target.corners_in_board_mm), 2))
         visible = np.empty(px.shape[:2], dtype=np.bool_)
         for frame, pose in enumerate(poses):

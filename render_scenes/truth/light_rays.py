@@ -1,6 +1,6 @@
-"""Ray tracing in float64 from the pupil via a mirror, surface by surface, flat or bent, until an obstacle stops it.
+"""Ray tracing in float64 from the pupil via a flat or bent mirror, surface by surface, up to an obstacle.
 
-Nothing but the shape of a mirror is shared with the renderers.
+It shares only the shape of a mirror with the renderers.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ class Obstacles(Protocol):
     """Opaque bodies around the mirrors of a device, in the frame of its camera."""
 
     def free_mm(self, start: FloatArray, direction: FloatArray) -> FloatArray:
-        """Length (...) that rays go before a body stops them.
+        """Return the length (...) of rays up to the first body.
 
         Parameters
         ----------
@@ -35,11 +35,11 @@ class Obstacles(Protocol):
         Returns
         -------
         FloatArray
-            Lengths (...), mm; infinite where nothing stops a ray, NaN where its origin or direction is NaN.
+            Lengths (...), mm; infinite without a body, NaN where the origin or direction is NaN.
         """
 
     def free_from_pupil_mm(self, rays: FloatArray) -> FloatArray:
-        """Length (...), mm, that unit rays (..., 3) go from the pupil; the camera's own body stops none of them."""
+        """Return the length (...), mm, of unit rays (..., 3) from the pupil; the camera's own body is ignored."""
 
 
 # Distance to the mirror, point of exit, direction there, and path length up to there.
@@ -73,12 +73,12 @@ def reflected(
     finish
         Its surface finish; without one it is flat.
     origin
-        Where in the pupil the rays start (..., 3), in rig, mm; without, in its middle.
+        Start points (..., 3) in the pupil, in rig, mm; by default its middle.
 
     Returns
     -------
     entry_mm
-        Distance (...) from there to the mirror's front, mm; infinite where a ray misses it.
+        Distance (...) from the start point to the mirror's front, mm; infinite where a ray misses it.
     start
         Point (..., 3) in rig, mm, where the ray leaves the mirror; NaN where it does not.
     direction
@@ -120,12 +120,12 @@ def _cut(
 
 
 def _on(mirror: Mirror, points: FloatArray) -> NDArray[np.bool_]:
-    """Mask of the points (..., 3) of the faces of a mirror that lie within its outline."""
+    """Return the mask of points (..., 3) on a mirror's face that lie within its outline."""
     frame = mirror.rig_from_plane
     flat = (points - frame[:3, 3]) @ frame[:3, :2]
     outline = mirror.outline_in_plane_mm
     edges = np.roll(outline, -1, axis=0) - outline
-    # Twice the area of a triangle between neighbouring corners: positive where the outline turns to the left.
+    # Twice the area of a triangle of adjacent corners: positive where the outline turns left.
     turn = np.sign(edges[0, 0] * edges[1, 1] - edges[0, 1] * edges[1, 0])
     inside = np.ones(flat.shape[:-1], dtype=np.bool_)
     for corner, edge in zip(outline, turn * edges, strict=True):
@@ -134,7 +134,7 @@ def _on(mirror: Mirror, points: FloatArray) -> NDArray[np.bool_]:
 
 
 def chief_rays(camera: Camera, pupil: Pupil, px: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Middles (..., 3) of the pupil, in rig, mm, from which the rays of pixels (..., 2) start, and unit vectors."""
+    """Return the start points (..., 3) in rig, mm, and unit vectors (..., 3) of the chief rays of pixels (..., 2)."""
     rays = camera.unproject(px)
     start = np.zeros_like(rays)
     start[..., 2] = pupil.walk_mm * np.square(rays[..., :2]).sum(axis=-1)
@@ -151,8 +151,8 @@ def image_px(
 ) -> FloatArray:
     """Project points (n, 3) in rig, mm, via a mirror, or directly, to pixels (n, 2); NaN without an image.
 
-    Newton's method on the pixel whose traced ray passes through the point, started at the image by the plane from the
-    middle of the pupil on the axis. With a pupil that walks, it is the ray from its middle.
+    Newton's method finds the pixel whose traced chief ray passes through the point. It starts at the image via a flat
+    mirror from the middle of the pupil on the axis.
     """
     px = camera.project(points_in_rig if mirror is None else mirror.image_of(points_in_rig))
     if (finish is None or finish.flat) and pupil.walk_mm == 0.0:
@@ -161,7 +161,7 @@ def image_px(
     points = (points_in_rig - frame[:3, 3]) @ frame[:3, :3]
 
     def missed(at: FloatArray) -> FloatArray:
-        """Offsets (..., 2), mm, of the rays of pixels from the points, across the axis or parallel to the mirror."""
+        """Return offsets (..., 2), mm, of rays from the points, perpendicular to the axis or parallel to the mirror."""
         start, unit = chief_rays(camera, pupil, at)
         out = _Ray(start, unit, np.zeros(0)) if mirror is None else _followed(mirror, finish or FLAT, unit, start)[1]
         along = (points[:, 2] - out.start[..., 2]) / out.direction[..., 2]
@@ -180,9 +180,9 @@ def image_px(
 def _followed(
     mirror: Mirror, finish: MirrorFinish, rays: FloatArray, origin: FloatArray
 ) -> tuple[list[FloatArray], _Ray]:
-    """Intersections (..., 3) of unit rays (..., 3) from the pupil with each surface, and the rays after the last one.
+    """Intersect unit rays (..., 3) from the pupil with each surface; also return the rays after the last one.
 
-    In the frame `plane`; the surfaces extend beyond the outline.
+    Points (..., 3) are in the frame `plane`; the surfaces extend beyond the outline.
     """
     frame = mirror.rig_from_plane
     pupil = (origin - frame[:3, 3]) @ frame[:3, :3]
@@ -203,7 +203,7 @@ def _followed(
 
 
 def _met(mirror: Mirror, finish: MirrorFinish, ray: _Ray, lift_mm: float) -> tuple[_Ray, FloatArray]:
-    """Advance rays to a surface of the mirror; also returns its unit normals (..., 3) there."""
+    """Advance rays to a surface of the mirror; also return its unit normals (..., 3) there."""
     radius = radius_mm(mirror)
     length = (lift_mm - ray.start[..., 2]) / ray.direction[..., 2]
     for _ in range(SURFACE_STEPS):

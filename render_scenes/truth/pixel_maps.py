@@ -1,6 +1,6 @@
 """Ground-truth maps: the mirror, board point and path length of every pixel centre, by ray tracing in float64.
 
-Nothing but the layout and the shape of its mirrors is shared with the renderers.
+They share only the layout and the shape of its mirrors with the renderers.
 """
 
 from __future__ import annotations
@@ -27,19 +27,19 @@ CHANNELS = ("mirror", "board.x", "board.y", "path")
 
 @dataclass(frozen=True)
 class PixelRays:
-    """Rays of all pixels (h, w) after the mirrors, shared by all frames of one device.
+    """Rays of all pixels (h, w) behind the mirrors, shared by all frames of one device.
 
     Attributes
     ----------
     mirror
-        Index (h, w) of the mirror that a pixel shows; `NO_MIRROR` without one.
+        Index (h, w) of the mirror at a pixel; `NO_MIRROR` without one.
     start, direction
         Origin (h, w, 3), mm, and unit vector (h, w, 3), in rig, of the ray that leaves the mirror, or the bare camera.
         NaN where a pixel shows neither the scene nor a mirror that reflects it.
     path_before_mm
         Path length (h, w) from the pupil to `start`.
     free_mm
-        Length (h, w) of the ray until an obstacle stops it; infinite without one.
+        Length (h, w) of the ray up to an obstacle; infinite without one.
     """
 
     mirror: FloatArray
@@ -65,7 +65,7 @@ def pixel_rays(
     layout
         The device as built.
     mirrors
-        Whether rays go via the mirrors, or straight from the bare camera.
+        Whether rays go via the mirrors, or directly from the bare camera.
     step
         Every `step`-th row and column.
     finishes
@@ -73,7 +73,7 @@ def pixel_rays(
     obstacles
         Bodies that stand around the mirrors, if any.
     pupil
-        Pupil of the lens, from whose middle the rays start.
+        Pupil of the lens; the rays start in its middle.
     """
     origin, rays = _unit_rays(layout.camera, pupil, step)
     shape = rays.shape[:2]
@@ -105,10 +105,10 @@ def pixel_rays(
 
 
 def _unit_rays(camera: Camera, pupil: Pupil, step: int) -> tuple[FloatArray, FloatArray]:
-    """Starts (h, w, 3) and unit vectors (h, w, 3) of the rays of pixel centres; NaN beyond the lens model's domain."""
+    """Return start points and unit vectors (h, w, 3) of pixel centres; NaN beyond the lens model's domain."""
     x, y = np.arange(0.0, camera.width_px, step), np.arange(0.0, camera.height_px, step)
     start, rays = np.empty((len(y), len(x), 3)), np.empty((len(y), len(x), 3))
-    # A band of rows at a time: the solver needs many times the memory of its result.
+    # Batches of rows, because the solver needs many times the memory of its result.
     for row in range(0, len(y), 64):
         at = np.stack(np.meshgrid(x, y[row : row + 64]), axis=-1)
         start[row : row + 64], rays[row : row + 64] = chief_rays(camera, pupil, at)
@@ -116,7 +116,7 @@ def _unit_rays(camera: Camera, pupil: Pupil, step: int) -> tuple[FloatArray, Flo
 
 
 def _window(layout: Layout, index: int, step: int) -> tuple[slice, slice]:
-    """Rows and columns of a window around a sub-image."""
+    """Return the rows and columns of a window around a sub-image."""
     mirror = layout.mirrors[index]
     corners = mirror.solid.corners_in_rig_mm if mirror.is_second_surface else mirror.outline_in_rig_mm
     px = layout.camera.project(corners)
@@ -129,10 +129,10 @@ def _window(layout: Layout, index: int, step: int) -> tuple[slice, slice]:
 
 
 def board_maps(rays: PixelRays, target: Target, rig_from_board: FloatArray) -> dict[str, FloatArray]:
-    """Maps (h, w) of a board at a rigid 4x4 pose, by the names of `CHANNELS`.
+    """Return the maps (h, w) of a board at a rigid pose (4, 4), by the names of `CHANNELS`.
 
-    The index of the mirror, x and y on the board, and the path length from there to the pupil, mm; NaN, except for the
-    index, where a pixel does not show the printed side of the board.
+    They are the index of the mirror, x and y on the board, and the path length from there to the pupil, mm. All but the
+    index are NaN where a pixel does not show the printed side of the board.
     """
     board_from_rig, origin = rig_from_board[:3, :3].T, rig_from_board[:3, 3]
     start, direction = (rays.start - origin) @ board_from_rig.T, rays.direction @ board_from_rig.T
@@ -153,7 +153,7 @@ def exr_bytes(maps: dict[str, FloatArray], header: dict[str, str]) -> bytes:
 
     channels = {name: values.astype(np.float32) for name, values in maps.items()}
     fields = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage, **header}
-    # The library writes to named files alone.
+    # The library can only write to named files.
     with TemporaryDirectory() as folder, OpenEXR.File(fields, channels) as file:
         path = Path(folder) / "maps.exr"
         file.write(str(path))

@@ -1,6 +1,6 @@
-"""Ground truth of the pupil: which part of it each mirror serves in every pixel, by rays from all over the pupil.
+"""Ground truth of the pupil: the part of it that is unvignetted via each mirror in every pixel, by tracing rays.
 
-Nothing but the shape of mirrors is shared with the renderers, and nothing with `optics.geometry.pupil`.
+It shares only the shape of mirrors with the renderers, and nothing with `optics.geometry.pupil`.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from mirrorcam.render_scenes.truth.light_rays import Obstacles, reflected
 from mirrorcam.render_scenes.truth.pixel_maps import NO_MIRROR
 
 SAMPLES = 100
-"""Rays of a pixel that more than one surface may serve; all other pixels have equal rays."""
+"""Number of rays per pixel whose rays may meet more than one surface; in all other pixels one ray is enough."""
 RIM = 12
-"""Rays from the rim of the pupil that find these pixels."""
+"""Number of rays from the rim of the pupil that find these pixels."""
 BLOCK_PX = 4
-"""Sides of the blocks of pixels that are distinguished."""
+"""Side lengths of the blocks of pixels in this search."""
 GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
 CHANNELS = tuple(f"{place}.{name}" for place in ("first", "second") for name in ("mirror", "share", "x", "y"))
 
@@ -50,9 +50,9 @@ class PupilTracer:
     obstacles: Obstacles | None = None
 
     def met(self, chief_rays: FloatArray, place: FloatArray, mirrors: Sequence[int]) -> NDArray[np.int64]:
-        """Index (n,) of the mirror that reflects rays, `NO_MIRROR` where there is none or an obstacle before it.
+        """Return the index (n,) of the mirror that reflects each ray, or `NO_MIRROR` if none or an obstacle does.
 
-        The rays start at a place (2,) in the unit disc, which stands for the pupil. They may meet `mirrors`.
+        The rays start at the point `place` (2,) of the pupil as a unit disc. Only `mirrors` are tested.
         """
         origin = self.pupil.radius_mm * np.array([*place, 0.0])
         along_mm = self.pupil.walk_mm * np.square(chief_rays[:, :2]).sum(axis=1, keepdims=True)
@@ -71,8 +71,8 @@ class PupilTracer:
         return index
 
     def shares(self, chief_rays: FloatArray, mirrors: Sequence[int]) -> tuple[FloatArray, ...]:
-        """The `CHANNELS` (n,) of rays (n, 3); see `met`."""
-        # Rows for a second mirror even where there is none.
+        """Return the `CHANNELS` (n,) of chief rays (n, 3); see `met`."""
+        # Rows for a second mirror even if there is none.
         sums = np.zeros((3, max(len(mirrors), 2), len(chief_rays)))
         for place in sunflower(SAMPLES):
             met = self.met(chief_rays, place, mirrors)
@@ -92,21 +92,21 @@ class PupilTracer:
 
 
 def sunflower(count: int) -> FloatArray:
-    """Points (count, 2) spread evenly over the unit disc (Vogel's spiral)."""
+    """Return points (count, 2) spread evenly over the unit disc (Vogel's spiral)."""
     number = np.arange(count)
     radius, angle = np.sqrt((number + 0.5) / count), GOLDEN_ANGLE * number
     return np.column_stack([radius * np.cos(angle), radius * np.sin(angle)])
 
 
 def pupil_maps(tracer: PupilTracer) -> dict[str, FloatArray]:
-    """Maps (h, w) of the two mirrors that serve most of the pupil in each pixel, by the names of `CHANNELS`.
+    """Return maps (h, w) of the two mirrors with the largest pupil shares in each pixel, by the names of `CHANNELS`.
 
-    For each of the two its index (`NO_MIRROR` without one), its share of the pupil, 0 to 1, and the centroid x, y of
-    its part of the pupil, mm, from the pupil's middle (NaN without one).
+    Each of the two mirrors has its index (`NO_MIRROR` without one), its share of the pupil, 0 to 1, and the centroid
+    x, y of its part of the pupil, mm, from the pupil's middle (NaN without one).
     """
     camera = tracer.layout.camera
     rows, columns = np.arange(camera.height_px), np.arange(camera.width_px)
-    # Blocks of pixels, by what rays from the rim of the pupil meet at their corners.
+    # Classify blocks of pixels by the surfaces that rays from the pupil's rim meet at their corners.
     at = [np.append(np.arange(0, len(axis) - 1, BLOCK_PX), len(axis) - 1) for axis in (rows, columns)]
     nodes = camera.unproject(np.stack(np.meshgrid(at[1], at[0]), axis=-1).reshape(-1, 2).astype(np.float64))
     angles = 2.0 * np.pi * np.arange(RIM) / RIM
@@ -132,7 +132,7 @@ def pupil_maps(tracer: PupilTracer) -> dict[str, FloatArray]:
         nothing,
     )
     maps = {name: values.copy() for name, values in zip(CHANNELS, single, strict=True)}
-    # Blocks whose rays may meet the same mirrors, together.
+    # Process blocks whose rays may meet the same mirrors together.
     near = np.stack([_spread((corners == number).any(axis=0)) for number in every], axis=-1)
     kinds, kind_of = np.unique(near[mixed], axis=0, return_inverse=True)
     kind = np.full(mixed.shape, -1)
@@ -146,7 +146,7 @@ def pupil_maps(tracer: PupilTracer) -> dict[str, FloatArray]:
 
 
 def _spread(blocks: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Blocks (rows, columns) of a mask and their neighbours."""
+    """Dilate a mask of blocks (rows, columns) by one block."""
     wide = np.pad(blocks, 1)
     rows, columns = blocks.shape
     return np.logical_or.reduce([wide[i : i + rows, k : k + columns] for i in range(3) for k in range(3)])

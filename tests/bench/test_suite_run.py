@@ -20,7 +20,7 @@ from mirrorcam.core.errors import InputError
 from mirrorcam.core.processes.cluster import run_cluster
 from mirrorcam.core.processes.worker_pool import Died
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.render_scenes.suites.set_work import SetAnswer, render_in_turn
+from mirrorcam.render_scenes.suites.set_work import SetResult, render_in_turn
 from mirrorcam.render_scenes.suites.suite import Suite
 from mirrorcam.render_scenes.variant import choose_variant
 from tests.small_set import BOARD, contents
@@ -45,7 +45,7 @@ def folders(suite: Suite, folder: Path) -> dict[str, Path]:
     return {each.recipe.name: each.folder for each in planned(suite, folder, choose_variant()).sets}
 
 
-def nothing(tasks: Sequence[str]) -> Iterator[tuple[int, SetAnswer]]:
+def nothing(tasks: Sequence[str]) -> Iterator[tuple[int, SetResult]]:
     assert not tasks
     yield from ()
 
@@ -79,7 +79,7 @@ def test_an_interrupted_suite_goes_on_and_gives_the_same(
 ) -> None:
     suite, begun = small_suite(default_layout), tmp_path / "begun"
 
-    def interrupted(tasks: Sequence[str]) -> Iterator[tuple[int, SetAnswer]]:
+    def interrupted(tasks: Sequence[str]) -> Iterator[tuple[int, SetResult]]:
         yield from islice(here(tasks), 1)
         raise KeyboardInterrupt
 
@@ -106,7 +106,7 @@ def test_a_bad_set_and_a_dead_worker_lose_no_other(default_layout: Layout, tmp_p
     bad = [suite.recipes[0].replaced(name=name, board=tiny) for name in ("tiny", "deadly")]
     suite = suite.replaced(recipes=(bad[0], *suite.recipes, bad[1]))
 
-    def one_dies(tasks: Sequence[str]) -> Iterator[tuple[int, SetAnswer | Died]]:
+    def one_dies(tasks: Sequence[str]) -> Iterator[tuple[int, SetResult | Died]]:
         for number, task in enumerate(tasks):
             yield (
                 (number, Died("3 workers died of it"))
@@ -154,7 +154,7 @@ def test_a_set_too_large_for_a_message_is_refused(default_layout: Layout, tmp_pa
 
 
 def test_an_answer_of_another_version_is_no_set(default_layout: Layout, tmp_path: Path) -> None:
-    def older(tasks: Sequence[str]) -> Iterator[tuple[int, SetAnswer]]:
+    def older(tasks: Sequence[str]) -> Iterator[tuple[int, SetResult]]:
         for number, got in here(tasks):
             yield number, replace(got, made_with=dict(got.made_with) | {"numpy": "1.0"})
 
@@ -169,7 +169,7 @@ def test_a_killed_worker_of_a_cluster_costs_no_set(
 ) -> None:
     address, (_, first, _) = cluster
 
-    def with_a_kill(tasks: Sequence[str]) -> Iterator[tuple[int, SetAnswer | Died]]:
+    def with_a_kill(tasks: Sequence[str]) -> Iterator[tuple[int, SetResult | Died]]:
         first.send_signal(signal.SIGKILL)
         yield from run_cluster(tasks, address, render_in_turn)
 

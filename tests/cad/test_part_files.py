@@ -23,15 +23,15 @@ PART = PartPlan("wedge", "Wedge", "7", (1.0, 2.0), make_wedge, np.eye(4), np.zer
 
 def test_other_numbers_dates_and_programs_are_another_part(monkeypatch: pytest.MonkeyPatch) -> None:
     screw = HARDWARE.screw
-    made_of = part_files._made_of(PART, Printer(), screw)
+    made_of = part_files._inputs(PART, Printer(), screw)
     assert {"code", "build123d", "cadquery-ocp-novtk", "ezdxf"} <= made_of.keys()
-    assert part_files._made_of(replace(PART), Printer(), screw) == made_of
+    assert part_files._inputs(replace(PART), Printer(), screw) == made_of
     for part, printer, other in (
         (replace(PART, plan=(1.0, 2.5)), Printer(), screw),
         (PART, Printer(plastic_g_per_cm3=1.0), screw),
         (PART, Printer(), screw.replaced(kind="nut")),
     ):
-        assert differing(part_files._made_of(part, printer, other), made_of) == ["parameters"]
+        assert differing(part_files._inputs(part, printer, other), made_of) == ["parameters"]
     monkeypatch.setattr(part_files, "slicer_version", lambda: "PrusaSlicer-99.0")
     monkeypatch.setenv("SOURCE_DATE_EPOCH", "1700000000")
-    assert differing(part_files._made_of(PART, Printer(), screw), made_of) == ["date", "slicer"]
+    assert differing(part_files._inputs(PART, Printer(), screw), made_of) == ["date", "slicer"]

@@ -27,7 +27,7 @@ from mirrorcam.cad.splitting import (
     make_piece,
     split,
     triangles_of,
-    whole_part,
+    uncut_part,
 )
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
@@ -127,9 +127,9 @@ def test_a_piece_of_two_solids_is_refused() -> None:
 
 
 def test_booleans_on_a_piece_leave_the_kept_part_as_it_was() -> None:
-    before = whole_part(10.0, make_posts).volume
+    before = uncut_part(10.0, make_posts).volume
     make_piece(PIECE)
-    assert whole_part(10.0, make_posts).volume == before
+    assert uncut_part(10.0, make_posts).volume == before
 
 
 @dataclass(frozen=True)

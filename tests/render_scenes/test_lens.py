@@ -13,11 +13,11 @@ import pytest
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.render_scenes.lens import WavyCamera, as_it_is, defocused, undistorted_pixels
+from mirrorcam.render_scenes.lens import WavyCamera, defocused, true_camera, undistorted_pixels
 from mirrorcam.render_scenes.settings import SENSORS
 
 LENS = Camera.c920().replaced(distortion=[0.05, -0.1, 0.001, 0.0, 0.0])
-WAVY = as_it_is(LENS, SENSORS["ideal"].replaced(lens_waves_px=0.4))
+WAVY = true_camera(LENS, SENSORS["ideal"].replaced(lens_waves_px=0.4))
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +41,7 @@ def test_a_pixel_sees_what_the_model_sees_beside_it() -> None:
 
 
 def test_a_lens_without_waves_is_that_of_its_model() -> None:
-    assert as_it_is(LENS, SENSORS["c920"]) is LENS
+    assert true_camera(LENS, SENSORS["c920"]) is LENS
 
 
 def test_a_layout_is_saved_with_the_model_alone(small_layout: Layout) -> None:

@@ -74,12 +74,12 @@ def test_every_format_gives_the_same_closed_surface(tmp_path: Path, name: str, c
         ("a.stl", ascii_stl()[:-20], "not a valid STL, or a truncated one"),
         ("a.stl", ascii_stl().replace(b"vertex 2.0", b"vertex two", 1), "not a valid STL: could not convert"),
         ("a.stl", ascii_stl().replace(b"vertex 2.0", b"corner 2.0", 1), "11 corners, expected three for each triangle"),
-        ("a.stl", b"solid none\nendsolid none\n", "holds no triangle, expected a surface"),
-        ("a.stl", ascii_stl().replace(b"vertex 2.0", b"vertex nan", 1), "holds a point that is not finite"),
+        ("a.stl", b"solid none\nendsolid none\n", "contains no triangle, expected a surface"),
+        ("a.stl", ascii_stl().replace(b"vertex 2.0", b"vertex nan", 1), "contains a point that is not finite"),
         ("a.stl", b"", "not a valid STL, or a truncated one"),
         ("a.ply", ply()[:60], "not a valid PLY"),
         ("a.obj", b"v 0 0 0\nf 1 2 3\n", "not a valid OBJ"),
-        ("a.step", b"ISO-10303-21;", "no mesh that can be read, expected .stl, .ply, .obj"),
+        ("a.step", b"ISO-10303-21;", "not a readable mesh, expected .stl, .ply, .obj"),
     ],
 )
 def test_broken_meshes_are_refused_in_one_line(tmp_path: Path, name: str, content: bytes, complaint: str) -> None:

@@ -84,7 +84,7 @@ def test_a_scene_that_is_killed_is_continued_to_the_same_bytes(here: Path, capsy
         (["layout.json", "--sensor", "best"], "--sensor 'best': expected ideal, c920, poor, webcam or a .toml file"),
         (["layout.json", "--as-built", "tilt=1"], "--as-built 'tilt=1': no tolerance tilt"),
         (["layout.json", "--mesh", "gone.stl"], "gone.stl: no such file"),
-        (["layout.json", "--mesh", "layout.json"], "layout.json: no mesh that can be read, expected .stl, .ply, .obj"),
+        (["layout.json", "--mesh", "layout.json"], "layout.json: not a readable mesh, expected .stl, .ply, .obj"),
         (["layout.json", "--mesh", "a.obj:0,0,90"], "a.obj: reaches to a depth of 60 mm, expected no less than 67"),
         (["layout.json", "--mesh", "a.stl:1,2,far"], "--mesh a.stl:1,2,far: expected FILE or FILE:x,y,z"),
         (["layout.json", "--mesh", "a.stl:1,2,nan"], "--mesh a.stl:1,2,nan: expected FILE or FILE:x,y,z"),

@@ -1,1 +1,1 @@
-"""Finite elements of the whole device: how gravity, warmth and creep move its mirrors against the camera."""
+"""Finite elements of the device: motions of its mirrors relative to the camera by gravity, temperature and creep."""

@@ -1,6 +1,6 @@
-"""A solid in linear elasticity, condensed to the screws that hold it: second-order tetrahedra, by scikit-fem and SciPy.
+"""A linear elastic solid, condensed to its screws: second-order tetrahedra, by scikit-fem and SciPy.
 
-Everything is for a modulus of 1 MPa: displacements under a force scale with 1 / modulus, expansion does not.
+All results are for a modulus of 1 MPa: displacements by forces scale with 1 / modulus, expansion does not.
 """
 
 from __future__ import annotations
@@ -19,17 +19,17 @@ from mirrorcam.core.values import FloatArray
 
 POISSON = 0.35
 LOADS = 8
-"""Loads of a solid: its weight along x, y and z (of 1 N/mm3), the weight that it carries, a strain of its own
-expansion and one of the bodies glued to it.
+"""Number of loads: a solid's weight along x, y and z (of 1 N/mm3), the weight of carried bodies along x, y and z, unit
+expansion of the solid, and unit expansion of the bodies glued to it.
 """
 
 
 @dataclass(frozen=True)
 class Carried:
-    """A rigid body on a solid: the nodes under it, a point whose motion is reported, and a weight in N at its middle.
+    """A rigid body on a solid: the nodes under it, the point of its reported motion, and its weight in N at `middle`.
 
-    `glue` (n, 3, 3) are springs in N/mm between each node and the thing, where the solid has a
-    modulus of 1 MPa; the thing then expands about the point. Without, it moves as the nodes do in the mean.
+    `glue` (n, 3, 3) are springs in N/mm between each node and the body, scaled to a modulus of 1 MPa of the solid; the
+    body then expands about the point. Without glue, the body follows the mean motion of the nodes.
     """
 
     nodes: NDArray[np.int64]
@@ -41,10 +41,10 @@ class Carried:
 
 @dataclass(frozen=True)
 class CondensedSolid:
-    """How rigid screws and carried things move, per motion of the screws and per load, for a modulus of 1 MPa.
+    """Forces on rigid screws, and motions of carried bodies, per motion of the screws and per load, for 1 MPa.
 
-    With the motions q (6 n,) of the screws: forces on them are `stiffness` q - `forces` loads, and motions of what is
-    carried (shift in mm of its point, turn in rad) are `by_screws` q + `by_loads` loads, for each by name.
+    With the motions q (6 n,) of the screws, the forces on them are `stiffness` q - `forces` loads. The motion of a
+    carried body (shift in mm of its point, rotation in rad) is `by_screws` q + `by_loads` loads, by its name.
     """
 
     stiffness: FloatArray
@@ -54,10 +54,7 @@ class CondensedSolid:
 
 
 class Solid:
-    """The elements of a solid: where its nodes are, before it is condensed.
-
-    Each node is a corner or the middle of an edge; `nodes` (n, 3) are in mm.
-    """
+    """The finite elements of a solid; `nodes` (n, 3), in mm, are the corners and the middles of edges."""
 
     def __init__(self, mesh: Tetrahedra) -> None:
         from skfem import Basis, ElementTetP2, ElementVector, MeshTet
@@ -72,9 +69,9 @@ class Solid:
     def condensed(
         self, screws: Sequence[NDArray[np.int64]], at: FloatArray, carried: Mapping[str, Carried]
     ) -> CondensedSolid:
-        """Hold the solid by screws: each a set of nodes that moves as a rigid body about its point of `at` (n, 3).
+        """Condense the solid to screws, each a set of nodes that moves as a rigid body about its point of `at` (n, 3).
 
-        A set grows about its point as the solid does: bodies pressed together there are of one material.
+        A set also expands about its point with the solid: the bodies joined there are of one material.
         """
         if any(len(nodes) < 3 for nodes in screws):
             raise InputError("a screw holds fewer than 3 nodes of the mesh, expected finer elements")
@@ -82,13 +79,13 @@ class Solid:
             raise ValueError("screws share nodes, expected each node to be held by one")
         stiffness, loads, glued = self._with_glue(*self._assembled(carried), tuple(carried.values()))
         count = stiffness.shape[0]
-        held = np.concatenate([self._dofs[nodes].ravel() for nodes in screws])
+        fixed = np.concatenate([self._dofs[nodes].ravel() for nodes in screws])
         rigid, grown = np.zeros((count, 6 * len(screws))), np.zeros((count, LOADS))
         for k, (nodes, point) in enumerate(zip(screws, at, strict=True)):
             dofs, arms = self._dofs[nodes].ravel(), self.nodes[nodes] - point
             rigid[dofs, 6 * k : 6 * k + 6] = rigid_motions(arms)
             grown[dofs, 6] = arms.ravel()
-        free = np.setdiff1d(np.arange(count), held)
+        free = np.setdiff1d(np.arange(count), fixed)
         inner = stiffness[free][:, free].tocsc()
         factor = splu(inner, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
         pulled = stiffness[free] @ rigid
@@ -108,7 +105,7 @@ class Solid:
         )
 
     def _assembled(self, carried: Mapping[str, Carried]) -> tuple[Any, FloatArray]:
-        """Stiffness, and the loads (dofs, LOADS)."""
+        """Stiffness (dofs, dofs) and loads (dofs, LOADS), without glue."""
         from skfem import LinearForm
         from skfem.helpers import div
         from skfem.models.elasticity import lame_parameters, linear_elasticity
@@ -119,7 +116,7 @@ class Solid:
         volume = LinearForm(lambda v, _: v[0]).assemble(self._basis)
         for axis in range(3):
             loads[self._dofs[:, axis], axis] = volume[self._dofs[:, 0]]
-        # A free strain e in all directions is a stress of 3 K e, with the bulk modulus K.
+        # A free isotropic strain e corresponds to a stress of 3 K e, with the bulk modulus K.
         bulk = lame + 2.0 / 3.0 * shear
         loads[:, 6] = LinearForm(lambda v, _: 3.0 * bulk * div(v)).assemble(self._basis)
         for each in carried.values():
@@ -130,14 +127,14 @@ class Solid:
     def _with_glue(
         self, stiffness: Any, loads: FloatArray, carried: Sequence[Carried]
     ) -> tuple[Any, FloatArray, list[int | None]]:
-        """Stiffness and loads with six more displacements for each thing that is glued; the first of them for each."""
+        """Stiffness and loads with six more displacements for each glued body, and the index of the first, or None."""
         from scipy.sparse import block_diag, csr_matrix
 
         own = stiffness.shape[0]
         glued: list[int | None] = []
-        held = [each for each in carried if each.glue is not None]
-        whole = block_diag([stiffness, csr_matrix((6 * len(held), 6 * len(held)))], format="csr")
-        loads = np.vstack([loads, np.zeros((6 * len(held), LOADS))])
+        added = 6 * sum(each.glue is not None for each in carried)
+        total = block_diag([stiffness, csr_matrix((added, added))], format="csr")
+        loads = np.vstack([loads, np.zeros((added, LOADS))])
         for each in carried:
             if each.glue is None:
                 glued.append(None)
@@ -145,19 +142,19 @@ class Solid:
             first = own + 6 * sum(place is not None for place in glued)
             glued.append(first)
             arms = self.nodes[each.nodes] - each.at
-            # How springs are stretched: nodes less a rigid motion of the thing, and less what it grows.
+            # Elongation of the springs: nodes minus the rigid motion and the expansion of the body.
             dofs = np.concatenate([self._dofs[each.nodes].ravel(), np.arange(first, first + 6)])
             stretch = np.hstack([np.eye(arms.size), -rigid_motions(arms)])
             springs = block_diag(each.glue)
-            added = stretch.T @ (springs @ stretch)
+            own_stiffness = stretch.T @ (springs @ stretch)
             rows, columns = np.meshgrid(dofs, dofs, indexing="ij")
-            whole = whole + csr_matrix((added.ravel(), (rows.ravel(), columns.ravel())), shape=whole.shape)
+            total = total + csr_matrix((own_stiffness.ravel(), (rows.ravel(), columns.ravel())), shape=total.shape)
             loads[dofs, 7] += stretch.T @ (springs @ arms.ravel())
             loads[first : first + 6, 3:6] += _weights(each)
-        return whole, loads, glued
+        return total, loads, glued
 
     def _motion_of(self, each: Carried, first: int | None, count: int) -> FloatArray:
-        """The motion (6, count) of a carried body on all displacements: its own from `first` on, or a mean."""
+        """Matrix (6, count) from all displacements to the motion of a body: its own from `first` on, or a mean."""
         motion = np.zeros((6, count))
         if first is None:
             motion[:, : self._dofs.size] = self._motion(each)
@@ -166,7 +163,7 @@ class Solid:
         return motion
 
     def _motion(self, each: Carried) -> FloatArray:
-        """The rigid motion (6, dofs) that fits the nodes best about a point; its transpose spreads forces on them."""
+        """Matrix (6, dofs) to the best-fit rigid motion of a body's nodes; its transpose distributes forces on them."""
         fitted = np.linalg.pinv(rigid_motions(self.nodes[each.nodes] - each.at))
         motion = np.zeros((6, self._dofs.size))
         motion[:, self._dofs[each.nodes].ravel()] = fitted
@@ -174,14 +171,14 @@ class Solid:
 
 
 def _weights(each: Carried) -> FloatArray:
-    """Forces and moments (6, 3) about its point, of a thing's weight along x, y and z."""
+    """Forces and moments (6, 3) about a body's point by its weight along x, y and z."""
     force = each.weight_n * np.eye(3)
     return np.vstack([force, np.cross(each.middle - each.at, force).T])
 
 
 def rigid_motions(arms: FloatArray) -> FloatArray:
-    """Displacements (3 n, 6) of points at arms (n, 3) from the middle of a shift and a turn."""
-    found = np.zeros((len(arms), 3, 6))
-    found[:, :, :3] = np.eye(3)
-    found[:, :, 3:] = np.cross(np.eye(3), arms[:, None]).transpose(0, 2, 1)
-    return found.reshape(-1, 6)
+    """Matrix (3 n, 6) from a shift and a rotation to the displacements of points at arms (n, 3) from the centre."""
+    motions = np.zeros((len(arms), 3, 6))
+    motions[:, :, :3] = np.eye(3)
+    motions[:, :, 3:] = np.cross(np.eye(3), arms[:, None]).transpose(0, 2, 1)
+    return motions.reshape(-1, 6)

@@ -1,9 +1,9 @@
-"""How the mirrors of a device move against its camera: the holder, the mount and the clip by finite elements.
+"""Motions of a device's mirrors relative to its camera, by finite elements of the holder, the mount and the clip.
 
-The parts are tied to each other around their screws, each of which holds both as a rigid disc, and the foot's screws to
-what does not move. Mirrors and camera are rigid. The camera's weight is spread over the nodes that it rests on, whose
-motion is its own. A mirror hangs in springs, as a layer of silicone has them, on the nodes of its seat's floor, and
-expands by itself. Plastics differ in modulus, expansion and creep.
+Parts are tied at their screws, each a rigid disc in both parts; the foot's screws are fixed. Mirrors and camera are
+rigid. The camera's weight is distributed over the nodes on which it rests, and it follows their mean motion. A mirror
+is connected to the nodes of its seat's floor by springs, with the stiffness of a layer of silicone, and expands by
+itself. Plastics differ in modulus, expansion and creep.
 """
 
 from __future__ import annotations
@@ -38,9 +38,9 @@ from mirrorcam.optics.geometry.transforms import inverse, transform
 class Plastic:
     """A plastic as printed, at 20 to 25 deg C.
 
-    `creep` is how much of the elastic strain is added in 1000 h under the same small stress, `swelling` the strain from
-    dry to the air of a room. Where `source` says "from memory", the number is from common data sheets, not looked
-    up.
+    `creep` is the additional strain after 1000 h under a constant small stress, as a multiple of the elastic strain.
+    `swelling` is the strain from dry to room humidity. A number with the `source` "from memory" is typical of data
+    sheets and was not looked up.
     """
 
     name: str
@@ -72,13 +72,13 @@ PLASTICS = (
     ),
 )  # fmt: skip
 MIRROR_PER_K = {"acrylic": 70e-6, "glass": 9e-6}
-"""Expansion of mirrors, by their material: of cast acrylic and of float glass, from memory."""
+"""Thermal expansion of mirrors by material, cast acrylic and float glass, from memory."""
 STEEL_PER_K = 12e-6
-"""Expansion of the support that the foot is screwed to."""
+"""Thermal expansion of the support to which the foot is screwed."""
 
 
 def plastic_named(name: str, modulus_mpa: float, density_g_per_cm3: float) -> Plastic:
-    """A plastic of the table with a printer's modulus and density; raises InputError where it is not in the table."""
+    """A plastic of the table with a printer's modulus and density; raises InputError if it is not in the table."""
     for plastic in PLASTICS:
         if plastic.name.casefold() == name.casefold():
             return replace(plastic, modulus_mpa=modulus_mpa, density_g_per_cm3=density_g_per_cm3)
@@ -89,24 +89,23 @@ def plastic_named(name: str, modulus_mpa: float, density_g_per_cm3: float) -> Pl
 
 
 G = 9.80665
-# A screw presses parts together about so far around its axis: what elements of solids hold as rigid.
+# Radius of the disc in which a screw clamps parts together, rigid in the model.
 SCREW_MM = 6.0
-# Nodes are in a plane to this; nodes within this of what carries a camera carry it.
+# Tolerance of nodes in a plane, and distance of nodes that carry a camera from its points of contact.
 IN_PLANE_MM, CARRIES_MM = 5e-3, 3.0
 CAMERA = "camera"
-# Neutral-cure silicone, of 20 to 25 Shore A: its shear modulus, and that of a layer that cannot yield to the sides, of
-# Poisson's ratio .49; MPa.
+# Neutral-cure silicone, 20 to 25 Shore A, in MPa: its shear modulus, and the modulus of a layer confined sideways, for
+# a Poisson's ratio of .49.
 GLUE_SHEAR_MPA, GLUE_LAYER_MPA = 0.3, 15.0
 
 
 @dataclass(frozen=True)
 class DeviceMotions:
-    """Motions of each mirror against the camera, by its name: shift in mm of its outline's mean, then turn in rad.
+    """Motions of each mirror relative to the camera, by name: shift in mm of its outline's mean, then rotation in rad.
 
-    `plastic_weight` and `carried_weight` (6, 3) are for gravity along x, y and z of rig, of plastic of 1 g/cm3 and of
-    what it carries, both for a modulus of 1 MPa. `plastic_strain`, `ground_strain` and `mirror_strain` (6,) are for a
-    free strain of 1: of all plastic, of what the foot is screwed to, and of the mirrors, which expand by
-    `mirror_per_k`.
+    `plastic_weight` and `carried_weight` (6, 3) are for gravity along x, y and z of rig on plastic of 1 g/cm3 and on
+    the carried bodies, both for a modulus of 1 MPa. `plastic_strain`, `ground_strain` and `mirror_strain` (6,) are for
+    a unit strain of all plastic, of the support, and of the mirrors, whose expansion is `mirror_per_k`.
     """
 
     plastic_weight: Mapping[str, FloatArray]
@@ -117,14 +116,14 @@ class DeviceMotions:
     mirror_per_k: float
 
     def under_gravity(self, modulus_mpa: float, density_g_per_cm3: float) -> dict[str, FloatArray]:
-        """Motions (6, 3) per gravity along x, y and z of rig, for parts of one plastic."""
+        """Motions (6, 3) by gravity along x, y and z of rig, for parts of one plastic."""
         return {
             name: (density_g_per_cm3 * own + self.carried_weight[name]) / modulus_mpa
             for name, own in self.plastic_weight.items()
         }
 
     def of_strain(self, plastic: float, ground: float, mirrors: float) -> dict[str, FloatArray]:
-        """Motions (6,) where the plastic, what it stands on, and the mirrors expand by so much."""
+        """Motions (6,) by strains of the plastic, the support and the mirrors."""
         return {
             name: plastic * own + ground * self.ground_strain[name] + mirrors * self.mirror_strain[name]
             for name, own in self.plastic_strain.items()
@@ -133,7 +132,7 @@ class DeviceMotions:
 
 @dataclass(frozen=True)
 class TiedPart:
-    """A solid with the screws that hold it, by their numbers in the device, and what it carries."""
+    """A solid with its screws, by their indices in the device, and the bodies that it carries."""
 
     solid: Solid
     screws: tuple[int, ...]
@@ -141,7 +140,7 @@ class TiedPart:
 
 
 def device_motions(device: Device, size_mm: float) -> DeviceMotions:
-    """Solve the whole device with elements of a size; raises InputError where gmsh is missing or cannot mesh a part."""
+    """Solve the device with elements of a size; raises InputError if gmsh is missing or cannot mesh a part."""
     mount, clip, foot = device.mount, device.clip, device.mount.foot
     head = transform(mount.rig_from_head, np.column_stack([mount.holes_in_head_mm, np.zeros(4)]))
     slide = clip.slide_at
@@ -165,37 +164,40 @@ def device_motions(device: Device, size_mm: float) -> DeviceMotions:
         TiedPart(solids[MOUNT], (*feet, *heads, *slides), {}),
         TiedPart(solids[CLIP], slides, {CAMERA: _camera(device, solids[CLIP].nodes)}),
     )
-    held = [discs(part.solid.nodes, at[list(part.screws)], axes[list(part.screws)]) for part in parts]
-    return tied_motions(parts, held, at, feet, MIRROR_PER_K[device.hardware.cutting.material])
+    clamped = [discs(part.solid.nodes, at[list(part.screws)], axes[list(part.screws)]) for part in parts]
+    return tied_motions(parts, clamped, at, feet, MIRROR_PER_K[device.hardware.cutting.material])
 
 
 def tied_motions(
     parts: Sequence[TiedPart],
-    held: Sequence[Sequence[NDArray[np.int64]]],
+    clamped: Sequence[Sequence[NDArray[np.int64]]],
     at: FloatArray,
     feet: Sequence[int],
     mirror_per_k: float,
 ) -> DeviceMotions:
-    """Motions, against `CAMERA`, of everything that parts carry.
+    """Motions, relative to `CAMERA`, of all carried bodies.
 
     Parameters
     ----------
     parts : sequence of TiedPart
-        Those that share a screw are tied there.
-    held : sequence of sequence of (n,) arrays
-        For each part and each of its screws, the nodes that this holds.
+        Parts with a common screw are tied there.
+    clamped : sequence of sequence of (n,) arrays
+        For each part and each of its screws, the nodes that the screw clamps.
     at : (k, 3) array
         Points of all screws in rig, mm.
     feet : sequence of int
-        The screws that do not move.
+        The fixed screws.
     mirror_per_k : float
-        Expansion of the glued bodies, per K.
+        Thermal expansion of the glued bodies, per K.
 
-    Raises InputError where a screw holds too few nodes.
+    Raises
+    ------
+    InputError
+        If a screw clamps too few nodes.
     """
     condensed = [
         part.solid.condensed(nodes, at[list(part.screws)], part.carried)
-        for part, nodes in zip(parts, held, strict=True)
+        for part, nodes in zip(parts, clamped, strict=True)
     ]
     return _solved(parts, condensed, at, feet, mirror_per_k)
 
@@ -208,7 +210,7 @@ def _meshed(part: Part, name: str, size_mm: float) -> Tetrahedra:
 
 
 def discs(nodes: FloatArray, at: FloatArray, axes: FloatArray) -> list[NDArray[np.int64]]:
-    """The nodes around each screw, in the plane where it enters a part; each belongs to the nearest screw."""
+    """The nodes around each screw, in the plane where it enters a part; a node belongs to the nearest screw."""
     away = np.linalg.norm(nodes[:, None] - at, axis=2)
     off = np.abs(np.einsum("nsk,sk->ns", nodes[:, None] - at, axes))
     nearest = away.argmin(axis=1)
@@ -219,7 +221,7 @@ def discs(nodes: FloatArray, at: FloatArray, axes: FloatArray) -> list[NDArray[n
 
 
 def _mirrors(device: Device, nodes: FloatArray) -> dict[str, Carried]:
-    """The mirrors, each on the nodes of its seat's floor, to which it is glued."""
+    """The mirrors, each glued to the nodes of its seat's floor."""
     density = MIRRORS[device.hardware.cutting.material]
     carried = {}
     for name, mirror in zip(device.layout.mirror_names, device.layout.mirrors, strict=True):
@@ -238,7 +240,7 @@ def _mirrors(device: Device, nodes: FloatArray) -> dict[str, Carried]:
 
 
 def _glue(area_mm2: float, normal: FloatArray, count: int, hardware: Hardware) -> FloatArray:
-    """Springs (count, 3, 3) of a layer of glue, in N/mm where the plastic has 1 MPa instead of its own modulus."""
+    """Springs (count, 3, 3) of a layer of glue, in N/mm, scaled as if the plastic's modulus were 1 MPa."""
     along = np.outer(normal, normal)
     layer = GLUE_SHEAR_MPA * (np.eye(3) - along) + GLUE_LAYER_MPA * along
     each = area_mm2 / count / hardware.holder.bond_mm * layer / hardware.printer.plastic_mpa
@@ -246,7 +248,7 @@ def _glue(area_mm2: float, normal: FloatArray, count: int, hardware: Hardware) -
 
 
 def _camera(device: Device, nodes: FloatArray) -> Carried:
-    """The camera, on the nodes around the points that hold it."""
+    """The camera, on the nodes around its points of contact."""
     nest, body = device.clip.nest, body_box(device.hardware.camera)
     rests = device.clip.board_screws if nest is None else nest.points
     near = np.linalg.norm(nodes[:, None] - rests, axis=2).min(axis=1) < CARRIES_MM
@@ -261,10 +263,10 @@ def _solved(
     feet: Sequence[int],
     mirror_per_k: float,
 ) -> DeviceMotions:
-    """Join the parts at their screws; columns of loads are in the order of `DeviceMotions`."""
+    """Join the parts at their screws and solve; columns of loads are in the order of `DeviceMotions`."""
     count = 6 * len(at)
     stiffness, forces = np.zeros((count, count)), np.zeros((count, 9))
-    # Plastic of 1 g/cm3 weighs so many N/mm3.
+    # Specific weight of plastic of 1 g/cm3, in N/mm3.
     loads = np.zeros((LOADS, 9))
     loads[[0, 1, 2], [0, 1, 2]] = G * 1e-6
     loads[[3, 4, 5, 6, 7], [3, 4, 5, 6, 8]] = 1.0
@@ -286,16 +288,16 @@ def _solved(
     }
     points_at = {name: each.at for part in parts for name, each in part.carried.items()}
     camera = carried.pop(CAMERA)
-    against = {}
+    relative = {}
     for name, motion in carried.items():
         arm = points_at[name] - points_at[CAMERA]
         shift = motion[:3] - camera[:3] - np.cross(camera[3:], arm, axisa=0).T
-        against[name] = np.vstack([shift, motion[3:] - camera[3:]])
+        relative[name] = np.vstack([shift, motion[3:] - camera[3:]])
     return DeviceMotions(
-        plastic_weight={name: each[:, :3] for name, each in against.items()},
-        carried_weight={name: each[:, 3:6] for name, each in against.items()},
-        plastic_strain={name: each[:, 6] for name, each in against.items()},
-        ground_strain={name: each[:, 7] for name, each in against.items()},
-        mirror_strain={name: each[:, 8] for name, each in against.items()},
+        plastic_weight={name: each[:, :3] for name, each in relative.items()},
+        carried_weight={name: each[:, 3:6] for name, each in relative.items()},
+        plastic_strain={name: each[:, 6] for name, each in relative.items()},
+        ground_strain={name: each[:, 7] for name, each in relative.items()},
+        mirror_strain={name: each[:, 8] for name, each in relative.items()},
         mirror_per_k=mirror_per_k,
     )

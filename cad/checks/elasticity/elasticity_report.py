@@ -1,6 +1,7 @@
-"""Errors of a calibration by gravity, warmth and creep, in degrees of the mirrors and pixels of their images, as files.
+"""Calibration errors by gravity, temperature and creep, in degrees of mirrors and pixels of images, and their files.
 
-`elasticity.md` and `elasticity.json` state them for every plastic; a robot corrects its layout by `robot/gravity.json`.
+`elasticity.md` and `elasticity.json` report them for every plastic. A robot corrects its layout by
+`robot/gravity.json`.
 """
 
 from __future__ import annotations
@@ -33,17 +34,17 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.layout_in_pose import GravityTable, MirrorMotion, image_shifts_px
 
 WARMER_K = 10.0
-# A correction by the table leaves so much of gravity's part: the modulus of prints is known to a fifth at best.
+# Share of gravity's error that remains after correction by the table: the modulus of prints is uncertain by a fifth.
 LEFT_BY_TABLE = 0.2
-# Images are linear in motions as small as these: derivatives by motions this much smaller.
+# Factor on motions for the numerical derivatives of images, which are linear in such small motions.
 STEP = 0.1
 
 
 @dataclass(frozen=True)
 class Error:
-    """Turn in deg of the mirror that turns most against the camera; shift in px of the image that moves most.
+    """Largest rotation in deg of a mirror relative to the camera, and largest shift in px of an image.
 
-    `apart_px` is the largest shift that is left where the motion of all mirrors as one body is estimated from pictures.
+    `apart_px` is the largest residual shift after the common motion of all mirrors has been estimated from pictures.
     """
 
     deg: float
@@ -56,11 +57,11 @@ class Error:
 
 @dataclass(frozen=True)
 class Errors:
-    """Errors of a device printed of one plastic, which its calibration does not know.
+    """Errors of a device printed in one plastic that its calibration does not include.
 
-    `gravity` is for turning the device from no gravity to 1 g in the worst direction (from one side to the other it is
-    twice that); `corrected` the rest after correction by the table; `warmth` for 10 K, `creep` for 1000 h in the worst
-    direction. `mirrors_warmth_deg` is the turn of each mirror for 10 K.
+    `gravity` is for a change from no gravity to 1 g in the worst direction; turning the device over doubles it.
+    `corrected` remains after correction by the table. `warmth` is for 10 K, `creep` for 1000 h in the worst direction.
+    `mirrors_warmth_deg` is the rotation of each mirror for 10 K.
     """
 
     plastic: Plastic
@@ -72,7 +73,7 @@ class Errors:
 
 
 def errors_of(layout: Layout, motions: DeviceMotions, depth_mm: float, plastic: Plastic) -> Errors:
-    """The errors of a device of one plastic, of scene points at a depth in view axes."""
+    """The errors of a device in one plastic, for scene points at a depth in view axes."""
     weighed = motions.under_gravity(plastic.modulus_mpa, plastic.density_g_per_cm3)
     gravity = Error(_worst_turn_deg(weighed), *_worst_shifts_px(layout, weighed, depth_mm))
     warm = motions.of_strain(plastic.strain_per_k * WARMER_K, STEEL_PER_K * WARMER_K, motions.mirror_per_k * WARMER_K)
@@ -112,9 +113,10 @@ def _worst_turn_deg(motions: Mapping[str, FloatArray]) -> float:
 
 
 def _worst_shifts_px(layout: Layout, motions: Mapping[str, FloatArray], depth_mm: float) -> tuple[float, float]:
-    """Of motions (6, k) of each mirror per unit of k loads: the largest shift for a unit vector of these.
+    """Largest image shift for a unit vector of k loads, from motions (6, k) of each mirror per unit load.
 
-    Second, the rest where the motion of all mirrors as one body is estimated from pictures, as `drift` does.
+    The second value is the residual after the common motion of all mirrors has been estimated from pictures, as in
+    `drift`.
     """
     shifts = _shifts_px(layout, motions, depth_mm)
     together = {}
@@ -122,15 +124,16 @@ def _worst_shifts_px(layout: Layout, motions: Mapping[str, FloatArray], depth_mm
         turned = np.cross(np.eye(3), mirror.rig_from_plane[:3, 3]).T
         together[name] = np.block([[np.eye(3), turned], [np.zeros((3, 3)), np.eye(3)]]) * [*[1.0] * 3, *[1e-2] * 3]
     common = _shifts_px(layout, together, depth_mm)
-    left = shifts - common @ np.linalg.lstsq(common, shifts, rcond=None)[0]
-    whole, apart = (
-        float(np.linalg.norm(each.reshape(-1, 2, each.shape[1]), ord=2, axis=(1, 2)).max()) for each in (shifts, left)
+    residual = shifts - common @ np.linalg.lstsq(common, shifts, rcond=None)[0]
+    total, apart = (
+        float(np.linalg.norm(each.reshape(-1, 2, each.shape[1]), ord=2, axis=(1, 2)).max())
+        for each in (shifts, residual)
     )
-    return whole, apart
+    return total, apart
 
 
 def _shifts_px(layout: Layout, motions: Mapping[str, FloatArray], depth_mm: float) -> FloatArray:
-    """Shifts of images (2 n, k) in px per unit of each load: x and y of every point."""
+    """Image shifts (2 n, k) in px per unit of each load: x and y of every point."""
     columns = []
     for load in range(next(iter(motions.values())).shape[1]):
         mirrors = tuple(
@@ -144,34 +147,34 @@ def _shifts_px(layout: Layout, motions: Mapping[str, FloatArray], depth_mm: floa
     return np.stack(columns, axis=-1)
 
 
-# Finer elements differ by up to 5 % (docs/elasticity.md).
+# Size of the elements; finer ones change the result by up to 5 % (docs/elasticity.md).
 SIZE_MM = 6.0
-# What images may move against each other, in px: as much as a calibration's corners scatter, for gravity and for creep;
-# .1 px per K for warmth.
+# Limits of the relative shifts of images in px: the scatter of a calibration's corners for gravity and creep, and .1 px
+# per K for temperature.
 GRAVITY_PX, CREEP_PX, WARMTH_PX = 0.1, 0.1, 1.0
-# What mirrors may turn against the camera, in deg: as much as the mount alone may bend.
+# Limit of the rotation of mirrors relative to the camera in deg: that of the mount alone.
 TURN_DEG = 0.05
 SCHEMA = "mirrorcam.elasticity/1"
 TEXT = """# Gravity, warmth and creep
 
-By finite elements of holder, mount and clip in {plastic} ({modulus:g} MPa), for points {depth:g} mm away. An error is
-the turn of the mirror that turns most against the camera; the shift of the image that moves most; and, in brackets,
-what is left of that where the motion of all mirrors as one body is estimated from pictures, as `mirrorcam drift` does.
-`robot/gravity.json` has the motions per gravity, by which `layout_in_pose` corrects a layout.
+By finite elements of holder, mount and clip in {plastic} ({modulus:g} MPa), for points {depth:g} mm away. Errors are
+the largest rotation of a mirror relative to the camera, the largest shift of an image and, in brackets, the residual
+shift after the common motion of all mirrors has been estimated from pictures, as `mirrorcam drift` does.
+`robot/gravity.json` has the motions by gravity, with which `layout_in_pose` corrects a layout.
 
 | plastic | gravity, 1 g | corrected by the table | 10 K | creep, 1000 h |
 |---|---|---|---|---|
 {rows}
 
-Limits: {turn:g}° each; of what is in brackets, gravity {gravity:g} px, 10 K {warmth:g} px, creep {creep:g} px.
+Limits: {turn:g}° each; for the residual shifts, gravity {gravity:g} px, 10 K {warmth:g} px, creep {creep:g} px.
 
-Recommended: {recommended}, whose largest part of a limit is the smallest, of plastics that swell less in the air of a
-room than they expand in 10 K.
+Recommended: {recommended}, whose errors are the smallest relative to their limits, among plastics that swell less in
+room humidity than they expand in 10 K.
 """
 
 
 def require_solvable(hardware: Hardware) -> None:
-    """Raise InputError where gmsh is missing, or the plastic is not in the table."""
+    """Raise InputError if gmsh is missing or the plastic is not in the table."""
     if gmsh_program() is None:
         raise InputError(NO_GMSH)
     plastic_named(hardware.printer.plastic, hardware.printer.plastic_mpa, hardware.printer.plastic_g_per_cm3)
@@ -180,7 +183,7 @@ def require_solvable(hardware: Hardware) -> None:
 def write_elasticity(out: Path, device: Device) -> dict[str, Metric]:
     """Write `elasticity.md`, `elasticity.json` and `robot/gravity.json` of a device; return its figures.
 
-    Raises InputError where gmsh is missing, cannot mesh a part, or the plastic is not in the table.
+    Raises InputError if gmsh is missing or cannot mesh a part, or if the plastic is not in the table.
     """
     printer, layout = device.hardware.printer, device.layout
     plastic = plastic_named(printer.plastic, printer.plastic_mpa, printer.plastic_g_per_cm3)
@@ -206,9 +209,9 @@ def write_elasticity(out: Path, device: Device) -> dict[str, Metric]:
 
 
 def table_of(errors: Sequence[Errors], own: Errors, depth_mm: float) -> dict[str, Any]:
-    """The content of `elasticity.json`: each plastic's errors with whether they pass, and of `own` each mirror's turn.
+    """The content of `elasticity.json`: each plastic's errors and verdict, and each mirror's rotation from `own`.
 
-    Lengths are in mm, angles in deg; `apart_px` is the rest where the motion of all mirrors as one is known.
+    Lengths are in mm, angles in deg; `apart_px` is the residual after estimation of the mirrors' common motion.
     """
     return {
         "schema": SCHEMA,
@@ -246,7 +249,7 @@ def figures(errors: Errors) -> dict[str, Metric]:
 
 
 def part_of_limits(errors: Errors) -> float:
-    """The largest part of its limit that an error is."""
+    """The largest ratio of an error to its limit."""
     turn = max(error.deg for error in (errors.gravity, errors.warmth, errors.creep)) / TURN_DEG
     return max(
         turn, errors.gravity.apart_px / GRAVITY_PX, errors.warmth.apart_px / WARMTH_PX, errors.creep.apart_px / CREEP_PX
@@ -254,7 +257,7 @@ def part_of_limits(errors: Errors) -> float:
 
 
 def recommended(errors: Sequence[Errors]) -> str:
-    """The plastic whose errors are the smallest part of their limits, of those that swell less than in 10 K."""
+    """The plastic with the smallest errors relative to limits, among those that swell less than they expand in 10 K."""
     steady = [each for each in errors if each.plastic.swelling < 10.0 * each.plastic.strain_per_k]
     return min(steady, key=part_of_limits).plastic.name
 

@@ -1,4 +1,4 @@
-"""Meshes of tetrahedra of the solids in STEP files, by the program gmsh."""
+"""Tetrahedral meshes of the solids in STEP files, by the program gmsh."""
 
 from __future__ import annotations
 
@@ -18,53 +18,53 @@ from mirrorcam.core.errors import InputError
 from mirrorcam.core.processes.child_program import run_program
 from mirrorcam.core.values import FloatArray
 
-# Round shapes get this many elements around; elements are no smaller than this.
+# Number of elements around a full circle, and least size of an element.
 AROUND, SMALLEST_MM = 6, 1.0
 LONGEST_S = 600.0
 NO_GMSH = (
     'gmsh is not installed or does not start, needed for finite elements: pip install "mirrorcam[fe]"; '
     "on Linux also libglu1-mesa, libxft2, libxcursor1, libxinerama1"
 )
-TETRAHEDRON = 4  # gmsh's type of element
+TETRAHEDRON = 4  # gmsh's element type
 
 
 @dataclass(frozen=True)
 class Tetrahedra:
-    """Corners (n, 3) in mm and, of each tetrahedron, the indices of its own (m, 4)."""
+    """Points (n, 3) in mm, and the indices (m, 4) of each tetrahedron's corners."""
 
     points: FloatArray
     corners: NDArray[np.int64]
 
     @property
     def volume_mm3(self) -> float:
-        """Volume of all of them."""
+        """Total volume."""
         edges = self.points[self.corners[:, 1:]] - self.points[self.corners[:, :1]]
         return float(np.abs(np.linalg.det(edges)).sum() / 6.0)
 
 
 @cache
 def gmsh_program() -> str | None:
-    """Path of gmsh: beside this Python, where pip installs it, or on the path; None where it is missing or not started.
+    """Path of gmsh, next to this Python (as pip installs it) or on the path; None if it is missing or does not start.
 
-    gmsh is under the GPL: it is run as a program of its own, and neither imported nor linked. Its wheel needs libraries
-    of the system for windows that it does not open (libGLU, libXft, libXcursor, libXinerama).
+    gmsh is under the GPL: it is run as a separate program, and neither imported nor linked. Its wheel needs the
+    system's libraries for windows, although it opens none (libGLU, libXft, libXcursor, libXinerama).
     """
-    beside = shutil.which("gmsh", path=sysconfig.get_path("scripts"))
-    for program in (beside, shutil.which("gmsh")):
+    installed = shutil.which("gmsh", path=sysconfig.get_path("scripts"))
+    for program in (installed, shutil.which("gmsh")):
         if program and run_program([*_command(program), "--version"], timeout_s=LONGEST_S).returncode == 0:
             return program
     return None
 
 
 def _command(program: str) -> list[str]:
-    """How a program is started: pip's is a script for this Python, whatever Python is first on the path."""
+    """The command of a program: pip's script is run by this Python, whatever Python is first on the path."""
     with Path(program).open("rb") as opened:
         first = opened.readline(200)
     return [sys.executable, program] if first.startswith(b"#!") and b"python" in first else [program]
 
 
 def tetrahedra_of(step: Path, size_mm: float) -> Tetrahedra:
-    """Mesh the solid of a STEP file with elements of a size; raises InputError where gmsh is missing or fails."""
+    """Mesh the solid of a STEP file with elements of a size; raises InputError if gmsh is missing or fails."""
     program = gmsh_program()
     if program is None:
         raise InputError(NO_GMSH)
@@ -102,5 +102,5 @@ def read_msh22(text: str) -> Tetrahedra:
 
 
 def _section(text: str, name: str) -> list[str]:
-    """The lines of a section, without the first, which is their number."""
+    """The lines of a section, without the first, which is their count."""
     return text.partition(f"${name}\n")[2].partition(f"$End{name}")[0].splitlines()[1:]

@@ -37,7 +37,7 @@ from mirrorcam.render_scenes.sets.dataset import MANIFEST
 from mirrorcam.render_scenes.suites.recipe import SetRecipe
 from mirrorcam.render_scenes.suites.set_work import (
     CODE,
-    SetAnswer,
+    SetResult,
     SetTask,
     folder_name,
     render_in_turn,
@@ -45,7 +45,7 @@ from mirrorcam.render_scenes.suites.set_work import (
 )
 from mirrorcam.render_scenes.suites.suite import Cost, Suite, set_cost
 
-SetRunner = Callable[[Sequence[str]], Iterator[tuple[int, SetAnswer | Died]]]
+SetRunner = Callable[[Sequence[str]], Iterator[tuple[int, SetResult | Died]]]
 LARGEST_ANSWER_BYTES = 1_000_000_000
 """Largest set, in bytes, that a worker of a cluster sends back."""
 
@@ -231,7 +231,7 @@ def _rendered(
     for done, (number, got) in enumerate(workers.render(tasks), 1):
         each = queued[number]
         failure = got.reason if isinstance(got, Died) else got.failure
-        if isinstance(got, SetAnswer) and not failure:
+        if isinstance(got, SetResult) and not failure:
             failure = _kept(each, got)
             seconds[each.recipe.name] = got.seconds
         if failure:
@@ -240,7 +240,7 @@ def _rendered(
     return failures, seconds
 
 
-def _kept(each: PlannedSet, got: SetAnswer) -> str:
+def _kept(each: PlannedSet, got: SetResult) -> str:
     """Move the files of an answer into place; returns the reason of a failure, or an empty text."""
     if other := differing(got.made_with, program_of(*CODE)):
         return f"{other[0]} of a worker differs from this machine's, expected the same everywhere"

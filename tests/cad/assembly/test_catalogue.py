@@ -204,7 +204,7 @@ HOMES = ("mirror_holder", "mount", "camera_clip", "adapter_saddle", "adapter_des
 def test_inserts_and_nuts_get_to_their_seats(hardware: Hardware, small_layout: Layout) -> None:
     device = plan_device(small_layout, hardware)
     items = bought_items(device)
-    assert all(bool(len(item.way_out_mm)) == (item.kind in ("insert", "nut")) for item in items)
+    assert all(bool(len(item.exit_moves_mm)) == (item.kind in ("insert", "nut")) for item in items)
     solids = {part.name: solid_of(tessellated(part.make(part.plan))) for part in parts_of(device) if part.name in HOMES}
     solids |= {piece.name: solid_of(piece.mesh) for piece in item_pieces(items)}
     assert not [name for name, check in check_insertion(items, solids).items() if check.passed is False]
@@ -212,7 +212,7 @@ def test_inserts_and_nuts_get_to_their_seats(hardware: Hardware, small_layout: L
     assert check_tool_reach(threads, solids)["device.tool_clash_mm3"].value == 0.0
     if hardware.screw.kind == "nut":
         # As nuts were drawn once: before the face that the screw enters, as if they were inserts.
-        wrong = [replace(item, way_out_mm=12.0 * item.rig_from_item[None, :3, 2]) for item in items]
+        wrong = [replace(item, exit_moves_mm=12.0 * item.rig_from_item[None, :3, 2]) for item in items]
         assert check_insertion(wrong, solids)["device.insertion_clash_mm3"].value > 100.0
 
 
@@ -221,5 +221,5 @@ def test_a_nut_of_the_foot_leaves_by_the_nearer_side(small_layout: Layout) -> No
     nuts = [item for item in bought_items(plan_device(small_layout, NUTS)) if item.joins == ("mount",)]
     assert len(nuts) == 4
     for nut in nuts:
-        assert nut.way_out_mm[0] @ nut.rig_from_item[:3, 2] < 0.0
-        assert np.sign(nut.way_out_mm[1, 0]) == np.sign(nut.rig_from_item[0, 3])
+        assert nut.exit_moves_mm[0] @ nut.rig_from_item[:3, 2] < 0.0
+        assert np.sign(nut.exit_moves_mm[1, 0]) == np.sign(nut.rig_from_item[0, 3])

@@ -65,7 +65,7 @@ def test_the_nut_of_a_tripod_lies_flush_on_its_floor() -> None:
     low = item.rig_from_item[2, 3] - item.length_mm
     assert low == pytest.approx(nut.floor_mm)
     assert item.rig_from_item[2, 3] <= 8.0
-    assert item.way_out_mm[0, 2] > 8.0
+    assert item.exit_moves_mm[0, 2] > 8.0
     flush = tripod_depth_mm(nut)
     assert tripod_nut(np.array([0.0, 0.0, flush]), flush, nut, "plate", np.zeros(3)).rig_from_item[2, 3] < flush
     assert nut.screw_mm - nut.floor_mm >= 3.0 * thread_of("1/4-20 UNC").pitch_mm

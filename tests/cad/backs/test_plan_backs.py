@@ -54,7 +54,7 @@ def test_every_kind_hangs_on_the_four_screws_of_the_foot(kind: str, screws: str,
     )
     for joint in back.joints:
         assert set(joint.joins) <= {*names, "mount"}
-        assert len(joint.nut_ways_mm) == len(joint.heads)
+        assert len(joint.nut_exits_mm) == len(joint.heads)
     for item in back.items:
         assert set(item.joins) <= set(names)
 

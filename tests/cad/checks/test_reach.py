@@ -22,7 +22,7 @@ NUT = manifold3d.Manifold.cylinder(2.4, 3.0, circular_segments=6).translate((0.0
 
 
 def failed_to_enter(way_mm: list[tuple[float, float, float]]) -> set[str]:
-    nut = replace(item("nut", "M3", 2.4), way_out_mm=np.array(way_mm).reshape(-1, 3))
+    nut = replace(item("nut", "M3", 2.4), exit_moves_mm=np.array(way_mm).reshape(-1, 3))
     checks = check_insertion([nut], {"mirror_holder": WALL - POCKET, "nut_01": NUT})
     return {name.removeprefix("device.") for name, check in checks.items() if check.passed is False}
 
@@ -36,7 +36,7 @@ def test_a_nut_comes_in_by_its_pocket_and_by_no_other_face() -> None:
 
 
 def test_a_part_in_pieces_is_one_part() -> None:
-    nut = replace(item("nut", "M3", 2.4), way_out_mm=np.array([[0.0, 0.0, -12.0]]))
+    nut = replace(item("nut", "M3", 2.4), exit_moves_mm=np.array([[0.0, 0.0, -12.0]]))
     halves = (WALL - POCKET).split_by_plane((1.0, 0.0, 0.0), 0.0)
     solids = {f"mirror_holder_{number}": half for number, half in enumerate(halves, start=1)} | {"nut_01": NUT}
     assert check_insertion([nut], solids)["device.insertion_clash_mm3"].value > 50.0
@@ -121,7 +121,7 @@ def test_a_deep_narrow_shaft_takes_a_blade_but_not_its_handle_below_the_rim() ->
 
 def test_a_nut_needs_a_free_way_for_what_pushes_it() -> None:
     way = np.array([[0.0, 0.0, 10.0], [0.0, 20.0, 0.0]])
-    nut = replace(placed(item("nut", "M3", 2.4), ("camera_clip",)), way_out_mm=way)
+    nut = replace(placed(item("nut", "M3", 2.4), ("camera_clip",)), exit_moves_mm=way)
     floor = cube((-9.0, -9.0, -5.0), (9.0, 9.0, 0.0)) - cube((-3.2, -3.2, -3.0), (3.2, 3.2, 1.0))
     assert tool_clash_mm3(nut, {"camera_clip": floor}) == 0.0
     beyond = floor + cube((-9.0, 40.0, -5.0), (9.0, 44.0, 12.0))

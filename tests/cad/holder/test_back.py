@@ -15,7 +15,7 @@ from build123d import GeomType
 from shapely import Polygon, get_coordinates
 
 from mirrorcam.cad.assembly.device_plan import Device
-from mirrorcam.cad.holder.back import FrontSurface, mount_axes, slot_way, tip_mm
+from mirrorcam.cad.holder.back import FrontSurface, mount_axes, slot_direction, tip_mm
 from mirrorcam.cad.holder.holder_body import HolderPlan
 from mirrorcam.cad.holder.holder_plan import plan_holder
 from mirrorcam.cad.holder.holder_solid import make_holder
@@ -57,12 +57,12 @@ def test_blind_holes_end_in_cones_that_print(default_layout: Layout, kind: Liter
 def test_slots_leave_square_to_the_edge(default_layout: Layout) -> None:
     """No tip of a wall stands over a slot: each leaves a side of the part's outline at a right angle, the nearest."""
     square = Polygon([(0.0, 0.0), (10.0, 0.0), (10.0, 10.0), (0.0, 10.0)])
-    np.testing.assert_allclose(slot_way(square, np.array([3.0, 5.0])), [-1.0, 0.0])
-    np.testing.assert_allclose(slot_way(square, np.array([5.0, 8.0])), [0.0, 1.0])
+    np.testing.assert_allclose(slot_direction(square, np.array([3.0, 5.0])), [-1.0, 0.0])
+    np.testing.assert_allclose(slot_direction(square, np.array([5.0, 8.0])), [0.0, 1.0])
     plan = plan_holder(default_layout, HARDWARE.replaced(screw=HARDWARE.screw.replaced(kind="nut")))
     corners = get_coordinates(on_back(plan, plan.slab.top).convex_hull)
     sides = np.diff(corners, axis=0) / np.linalg.norm(np.diff(corners, axis=0), axis=1)[:, None]
-    ways = plan.slot_ways @ plan.rig_from_mount[:3, :2]
+    ways = plan.slot_directions @ plan.rig_from_mount[:3, :2]
     assert len(ways) == 4
     np.testing.assert_allclose(np.abs(ways @ sides.T).min(axis=1), 0.0, atol=1e-9)
 

@@ -56,7 +56,7 @@ def test_the_first_place_of_the_mount_that_leaves_space_is_taken(default_layout:
     beside = Point(areas[0].screws[0]).buffer(1.0)
     _, moved = plan_areas(default_layout, axes, [beside], hardware)
     assert not any(beside.contains(Point(screw)) for screw in moved[0].screws)
-    with pytest.raises(InputError, match=r"no space .* more beside the mount's own screws, or holder\.mirrors"):
+    with pytest.raises(InputError, match=r"no space .* next to the mount's screws, or holder\.mirrors"):
         plan_areas(default_layout, axes, [everywhere], hardware)
 
 

@@ -77,7 +77,7 @@ def test_a_solid_inside_out_is_refused() -> None:
     class Wrong:
         faces = [face[::-1] for face in block((0, 0, 0), (1, 1, 1)).faces]  # noqa: RUF012
 
-    with pytest.raises(ValueError, match="8 corners make no solid"):
+    with pytest.raises(ValueError, match="8 corners form no solid"):
         PlanarCsg().solid(Wrong())
 
 

@@ -259,11 +259,14 @@ def cross(first: np.ndarray, second: np.ndarray) -> bool:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"lens_ring_mm": 26.0}, r"lip reaches 1\.5 mm over the lens ring \(26 mm across\).*lip_mm at most 1\.5"),
+        ({"lens_ring_mm": 26.0}, r"lens ring \(26 mm across\) by 1\.5 mm.*lip_mm of at most 1\.5"),
         ({"lens_x_mm": -20.0, "width_mm": 60.0}, None),
-        ({"cable_x_mm": -16.0}, r"leaf behind the body would be -?\d+\.\d mm wide beside the cable, expected at least"),
+        (
+            {"cable_x_mm": -16.0},
+            r"leaf behind the body would be -?\d+\.\d mm wide next to the cable, expected at least",
+        ),
         ({"cable_x_mm": 17.0}, r"slot for the cable's tie is \d\.\d mm beyond the screws"),
-        ({"width_mm": 47.0, "lens_ring_mm": 22.0}, r"corner reaches \d+\.\d mm over the lens ring"),
+        ({"width_mm": 47.0, "lens_ring_mm": 22.0}, r"corner overlaps the lens ring by \d+\.\d mm"),
     ],
 )
 def test_a_body_that_cannot_be_held_is_refused_with_the_measure(changes: dict[str, float], message: str | None) -> None:

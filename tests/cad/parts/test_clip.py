@@ -79,7 +79,7 @@ def without_rest() -> Hardware:
 
 def test_a_barrel_that_would_be_inside_the_wall_is_refused() -> None:
     wide = read_body("pi_hq_cs").replaced(lens_ring_mm=40.0)
-    with pytest.raises(InputError, match=r"rest for the lens would begin \d+\.\d mm inside its wall"):
+    with pytest.raises(InputError, match=r"rest for the lens would start \d+\.\d mm inside its wall"):
         plan_clip(HARDWARE.replaced(camera=wide))
 
 

@@ -20,14 +20,14 @@ from mirrorcam.cad.holder.holder_body import HolderPlan
 from mirrorcam.cad.holder.holder_plan import plan_holder
 from mirrorcam.cad.parts.clip import ClipPlan, plan_clip
 from mirrorcam.cad.parts.mount import (
-    Lay,
     MountPlan,
+    Placement,
     beam_tilt_deg,
     bending,
     fits,
     halves,
     joint_blocks,
-    lay,
+    place_on_bed,
     plan_mount,
     profiles,
 )
@@ -51,8 +51,8 @@ def straight(length_mm: float, depth_mm: float = 30.0) -> tuple[FloatArray, Floa
     return np.column_stack([np.zeros(4), z]), np.column_stack([np.full(4, -depth_mm), z])
 
 
-def straight_laid(length_mm: float) -> Lay:
-    found = lay(*straight(length_mm), HARDWARE)
+def straight_laid(length_mm: float) -> Placement:
+    found = place_on_bed(*straight(length_mm), HARDWARE)
     assert found is not None
     return found
 
@@ -63,11 +63,11 @@ def test_what_fits_lies_as_it_is() -> None:
 
 def test_what_is_longer_than_the_bed_lies_askew() -> None:
     inner, outer = straight(250.0)
-    laid = straight_laid(250.0)
-    assert laid.cut_mm is None
-    assert 0.0 < laid.turn_deg < 90.0
+    placement = straight_laid(250.0)
+    assert placement.cut_mm is None
+    assert 0.0 < placement.turn_deg < 90.0
     band = Polygon([*inner, *outer[::-1]])
-    assert fits(band, laid.turn_deg, BED)
+    assert fits(band, placement.turn_deg, BED)
     assert not fits(band, 0.0, BED)
     # Longer than the bed's diagonal less the depth it never fits.
     assert straight_laid(300.0).cut_mm is not None
@@ -75,22 +75,22 @@ def test_what_is_longer_than_the_bed_lies_askew() -> None:
 
 def test_what_never_fits_is_cut_where_both_halves_do() -> None:
     inner, outer = straight(400.0)
-    laid = straight_laid(400.0)
-    assert laid.cut_mm is not None
-    assert laid.cut_mm == pytest.approx(200.0)
+    placement = straight_laid(400.0)
+    assert placement.cut_mm is not None
+    assert placement.cut_mm == pytest.approx(200.0)
     band = Polygon([*inner, *outer[::-1]])
-    parts = halves(band, laid.turn_deg, laid.cut_mm)
+    parts = halves(band, placement.turn_deg, placement.cut_mm)
     assert [part.area for part in parts] == pytest.approx([200.0 * 30.0] * 2)
-    assert all(fits(part, laid.turn_deg, BED) for part in parts)
+    assert all(fits(part, placement.turn_deg, BED) for part in parts)
 
 
 def test_what_two_halves_do_not_help_lies_no_way() -> None:
-    assert lay(*straight(600.0), HARDWARE) is None
+    assert place_on_bed(*straight(600.0), HARDWARE) is None
 
 
 def test_a_cut_has_blocks_on_both_sides_at_both_ends() -> None:
-    laid = straight_laid(400.0)
-    blocks = joint_blocks(laid, 2.4, 50.0, HARDWARE)
+    placement = straight_laid(400.0)
+    blocks = joint_blocks(placement, 2.4, 50.0, HARDWARE)
     assert len(blocks) == 6
     corners = np.vstack([np.vstack([block.base, block.top]) for block in blocks])
     assert (corners[:, 0].min(), corners[:, 0].max()) == pytest.approx((-50.0, 50.0))
@@ -110,9 +110,11 @@ def test_blocks_stay_on_the_straight_of_a_profile_that_leans() -> None:
         np.array([(start[0], -60.0), start, start + 90.0 * along, start + 140.0 * along]) for start in starts
     )
     small = HARDWARE.replaced(printer=HARDWARE.printer.replaced(bed_mm=(150.0, 150.0, 220.0)))
-    laid = lay(inner, outer, small)
-    assert laid is not None
-    corners = np.vstack([np.vstack([block.base, block.top])[:, 1:] for block in joint_blocks(laid, 1.6, 50.0, small)])
+    placement = place_on_bed(inner, outer, small)
+    assert placement is not None
+    corners = np.vstack(
+        [np.vstack([block.base, block.top])[:, 1:] for block in joint_blocks(placement, 1.6, 50.0, small)]
+    )
     reach = (corners - starts[1]) @ along
     assert reach.min() >= -1e-9
     assert reach.max() <= 90.0 + depth

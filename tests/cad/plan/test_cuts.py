@@ -29,7 +29,7 @@ from mirrorcam.cad.plan.cuts import (
     off_corners,
     reach_of_pin_mm,
     require_height,
-    thin_beside_mm2,
+    thin_wall_mm2,
     turned_onto_bed,
 )
 from mirrorcam.cad.plan.hardware import HARDWARE
@@ -42,14 +42,14 @@ from mirrorcam.optics.geometry.transforms import transform
 def test_thin_walls_beside_a_cut_are_measured() -> None:
     # A step at x = 20: a cut 0.5 mm before or behind it leaves 6 x 10 mm of a wall 0.5 mm thick, on one side.
     stepped = Manifold.cube((20.0, 10.0, 10.0)) + Manifold.cube((40.0, 10.0, 4.0))
-    thin = thin_beside_mm2(triangles_of(stepped), 0, np.array([10.0, 18.7, 18.9, 19.5, 20.5, 21.3, 39.5]), 1.2)
+    thin = thin_wall_mm2(triangles_of(stepped), 0, np.array([10.0, 18.7, 18.9, 19.5, 20.5, 21.3, 39.5]), 1.2)
     np.testing.assert_allclose(thin, [0.0, 0.0, 60.0, 60.0, 0.0, 0.0, 40.0], atol=1e-9)
     # Of the mirrored step the other side is thin.
     turned = stepped.mirror((1.0, 0.0, 0.0))
-    thin = thin_beside_mm2(triangles_of(turned), 0, np.array([-20.5, -19.5, -18.9]), 1.2)
+    thin = thin_wall_mm2(triangles_of(turned), 0, np.array([-20.5, -19.5, -18.9]), 1.2)
     np.testing.assert_allclose(thin, [0.0, 60.0, 60.0], atol=1e-9)
     # Along y the step is a wall of its full length.
-    assert thin_beside_mm2(triangles_of(stepped), 1, np.array([0.5]), 1.2) == pytest.approx(200.0 + 80.0)
+    assert thin_wall_mm2(triangles_of(stepped), 1, np.array([0.5]), 1.2) == pytest.approx(200.0 + 80.0)
 
 
 @pytest.mark.parametrize(("lean_deg", "share"), [(0.0, 1.0), (10.0, 1.2 / (10.0 * math.tan(math.radians(10.0))))])
@@ -60,10 +60,10 @@ def test_of_a_face_that_leans_only_what_is_near_counts(lean_deg: float, share: f
     body = Manifold.extrude(profile, 10.0)
     area = 100.0 / math.cos(math.radians(lean_deg))
     cut = 20.0 - 1e-9
-    assert thin_beside_mm2(triangles_of(body), 0, np.array([cut]), 1.2) == pytest.approx(share * area, rel=1e-6)
+    assert thin_wall_mm2(triangles_of(body), 0, np.array([cut]), 1.2) == pytest.approx(share * area, rel=1e-6)
     steep = 10.0 * math.tan(math.radians(16.0))
     wedge = CrossSection([np.array([(0.0, 0.0), (20.0, 0.0), (20.0 + steep, 10.0), (0.0, 10.0)])])
-    assert thin_beside_mm2(triangles_of(Manifold.extrude(wedge, 10.0)), 0, np.array([cut]), 1.2) == 0.0
+    assert thin_wall_mm2(triangles_of(Manifold.extrude(wedge, 10.0)), 0, np.array([cut]), 1.2) == 0.0
 
 
 def test_a_cut_moves_off_corners_to_the_side_that_leaves_less_thin_walls() -> None:

@@ -88,7 +88,7 @@ def cantilever(plates: FoldedPlates) -> FloatArray:
     """Compliance of its end, whose whole edge is held as is the one that does not move."""
     xs = np.linspace(-0.9, 0.9, 5) * WIDTH / 2.0
     first, last = np.zeros(5, dtype=int), np.full(5, len(plates.edges) - 1)
-    return plates.compliance(ground=(first, xs), held=(last, xs), at=np.array([0.0, *plates.edges[-1]]))
+    return plates.compliance(supports=(first, xs), attachments=(last, xs), load=np.array([0.0, *plates.edges[-1]]))
 
 
 def test_a_strip_is_a_cantilever_in_bending_tension_and_shear() -> None:

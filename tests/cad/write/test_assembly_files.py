@@ -185,7 +185,7 @@ def test_a_screw_in_no_printed_part_is_a_bug(
     device: Device, parts: list[BuiltPart], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(assembly_files, "bought_items", lambda _: (screw(np.eye(4), "adapter_lid"),))
-    with pytest.raises(ValueError, match=r"names=\('adapter_lid',\) are no printed parts, expected one of mirror_hol"):
+    with pytest.raises(ValueError, match=r"names=\('adapter_lid',\) are not printed parts, expected one of mirror_hol"):
         write_assembly(tmp_path / "assembly.step", device, parts)
     assert list(tmp_path.iterdir()) == []
 

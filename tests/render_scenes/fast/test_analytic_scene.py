@@ -14,7 +14,7 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Charuco, Checkerboard
 from mirrorcam.optics.geometry.transforms import rigid
 from mirrorcam.render_scenes.fast.analytic_scene import Arithmetic, DrJitArithmetic, FastScene, NumpyArithmetic
-from mirrorcam.render_scenes.lens import as_it_is
+from mirrorcam.render_scenes.lens import true_camera
 from mirrorcam.render_scenes.reference.board_scene import BoardScene
 from mirrorcam.render_scenes.sets.poses import plan_frames
 from mirrorcam.render_scenes.settings import SENSORS, RenderSettings, SensorName
@@ -109,7 +109,7 @@ def test_a_real_lens_moves_corners_as_traced_rays_do(distorted_layout: Layout, f
     """By both renderers: a pupil that walks by 5 mm at 45 degrees, and waves of a pixel."""
     pose = tilted_board(distorted_layout)
     settings = SETTINGS.replaced(sensor=SENSORS["ideal"].replaced(**flaw))
-    real = distorted_layout.replaced(camera=as_it_is(distorted_layout.camera, settings.sensor))
+    real = distorted_layout.replaced(camera=true_camera(distorted_layout.camera, settings.sensor))
     pupil = settings.sensor.pupil
     moved = Oracle(real, TARGET, pupil=pupil).by_mirrors(pose)[0]
     assert np.sqrt(np.nanmean((moved - Oracle(distorted_layout, TARGET).by_mirrors(pose)[0]) ** 2)) > 0.7

@@ -10,7 +10,7 @@ from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.lenses.families import LensName
 from mirrorcam.optics.geometry.nearest_lens import with_lens
 from mirrorcam.optics.geometry.pupil import Pupil
-from mirrorcam.render_scenes.lens import as_it_is
+from mirrorcam.render_scenes.lens import true_camera
 from mirrorcam.render_scenes.reference.camera_sensor import sensor
 from mirrorcam.render_scenes.settings import SENSORS
 from mirrorcam.render_scenes.variant import use_variant
@@ -131,7 +131,7 @@ def test_rays_of_a_pupil_that_walks_start_where_it_is_and_meet_in_focus() -> Non
 
 def test_rays_of_a_lens_off_its_model_are_off_it_by_the_same_waves() -> None:
     use_variant()
-    camera = as_it_is(Camera.c920().replaced(distortion=LENSES["all"]), SENSORS["ideal"].replaced(lens_waves_px=0.5))
+    camera = true_camera(Camera.c920().replaced(distortion=LENSES["all"]), SENSORS["ideal"].replaced(lens_waves_px=0.5))
     grid = np.stack(np.meshgrid(np.linspace(0.0, 1919.0, 33), np.linspace(0.0, 1079.0, 19)), axis=-1).reshape(-1, 2)
     found = directions(camera, grid, (0, 0, 1920, 1080))
     np.testing.assert_allclose(camera.project(found), grid, atol=1e-3, rtol=0)

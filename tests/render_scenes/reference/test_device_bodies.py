@@ -179,7 +179,7 @@ def test_the_files_of_a_device_are_read(tmp_path: Path, default_layout: Layout) 
     parts = parts_of(tmp_path, default_layout, default_layout)
     assert len(bodies_around(parts)) == 1
     write_stl(tmp_path / "another.stl", wall)
-    with pytest.raises(InputError, match="other parts than when the set was begun"):
+    with pytest.raises(InputError, match="parts have changed since the set was started"):
         bodies_around(parts)
     write_glb(tmp_path / "assembly.glb", {"holder": ("part", wall), "mirror_0-0": ("mirror", wall)})
     with pytest.raises(InputError, match="parts of another layout"):

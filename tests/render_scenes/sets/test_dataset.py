@@ -118,5 +118,5 @@ def test_mirrors_that_were_rendered_bent_are_the_truth(tmp_path: Path) -> None:
     assert as_bent < 1e-9
     assert as_flat > 0.1
     write_json(folder / FINISH, {"mirrors": [finishes[0].model_dump(mode="json")]})
-    with pytest.raises(InputError, match=rf"finish\.json: 1 finishes, expected {count}, one a mirror"):
+    with pytest.raises(InputError, match=rf"finish\.json: 1 finishes, expected {count}, one per mirror"):
         true_layout(folder)

@@ -123,7 +123,7 @@ def test_a_layout_without_a_spec_is_planned_for_too(default_layout: Layout) -> N
         (Checkerboard(cols=20, rows=14, square_mm=1.0), "too small to be seen, a square spans"),
         (Checkerboard(cols=4, rows=3, square_mm=90.0), "too large to be seen, mirror"),
         (Charuco(cols=5, rows=4, square_mm=90.0, marker_mm=60.0), "too large"),
-        (Checkerboard(cols=6, rows=5, square_mm=400.0), "too large to be held"),
+        (Checkerboard(cols=6, rows=5, square_mm=400.0), "too large to fit"),
     ],
 )
 def test_a_board_that_cannot_be_seen_is_refused_in_one_line(

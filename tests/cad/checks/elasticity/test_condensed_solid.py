@@ -26,7 +26,7 @@ def test_without_strain_there_is_no_force_and_all_weight_reaches_the_screws(bar:
     assert np.abs(condensed.stiffness @ rigid).max() < 1e-8 * np.abs(condensed.stiffness).max()
     weight = condensed.forces[:, :3].reshape(2, 6, 3)[:, :3].sum(axis=0)
     np.testing.assert_allclose(weight, LENGTH * AREA * np.eye(3), atol=1e-6)
-    # Held at both ends, it pushes by E A e on each.
+    # Cradle at both ends, it pushes by E A e on each.
     push = condensed.forces[:, 6].reshape(2, 6)[:, 0]
     np.testing.assert_allclose(push, [-AREA, AREA], rtol=0.06)
 
