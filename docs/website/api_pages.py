@@ -12,7 +12,7 @@ GROUPS = {
     "Light fields and depth": (
         *("Decoder", "LightField", "open_light_field", "write_light_field", "estimate_depth", "read_image"),
     ),
-    "Synthetic sets": ("Dataset", "RenderSettings", "SetRequest", "render_set", "validate"),
+    "Synthetic sets": ("RenderSettings", "SetRequest", "render_set", "validate"),
     "Errors": ("InputError",),
 }
 """The public names by what they are for."""

@@ -16,7 +16,6 @@ __all__ = [
     "Camera",
     "Charuco",
     "Checkerboard",
-    "Dataset",
     "Decoder",
     "DesignSpec",
     "InputError",
@@ -52,7 +51,6 @@ if TYPE_CHECKING:
     from mirrorcam.optics.light_field.depth.estimate import estimate_depth
     from mirrorcam.optics.light_field.io.formats.registry import open_light_field, write_light_field
     from mirrorcam.optics.light_field.light_field import LightField
-    from mirrorcam.render_scenes.sets.dataset import Dataset
     from mirrorcam.render_scenes.sets.render_set import render_set
     from mirrorcam.render_scenes.sets.set_request import SetRequest
     from mirrorcam.render_scenes.settings import RenderSettings
@@ -63,7 +61,6 @@ else:
         "AprilGrid": "optics.geometry.targets",
         "Charuco": "optics.geometry.targets",
         "Checkerboard": "optics.geometry.targets",
-        "Dataset": "render_scenes.sets.dataset",
         "Decoder": "optics.light_field.decoder",
         "DesignSpec": "optics.geometry.design_spec",
         "InputError": "core.errors",

@@ -16,13 +16,13 @@ from typing import Literal
 
 from pydantic import Field
 
-from mirrorcam import Dataset, Layout
+from mirrorcam import Layout
 from mirrorcam.core.disk.files import inside, is_inside, stored_bytes, write_text
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.processes.child_program import TREE_ENDING_S, adopting_orphans, supervised
 from mirrorcam.core.values import Matrix3, Value
 from mirrorcam.optics.camera_files.write.virtual_cameras import VirtualCamera, virtual_cameras
-from mirrorcam.render_scenes.sets.dataset import KNOWN
+from mirrorcam.render_scenes.sets.dataset import KNOWN, Dataset
 
 VIEWS = "views.json"
 

@@ -11,14 +11,13 @@ from typing import Literal
 
 from pydantic import Field
 
-from mirrorcam import Dataset
 from mirrorcam.core.disk.files import LARGEST_LAYOUT_BYTES, TEMPORARY, inside, model_of, read_model, write_files
 from mirrorcam.core.disk.fingerprint import file_digest
 from mirrorcam.core.disk.written_files import discard, move_files
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.names import Line
 from mirrorcam.core.values import Value
-from mirrorcam.render_scenes.sets.dataset import MANIFEST
+from mirrorcam.render_scenes.sets.dataset import MANIFEST, Dataset
 from mirrorcam.render_scenes.suites.recipe import Slug
 from mirrorcam.render_scenes.suites.suite import VERSION
 from mirrorcam.simulation.rendering import check_set

@@ -13,14 +13,13 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mirrorcam import Dataset
 from mirrorcam.bench.suite_folder import SETS, SUFFIX, SuiteManifest, put_set
 from mirrorcam.core.disk.files import LARGEST_FILE_BYTES, inside, json_of, model_from, read_bytes
 from mirrorcam.core.disk.fingerprint import differing
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.extras import require
 from mirrorcam.core.progress import Progress, no_progress
-from mirrorcam.render_scenes.sets.dataset import MANIFEST
+from mirrorcam.render_scenes.sets.dataset import MANIFEST, Dataset
 from mirrorcam.render_scenes.suites.recipe import SetRecipe
 
 if TYPE_CHECKING:
