@@ -46,7 +46,7 @@ def main(clip: Path, target: Checkerboard, json: Path | None) -> None:
     pictures = taken.read()
     started = time.perf_counter()
     found = calibrate_with_direct_view(
-        pictures, target, mirrors=MIRRORS, names=taken.names, most=taken.most, adjacent=taken.beside
+        pictures, target, mirrors=MIRRORS, names=taken.names, most=taken.most, adjacent=taken.adjacent
     )
     assert found.diagnostics is not None
     print(f"calibrated in {time.perf_counter() - started:.1f} s: {found.notes[0]}")
@@ -59,7 +59,7 @@ def main(clip: Path, target: Checkerboard, json: Path | None) -> None:
     for alarm in found.diagnostics.alarms:
         print(f"alarm: {alarm}")
 
-    every = calibrate_with_direct_view(pictures, target, mirrors=MIRRORS, names=taken.names, adjacent=taken.beside)
+    every = calibrate_with_direct_view(pictures, target, mirrors=MIRRORS, names=taken.names, adjacent=taken.adjacent)
     rows = every.observations.where(every.inliers)
     fitted = refitted(every, rows, Board.rigid(target.corners_in_board_mm), found.diagnostics.level.split("+")[1:])
     frames = len(fitted.solution.estimate.rig_from_board)

@@ -138,7 +138,7 @@ def test_no_help_needs_a_heavy_import(tmp_path: Path) -> None:
     ("text", "expected"),
     [
         ("[design]\nrow = 3", 'Unknown option: "[row]" from mirrorcam.toml'),
-        ("[desing]\nrows = 3", "mirrorcam.toml: 'desing' is no command, did you mean design?"),
+        ("[desing]\nrows = 3", "mirrorcam.toml: 'desing' is not a command, did you mean design?"),
         ("[design]\nrows = 'three'", "--rows 'three' of mirrorcam.toml: expected INT"),
         ("[design]\nforce = 'perhaps'", "--force 'perhaps' of mirrorcam.toml: expected BOOL"),
         ("[design.rows]\na = 3", 'Unknown option: "[rows][a]" from mirrorcam.toml'),

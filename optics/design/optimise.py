@@ -74,7 +74,7 @@ def design(spec: DesignSpec, calls: Calls = in_turn) -> Layout:
     spec
         The requested design; lengths in mm, depths from the pupil along view z.
     calls
-        Runs independent searches, in this process or, with `beside` a worker, in two. The layout is the same.
+        Runs independent searches, in this process or, with `in_parallel` a worker, in two. The layout is the same.
 
     Returns
     -------

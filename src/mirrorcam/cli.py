@@ -27,11 +27,11 @@ from mirrorcam.core.processes import interruption
 
 DONE, CHECK_FAILED, BAD_INPUT, INTERRUPTED, TERMINATED = 0, 1, 2, 130, 143
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
-"""Errors of a stream without a name, such as standard output, that takes no more."""
+"""Errors of a stream without a name, such as standard output, that accepts no more data."""
 CONFIG = "mirrorcam.toml"
 """File of the current folder with defaults of options: a table for each command."""
 LARGEST_CONFIG_BYTES = 4_000
-"""Parsing takes a time that grows with the square of the length of a list."""
+"""Parsing time grows with the square of the length of a list."""
 CONFIGURED = f"Defaults of options are read from {CONFIG} and the environment: docs/commands.md."
 
 # The group, name, function and summary of each command. A function is imported when its command runs; its docstring,
@@ -114,14 +114,14 @@ def application(config: Path = Path(CONFIG)) -> App:
 
 
 def _stated(default: object) -> str | None:
-    """The default of an option in its help: none of flags, and lists as they are typed."""
+    """The default of an option in its help: None for flags, lists as typed."""
     if default is False or default is None or default == ():
         return None
     return " ".join(map(str, default)) if isinstance(default, tuple) else str(default)
 
 
 def _configuration(path: Path) -> list[Dict]:
-    """The configuration file, where there is one; raises InputError for one with tables of no command."""
+    """Read the configuration file, if any; raises InputError for a table that is not of a command."""
     if not path.is_file():
         return []
     from mirrorcam.core.disk.files import read_bytes, toml_of
@@ -131,12 +131,12 @@ def _configuration(path: Path) -> list[Dict]:
     for key in tables:
         if key not in known:
             meant = get_close_matches(key, known, n=1)
-            raise InputError(f"{path}: {key!r} is no command" + (f", did you mean {meant[0]}?" if meant else ""))
+            raise InputError(f"{path}: {key!r} is not a command" + (f", did you mean {meant[0]}?" if meant else ""))
     return [Dict(tables, source=str(path))]
 
 
 def show_docstring(app: App, names: Sequence[str]) -> None:
-    """Make the docstring of the named command its help: paragraphs are wrapped, the examples at its end are not."""
+    """Use the docstring of the named command as its help: paragraphs are wrapped, examples are not."""
     for name in names[:2]:
         if name not in (NAMES if app.name == ("mirrorcam",) else tuple(app)):
             return
@@ -148,7 +148,7 @@ def show_docstring(app: App, names: Sequence[str]) -> None:
 
 
 def parse_and_run(arguments: Sequence[str]) -> int:
-    """Run one command line and return its exit code; raises InputError in one line where it cannot be parsed."""
+    """Run one command line and return its exit code; raises InputError in one line if it cannot be parsed."""
     app = application()
     show_docstring(app, [argument for argument in arguments if not argument.startswith("-")])
 
@@ -176,9 +176,9 @@ def parse_and_run(arguments: Sequence[str]) -> int:
 
 
 def _refuse(message: str, code: int) -> int:
-    """Report in one line on standard error, with `--json` also as its result, why a command ends; return its code."""
+    """Report an error in one line on standard error, with `--json` also as the result; return the exit code."""
     line = one_line_message(message)
-    with suppress(OSError):  # a stream that takes nothing leaves the code to say it
+    with suppress(OSError):  # if standard error cannot be written, the exit code reports the error
         if session().verbose:
             traceback.print_exc()
         print(f"mirrorcam: {line}", file=sys.stderr)
@@ -188,7 +188,7 @@ def _refuse(message: str, code: int) -> int:
 
 
 def _print_no_more() -> None:
-    """Discard standard output, also the flush at the end of this process."""
+    """Discard further standard output, also at the flush when this process ends."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
@@ -203,16 +203,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
             if session().json:
                 print(session().text(code))
             if sys.stdout is not None:
-                sys.stdout.flush()  # so that an error of writing is still reported
+                sys.stdout.flush()  # so that a write error is still reported
             return code
     except (Exception, KeyboardInterrupt) as error:
         return _end(error)
 
 
 def _end(error: BaseException) -> int:
-    """Report why a command ends with an error, which is being handled, and return the exit code; raises a bug."""
+    """Report the error that ended a command, and return the exit code; reraises a bug."""
     if interruption.ended(error):
-        if interruption.asked() == signal.SIGTERM:
+        if interruption.requested() == signal.SIGTERM:
             return _refuse("terminated; finished files are complete", TERMINATED)
         return _refuse("interrupted; finished files are complete", INTERRUPTED)
     if isinstance(error, InputError):

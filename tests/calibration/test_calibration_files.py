@@ -204,7 +204,7 @@ def test_what_to_know_of_a_video_is_said_once(tmp_path: Path, monkeypatch: pytes
     taken = calibration_pictures([Path(name)], 30, on_note=said.append)
     assert len(taken.pictures) == 3
     assert [line.startswith(f"{name} is interlaced: ") for line in said] == [True, False]
-    assert len(taken.beside([1])) == 1
+    assert len(taken.adjacent([1])) == 1
 
 
 @pytest.mark.slow

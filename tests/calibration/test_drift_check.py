@@ -53,16 +53,16 @@ def test_a_line_tells_what_moved(default_layout: Layout) -> None:
 
 def test_too_little_texture_is_said_with_what_is_needed(default_layout: Layout) -> None:
     line = drift_line(default_layout, drift_of(default_layout, tells_deg=0.3))
-    assert line.startswith("not enough texture to tell whether")
-    assert "400 points matched in mirror 0-0 tell turns from 0.3° on; expected a scene with detail" in line
-    assert "tell nothing" in drift_line(default_layout, drift_of(default_layout, tells_deg=UNDETERMINED_DEG))
+    assert line.startswith("not enough texture to determine whether")
+    assert "400 points matched in mirror 0-0 show turns from 0.3° on; expected a scene with detail" in line
+    assert "show nothing" in drift_line(default_layout, drift_of(default_layout, tells_deg=UNDETERMINED_DEG))
 
 
 def test_pictures_of_another_device_are_told_from_plain_ones(default_layout: Layout) -> None:
     drift = replace(drift_of(default_layout, tells_deg=UNDETERMINED_DEG), mismatched=True)
     line = drift_line(default_layout, drift)
-    assert "do not show what this layout's mirrors would" in line
-    assert line.endswith("of another device, or of a repeating pattern?")
+    assert "do not fit this layout" in line
+    assert line.endswith("is it another device, or a repeating pattern?")
 
 
 def test_figures_are_written_with_their_limits(default_layout: Layout, tmp_path: Path) -> None:

@@ -41,7 +41,7 @@ def test_figures_that_pictures_do_not_tell_are_left_out(tmp_path: Path, capfd: p
     assert main([*arguments, "--out", str(tmp_path / "out")]) == 1
     said = capfd.readouterr().out
     assert "90.000" not in said
-    assert "not enough texture to tell" in said
+    assert "not enough texture to determine" in said
     row = next(line for line in said.splitlines() if "mirror 0-0" in line and "points" not in line)
     assert row.count(" -") == 5
 

@@ -12,8 +12,9 @@ from mirrorcam.cad.holder.carriers import centre_after, rotation_about
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.write.licence import write_source
 from mirrorcam.core.errors import InputError
+from mirrorcam.core.images.pictures import read_image
 from mirrorcam.core.values import FloatArray
-from mirrorcam.device.adjustment import FILES, adjust, read_device, write_adjustment
+from mirrorcam.device.adjustment import FILES, adjust, read_device, turns_figure, write_adjustment
 from mirrorcam.optics.geometry.layout import Layout, Uncertainty
 from mirrorcam.optics.geometry.mirror import Mirror
 from tests.cad.holder.screwed import pair, planned, with_screws
@@ -100,3 +101,15 @@ def test_files_say_the_same_and_screws_are_as_seen_from_behind(tmp_path: Path) -
     # Behind the device column 0 is at the left.
     left, right = (np.mean(row["screws_mm"], axis=0)[0] for row in rows)
     assert left < right
+
+
+def test_the_picture_is_drawn_alike_each_time_and_shows_the_turns(tmp_path: Path) -> None:
+    square = np.array([(0.0, 0.0), (30.0, 0.0), (30.0, 20.0), (0.0, 20.0)])
+    screws = np.array([[(5.0, 5.0), (25.0, 5.0), (15.0, 15.0)]] * 2) + np.array([[[0.0, 0.0]], [[40.0, 0.0]]])
+    turns = [np.array([0.1, -0.2, 0.0]), np.array([0.3, 0.0, -0.1])]
+    outlines = [square, square + np.array([40.0, 0.0])]
+    for name in ("a", "b"):
+        turns_figure(["0-0", "0-1"], turns, outlines, screws, tmp_path / f"{name}.png")
+    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
+    turns_figure(["0-0", "0-1"], [-turn for turn in turns], outlines, screws, tmp_path / "c.png")
+    assert (read_image(tmp_path / "a.png") != read_image(tmp_path / "c.png")).any()

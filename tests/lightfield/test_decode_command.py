@@ -82,7 +82,7 @@ def test_a_video_becomes_one_zarr_group_and_a_picture(
     assert read_image(here / "out" / "video_views.png").shape == (3 * height + 6, 3 * width + 6, 3)
     before = content(here)
     assert cli.main(["decode", "video.mp4", "--layout", "layout.json", "--out", "out"]) == 0
-    assert "is there already, of the same frames" in capfd.readouterr().out
+    assert "exists already, from the same frames" in capfd.readouterr().out
     assert content(here) == before
     assert "exists and holds something else" in refused("video.mp4 --field union --out out", capfd)
     assert content(here) == before

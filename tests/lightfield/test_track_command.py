@@ -60,7 +60,7 @@ def test_lost_light_fields_are_named_and_left_out(
 ) -> None:
     files = [str(stored / f"{name}.npz") for name in ("a", "other", "c")]
     assert cli.main(["track", *files, "--out", str(tmp_path / "one")]) == 0
-    assert "other: lost, too little of the last key frame is seen" in capsys.readouterr().out
+    assert "other: lost, too little of the last key frame is visible" in capsys.readouterr().out
     assert len(np.loadtxt(tmp_path / "one" / "trajectory.tum")) == 2
     assert cli.main(["track", *files[:2], "--out", str(tmp_path / "two")]) == 1
 

@@ -32,7 +32,7 @@ def test_each_line_says_what_is_there_what_was_tested_and_what_is_missing() -> N
     lines = dict(described(FOUND))
     assert lines["mirrorcam"] == "1.2.3 in /opt/mirrorcam"
     assert lines["base"] == "numpy 2.4.6"
-    expected = 'distributed missing; for sweeps: pip install "mirrorcam[cluster]"; there is dask 2026.9 (2026.8.0)'
+    expected = 'distributed missing; for sweeps: pip install "mirrorcam[cluster]"; installed: dask 2026.9 (2026.8.0)'
     assert lines["cluster"] == expected
     assert lines["gmsh"] == "not found; for meshes"
 
@@ -61,7 +61,7 @@ def test_a_part_that_fails_is_named_and_makes_it_fail(
     *_, design, cad, last = capsys.readouterr().out.splitlines()
     assert design == "test         design     passed: 4 mirrors designed (1.0 s)"
     assert cad == f"test         cad        {'FAILED' if wrong else 'passed'}: a solid (2.0 s)"
-    assert last == f"doctor       {'failed: cad' if wrong else '2 parts tried, all work'}"
+    assert last == f"doctor       {'failed: cad' if wrong else '2 parts tested, all work'}"
     assert cli.main(["doctor", "--json"]) == code
     printed = json.loads(capsys.readouterr().out)
     assert (printed["version"], printed["exit_code"]) == (__version__, code)

@@ -23,8 +23,8 @@ def test_rigid_poses_are_taken() -> None:
     ("poses", "complaint"),
     [
         (np.zeros((0, 4, 4)), "0 poses, expected 1 to 100000"),
-        (np.diag([1.0, 1.0, -1.0, 1.0])[None], "pose 0 turns by a matrix that is no rotation"),
-        (np.diag([2.0, 2.0, 2.0, 1.0])[None], "pose 0 turns by a matrix that is no rotation"),
+        (np.diag([1.0, 1.0, -1.0, 1.0])[None], "pose 0 has a matrix that is not a rotation"),
+        (np.diag([2.0, 2.0, 2.0, 1.0])[None], "pose 0 has a matrix that is not a rotation"),
         (np.diag([1.0, 1.0, 1.0, 2.0])[None], "pose 0 has the last row"),
     ],
 )

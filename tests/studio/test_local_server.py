@@ -31,8 +31,8 @@ from mirrorcam.studio.local_server import (
     LocalAccess,
     ServedFiles,
     _SentFile,
-    asked,
     listening_socket,
+    posted,
     run_server,
 )
 
@@ -62,7 +62,7 @@ def test_it_serves_until_it_is_told_to_end(monkeypatch: pytest.MonkeyPatch) -> N
         served = threading.Thread(
             target=run_server,
             args=(app, listening),
-            kwargs={"browser": False, "tell": told.append, "end": lambda: ended.append(True)},
+            kwargs={"browser": False, "on_note": told.append, "end": lambda: ended.append(True)},
         )
         served.start()
         assert began.wait(20.0)
@@ -164,13 +164,13 @@ def test_answers_let_the_browser_fetch_from_nowhere_else(guarded: TestClient) ->
 
 
 class Wish(Value):
-    """What is asked for here."""
+    """A body to post."""
 
     wished_rows: int
 
 
 async def wished_rows(request: Request) -> Response:
-    wish = await asked(Wish, request)
+    wish = await posted(Wish, request)
     if wish.wished_rows > 100:
         raise BodyTooLarge("too large")
     return PlainTextResponse(str(wish.wished_rows))
@@ -234,7 +234,7 @@ def test_files_and_parts_of_them_are_sent(serving: TestClient) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "asked", "status"),
+    ("name", "headers_given", "status"),
     [
         ("empty", {}, 200),
         ("empty", {"range": "bytes=0-"}, 416),
@@ -244,10 +244,10 @@ def test_files_and_parts_of_them_are_sent(serving: TestClient) -> None:
         ("a.txt", {"range": "bytes=0-1,5-6"}, 206),
     ],
 )
-def test_every_answer_ends_once(name: str, asked: dict[str, str], status: int, tmp_path: Path) -> None:
+def test_every_answer_ends_once(name: str, headers_given: dict[str, str], status: int, tmp_path: Path) -> None:
     (tmp_path / "a.txt").write_text(TEXT)
     (tmp_path / "empty").touch()
-    headers = [(key.encode(), value.encode()) for key, value in asked.items()]
+    headers = [(key.encode(), value.encode()) for key, value in headers_given.items()]
     scope = {"type": "http", "asgi": {"spec_version": "2.4"}, "method": "GET", "path": f"/{name}", "headers": headers}
     sent: list[Any] = []
 

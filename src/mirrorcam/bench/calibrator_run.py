@@ -1,4 +1,4 @@
-"""A calibrator tried on one set: what it sees of the set, its command, and the files that it leaves."""
+"""A calibrator run on one set: its blind inputs, its command, and its result files."""
 
 from __future__ import annotations
 
@@ -16,26 +16,26 @@ from typing import Literal
 
 from pydantic import Field
 
+from mirrorcam import Layout
 from mirrorcam.core.disk.files import inside, is_inside, stored_bytes, write_text
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.processes.child_program import TREE_ENDING_S, adopting_orphans, supervised
 from mirrorcam.core.values import Matrix3, Value
 from mirrorcam.optics.camera_files.write.virtual_cameras import VirtualCamera, virtual_cameras
-from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.render_scenes.sets.dataset import KNOWN, Dataset
 
 VIEWS = "views.json"
 
 
 class DescribedView(Value):
-    """A mirror as a camera of the flipped frame: the part that shows it, and its camera by the data sheet.
+    """A mirror as a camera of the flipped frame: its part of the frame, and its nominal camera.
 
     Attributes
     ----------
     x, y, width, height
         The pixels of the flipped frame that hold the view.
     outline_px
-        Corners (n, 2) of what the mirror shows, px of the flipped frame.
+        Corners (n, 2) of the mirror's field, px of the flipped frame.
     camera_matrix
         3 x 3, of the complete flipped frame.
     """
@@ -64,7 +64,7 @@ class DescribedView(Value):
 
 
 class DescribedViews(Value):
-    """`views.json` of a set: the views of a device as designed, for calibrators that know nothing of mirrors.
+    """`views.json` of a set: the nominal views of a device, for calibrators without a model of mirrors.
 
     The `views.json` of an exported light field is another file, with the schema `mirrorcam.views/1`.
     `flip_code` is the argument of `cv2.flip` that turns a frame into the picture of each view's camera.
@@ -91,7 +91,7 @@ def described_views(layout: Layout) -> DescribedViews:
 def write_blind_set(folder: Path, place: Path) -> None:
     """Copy a set's pictures, nominal layout and board into a new folder, with `views.json`; no truth.
 
-    Raises InputError in one line where the set lacks one of its files.
+    Raises InputError in one line if the set lacks a file.
     """
     dataset = Dataset.load(folder)
     names = (*KNOWN, *dataset.frame_names, *dataset.base_names, *filter(None, [dataset.video_name]))
@@ -104,16 +104,16 @@ def write_blind_set(folder: Path, place: Path) -> None:
 
 
 HEAD_BYTES, TAIL_BYTES = 1_000_000, 100_000
-"""Bytes from the beginning, and from the end, of what a command prints that its log keeps."""
+"""Bytes from the beginning and from the end of a command's output that its log keeps."""
 LAST_BYTES = 2000
-"""Bytes of the end of a log in which the line that says what was wrong is looked for."""
+"""Bytes at the end of a log that are searched for the error message."""
 SET, RESULT = "MIRRORCAM_SET", "MIRRORCAM_RESULT"
 _SIGNALLED = 128
 
 
 @dataclass(frozen=True)
 class CalibratorRun:
-    """How a command ended: after how long, why it failed (empty where it did not), and what it printed."""
+    """The end of a command: duration, reason of a failure (empty on success), and output."""
 
     seconds: float
     failure: str
@@ -121,9 +121,9 @@ class CalibratorRun:
 
 
 def run_calibrator(command: str, seen: Path, result: Path, timeout_s: float) -> CalibratorRun:
-    """Run a line for the shell on one set, with the folders of its inputs and of its result in its environment.
+    """Run a shell command on one set, with the folders of its inputs and result in its environment.
 
-    Both paths are absolute. What it has started ends with it, after `timeout_s` at the latest, and with this process.
+    Both paths are absolute. Its descendants end with it, after `timeout_s` at the latest, and with this process.
     """
     places = {SET: seen, RESULT: result}
     started = time.monotonic()
@@ -143,7 +143,7 @@ def run_calibrator(command: str, seen: Path, result: Path, timeout_s: float) -> 
             code = None
         finally:
             _end(process)
-            if process.returncode < 0:  # by a signal: the command has killed what was to end the rest of it
+            if process.returncode < 0:  # by a signal: the command killed its supervisor
                 end_orphans()
     seconds = time.monotonic() - started
     log = printed.log()
@@ -153,11 +153,11 @@ def run_calibrator(command: str, seen: Path, result: Path, timeout_s: float) -> 
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:
-    """End a command that has not ended, with all that it has started."""
+    """End a running command with its descendants."""
     assert process.stdin is not None
     process.stdin.close()
     if process.poll() is None and hasattr(signal, "SIGCONT"):
-        process.send_signal(signal.SIGCONT)  # which the command may have stopped
+        process.send_signal(signal.SIGCONT)  # if the command stopped its supervisor
     try:
         process.wait(TREE_ENDING_S + 2.0)
     except subprocess.TimeoutExpired:
@@ -166,15 +166,15 @@ def _end(process: subprocess.Popen[bytes]) -> None:
 
 
 def _failure(code: int, log: bytes, places: Mapping[str, Path]) -> str:
-    said = _last_line(log)
+    message = _last_line(log)
     for name, path in places.items():
-        said = said.replace(f"{path}", f"${name}")
+        message = message.replace(f"{path}", f"${name}")
     number = code - _SIGNALLED if code > 0 else -code
     if number in set(signal.Signals):
         ended = f"signal {number} ended the command"
     else:
         ended = f"the command ended with exit code {code}"
-    return ended + (f": {said}" if said else "")
+    return ended + (f": {message}" if message else "")
 
 
 def _last_line(log: bytes) -> str:
@@ -183,7 +183,7 @@ def _last_line(log: bytes) -> str:
 
 
 class _Printed:
-    """What a process prints, of which its log keeps the beginning and the end; a thread takes it in."""
+    """Output of a process, read by a thread; its log keeps the beginning and the end."""
 
     def __init__(self, process: subprocess.Popen[bytes]) -> None:
         assert process.stdout is not None
@@ -205,7 +205,7 @@ class _Printed:
                         del self._tail[:-TAIL_BYTES]
 
     def log(self) -> bytes:
-        """All of it, or its beginning and its end; what a process prints that has outlived the command is left out."""
+        """The output, or its beginning and end; without later output of processes that outlive the command."""
         self._thread.join(2.0)
         with self._lock:
             tail = bytes(self._tail[-TAIL_BYTES:])
@@ -215,17 +215,17 @@ class _Printed:
 
 
 LOG = "log.txt"
-"""The log of the command, as which no file of its own is taken."""
+"""The log of the command; a result file of this name is ignored."""
 COVARIANCE = "covariance.json"
 MOST_FILES, MOST_BYTES, DEEPEST = 10_000, 1_000_000_000, 10
-"""Of all files and folders that a command may leave, and how deep these may nest."""
+"""Limits on the files and folders of a result: count, size and nesting depth."""
 
 
 def take_result(result: Path, place: Path) -> None:
-    """Copy the files in a folder that a command has filled into another, which is there and empty.
+    """Copy the files in a command's result folder into another, existing and empty folder.
 
-    Raises InputError in one line, before anything is copied, where the folder or anything in it is not what a
-    calibration is: a link, a pipe, a name that cannot be printed, or more than a calibration takes.
+    Raises InputError in one line, before anything is copied, for content that no calibration has: a link, a pipe, an
+    unprintable name, or too many or too large files.
     """
     for name in _names(result):
         path = result / name
@@ -240,7 +240,7 @@ def take_result(result: Path, place: Path) -> None:
 
 
 def calibration_of(place: Path) -> Path:
-    """The one file that a command has left, or the folder of several; raises InputError for none."""
+    """The single result file of a command, or the folder of several; raises InputError for none."""
     names = [path for path in sorted(place.iterdir()) if path.name not in (LOG, COVARIANCE)]
     if not names:
         raise InputError(f"the command left no file in ${RESULT}, expected its calibration there")
@@ -248,7 +248,7 @@ def calibration_of(place: Path) -> Path:
 
 
 def _names(result: Path) -> list[str]:
-    """Paths of all files in a folder that a command has filled; raises InputError for anything else in it."""
+    """Paths of all files in a result folder; raises InputError for anything else in it."""
     if not os.path.lexists(result):
         raise InputError(f"the command removed ${RESULT}, expected its calibration there")
     if not stat.S_ISDIR(result.lstat().st_mode):

@@ -1,4 +1,4 @@
-"""A calibrator tried on the sets of a suite: its command is run on each without the truth, and its result is scored."""
+"""Evaluate a calibrator on a suite: run its command on each set without the truth, and score its result."""
 
 from __future__ import annotations
 
@@ -40,15 +40,15 @@ from mirrorcam.core.values import Value
 
 RESULTS = "results"
 READING_S = 10.0
-"""Time to read and score a result, where the command has left less of its own."""
+"""Least time to read and score a result, if the command leaves less of its time limit."""
 RESERVED_BYTES, RESERVED_BYTES_PER_SET = 1_000_000, 200_000
-"""Room on the disk for the files of an evaluation, which a command that fills the disk does not get."""
+"""Disk space reserved for the files of an evaluation, in case a command fills the disk."""
 WATCHED = "rms_px"
-"""The figure that is compared with an earlier evaluation."""
+"""The figure to compare with an earlier evaluation."""
 
 
 class Change(Value):
-    """A figure of a set against an earlier evaluation of the same set."""
+    """Change of a set's figure from an earlier evaluation."""
 
     set: str
     figure: str
@@ -59,7 +59,7 @@ class Change(Value):
 
     @property
     def factor(self) -> float:
-        """How many times the figure is what it was."""
+        """Ratio of the figure to the earlier one."""
         return self.now / self.before if self.before > 0.0 else (1.0 if self.now == 0.0 else float("inf"))
 
 
@@ -71,13 +71,13 @@ class Evaluation(Value):
     version: int
     command: Line
     tried: tuple[TriedSet, ...]
-    scores: ScoreReport | None = Field(description="of the sets that have a score; none where no set has")
+    scores: ScoreReport | None = Field(description="of the sets with a score; null if no set has one")
     changes: tuple[Change, ...]
     passed: bool
 
     @property
     def failures(self) -> dict[str, str]:
-        """Why sets have no score, by their names."""
+        """Reasons for missing scores, by the names of the sets."""
         return {each.name: each.failure for each in self.tried if each.failure}
 
     @property
@@ -91,12 +91,12 @@ class Evaluation(Value):
 
 
 class EvaluationStopped(InputError):
-    """An evaluation that stopped because the disk is full or a folder has gone; the message gives the reason.
+    """An evaluation that stopped because the disk is full or a folder was removed; the message states the reason.
 
     Attributes
     ----------
     evaluation, scores
-        As `evaluate` returns them. Sets that it has not come to are failures.
+        As `evaluate` returns them. Sets not reached are failures.
     """
 
     def __init__(self, reason: str, evaluation: Evaluation, scores: dict[str, CalibrationScore]) -> None:
@@ -113,7 +113,7 @@ def evaluate(
     baseline: Evaluation | None = None,
     progress: Progress = no_progress,
 ) -> tuple[Evaluation, dict[str, CalibrationScore]]:
-    """Run a command on each set of a suite, in temporary folders, and score what it leaves.
+    """Run a command on each set of a suite, in temporary folders, and score its results.
 
     `baseline` is the earlier evaluation that the request names. Logs and results go to `folder / RESULTS`. Returns the
     evaluation, and the scores by the names of the sets. A command that fails, or whose result cannot be read, fails
@@ -126,7 +126,7 @@ def evaluate(
     scores: dict[str, CalibrationScore] = {}
     stopped = ""
     remove_stale()
-    folder = folder.absolute()  # a command may remove the folder that this process works in
+    folder = folder.absolute()  # a command may remove the working directory
     folder.mkdir(parents=True, exist_ok=True)
     reserve = folder / "reserve"
     reserve.write_bytes(os.urandom(RESERVED_BYTES + RESERVED_BYTES_PER_SET * len(suite.folders)))
@@ -175,7 +175,7 @@ def evaluate(
 def changes_of(
     baseline: Evaluation | None, worse_by: float | None, suite: FinishedSuite, scored: Mapping[str, ScoredSet]
 ) -> tuple[Change, ...]:
-    """The watched figure of each set that the baseline has, too; none for sets rendered otherwise."""
+    """Changes of the watched figure of each set in the baseline, except for sets that differ from it."""
     if baseline is None:
         return ()
     before = baseline.scored
@@ -208,9 +208,9 @@ def _line(text: str) -> str:
 
 
 def _run(request: EvaluationRequest, place: Path, kept: Path) -> tuple[float, str]:
-    """Run the command on one set, and keep its log and its result; its time, and why it failed, or nothing.
+    """Run the command on one set, and keep its log and result; returns its duration and why it failed, if so.
 
-    Raises OSError where this machine cannot make or keep files.
+    Raises OSError if files cannot be written.
     """
     kept.mkdir(parents=True)
     with work_folder() as work:
@@ -233,7 +233,7 @@ def _run(request: EvaluationRequest, place: Path, kept: Path) -> tuple[float, st
 
 @dataclass(frozen=True)
 class _Reading:
-    """What `score_set` reads of one set."""
+    """Inputs of `score_set` for one set."""
 
     name: str
     place: Path
@@ -256,15 +256,15 @@ class _Reading:
 
 
 class _NoScore(Exception):
-    """A result that has no score; the message says why."""
+    """A result cannot be scored; the message states why."""
 
 
 def _scored(worker: WorkerProcess, reads: _Reading, limit_s: float) -> tuple[ScoredSet, CalibrationScore]:
-    """The score of what a command has left; raises _NoScore.
+    """Score a command's result; raises _NoScore.
 
-    It is read in another process, which is killed after a time, and whose end by what it reads ends nothing else.
+    Another process reads it, which is killed after a time limit and may crash without harm to this one.
     """
-    worker.send(_Reading.score, reads)  # before its time begins, so that it is this process which is killed
+    worker.send(_Reading.score, reads)  # before the timer starts, so that it kills this process
     began = time.monotonic()
     timer = threading.Timer(limit_s, worker.kill)
     timer.start()
@@ -277,7 +277,7 @@ def _scored(worker: WorkerProcess, reads: _Reading, limit_s: float) -> tuple[Sco
         if time.monotonic() - began >= limit_s:
             raise _NoScore(f"to read and score its result took longer than {limit_s:.0f} s") from None
         raise _NoScore(f"the process that read its result ended {error}") from None
-    except RuntimeError as error:  # a fault of this program, which is not to lose the other sets
+    except RuntimeError as error:  # a bug of this program must not lose the other sets
         with (reads.kept / LOG).open("a", encoding="utf-8") as log:
             log.write(f"\n{error}")
         reason = str(error).strip().splitlines()[-1]
@@ -288,9 +288,9 @@ def _scored(worker: WorkerProcess, reads: _Reading, limit_s: float) -> tuple[Sco
 
 
 def read_evaluation(path: Path) -> Evaluation:
-    """Read an evaluation; raises InputError in one line where it is none.
+    """Read an evaluation; raises InputError in one line for an invalid file.
 
-    A set whose RMS error is not a number from 0 on has no score, but a failure that says so.
+    A set whose RMS error is not a number of at least 0 becomes a failure.
     """
     tables = tables_of(path, read_bytes(path, LARGEST_LAYOUT_BYTES))
     scores = tables.get("scores") if isinstance(tables, dict) else None
@@ -305,13 +305,13 @@ def read_evaluation(path: Path) -> Evaluation:
 
 
 def _name_of(table: Any) -> str:
-    """The name of a set that a table states; empty where it does not."""
+    """The name of a set in a table; empty if missing."""
     name = table.get("name") if isinstance(table, dict) else None
     return name if isinstance(name, str) else ""
 
 
 def _invalid(scored: dict[str, Any]) -> str:
-    """Why the score in a table is none; empty where it is one, and where the table has no figures."""
+    """Why a score in a table is invalid; empty if it is valid, or the table has no figures."""
     figures = scored.get("figures")
     if not isinstance(figures, dict):
         return ""

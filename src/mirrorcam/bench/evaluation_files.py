@@ -9,6 +9,7 @@ from xml.etree.ElementTree import SubElement, fromstring, indent, tostring
 import numpy as np
 from matplotlib.figure import Figure
 
+from mirrorcam import Layout
 from mirrorcam.bench.evaluation import RESULTS, Change, Evaluation
 from mirrorcam.bench.scores.calibration_score import CalibrationScore
 from mirrorcam.bench.scores.report_texts import NOT_GIVEN, junit, limit_text, markdown, value_text
@@ -28,7 +29,6 @@ from mirrorcam.core.disk.files import atomic, write_text
 from mirrorcam.core.names import markdown_text
 from mirrorcam.core.values import Metric
 from mirrorcam.optics.calibration.diagnostics.calibration_difference import ViewDifference
-from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.render_scenes.sets.dataset import true_layout
 
 COLUMNS = {
@@ -43,12 +43,12 @@ COLUMNS = {
 }
 """Columns of the table of sets in the summary."""
 SHORT_COLUMNS = {name: COLUMNS[name] for name in ("rms_px", "worst_view_rms_px", "rms_mm", "nees")}
-"""Those of a terminal."""
+"""Columns of the table on a terminal."""
 PICTURES = "pictures"
 
 
 def summary_text(evaluation: Evaluation, *, pictures: tuple[str, ...] = ()) -> str:
-    """The summary as Markdown: what failed first, a row for each set, and details that open.
+    """The summary as Markdown: failures first, a row for each set, and collapsed details.
 
     `pictures` are the names of sets that have one in the folder `pictures`, which a reader of the folder sees.
     """
@@ -83,7 +83,7 @@ def set_rows(evaluation: Evaluation, columns: Mapping[str, str]) -> list[list[st
 
 
 def failed_lines(evaluation: Evaluation) -> list[str]:
-    """A line for each set without a score, and for each limit that is not kept."""
+    """A line for each set without a score, and for each exceeded limit."""
     lines = [f"{name} has no score: {why}" for name, why in evaluation.failures.items()]
     over = () if evaluation.scores is None else evaluation.scores.checks_over_sets
     checked = [(name, scored.checks) for name, scored in evaluation.scored.items()]
@@ -148,7 +148,7 @@ def junit_text(evaluation: Evaluation) -> str:
 
 
 def score_figure(score: CalibrationScore, truth: Layout, path: Path, *, title: str) -> None:
-    """Write a PNG: in every view, by how many px the calibration is wrong at the working distance, and where to."""
+    """Write a PNG: the error of the calibration in every view at the working distance, in px, as map and arrows."""
     views = view_errors(score)
     wide, high = np.diff(panel_extent(truth, views), axis=0)[0]
     height_in = PANEL_IN * float(np.clip(high / wide, *SLIMMEST)) + ROW_IN + HEAD_IN
@@ -167,7 +167,7 @@ def score_figure(score: CalibrationScore, truth: Layout, path: Path, *, title: s
 
 
 def view_errors(score: CalibrationScore) -> list[ViewDifference]:
-    """What the calibration shows less what the true device does, of each view, at the working distance."""
+    """Pixels by the calibration minus those by the true device, for each view, at the working distance."""
     found = []
     for gauge in score.placed:
         points = gauge.points
@@ -192,7 +192,7 @@ FILES = (EVALUATION, SUMMARY, JUNIT, f"{PICTURES}/*.png", f"{RESULTS}/**/*")
 def write_evaluation(
     evaluation: Evaluation, scores: Mapping[str, CalibrationScore], suite: FinishedSuite, folder: Path
 ) -> None:
-    """Write the files of an evaluation into a folder; results of the command are there already."""
+    """Write the files of an evaluation into a folder, which already holds the command's results."""
     write_text(folder / EVALUATION, evaluation.text())
     write_text(folder / SUMMARY, summary_text(evaluation, pictures=tuple(scores)))
     write_text(folder / JUNIT, junit_text(evaluation))

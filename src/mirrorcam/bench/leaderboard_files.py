@@ -1,4 +1,4 @@
-"""A leaderboard from `evaluation.json` files, anyone's, and its files."""
+"""A leaderboard from `evaluation.json` files, written as files."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ from mirrorcam.bench.scores.leaderboard import (
     set_text,
 )
 from mirrorcam.bench.scores.report_texts import value_text
-from mirrorcam.calibration.inline_svg import Scale, coordinate, drawing, line, text
 from mirrorcam.core.disk.files import write_text
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.figures.figure_texts import count_text
+from mirrorcam.core.html.inline_svg import Scale, coordinate, drawing, line, text
 from mirrorcam.core.html.templates import Table, Tile, render
 from mirrorcam.core.messages import shortened
 from mirrorcam.core.names import LONGEST
@@ -38,7 +38,7 @@ MOST_CHARS = 500
 
 
 def read_leaderboard(evaluations: Sequence[str], not_run: Sequence[str] = ()) -> Leaderboard:
-    """The board of evaluations as `NAME=FILE`, several of one name together, and of `NAME=WHY` that were not run.
+    """The board of evaluations given as `NAME=FILE`, joined by name, and of calibrators not run, as `NAME=WHY`.
 
     Raises InputError in one line for a file that is no evaluation, or results that do not fit together.
     """
@@ -59,7 +59,7 @@ def read_leaderboard(evaluations: Sequence[str], not_run: Sequence[str] = ()) ->
 
 
 def attempts_of(evaluation: Evaluation) -> list[Attempt]:
-    """What came of each set; raises InputError for one that has neither a score nor a failure."""
+    """Outcome of each set; raises InputError for one with neither a score nor a failure."""
     scored, found = evaluation.scored, []
     for each in evaluation.tried:
         if (each.name in scored) == bool(each.failure):
@@ -86,14 +86,14 @@ def write_leaderboard(board: Leaderboard, folder: Path) -> None:
 
 TEMPLATES = Path(__file__).parent
 WIDTH, ROW, TOP, BOTTOM, EDGE = 480.0, 46.0, 8.0, 46.0, 14.0
-"""Of the drawing: it is narrow so that a telephone shows its letters large enough."""
+"""Size of the drawing: narrow, so that its text is legible on a phone."""
 LONGEST_LABEL = 44
 SMALLEST_PX = 1e-6
-"""Smaller errors are drawn here: the axis is logarithmic."""
+"""Smaller errors are drawn at this value, as the axis is logarithmic."""
 
 
 def leaderboard_page(board: Leaderboard) -> str:
-    """The page."""
+    """Render the page."""
     count = count_text(len(board.rows), "calibrator")
     return render(
         TEMPLATES,
@@ -148,7 +148,7 @@ def _cell(row: BoardRow, name: str, best: float | None) -> str | Markup:
 
 
 def rms_chart(board: Leaderboard) -> Markup:
-    """Draw the RMS error of each calibrator: a dot for a set, and a bar to the mean over common sets; none: no score.
+    """Draw the RMS error of each calibrator: a dot per set, and a bar to the mean over common sets, if any.
 
     The axis is logarithmic.
     """

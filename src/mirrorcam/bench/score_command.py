@@ -1,4 +1,4 @@
-"""`mirrorcam score`: anyone's calibrations of rendered sets against their truth; calibrators, alone and compared."""
+"""`mirrorcam score`: calibrations of rendered sets against their truth; calibrators, alone and compared."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from mirrorcam.bench.scores.score_report import ScoredSet, ScoreReport
 
 LEFT_OUT = ("median_px", "bias_x_px", "bias_y_px")
-"""Figures of views that a terminal is too narrow for; the files of the report have them."""
+"""Figures of views that do not fit on a terminal; the report's files have them."""
 OutputFolder = Annotated[Path, Parameter(help="output folder")]
 
 app = App(name="score")

@@ -1,4 +1,4 @@
-"""What is scored: how calibrations are read and judged, and which command makes them."""
+"""Requests for scores: how to read and judge calibrations, and the command that makes them."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ WORSE_BY = Bounds(1.0, 1000.0)
 
 @Parameter(name="*")
 class Reading(Value):
-    """How calibrations are read, where their files do not state it, and the limits of their figures."""
+    """How to read calibrations, if their files do not state it, and limits of their figures."""
 
     format: Format | None = Field(
         default=None, description="format of the calibrations. [default: as their content states]"
@@ -58,7 +58,7 @@ class ScoreRequest(Value):
 
 @Parameter(name="*")
 class EvaluationRequest(Value):
-    """A calibrator to run on the sets of a suite, and what its results are compared with."""
+    """A calibrator to run on the sets of a suite, and the baseline of its results."""
 
     command: str = Field(
         min_length=1,

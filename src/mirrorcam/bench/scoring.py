@@ -1,4 +1,4 @@
-"""Scores of calibrations of rendered sets, from files, and their results as files."""
+"""Score calibrations of rendered sets from files, and write the scores as files."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from mirrorcam import Layout
 from mirrorcam.bench.score_request import Reading, ScoreRequest
 from mirrorcam.bench.scores.calibration_score import CalibrationScore, score_calibration
 from mirrorcam.bench.scores.consistency import with_covariance
@@ -21,18 +22,18 @@ from mirrorcam.core.errors import InputError
 from mirrorcam.core.names import LONGEST
 from mirrorcam.optics.camera_files.camera_rig import CameraRig, PictureFlip
 from mirrorcam.optics.camera_files.read.registry import read_rig
-from mirrorcam.optics.geometry.layout import Layout, working_distance_mm
+from mirrorcam.optics.geometry.layout import working_distance_mm
 from mirrorcam.render_scenes.sets.dataset import TRUE_LAYOUT, true_layout
 
 FILES = ("score.json", "score.md", "junit.xml")
 """Names of the files of a report."""
 SUSPECT_PX, FAR_BETTER = 5.0, 0.2
-"""A worse score than the first is tried with other flips; one better by the second factor is reported."""
+"""A score worse than the first is repeated with other flips; an improvement by the second factor is reported."""
 OTHERS: tuple[PictureFlip, ...] = ("left-right", "top-bottom", "as-is")
 
 
 def score(sets: Sequence[Path], request: ScoreRequest, reading: Reading) -> ScoreReport:
-    """Score the calibrations of sets, or of folders of sets; raises InputError in one line where one cannot be."""
+    """Score the calibrations of sets, or of folders of sets; raises InputError in one line if one has no score."""
     folders = sets_in(sets)
     calibrations = for_each(request.calibration, folders, "--calibration")
     stated = for_each(request.covariance, folders, "--covariance") if request.covariance else ()
@@ -114,7 +115,7 @@ def _score(
 def _better_pictures(
     rig: CameraRig, scored: Callable[[PictureFlip], CalibrationScore], rms_px: float
 ) -> tuple[str, ...]:
-    """A line where pictures that were flipped otherwise make a bad score a good one; the file itself may say how."""
+    """A remark if another flip of the pictures makes a bad score a good one, unless the file states the flip."""
     if rig.pictures is not None or rms_px < SUSPECT_PX:
         return ()
     others = {}
@@ -128,7 +129,7 @@ def _better_pictures(
 
 
 def sets_in(paths: Sequence[Path]) -> tuple[Path, ...]:
-    """The sets of some folders: these, or those in them; raises InputError where there is none with its truth."""
+    """The sets in some folders, or these themselves; raises InputError if none has its truth."""
     found: list[Path] = []
     for path in paths:
         if not path.is_dir():
@@ -147,7 +148,7 @@ def sets_in(paths: Sequence[Path]) -> tuple[Path, ...]:
 
 
 def for_each(given: Sequence[Path], folders: Sequence[Path], option: str) -> tuple[Path, ...]:
-    """A file or folder for each set: listed in order, or found in one folder by the names of the sets."""
+    """A calibration for each set: listed in order, or found in one folder by the names of the sets."""
     if len(given) == len(folders):
         return tuple(given)
     if len(given) != 1 or not given[0].is_dir():
@@ -165,7 +166,7 @@ def for_each(given: Sequence[Path], folders: Sequence[Path], option: str) -> tup
 
 
 def _names(folders: Sequence[Path]) -> tuple[str, ...]:
-    """Names of sets in reports: their folders' names, with the parent folder where two are the same."""
+    """Names of sets in reports: their folders' names, with the parent folder if two are equal."""
     names = tuple(folder.resolve().name[:LONGEST] for folder in folders)
     if len(set(names)) < len(names):
         names = tuple("/".join(folder.resolve().parts[-2:])[-LONGEST:] for folder in folders)

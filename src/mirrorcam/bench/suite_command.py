@@ -1,4 +1,4 @@
-"""`mirrorcam suite`: a named list of rendered sets; states the work beforehand and reuses finished sets."""
+"""`mirrorcam suite`: a named list of rendered sets; lists the work beforehand and re-uses finished sets."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ def suite(
 def render_planned(
     plan: Plan, output: OutputFolder, workers: Renderers, who: str, source: Store | None, target: Store | None
 ) -> int:
-    """Fetch, design and render the missing sets, report each outcome, and publish them; 1 where a set is missing."""
+    """Fetch, design and render the missing sets, report outcomes, and publish them; returns 1 if a set is missing."""
     from mirrorcam.bench.suite_run import fetched, layouts_of, render_suite
     from mirrorcam.bench.suite_store import publish
 
@@ -121,7 +121,7 @@ def render_planned(
 
 
 def suite_of(name: str, copies: int) -> Suite:
-    """The suite of a name or file with so many copies of each set; InputError where that is too many."""
+    """Read a suite by name or file, with copies of each set; raises InputError for too many copies."""
     from mirrorcam.render_scenes.suites.suite import read_suite
 
     suite = read_suite(name)
@@ -167,15 +167,15 @@ def plan_rows(plan: Plan) -> list[tuple[str, ...]]:
 
 
 def plan_text(plan: Plan, workers: int | None) -> str:
-    """What a suite takes: sets, pictures, size, and the time of workers of this machine, or of one core for others."""
+    """Cost of a suite: sets, pictures, size, and time on this machine's workers, or on one core of a cluster."""
     from mirrorcam.render_scenes.suites.suite import design_seconds, elapsed_s, slowness
 
     suite, missing = plan.suite, plan.unfinished
     states = Counter(each.state for each in plan.sets)
     there = ", ".join(f"{states[state]} {state}" for state in ("finished", "stored") if states[state])
-    whole = f"{suite.name} {suite.version}: {count_text(len(plan.sets), 'set')}{there and f', {there}'}"
+    total = f"{suite.name} {suite.version}: {count_text(len(plan.sets), 'set')}{there and f', {there}'}"
     if not missing:
-        return whole
+        return total
     pictures = sum(each.cost.pictures for each in missing)
     size = sum(each.cost.stored_bytes for each in missing)
     designs, sets = [design_seconds(spec) for spec in plan.specs], [each.cost.seconds for each in missing]
@@ -184,11 +184,11 @@ def plan_text(plan: Plan, workers: int | None) -> str:
         took = f"{time_text(slow * (sum(designs) + sum(sets)))} of a core like this machine's"
     else:
         took = time_text(elapsed_s(designs, workers, slow) + elapsed_s(sets, workers, slow))
-    return f"{whole}; to render: {pictures} pictures, about {size_text(size)} and {took}"
+    return f"{total}; to render: {pictures} pictures, about {size_text(size)} and {took}"
 
 
 def size_text(size: float) -> str:
-    """A number of bytes for people: 3 MB, 1.2 GB."""
+    """Format a number of bytes: 3 MB, 1.2 GB."""
     for unit, of_one in (("TB", 1e12), ("GB", 1e9)):
         if size >= of_one:
             return f"{size / of_one:.1f} {unit}"
@@ -196,7 +196,7 @@ def size_text(size: float) -> str:
 
 
 def time_text(seconds: float) -> str:
-    """A time for people: 40 s, 12 min, 5 h."""
+    """Format a duration: 40 s, 12 min, 5 h."""
     if seconds < 90.0:
         return f"{seconds:.0f} s"
     return f"{seconds / 60.0:.0f} min" if seconds < 5400.0 else f"{seconds / 3600.0:.1f} h"

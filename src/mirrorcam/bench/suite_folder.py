@@ -1,4 +1,4 @@
-"""The folder of suites: rendered sets by their content, which suites share, and the manifest of each suite."""
+"""The folder of suites: rendered sets, named by content and shared by suites, and the manifest of each suite."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ class SuiteManifest(Value):
 
     @property
     def text(self) -> str:
-        """The text of its file."""
+        """The content of the manifest's file."""
         return self.model_dump_json(indent=1, by_alias=True) + "\n"
 
 
@@ -78,7 +78,7 @@ class FinishedSuite:
 
 
 def read_finished(path: Path) -> FinishedSuite:
-    """Read a suite's manifest by its path, or by the folder that holds no other.
+    """Read a suite's manifest by its path, or by a folder with only one.
 
     Raises InputError in one line where there is none or several, and for a set that is not there or is another.
     """
@@ -98,7 +98,7 @@ def read_finished(path: Path) -> FinishedSuite:
 
 
 def state_of(folder: Path) -> State:
-    """Whether a set is complete, begun, or absent; raises InputError where it is foreign or altered."""
+    """State of a set: finished, begun or missing; raises InputError if it is foreign or altered."""
     if os.path.lexists(folder) and (folder.is_symlink() or not folder.is_dir()):
         raise InputError(f"{folder}: is no folder, expected one of a set, or nothing")
     if not (folder / MANIFEST).is_file():
@@ -121,7 +121,7 @@ def state_of(folder: Path) -> State:
 
 
 def put_set(folder: Path, dataset: Dataset, write: Callable[[Path], None]) -> None:
-    """Put the files of a set that was rendered elsewhere in their places; `write` writes them into an empty folder.
+    """Move the files of a set that was rendered elsewhere into place; `write` writes them into an empty folder.
 
     Raises InputError where the set is incomplete, a file differs from `dataset`, or the folder contains other files.
     """
@@ -145,7 +145,7 @@ def put_set(folder: Path, dataset: Dataset, write: Callable[[Path], None]) -> No
 
 
 def put_files(folder: Path, files: dict[str, bytes]) -> None:
-    """`put_set` of the files of a set by their names, its manifest among them."""
+    """`put_set` for the files of a set, including its manifest, by name."""
     dataset = model_of(Dataset, Path(folder.name, MANIFEST), files[MANIFEST])
     others = {name: content for name, content in files.items() if name in dataset.files}
     put_set(folder, dataset, partial(write_files, files=others))

@@ -1,6 +1,6 @@
-"""Rendering of a suite: present sets, missing sets and the time they take; then its designs and its sets.
+"""Render a suite: list finished and missing sets and their cost, then make the designs and the sets.
 
-Whole sets are what workers render: their plans and truth take time, too, and no two processes share a folder.
+A worker renders a complete set, as plans and truth take time, too, and no two processes share a folder.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
+from mirrorcam import DesignSpec, Layout
 from mirrorcam.bench.suite_folder import (
     DESIGNS,
     SETS,
@@ -32,8 +33,6 @@ from mirrorcam.core.processes.worker_pool import Died, run_local
 from mirrorcam.core.progress import Progress, no_progress
 from mirrorcam.designs.design_sweep import Runner, layout_name, sweep
 from mirrorcam.designs.sweep_files import design_here, design_on_cluster
-from mirrorcam.optics.geometry.design_spec import DesignSpec
-from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.render_scenes.sets.dataset import MANIFEST
 from mirrorcam.render_scenes.suites.recipe import SetRecipe
 from mirrorcam.render_scenes.suites.set_work import (
@@ -48,12 +47,12 @@ from mirrorcam.render_scenes.suites.suite import Cost, Suite, set_cost
 
 SetRunner = Callable[[Sequence[str]], Iterator[tuple[int, SetResult | Died]]]
 LARGEST_ANSWER_BYTES = 1_000_000_000
-"""Bytes of the largest set that a worker of a cluster sends back at once."""
+"""Largest set, in bytes, that a worker of a cluster sends back."""
 
 
 @dataclass(frozen=True)
 class Workers:
-    """What designs and renders: processes of this machine, of which each writes the set's folder, or a cluster's."""
+    """Runners of designs and renderings, on this machine, where each writes its set's folder, or on a cluster."""
 
     design: Runner
     render: SetRunner
@@ -70,7 +69,7 @@ def workers_here(count: int) -> Workers:
 
 
 def workers_of(address: str) -> Workers:
-    """Workers of the Dask scheduler at an address; they need no disk in common with this machine."""
+    """Workers of the Dask scheduler at an address, which need no shared disk."""
     return Workers(
         partial(design_on_cluster, address=address),
         partial(run_cluster, address=address, work=render_in_turn),
@@ -80,7 +79,7 @@ def workers_of(address: str) -> Workers:
 
 @dataclass(frozen=True)
 class PlannedSet:
-    """A set of a suite: where it belongs, whether it is there, and what it takes."""
+    """A set of a suite: its folder, state and cost."""
 
     recipe: SetRecipe
     folder: Path
@@ -90,7 +89,7 @@ class PlannedSet:
 
 @dataclass(frozen=True)
 class Plan:
-    """A suite in a folder."""
+    """The sets of a suite in a folder, with their states."""
 
     suite: Suite
     variant: str
@@ -98,20 +97,20 @@ class Plan:
 
     @property
     def unfinished(self) -> tuple[PlannedSet, ...]:
-        """The sets that have to be rendered."""
+        """The sets to render."""
         return tuple(each for each in self.sets if each.state in ("begun", "missing"))
 
     @property
     def specs(self) -> tuple[DesignSpec, ...]:
-        """The designs that these need, each once."""
+        """The distinct designs of the unfinished sets."""
         specs = (each.recipe.spec for each in self.unfinished)
         return tuple(dict.fromkeys(spec for spec in specs if spec is not None))
 
 
 def planned(suite: Suite, folder: Path, variant: str, store: Store | None = None) -> Plan:
-    """Look for the sets of a suite in a folder, and in a store for those that it does not hold.
+    """Look for the sets of a suite in a folder and, for missing ones, in a store.
 
-    Raises InputError where something else, or a set that was changed since it was written, is in the place of one.
+    Raises InputError if a set's folder holds something else, or a set that was changed since it was written.
     """
     sets = []
     for recipe in suite.sets:
@@ -125,18 +124,18 @@ def planned(suite: Suite, folder: Path, variant: str, store: Store | None = None
 
 def fetched(plan: Plan, store: Store, progress: Progress = no_progress) -> Plan:
     """Copy the sets of a plan that a store has into the folder, and return the plan with them finished."""
-    asked = [each for each in plan.sets if each.state == "stored"]
-    for done, each in enumerate(asked):
-        progress(done, len(asked))
+    queued = [each for each in plan.sets if each.state == "stored"]
+    for done, each in enumerate(queued):
+        progress(done, len(queued))
         fetch_set(store, each.recipe, each.folder)
-    progress(len(asked), len(asked))
+    progress(len(queued), len(queued))
     sets = (replace(each, state="finished") if each.state == "stored" else each for each in plan.sets)
     return replace(plan, sets=tuple(sets))
 
 
 @dataclass(frozen=True)
 class Rendered:
-    """A suite's manifest and its file, why sets are missing by their names, and the seconds that the others took."""
+    """A suite's manifest and its file, the reasons for missing sets, and the seconds for the others, by name."""
 
     manifest: SuiteManifest
     path: Path
@@ -145,9 +144,9 @@ class Rendered:
 
 
 def layouts_of(plan: Plan, folder: Path, run: Runner, progress: Progress = no_progress) -> dict[DesignSpec, Layout]:
-    """The layout of each design that the unfinished sets of a plan need; those that are not in the folder are solved.
+    """The layout of each design that the unfinished sets of a plan need, solved if missing in the folder.
 
-    Raises InputError where a design has no solution.
+    Raises InputError if a design has no solution.
     """
     specs = plan.specs
     with output_folder(folder / DESIGNS, "suite") as designs:
@@ -166,33 +165,33 @@ def render_suite(
     layouts: Mapping[DesignSpec, Layout],
     progress: Progress = no_progress,
 ) -> Rendered:
-    """Render the sets of a plan that are not finished, and write the manifest of the suite.
+    """Render the unfinished sets of a plan, and write the manifest of the suite.
 
     Parameters
     ----------
     plan
-        What `planned` found in the folder.
+        The plan, from `planned`.
     output
-        The folder, which the caller has locked.
+        The folder, locked by the caller.
     workers
-        What renders the sets.
+        The workers that render the sets.
     layouts
         The layout of each design of the plan.
     progress
-        Called with the numbers of sets that are done and of all.
+        Called with the number of sets done and their total.
 
     Raises
     ------
     InputError
-        Before any set is rendered, where one is too large to be sent, or a file of others is in the manifest's place.
+        Before any set is rendered, if one is too large to be sent, or the manifest would replace a file of others.
     """
     name = f"{plan.suite.name}{SUFFIX}"
     output.grouped(name).refuse_others(name)
     if not workers.share_the_folder:
         _refuse_large(plan)
-    # Long ones first, so that no worker is left alone with one at the end.
-    asked = sorted(plan.unfinished, key=lambda each: -each.cost.seconds)
-    failures, seconds = _rendered(asked, layouts, plan.variant, workers, progress)
+    # Long ones first, so that all workers finish at about the same time.
+    queued = sorted(plan.unfinished, key=lambda each: -each.cost.seconds)
+    failures, seconds = _rendered(queued, layouts, plan.variant, workers, progress)
     manifest = _manifest(plan, failures)
     with output.grouped(name).staged() as staged:
         write_text(staged / name, manifest.text)
@@ -210,13 +209,13 @@ def _refuse_large(plan: Plan) -> None:
 
 
 def _rendered(
-    asked: Sequence[PlannedSet],
+    queued: Sequence[PlannedSet],
     layouts: Mapping[DesignSpec, Layout],
     variant: str,
     workers: Workers,
     progress: Progress,
 ) -> tuple[dict[str, str], dict[str, float]]:
-    """Why sets could not be rendered, and how long the others took, by their names."""
+    """Reasons of failures, and seconds for the other sets, by name."""
     tasks = [
         SetTask(
             recipe=each.recipe,
@@ -224,25 +223,25 @@ def _rendered(
             variant=variant,
             folder=each.folder.absolute() if workers.share_the_folder else None,
         ).model_dump_json()
-        for each in asked
+        for each in queued
     ]
     failures: dict[str, str] = {}
     seconds: dict[str, float] = {}
-    progress(0, len(asked))
+    progress(0, len(queued))
     for done, (number, got) in enumerate(workers.render(tasks), 1):
-        each = asked[number]
+        each = queued[number]
         failure = got.reason if isinstance(got, Died) else got.failure
         if isinstance(got, SetResult) and not failure:
             failure = _kept(each, got)
             seconds[each.recipe.name] = got.seconds
         if failure:
             failures[each.recipe.name] = shortened(failure)
-        progress(done, len(asked))
+        progress(done, len(queued))
     return failures, seconds
 
 
 def _kept(each: PlannedSet, got: SetResult) -> str:
-    """Put the files of an answer in their places; why that is not possible, or nothing."""
+    """Move the files of an answer into place; returns the reason of a failure, or an empty text."""
     if other := differing(got.made_with, program_of(*CODE)):
         return f"{other[0]} of a worker differs from this machine's, expected the same everywhere"
     try:

@@ -1,4 +1,4 @@
-"""Suites in object storage, or wherever fsspec reaches: sets are copied there and back, and checked by their checksums.
+"""Suites in object storage, or any other file system of fsspec: copy sets there and back, and verify checksums.
 
 A store is laid out as the folder of suites is: `sets/NAME-DIGEST/` and `NAME.suite.json`. A set is complete as soon as
 its `dataset.json` is there, which is written last; it never changes, as its name follows from its content. The manifest
@@ -26,11 +26,11 @@ if TYPE_CHECKING:
     from fsspec import AbstractFileSystem
 
 LARGEST_STORED_BYTES = 2_000_000_000
-"""Bytes of the largest file that is fetched: more than the maps of any camera."""
+"""Largest file to fetch, in bytes: more than the maps of any camera."""
 
 
 class Store:
-    """A place that fsspec reaches: a bucket and a prefix, a folder, a server.
+    """A location for fsspec: a bucket and a prefix, a folder, or a server.
 
     Attributes
     ----------
@@ -53,12 +53,12 @@ class Store:
         self._files, self._root = found[0], found[1].rstrip("/")
 
     def has(self, name: str) -> bool:
-        """Whether there is a file of a name."""
+        """Return whether a file exists."""
         with self._named(name):
             return bool(self._files.isfile(self._path(name)))
 
     def read(self, name: str, most: int = LARGEST_FILE_BYTES) -> bytes:
-        """The content of a file of at most `most` bytes."""
+        """Read a file of at most `most` bytes."""
         self._refuse_large(name, most)
         with self._named(name):
             return bytes(self._files.cat_file(self._path(name)))
@@ -71,7 +71,7 @@ class Store:
             self._files.get_file(self._path(name), str(path))
 
     def put(self, path: Path, name: str) -> None:
-        """Copy a file to the store; one of an upload that was interrupted is replaced."""
+        """Copy a file to the store, replacing one from an interrupted upload."""
         with self._named(name):
             self._files.makedirs(self._path(name).rpartition("/")[0], exist_ok=True)
             self._files.put_file(str(path), self._path(name))
@@ -97,7 +97,7 @@ class Store:
 
     @contextmanager
     def _named(self, name: str = "") -> Iterator[None]:
-        """Turn what a backend raises into an InputError that names the store."""
+        """Convert a backend's errors to an InputError that names the store."""
         what = f"{self.url}: {name}: " if name else f"{self.url}: "
         try:
             yield
@@ -115,7 +115,7 @@ def is_stored(store: Store, folder: Path) -> bool:
 
 
 def publish(manifest: SuiteManifest, folder: Path, store: Store, progress: Progress = no_progress) -> int:
-    """Copy the sets of a suite that are not there to a store, then its manifest unless sets are missing.
+    """Copy the missing sets of a suite to a store, then its manifest if the suite is complete.
 
     Parameters
     ----------
@@ -192,7 +192,7 @@ def fetch_set(store: Store, recipe: SetRecipe, folder: Path) -> None:
 
 
 def _asked(recipe: SetRecipe) -> dict[str, object]:
-    """What a recipe says of its set, and the set of itself."""
+    """Properties of a set, by its recipe and by its manifest."""
     camera = recipe.camera
     return {
         "frames": recipe.frames,

@@ -30,8 +30,8 @@ def calibrate(
     live_hint: Annotated[
         bool,
         Parameter(
-            help="recommend after each picture (with --direct-view after all) the mirror, distance and tilt of the "
-            "board in the next one"
+            help="after each picture (with --direct-view, after the last) recommend the mirror, distance and tilt of "
+            "the board for the next one"
         ),
     ] = False,
     out: Annotated[Path, Parameter(help="output folder")] = Path("output/calibrated"),
@@ -40,7 +40,7 @@ def calibrate(
     """Calibrate a device from pictures of a board.
 
     Writes layout.json (calibrated: intrinsics and mirror planes, with uncertainties), metrics.json, report.html,
-    residuals.png and corners.csv (the corners used). Detected corners are kept, so that no picture is
+    residuals.png and corners.csv (the corners used). Detected corners are stored, so that no picture is
     searched twice. Exit code 1: the diagnostics raise an alarm, because the pictures contradict the model.
 
     Examples:

@@ -1,4 +1,4 @@
-"""A calibration from picture files, and its result as files."""
+"""Calibrate from picture files, and write the result as files."""
 
 from __future__ import annotations
 
@@ -40,12 +40,12 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Target, load_board
 
 FILES = ("layout.json", "metrics.json", "report.html", "residuals.png", "corners.csv")
-"""Names of the files of a calibration."""
+"""Names of the files that a calibration writes."""
 MOST_FRAMES, MOST_BASE_FRAMES = 30, 15
-"""Frames of videos that a calibration uses, with and without mirrors."""
+"""Largest numbers of video frames that a calibration uses, with and without mirrors."""
 SEARCHED = 60
-"""Frames of a video in which boards are searched."""
-ARROW_CELLS = 0.8  # length at which the rms of those averages is drawn
+"""Number of frames of a video in which boards are searched."""
+ARROW_CELLS = 0.8  # length, in cells, at which the RMS of the mean residuals is drawn
 
 
 def calibrate_files(
@@ -57,28 +57,28 @@ def calibrate_files(
     on_hint: Callable[[str, NextPose], None] | None = None,
     on_note: Callable[[str], None] = lambda sentence: None,
 ) -> Calibration:
-    """Calibrate from files; every picture is read when its turn comes, and of every video some frames are used.
+    """Calibrate from files. Pictures are read one at a time; of a video, some frames are used.
 
     Parameters
     ----------
     pictures
-        Pictures and videos of the board through the mirrors, or folders of such pictures; empty with tables of corners.
+        Pictures and videos of the board through the mirrors, or folders of pictures; empty with tables of corners.
     request
         The other inputs, and the model to fit.
     detections
-        Folder that keeps found corners, so that no picture is searched twice.
+        Folder that stores detected corners, so that no picture is searched twice.
     progress
-        Called with the numbers of pictures done and of all.
+        Called with the number of pictures done and their total.
     on_hint
-        Called after each picture through the mirrors (without a layout, after all of them) with its name and the pose
-        that the next one should show.
+        Called after each picture through the mirrors (without a layout, after the last) with its name and the pose
+        recommended for the next.
     on_note
-        Called with a sentence on the frames of each video, and on files left out.
+        Called with a sentence about the frames of each video, and about ignored files.
 
     Raises
     ------
     InputError
-        Where a file cannot be read or the pictures do not suffice.
+        If a file cannot be read or the pictures do not suffice.
     """
     if bool(pictures) == bool(request.corners):
         raise InputError("expected pictures, or --corners FILE")
@@ -91,7 +91,7 @@ def calibrate_files(
         raise InputError("expected a layout, or the number of mirrors")
     layout = Layout.load(request.layout)
     if request.corners:
-        return _of_surface(layout, request.model, _fit_to_corners(request, layout, target))
+        return _with_surface(layout, request.model, _fit_to_corners(request, layout, target))
     seen, base = (
         calibration_pictures(paths, most, camera=layout.camera, on_note=on_note)
         for paths, most in ((pictures, MOST_FRAMES), (request.base, MOST_BASE_FRAMES))
@@ -120,20 +120,20 @@ def calibrate_files(
             on_seen=hint if last else lambda found: None,
         )
 
-    return _of_surface(layout, request.model, fit)
+    return _with_surface(layout, request.model, fit)
 
 
 class _Fit(Protocol):
-    """A fit of a model to mirrors as in a layout; `last` is false where its result only starts another one."""
+    """Fits a model, starting from a layout; `last` is false for a fit whose result only starts another."""
 
     def __call__(self, layout: Layout, model: RequestedModel, *, last: bool) -> Calibration: ...
 
 
-def _of_surface(layout: Layout, requested: RequestedModel, fit: _Fit) -> Calibration:
-    """The calibration with mirrors of the requested surface; the thickness of new plates is fitted beforehand."""
+def _with_surface(layout: Layout, requested: RequestedModel, fit: _Fit) -> Calibration:
+    """Fit with mirrors of the requested surface; the thickness of new second-surface ones is fitted first."""
     model = replace(requested, surface=None)
     if requested.surface == "second" and not layout.mirrors[0].is_second_surface:
-        # The thickness decides where ghost images are; the pictures determine it better than the drawing of a plate.
+        # The thickness determines the ghost images; the pictures determine it better than the data sheet.
         first = fit(layout, RequestedModel(lens=model.lens), last=False)
         other_surface = first.diagnostics.other_surface if first.diagnostics is not None else None
         layout = layout.with_surface("second", None if other_surface is None else other_surface.thickness_mm)
@@ -145,7 +145,7 @@ def _of_surface(layout: Layout, requested: RequestedModel, fit: _Fit) -> Calibra
 
 
 def _fit_to_corners(request: CalibrationRequest, layout: Layout, target: Target) -> _Fit:
-    """A function that fits a model to the corners in the tables of a request."""
+    """Return a function that fits a model to the corners of a request's tables."""
     corners_mm = target.corners_in_board_mm
     tables = [load_corners(path, layout, len(corners_mm)) for path in request.corners]
     seen = [picture for table in tables for picture in table.seen.items()]
@@ -187,7 +187,7 @@ def _calibrate_directly(
         base_names=base.labels,
         most=taken.most,
         model=request.model,
-        adjacent=taken.beside if any(taken.sources) else None,
+        adjacent=taken.adjacent if any(taken.sources) else None,
         progress=progress,
         on_hint=on_hint,
     )
@@ -196,7 +196,7 @@ def _calibrate_directly(
 def write_calibration(calibration: Calibration, folder: Path, *, command: str) -> None:
     """Write layout.json, metrics.json, report.html, residuals.png and corners.csv into a folder, each atomically.
 
-    `command` is what the report says it was made by.
+    The report states `command`.
     """
     calibration.layout.save(folder / "layout.json")
     write_metrics(folder / "metrics.json", calibration.metrics)
@@ -209,8 +209,8 @@ def write_calibration(calibration: Calibration, folder: Path, *, command: str) -
 class CalibrationPictures:
     """Pictures to search, each a file or the grey values (h, w) of a frame, and their names.
 
-    `most` is the number of them to use, where there are frames of a video among them; else None, all. `sources` has the
-    video and frame number of each; None for a picture.
+    `most` is the number to use if there are video frames among them; None means all. `sources` holds the video and
+    frame index of each; None for a picture.
     """
 
     pictures: list[Path | Grey]
@@ -220,18 +220,18 @@ class CalibrationPictures:
 
     @property
     def labels(self) -> list[str]:
-        """Unique names of pictures from several folders: paths as stated, and frames of videos."""
+        """Unique names: paths as given, and names of video frames."""
         return [
             each.as_posix() if source is None and isinstance(each, Path) else name
             for each, name, source in zip(self.pictures, self.names, self.sources, strict=True)
         ]
 
     def read(self) -> list[Grey]:
-        """All of them in grey; raises InputError for a file that cannot be read."""
+        """Read all pictures in grey; raises InputError for a file that cannot be read."""
         return [read_image(each, grey=True) if isinstance(each, Path) else each for each in self.pictures]
 
-    def beside(self, numbers: Sequence[int]) -> list[tuple[Grey, Grey] | None]:
-        """The frames before and after some pictures; None for one that is no frame of a video, or lacks either."""
+    def adjacent(self, numbers: Sequence[int]) -> list[tuple[Grey, Grey] | None]:
+        """The frames before and after some pictures; None for a picture that is no video frame, or lacks either."""
         wanted: dict[Path, set[int]] = {}
         for source in (self.sources[number] for number in numbers):
             if source is not None:
@@ -248,24 +248,24 @@ class CalibrationPictures:
 def calibration_pictures(
     paths: Sequence[Path], most: int, *, camera: Camera | None = None, on_note: Callable[[str], None]
 ) -> CalibrationPictures:
-    """The pictures of files, folders and videos, in order.
+    """Collect the pictures of files, folders and videos, in order.
 
     Parameters
     ----------
     paths
         Picture files, folders of them, and videos.
     most
-        Number of pictures to use where there is a video among them.
+        Number of pictures to use if there is a video among them.
     camera
-        Whose size videos must have; None for any.
+        Camera whose picture size videos must have; None for any size.
     on_note
-        Called with a sentence about each video: what to know of it, how many of its frames were chosen, and how long it
-        took; and about files of folders that are left out, and pictures of 16 bits.
+        Called with a sentence about each video (problems, number of frames chosen, duration), about ignored files of
+        folders, and about pictures of 16 bits.
 
     Raises
     ------
     InputError
-        For a folder without pictures, and for a file that is neither a picture nor a video, or of another size.
+        For a folder without pictures, and for a file that is neither a picture nor a video, or has another size.
     """
     pictures: list[Path | Grey] = []
     names: list[str] = []
@@ -312,7 +312,7 @@ def _sharp_frames(path: Path, camera: Camera | None, on_note: Callable[[str], No
 
 
 def _frames(path: Path, numbers: set[int]) -> dict[int, Grey]:
-    """Frames of a video by their numbers, without those that are not there or damaged."""
+    """Frames of a video by index, without missing or damaged ones."""
     found: dict[int, Grey] = {}
     for frame in Video(path).frames():
         if frame.number > max(numbers):
@@ -329,7 +329,7 @@ def _grey(frame: Frame) -> Grey:
 def residual_figure(calibration: Calibration, path: Path) -> None:
     """Write a PNG: mean residuals in each part of the sensor, by view, and their distribution.
 
-    Averages over a cell show what the model misses; where it misses nothing, the directions of the arrows are random.
+    Means over a cell show systematic errors of the model; without any, the arrows point in random directions.
     """
     figure, (sensor, plot) = plt.subplots(1, 2, figsize=(13, 5), width_ratios=(2.3, 1), layout="constrained")
     _arrows(sensor, calibration)

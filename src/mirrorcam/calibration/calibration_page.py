@@ -1,4 +1,4 @@
-"""`report.html` of a calibration: one file, which works from disk and offline, with the verdict on top."""
+"""`report.html` of a calibration: one file, readable from disk and offline, with the verdict on top."""
 
 from __future__ import annotations
 
@@ -47,19 +47,19 @@ FIGURES = "plain figures"
 
 @dataclass(frozen=True)
 class Card:
-    """A drawing of the page (SVG) and what it shows."""
+    """A drawing (SVG) and its caption."""
 
     drawing: str
     caption: str = ""
 
 
 def write_report(calibration: Calibration, path: Path, *, command: str = "mirrorcam calibrate") -> None:
-    """Write the report of a calibration as one HTML file; `command` is what made it."""
+    """Write the report of a calibration as one HTML file, which states `command`."""
     write_text(path, report_html(calibration, command=command))
 
 
 def report_html(calibration: Calibration, *, command: str) -> str:
-    """The page. The same calibration makes the same page, and every text that comes from outside is escaped."""
+    """Render the page. It is deterministic, and external text is escaped."""
     views = view_figures(calibration)
     verdict = check_solution(calibration, views)
     diagnostics, camera = calibration.diagnostics, calibration.layout.camera
@@ -108,14 +108,14 @@ def _tiles(calibration: Calibration) -> list[Tile]:
 
 
 def _checks(calibration: Calibration, verdict: Verdict) -> FigureTable:
-    """Figures with limits, of the verdict and of the caller, and the others."""
+    """Figures of the verdict and of the calibration, those with limits first."""
     figures = {check.label: check.metric for check in verdict.checks}
     others = {name: metric for name, metric in calibration.metrics.items() if not name.startswith("mirror_")}
     return FigureTable.of({**figures, **others}, {**LABELS, **{label: label for label in figures}})
 
 
 def _cards(calibration: Calibration, views: Sequence[ViewFigures]) -> dict[str, Card | None]:
-    """The drawings that every calibration has; the direct view's only where there was one."""
+    """The drawings of every calibration; the direct view's is None without one."""
     mirrors = [view for view in views if view.view != DIRECT]
     direct = [view for view in views if view.view == DIRECT]
     turned = "Tilt of the boards, a dot per frame"
@@ -139,7 +139,7 @@ def _cards(calibration: Calibration, views: Sequence[ViewFigures]) -> dict[str, 
 
 
 def _diagnostics(calibration: Calibration, diagnostics: Diagnostics, views: Sequence[ViewFigures]) -> dict[str, object]:
-    """Values that the page shows of the diagnostics."""
+    """Values of the diagnostics for the page."""
     known = np.isfinite(diagnostics.depth.total_mm).sum() >= 2
     free = diagnostics.free_views
     return {
@@ -228,7 +228,7 @@ def mirror_table(calibration: Calibration) -> Table:
 
 
 def common_table(diagnostics: Diagnostics) -> Table:
-    """Sigmas of a turn and a shift of all mirrors together."""
+    """Sigmas of the common rotation and translation of all mirrors."""
     known = diagnostics.mirrors
     rows = [
         ("turn, °", *(sigma_text(float(value)) for value in known.common_turn_deg)),
@@ -238,7 +238,7 @@ def common_table(diagnostics: Diagnostics) -> Table:
 
 
 def weak_table(diagnostics: Diagnostics) -> Table:
-    """The combinations of parameters that the pictures determine least."""
+    """The combinations of parameters that the pictures determine worst."""
     rows = [
         (full_stop(direction.words), "; ".join(_amount(*sigma) for sigma in direction.sigmas))
         for direction in diagnostics.weak
@@ -263,7 +263,7 @@ def _camera_rows(calibration: Calibration) -> list[list[str]]:
     rows = []
     camera = calibration.layout.camera
     for name, value in zip(camera.intrinsic_names, camera.intrinsics, strict=True):
-        if name.startswith("field "):  # hundreds of numbers, which the maps of the views show better
+        if name.startswith("field "):  # hundreds of values, which the maps show better
             continue
         unit = UNITS.get(name, "")
         sigma = sigma_text(sigmas[name]) if name in sigmas else "held"
@@ -272,7 +272,7 @@ def _camera_rows(calibration: Calibration) -> list[list[str]]:
 
 
 def _pupil_rows(calibration: Calibration) -> list[list[str]]:
-    """Diameter of the pupil and one over the distance in focus; held where the frames do not show them."""
+    """Diameter of the pupil and reciprocal of the focus distance; "held" if the frames do not determine them."""
     camera, metrics = calibration.layout.camera, calibration.metrics
     figures = (
         ("pupil mm", f"{camera.aperture_mm:.3f}", "aperture_sigma_mm"),
@@ -285,7 +285,7 @@ def _pupil_rows(calibration: Calibration) -> list[list[str]]:
 
 
 def model_table(diagnostics: Diagnostics) -> Table:
-    """The models that were compared, and which one was taken."""
+    """The models that were compared, the selected one in bold."""
     heads = (
         "Model",
         "Parameters",
@@ -305,14 +305,14 @@ def _model_row(comparison: ModelComparison, level: str) -> tuple[str, ...]:
     if comparison.against is not None:
         drop, chance = figure_text(comparison.drop, 3), chance_text(comparison.chance)
         against = (comparison.against, drop, chance, _held_out(comparison))
-    taken = comparison.name == level
+    selected = comparison.name == level
     return (
-        Markup("<b>{}</b>").format(comparison.name) if taken else comparison.name,
+        Markup("<b>{}</b>").format(comparison.name) if selected else comparison.name,
         str(comparison.parameters),
         f"{comparison.rms_px:.4f}",
         *against,
         f"{comparison.held_out_gain:.1f} {SIGMA}" if np.isfinite(comparison.held_out_gain) else "",
-        _taken(comparison, level),
+        _state(comparison, level),
     )
 
 
@@ -322,7 +322,7 @@ def _held_out(comparison: ModelComparison) -> str:
     return "open" if comparison.chance < SUPPORTED_CHANCE and comparison.information_gain > 0.0 else "not needed"
 
 
-def _taken(comparison: ModelComparison, level: str) -> str:
+def _state(comparison: ModelComparison, level: str) -> str:
     if comparison.name == level:
         return Markup('<b class="pass">selected</b>')
     if comparison.name == "paper" or level.startswith(f"{comparison.name}+"):
@@ -331,7 +331,7 @@ def _taken(comparison: ModelComparison, level: str) -> str:
 
 
 def split_table(diagnostics: Diagnostics) -> Table:
-    """Difference of calibrations of two halves of the frames, against the one that their uncertainty predicts."""
+    """Difference between calibrations of two halves of the frames, next to the predicted one."""
     heads = ("Halves", "Frames", "Max. difference px", "Max. predicted px", "Overall ratio", "p")
     rows = [
         (

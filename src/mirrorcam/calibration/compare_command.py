@@ -41,8 +41,8 @@ def compare(
 ) -> int:
     """Compare two calibrations of one device.
 
-    The motion of the rig as a whole is removed, and the remaining difference is compared with the uncertainties. Writes
-    difference.png, a map of the difference in every view, and metrics.json.
+    The rigid motion between the two rigs is removed, and the remaining difference is compared with the uncertainties.
+    Writes difference.png, a map of the difference in every view, and metrics.json.
 
     Examples:
         mirrorcam compare calibrated/layout.json again/layout.json
@@ -65,13 +65,13 @@ def compare(
 
 
 def _verdict(difference: CalibrationDifference, layout: Layout) -> str:
-    """Whether the difference is more than noise, by its worst view."""
+    """State whether the difference exceeds noise, by its worst view."""
     from mirrorcam.optics.calibration.diagnostics.calibration_difference import NOISE_RATIO, view_label
 
     if difference.figures(difference.views)["max_px"].value == 0.0:
         return "the calibrations do not differ"
     if difference.worst is None:
-        return "whether the difference is more than noise is open: no covariance predicts it"
+        return "cannot compare the difference with noise: no covariance predicts it"
     view, ratio = difference.worst
     verdict = "more than noise:" if ratio > NOISE_RATIO else "within noise: at most"
     times = f"{ratio:.2f}" if ratio < 10.0 else f"{ratio:.0f}"
@@ -91,4 +91,4 @@ def _print(difference: CalibrationDifference, layout: Layout) -> None:
     turn, shift = (figure_text(difference.motion[f"motion_{name}"].value, 3) for name in ("turn_deg", "shift_mm"))
     say("compare", _verdict(difference, layout))
     at = f"points {difference.range_mm:.0f} mm from each view"
-    say("compare", f"{at}; the rig is placed otherwise by {turn}° and {shift} mm, which is taken out")
+    say("compare", f"{at}; a motion of the rig by {turn}° and {shift} mm is removed")

@@ -1,4 +1,4 @@
-"""A comparison of two calibrations from files, and its result as files."""
+"""Compare two calibrations from files, and write the result as files."""
 
 from __future__ import annotations
 
@@ -33,15 +33,15 @@ SLIMMEST = 0.3, 1.5
 MARGIN = 0.02
 """Space around the views of a panel, relative to their extent."""
 LABEL_SHARE = 0.4
-"""Width of a label, relative to its view's."""
+"""Width of a label, relative to the width of its view."""
 LONGEST_ARROW = 0.9
 """Length, in cells, of the arrow of the largest difference."""
 
 
 def compare_files(a: Path, b: Path, distance_mm: float | None) -> CalibrationDifference:
-    """Compare two `layout.json`, for points at a distance from each view, or where A's board was.
+    """Compare two `layout.json` for points at a distance from each view, by default that of A's board.
 
-    Raises InputError where a file cannot be read, the layouts are of different devices, or A does not tell a distance.
+    Raises InputError if a file cannot be read, if the devices differ, or if A states no distance.
     """
     layout, other = read_compared(a), read_compared(b)
     if distance_mm is None:
@@ -55,7 +55,7 @@ def compare_files(a: Path, b: Path, distance_mm: float | None) -> CalibrationDif
 
 
 def read_compared(path: Path) -> Layout:
-    """The layout in a file; raises InputError for none, and names what another tool's calibration is."""
+    """Read a layout; the InputError for another file names the format of another tool's calibration."""
     try:
         return Layout.load(path)
     except InputError:
@@ -69,7 +69,7 @@ def read_compared(path: Path) -> Layout:
 
 
 def comparison_metrics(difference: CalibrationDifference, layout: Layout) -> dict[str, Metric]:
-    """The figures of a comparison: of all views, of the motion, and of every view of the layout."""
+    """The figures of a comparison: over all views, of the motion of the rig, and of each view."""
     metrics = {"distance_mm": Metric(value=difference.range_mm, unit="mm")}
     metrics |= {f"all_{name}": figure for name, figure in difference.figures(difference.views).items()}
     metrics |= difference.motion
@@ -92,8 +92,7 @@ PANEL_IN, ROW_IN, BAR_IN, HEAD_IN = 7.0, 0.7, 1.2, 0.3
 def difference_figure(difference: CalibrationDifference, layout: Layout, path: Path) -> None:
     """Write a PNG: the difference in every view where the sensor has it, and its predicted sigma, in px and in mm.
 
-    Panels of one unit have one scale. The direct view, which the sub-images of the mirrors would cover, has rows of
-    its own.
+    Panels of one unit share a scale. The direct view, which overlaps the mirrors' sub-images, has rows of its own.
     """
     mirrors = [view for view in difference.views if view.view != DIRECT]
     direct = [view for view in difference.views if view.view == DIRECT]
@@ -110,30 +109,30 @@ def difference_figure(difference: CalibrationDifference, layout: Layout, path: P
         axes[0].set_title(f"difference, {unit} (RMS of each view; longest arrow: {longest_px:.2g} px)")
         if columns == 2:
             draw_map(axes[1], layout, views, [_values(view, unit, "sigma") for view in views], highest)
-            axes[1].set_title(f"predicted {SIGMA}{_of_whom(difference)}, {unit} (RMS of each view)")
+            axes[1].set_title(f"predicted {SIGMA}{_which_sigma(difference)}, {unit} (RMS of each view)")
         figure.colorbar(shown, ax=axes, label=unit, fraction=0.03, pad=0.01)
     turn, shift = (difference.motion[f"motion_{name}"].value for name in ("turn_deg", "shift_mm"))
-    removed = f"a motion of the rig by {turn:.2g}° and {shift:.2g} mm is taken out"
+    removed = f"a motion of the rig by {turn:.2g}° and {shift:.2g} mm is removed"
     figure.suptitle(f"B minus A of points {difference.range_mm:.0f} mm from each view; {removed}")
     with atomic(path) as temporary:
         figure.savefig(temporary, dpi=110, metadata={"Software": None})
 
 
 def _values(view: ViewDifference, unit: str, kind: str) -> FloatArray:
-    """What a panel shows of a view (n,)."""
+    """Values (n,) of a view in a panel."""
     if unit == "mm":
         return view.difference_mm if kind == "difference" else view.sigma_mm
     return view.length_px if kind == "difference" else view.sigma_px
 
 
 def panel_extent(layout: Layout, views: list[ViewDifference]) -> FloatArray:
-    """Least and greatest pixel (2, 2) of a panel with some views, with a margin."""
+    """Least and greatest pixel (2, 2) of a panel that shows some views, with a margin."""
     outlines = np.concatenate([outline_px(layout, view.view) for view in views])
     low, high = outlines.min(axis=0), outlines.max(axis=0)
     return np.array([low, high]) + MARGIN * (high - low).max() * np.array([[-1.0], [1.0]])
 
 
-def _of_whom(difference: CalibrationDifference) -> str:
+def _which_sigma(difference: CalibrationDifference) -> str:
     if all(difference.predicted):
         return ""
     return " of A alone" if difference.predicted[0] else " of B alone"
@@ -178,7 +177,7 @@ def draw_map(
 
 
 def _label_place(outline: FloatArray) -> tuple[float, float]:
-    """Top middle (x, y) of a label within an outline (n, 2), also where that is slanted."""
+    """Top middle (x, y) of a label within an outline (n, 2), also a slanted one."""
     polygon = shapely.Polygon(outline)
     left, top, right, bottom = polygon.bounds
     middle, half = polygon.centroid.x, LABEL_SHARE * (right - left) / 2.0
@@ -187,7 +186,7 @@ def _label_place(outline: FloatArray) -> tuple[float, float]:
 
 
 def draw_arrows(axes: Axes, views: list[ViewDifference]) -> float:
-    """Draw the difference in every cell, of one magnification over all views; returns the longest in px."""
+    """Draw the difference in every cell as an arrow, with one scale for all views; returns the longest in px."""
     pixels, arrows = (np.concatenate([getattr(view, name) for view in views]) for name in ("pixels", "difference_px"))
     longest = float(np.linalg.norm(arrows, axis=1).max())
     gain = LONGEST_ARROW * min(min(_cell_px(view)) for view in views) / max(longest, 1e-12)

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import norm
 
-from mirrorcam.calibration.inline_svg import Scale, axes, coordinate, drawing, line, points, text
 from mirrorcam.core.figures.figure_texts import SIGMA, count_text
+from mirrorcam.core.html.inline_svg import Scale, axes, coordinate, drawing, line, points, text
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
 from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import DepthUncertainty, ProjectionMap
@@ -26,12 +26,12 @@ WIDTH = 1030.0
 HALF = 505.0
 MARGIN = 0.03  # of the sensor's width, around the part shown
 NEEDLE_CELLS = 0.9
-"""Length at which a needle's rms is drawn, in cells of the sensor."""
+"""Length of a needle of RMS size, in cells of the sensor."""
 
 
 @dataclass(frozen=True)
 class _Window:
-    """The part of the sensor that a drawing shows: `corner_px` (2,) at the drawing's top left, px times `scale`."""
+    """The part of the sensor in a drawing: `corner_px` (2,) at its top left, `scale` units per px."""
 
     corner_px: FloatArray
     scale: float
@@ -43,7 +43,7 @@ class _Window:
 
 
 def _window(layout: Layout, views: Sequence[ViewFigures], width: float) -> _Window:
-    """The part of the sensor that the views take up, with a margin, scaled to a width."""
+    """The part of the sensor that the views cover, with a margin, scaled to a width."""
     outlines = np.concatenate([view.outline_px for view in views])
     size = np.array([layout.camera.width_px, layout.camera.height_px])
     margin = MARGIN * layout.camera.width_px
@@ -140,8 +140,7 @@ def residual_histogram(calibration: Calibration) -> str:
 def coverage_map(layout: Layout, views: Sequence[ViewFigures]) -> str:
     """Draw the number of corners in cells of every view: darker where there are more, red where there are none.
 
-    Cells are cut by the outline of their view. They are opaque, so that shades of views that overlap do
-    not add up.
+    Cells are clipped to the outline of their view, and opaque, so that overlapping views do not add up.
     """
     mirrors = [view for view in views if view.view != DIRECT]
     window = _window(layout, mirrors, WIDTH)
@@ -170,7 +169,7 @@ def _corners_shade(count: int, most: int, style: str = "cell") -> str:
 
 
 def _corners_legend(most: int, top: float) -> str:
-    """Swatches of cells: without a corner, with one, and up to the most."""
+    """Swatches of cells: without a corner, with one, and up to the largest count."""
     parts, x = [], 2.0
     for count in sorted({0, 1, (most + 1) // 2, most}):
         parts.append(f'<rect x="{coordinate(x)}" y="{coordinate(top)}" width="24" height="14" ')
@@ -182,7 +181,7 @@ def _corners_legend(most: int, top: float) -> str:
 
 
 def board_turns(calibration: Calibration) -> str:
-    """Draw the tilt of every board and its direction, towards the edge that was nearer."""
+    """Draw the tilt of every board, in the direction of its nearer edge."""
     normals, mirrored = board_normals(calibration)
     tilts = np.degrees(np.arccos(np.clip(normals[:, 2], -1.0, 1.0)))
     flat = np.linalg.norm(normals[:, :2], axis=1)

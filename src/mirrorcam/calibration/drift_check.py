@@ -1,4 +1,4 @@
-"""Mirrors that moved since the calibration, from a recording: the test, its result in words and as files."""
+"""Detect mirrors that moved since the calibration from a recording; report the result in words and as files."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ from mirrorcam.optics.light_field.frame_checks import check_frames
 DRIFT = "drift.json"
 TILT = "mount.tilt_deg"
 SURE = 3.5
-"""A common turn counts as more than bending where it is beyond it by this many standard deviations."""
+"""Number of standard deviations by which a common turn must exceed bending to raise an alarm."""
 FILES = (DRIFT, "layout.json")
 
 
 def drift_of(layout: Layout, frames: Sequence[Any], reference_depth_mm: float | None = None) -> Drift:
-    """What frames of one recording tell; raises InputError where the views have no field in common."""
+    """Test the mirrors in frames of one recording; raises InputError if the views have no common field."""
     matcher = PointMatcher(layout, reference_depth_mm)
     return find_drift(layout, MatchedPoints.joined([matcher.match(frame) for frame in frames]))
 
@@ -41,7 +41,7 @@ def drift_of(layout: Layout, frames: Sequence[Any], reference_depth_mm: float | 
 class DriftReporter:
     """Reports for each decoded recording whether mirrors moved, in a line and in a file next to it.
 
-    `reference_depth_mm` is as for decoding; `layout_path` is for the command that the line names.
+    `reference_depth_mm` is the decoder's; the line names `layout_path` in a command.
     """
 
     layout: Layout
@@ -57,7 +57,7 @@ class DriftReporter:
             return
         try:
             drift = drift_of(self.layout, frames, self.reference_depth_mm)
-        except InputError as error:  # views that are decoded with another field than the test needs
+        except InputError as error:  # the decoded views lack the field that the test needs
             self.reporter.note("decode", f"cannot check whether mirrors have moved: {error}")
             return
         with self.output.staged(complete=False) as folder:
@@ -71,12 +71,12 @@ class DriftReporter:
 def drift_check(
     layout: Layout, layout_path: Path, reference_depth_mm: float | None, output: OutputFolder, reporter: Reporter
 ) -> DriftReporter | None:
-    """The check of recordings for mirrors that moved; None where the layout does not allow one."""
+    """The check of recordings for mirrors that moved; None if the layout does not permit one."""
     if shows_drift(layout):
         return DriftReporter(layout, layout_path, reference_depth_mm, output, reporter)
     if layout.kind != "nominal":
         count = count_text(len(layout.mirrors), "mirror")
-        reporter.note("decode", f"whether {count} moved is not tested: that takes {LEAST_MIRRORS} or more")
+        reporter.note("decode", f"not tested whether {count} moved: the test needs {LEAST_MIRRORS} or more")
     return None
 
 
@@ -89,17 +89,18 @@ def drift_line(layout: Layout, drift: Drift) -> str:
         return f"{who} moved since the calibration: {', '.join(each[:4])}{', ...' if len(each) > 4 else ''}"
     if drift.undetermined and drift.mismatched:
         return (
-            "the pictures have detail, but do not show what this layout's mirrors would: corners are not found in "
-            "other views, or where no motion of mirrors explains them; of another device, or of a repeating pattern?"
+            "the pictures have detail, but do not fit this layout: corners are not found in other views, or where no "
+            "motion of mirrors explains them; is it another device, or a repeating pattern?"
         )
     if drift.undetermined:
         worst = max(drift.undetermined, key=lambda mirror: mirror.detectable_deg)
         count = len(drift.undetermined)
         which = f"{count} of {len(names)} mirrors" if count > 1 else f"mirror {names[worst.index]}"
-        told = f"turns from {worst.detectable_deg:.2g}° on" if worst.detectable_deg < 10.0 else "nothing"
+        detectable = f"turns from {worst.detectable_deg:.2g}° on" if worst.detectable_deg < 10.0 else "nothing"
         return (
-            f"not enough texture to tell whether {which} moved by {WANTED_DEG:g}°: {count_text(worst.points, 'point')} "
-            f"matched in mirror {names[worst.index]} tell {told}; expected a scene with detail all over, in more frames"
+            f"not enough texture to determine whether {which} moved by {WANTED_DEG:g}°: "
+            f"{count_text(worst.points, 'point')} matched in mirror {names[worst.index]} show {detectable}; expected a "
+            f"scene with detail all over, in more frames"
         )
     largest = max(drift.mirrors, key=lambda mirror: mirror.detectable_deg)
     return (
@@ -141,16 +142,16 @@ def write_drift(layout: Layout, drift: Drift, path: Path) -> None:
 
 @dataclass(frozen=True)
 class MountTilt:
-    """How far gravity turns all mirrors together by bending the mount, at worst, and where that is from."""
+    """Largest angle by which gravity turns all mirrors together by bending the mount, and its source."""
 
     deg: float
     source: str
 
 
 def mount_tilt(checks: Path | None) -> MountTilt:
-    """The figure of a device's `checks.json`, or the limit that mounts are designed to.
+    """Read the tilt of the mount from a device's `checks.json`; None gives the limit that mounts are designed to.
 
-    Raises InputError where the file does not have it.
+    Raises InputError if the file lacks it.
     """
     if checks is None:
         return MountTilt(HARDWARE.mount.tilt_deg, "the limit that mounts are designed to")
@@ -163,7 +164,7 @@ def mount_tilt(checks: Path | None) -> MountTilt:
 
 
 def bending_line(drift: Drift, tilt: MountTilt) -> str:
-    """Whether the common turn of all mirrors is what bending of the mount allows."""
+    """State whether bending of the mount explains the common turn of all mirrors."""
     bound = f"gravity bends the mount by {tilt.deg:.2g}° at most ({tilt.source}), which turns all mirrors equally"
     turn, sigma = drift.common_turn_deg, drift.common_turn_sigma_deg
     beyond = np.abs(turn) - SURE * sigma > tilt.deg
@@ -173,7 +174,7 @@ def bending_line(drift: Drift, tilt: MountTilt) -> str:
             f"all mirrors together have turned by {abs(turn[axis]):.2g}° ± {sigma[axis]:.2g}° about {'xyz'[axis]} of "
             f"the rig: more than bending, has the camera slipped? {bound}"
         )
-    return f"{bound}; a mirror that turned against the others did not do so by bending"
+    return f"{bound}; bending does not turn one mirror against the others"
 
 
 def find_drift_files(
@@ -181,9 +182,9 @@ def find_drift_files(
 ) -> Drift:
     """Test the mirrors of a calibrated layout by pictures and videos of one recording.
 
-    Of more than a few frames, a few spread evenly are used. `on_note` is called with what the user should know of a
-    video, and of pictures of 16 bits. Raises InputError for a layout that states no measured mirrors, and for files
-    that cannot be read, are damaged or are not of its camera.
+    A few evenly spread frames are used. `on_note` is called with remarks on videos and on pictures of 16 bits. Raises
+    InputError for a layout that is not calibrated, and for files that cannot be read, are damaged or have another size
+    than its camera's pictures.
     """
     if not shows_drift(layout):
         nominal = layout.kind == "nominal"
@@ -203,7 +204,7 @@ def find_drift_files(
 
 
 def write_drift_files(layout: Layout, drift: Drift, tilt: MountTilt, sources: Sequence[str], folder: Path) -> None:
-    """Write drift.json, how far the mount bends among it, and, where a mirror moved, the re-solved layout.json."""
+    """Write drift.json, which includes the bending of the mount, and, if a mirror moved, the re-solved layout.json."""
     bending = {"mount_tilt_deg": Metric(value=tilt.deg, unit="deg")}
     write_metrics(folder / DRIFT, drift_metrics(layout, drift) | bending)
     if drift.moved:

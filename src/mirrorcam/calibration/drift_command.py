@@ -32,8 +32,8 @@ def drift(
         Path | None,
         Parameter(
             metavar="FILE",
-            help="checks.json of the device by mirrorcam cad: how far gravity bends its mount. [default: the limit "
-            "that parts are designed to]",
+            help="checks.json of the device by mirrorcam cad: the bending of its mount by gravity. [default: the "
+            "limit that parts are designed to]",
         ),
     ] = None,
     out: Annotated[Path, Parameter(help="output folder")] = Path("output/drift"),
@@ -68,7 +68,7 @@ def drift(
     _print(calibrated, found)
     say("drift", drift_line(calibrated, found))
     say("drift", bending_line(found, tilt))
-    resolved = f"; {out / 'layout.json'} has the mirrors where they are now" if found.moved else ""
+    resolved = f"; {out / 'layout.json'} has the mirrors' new positions" if found.moved else ""
     say("drift", f"{out / 'drift.json'} written{resolved}")
     return 1 if found.moved or found.undetermined else 0
 
@@ -79,12 +79,12 @@ def _print(layout: layouts.Layout, found: Drift) -> None:
         (f"mirror {layout.mirror_names[mirror.index]}", *_figures(mirror), str(mirror.points))
         for mirror in found.mirrors
     ]
-    print_table(["", "turn °", f"{SIGMA} °", "shift mm", "of threshold", "tells from °", "points"], rows)
-    say("drift", "of threshold: over 1, the mirror has moved; tells from: a turn of this size would show")
+    print_table(["", "turn °", f"{SIGMA} °", "shift mm", "of threshold", "detectable °", "points"], rows)
+    say("drift", "of threshold: over 1, the mirror has moved; detectable: the smallest turn that would be detected")
 
 
 def _figures(mirror: MirrorMove) -> tuple[str, ...]:
-    """Turn and its sigma, shift, statistic and smallest turn that would show, as far as pictures determine them."""
+    """Turn and its sigma, shift, statistic and smallest detectable turn, as far as pictures determine them."""
     if not mirror.tested:
         return ("-",) * 5
     return (

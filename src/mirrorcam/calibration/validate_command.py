@@ -44,7 +44,7 @@ def validate(
 
 
 def _verdict(metrics: Iterable[Metric]) -> str:
-    """Whether all figures are within their limits, and what the others are."""
+    """The verdict in words: passed, or why figures failed."""
     failed = [metric for metric in metrics if not metric.passed]
     reasons = ["a figure exceeds its limit"] if any(metric.known for metric in failed) else []
     reasons += ["a figure that has a limit could not be computed"] if not all(metric.known for metric in failed) else []

@@ -1,7 +1,7 @@
 """Blind calibration of a rendered set, then the comparison with its ground truth.
 
-`calibrate_set` sees what a real user would have: frames, base frames, nominal layout and board. `validate` calls it,
-and only then reads the `truth` folder.
+`calibrate_set` reads only what a real user has: frames, base frames, nominal layout and board. `validate` calls it
+before it reads the `truth` folder.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ LIMITS = {
     "held_out_spatial_rms_mm": 0.05,
     "decoded_corner_rms_px": 0.25,
 }
-"""Limits for a 1920 x 1080 set of 20 frames; figures in pixels depend little on the size of the sensor."""
+"""Limits for a set of 20 frames of 1920 x 1080 px; figures in pixels hardly depend on the resolution."""
 TOO_FEW_FRAMES = "too few frames to measure it, expected 6 or more"
 
 
@@ -53,7 +53,7 @@ class _Poses(Value):
 
 @dataclass(frozen=True)
 class Validation:
-    """A blind calibration, and its figures against the truth; those with a limit decide whether it passed."""
+    """A blind calibration, and its figures against the truth; it passes if all are within their limits."""
 
     calibration: Calibration
     metrics: dict[str, Metric]
@@ -66,7 +66,7 @@ class Validation:
 def calibrate_set(folder: Path, on_frame: Callable[[int], None] = lambda done: None) -> Calibration:
     """Calibrate a rendered set from its frames, base frames, nominal layout and board alone.
 
-    `on_frame` is called with the number of its pictures that are done.
+    `on_frame` is called with the number of pictures done.
     """
     dataset = Dataset.load(folder)
     layout, board = Layout.load(folder / "layout.json"), load_board(folder / "board.toml")
@@ -80,20 +80,20 @@ def calibrate_set(folder: Path, on_frame: Callable[[int], None] = lambda done: N
 def validate(folder: AnyPath, progress: Progress = no_progress) -> Validation:
     """Calibrate and decode a rendered set from its pictures alone, then compare the result with the set's truth.
 
-    Two mirrors are first turned together about the line where their planes meet, which no picture determines.
+    With two mirrors, their common turn about the intersection of their planes, which no picture determines, is removed.
 
     Parameters
     ----------
     folder
         Folder of a set made by `render_set`.
     progress
-        Called with the numbers of pictures done and of all; those through the mirrors count twice, as they are decoded
-        too.
+        Called with the number of steps done and their total; a picture through the mirrors counts twice, as it is
+        also decoded.
 
     Returns
     -------
     Validation
-        The calibration, and its figures against the truth; `passed` is whether all are within their limits.
+        The calibration, and its figures against the truth.
 
     Raises
     ------
@@ -130,7 +130,7 @@ def validate(folder: AnyPath, progress: Progress = no_progress) -> Validation:
 
 
 def decoded_metrics(distance_px: FloatArray) -> dict[str, Metric]:
-    """Figures of the distances (n,) of decoded corners from their true places; none where no corner was found."""
+    """Figures of the distances (n,) of decoded corners from their true places; not known if no corner was found."""
     why, known = ("", True) if len(distance_px) else ("no corner was found in any decoded view", False)
     rms = np.sqrt(np.mean(distance_px**2)) if known else np.nan
     p95 = np.percentile(distance_px, 95) if known else np.nan
@@ -150,7 +150,7 @@ def write_validation(validation: Validation, folder: Path, *, command: str) -> N
 def mirror_errors(layout: Layout, truth: Layout) -> dict[str, Metric]:
     """Angles between calibrated and true normals, and differences of distance: worst, and rms over the mirrors.
 
-    The mean rotation that all normals share is reported apart from what differs between mirrors.
+    `normal_error_between_mirrors_max_deg` excludes the mean rotation of all normals.
     """
     if len(layout.mirrors) != len(truth.mirrors):
         raise InputError(f"{len(layout.mirrors)} mirrors calibrated, truth has {len(truth.mirrors)}")
@@ -178,7 +178,7 @@ def mirror_errors(layout: Layout, truth: Layout) -> dict[str, Metric]:
 def decoded_errors(light_field: LightField, truth: Layout, board: Target, rig_from_board: FloatArray) -> FloatArray:
     """Found minus predicted pixels (n, 2) of the corners in all decoded views.
 
-    The prediction is a pinhole at the *true* position of the view with the intrinsics that the light field claims.
+    The prediction is a pinhole at the *true* position of the view with the intrinsics that the light field states.
     """
     centres = truth.virtual_centres_in_rig_mm.reshape(truth.rows, truth.cols, 3)
     true_positions = (centres - light_field.reference_view_in_rig_mm) @ light_field.view_from_rig.T

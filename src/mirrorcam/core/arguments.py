@@ -12,11 +12,11 @@ from mirrorcam.core.bounds import Bounds
 from mirrorcam.core.errors import InputError
 
 AnyPath: TypeAlias = str | os.PathLike[str]
-"""A path as callers give it: a text, or anything with `__fspath__`."""
+"""A path argument: a str, or any object with `__fspath__`."""
 
 
 def path_of(name: str, value: AnyPath) -> Path:
-    """The path that an argument gives; raises TypeError for anything but a text or an `os.PathLike` of one."""
+    """Convert an argument to a path; raises TypeError unless it is a str or an `os.PathLike[str]`."""
     if isinstance(value, str):
         return Path(value)
     text = os.fspath(value) if isinstance(value, os.PathLike) else None
@@ -30,11 +30,11 @@ def _path_unless_one(value: Any) -> Any:
 
 
 GivenPath = Annotated[Path, BeforeValidator(_path_unless_one)]
-"""The field of a value for a path of any kind."""
+"""Field of a value that accepts any kind of path."""
 
 
 def check_count(name: str, value: object, bounds: Bounds) -> None:
-    """Raise TypeError for an argument that is no integer, InputError for one out of bounds."""
+    """Raise TypeError for an argument that is not an integer, InputError for one out of bounds."""
     check_type(name, value, int)
     if not bounds.least <= cast(int, value) <= bounds.most:
         raise InputError(f"{name}: {value}, expected {bounds}")

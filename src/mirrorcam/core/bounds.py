@@ -1,4 +1,4 @@
-"""Physical ranges of numbers, shared by options and by values in files. Light to import: help states them."""
+"""Ranges of numbers, shared by options and by values in files. Cheap to import, as help texts state them."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Bounds:
-    """A closed range of numbers, which the descriptions of its fields state."""
+    """A closed range of numbers, which descriptions of fields state."""
 
     least: float
     most: float
@@ -19,7 +19,7 @@ class Bounds:
         return self.text or f"{_plain(self.least)} to {_plain(self.most)}"
 
     def field(self, default: Any = ..., description: str = "", unset: str = "") -> Any:
-        """A field of a number in this range; without a default it is required; `unset` describes None."""
+        """Field for a number in this range, required without a default; `unset` describes the default None."""
         from pydantic import Field
 
         stated = f"{description}, {self}" if description else str(self)
@@ -28,13 +28,13 @@ class Bounds:
 
     @property
     def each(self) -> Any:
-        """The range of each number of a tuple."""
+        """Constraint for each number of a tuple."""
         from pydantic import Field
 
         return Field(ge=self.least, le=self.most)
 
     def cut(self, least: float | None = None, most: float | None = None) -> Bounds:
-        """The part of this range from `least` on, up to `most`."""
+        """This range with another `least` or `most`."""
         return Bounds(self.least if least is None else least, self.most if most is None else most)
 
 
@@ -61,7 +61,7 @@ SEED = Bounds(0, 2**63 - 1, "0 to 2^63 - 1")
 WORKERS = Bounds(1, 1024)
 SAMPLES_PER_PIXEL = Bounds(1, 65536)
 PICTURES = Bounds(0, 100_000)
-"""Pictures of a set, each of which takes some memory while the set is planned."""
+"""Pictures of a set; planning takes memory for each."""
 GRID = Bounds(1, 1000)
 """Rows or columns of views."""
 FOCAL_PX = Bounds(0.001, 1e7)
@@ -74,5 +74,5 @@ LINE_PX = Bounds(0, 65_535)
 LARGEST_PICTURE_PX = 120_000_000
 """Pixels of the largest picture that is decoded: more than any camera's, and at most 0.8 GB of memory."""
 LARGEST_PICTURE_SIDE_PX = 1_000_000
-"""Width or height of the largest picture, which decoders of PNG hold."""
+"""Largest width or height of a picture, as limited by PNG decoders."""
 LARGEST_DISTORTION = 1e6

@@ -1,5 +1,5 @@
-"""The error of input that cannot be used."""
+"""The error for invalid input."""
 
 
 class InputError(ValueError):
-    """Input that cannot be used; the message says in one line what, where, and what was expected."""
+    """Invalid input; the message states in one line the value, its place, and what was expected."""

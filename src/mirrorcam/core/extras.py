@@ -25,7 +25,7 @@ def missing_modules(extra: str) -> list[str]:
 
 
 def require(*extras: str) -> None:
-    """Raise InputError, naming the command that installs them, where modules of extras are missing."""
+    """Raise InputError if modules of extras are missing; the message has the command that installs them."""
     missing = {extra: missing_modules(extra) for extra in extras}
     lacking = [extra for extra, modules in missing.items() if modules]
     if lacking:

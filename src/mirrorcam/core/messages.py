@@ -1,4 +1,4 @@
-"""Messages of one line, of what pydantic finds wrong with a value among others."""
+"""One-line messages, also for pydantic's validation errors."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ LONGEST_MESSAGE = 300
 
 
 def shortened(text: str, most: int = LONGEST_MESSAGE) -> str:
-    """A text, without its middle where it is longer than `most` characters."""
+    """Cut the middle out of a text longer than `most` characters."""
     return text if len(text) <= most else f"{text[: most * 2 // 3]} ... {text[-most // 4 :]}"
 
 
@@ -25,9 +25,9 @@ def _known_names(schema: Any) -> set[str]:
 
 
 def one_line(error: ValidationError, model: type[BaseModel] | None = None) -> str:
-    """One line with the error and its place: the first of pydantic's findings and the number of the others.
+    """Format the first of pydantic's findings, its place, and the number of others in one line.
 
-    A key that is not known comes first, with the one of `model` that may have been meant.
+    An unknown key takes precedence, with the closest key of `model`.
     """
     details = error.errors(include_url=False)
     first = next((each for each in details if each["type"] == "extra_forbidden"), details[0])

@@ -1,6 +1,6 @@
-"""Names and numbers as text: what names may be, and how each kind of file and of drawn page takes them.
+"""Names and numbers as text: valid names, and their form in each kind of file and drawing.
 
-Names come from files of other people. In HTML and XML the writers of those formats escape it.
+Names come from untrusted files. Writers of HTML and XML escape them.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ LONGEST = 100
 _MARKDOWN = re.compile(r"[\\`*_\[\]|~#$]")
 _FORMULA = ("=", "+", "-", "@", "\uff1d", "\uff0b", "\uff0d", "\uff20", "\t", "\r", "\n")  # \uff..: full-width
 Link = Annotated[str, Field(max_length=LONGEST, pattern=r"^[A-Za-z0-9_]+([/.-][A-Za-z0-9_]+)*$")]
-"""The name of a link of a robot, which URDF and xacro take as it is."""
+"""The name of a robot's link, valid in URDF and xacro without escaping."""
 MISSING = "\N{REPLACEMENT CHARACTER}"
 
 
@@ -38,22 +38,22 @@ Line = Annotated[str, Field(max_length=500), AfterValidator(_printable)]
 
 
 def markdown_text(text: str) -> str:
-    """Return a text as Markdown that shows it as it is: without tags, links, emphasis or cells of a table."""
+    """Escape a text for Markdown, so that tags, links, emphasis and table cells have no effect."""
     return _MARKDOWN.sub(r"\\\g<0>", html.escape(text, quote=False))
 
 
 def spreadsheet_text(text: str) -> str:
-    """Return a text as a cell of CSV that no spreadsheet takes for a formula: with ' before what would begin one."""
+    """Escape a text for a CSV cell: ' precedes a text that spreadsheets would take for a formula."""
     return f"'{text}" if text.startswith(_FORMULA) else text
 
 
 def word(text: str) -> str:
-    """Return a text as one word, for files whose fields end at a blank: _ for blanks and what cannot be printed."""
+    """Return a text as one word, with _ for blanks and unprintable characters."""
     return "".join("_" if char.isspace() or not char.isprintable() else char for char in text)
 
 
 def number(value: float) -> str:
-    """The shortest text that reads back to the bit, with a point, and without a negative zero.
+    """The shortest text that reads back exactly, with a decimal point, and without a negative zero.
 
     YAML 1.1 takes `1e-05` for a string: PyYAML, and Kalibr with it, would read it as one.
     """
@@ -68,12 +68,12 @@ def numbers(values: Iterable[float] | FloatArray, separator: str = ", ") -> str:
 
 
 def drawable(text: str, glyphs: Container[int]) -> str:
-    """Return a text with a mark in place of each character that the font lacks or that is not printable."""
+    """Replace each character that is unprintable or missing in the font."""
     return "".join(char if char.isprintable() and ord(char) in glyphs else MISSING for char in text)
 
 
 def fitted(text: str, width: float, width_of: Callable[[str], float]) -> str:
-    """Return a text, cut and ended by "..." where it is wider than `width`."""
+    """Cut a text wider than `width`, and end it with "..."."""
     kept, end = text, ""
     while kept and width_of(kept + end) > width:
         kept, end = kept[:-1], "..."

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 Progress = Callable[[int, int], None]
-"""Called as `progress(done, total)` as work proceeds: how many steps, frames or pictures are done, and of how many."""
+"""Called as `progress(done, total)` with the number of steps, frames or pictures done, and their total."""
 
 
 def no_progress(done: int, total: int) -> None:

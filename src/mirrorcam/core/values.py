@@ -32,28 +32,28 @@ FloatArray = NDArray[np.float64]
 
 
 class InvalidValue(InputError):
-    """Fields that a value refuses; pydantic's findings are its cause, which copies and pickles of it do not keep."""
+    """Invalid fields of a value; pydantic's findings are its cause, which copies and pickles lose."""
 
     @property
     def first(self) -> ErrorDetails | None:
-        """The first of pydantic's findings, where they are kept."""
+        """The first of pydantic's findings, if they are kept."""
         cause = self.__cause__
         return cause.errors(include_url=False)[0] if isinstance(cause, ValidationError) else None
 
     @property
     def is_of_keys(self) -> bool:
-        """Whether a key is not known, where the findings are kept."""
+        """Whether a key is unknown, if the findings are kept."""
         cause = self.__cause__
         return isinstance(cause, ValidationError) and any(each["type"] == "extra_forbidden" for each in cause.errors())
 
     @property
     def title(self) -> str:
-        """The name of the class of the value, empty where the findings are not kept."""
+        """Class name of the value; empty if the findings are not kept."""
         return self.__cause__.title if isinstance(self.__cause__, ValidationError) else ""
 
     @property
     def reason(self) -> str:
-        """The first finding without its place; all of the message where the findings are not kept."""
+        """The first finding without its place; the complete message if the findings are not kept."""
         return str(self) if self.first is None else self.first["msg"].removeprefix("Value error, ")
 
 
@@ -106,7 +106,7 @@ class Shaped:
 
 
 def _is_numbers(value: Any) -> bool:
-    """Return whether nested lists hold nothing but numbers: a text or a truth value is none."""
+    """Return whether nested lists hold only numbers; texts and booleans do not count."""
     if isinstance(value, list | tuple):
         return all(map(_is_numbers, value))
     kind = value.dtype.kind if isinstance(value, np.ndarray | np.generic) else ""
@@ -114,7 +114,7 @@ def _is_numbers(value: Any) -> bool:
 
 
 def with_tuples(value: Any) -> Any:
-    """Nested tables with tuples for lists: strict reading asks for them in a table that was looked at before."""
+    """Convert lists in nested tables to tuples, which strict validation requires in Python values."""
     if isinstance(value, dict):
         return {name: with_tuples(each) for name, each in value.items()}
     return tuple(map(with_tuples, value)) if isinstance(value, list) else value
@@ -144,29 +144,29 @@ def _hashable(data: Any) -> Any:
 
 
 _STOPPING = ("list", "tuple", "set", "frozenset", "dict")
-"""Types of pydantic's schemas that can stop at the first item that is not valid."""
+"""Types of pydantic's schemas that can stop at the first invalid item."""
 
 
 def _stop_at_first(schema: Any) -> None:
-    """Make all lists and tables in a schema of pydantic stop at their first item that is not valid.
+    """Make all lists and tables in a pydantic schema stop at their first invalid item.
 
-    Of a long one, all findings would take gigabytes.
+    All findings about a long list would take gigabytes.
     """
-    left = [schema]
-    while left:
-        each = left.pop()
+    pending = [schema]
+    while pending:
+        each = pending.pop()
         if isinstance(each, dict):
             if each.get("type") in _STOPPING:
                 each["fail_fast"] = True
-            left += (inner for name, inner in each.items() if name not in ("default", "metadata"))
+            pending += (inner for name, inner in each.items() if name not in ("default", "metadata"))
         elif isinstance(each, list | tuple):
-            left += each
+            pending += each
 
 
 class Value(BaseModel):
-    """A frozen value: unknown keys, NaN and infinities are refused; equal when all fields are equal.
+    """A frozen value without unknown keys, NaN or infinities; equal if all fields are equal.
 
-    Raises InvalidValue, one line, for fields that it refuses, however it is made.
+    However it is constructed, invalid fields raise InvalidValue, in one line.
     """
 
     model_config = ConfigDict(
@@ -185,7 +185,7 @@ class Value(BaseModel):
         except ValidationError as error:
             raise InvalidValue(one_line(error, type(self))) from error
 
-    # Values in values are validated by pydantic itself, which reports where in them a finding is, not by this __init__.
+    # Pydantic validates nested values itself, without this __init__, and reports the place of a finding in them.
     __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
 
     @classmethod
@@ -217,7 +217,7 @@ class Value(BaseModel):
 
 
 NOT_FINITE = "its formula has no finite value here"
-"""The reason why a figure is none, where its maker gives no better one."""
+"""Default reason for an unknown figure."""
 
 
 def _nan_unless_finite(value: Any, info: ValidationInfo) -> Any:
@@ -231,10 +231,10 @@ def _nan_unless_finite(value: Any, info: ValidationInfo) -> Any:
 
 
 class Metric(Value):
-    """One measured figure. With `limit`, it passes at or below it (`lower_is_better`) or at or above it.
+    """One measured figure. With a `limit`, it passes at or below it (`lower_is_better`) or at or above it.
 
-    A figure that cannot be computed is none, never an error: its `value` is NaN, null in files, and `reason` says why.
-    It passes no limit.
+    A figure that cannot be computed is unknown, never an error: its `value` is NaN, null in files, and `reason` says
+    why. It passes no limit.
     """
 
     value: Annotated[float, BeforeValidator(_nan_unless_finite, json_schema_input_type=float | None)] = Field(

@@ -27,14 +27,14 @@ GROUPS = {
     "depth": ("baseline", "disparity", "depth_resolution", "depth_sigma"),
     "mirrors": ("shortest", "longest", "smallest", "largest", "slab"),
 }
-"""Titles of the groups of the table, each with the prefixes of the names of its figures."""
+"""Groups of the table by title, each with the prefixes of its figures' names."""
 FILES = ("layout.json", "parabola.json", "before_after.png", "focus.png", "tolerance.json", "tolerance.png")
 
 
 @Parameter(name="*")
 @dataclass(frozen=True)
 class DesignChanges:
-    """Fields of a design's specification that options replace, None where they do not."""
+    """Fields of a design's specification that options replace; None keeps a field."""
 
     camera: Annotated[
         str | None,
@@ -68,7 +68,7 @@ class DesignChanges:
     ] = None
 
     def of(self, spec: DesignSpec) -> DesignSpec:
-        """The specification with these fields; raises InputError where they do not fit the others."""
+        """The specification with these fields replaced; raises InputError if they contradict the others."""
         from mirrorcam.core.disk.files import read_model
         from mirrorcam.optics.geometry.arrangement import Pattern
         from mirrorcam.optics.geometry.camera_library import read_camera
@@ -97,7 +97,7 @@ def design(
 ) -> int:
     """Optimise a layout of mirrors.
 
-    Writes layout.json, parabola.json (the faceted parabola that it is compared with), before_after.png and focus.png;
+    Writes layout.json, parabola.json (the faceted parabola, for comparison), before_after.png and focus.png;
     with --tolerance, tolerance.json and tolerance.png. Options replace the fields of design.toml.
 
     Examples:
@@ -125,7 +125,7 @@ def design(
                 try:
                     with long_work("tolerance", "devices as built"):
                         study = write_tolerance(found.optimised, requested.tolerances, folder)
-                except InputError as error:  # the design stands without
+                except InputError as error:  # the design is written without it
                     no_study = error
     print_design(found, best_fold=spec.fold_deg == "auto")
     written = ", ".join(name for name in FILES[:4] if (out / name).exists())
@@ -141,13 +141,13 @@ def design(
 def print_design(found: DesignComparison, *, best_fold: bool) -> None:
     """Print figures of the layout next to the parabola's, then the checks and their limits.
 
-    `best_fold`: the fold was to be chosen.
+    `best_fold` states that the optimiser chose the fold.
     """
     from mirrorcam.optics.design.assess.focus import focus_figures, out_of_focus
 
     spec = found.optimised.spec
     if best_fold and spec is not None:
-        unlimited = "" if spec.camera.body_mm else ", which the camera, whose body is unknown, does not limit"
+        unlimited = "" if spec.camera.body_mm else ", not limited by the camera, whose body is unknown"
         say("design", f"best fold: {spec.fold_deg:g}°{unlimited}")
     columns = {} if found.parabola is None else {"parabola": found.parabola}
     columns["optimised"] = found.optimised

@@ -1,4 +1,4 @@
-"""A design as files: its request, `design.toml`, and the layout that results, next to the faceted parabola."""
+"""A design as files: its request, `design.toml`, the resulting layout and the faceted parabola."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ DESIGN_FILE = "design.toml"
 
 
 def _completed(tolerances: object) -> object:
-    """A table of tolerances, with the tolerances of a hand-made device as defaults."""
+    """Complete a table of tolerances with those of a hand-made device."""
     if not isinstance(tolerances, dict):
         return tolerances
     return Tolerances.hobby().model_dump() | with_tuples(tolerances)
@@ -44,7 +44,7 @@ class DesignRequest(DesignSpec):
 
 
 def read_request(path: Path) -> DesignRequest:
-    """The request in a TOML or JSON file, or of the layout in it; its camera may be a file, too.
+    """Read a request from a TOML or JSON file, or from a layout; its camera may be the name of a file.
 
     Raises InputError in one line.
     """
@@ -57,13 +57,13 @@ def read_request(path: Path) -> DesignRequest:
 
 
 def request_of(path: Path, raw: bytes) -> DesignRequest:
-    """The request in the content of a file, or of the layout in it; no file is read, and none that it names."""
+    """Parse a request from the content of a file, or of a layout; no file is read."""
     _require_suffix(path)
     return _request_from(path, tables_of(path, raw))
 
 
 def with_camera(path: Path, tables: dict[str, Any]) -> dict[str, Any]:
-    """The fields of a request in a file, its camera read where the library or a file has it under a name."""
+    """The fields of a request in a file, with a camera stated by name read from the library or a file."""
     if not isinstance(tables.get("camera"), str):
         return tables
     try:
@@ -96,7 +96,7 @@ def request_toml(spec: DesignSpec) -> str:
 
 @dataclass(frozen=True)
 class DesignComparison:
-    """An optimised layout, and the faceted parabola of its spec, or why the spec has none; both with their figures."""
+    """An optimised layout and the faceted parabola of its spec, or the reason why it has none; both with figures."""
 
     optimised: Layout
     parabola: Layout | None
@@ -106,7 +106,7 @@ class DesignComparison:
 def compare_designs(spec: DesignSpec, calls: Calls = in_turn) -> DesignComparison:
     """Optimise a layout and evaluate the faceted parabola of the same spec; `calls` as for `design`.
 
-    Raises InfeasibleDesign where no layout meets the spec.
+    Raises InfeasibleDesign if no layout meets the spec.
     """
 
     optimised = optimise.design(spec, calls)
@@ -117,10 +117,10 @@ def compare_designs(spec: DesignSpec, calls: Calls = in_turn) -> DesignCompariso
 
 
 def write_design(spec: DesignSpec, folder: Path, calls: Calls = in_turn) -> DesignComparison:
-    """Write layout.json (optimised), parabola.json (where the spec has one) and before_after.png into a folder.
+    """Write layout.json (optimised), parabola.json (if the spec has one) and before_after.png into a folder.
 
-    Where the camera is no pinhole, also focus.png, of the optimised layout. `calls` as for `design`.
-    Raises InfeasibleDesign, before anything is written, where no layout meets the spec.
+    Unless the camera is a pinhole, also write focus.png of the optimised layout. `calls` as for `design`. Raises
+    InfeasibleDesign, before anything is written, if no layout meets the spec.
     """
     from mirrorcam.designs.design_figure import before_after, focus_figure
 

@@ -1,4 +1,4 @@
-"""The report of a design: one HTML file that holds its pictures, figures, checks and request."""
+"""The report of a design: one HTML file with its pictures, figures, checks and request."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ HEADLINES = {
 
 @dataclass(frozen=True)
 class ReportPicture:
-    """A picture as it stands in the report."""
+    """A picture of the report."""
 
     title: str
     alt: str
@@ -35,7 +35,7 @@ class ReportPicture:
 
 
 def design_pictures(layout: Layout, parabola: Layout | None, study: Study | None = None) -> list[ReportPicture]:
-    """Sensor, mirrors and coverage; the focus of a camera that is no pinhole; with a study, devices as built.
+    """Draw sensor, mirrors and coverage; focus, unless the camera is a pinhole; with a study, devices as built.
 
     Raises ValueError for a layout without a spec.
     """
@@ -63,9 +63,9 @@ def design_pictures(layout: Layout, parabola: Layout | None, study: Study | None
 def design_report(
     layout: Layout, parabola: Layout | None, pictures: Sequence[ReportPicture], *, not_built: str = ""
 ) -> str:
-    """The page of a designed layout, compared with its faceted parabola.
+    """Render the page of a designed layout, compared with its faceted parabola.
 
-    `not_built` says why there is no picture of devices as built, if there is none. Raises ValueError for a layout
+    `not_built` is the reason why a picture of devices as built is missing, if it is. Raises ValueError for a layout
     without a spec.
     """
     spec = layout.spec
@@ -118,7 +118,7 @@ def _figures(layout: Layout, parabola: Layout | None) -> Table:
 
 def _request(layout: Layout) -> Table:
     assert layout.spec is not None
-    asked = layout.spec.model_dump(mode="json")
-    asked |= {"camera": layout.camera.name}
-    rows = [(name, ", ".join(map(str, v)) if isinstance(v, list) else str(v)) for name, v in asked.items()]
+    fields = layout.spec.model_dump(mode="json")
+    fields |= {"camera": layout.camera.name}
+    rows = [(name, ", ".join(map(str, v)) if isinstance(v, list) else str(v)) for name, v in fields.items()]
     return Table(("Field of design.toml", "Value"), rows)

@@ -29,12 +29,12 @@ _OUTCOME, _LAYOUT = "outcome.json", "layout.json"
 
 
 def layout_name(spec: DesignSpec) -> str:
-    """Path in the folder of a sweep of the layout of a spec."""
+    """Path of a spec's layout in the folder of a sweep."""
     return f"layouts/{_key(spec)}.json"
 
 
 def finished_designs(folder: Path) -> list[tuple[Outcome, Path]]:
-    """The solved designs in the folder of a sweep, each with its layout's file; raises InputError where none is."""
+    """The solved designs in the folder of a sweep, each with its layout's file; raises InputError if there is none."""
     found = []
     for path in sorted((folder / "layouts").glob("*.json")):
         layout = read_record(Layout, path)
@@ -46,7 +46,7 @@ def finished_designs(folder: Path) -> list[tuple[Outcome, Path]]:
 
 
 def outcome_of(spec: DesignSpec, got: Answer | Died) -> Outcome:
-    """The outcome of a spec, from the answer of a worker or the death of all that tried it."""
+    """The outcome of a spec, from a worker's answer or the death of every worker that tried it."""
     if isinstance(got, Died):
         return Outcome(spec=spec, status="failed", finding=got.reason)
     return Outcome.model_validate_json(got.outcome)
@@ -59,11 +59,11 @@ def _key(spec: DesignSpec) -> str:
 def sweep(
     specs: Sequence[DesignSpec], output: OutputFolder, run: Runner, progress: Progress = no_progress
 ) -> list[Outcome]:
-    """Return the outcome of each spec, in their order: those in the store of the folder are read, the others run.
+    """Return the outcome of each spec, in order, read from the store of the folder if possible, else computed.
 
-    Every design is stored, and its layout written, as soon as it is finished: an interrupted sweep loses none. Raises
-    InputError, unless files of others may be replaced, where a layout is not as a sweep wrote it; and where a worker
-    runs another version of the code or the libraries that designs depend on.
+    Every finished design is stored, and its layout written, at once: an interrupted sweep loses none. Raises InputError
+    if a layout was changed since a sweep wrote it, unless files may be replaced, and if a worker runs another version
+    of the code or of the libraries that designs depend on.
     """
     outcomes = {number: found for number, spec in enumerate(specs) if (found := _finished(spec, output)) is not None}
     missing = [number for number in range(len(specs)) if number not in outcomes]
@@ -76,7 +76,7 @@ def sweep(
 
 
 def _finished(spec: DesignSpec, output: OutputFolder) -> Outcome | None:
-    """The outcome of a spec that the store of a folder holds, and its layout in its place; None where there is none."""
+    """Read a spec's outcome from the store, and restore a missing layout; None if the store has no outcome."""
     output.grouped(_key(spec)).refuse_others(layout_name(spec))
     kept = output.results.get(f"design-{_key(spec)}", program_of(CODE))
     if kept is None:
@@ -88,28 +88,28 @@ def _finished(spec: DesignSpec, output: OutputFolder) -> Outcome | None:
 
 
 def _keep(spec: DesignSpec, got: Answer | Died, output: OutputFolder) -> Outcome:
-    """Store an answer and write its layout: a failure is not stored, so that it is tried again the next time."""
+    """Store an answer and write its layout; a failure is not stored, so that the next sweep tries again."""
     outcome = outcome_of(spec, got)
     if isinstance(got, Died):
         got = Answer(file_text(outcome))
     if other := differing(got.made_with, program_of(CODE)):
-        raise InputError(f"{other[0]} of a worker is not what this sweep began with, expected the same in all of them")
+        raise InputError(f"{other[0]} of a worker differs from this machine's, expected the same on all workers")
     if outcome.status != "failed":
         contents = {_OUTCOME: got.outcome.encode(), _LAYOUT: got.layout.encode()}
         output.results.put(f"design-{_key(spec)}", program_of(CODE), contents)
-    _write_layout(spec, got.layout, output)  # last: a layout that is missing is written from the store
+    _write_layout(spec, got.layout, output)  # last: the store restores a missing layout
     return outcome
 
 
 def _write_layout(spec: DesignSpec, layout: str, output: OutputFolder) -> None:
-    """Write the layout of a spec; where it has none, an earlier one is deleted."""
+    """Write the layout of a spec, or delete an earlier one if the spec has none."""
     with output.grouped(_key(spec)).staged() as folder:
         if layout:
             write_text(folder / layout_name(spec), layout)
 
 
 def table_of(outcomes: Sequence[Outcome]) -> list[dict[str, Cell]]:
-    """A row for each outcome, with the place of its layout in the folder of the sweep."""
+    """A row for each outcome, with the path of its layout in the folder of the sweep."""
     return [
         row | {"layout": layout_name(outcome.spec) if outcome.status == "solved" else None}
         for outcome, row in zip(outcomes, rows_of(outcomes), strict=True)
@@ -117,7 +117,7 @@ def table_of(outcomes: Sequence[Outcome]) -> list[dict[str, Cell]]:
 
 
 def write_table(path: Path, rows: Sequence[dict[str, Cell]]) -> None:
-    """Write rows of the same columns atomically, as the suffix says: .csv, .parquet (needs its extra) or .json.
+    """Write rows of equal columns atomically, in the format of the suffix: .csv, .parquet (needs its extra) or .json.
 
     In CSV, depths share one cell, separated by spaces, and missing values are empty.
     """
@@ -144,7 +144,7 @@ def _cell_text(value: Cell) -> Cell:
 
 
 def _arrow(rows: Sequence[dict[str, Cell]]) -> pyarrow.Table:
-    """Rows as Arrow columns, of the type of their first value; a column without values is of floats."""
+    """Rows as Arrow columns, typed by their first value; a column without values holds floats."""
     import pyarrow
 
     types = {

@@ -69,7 +69,7 @@ def sweep(
 
 
 def summary(outcomes: Sequence[Outcome]) -> list[str]:
-    """Summarise outcomes in lines of text: counts of each status, the constraints that cannot hold, the failures."""
+    """Summarise outcomes in lines of text: counts of each status, violated constraints, failures."""
     statuses = Counter(outcome.status for outcome in outcomes)
     lines = [", ".join(f"{statuses[status]} {status}" for status in ("solved", "infeasible", "failed"))]
     bound = Counter(outcome.constraint for outcome in outcomes if outcome.status == "infeasible")

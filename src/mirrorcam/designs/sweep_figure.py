@@ -29,7 +29,7 @@ FAINT = 0.35
 
 @dataclass(frozen=True)
 class Axis:
-    """One figure of merit: its name and unit, where it is found, and whether more of it is better."""
+    """A figure of merit: name, unit, value of an outcome, and whether more is better."""
 
     name: str
     unit: str
@@ -69,13 +69,13 @@ def _endless(outcome: Outcome) -> bool:
 
 
 def pareto(outcomes: Sequence[Outcome], path: Path) -> None:
-    """Write a PNG of the solved among the outcomes: two trades above, the figures of both against the count below.
+    """Write a PNG of the solved outcomes: two trade-offs above, each figure over the count of mirrors below.
 
-    Raises ValueError where none is solved.
+    Raises ValueError if none is solved.
     """
     solved = [outcome for outcome in outcomes if outcome.status == "solved"]
     if not solved:
-        raise ValueError(f"of {len(outcomes)} designs, none is solved, expected one or more to draw")
+        raise ValueError(f"no solved design among {len(outcomes)}, expected one or more")
     colours = counts_of(solved)
     columns = -(-len(colours) // LEGEND_ROWS)
     width_in = WIDTH_IN - LEGEND_IN - LEGEND_COLUMN_IN * columns
@@ -122,9 +122,9 @@ def _trade(axes: Axes, solved: Sequence[Outcome], x: Axis, y: Axis, colours: dic
         for outcome in solved
         if (a := x.value(outcome)) is not None and (b := y.value(outcome)) is not None
     ]
-    whole = _front([(a, b) for a, b, _ in found], x, y)
-    # Between two designs of the front only their common worse corner is reached for certain: hence the steps.
-    axes.plot(*np.array(whole).reshape(-1, 2).T, color=FRONT, linewidth=5.0, drawstyle="steps-pre", zorder=1)
+    overall = _front([(a, b) for a, b, _ in found], x, y)
+    # Steps: between two designs of the front, only the worse value of each figure is certain to be reached.
+    axes.plot(*np.array(overall).reshape(-1, 2).T, color=FRONT, linewidth=5.0, drawstyle="steps-pre", zorder=1)
     for count, colour in colours.items():
         own = [(a, b, outcome) for a, b, outcome in found if _count(outcome) == count]
         front = _front([(a, b) for a, b, _ in own], x, y)

@@ -1,4 +1,4 @@
-"""A sweep as files: the request for its designs, their table, and the figure of their trade-offs."""
+"""A sweep as files: its request, the table of its designs, and the figure of their trade-offs."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ VARIED = ("rows", "cols", "pattern", "scale_mm", "depths_mm", "tradeoff")
 
 
 class SweepRequest(Value):
-    """The content of `sweep.toml`: values that designs combine, and the fields of their specification in common."""
+    """The content of `sweep.toml`: values to combine, and fields that all designs share."""
 
     counts: tuple[tuple[int, int], ...] = Field(
         default=((2, 2), (3, 3), (3, 5)), description="rows and columns of mirrors"
@@ -48,7 +48,7 @@ class SweepRequest(Value):
     def _check(self) -> Self:
         varied = next((name for name in VARIED if name in self.common.model_fields_set), None)
         if varied is not None:
-            raise ValueError(f"common.{varied}: is varied by the sweep, expected it in its lists alone")
+            raise ValueError(f"common.{varied}: is varied by the sweep, expected it only in the sweep's lists")
         self.specs()
         return self
 
@@ -64,7 +64,7 @@ class SweepRequest(Value):
 
 
 def read_sweep(path: Path) -> SweepRequest:
-    """The request in a TOML or JSON file, the camera in common by its name or its file; InputError in one line."""
+    """Read a TOML or JSON request, with the common camera by name or file; raises InputError in one line."""
     tables = tables_of(path, read_bytes(path, LARGEST_TEXT_BYTES))
     if isinstance(tables, dict) and isinstance(tables.get("common"), dict):
         tables = tables | {"common": with_camera(path, tables["common"])}
@@ -73,7 +73,7 @@ def read_sweep(path: Path) -> SweepRequest:
 
 @dataclass(frozen=True)
 class SweepFiles:
-    """Outcomes of the specs of a sweep, in their order, and the files that sum them up."""
+    """Outcomes of the specs of a sweep, in order, and the files that summarise them."""
 
     outcomes: tuple[Outcome, ...]
     files: tuple[Path, ...]
@@ -95,20 +95,20 @@ def write_sweep(
     specs
         The specs, in the order of the table.
     folder
-        Folder of the sweep; designs that an interrupted sweep has finished in it are kept.
+        Folder of the sweep; designs that an interrupted sweep finished there are kept.
     run
         Runner of the designs.
     table
         Format and suffix of the table, `sweep.csv` by default.
     force
-        Whether a table and a figure may be replaced that no sweep wrote, or that were changed since.
+        Whether to replace a table and a figure that no sweep wrote, or that were changed since.
     progress
-        Called with the numbers of designs done and of all.
+        Called with the number of designs done and their total.
 
     Returns
     -------
     SweepFiles
-        Outcomes and files: the table and, where a spec was solved, `pareto.png`.
+        Outcomes and files: the table and, if a spec was solved, `pareto.png`.
     """
     with output_folder(folder, "sweep", force=force) as output:
         output.refuse_others(f"sweep.{table}", FIGURE)
@@ -126,7 +126,7 @@ def write_sweep(
 def in_order(specs: Sequence[DesignSpec]) -> list[list[int]]:
     """Group the numbers of specs by structure: the problem built for one spec of a group is reused for the next.
 
-    Arrays of many mirrors come first, so that no core is left alone with one at the end.
+    Arrays of many mirrors come first, so that all cores finish at about the same time.
     """
     groups: dict[tuple[int, int, int, int, str], list[int]] = {}
     for number, spec in enumerate(specs):
@@ -137,14 +137,14 @@ def in_order(specs: Sequence[DesignSpec]) -> list[list[int]]:
 def design_here(
     specs: Sequence[DesignSpec], workers: int, work: Work[str, Answer] = answer
 ) -> Generator[tuple[int, Answer | Died], None, None]:
-    """Yield number and answer of each spec as it is finished by processes of this machine."""
+    """Yield index and answer of each spec as processes of this machine finish it."""
     yield from run_local([spec.model_dump_json() for spec in specs], workers, work, in_order(specs))
 
 
 def design_on_cluster(
     specs: Sequence[DesignSpec], address: str, work: Work[str, Answer] = answer
 ) -> Generator[tuple[int, Answer | Died], None, None]:
-    """Yield number and answer of each spec as it is finished by the workers of the scheduler at `address`."""
+    """Yield index and answer of each spec as workers of the scheduler at `address` finish it."""
     order = [number for group in in_order(specs) for number in group]
     for place, got in run_cluster([specs[number].model_dump_json() for number in order], address, work):
         yield order[place], got

@@ -21,9 +21,9 @@ _one_at_a_time = threading.Lock()
 
 @dataclass(frozen=True)
 class Answer:
-    """A worker's answer: the texts of the outcome and, if the spec was solved, of the layout; `seconds` taken.
+    """A worker's answer: the outcome and, if the spec was solved, the layout as JSON texts, and the `seconds` taken.
 
-    `made_with` is the program of the worker.
+    `made_with` holds the versions of the worker's code and libraries.
     """
 
     outcome: str
@@ -43,5 +43,5 @@ def answer(spec_json: str) -> Answer:
 
 
 def file_text(value: Value) -> str:
-    """The text of a value's file."""
+    """The content of a value's file."""
     return value.model_dump_json(indent=1, by_alias=True, exclude_none=True) + "\n"

@@ -1,4 +1,4 @@
-"""The tolerance study of a layout as files: figures that devices as built can be expected to reach, and a picture."""
+"""The tolerance study of a layout as files: expected figures of devices as built, and a picture."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ BARS_IN = {"left": 2.6, "right": 0.25, "bottom": 1.1, "top": 0.45}
 
 
 def tolerance_metrics(study: Study) -> dict[str, Metric]:
-    """The study, flat: tolerances, figures at them and at each accuracy (a factor on them), the share of each cause."""
+    """The study, flat: tolerances, figures at each accuracy (a factor on them), and the share of each cause."""
     metrics = {f"tolerance.{name}": _of_tolerance(study.tolerances, name) for name in WORKMANSHIP}
     metrics["devices"] = Metric(value=study.devices, unit="drawn")
     for accuracy, spreads in study.spreads.items():
@@ -64,7 +64,7 @@ def write_tolerance(layout: Layout, tolerances: Tolerances, out: Path) -> Study:
 
 
 def hidden_mirrors(study: Study, accuracy: float) -> Metric:
-    """The share of devices in which a mirror hides another, at a factor on the tolerances."""
+    """Share of devices in which a mirror occludes another, at a factor on the tolerances."""
     return Metric(value=study.hidden[accuracy], unit="of the devices")
 
 
@@ -79,7 +79,7 @@ def _of_tolerance(tolerances: Tolerances, name: str) -> Metric:
 
 
 def tolerance_figure(study: Study, path: Path) -> None:
-    """Write a PNG: panels of figures over accuracy, median and 5 to 95 %, above the share that each tolerance has."""
+    """Write a PNG: panels of figures over accuracy (median and 5 to 95 %), above the share of each tolerance."""
     figures = [*study.spreads[1.0]]
     panels = [
         (title, unit, names)

@@ -1,32 +1,34 @@
-"""How to turn the screws of a device's mirrors so that they come to where the design has them, from a calibration."""
+"""Turns of the mirrors' screws that bring a device to its design, from a calibration."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from mirrorcam.cad.holder.carriers import tilt_and_shift, travel_turns, turns_to
 from mirrorcam.cad.holder.screwed_holder import ScrewedHolderPlan, plan_screwed_holder
 from mirrorcam.cad.plan.hardware import HARDWARE, Hardware
-from mirrorcam.core.disk.files import read_model, write_json
+from mirrorcam.core.disk.files import atomic, read_model, write_json
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 
 FILES = ("turns.json", "turns.png")
-# A step by which the derivative of turns by a virtual centre is taken.
+LETTERS = "abc"
+# Step for the derivative of turns by a virtual centre.
 STEP_MM = 1e-4
 
 
 @dataclass(frozen=True)
 class MirrorTurns:
-    """Of one mirror: how far it is from its design, and the turns that bring it there.
+    """Deviation of one mirror from its design, and the turns of its screws that correct it.
 
-    `turns` (3,) are clockwise as seen from behind the device, in the order of its screws in the drawing; `sigma_turns`
-    (3,) is their standard deviation by the calibration, NaN without one. `reached` is False where a screw would leave
-    its travel.
+    `turns` (3,) are clockwise as seen from behind the device, in the order of the drawing; `sigma_turns` (3,) is their
+    standard deviation by the calibration, NaN if unknown. `reached` is False if a screw would leave its travel.
     """
 
     name: str
@@ -39,9 +41,9 @@ class MirrorTurns:
 
 @dataclass(frozen=True)
 class Adjustment:
-    """The turns of all mirrors, the outlines of these (n, 2) and the screws (3, 2) of each as seen from behind.
+    """The turns of all mirrors, with their outlines (n, 2) and screws (3, 2) in mm as seen from behind.
 
-    Their axes are right and up on the holder's back, mm, from the middle of the mount's screws.
+    The axes are right and up on the holder's back, from the centre of the mount's screws.
     """
 
     mirrors: tuple[MirrorTurns, ...]
@@ -50,7 +52,7 @@ class Adjustment:
 
 
 def read_device(folder: Path) -> tuple[Layout, Hardware]:
-    """The layout and hardware that a device's folder was made from; InputError where it is none."""
+    """Read the layout and hardware of a device's folder; raises InputError for another folder."""
     source = folder / "source"
     if not (source / "layout.json").is_file():
         raise InputError(f"{folder}: no source/layout.json in it, expected a folder that `mirrorcam cad` wrote")
@@ -59,27 +61,27 @@ def read_device(folder: Path) -> tuple[Layout, Hardware]:
 
 
 def adjust(measured: Layout, designed: Layout, hardware: Hardware) -> Adjustment:
-    """The turns that bring mirrors from where a calibration found them to where the design has them.
+    """Compute the turns that bring mirrors from their calibrated to their designed planes.
 
     Parameters
     ----------
     measured : Layout
-        Calibrated, in rig: the entrance pupil of the same camera.
+        The calibrated layout.
     designed : Layout
-        What the device was made from.
+        The design of the device.
     hardware : Hardware
-        What else it was made from, with `holder.mirrors = "screws"`.
+        The hardware of the device, with `holder.mirrors = "screws"`.
 
     Raises
     ------
     InputError
-        Where the device has no such screws, or the layouts have other mirrors.
+        If the mirrors have no screws, or the layouts have different mirrors.
     """
     if hardware.holder.mirrors != "screws":
         raise InputError('mirrors of this device are glued to their holder, expected holder.mirrors = "screws"')
     if measured.mirror_names != designed.mirror_names:
         raise InputError(
-            f"calibration of {len(measured.mirrors)} mirrors, device of {len(designed.mirrors)}, expected the same ones"
+            f"calibration of {len(measured.mirrors)} mirrors, device of {len(designed.mirrors)}, expected the same"
         )
     holder = plan_screwed_holder(designed, hardware)
     return Adjustment(
@@ -119,7 +121,7 @@ def _covariance(index: int, layout: Layout) -> FloatArray:
 
 
 def _seen_from_behind(points: FloatArray, holder: ScrewedHolderPlan, layout: Layout) -> FloatArray:
-    """Points (n, 2), right and up, as a viewer behind the device sees points (n, 3) of rig: along the holder's z."""
+    """Project points (n, 3) in rig along the holder's z to (n, 2), right and up as seen from behind the device."""
     frame = holder.rig_from_mount
     away, up = frame[:3, 2], -layout.view_from_rig[1]
     up = up - (up @ away) * away
@@ -131,8 +133,6 @@ def _seen_from_behind(points: FloatArray, holder: ScrewedHolderPlan, layout: Lay
 
 def write_adjustment(found: Adjustment, folder: Path) -> None:
     """Write turns.json and turns.png into a folder."""
-    from mirrorcam.device.turns_figure import turns_figure
-
     rows = [
         {
             "mirror": each.name,
@@ -153,3 +153,44 @@ def write_adjustment(found: Adjustment, folder: Path) -> None:
         found.screws_mm,
         folder / "turns.png",
     )
+
+
+def turns_figure(
+    names: Sequence[str],
+    turns: Sequence[FloatArray],
+    outlines_mm: Sequence[FloatArray],
+    screws_mm: FloatArray,
+    path: Path,
+) -> None:
+    """Draw mirrors from behind, with the turns of their screws.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Names of the mirrors.
+    turns : sequence of (3,)
+        Clockwise turns of each mirror's screws.
+    outlines_mm : sequence of (n, 2)
+        Outlines of the mirrors, right and up as seen from behind, mm.
+    screws_mm : (m, 3, 2)
+        Screws of each mirror, likewise.
+    path : Path
+        PNG file to write.
+    """
+    corners = np.vstack(outlines_mm)
+    width, height = np.ptp(corners, axis=0)
+    figure = Figure(figsize=(10.0, 10.0 * height / width + 1.2), layout="constrained")
+    axes = figure.add_subplot()
+    for name, own, outline, screws in zip(names, turns, outlines_mm, screws_mm, strict=True):
+        axes.fill(*outline.T, facecolor="#eef2f6", edgecolor="#7a8896", linewidth=1.0)
+        x, y = outline.mean(axis=0)
+        axes.text(x, y, name, ha="center", va="center", color="#9aa6b2", fontsize=13)
+        for letter, turn, at in zip(LETTERS, own, screws, strict=True):
+            axes.plot(*at, marker="o", color="#c8412c" if abs(turn) >= 0.005 else "#5f6b76", markersize=5)
+            text = f"{letter} {turn:+.2f}"
+            axes.annotate(text, at, (0.0, 5.0), textcoords="offset points", ha="center", fontsize=9)
+    axes.set_aspect("equal")
+    axes.set_title("From behind the device: turns of the screws, + clockwise (in), - anticlockwise (out)", fontsize=11)
+    axes.set_xlabel("mm")
+    with atomic(path) as temporary:
+        figure.savefig(temporary, format="png", dpi=130, metadata={"Software": None})

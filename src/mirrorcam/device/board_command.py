@@ -30,7 +30,7 @@ def board(
 ) -> int:
     """Draw a calibration board at true scale.
 
-    With a ruler to verify the print. For the default board, board.toml is written next to the file.
+    Adds a ruler to verify the print. For the default board, board.toml is written next to the file.
 
     Examples:
         mirrorcam board --out board.pdf

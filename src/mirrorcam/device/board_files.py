@@ -1,4 +1,4 @@
-"""A calibration board as files: the page to print, and its numbers."""
+"""A calibration board as files: the page to print, and its dimensions."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from mirrorcam.optics.geometry.targets import default_board, load_board, save_bo
 
 @dataclass(frozen=True)
 class PrintedBoard:
-    """The page that a board is printed on, mm, and the `board.toml` of its numbers."""
+    """Size of a board's page in mm, and the `board.toml` with its dimensions."""
 
     page_mm: tuple[float, float]
     numbers: Path
@@ -28,11 +28,11 @@ def print_board(path: Path, board: Path | None = None, page: str = "", *, force:
     path
         File to write, .pdf or .svg.
     board
-        `board.toml`; None: the default board, whose numbers are written to the page's folder.
+        `board.toml`; None for the default board, whose `board.toml` is written next to the page.
     page
         Name of a page, WIDTHxHEIGHT in mm, or empty for the smallest A page that holds the board.
     force
-        Whether files may be replaced that this has not written, or that were changed since.
+        Whether to replace files that this command did not write, or that were changed since.
     """
     if path.suffix not in FORMATS:
         raise InputError(f"--out {path}: expected a name that ends in {' or '.join(FORMATS)}")

@@ -50,7 +50,7 @@ def page_for(target: Target, page: str) -> tuple[float, float]:
     target
         The board.
     page
-        A name in `PAGES_MM`; WIDTHxHEIGHT in mm, which is not turned; or empty for the smallest A page.
+        A name in `PAGES_MM`; WIDTHxHEIGHT in mm, which is not rotated; or empty for the smallest A page.
 
     Returns
     -------
@@ -60,7 +60,7 @@ def page_for(target: Target, page: str) -> tuple[float, float]:
     Raises
     ------
     InputError
-        If `page` is no page, or the board does not fit on it.
+        If `page` is not valid, or the board does not fit on it.
     """
     needs = needed_mm(target)
     if page and page not in PAGES_MM:
@@ -126,7 +126,7 @@ def write_board(target: Target, path: Path, page_mm: tuple[float, float], name: 
 
 
 def board_in_page_mm(target: Target, page_mm: tuple[float, float]) -> tuple[float, float]:
-    """Position of the board's top left corner on the page: centred in the area that the footer leaves."""
+    """Position of the board's top left corner on the page: centred above the footer."""
     width, height = target.size_mm
     return (page_mm[0] - width) / 2.0, (page_mm[1] - FOOTER_MM - EDGE_MM - height) / 2.0
 
@@ -171,7 +171,7 @@ def _drawable(text: str) -> str:
 
 def _width_mm(text: str) -> float:
     if not text.strip():
-        return 0.0  # matplotlib makes no path without a glyph
+        return 0.0  # matplotlib cannot make a path without glyphs
     path = TextPath((0.0, 0.0), text.replace("$", r"\$"), size=POINTS)
     return float(path.get_extents().width) / 72.0 * MM_PER_INCH
 
@@ -179,8 +179,8 @@ def _width_mm(text: str) -> float:
 def ink_in_board_mm(target: Target) -> shapely.MultiPolygon:
     """Black squares and markers in the board's frame, x and y in mm.
 
-    Modules of a marker that share an edge are one polygon, so that no viewer shows seams between them. Squares that
-    touch in a corner are separate polygons.
+    Modules of a marker that share an edge form one polygon, so that viewers show no seams. Squares that touch at a
+    corner are separate polygons.
     """
     if isinstance(target, AprilGrid):
         x, y = (target.cell_edges(n, tag=target.tag_mm, gap=target.gap_mm) for n in (target.cols, target.rows))
@@ -196,15 +196,15 @@ def ink_in_board_mm(target: Target) -> shapely.MultiPolygon:
 
 
 def _markers(target: Charuco) -> Iterator[shapely.Polygon]:
-    """The polygons of the markers: in the middle of each white square, in the order of their numbers, row by row."""
+    """Polygons of the markers, centred in the white squares, in the order of their numbers, row by row."""
     for white, (row, column) in zip(target.markers, target.marker_squares.tolist(), strict=True):
         corner = (np.array([column, row]) + 0.5) * target.square_mm - target.marker_mm / 2.0
-        # Edges of neighbours are the same numbers, so that their union closes.
+        # Neighbours share identical coordinates, so that their union has no gaps.
         yield from _joined(~white, *(corner[:, None] + np.arange(len(white) + 1) * target.marker_mm / len(white)))
 
 
 def _joined(black: NDArray[np.bool_], x: FloatArray, y: FloatArray) -> tuple[shapely.Polygon, ...]:
     """The black cells of a grid with lines at `x` and `y`; those that share an edge are one polygon."""
     boxes = [shapely.box(x[k], y[j], x[k + 1], y[j + 1]) for j, k in np.argwhere(black)]
-    whole = shapely.union_all(boxes)
-    return tuple(whole.geoms) if isinstance(whole, shapely.MultiPolygon) else (whole,)
+    union = shapely.union_all(boxes)
+    return tuple(union.geoms) if isinstance(union, shapely.MultiPolygon) else (union,)

@@ -38,7 +38,7 @@ def cad(
     elastic: Annotated[
         bool,
         Parameter(
-            help="also find how gravity, warmth and creep move the mirrors, by finite elements (extra fe; minutes)"
+            help="also compute how gravity, heat and creep move the mirrors, by finite elements (extra fe; minutes)"
         ),
     ] = False,
     workers: Workers = None,
@@ -106,7 +106,7 @@ def picture(
 ) -> int:
     """Render a device with its printed parts.
 
-    From the front, where every mirror shows the lens, and from the side, in 1920 x 1080 pixels.
+    Shows it from the front, where every mirror shows the lens, and from the side, in 1920 x 1080 pixels.
 
     Examples:
         mirrorcam cad picture layout.json output/cad --out product.jpg
@@ -143,7 +143,7 @@ def adjust(
 ) -> int:
     """Print how to turn the screws of every mirror.
 
-    For devices with --mounting screws: the turns of three screws that bring each mirror to where the design has it,
+    For devices with --mounting screws: the turns of three screws that bring each mirror to its design,
     clockwise as seen from behind the device. Calibrate again afterwards. Writes turns.json and turns.png. Exit code 1:
     a mirror is beyond the travel of its screws.
 

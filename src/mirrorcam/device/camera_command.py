@@ -1,4 +1,4 @@
-"""`mirrorcam camera`: the library of cameras with the sources of its figures, new ones, and mirrors as cameras."""
+"""`mirrorcam camera`: the library of cameras with the sources of its figures, new cameras, and mirrors as cameras."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def new(
 ) -> int:
     """Measure a camera of your own.
 
-    Asks for each measure, draws where to take it, and writes the file.
+    Asks for each dimension, draws where to measure it, and writes the file.
 
     Examples:
         mirrorcam camera new my_camera.toml --like c920
@@ -109,7 +109,7 @@ def export(
 def list_rows() -> list[tuple[str, ...]]:
     """A row of texts for each camera of the library: name, picture, field of view, pupil, guesses, recalled, title.
 
-    Recalled are sources that were not read again: their figures are from memory.
+    Recalled sources are those from memory, which were not read again.
     """
     rows: list[tuple[str, ...]] = []
     for name, profile in library().items():
@@ -124,7 +124,7 @@ def list_rows() -> list[tuple[str, ...]]:
 
 
 def described(profile: CameraProfile) -> list[tuple[str, str]]:
-    """Lines (title, text) about a camera: optics, body, what was published, guessed and set aside, and sources."""
+    """Lines (title, text) about a camera: optics, body, published, guessed and rejected figures, and sources."""
     body, optics = profile.body, profile.optics
     lines = [("camera", profile.name)]
     if optics is not None:

@@ -1,4 +1,4 @@
-"""The folder that a device is built in."""
+"""The folder of a device."""
 
 from __future__ import annotations
 
@@ -15,9 +15,8 @@ from mirrorcam.core.disk.output_folder import output_folder
 def device_folder(folder: Path, hardware: Hardware, *, elastic: bool, force: bool) -> Iterator[Path]:
     """Yield an empty folder for `build_parts`, whose files replace an earlier call's when the block ends.
 
-    They are also put in their places where the block ends with an error after the checks are written. Raises
-    InputError, before the block, without `force` where a file would be replaced that no such call wrote, or that was
-    changed since.
+    They are also moved into place if the block raises after the checks are written. Without `force`, raises InputError
+    before the block if a file to replace was not written by such a call, or was changed since.
     """
     with output_folder(folder, "cad", force=force) as output:
         output.refuse_changed()

@@ -20,7 +20,7 @@ UNSET = "[default: as in --hardware, else {}]"
 
 @Parameter(name="*")
 class HardwareChoice(Value):
-    """What replaces the default hardware of a device."""
+    """Options that replace the default hardware of a device."""
 
     hardware: Annotated[Path | None, Parameter(metavar="FILE")] = Field(
         default=None,
@@ -38,16 +38,15 @@ class HardwareChoice(Value):
     )
     mounting: Literal["glue", "screws"] | None = Field(
         default=None,
-        description="how mirrors sit: glued to the holder, or each on a carrier that three sprung screws tilt. "
+        description="mounting of the mirrors: glued to the holder, or each on a carrier that three sprung screws tilt. "
         + UNSET.format("glue"),
     )
 
     def read(self, layout: Layout | None = None) -> Hardware:
-        """Read the hardware of a device of a layout.
+        """Read the hardware of a device.
 
-        Where neither `body` nor the table states one, the body is taken from the library's camera that the layout is
-        made for, else from the C920. An adapter of the same kind as the table's keeps its dimensions. Raises
-        InputError for a file that is not valid.
+        Unless `body` or the table states one, the body is that of the layout's camera in the library, else the C920's.
+        An adapter of the same kind as the table's keeps its dimensions. Raises InputError for an invalid file.
         """
         from mirrorcam.cad.plan.back_table import back_of
         from mirrorcam.cad.plan.hardware import HARDWARE, Hardware

@@ -1,4 +1,4 @@
-"""A camera of one's own: questions for its measures, a drawing of where to take them, and its profile as a file."""
+"""A user's own camera: an interview about its dimensions, a drawing of them, and its profile as a file."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from mirrorcam.optics.geometry.camera_body import BoardHoles, CameraBody, Lips
 from mirrorcam.optics.geometry.camera_library import CameraProfile
 
 UNKNOWN = "?"
-"""The answer for what cannot be measured: the value shown is kept, and listed as guessed."""
+"""Answer for a dimension that cannot be measured: the offered value is kept, and listed as guessed."""
 
 Ask = Callable[[str], str]
 Say = Callable[[str], None]
@@ -32,7 +32,7 @@ class _Title(Value):
 
 
 @dataclass(frozen=True)
-class Asked:
+class Answer:
     """An answer, and whether it is a guess."""
 
     value: Any
@@ -41,19 +41,19 @@ class Asked:
 
 @dataclass(frozen=True)
 class Interview:
-    """Who is asked: `ask` gets a question and gives the answer, EOFError where there are no more; `say` shows a line.
+    """A dialogue: `ask` returns the answer to a question, or raises EOFError at the end of input; `say` prints a line.
 
-    `given` are answers by question: once given they are offered, should all be asked again.
+    `given` holds earlier answers by question, which are offered if the questions are repeated.
     """
 
     ask: Ask
     say: Say
     given: dict[str, str] = field(default_factory=dict)
 
-    def asked(self, question: str, offered: Any, read: Callable[[str], Any]) -> Asked:
-        """Ask until an answer can be read; an empty one takes the offered value, `UNKNOWN` takes it as a guess.
+    def answer(self, question: str, offered: Any, read: Callable[[str], Any]) -> Answer:
+        """Ask until the answer is valid; an empty one takes the offered value, `UNKNOWN` takes it as a guess.
 
-        Raises InputError where there is no answer.
+        Raises InputError if the input ends.
         """
         shown = self.given.get(question, f"{offered:g}" if isinstance(offered, float) else str(offered))
         while True:
@@ -69,36 +69,39 @@ class Interview:
                 self.say(f"{text[:40]}: {error}")
             else:
                 self.given[question] = shown if text in ("", UNKNOWN) else text
-                return Asked(value, text == UNKNOWN)
+                return Answer(value, text == UNKNOWN)
 
 
 def ask_profile(like: CameraProfile, interview: Interview) -> CameraProfile:
-    """Ask for everything about a camera, the figures of another as they are offered.
+    """Ask for all figures of a camera; those of another are offered.
 
     Parameters
     ----------
     like : CameraProfile
-        A camera that is like it: what it has is offered for every question, and kept for an empty answer.
+        A similar camera, whose figures are offered and kept for empty answers.
     interview : Interview
-        Who is asked.
+        The dialogue with the user.
 
     Returns
     -------
     CameraProfile
         The camera; it has no sources, as all its figures were measured.
 
-    Raises InvalidValue where answers contradict each other.
+    Raises
+    ------
+    InvalidValue
+        If answers contradict each other.
     """
-    # Loaded late, as it draws.
+    # Imported here, as it loads the drawing libraries.
     from mirrorcam.cad.guide.camera_measures import MEASURES
 
     body: dict[str, Any] = {each: getattr(like.body, each) for each in CameraBody.model_fields}
     guessed: set[str] = set()
-    name = interview.asked("name of the camera", like.name, lambda text: _Title(name=text).name).value
+    name = interview.answer("name of the camera", like.name, lambda text: _Title(name=text).name).value
     for measure in MEASURES:
         question = f"{measure.letter}: {measure.what}{', mm' if not measure.what.endswith(', g') else ''}"
         old = like.body.guessed
-        answer = interview.asked(question, body[measure.field], _number_of(CameraBody, measure.field))
+        answer = interview.answer(question, body[measure.field], _number_of(CameraBody, measure.field))
         body[measure.field] = answer.value
         if answer.guessed or (answer.value == getattr(like.body, measure.field) and measure.field in old):
             guessed.add(measure.field)
@@ -119,45 +122,45 @@ def ask_profile(like: CameraProfile, interview: Interview) -> CameraProfile:
 
 
 def _ask_held(held: Lips | BoardHoles, interview: Interview) -> dict[str, Any]:
-    """How the clip holds it: as the one that is like it, with its own measures."""
+    """Ask how the clip holds the camera: as the similar one, with its own dimensions."""
     table = held.model_dump()
     if isinstance(held, Lips):
         text = "how far pads may reach over the front from its long edges, mm"
-        table["lip_mm"] = interview.asked(text, held.lip_mm, _number_of(Lips, "lip_mm")).value
+        table["lip_mm"] = interview.answer(text, held.lip_mm, _number_of(Lips, "lip_mm")).value
         return table
     across, along = (max(abs(hole[axis]) for hole in held.holes_mm) * 2.0 for axis in (0, 1))
-    wide = interview.asked("distance of the board's holes along the picture's width, mm", across, _positive).value
-    high = interview.asked("distance of the board's holes along the picture's height, mm", along, _positive).value
+    wide = interview.answer("distance of the board's holes along the picture's width, mm", across, _positive).value
+    high = interview.answer("distance of the board's holes along the picture's height, mm", along, _positive).value
     table["holes_mm"] = tuple((x * wide / 2.0, y * high / 2.0) for x in (-1.0, 1.0) for y in (-1.0, 1.0))
     for measure, text in (
         ("hole_mm", "diameter of the holes, mm"),
         ("post_mm", "height of the parts on the board's back, mm"),
         ("screw_mm", "thread of the screws, mm"),
     ):
-        table[measure] = interview.asked(text, table[measure], _number_of(BoardHoles, measure)).value
+        table[measure] = interview.answer(text, table[measure], _number_of(BoardHoles, measure)).value
     return table
 
 
 def _ask_optics(
     like: CameraProfile, body: dict[str, Any], interview: Interview
 ) -> tuple[dict[str, Any], list[str]] | None:
-    """Picture and lens, and what of them is guessed; None for a camera whose lens has any focal length."""
+    """Ask for picture size and lens; returns them with the guessed fields, or None for interchangeable lenses."""
     old = like.optics
     if old is None:
         return None
     sizes = [
-        interview.asked(f"{text} of the picture, px", getattr(old, side), _pixels).value
+        interview.answer(f"{text} of the picture, px", getattr(old, side), _pixels).value
         for side, text in (("width_px", "width"), ("height_px", "height"))
     ]
     degrees = round(math.degrees(2.0 * math.atan(old.width_px / old.fx_px / 2.0)), 2)
-    view = interview.asked(
+    view = interview.answer(
         "field of view along the picture's width in degrees; or, of a ruler square to the lens axis, "
         "'MM at MM': the length that fills the picture's width, and its distance from the front of the body",
         f"{degrees:g}",
         lambda text: _half_tangent(text, body["pupil_behind_front_mm"]),
     )
-    pupil = interview.asked("diameter of the pupil (focal length / f-number), mm", old.aperture_mm, _not_negative)
-    focus = interview.asked("distance at which its focus is locked, mm", old.focus_mm, _positive).value
+    pupil = interview.answer("diameter of the pupil (focal length / f-number), mm", old.aperture_mm, _not_negative)
+    focus = interview.answer("distance at which its focus is locked, mm", old.focus_mm, _positive).value
     tangent = view.value if not isinstance(view.value, str) else _half_tangent(view.value, 0.0)
     optics = {
         "width_px": sizes[0],
@@ -171,7 +174,7 @@ def _ask_optics(
 
 
 def _half_tangent(text: str, pupil_mm: float) -> float:
-    """The tangent of half the field of view, of degrees or of "MM at MM" of a ruler."""
+    """Tangent of half the field of view, from degrees or from "MM at MM" of a ruler."""
     seen, at, distance = text.partition(" at ")
     if at:
         tangent = _positive(seen) / 2.0 / (_positive(distance) + pupil_mm)
@@ -183,7 +186,7 @@ def _half_tangent(text: str, pupil_mm: float) -> float:
 
 
 def _number_of(model: type[Value], name: str) -> Callable[[str], float]:
-    """What reads a number and checks it by a field of a model."""
+    """Return a parser of numbers that checks them by a field of a model."""
     info = model.model_fields[name]
     adapter: Any = TypeAdapter(Annotated[(info.annotation, *info.metadata)])  # type: ignore[arg-type]
 
@@ -223,18 +226,18 @@ def _pixels(text: str) -> int:
 
 
 def _once(like: CameraProfile, interview: Interview) -> CameraProfile | None:
-    """The camera of one round of questions; None, with a line that says why, where answers contradict each other."""
+    """Ask all questions once; None, with a printed reason, if answers contradict each other."""
     try:
         return ask_profile(like, interview)
     except InvalidValue as error:
-        interview.say(f"{error.reason}; once more, with what was answered in brackets")
+        interview.say(f"{error.reason}; again, with your answers in brackets")
         return None
 
 
 def write_new_camera(path: Path, like: CameraProfile, ask: Ask, say: Say) -> CameraProfile:
-    """Draw where to measure, ask, and write a profile to `path` and its drawing to the same folder, as .svg and .pdf.
+    """Draw where to measure, ask, and write a profile to `path` and its drawing next to it, as .svg and .pdf.
 
-    Raises InputError where one of these files exists, before the first question; nothing is replaced but that drawing.
+    Raises InputError before the first question if one of these files exists.
     """
     import tomli_w
 
@@ -254,7 +257,7 @@ def write_new_camera(path: Path, like: CameraProfile, ask: Ask, say: Say) -> Cam
         while (profile := _once(like, interview)) is None:
             pass
     except BaseException:
-        # Not written: the next call with this name finds no file in its way.
+        # Remove the drawing, so that the command can be repeated with this name.
         for file in files[1:]:
             file.unlink(missing_ok=True)
         raise

@@ -43,7 +43,7 @@ EQUALISATION = "equalisation.json"
 MEASURED_FRAMES = 20
 """Number of frames of a video in which the brightness of its views is measured."""
 MakeCheck = Callable[[Layout, Path, float | None, OutputFolder, Reporter], RecordingCheck | None]
-"""Makes the check of recordings, where the layout allows one, from the layout, its file and the reference depth."""
+"""Makes the check of recordings, if the layout permits one, from the layout, its file and the reference depth."""
 
 
 def decode_files(
@@ -59,18 +59,18 @@ def decode_files(
     """Decode pictures and videos, or the camera of a request, into a folder.
 
     Every input is checked before anything is written. A video whose decoding was interrupted is resumed. A damaged
-    picture or frame is left out and reported.
+    picture or frame is skipped and reported.
 
     Parameters
     ----------
     frames
-        Pictures and videos with different names; none where the request names a camera.
+        Pictures and videos with different names; empty if the request names a camera.
     layout
         The file `layout.json`, calibrated if possible.
     force
-        Whether files of others in the folder are replaced, too; recordings never are.
+        Whether files that this command did not write may be replaced; recordings never are.
     make_check
-        Makes the check of each recording, and of all pictures as one.
+        Makes the check of each recording; all pictures count as one recording.
 
     Returns
     -------
@@ -80,8 +80,8 @@ def decode_files(
     Raises
     ------
     InputError
-        For an input that is missing, or not of the layout's camera, where no picture is left, and, without `force`,
-        where a file of others is in the way.
+        If an input is missing or has another size than the camera's pictures, if no picture can be decoded, and,
+        without `force`, if a file of others is in the place of a result.
     """
     _check_sources(frames, request)
     with output_folder(folder, "decode", force=force) as output:
@@ -149,7 +149,7 @@ def _decode_files(
         reporter.note("decode", f"gains of the views written to {output.path / EQUALISATION}")
         if decoder.equalisation.exponent != LINEAR:
             curve = f"grey levels grow as light to the power of {decoder.equalisation.exponent:.2f}"
-            reporter.note("decode", f"{curve}, and views are brightened so towards their borders")
+            reporter.note("decode", f"{curve}, and views are brightened accordingly towards their borders")
     recorder: StreamRecorder | BagRecorder
     if request.to == "mcap":
         seen = None if viewer is None else viewer.show
@@ -182,7 +182,7 @@ def _record(
 ) -> int:
     """Record the streams and return the number of lost frames; a stream without a usable frame counts as one.
 
-    Raises NothingDecoded where no stream has one and there are no pictures.
+    Raises NothingDecoded if neither a stream nor a picture has a usable frame.
     """
     lost, nothing, decoded = 0, None, any(map(is_picture, frames))
     for source, name, origin in _streams(frames, request.live, layout, recorder.reporter):
@@ -198,7 +198,7 @@ def _record(
 
 
 def _estimator(decoder: Decoder) -> DepthEstimator:
-    """The estimator of the depth of all frames."""
+    """The depth estimator for all frames."""
     samples = np.zeros((*decoder.weights.shape, 3), np.uint8)
     light_field = LightField.of(decoder.views, samples, decoder.weights)
     return DepthEstimator(light_field, quality="fast")
@@ -207,9 +207,9 @@ def _estimator(decoder: Decoder) -> DepthEstimator:
 def _decode_pictures(
     images: Sequence[Path], decoder: Decoder, output: OutputFolder, reporter: Reporter, show: Show, *, epi: bool
 ) -> int:
-    """Decode pictures, shown one second apart, and return the number of damaged ones, which are left out.
+    """Decode pictures, shown one second apart, and return the number of damaged ones, which are skipped.
 
-    Raises InputError where all are damaged.
+    Raises InputError if all are damaged.
     """
     damaged: list[str] = []
     with reporter.work("decode", count_text(len(images), "frame"), "frames") as advance:
@@ -232,13 +232,13 @@ def _decode_pictures(
 
 
 def spread(paths: Sequence[Path]) -> list[Path]:
-    """A few of many pictures, spread evenly."""
+    """Choose a few evenly spread pictures."""
     places = np.unique(np.linspace(0, len(paths) - 1, min(len(paths), MOST)).round().astype(int))
     return [paths[place] for place in places]
 
 
 def readable(paths: Sequence[Path]) -> list[Any]:
-    """The pictures that are not damaged."""
+    """Read the pictures that are not damaged."""
     frames = []
     for path in paths:
         with suppress(DamagedPicture):
@@ -260,12 +260,12 @@ def decode_picture(path: Path, decoder: Decoder, folder: Path, *, epi: bool = Fa
 
 
 def _equalisation_file(request: DecodeRequest) -> Path | None:
-    """The equalisation.json of a request, where it names one in place of pictures."""
+    """The equalisation.json of a request, if it names one in place of pictures."""
     return request.equalise[0] if [path.suffix for path in request.equalise] == [".json"] else None
 
 
 def _decoder(request: DecodeRequest, layout: Layout, layout_file: Path) -> Decoder:
-    """The decoder of a request, equalised where it says so."""
+    """The decoder of a request, equalised if requested."""
     known = _equalisation_file(request)
     if known is None:
         check_frames(request.equalise, layout, layout_file)
@@ -303,7 +303,7 @@ def _live_name(live: str) -> str:
 def _streams(
     frames: Sequence[Path], live: str | None, layout: Layout, reporter: Reporter
 ) -> Iterator[tuple[Stream, str, dict[str, Any]]]:
-    """Each video and the camera, with its name and the source that its recording states."""
+    """Each video and the camera, with its name and the provenance for its recording."""
     for path in frames:
         if not is_picture(path):
             video = Video(path, lambda line: reporter.note("decode", line))
@@ -312,5 +312,5 @@ def _streams(
             yield video, path.stem, {"file": path.name, "sha256": file_digest(video.path), "rate_hz": video.rate_hz}
     if live is not None:
         size = layout.camera.width_px, layout.camera.height_px
-        device = camera(live, *size, tell=lambda line: reporter.note("decode", line))
+        device = camera(live, *size, on_note=lambda line: reporter.note("decode", line))
         yield device, _live_name(live), {"device": shown(live), "started": datetime.now(UTC).isoformat()}

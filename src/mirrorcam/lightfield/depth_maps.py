@@ -1,4 +1,4 @@
-"""Depth maps of light fields as files: estimated, drawn, and used again for the same light field."""
+"""Depth maps of light fields as files: estimate, draw, and re-use them for the same light field."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ SURE = 0.5
 """Confidence above which a depth counts as known."""
 ENDINGS = ("depth.npz", "depth.pfm", "depth.png")
 CODE = "mirrorcam.optics.light_field.depth.estimate"
-"""Module that measures depth."""
+"""Module whose code determines the depth."""
 _SHA256, _SEARCHED = "sha256", "searched_mm"
 WIDTH_IN, TITLE_IN = 15.0, 0.5
 TICKS = 7
@@ -34,9 +34,9 @@ TICKS = 7
 
 @dataclass(frozen=True)
 class DepthSummary:
-    """Depth of one light field: shares of pixels with a depth and with a sure one, and the median of the sure ones.
+    """Depth of one light field: shares of pixels with a depth and with a confident one, and the median of those.
 
-    The median is NaN where no depth is sure.
+    The median is NaN if no depth is confident.
     """
 
     name: str
@@ -53,9 +53,9 @@ def write_depths(
     force: bool = False,
     progress: Progress = no_progress,
 ) -> list[DepthSummary]:
-    """Estimate the depth of light fields; frames of a recording are first averaged in time, unless kept apart.
+    """Estimate the depth of light fields; frames of a recording are first averaged in time, unless `frames_apart`.
 
-    Writes NAME_depth.npz, .pfm and .png into a folder, where `force` also replaces files of others.
+    Writes NAME_depth.npz, .pfm and .png into a folder; `force` also replaces files of others.
     """
     estimator: DepthEstimator | None = None
     recording = RecordingFilter()
@@ -81,7 +81,7 @@ def write_depths(
 
 @dataclass(frozen=True, eq=False)
 class KeptDepth:
-    """A stored depth map: its file, the depth (v, u) in mm, and the nearest and farthest depth of its search, mm."""
+    """A stored depth map: its file, depth (v, u) in mm, and nearest and farthest depth of the search in mm."""
 
     path: Path
     depth_mm: NDArray[np.float32]
@@ -96,7 +96,7 @@ def write_depth(
 
 
 def keep_depth(output: OutputFolder, name: str, light_field: LightField, searched_mm: tuple[float, float]) -> None:
-    """Note in the store of a folder that its NAME_depth.npz was measured in a light field, between these depths."""
+    """Record in the store of a folder the light field and search range of its NAME_depth.npz."""
     contents = {_SHA256: file_digest(output.path / f"{name}_depth.npz"), _SEARCHED: " ".join(map(str, searched_mm))}
     output.results.put(f"depth-{name}", _made_of(light_field), {key: text.encode() for key, text in contents.items()})
 
@@ -104,9 +104,9 @@ def keep_depth(output: OutputFolder, name: str, light_field: LightField, searche
 def kept_depth(
     folder: Path, name: str, light_field: LightField, near_mm: float | None, far_mm: float | None
 ) -> KeptDepth | None:
-    """NAME_depth.npz of a folder, where this program measured it in this light field; else None.
+    """Load NAME_depth.npz of a folder if this program measured it in this light field; else None.
 
-    Where a nearest or farthest depth is given, it must have been searched between just those.
+    A nearest or farthest depth, if given, must be that of its search.
     """
     contents = Results(results_folder(folder)).get(f"depth-{name}", _made_of(light_field))
     if contents is None:

@@ -1,4 +1,4 @@
-"""Epipolar-plane images as files: arrays, and a figure in which depths are slopes."""
+"""Epipolar-plane images as files: arrays, and a figure with the slopes of depths."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from mirrorcam.optics.light_field.render.refocusing import RenderedPicture, to_b
 
 WIDTH_IN, EPI_IN, TITLE_IN = 10.0, 2.2, 0.9
 LINES = 7
-# Depths of which slopes are drawn, in reference depths.
+# Nearest and farthest depth with a drawn slope, as multiples of the reference depth.
 NEAR, FAR = 0.75, 2.0
 
 
@@ -37,9 +37,9 @@ def write_epi(
     axis
         Views along one row (s) or one column (t).
     line
-        Pixel row of the central view for s, pixel column for t; None: the middle.
+        Pixel row of the central view for s, pixel column for t; None for the middle.
     depth_mm
-        Depth from the pupil at which points form vertical lines; None: the reference depth.
+        Depth from the pupil, mm, at which points form vertical lines; None for the reference depth.
 
     Raises
     ------
@@ -65,9 +65,9 @@ def write_epi(
 
 
 def draw_epi(path: Path, light_field: LightField, found: Epi, depths_mm: tuple[float, float]) -> None:
-    """Write the figure, PNG, atomically: the reference view with the line, the EPI below it, and slopes of depths.
+    """Write a PNG: the reference view with the line, the EPI below it, and the slopes of some depths.
 
-    `depths_mm` are the nearest and the farthest depth of a slope.
+    `depths_mm` are the nearest and the farthest depth with a slope.
     """
     view = light_field.samples[reference_index(light_field)]
     shown = to_bytes(RenderedPicture(found.samples, found.weights))

@@ -42,8 +42,8 @@ class ExportRequest(Value):
     frame: int = Bounds(0, 10**9).field(0, "frame of a recording, counted from 0")
     depth: Path | None = Field(
         default=None,
-        description="NAME_depth.npz of mirrorcam depth, as depth for ply and as ground truth for hci [default: of an "
-        "HCI scene; else estimated for ply]",
+        description="NAME_depth.npz of mirrorcam depth, as depth for ply and as ground truth for hci [default: that "
+        "of an HCI scene; else estimated for ply]",
     )
 
 
@@ -64,8 +64,8 @@ def export(
 ) -> int:
     """Convert a light field between formats.
 
-    The format it is in is detected from its name and contents; a figure that it lacks is read from views.toml
-    (docs/formats.md). Writes NAME with the ending of the format.
+    Its format is detected from its name and contents; figures that it lacks are read from views.toml
+    (docs/formats.md). Writes NAME with the suffix of the format.
 
     Examples:
         mirrorcam export decoded/frame_0000.npz --to hci
@@ -87,8 +87,8 @@ def export(
 class Exported:
     """An exported light field: its path, the format it was read from, and its samples.
 
-    `measured` is the share of its pixels with a sure depth where depth was measured for the export, else None. `notes`
-    are lines about views that were read in another order.
+    `measured` is the share of pixels with a confident depth if depth was estimated for the export, else None. `notes`
+    are remarks on views that were reordered.
     """
 
     path: Path
@@ -101,8 +101,8 @@ class Exported:
 def export_light_field(source: Path, folder: Path, request: ExportRequest, *, force: bool = False) -> Exported:
     """Read a light field from any format and write it in another into a folder, under its name.
 
-    PLY needs a depth, which is estimated where neither the request nor the source has one; `force` also replaces files
-    of others. Raises InputError for what cannot be read, or written in the format.
+    PLY needs a depth, which is estimated if neither the request nor the source has one; `force` also replaces files of
+    others. Raises InputError for a source that cannot be read, or cannot be written in the format.
     """
     from mirrorcam.core.disk.output_folder import output_folder
     from mirrorcam.optics.light_field.io.formats.registry import (
@@ -115,7 +115,7 @@ def export_light_field(source: Path, folder: Path, request: ExportRequest, *, fo
 
     name = f"{name_of(source)}{formats()[request.to].ending}"
     with output_folder(folder, "export", force=force) as output:
-        # Files of others in the folder of a format would be read as part of it.
+        # Other files in the folder would be read as part of the light field.
         within = f"{glob.escape(name)}/**/*"
         output.refuse_others(*([within] if output.path.joinpath(name).is_dir() else [within, glob.escape(name)]))
         contents = open_light_fields(source)
@@ -126,7 +126,7 @@ def export_light_field(source: Path, folder: Path, request: ExportRequest, *, fo
 
 
 def _read(contents: Contents, source: Path, request: ExportRequest) -> tuple[LightField, Depth | None, float | None]:
-    """The light field, its depth where there is one, and the share of pixels where that was measured for the export."""
+    """The light field, its depth if any, and the share of pixels with a depth estimated for the export."""
     from mirrorcam.optics.light_field.depth import DepthEstimator
     from mirrorcam.optics.light_field.depth.depth_files import load_depth
     from mirrorcam.optics.light_field.io.formats.registry import frame_of

@@ -1,4 +1,4 @@
-"""`mirrorcam features`: points that all views agree on, as a figure, a table and arrays."""
+"""`mirrorcam features`: features consistent in all views, as a figure, a table and arrays."""
 
 from __future__ import annotations
 
@@ -80,9 +80,9 @@ def write_features(
     force: bool = False,
     progress: Progress = no_progress,
 ) -> list[FeaturesSummary]:
-    """Find features in light fields, up to infinity where neither the request nor a file states a depth.
+    """Find features in light fields, up to infinity unless the request or a file limits the depth.
 
-    Writes NAME_features.npz, .csv and .png into a folder, where `force` also replaces files of others.
+    Writes NAME_features.npz, .csv and .png into a folder; `force` also replaces files of others.
     """
     from mirrorcam.core.disk.output_folder import output_folder
     from mirrorcam.optics.light_field.features import FeatureFinder
@@ -115,9 +115,9 @@ def write_features(
 
 
 def draw_features(path: Path, light_field: LightField, features: Features) -> None:
-    """Write the figure, PNG, atomically; equal steps of colour are equal disparities, larger discs coarser keypoints.
+    """Write a PNG, atomically: colour is linear in disparity, and the size of a disc shows the scale of its keypoint.
 
-    Features with two slopes are crosses.
+    Crosses are features with two slopes.
     """
     from matplotlib.figure import Figure
 

@@ -55,7 +55,7 @@ def filter(  # the command's name
 
 @dataclass(frozen=True)
 class FilterSummary:
-    """A filtered light field: what did not agree with its passband (0 to 1), and the share of samples left out."""
+    """A filtered light field: the signal `outside` its passband (0 to 1), and the share of samples left out."""
 
     name: str
     outside: float
@@ -72,7 +72,7 @@ def write_filtered(
 ) -> list[FilterSummary]:
     """Filter light fields, between the depths of the request or those that their files state.
 
-    Writes NAME_filtered.npz and NAME_filtered_views.png into a folder, where `force` also replaces files of others.
+    Writes NAME_filtered.npz and NAME_filtered_views.png into a folder; `force` also replaces files of others.
     """
     from mirrorcam.core.disk.output_folder import output_folder
     from mirrorcam.core.images.pictures import write_image

@@ -1,4 +1,4 @@
-"""The light fields that a command works through: from files, folders, recordings and frames of the camera."""
+"""The input light fields of a command: files, folders, recordings and frames of the camera."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ from mirrorcam.optics.light_field.temporal import TemporalFilter
 
 @dataclass(frozen=True)
 class NamedLightField:
-    """A light field, the name of its results, and the range of depths and the time that its file states.
+    """A light field, the name of its results, and the depth range and time stated in its file.
 
-    `frame` is the index of a frame of a recording, from 0; None of others.
+    `frame` is the index, from 0, of a frame of a recording; None for other light fields.
     """
 
     name: str
@@ -37,17 +37,17 @@ class NamedLightField:
     frame: int | None = None
 
     def depths_to_search(self, near_mm: float | None, far_mm: float | None) -> tuple[float | None, float | None]:
-        """The requested depths, else the depths that the file states."""
+        """The requested depths, else those of the file."""
         near, far = self.depth_range_mm or (None, None)
         return near if near_mm is None else near_mm, far if far_mm is None else far_mm
 
 
 @dataclass(frozen=True)
 class LightFieldInputs:
-    """Files and folders of light fields with different names, which the results take over.
+    """Files and folders of light fields with different names, which name the results.
 
-    `layout` is the `layout.json` that frames of the camera are decoded with. `reporter` gets remarks about views that
-    are reordered or matched in brightness.
+    `layout` is the `layout.json` for decoding frames of the camera. `reporter` gets remarks on views that are reordered
+    or matched in brightness.
     """
 
     paths: tuple[Path, ...]
@@ -66,9 +66,9 @@ class LightFieldInputs:
         return count_text(len(self.paths), "light field")
 
     def each(self, progress: Progress = no_progress) -> Iterator[NamedLightField]:
-        """Open the light fields one after the other; `progress` is called after each file or folder.
+        """Open the light fields one by one; `progress` is called after each file or folder.
 
-        Raises InputError for a file that is no light field, and for a frame without a layout.
+        Raises InputError for a file that is not a light field, and for a frame without a layout.
         """
         has_frames = any(is_picture(path) for path in self.paths)
         decoder = Decoder(Layout.load(self.layout)) if self.layout is not None and has_frames else None
@@ -79,10 +79,10 @@ class LightFieldInputs:
     def into(
         self, output: OutputFolder, endings: Sequence[str], progress: Progress = no_progress
     ) -> Iterator[NamedLightField]:
-        """Open the light fields as `each` does, unless a file of others has the name NAME_ENDING in a folder.
+        """Open the light fields as `each` does, unless a result NAME_ENDING would replace a file of others.
 
-        Raises InputError also for a file of others: for light fields in files before the first is opened. A folder may
-        hold many, whose names are known later.
+        Raises InputError for it before the first light field is opened; for a folder, whose light fields are listed
+        later, when one is opened.
         """
         names = [path.stem for path in self.paths if not path.is_dir()]
         output.refuse_others(*(f"{glob.escape(name)}_{ending}" for name in names for ending in endings))
@@ -92,16 +92,16 @@ class LightFieldInputs:
 
 
 class RecordingFilter:
-    """Filters the frames of recordings in time, each recording on its own, and leaves other light fields as they are.
+    """Filters the frames of each recording in time, and returns other light fields unchanged.
 
-    All frames must be passed, in order, also where a result is not needed: the next depends on it.
+    All frames must be passed in order, as each result depends on those before.
     """
 
     def __init__(self) -> None:
         self._filter = TemporalFilter()
 
     def filtered(self, each: NamedLightField) -> LightField:
-        """The light field to measure in."""
+        """The light field in which to estimate depth."""
         if each.frame is None:
             return each.light_field
         if each.frame == 0:
@@ -110,10 +110,10 @@ class RecordingFilter:
 
 
 def opened(path: Path, decoder: Decoder | None, reporter: Reporter = SILENT) -> Iterator[NamedLightField]:
-    """The light fields of a file or folder; a recording has one for each frame.
+    """Open the light fields of a file or folder; a recording has one per frame.
 
-    Views that differ visibly in brightness or colour are matched to the central one, in a recording all frames by what
-    the first shows, with a note to the reporter; others stay as the file holds them, to the bit.
+    Views that differ visibly in brightness or colour are matched to the central view, by the first frame of a
+    recording, and reported; others are returned as stored, to the bit.
     """
     contents = open_light_fields(path, decoder=decoder)
     name = path.name if path.is_dir() and not contents.is_recording else path.stem

@@ -1,4 +1,4 @@
-"""Options that commands of light fields share."""
+"""Options shared by the light field commands."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`mirrorcam refocus`: pictures of a light field: refocused, from other viewpoints, without occluders."""
+"""`mirrorcam refocus`: refocused pictures of a light field, other viewpoints, removed occluders."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ def refocus(
     """Refocus light fields, and render other viewpoints.
 
     Writes, for each light field, NAME_focus_MMmm.png and .npz (NumPy: image (h, w, c) 0 to 1, weights (h, w)), likewise
-    NAME_all_in_focus and NAME_from, and the animations NAME_orbit and NAME_sweep. Depth that they need is estimated as
-    by mirrorcam depth and kept as NAME_depth.npz in --out, or taken from there. Exit code 1: no view shows anything of
-    a picture.
+    NAME_all_in_focus and NAME_from, and the animations NAME_orbit and NAME_sweep. Depth, if needed, is estimated as
+    by mirrorcam depth and kept as NAME_depth.npz in --out, or read from there. Exit code 1: a picture shows nothing,
+    as no view covers it.
 
     Examples:
         mirrorcam refocus decoded/frame_0000.npz --depth-mm 363 490 600

@@ -26,15 +26,15 @@ from mirrorcam.optics.light_field.render.view_depths import ViewDepths, without_
 
 ORBIT_PICTURES, ORBIT_HZ = 36, 20.0
 SWEEP_PICTURES, SWEEP_HZ = 24, 12.0
-# Ends of a sweep without depths, in reference depths.
+# Default ends of a sweep, as multiples of the reference depth.
 NEAR, FAR = 0.75, 2.0
 SHOWN_GREY = 0.01
-"""Share of a picture that no view shows, above which it is reported."""
+"""Share of a picture without data from any view, above which it is reported."""
 
 
 @dataclass(frozen=True)
 class GreyPicture:
-    """A picture that is partly grey: its name, and the share of it that no view shows."""
+    """A picture that is partly grey: its name, and the share that no view covers."""
 
     name: str
     hidden: float
@@ -42,16 +42,16 @@ class GreyPicture:
 
 @dataclass(frozen=True)
 class UsedDepth:
-    """The depth by which pictures of a light field were made.
+    """The depth map with which pictures of a light field were rendered.
 
     Attributes
     ----------
     path
-        The file that holds it.
+        The file of the depth map.
     searched_mm
-        The nearest and the farthest depth that were searched.
+        Nearest and farthest depth of the search, mm.
     measured
-        Whether it is new.
+        Whether it was estimated in this run.
     """
 
     name: str
@@ -62,7 +62,7 @@ class UsedDepth:
 
 @dataclass(frozen=True)
 class Refocused:
-    """The pictures that are partly grey, and the depths that pictures were made by."""
+    """The pictures that are partly grey, and the depth maps used."""
 
     grey: tuple[GreyPicture, ...]
     depths: tuple[UsedDepth, ...]
@@ -76,10 +76,10 @@ def write_refocused(
     force: bool = False,
     progress: Progress = no_progress,
 ) -> Refocused:
-    """Write the pictures and animations of a request of every light field into a folder.
+    """Write the requested pictures and animations of every light field into a folder.
 
-    Depth that they need is read from NAME_depth.npz in the folder, where an earlier run or `mirrorcam depth` has
-    measured it in the same light field; else it is measured and kept there. `force` also replaces files of others.
+    Depth, if needed, is read from NAME_depth.npz in the folder if it was estimated in the same light field, else
+    estimated and kept there. `force` also replaces files of others.
     """
     grey, used = [], []
     recording = RecordingFilter()
@@ -101,7 +101,7 @@ def write_refocused(
 def _depths(
     each: NamedLightField, filtered: LightField, output: OutputFolder, staged: Path, request: RefocusRequest
 ) -> tuple[UsedDepth, ViewDepths]:
-    """The depth by which pictures are made: a kept one, or measured now in the filtered light field and kept."""
+    """Read the kept depth map, or estimate it in the filtered light field and keep it."""
     light_field = each.light_field
     near, far = each.depths_to_search(request.near_mm, request.far_mm)
     kept, name = kept_depth(output.path, each.name, light_field, near, far), f"{each.name}_depth.npz"
@@ -143,7 +143,7 @@ def _write(
 
 
 def focused(light_field: LightField, request: RefocusRequest, depth_mm: float) -> RenderedPicture:
-    """The picture in focus at a depth."""
+    """The picture focused at a depth."""
     return refocus(
         light_field,
         FocalPlane.at_depth(light_field, depth_mm, request.tilt_deg),
@@ -160,7 +160,7 @@ def _depths_mm(light_field: LightField, request: RefocusRequest) -> tuple[float,
 
 
 def endings(light_field: LightField, request: RefocusRequest) -> list[str]:
-    """What the names of the files of a light field end in."""
+    """Endings of the file names of a light field."""
     titles = [f"focus_{depth_mm:g}mm" for depth_mm in _depths_mm(light_field, request)]
     titles += ["all_in_focus"] if request.all_in_focus else []
     titles += ["from"] if request.from_mm is not None else []
@@ -174,7 +174,7 @@ def endings(light_field: LightField, request: RefocusRequest) -> list[str]:
 def stills(
     light_field: LightField, depths: ViewDepths | None, request: RefocusRequest
 ) -> Iterator[tuple[str, RenderedPicture]]:
-    """The pictures of a request, each with what its name ends in."""
+    """The requested pictures, each with the ending of its name."""
     if planes := _depths_mm(light_field, request):
         dense = _dense(light_field, depths, request)
         for depth_mm in planes:
@@ -186,7 +186,7 @@ def stills(
 
 
 def _dense(light_field: LightField, depths: ViewDepths | None, request: RefocusRequest) -> LightField:
-    """The views that pictures out of focus are made of."""
+    """The views to average, with interpolated ones between them if requested."""
     if depths is None or not request.between:
         return light_field
     return with_views_between(light_field, depths, request.between)
@@ -195,7 +195,7 @@ def _dense(light_field: LightField, depths: ViewDepths | None, request: RefocusR
 def _focal_sweep(
     light_field: LightField, request: RefocusRequest, near_mm: float | None, far_mm: float | None
 ) -> list[NDArray[np.uint8]]:
-    """Pictures focused from near to far, in even steps of 1 / depth."""
+    """Pictures focused from near to far, in equal steps of 1 / depth."""
     reference = light_field.reference_depth_mm
     ends = 1.0 / (near_mm or NEAR * reference), 1.0 / (far_mm or FAR * reference)
     sharp = [float(1.0 / q) if q > 0 else np.inf for q in np.linspace(*ends, SWEEP_PICTURES)]

@@ -1,4 +1,4 @@
-"""Settings of the commands of light fields: for each, its options and the request of its function are one type."""
+"""Settings of the light field commands: one type is both the options of a command and the request of its function."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ LoopFormat = Literal["gif", "mp4"]
 Detector = Annotated[
     Literal["SIFT", "ORB", "AKAZE", "SIFT4D"],
     Field(
-        description="keypoint detector; SIFT4D searches in place, scale and slope at once, for little light; AKAZE "
+        description="keypoint detector; SIFT4D searches position, scale and slope jointly, for low light; AKAZE "
         "needs the contributed modules of OpenCV"
     ),
 ]
@@ -40,12 +40,12 @@ class DecodeRequest(Value):
     limit: int | None = FRAMES.field(None, "largest number of frames to decode of a video or a camera", unset="all")
     to: Literal["zarr", "hci", "stanford", "mcap"] = Field(
         default="zarr",
-        description="what a video or a camera becomes: one Zarr group, a folder with a scene of HCI or of the Stanford "
-        "gantry per frame, or a ROS 2 bag with images and camera_info of all views, depth, points and /tf_static",
+        description="output for a video or a camera: one Zarr group, a folder with an HCI or Stanford gantry "
+        "scene per frame, or a ROS 2 bag with images and camera_info of all views, depth, points and /tf_static",
     )
     field: Literal["common", "union"] = Field(
         default="common",
-        description="extent of the views: what all mirrors see at the reference depth, or what any of them sees",
+        description="extent of the views: what all mirrors see at the reference depth, or what any mirror sees",
     )
     width_px: int | None = WIDTH_PX.field(
         None, "width of every view; its height follows", unset="as sharp as the frame"
@@ -60,11 +60,11 @@ class DecodeRequest(Value):
     )
     equalise: tuple[Path, ...] = Field(
         default=(),
-        description="make all views equally bright: pictures or videos (of any scene, or of a uniform white target) to "
-        "measure it in, or an equalisation.json of an earlier run",
+        description="make all views equally bright: pictures or videos to measure the gains in (of any scene, or of a "
+        "uniform white target), or an equalisation.json of an earlier run",
     )
     epi: bool = Field(
-        default=False, description="also write the epipolar-plane image of each picture, in which depth shows as slope"
+        default=False, description="also write the epipolar-plane image of each picture, where slope shows depth"
     )
     view: bool = Field(default=False, description="show the decoded views in a window of rerun, with depth and points")
     no_depth: bool = Field(
@@ -117,11 +117,11 @@ class DepthRequest(DepthRange):
         None, "farthest depth of the search", unset="as the file states, or 2 x reference depth"
     )
     fast: bool = Field(
-        default=False, description="search at half size and refine once: several times faster, less exact"
+        default=False, description="search at half size and refine once: several times faster, less accurate"
     )
     frames_apart: bool = Field(
         default=False,
-        description="estimate each frame of a recording by itself, not from views averaged in time where nothing moves",
+        description="estimate each frame of a recording on its own, without averaging static parts in time",
     )
 
 
@@ -141,7 +141,7 @@ class RefocusRequest(DepthRange):
     )
     combine: Literal["mean", "median", "weighted"] = Field(
         default="mean",
-        description="average of the views: median suppresses what few of them show, weighted favours the central ones",
+        description="average of the views: median suppresses content of few views, weighted favours the central ones",
     )
     scale: float = Bounds(1, 8).field(
         1.0, "super-resolution: pixels of the picture per pixel of a view, along each side, such as 1.5 or 2"
@@ -179,7 +179,7 @@ class RefocusRequest(DepthRange):
 
     @property
     def needs_depth(self) -> bool:
-        """Whether the pictures take the depth of each pixel."""
+        """Whether the pictures need the depth of each pixel."""
         rendered = self.all_in_focus or self.from_mm is not None or self.orbit is not None
         return rendered or self.behind_mm is not None or self.between > 0
 

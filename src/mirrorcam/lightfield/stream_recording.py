@@ -33,7 +33,7 @@ Show = Callable[[float, LightField], None]
 class StreamRecorder:
     """Decodes streams into recordings of a format in a folder, up to `limit` frames of each, and checks each recording.
 
-    `show` makes a function for each stream, which gets every decoded frame.
+    `show` returns a function for each stream, which is called with every decoded frame.
     """
 
     decoder: Decoder
@@ -48,8 +48,8 @@ class StreamRecorder:
     def record(self, source: Stream, name: str, origin: dict[str, Any]) -> int:
         """Decode a stream, resumed after an interrupted run; `origin` describes the source in the recording.
 
-        Returns the number of its frames that are lost. Raises InputError for a stream without a usable frame, and where
-        nothing can be written.
+        Returns the number of lost frames. Raises InputError if the stream has no usable frame, or nothing can be
+        written.
         """
         sink, suffix = _sink(self.to)
         path, picture = self.output.path / f"{name}{suffix}", f"{name}_views.png"
@@ -67,10 +67,10 @@ class StreamRecorder:
             sink,
         )
         if recording.complete:
-            self.reporter.note("decode", f"{path} is there already, of the same frames")
+            self.reporter.note("decode", f"{path} exists already, from the same frames")
             return len(recording.entries.lost)
         if recording.entries.last >= 0:
-            self.reporter.note("decode", f"{name}: going on after frame {recording.entries.last}")
+            self.reporter.note("decode", f"{name}: resuming after frame {recording.entries.last}")
         expected = expected_frames(source, self.limit)
         watched = WatchedSource(source)
         try:
@@ -81,7 +81,7 @@ class StreamRecorder:
             else:
                 recording.close()
                 kept = count_text(len(recording.entries.numbers), "frame")
-                self.reporter.note("decode", f"{kept} kept, the same command resumes")
+                self.reporter.note("decode", f"{kept} stored; the same command resumes")
             raise
         self._finish(recording, source, watched, name, expected)
         entries = recording.entries
@@ -90,7 +90,7 @@ class StreamRecorder:
     def _finish(
         self, recording: Recording, source: Stream, watched: WatchedSource, name: str, expected: int | None
     ) -> None:
-        """Report lost frames, give the recording its name, and check it."""
+        """Report lost frames, rename the recording to its final name, and check it."""
         count = len(recording.entries.numbers)
         for line in losses(source, count, recording.entries.lost, expected):
             self.reporter.note("decode", f"{name}: {line}")
@@ -121,19 +121,19 @@ class StreamRecorder:
 
 
 def refuse_streams(names: Iterable[str], to: StreamFormat, output: OutputFolder, check: RecordingCheck | None) -> None:
-    """Raise InputError where a file of others is in the place of a recording, its picture or its check."""
+    """Raise InputError if a recording, its picture or its check would replace a file of others."""
     for name in names:
         path = output.path / f"{name}{_sink(to)[1]}"
         for place in (path, path.with_name(path.name + ".partial")):
             if place.is_file():
-                raise InputError(f"{place}: is a file, expected a recording of this video, or nothing")
+                raise InputError(f"{place}: is a file, expected a recording of this video, or no file")
         if not path.exists():
-            beside = ["views.png", *([] if check is None else [check.file])]
-            output.refuse_others(*(glob.escape(f"{name}_{file}") for file in beside))
+            files = ["views.png", *([] if check is None else [check.file])]
+            output.refuse_others(*(glob.escape(f"{name}_{file}") for file in files))
 
 
 def _sink(to: StreamFormat) -> tuple[Sink, str]:
-    """Sink that writes a stream in a format, and the ending of its name."""
+    """Sink that writes a stream in a format, and the suffix of its name."""
     if to == "zarr":
         return ZarrSink(), ".zarr"
     return Folders(write_hci if to == "hci" else write_stanford), ""

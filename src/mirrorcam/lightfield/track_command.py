@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 FILES = ("trajectory.tum", "trajectory.json", "trajectory.png")
 SIZE_IN = (15.0, 4.6)
 LENGTH = 0.06
-"""Length of the lines along the views, in parts of the largest extent of the path."""
+"""Length of the lines along the optical axes, as a fraction of the largest extent of the path."""
 LEAST_MM = 1.0
 COLOUR, KEY = "tab:blue", "tab:red"
 
@@ -56,7 +56,7 @@ def track(
     with long_work("track", inputs.counted, "files") as advance:
         found = write_trajectory(inputs, out, request, force=force, progress=advance)
     lost = [name for name, pose in zip(found.names, found.poses, strict=True) if pose.is_lost]
-    say_some("track", [f"{name}: lost, too little of the last key frame is seen" for name in lost])
+    say_some("track", [f"{name}: lost, too little of the last key frame is visible" for name in lost])
     keys = count_text(sum(pose.is_key for pose in found.poses), "key frame")
     say("track", f"{len(found.poses) - len(lost)} of {len(found.poses)} poses, {keys}, path {found.path_mm:.1f} mm")
     say("track", f"trajectory.tum, .json and .png written to {out}")
@@ -73,7 +73,7 @@ class Trajectory:
 
     @property
     def path_mm(self) -> float:
-        """Length of the path between the poses that are known."""
+        """Length of the path through the known poses."""
         places = [pose.world_from_view[:3, 3] for pose in self.poses if not pose.is_lost]
         return float(np.linalg.norm(np.diff(np.array(places), axis=0), axis=1).sum())
 
@@ -88,8 +88,8 @@ def write_trajectory(
 ) -> Trajectory:
     """Track the camera through light fields, in their order, and write trajectory.tum, .json and .png into a folder.
 
-    `force` also replaces files of others there. Raises InputError for less than two light fields, and for light fields
-    of different views.
+    `force` also replaces files of others there. Raises InputError for fewer than two light fields, and for light fields
+    with different views.
     """
     from mirrorcam.core.disk.output_folder import output_folder
     from mirrorcam.optics.light_field.motion import LightFieldTracker, save_json, save_tum
@@ -113,7 +113,7 @@ def write_trajectory(
             number = len(found.times_s)
             found.times_s.append(number / request.rate_hz if each.time_s is None else each.time_s)
         if len(found.poses) < 2:
-            raise InputError(f"{len(found.poses)} light field, expected at least two, in the order of time")
+            raise InputError(f"{len(found.poses)} light field, expected at least two, in temporal order")
         with output.staged(complete=False, result=FILES[1]) as staged:
             save_tum(staged / FILES[0], found.times_s, found.poses)
             save_json(staged / FILES[1], found.names, found.times_s, found.poses)
@@ -122,9 +122,9 @@ def write_trajectory(
 
 
 def draw_trajectory(path: Path, times_s: Sequence[float], poses: Sequence[TrackedPose]) -> None:
-    """Write the figure as PNG, atomically: the path from above and from the first view, and the sigma of positions.
+    """Write a PNG, atomically: the path from above and from the first view, and the sigma of positions.
 
-    Positions are of the reference view in its frame at the first light field, mm; key frames are red, and the path
+    Positions of the reference view are in its frame at the first light field, mm; key frames are red, and the path
     breaks where the camera is lost.
     """
     from matplotlib.figure import Figure

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from itertools import islice
 from typing import Any
 
+from mirrorcam import Decoder, LightField
 from mirrorcam.core.console.reporter import Reporter
 from mirrorcam.core.disk.output_folder import OutputFolder
 from mirrorcam.core.errors import InputError
@@ -15,31 +16,29 @@ from mirrorcam.core.figures.figure_texts import count_text
 from mirrorcam.core.video.frames import Frame, Lost, WatchedSource
 from mirrorcam.core.video.live_camera import LiveCamera
 from mirrorcam.core.video.stream_losses import Stream, expected_frames, losses, sources_text
-from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.depth import DepthEstimator, DepthMap, VideoDepth
 from mirrorcam.optics.light_field.io.bag_writer import BagWriter, need_rosbags
 from mirrorcam.optics.light_field.io.recording import NothingDecoded
 from mirrorcam.optics.light_field.io.ros_messages import frame_messages, latched_messages, stamp_ns
 from mirrorcam.optics.light_field.io.stream import RecordingCheck, decoded_ahead
-from mirrorcam.optics.light_field.light_field import LightField
 
 ShowDepth = Callable[[float, LightField, DepthMap | None], None]
-"""Shows a decoded frame: takes its time in s, its light field, and its depth where that is estimated."""
+"""Shows a decoded frame, given its time in s, its light field, and its depth, if estimated."""
 
 
 def refuse_bag(name: str, output: OutputFolder, check: RecordingCheck | None) -> None:
-    """Raise InputError where NAME.mcap is taken, as recordings are never replaced, or rosbags is not installed."""
+    """Raise InputError if NAME.mcap exists, as recordings are never replaced, or if rosbags is not installed."""
     need_rosbags()
     path = output.path / f"{name}.mcap"
     if path.exists() or path.is_symlink():
-        raise InputError(f"{path}: exists, and recordings are never replaced: expected another --out, or no such file")
+        raise InputError(f"{path}: exists, and recordings are never replaced; expected another --out")
     if check is not None:
         output.refuse_others(f"{glob.escape(name)}_{check.file}")
 
 
 @dataclass(frozen=True)
 class BagRecorder:
-    """Decodes a stream into a ROS 2 bag of a folder, with depth where there is an estimator, up to `limit` frames."""
+    """Decodes up to `limit` frames of a stream into a ROS 2 bag in a folder, with depth if there is an estimator."""
 
     decoder: Decoder
     output: OutputFolder
@@ -50,10 +49,10 @@ class BagRecorder:
     show: ShowDepth | None = None
 
     def record(self, source: Stream, name: str, origin: dict[str, Any]) -> int:
-        """Decode a stream into NAME.mcap; Ctrl-C keeps what was decoded of a camera, and nothing of a video.
+        """Decode a stream into NAME.mcap; Ctrl-C keeps the decoded frames of a camera, and none of a video.
 
-        Returns the number of its frames that are lost. Raises InputError for a stream without a usable frame, and where
-        nothing can be written.
+        Returns the number of lost frames. Raises InputError if the stream has no usable frame, or nothing can be
+        written.
         """
         expected, lost = expected_frames(source, self.limit), dict[int, str]()
         video = None if self.estimator is None else VideoDepth(self.estimator)

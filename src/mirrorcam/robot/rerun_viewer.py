@@ -1,4 +1,4 @@
-"""Decoded light fields in the viewer of rerun: views at their positions in space, depth, and points.
+"""Decoded light fields in rerun's viewer: views at their positions in space, depth, and points.
 
 The scene is in the view frame, in metres: x right, y down, z forward from the reference view.
 """
@@ -14,26 +14,27 @@ from typing import Any
 
 import numpy as np
 
+from mirrorcam import LightField
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.extras import require
 from mirrorcam.core.messages import shortened
 from mirrorcam.optics.light_field.depth import DepthMap
 from mirrorcam.optics.light_field.io.ros_messages import M_FROM_MM, depth_m, points_m, view_topic
 from mirrorcam.optics.light_field.io.view_images import rgb
-from mirrorcam.optics.light_field.light_field import LightField, Views
+from mirrorcam.optics.light_field.light_field import Views
 
 SCENE, DEPTH, TIME = "light_field", "depth", "frame_time"
 PORT = 9876
 """Port on which the viewer listens."""
 WAIT_S = 5.0
 PLANES_M = 0.02
-"""Distance before a view at which its picture is drawn."""
+"""Distance in front of a view at which its picture is drawn."""
 CORNER_PX = 0.5
-"""In rerun, (0, 0) is the corner of the picture, not the middle of its first pixel."""
+"""In rerun, (0, 0) is the corner of the picture, not the centre of its first pixel."""
 
 
 class RerunViewer:
-    """Shows frames, one after the other, on a recording of rerun.
+    """Shows frames one by one on a recording of rerun.
 
     Parameters
     ----------
@@ -47,9 +48,9 @@ class RerunViewer:
 
     @classmethod
     def opened(cls) -> RerunViewer:
-        """The viewer that listens on this machine, else one in a window of its own.
+        """Connect to the viewer that listens on this machine, else open one in a window.
 
-        Raises InputError where rerun is not installed, and where there is no viewer and none can be opened.
+        Raises InputError if rerun is not installed, or if no viewer can be opened.
         """
         require("view")
         import rerun
@@ -65,7 +66,7 @@ class RerunViewer:
         return cls(recording)
 
     def show(self, time_s: float, light_field: LightField, depth: DepthMap | None) -> None:
-        """Show a frame at its time, with its depth where there is one."""
+        """Show a frame at its time, with its depth, if any."""
         import rerun
 
         recording = self._recording
@@ -131,7 +132,7 @@ def _open_window() -> None:
             "--view opens a window, but there is no display: expected one, or a rerun viewer that listens on port "
             f"{PORT}"
         )
-    # The folder of Python's programs is not on the path of the shell where Python was called by its own path.
+    # If Python was started by its path, the folder of its scripts may be missing from PATH.
     folders = (str(Path(sys.executable).parent), os.environ.get("PATH", ""))
     program = shutil.which("rerun", path=os.pathsep.join(folders))
     reason = "it ended at once"
@@ -139,7 +140,7 @@ def _open_window() -> None:
         rerun.spawn(connect=False, executable_path=program, port=PORT)
     except (OSError, RuntimeError) as error:
         reason = " ".join(str(error).split())
-    # Rerun only warns of a viewer that ends at once, as without graphics.
+    # Rerun only warns of a viewer that ends at once, for example without graphics.
     if not _listens():
         raise InputError(shortened(f"--view: rerun's viewer does not start: {reason}"))
 

@@ -21,7 +21,7 @@ def doctor(*, no_tests: Annotated[bool, Parameter(help="skip the tests, which ta
     """List the installed libraries, and test each part.
 
     Prints the libraries of each extra with the tested versions, the missing ones and what needs them, other programs,
-    and a test of each part. Paste it into a report of an error. Exit code 1: an installed part failed its test.
+    and a test of each part. Paste it into a bug report. Exit code 1: an installed part failed its test.
 
     Examples:
         mirrorcam doctor
@@ -39,13 +39,13 @@ def doctor(*, no_tests: Annotated[bool, Parameter(help="skip the tests, which ta
         _print([("test", f"{result.name.ljust(10)} {verdict}: {result.said} ({result.seconds:.1f} s)")])
     failed = [result.name for result in results if not result.passed]
     if results:
-        _print([("doctor", f"failed: {', '.join(failed)}" if failed else f"{len(results)} parts tried, all work")])
+        _print([("doctor", f"failed: {', '.join(failed)}" if failed else f"{len(results)} parts tested, all work")])
     session().results |= found.model_dump(mode="json") | {"tests": [each.model_dump(mode="json") for each in results]}
     return 1 if failed else 0
 
 
 def _print(lines: Sequence[tuple[str, str]]) -> None:
-    """Print lines, whose content is in the results of `--json` as values."""
+    """Print lines, unless `--json` replaces them: its results hold the same content."""
     for title, text in lines if session().prints else ():
         say(title, text)
 
@@ -56,7 +56,7 @@ def described(found: Installation) -> list[tuple[str, str]]:
         ("mirrorcam", f"{found.version} in {found.folder}"),
         ("python", f"{found.python}, {found.executable}"),
         ("system", found.system),
-        ("versions", f"as installed; in brackets those that were tested ({TESTED_ON}), where they differ"),
+        ("versions", f"as installed; in brackets the tested ones ({TESTED_ON}), where they differ"),
     ]
     lines += [(extra.name, _libraries(extra)) for extra in found.extras]
     lines += [(each.name, each.path or f"not found; for {each.purpose}") for each in found.programs]
@@ -68,8 +68,8 @@ def _libraries(extra: Extra) -> str:
     if not extra.missing:
         return versions
     name = f"mirrorcam[{extra.name}]" if extra.name != "base" else "mirrorcam"
-    has = f"; there is {versions}" if versions else ""
-    return f'{", ".join(extra.missing)} missing; for {extra.purpose}: pip install "{name}"{has}'
+    installed = f"; installed: {versions}" if versions else ""
+    return f'{", ".join(extra.missing)} missing; for {extra.purpose}: pip install "{name}"{installed}'
 
 
 def _versions(packages: Sequence[Package]) -> str:

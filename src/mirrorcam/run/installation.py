@@ -20,7 +20,7 @@ from mirrorcam.core.values import Value
 CONSTRAINTS = "constraints.txt"
 BASE = "base"
 PURPOSES = {
-    BASE: "design, board, calibrate, decode, live, depth, and all that reads light fields",
+    BASE: "design, board, calibrate, decode, live, depth, and all commands that read light fields",
     "cad": "the parts of a device: mirrorcam cad, camera new, run",
     "render": "synthetic sets and scenes: mirrorcam render, scene, cad picture, validate, run",
     "fe": "mirrorcam cad --elastic (with the program gmsh)",
@@ -46,7 +46,7 @@ class Package(Value):
 
 
 class Extra(Value):
-    """An extra, or the base installation: what it is for, what it consists of, and the modules that are missing."""
+    """An extra, or the base installation: its purpose, its packages, and the missing modules."""
 
     name: str
     purpose: str
@@ -55,7 +55,7 @@ class Extra(Value):
 
 
 class Program(Value):
-    """A program that is run where it is installed."""
+    """An optional external program."""
 
     name: str
     purpose: str
@@ -63,7 +63,7 @@ class Program(Value):
 
 
 class Installation(Value):
-    """Everything about an installation that a report of an error should say."""
+    """Everything about an installation that a bug report should state."""
 
     version: str
     folder: str
@@ -75,7 +75,7 @@ class Installation(Value):
 
 
 def installation() -> Installation:
-    """What is installed here; no library is imported to find out."""
+    """Inspect this installation without importing a library."""
     tested = versions_tested()
     return Installation(
         version=mirrorcam.__version__,
@@ -89,9 +89,9 @@ def installation() -> Installation:
 
 
 def versions_tested() -> dict[str, str]:
-    """Version by normalised name of every distribution that was there when the tests passed: `constraints.txt`."""
+    """Versions with which the tests passed, by normalised name of the distribution: `constraints.txt`."""
     folder = Path(mirrorcam.__file__).parent
-    places = (folder / CONSTRAINTS, folder.parents[1] / CONSTRAINTS)  # of a wheel, of a checkout
+    places = (folder / CONSTRAINTS, folder.parents[1] / CONSTRAINTS)  # in a wheel, in a checkout
     text = next(place for place in places if place.is_file()).read_text(encoding="utf-8")
     return {normalised(name): version for name, version in re.findall(r"^([\w.-]+)==(\S+)$", text, re.MULTILINE)}
 
@@ -116,7 +116,7 @@ def _version(distribution: str) -> str | None:
 
 def _program(name: str) -> Program:
     commands, purpose = PROGRAMS[name]
-    # Where Python was called by its path, the folder of its programs need not be on the shell's PATH.
+    # If Python was started by its path, the folder of its scripts may be missing from PATH.
     places = os.pathsep.join((sysconfig.get_path("scripts"), os.environ.get("PATH", "")))
     found = (path for command in commands if (path := shutil.which(command, path=places)))
     return Program(name=name, purpose=purpose, path=next(found, None))

@@ -27,15 +27,15 @@ from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.render_scenes.settings import RenderSettings
 from mirrorcam.run.run_page import read_metrics, write_page, write_pictures
 
-# The frame that the page shows and decodes.
+# Index of the frame that the page shows decoded.
 SHOWN = 0
-# Maps of all pixels are 18 MB a frame, and nothing here reads them.
+# Maps of all pixels take 18 MB per frame, and no stage reads them.
 SETTINGS = RenderSettings(maps=False)
 
 
 @dataclass(frozen=True)
 class Recipe:
-    """All inputs that decide about the results of a run."""
+    """All inputs that determine the results of a run."""
 
     spec: DesignSpec
     target: Target
@@ -56,9 +56,9 @@ def full_recipe(seed: int) -> Recipe:
 
 
 def quick_recipe(seed: int) -> Recipe:
-    """A small example: 2x2 mirrors before a camera of half the resolution, a board of larger squares, few frames.
+    """A small example: 2x2 mirrors, a camera of half the resolution, a board with larger squares, few frames.
 
-    It keeps the limits of the full run: with other seeds, too, it uses about half of what they allow.
+    It meets the limits of the full run with a margin of about two, whatever the seed.
     """
     spec = DesignSpec(camera=Camera.c920().binned(0.5), rows=2, cols=2)
     target = Charuco(cols=12, rows=8, square_mm=24.0, marker_mm=18.0)
@@ -81,8 +81,8 @@ def stages(recipe: Recipe, root: Path) -> tuple[Stage, ...]:
 
         holder = HARDWARE.holder.replaced(mirrors=recipe.mounting)
         hardware = HARDWARE.replaced(back=back_of(recipe.adapter), holder=holder)
-        kept = results_folder(root)
-        build_parts(Layout.load(nominal), folder, hardware, results=kept, workers=cores(), progress=progress)
+        stored = results_folder(root)
+        build_parts(Layout.load(nominal), folder, hardware, results=stored, workers=cores(), progress=progress)
 
     def render(folder: Path, progress: Progress) -> None:
         from mirrorcam.render_scenes.sets.render_set import render_set
@@ -174,7 +174,7 @@ def _slicer() -> str:
 
 
 def finish(stage: Stage, output: OutputFolder, reporter: Reporter = SILENT) -> None:
-    """Do a stage, unless its subfolder already holds what it would make."""
+    """Do a stage, unless its subfolder holds valid results."""
     reason = staleness(stage, output.root)
     if not reason:
         reporter.note(stage.name, "nothing changed, re-used")
@@ -187,7 +187,7 @@ def finish(stage: Stage, output: OutputFolder, reporter: Reporter = SILENT) -> N
 
 @dataclass(frozen=True)
 class RunFigures:
-    """The figures of a run, by name: of the design, of the parts, and of the calibration against the truth."""
+    """Figures of a run by name: design, parts, and calibration against the truth."""
 
     design: Mapping[str, Metric]
     parts: Mapping[str, Metric]
@@ -202,10 +202,10 @@ class RunFigures:
 def run_all(
     recipe: Recipe, root: Path, command: str, reporter: Reporter = SILENT, *, force: bool = False
 ) -> RunFigures:
-    """Do the stages that are not done yet in `root`, and write `metrics.json` and `index.html`.
+    """Do the stages whose results in `root` are missing or stale, then write `metrics.json` and `index.html`.
 
-    `command` is what the page says it was made by. Raises InputError where an extra is missing, before any work, and,
-    without `force`, where a file would be replaced that no run wrote, or that was changed since.
+    The page states `command`. Raises InputError before any work if an extra is missing and, without `force`, if a file
+    to replace was not written by a run or was changed since.
     """
     require("cad", "render")
     with output_folder(root, "run", force=force) as output:
@@ -225,7 +225,7 @@ def run_all(
 
 
 def _figures(root: Path) -> RunFigures:
-    """The figures that the stages of a run have written."""
+    """Read the figures that the stages of a run wrote."""
     return RunFigures(
         Layout.load(root / "design" / "layout.json").metrics,
         read_metrics(root / "cad" / "checks.json"),

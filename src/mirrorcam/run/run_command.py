@@ -26,14 +26,14 @@ def run(
     mounting: Mounting = "glue",
     seed: Annotated[int, bounded(SEED, "seed of poses, tolerances and noise")] = 0,
     out: Annotated[
-        Path | None, Parameter(help="output folder, whose valid results are re-used [default: output/default or quick]")
+        Path | None, Parameter(help="output folder; valid results in it are re-used [default: output/default or quick]")
     ] = None,
     force: Force = False,
 ) -> int:
     """Run the complete pipeline, from a design to a light field, and write a page of results.
 
     Designs the mirrors, generates and checks all parts, renders frames of a device as built, calibrates it blind and
-    decodes a light field; then writes metrics.json and index.html. Exit code 1: a figure is past its limit.
+    decodes a light field; then writes metrics.json and index.html. Exit code 1: a figure exceeds its limit.
 
     Examples:
         mirrorcam run

@@ -1,4 +1,4 @@
-"""The page of a run: one HTML file with its pictures, which works from disk and offline."""
+"""The page of a run: one HTML file with its pictures, readable from disk and offline."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ from mirrorcam.render_scenes.sets.dataset import Dataset
 
 TEMPLATES = Path(__file__).parent
 HEADLINES = {
-    "normal_error_max_deg": "is how far the worst mirror's calibrated direction is from the truth",
-    "decoded_corner_rms_px": "is the RMS distance of decoded corners from where true positions predict them",
+    "normal_error_max_deg": "is the largest angle between a calibrated and a true mirror normal",
+    "decoded_corner_rms_px": "is the RMS distance of decoded corners from their predictions by true positions",
 }
 
 
@@ -52,17 +52,17 @@ class Report:
 
     @property
     def limited(self) -> dict[str, Metric]:
-        """Figures that have a limit, of the part and against the truth."""
+        """Figures with a limit, of the parts and against the truth."""
         return {name: metric for name, metric in {**self.checks, **self.truth}.items() if metric.limit is not None}
 
     @property
     def out_of_focus(self) -> str:
-        """What to do about circles of confusion past their limit; nothing where none is."""
+        """Advice on circles of confusion that exceed their limit; empty if none does."""
         return out_of_focus(self.layout)
 
     @property
     def failed(self) -> tuple[str, ...]:
-        """Names of the figures past their limits."""
+        """Names of the figures that exceed their limits."""
         return tuple(name for name, metric in self.limited.items() if not metric.passed)
 
 
@@ -77,19 +77,19 @@ def design_table(parabola: Layout, optimised: Layout) -> Table:
 
 
 def highlights(report: Report) -> list[Tile]:
-    """Headline figures for a newcomer, of those that were measured."""
+    """Headline figures, as far as they were measured."""
     width, height = report.view_size_px
     tiles = [Tile(report.layout.arrangement.text.replace("x", TIMES), f"views of {width} {TIMES} {height} px")]
     # A camera with an aperture can use only unvignetted pixels.
-    counted, what = "pixel_efficiency_", "of the sensor"
+    prefix, share = "pixel_efficiency_", "of the sensor"
     if report.layout.camera.aperture_mm > 0.0:
-        counted, what = "usable_efficiency_", "of the sensor, usable by the whole lens,"
+        prefix, share = "usable_efficiency_", "of the sensor, unvignetted,"
     for name, metric in report.layout.metrics.items():
-        if name.startswith(counted) and metric.known:
+        if name.startswith(prefix) and metric.known:
             before = report.parabola.metrics.get(name)
             versus = f", parabola {before.value:.0%}" if before and before.known else ""
-            depth = name.removeprefix(counted).replace("mm", " mm")
-            tiles.append(Tile(f"{metric.value:.0%}", f"{what} shows the common scene at {depth}{versus}"))
+            depth = name.removeprefix(prefix).replace("mm", " mm")
+            tiles.append(Tile(f"{metric.value:.0%}", f"{share} shows the common scene at {depth}{versus}"))
     for name, text in HEADLINES.items():
         if name in report.truth and report.truth[name].known:
             tiles.append(Tile(value_text(report.truth[name], digits=2), text))
@@ -97,7 +97,7 @@ def highlights(report: Report) -> list[Tile]:
 
 
 def verdict_text(report: Report) -> str:
-    """Verdict in words: all checks pass, or the ones that fail."""
+    """The verdict in words, with the names of the failed checks."""
     count = len(report.limited)
     if not report.failed:
         return f"All {count} checks pass"
@@ -106,7 +106,7 @@ def verdict_text(report: Report) -> str:
 
 
 def index_html(report: Report) -> str:
-    """The page. Every text that comes from outside is escaped."""
+    """Render the page; external text is escaped."""
     camera = report.layout.camera
     mirrors = number_word(len(report.layout.mirrors))
     return render(
@@ -145,7 +145,7 @@ def _at_most(image: NDArray[np.uint8], width_px: int) -> NDArray[np.uint8]:
 
 
 def write_pictures(frame: Path, views: Path, out: Path) -> None:
-    """Write frame.jpg and views.jpg: the pictures of the page, no larger than it shows them."""
+    """Write frame.jpg and views.jpg at the size at which the page shows them."""
     for path, name in ((frame, "frame.jpg"), (views, "views.jpg")):
         write_image(out / name, _at_most(read_image(path), PICTURE_WIDTH_PX))
 
@@ -156,7 +156,7 @@ def _picture(root: Path, path: str, opens: str, alt: str) -> PagePicture:
 
 
 def _focus_picture(root: Path) -> PagePicture | None:
-    """The picture of the depth of field, which a pinhole does not have."""
+    """The picture of the depth of field; None for a pinhole."""
     if not (root / "design/focus.png").exists():
         return None
     return _picture(
@@ -220,15 +220,15 @@ def gather(root: Path, *, command: str, small: bool) -> Report:
         ),
         files=(
             PageFile("design/layout.json", "the design: camera and mirrors"),
-            PageFile("validation/layout.json", "the same as it was calibrated, with its uncertainty"),
+            PageFile("validation/layout.json", "the calibrated layout, with its uncertainty"),
             PageFile("validation/report.html", "how well the calibration fits, its uncertainty, and its checks"),
             PageFile("metrics.json", "every figure on this page, with its unit and limit"),
-            PageFile("set/dataset.json", "the synthetic set; its truth lies in set/truth"),
+            PageFile("set/dataset.json", "the synthetic set; its truth is in set/truth"),
             PageFile(shown.relative_to(root).as_posix(), "one light field: samples, weights, view positions"),
         ),
     )
 
 
 def write_page(root: Path, path: Path, *, command: str, small: bool) -> None:
-    """Write the page of the run in `root`, for which it links its files, to a path."""
+    """Write the page of the run in `root`, with links to its files."""
     write_text(path, index_html(gather(root, command=command, small=small)))

@@ -1,7 +1,7 @@
-"""A short test of each part of an installation, on made-up data, in a process of its own.
+"""A short test of each part of an installation, on synthetic data, in a process of its own.
 
-Each returns a sentence with its measurement, and raises where that is wrong. Libraries that crash instead, as
-another processor or system do, end only their own process.
+Each test returns a sentence with its measurement, and raises if that is wrong. A library that crashes ends only its
+own process.
 """
 
 from __future__ import annotations
@@ -31,13 +31,13 @@ if TYPE_CHECKING:
     from mirrorcam.run.installation import Installation
 
 LONGEST_S = 300.0
-"""Each takes less than ten seconds on two idle cores; the first time, when loops are compiled, some take 20."""
+"""Each test takes less than ten seconds on two idle cores, or 20 the first time, when loops are compiled."""
 WIDTH_PX, HEIGHT_PX, FOCAL_PX = 640, 360, 453.0
 PLANE_MM = 300.0
 
 
 class SelfTest(Value):
-    """The result of a part's test: what it says, and how long it took; not passed is what failed."""
+    """The result of a test: the sentence it `said`, or why it failed, and its duration."""
 
     name: str
     passed: bool
@@ -48,7 +48,7 @@ class SelfTest(Value):
 def parts_to_test(found: Installation) -> tuple[str, ...]:
     """The tests of the parts that are installed, in the order of `TESTS`."""
     lacking = {extra.name for extra in found.extras if extra.missing}
-    # Finite elements are of parts of `cad`, and meshed by a program.
+    # Finite elements need the solids of `cad` and the program gmsh.
     if "cad" in lacking or any(program.name == "gmsh" and program.path is None for program in found.programs):
         lacking.add("fe")
     return tuple(name for name in TESTS if name not in lacking)
@@ -56,26 +56,26 @@ def parts_to_test(found: Installation) -> tuple[str, ...]:
 
 def self_tests(names: tuple[str, ...]) -> Iterator[SelfTest]:
     """Run tests by their names in `TESTS`, one after the other, each in a process of its own."""
-    place = str(Path(mirrorcam.__file__).parents[1])  # where this `mirrorcam` is, is the one that is tested
-    others = [path for path in [os.environ.get("PYTHONPATH")] if path]
-    # With one thread for each library, as these would wait for each other on a busy machine.
-    alone = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-    surroundings = os.environ | alone | {"PYTHONPATH": os.pathsep.join([place, *others])}
+    place = str(Path(mirrorcam.__file__).parents[1])  # so that this `mirrorcam` is tested, not another one
+    inherited = [path for path in [os.environ.get("PYTHONPATH")] if path]
+    # One thread per library: on a busy machine, their threads wait for each other.
+    threads = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    environment = os.environ | threads | {"PYTHONPATH": os.pathsep.join([place, *inherited])}
     for name in names:
         code = f"from mirrorcam.run.self_tests import report; report({name!r})"
         began = time.monotonic()
         try:
-            done = run_program([sys.executable, "-P", "-c", code], timeout_s=LONGEST_S, environment=surroundings)
+            done = run_program([sys.executable, "-P", "-c", code], timeout_s=LONGEST_S, environment=environment)
         except subprocess.TimeoutExpired:
             passed, said = False, f"took longer than {LONGEST_S:g} s"
         else:
-            passed, said = done.returncode == 0, _said(done)
+            passed, said = done.returncode == 0, _finding(done)
         yield SelfTest(name=name, passed=passed, said=said, seconds=time.monotonic() - began)
 
 
-def _said(done: subprocess.CompletedProcess[bytes]) -> str:
-    """The sentence of a test that passed; of another, what the system lacks, the last line of its traceback, or how it
-    ended."""
+def _finding(done: subprocess.CompletedProcess[bytes]) -> str:
+    """The sentence of a test that passed; for a failed one, the missing system library, the last line of its traceback,
+    or its exit code."""
     lines = (done.stderr if done.returncode else done.stdout).decode("utf-8", "replace").strip().splitlines()
     if done.returncode == 0:
         return str(json.loads(lines[-1]))
@@ -84,15 +84,15 @@ def _said(done: subprocess.CompletedProcess[bytes]) -> str:
 
 
 def report(name: str) -> None:
-    """Run one test here, and print what it says, in JSON."""
+    """Run one test in this process, and print its sentence as JSON."""
     print(json.dumps(TESTS[name]()))
 
 
-def expect(right: bool, said: str) -> str:
-    """The sentence, where what it says is right; raises ValueError with it otherwise."""
-    if not right:
-        raise ValueError(said)
-    return said
+def expect(correct: bool, finding: str) -> str:
+    """Return the finding, or raise ValueError with it if it is not correct."""
+    if not correct:
+        raise ValueError(finding)
+    return finding
 
 
 def _small_layout() -> Layout:
@@ -107,7 +107,7 @@ def _small_layout() -> Layout:
 def _frame(
     layout: Layout, texture: NDArray[np.uint8], texel_mm: float, rig_from_sheet: NDArray[np.float64], *, mirrored: bool
 ) -> NDArray[np.uint8]:
-    """The picture (h, w) that the camera takes of a printed sheet, through the mirrors or without them."""
+    """The camera's picture (h, w) of a printed sheet, through the mirrors or without them."""
     import cv2
     import numpy as np
 
@@ -132,7 +132,7 @@ def _frame(
 
 
 def _pose(layout: Layout, *, mirrored: bool) -> NDArray[np.float64]:
-    """rig_from_sheet (4, 4) of a sheet that faces the views, or the camera itself, with its origin in the middle."""
+    """rig_from_sheet (4, 4) of a sheet, centred on its origin, that faces the views or the camera itself."""
     import numpy as np
 
     pose = np.eye(4)
@@ -314,4 +314,4 @@ TESTS: dict[str, Callable[[], str]] = {
     "view": _view,
     "studio": _studio,
 }
-"""The tests by name: the base installation's first, then one for each extra, under its name."""
+"""Tests by name: of the base installation first, then one for each extra."""

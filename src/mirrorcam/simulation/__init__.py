@@ -1,1 +1,1 @@
-"""The commands render, scene and picture: frames with known truth."""
+"""The commands render and scene: frames with known truth."""

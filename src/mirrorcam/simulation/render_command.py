@@ -44,7 +44,7 @@ def render(
     from mirrorcam.optics.geometry.layout import Layout
 
     device = Layout.load(layout)
-    asked = request.read(device)
+    requested = request.read(device)
     require("render")
     from mirrorcam.core.disk.output_folder import output_folder
     from mirrorcam.core.processes.worker_pool import cores
@@ -57,9 +57,9 @@ def render(
     who = count_text(count, "worker") if scheduler is None else f"the workers of {scheduler}"
     with (
         output_folder(out, "render"),
-        long_work("render", f"{asked.settings.renderer}, {who}", "frames") as advance,
+        long_work("render", f"{requested.settings.renderer}, {who}", "frames") as advance,
     ):
-        dataset = render_set(asked, out, run=run_there, progress=advance)
+        dataset = render_set(requested, out, run=run_there, progress=advance)
     say("coverage", coverage_text(dataset, device.cols))
     say("coverage", reach_text(dataset, device.mirror_names))
     say("render", f"{out / MANIFEST} written; {out / 'truth'} is for mirrorcam validate only")
@@ -91,7 +91,7 @@ def verify(
 
 
 def coverage_text(dataset: Dataset, cols: int) -> str:
-    """Percentage of each sub-image, row by row, and of the base frames, in which some frame shows corners."""
+    """Percentage of each sub-image, row by row, and of the base picture, that corners cover."""
     percent = [f"{100.0 * part:.0f}" for part in dataset.coverage]
     rows = [" ".join(percent[begin : begin + cols]) for begin in range(0, len(percent), cols)]
     mirrors = f"corners cover {' / '.join(rows)} % of the sub-images"
@@ -99,7 +99,7 @@ def coverage_text(dataset: Dataset, cols: int) -> str:
 
 
 def reach_text(dataset: Dataset, mirrors: Sequence[str]) -> str:
-    """Distances and tilts of boards that every mirror shows."""
+    """Distances and tilts of the boards visible in every mirror."""
     reaches = dataset.reaches
     blind = [name for name, reach in zip(mirrors, reaches, strict=True) if reach.farthest_mm == 0]
     if blind:

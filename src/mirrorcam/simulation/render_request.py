@@ -1,4 +1,4 @@
-"""Requests of rendered sets and scenes, from options and the files that these name."""
+"""Requests for rendered sets and scenes, from options and the files that they name."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 def tolerances_of(given: Any) -> Any:
-    """Parse tolerances from a text like tilt_deg=0.3,offset_mm=0.3, the others by default; "none" is a perfect copy.
+    """Parse tolerances from a text like tilt_deg=0.3,offset_mm=0.3, the others by default; "none" is a perfect device.
 
     Anything but a text is returned as it is.
     """
@@ -75,7 +75,7 @@ SENSOR = "lens and sensor: ideal, c920, poor, webcam, or a .toml file"
 
 
 class PosesFile(Value):
-    """Poses of the board: rig_from_board (n, 4, 4) in mm, and how many of them a motion passes in a second."""
+    """Poses of the board: rig_from_board (n, 4, 4) in mm, and the number that a motion passes per second."""
 
     poses: Annotated[FloatArray, Shaped((None, 4, 4), largest=DEPTH_MM.most)]
     poses_hz: float = POSES_HZ.field(1.0)
@@ -87,7 +87,7 @@ class PosesFile(Value):
         for number, pose in enumerate(self.poses):
             turn = pose[:3, :3]
             if not np.allclose(turn @ turn.T, np.eye(3), rtol=0.0, atol=1e-6) or np.linalg.det(turn) < 0.0:
-                raise ValueError(f"pose {number} turns by a matrix that is no rotation")
+                raise ValueError(f"pose {number} has a matrix that is not a rotation")
             if tuple(pose[3]) != (0.0, 0.0, 0.0, 1.0):
                 raise ValueError(f"pose {number} has the last row {pose[3].tolist()}, expected 0, 0, 0, 1")
         return self
@@ -95,7 +95,7 @@ class PosesFile(Value):
 
 @Parameter(name="*")
 class RenderRequest(Value):
-    """What is rendered of a device: pictures of a board, by the options of `mirrorcam render`."""
+    """Options of `mirrorcam render`: pictures of a board."""
 
     frames: int = PICTURES.cut(least=1).field(20, "frames of the board through the mirrors")
     base_frames: int = PICTURES.field(10, "frames of the board by the camera without mirrors")
@@ -124,7 +124,7 @@ class RenderRequest(Value):
     )
 
     def read(self, layout: Layout) -> SetRequest:
-        """Read the files of the request; raises InputError for one that is not valid or contradicts others."""
+        """Read the files of the request; raises InputError if one is invalid or contradicts others."""
         from mirrorcam.optics.geometry.targets import default_board, load_board
         from mirrorcam.render_scenes.sets.set_request import SetRequest
 
@@ -154,7 +154,7 @@ class RenderRequest(Value):
 
 @Parameter(name="*")
 class SceneRequest(Value):
-    """What is rendered of a device: a tabletop, by the options of `mirrorcam scene`."""
+    """Options of `mirrorcam scene`: a picture of a tabletop."""
 
     depths_mm: tuple[Annotated[float, DEPTH_MM.each], ...] = Field(
         default=(),
@@ -171,7 +171,7 @@ class SceneRequest(Value):
     as_built: AsBuilt = Field(default=Tolerances(), description=AS_BUILT)
 
     def read(self, layout: Layout) -> TabletopRequest:
-        """The request of a scene; raises InputError for a mesh's place that is none."""
+        """Build the request for a scene; raises InputError for an invalid position of a mesh."""
         from mirrorcam.render_scenes.tabletop.tabletop_set import TabletopRequest
 
         return TabletopRequest(
@@ -185,7 +185,7 @@ class SceneRequest(Value):
 
 
 def mesh_from_text(text: str) -> NamedMesh:
-    """Parse a mesh and its place from a text like vase.stl:10,-30,350, or from the name of its file alone."""
+    """Parse a mesh and its position from a text like vase.stl:10,-30,350, or from a file name alone."""
     from mirrorcam.render_scenes.tabletop.tabletop import NamedMesh
 
     name, colon, place = text.rpartition(":")

@@ -1,4 +1,4 @@
-"""Rendered sets, scenes and pictures as files, by processes of this machine or the workers of a cluster."""
+"""Render sets and scenes into files, with processes of this machine or the workers of a cluster."""
 
 from __future__ import annotations
 
@@ -38,9 +38,9 @@ def on_cluster(address: str) -> Run:
 def finished_frames(
     run: Callable[[Sequence[str]], Iterator[tuple[int, dict[str, bytes] | Died]]], tasks: Sequence[str]
 ) -> Iterator[tuple[int, dict[str, bytes]]]:
-    """Yield number and files of each frame as `run` finishes it.
+    """Yield index and files of each frame as `run` finishes it.
 
-    Raises InputError for a frame that ended all of its workers.
+    Raises InputError for a frame that crashed every worker that tried it.
     """
     for number, got in run(tasks):
         if isinstance(got, Died):
@@ -49,9 +49,9 @@ def finished_frames(
 
 
 def write_scene(request: TabletopRequest, folder: Path, progress: Progress = no_progress) -> None:
-    """Render a photographed tabletop scene with its truth into a folder, and an overview of both.
+    """Render a tabletop scene with its truth into a folder, and an overview of both.
 
-    Raises InputError where a file in their place is not of the scene, or was changed since.
+    Raises InputError if a file to replace is not of the scene, or was changed since.
     """
     with output_folder(folder, "scene") as output:
         output.refuse_others(OVERVIEW)
@@ -62,7 +62,7 @@ def write_scene(request: TabletopRequest, folder: Path, progress: Progress = no_
 
 @dataclass(frozen=True)
 class SetCheck:
-    """Files of a set against their checksums: those that differ or have gone, and those not rendered yet."""
+    """Comparison of a set with its checksums: altered, missing and not yet rendered files."""
 
     files: int
     altered: tuple[str, ...]

@@ -21,7 +21,7 @@ def scene(
 ) -> int:
     """Render a tabletop scene, with its true views and depths.
 
-    As a device built with tolerances sees it. Writes scene.json, layout.json, the frame, and truth/ with the true
+    The frame shows a device built with tolerances. Writes scene.json, layout.json, the frame, and truth/ with the true
     views, depths, disparities and an overview.
 
     Examples:
@@ -35,10 +35,10 @@ def scene(
     from mirrorcam.render_scenes.tabletop.tabletop_set import MANIFEST
     from mirrorcam.simulation.rendering import OVERVIEW, write_scene
 
-    asked = request.read(device)
+    requested = request.read(device)
     views = device.rows * device.cols
-    with long_work("scene", f"1 frame + {views} true views, {asked.spp} samples", "pictures") as advance:
-        write_scene(asked, out, advance)
+    with long_work("scene", f"1 frame + {views} true views, {requested.spp} samples", "pictures") as advance:
+        write_scene(requested, out, advance)
     truth = out / "truth"
     say("scene", f"{out / MANIFEST} written; true views, depths and disparities in {truth}; {OVERVIEW} shows both")
     return 0

@@ -1,4 +1,4 @@
-"""Solved designs for every count, scale and trade-off of a grid: what the studio shows without a server."""
+"""Solved designs for every count, scale and trade-off of a grid, for the studio without a server."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class AtlasGrid:
     tradeoffs: tuple[float, ...] = (0.1, 0.3, 0.6)
 
     def specs(self, common: DesignSpec) -> list[DesignSpec]:
-        """The requests; one mirror alone is none."""
+        """The requests, without a single mirror."""
         return [
             common.replaced(rows=rows, cols=cols, scale_mm=scale_mm, tradeoff=tradeoff)
             for rows, cols, scale_mm, tradeoff in product(self.rows, self.cols, self.scales_mm, self.tradeoffs)

@@ -1,4 +1,4 @@
-"""The controls of a request for a design: what the page offers, in which range, and what each buys."""
+"""The controls of a design's request: fields, ranges, and the effect of each."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ DEGREE = "\N{DEGREE SIGN}"
 
 
 class CameraNumber(Value):
-    """A number of a camera, what it may be, and what a camera without it has."""
+    """A number of a camera, its range, and its default."""
 
     name: str
     label: str
@@ -126,7 +126,7 @@ def _allowed(model: type[Value], name: str) -> tuple[float | None, float | None]
 
 
 def change_text(spec: DesignSpec, other: DesignSpec, parameter: str) -> str:
-    """What differs between two requests in a parameter, in words: "Scale 92 mm instead of 50 mm"."""
+    """Difference of two requests in a parameter, in words: "Scale 92 mm instead of 50 mm"."""
     if parameter in ("rows", "cols"):
         return f"{other.rows} x {other.cols} mirrors instead of {spec.rows} x {spec.cols}"
     control = next(each for group in control_groups(spec) for each in group.controls if each.name == parameter)

@@ -1,4 +1,4 @@
-"""What the pages show of a design, as values; `drawing` makes them. Nothing slow is imported here."""
+"""Values of a design for the pages, computed by `drawing`. Cheap to import."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Curves(Value):
 
 
 class FigureText(Value):
-    """A metric as people read it; where it is none, `value` is null and `reason` says why."""
+    """A metric formatted for display; if unknown, `value` is null and `reason` says why."""
 
     name: str
     label: str
@@ -55,7 +55,7 @@ class FigureText(Value):
 
 
 class DesignDrawing(Value):
-    """A design as the pages draw it; lengths in view axes (x right, y down, z forward, origin at the pupil), mm."""
+    """Drawing of a design; lengths in view axes (x right, y down, z forward, origin at the pupil), mm."""
 
     kind: Kind
     title: str
@@ -104,7 +104,7 @@ class ViolationDrawing(Value):
 
 
 class SuggestedRequest(Value):
-    """A request that can be met, near one that cannot, and what differs in words."""
+    """A feasible request near an infeasible one, and the difference in words."""
 
     text: str
     spec: dict[str, Any]
@@ -112,7 +112,7 @@ class SuggestedRequest(Value):
 
 @dataclass(frozen=True)
 class RefusedDesign:
-    """A request that no design meets: the constraint that cannot hold, by how much it is missed, and where."""
+    """An infeasible request: the violated constraint, by how much, and where."""
 
     constraint: str
     finding: str
@@ -120,7 +120,7 @@ class RefusedDesign:
 
 
 Found = SolvedDesign | RefusedDesign
-"""What a request leads to."""
+"""The result of a request."""
 
 
 class ToleranceBar(Value):
@@ -135,7 +135,7 @@ class ToleranceBar(Value):
 
 
 class ToleranceBars(Value):
-    """All figures of a study, and what was assumed."""
+    """All figures of a study, and its assumptions."""
 
     assumed: str
     hidden: float

@@ -1,4 +1,4 @@
-"""Work on designs that processes of the studio do. What is slow to load is loaded there, not by the server."""
+"""Work of the studio's processes on designs, which load slow modules in place of the server."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from functools import cache
 
 from mirrorcam.core.errors import InputError
-from mirrorcam.core.processes.calls import Calls, beside, in_turn
+from mirrorcam.core.processes.calls import Calls, in_parallel, in_turn
 from mirrorcam.core.processes.worker_process import WorkerProcess
 from mirrorcam.optics.geometry.design_spec import DesignSpec, InfeasibleDesign
 from mirrorcam.optics.geometry.layout import Layout
@@ -29,17 +29,17 @@ LOW_PRIORITY = 19
 
 @cache
 def _partner() -> WorkerProcess:
-    """The process that this one shares the solution of a design with."""
+    """The process that shares the solution of a design with this one."""
     return WorkerProcess(preload=("mirrorcam.optics.design.optimise",))
 
 
 def solve_in_two(spec: DesignSpec) -> SolvedDesign | RefusedDesign:
-    """The exact design of a request, or why there is none, found by this process and another."""
-    return solve(spec, beside(_partner()))
+    """The exact design of a request, or why it has none, solved in two processes."""
+    return solve(spec, in_parallel(_partner()))
 
 
 def solve(spec: DesignSpec, calls: Calls = in_turn) -> SolvedDesign | RefusedDesign:
-    """The exact design of a request, or why there is none; `calls` as for `design`."""
+    """The exact design of a request, or why it has none; `calls` as for `design`."""
     from mirrorcam.optics.design.optimise import design
 
     try:
@@ -55,7 +55,7 @@ def solve(spec: DesignSpec, calls: Calls = in_turn) -> SolvedDesign | RefusedDes
 
 
 def described(spec: DesignSpec, layout: Layout) -> SolvedDesign:
-    """A layout that was solved before, with its parabola and their drawings."""
+    """A solved layout with its parabola, and their drawings."""
     from mirrorcam.optics.design.optimise import assessed_parabola
     from mirrorcam.studio.drawing import design_drawing
 
@@ -68,16 +68,16 @@ def described(spec: DesignSpec, layout: Layout) -> SolvedDesign:
 
 
 _remembered: deque[Layout] = deque(maxlen=MOST_REMEMBERED)
-"""Designs that this process makes previews from."""
+"""Designs from which this process interpolates previews."""
 
 
 def remember(layout: Layout) -> None:
-    """Let later previews in this process lie between this design and others."""
+    """Add a design to those from which previews are interpolated."""
     _remembered.append(layout)
 
 
 def preview(spec: DesignSpec) -> str | None:
-    """A drawing of about what a request leads to, from designs nearby or, without, its faceted parabola, as JSON."""
+    """An approximate drawing of a request's design, as JSON: from designs nearby or, without, its faceted parabola."""
     from mirrorcam.optics.design.preview import preview as preview_layout
     from mirrorcam.optics.design.program.seeds import faceted_parabola
     from mirrorcam.studio.drawing import design_drawing
@@ -88,7 +88,7 @@ def preview(spec: DesignSpec) -> str | None:
             return design_drawing(layout, spec, "preview").model_dump_json()
         return design_drawing(faceted_parabola(spec), spec, "parabola").model_dump_json()
     except InputError:
-        return None  # such as where a working depth is nearer than the mirrors: nothing to show
+        return None  # for example, a working depth nearer than the mirrors
 
 
 def report(layout: Layout, parabola: Layout | None) -> str:
@@ -99,7 +99,7 @@ def report(layout: Layout, parabola: Layout | None) -> str:
     assert layout.spec is not None
     try:
         built, not_built = study(layout, Tolerances.hobby(), sorted(layout.spec.depths_mm)), ""
-    except InputError as error:  # the report has all the rest
+    except InputError as error:  # the report is written without the study
         built, not_built = None, str(error)
     return design_report(layout, parabola, design_pictures(layout, parabola, built), not_built=not_built)
 
@@ -109,10 +109,10 @@ _suggestions: list[Iterator[SuggestedRequest]] = []
 
 
 def begin_suggestions(spec: DesignSpec, constraint: str, finding: str) -> None:
-    """Begin to look for requests near one that was refused; this process answers `next_suggestion` from then on."""
+    """Begin a search for feasible requests near a refused one, which `next_suggestion` continues."""
     from mirrorcam.optics.design.suggestions import suggestions
 
-    found = suggestions(spec, InfeasibleDesign(constraint, finding), beside(_partner()))
+    found = suggestions(spec, InfeasibleDesign(constraint, finding), in_parallel(_partner()))
     _suggestions[:] = [
         (
             SuggestedRequest(text=change_text(spec, each.spec, each.parameter), spec=each.spec.model_dump(mode="json"))
@@ -122,12 +122,12 @@ def begin_suggestions(spec: DesignSpec, constraint: str, finding: str) -> None:
 
 
 def next_suggestion() -> SuggestedRequest | None:
-    """The next request that can be met; None where there is no other, or no search."""
+    """The next feasible request; None at the end, or without a search."""
     return next(_suggestions[0], None) if _suggestions else None
 
 
 def tolerance(layout: Layout) -> ToleranceBars:
-    """What devices built by hand can be expected to reach, by this process at low priority."""
+    """Expected figures of devices built by hand, computed at low priority."""
     at_low_priority()
     from mirrorcam.studio.drawing import tolerance_bars
 
@@ -135,6 +135,6 @@ def tolerance(layout: Layout) -> ToleranceBars:
 
 
 def at_low_priority() -> None:
-    """Lower this process's priority below the processes that a person waits for."""
+    """Lower the priority of this process below those of the user's requests."""
     if sys.platform != "win32":
         os.setpriority(os.PRIO_PROCESS, 0, LOW_PRIORITY)

@@ -1,4 +1,4 @@
-"""Designs that a page requests: solved, kept, previewed and replaced by others near them, by processes of their own."""
+"""Designs requested by pages: solved, stored, previewed, and feasible alternatives, each in worker processes."""
 
 from __future__ import annotations
 
@@ -28,26 +28,26 @@ class Advisor:
         self._turns = Turns(self._process.kill)
 
     def suggestions(self, spec: DesignSpec, refused: RefusedDesign, asker: Asker) -> Iterator[SuggestedRequest]:
-        """Requests near a refused one that can be met, as they are found, until the search is ended."""
+        """Yield feasible requests near a refused one until the search is ended."""
         try:
             with self._turns.turn(asker, spec), self._searching():
                 self._process.call(design_work.begin_suggestions, spec, refused.constraint, refused.finding)
                 while not asker.gone and (found := self._process.call(design_work.next_suggestion)) is not None:
                     yield found
         except (Superseded, WorkerDied):
-            return  # as the search was ended
+            return  # the search was ended
 
     def end_search(self, asker: Asker) -> None:
-        """End the search of a page, which has another request."""
+        """End the search of a page that has a new request."""
         self._turns.give_up_earlier(asker, None)
 
     def leave(self, asker: Asker) -> None:
-        """End a search that its page has ended."""
+        """End a search that its page cancelled."""
         self._turns.leave(asker)
 
     @contextmanager
     def _searching(self) -> Iterator[None]:
-        """End the process where a search is not read to its end: it works ahead."""
+        """Kill the process if a search is abandoned, as it works ahead."""
         try:
             yield
         except GeneratorExit:
@@ -65,8 +65,8 @@ MOST_KEPT = 300
 class Designer:
     """Solves the newest request of each page in turn, and previews others meanwhile; any thread may call.
 
-    Solved designs are kept, so that returning to one is immediate, and previews interpolate between them. While
-    idle, a process of low priority solves the last preview, then requests near the newest.
+    Solved designs are kept: returning to one is immediate, and previews interpolate between them. While idle, a
+    low-priority process solves the last preview, then requests near the newest.
     """
 
     def __init__(self) -> None:
@@ -80,7 +80,7 @@ class Designer:
         self._over = False
 
     def start(self) -> None:
-        """Start what the first request needs ahead of it; other processes start when they are needed."""
+        """Start the processes for the first request in advance; others start when needed."""
         for process in (self._previewer, self._solver):
             process.start()
         self._look_ahead.start()
@@ -93,23 +93,23 @@ class Designer:
             each.close()
 
     def keep(self, spec: DesignSpec, layout: Layout) -> None:
-        """Take a design that was solved before, such as an opened file's."""
+        """Add a solved design, such as an opened file's."""
         self._keep(spec, self._previewer.call(design_work.described, spec, layout))
 
     def offer(self, stored: Mapping[DesignSpec, Path]) -> None:
-        """Take the files of layouts that were solved before, such as of a sweep: each is read when it is asked for."""
+        """Add files of solved layouts, such as a sweep's; each is read when it is requested."""
         self._stored = dict(stored)
 
     def solve(self, spec: DesignSpec, asker: Asker | None = None) -> Found:
-        """The exact design of a request, once it is the turn of its page.
+        """Solve a request exactly, when it is the turn of its page.
 
-        A page that asks for another design ends the solution of its earlier one, whose call raises Superseded. Raises
-        InputError where the process that solves it dies.
+        A page's new request ends the solution of its earlier one, whose call raises Superseded. Raises InputError if
+        the process that solves it dies.
         """
         asker = asker or Asker()
         if spec in self._stored and spec not in self._kept:
             self.keep(spec, Layout.load(self._stored[spec]))
-        self._advisor.end_search(asker)  # for a request that is no longer looked at
+        self._advisor.end_search(asker)  # for an abandoned request
         found = self._kept.get(spec)
         if found is None:
             with self._solutions.turn(asker, spec):
@@ -120,7 +120,7 @@ class Designer:
         return found
 
     def leave(self, asker: Asker) -> None:
-        """Give up a request that its page has ended."""
+        """Cancel a request that its page abandoned."""
         self._solutions.leave(asker)
         self._studies.leave(asker)
         self._advisor.leave(asker)
@@ -145,7 +145,7 @@ class Designer:
             self._previewer.call(design_work.remember, found.layout)
 
     def preview(self, spec: DesignSpec) -> str | None:
-        """An approximate drawing of a request's design, at once, as JSON; None where no preview exists."""
+        """An immediate, approximate drawing of a request's design, as JSON; None without a preview."""
         found = self._kept.get(spec)
         if isinstance(found, SolvedDesign):
             return found.drawing.model_dump_json()
@@ -154,17 +154,17 @@ class Designer:
         return drawing
 
     def solved(self, spec: DesignSpec) -> SolvedDesign:
-        """The design of a request that was solved. Raises InputError for another."""
+        """The design of a solved request. Raises InputError for others."""
         found = self._kept.get(spec)
         if not isinstance(found, SolvedDesign):
             raise InputError("this design is not solved, expected one that is")
         return found
 
     def tolerance(self, spec: DesignSpec, asker: Asker | None = None) -> ToleranceBars:
-        """What devices of a solved design can be expected to reach, which takes seconds.
+        """Expected figures of devices as built, for a solved design; takes seconds.
 
-        Raises InputError for a design that is not solved, or that cannot be built so, and Superseded where the page has
-        requested another design meanwhile.
+        Raises InputError for a design that is not solved, or cannot be built with these tolerances, and Superseded if
+        the page has requested another design meanwhile.
         """
         asker, layout = asker or Asker(), self.solved(spec).layout
         with self._studies.turn(asker, spec):
@@ -186,26 +186,26 @@ class Designer:
             raise
 
     def suggestions(self, spec: DesignSpec, asker: Asker | None = None) -> Iterator[SuggestedRequest]:
-        """Requests near a refused one that can be met, as they are found, until its page has another request.
+        """Yield feasible requests near a refused one until its page has a new request.
 
         Raises InputError for a request that was not refused.
         """
         refused = self._kept.get(spec)
         if not isinstance(refused, RefusedDesign) or not refused.constraint:
-            raise InputError("this design was not refused, expected one that cannot be")
+            raise InputError("this design was not refused, expected a refused one")
         return self._advisor.suggestions(spec, refused, asker or Asker())
 
     def frame(self, spec: DesignSpec, subject: Subject) -> Frame:
-        """A frame that a solved design would see. Raises InputError where there is no room for the subject."""
+        """A simulated frame of a solved design. Raises InputError if there is no room for the subject."""
         picture: Frame = self._painter.call(sight_work.frame, self.solved(spec).layout, subject)
         return picture
 
     def decoded(self, spec: DesignSpec, subject: Subject) -> Decoded:
-        """Views, a refocused picture and depth of such a frame. Raises InputError where views share nothing."""
+        """Views, a refocused picture and depth of such a frame. Raises InputError if the views have no common field."""
         pictures: Decoded = self._painter.call(sight_work.decoded, self.solved(spec).layout, subject)
         return pictures
 
     def refocused(self, spec: DesignSpec, subject: Subject, depth_mm: float) -> Frame:
-        """All views in focus at a depth. Raises InputError unless this design was `decoded` lately."""
+        """The picture focused at a depth. Raises InputError unless this design was `decoded` recently."""
         picture: Frame = self._painter.call(sight_work.refocused, self.solved(spec).layout, subject, depth_mm)
         return picture

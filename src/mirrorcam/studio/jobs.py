@@ -1,4 +1,4 @@
-"""The folder of a design that a page makes, and the commands that it starts there: their progress and results."""
+"""Folders of a page's designs, and the commands started there: their progress and results."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ NAME = re.compile(r"[\w.-]{1,100}")
 
 
 def folder_name(layout: Layout) -> str:
-    """The name of a design's folder: the same design has the same one."""
+    """The name of a design's folder, which depends only on the design."""
     return f"{layout.arrangement.text.replace(' ', '')}-{layout.identity[:8]}"
 
 
 def write_folder(root: Path, layout: Layout) -> str:
-    """Write layout.json and design.toml of a design below `root`, unless they are there; returns the folder's name."""
+    """Write missing layout.json and design.toml of a design below `root`; returns the folder's name."""
     name = folder_name(layout)
     folder = root / name
     if layout.spec is None:
@@ -44,7 +44,7 @@ def write_folder(root: Path, layout: Layout) -> str:
 def zipped(root: Path, name: str) -> Path:
     """A ZIP file of a folder below `root`, in the system's folder for temporary files.
 
-    The same files give the same bytes. Raises InputError for a folder that is not there or leads out of `root`.
+    The same files give the same bytes. Raises InputError for a folder that does not exist or is outside `root`.
     """
     parts = name.split("/")
     folder = root.joinpath(*parts)
@@ -68,7 +68,7 @@ FRAMES = 12
 
 
 class JobReport(Value):
-    """What a page shows of a job; `progress` is from 0 to 1, null where it is not known."""
+    """State of a job for a page; `progress` is from 0 to 1, null if unknown."""
 
     number: int
     kind: JobKind
@@ -79,7 +79,7 @@ class JobReport(Value):
     progress: float | None
     lines: list[str]
     page: str
-    """The result to open, below the address of files; empty where there is none (yet)."""
+    """The result to open, below the address of files; empty without one."""
     folder: str
     bytes: int
     """Size of the files in it once the job has ended; 0 before."""
@@ -95,9 +95,9 @@ class Plan:
 
 
 def plans(folder: Path, adapter: Adapter = "none") -> dict[JobKind, Plan]:
-    """What can be made of the design in a folder, which holds its layout.json and design.toml.
+    """The jobs for a design in a folder with its layout.json and design.toml.
 
-    `adapter` is the kind of what carries the device.
+    `adapter` is the kind of the device's back.
     """
     layout, carried = str(folder / "layout.json"), ("--adapter", adapter)
     return {
@@ -126,7 +126,7 @@ class _Job:
 
 
 class Jobs:
-    """The jobs of a studio, below one folder; one works at a time on each design, any number are remembered."""
+    """The jobs of a studio, below one folder; one runs at a time for each design and kind."""
 
     def __init__(self, root: Path) -> None:
         self.root = root
@@ -134,9 +134,9 @@ class Jobs:
         self._lock = threading.Lock()
 
     def start(self, kind: JobKind, design: str, adapter: Adapter = "none") -> JobReport:
-        """Start what makes `kind` of the design in the folder of this name, for what carries the device.
+        """Start a job of a kind for the design in the folder of this name, with a kind of back.
 
-        Raises InputError where one works there.
+        Raises InputError if such a job runs already.
         """
         plan = plans(self.root / design, adapter)[kind]
         with self._lock:
@@ -154,7 +154,7 @@ class Jobs:
         return [self._report(job) for job in reversed(jobs)]
 
     def cancel(self, number: int) -> None:
-        """Let a job end as Ctrl-C would: finished files stay. Raises InputError for one that is not there."""
+        """Interrupt a job as Ctrl-C would: finished files stay. Raises InputError for an unknown job."""
         job = self._jobs.get(number)
         if job is None:
             raise InputError(f"job {number}: not known")
@@ -189,7 +189,7 @@ class Jobs:
 
 
 def bytes_of(folder: Path) -> int:
-    """Size of all files in a folder; 0 where there is none."""
+    """Size of all files in a folder; 0 without one."""
     return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
 
 

@@ -28,11 +28,11 @@ from mirrorcam.core.values import Value
 
 LOOPBACK = "127.0.0.1"
 ENDING_S = 2
-"""Time that pending answers have at shutdown."""
+"""Time for pending answers at shutdown."""
 
 
 class _Protocol(H11Protocol):
-    """HTTP of one connection. What is no HTTP ends it without a further answer; one that has begun breaks off.
+    """HTTP of one connection. Invalid HTTP closes it without a further answer, even during one.
 
     Without this, uvicorn answers 400 in the middle of another answer, or the application answers after the 400.
     """
@@ -49,7 +49,7 @@ class _Protocol(H11Protocol):
 
 
 class _Server(uvicorn.Server):
-    """A server that ends what it waits for before it waits."""
+    """A server that calls `end` before it waits for pending answers."""
 
     def __init__(self, config: uvicorn.Config, end: Callable[[], None]) -> None:
         super().__init__(config)
@@ -61,7 +61,7 @@ class _Server(uvicorn.Server):
 
 
 def listening_socket(port: int) -> socket.socket:
-    """A socket on the loopback address, at any free port for 0. Raises InputError for one that is taken."""
+    """A socket on the loopback address; port 0 chooses a free one. Raises InputError for a port in use."""
     # With the protocol stated, asyncio sends at once; else the body of an answer waits 40 ms for its head to arrive.
     listening = socket.socket(socket.AF_INET, socket.SOCK_STREAM, socket.IPPROTO_TCP)
     listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -79,7 +79,7 @@ def run_server(
     listening: socket.socket,
     *,
     browser: bool,
-    tell: Callable[[str], None],
+    on_note: Callable[[str], None],
     end: Callable[[], None],
 ) -> None:
     """Serve until Ctrl-C; `end` is called after the last request, before the wait for pending answers."""
@@ -87,30 +87,30 @@ def run_server(
     config = uvicorn.Config(
         app, http=_Protocol, ws="none", log_level="error", timeout_graceful_shutdown=ENDING_S, server_header=False
     )
-    tell(f"{address} (Ctrl-C ends it)")
+    on_note(f"{address} (Ctrl-C ends it)")
     if browser:
         webbrowser.open(address)
     try:
         _Server(config, end).run(sockets=[listening])
-    except KeyboardInterrupt:  # of uvicorn, which has ended by then
-        tell("ended")
+    except KeyboardInterrupt:  # from uvicorn, which has ended
+        on_note("ended")
 
 
 HOSTS = ("127.0.0.1", "localhost", "[::1]")
 LARGEST_BODY_BYTES = 2_000_000
 LONGEST_LENGTH = 20
-"""Digits of a stated length that are read as a number."""
+"""Most digits of a Content-Length that is parsed."""
 FILES = "/files"
-"""Where the pages of built devices are, which carry their scripts and styles in themselves."""
+"""Path of the pages of built devices, whose scripts and styles are inline."""
 _ALONE = "default-src 'none'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'; "
 
 
 class LocalAccess:
     """Refuses requests for other hosts' names and from other sites' pages, and bodies that are too large.
 
-    A page of another site that a browser shows could otherwise talk to this machine: by a name that leads here (the
-    Host is that name then), or by a form or a script (the Origin is that site then). Answers tell the browser to fetch
-    nothing from other origins and to run only the page's scripts.
+    Otherwise, a page of another site could reach this server: by a name that resolves to it (the Host is then that
+    name), or by a form or a script (the Origin is then that site). Answers forbid the browser to fetch from other
+    origins and to run scripts other than the page's.
     """
 
     def __init__(self, app: ASGIApp, port: int) -> None:
@@ -192,10 +192,10 @@ def _limited(receive: Receive) -> Receive:
     return limited
 
 
-Asked = TypeVar("Asked", bound=Value)
+Body = TypeVar("Body", bound=Value)
 
 
-async def asked(model: type[Asked], request: Request) -> Asked:
+async def posted(model: type[Body], request: Request) -> Body:
     """The value in the body of a request, as JSON. Raises InputError for another.
 
     It is parsed in a thread, so that other requests are answered meanwhile; `LocalAccess` bounds the body's size.
@@ -203,7 +203,7 @@ async def asked(model: type[Asked], request: Request) -> Asked:
     return await run_in_threadpool(_value, model, await request.body())
 
 
-def _value(model: type[Asked], body: bytes) -> Asked:
+def _value(model: type[Body], body: bytes) -> Body:
     return validated(model, json_value(body))
 
 

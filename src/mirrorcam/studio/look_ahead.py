@@ -1,4 +1,4 @@
-"""Designs that a page may request next, solved before it does."""
+"""Solve designs that a page may request next."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from mirrorcam.studio import design_work
 from mirrorcam.studio.design_values import Found
 
 MOST_MIRRORS = 25
-"""Designs of more mirrors take too long to be solved on suspicion."""
+"""Designs of more mirrors take too long to solve speculatively."""
 
 Change = Callable[[DesignSpec], dict[str, Any]]
 
@@ -40,7 +40,7 @@ CHANGES: tuple[Change, ...] = (
 
 
 def nearby_requests(spec: DesignSpec) -> list[DesignSpec]:
-    """Requests one step from this one, the likeliest first, for designs small enough to solve in a few seconds."""
+    """Requests one step from this one, likeliest first, for designs that solve in a few seconds."""
     found = []
     for change in CHANGES:
         fields = change(spec)
@@ -49,7 +49,7 @@ def nearby_requests(spec: DesignSpec) -> list[DesignSpec]:
         try:
             other = spec.replaced(**fields)
         except InvalidValue:
-            continue  # beyond what a request can hold, such as no rows
+            continue  # outside the limits of a request, such as no rows
         if len(other.arrangement.steps) <= MOST_MIRRORS:
             found.append(other)
     return found
@@ -59,18 +59,18 @@ _log = logging.getLogger(__name__)
 
 
 class LookAhead:
-    """Solves requests in the order that they are wished for; any thread may call.
+    """Solves wished-for requests in order; any thread may call.
 
     A request that fails is logged as an error, and the next one follows.
 
     Parameters
     ----------
     known
-        Whether a request needs no solution any more.
+        Returns whether a request is solved already.
     keep
-        Takes the solution of a request, in a thread of this object.
+        Called with the solution of a request, in a thread of this object.
     solve
-        A function of a module, which a process can be sent.
+        A module-level function, which can be sent to a process.
     """
 
     def __init__(
@@ -119,12 +119,12 @@ class LookAhead:
             try:
                 self._process.call(design_work.at_low_priority)
                 self._keep(spec, self._process.call(self._solve, spec))
-            except Exception:  # of this request alone: the thread continues with the next
+            except Exception:  # the thread continues with the next request
                 if not self._over:
                     _log.exception("this request is not solved ahead: %r", spec)
 
     def _next(self) -> DesignSpec | None:
-        """The first wish that is not known, once there is one; None at the end."""
+        """Wait for the first unsolved wish; None at the end."""
         with self._changed:
             while not self._over:
                 while self._wishes and not self._pauses:

@@ -38,19 +38,19 @@ def opened(path: Path | None) -> Opening:
     return Opening(spec, layout if layout is not None and layout.verdict and layout.kind == "nominal" else None)
 
 
-def serve(opening: Opening, *, port: int, out: Path, browser: bool, tell: Callable[[str], None]) -> int:
+def serve(opening: Opening, *, port: int, out: Path, browser: bool, on_note: Callable[[str], None]) -> int:
     """Serve until Ctrl-C; returns 0. Raises InputError for a port that is taken."""
     designer = Designer()
     try:
         designer.start()
-        _serve(opening, designer, port, out, browser=browser, tell=tell)
+        _serve(opening, designer, port, out, browser=browser, on_note=on_note)
     finally:
         designer.close()
     return 0
 
 
 def _serve(
-    opening: Opening, designer: Designer, port: int, out: Path, *, browser: bool, tell: Callable[[str], None]
+    opening: Opening, designer: Designer, port: int, out: Path, *, browser: bool, on_note: Callable[[str], None]
 ) -> None:
     # Loaded while the processes of the designer load what they need.
     from mirrorcam.studio.jobs import Jobs
@@ -66,6 +66,6 @@ def _serve(
     jobs = Jobs(out)
     app = studio_app(start, designer, jobs, listening.getsockname()[1])
     try:
-        run_server(app, listening, browser=browser, tell=tell, end=designer.close)
+        run_server(app, listening, browser=browser, on_note=on_note, end=designer.close)
     finally:
         jobs.close()

@@ -28,7 +28,7 @@ from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.studio.design_values import SolvedDesign
 from mirrorcam.studio.designer import Designer
 from mirrorcam.studio.jobs import JobKind, Jobs, write_folder, zipped
-from mirrorcam.studio.local_server import FILES, REFUSALS, LocalAccess, ServedFiles, asked
+from mirrorcam.studio.local_server import FILES, REFUSALS, LocalAccess, ServedFiles, posted
 from mirrorcam.studio.page import PageStart, studio_page
 from mirrorcam.studio.sight_work import Subject
 from mirrorcam.studio.turns import Asker, Superseded
@@ -69,7 +69,7 @@ class DesignAnswers:
         self._designer = designer
 
     async def preview(self, request: Request) -> Response:
-        drawing = await run_in_threadpool(self._designer.preview, await asked(DesignSpec, request))
+        drawing = await run_in_threadpool(self._designer.preview, await posted(DesignSpec, request))
         return Response(f'{{"drawing": {drawing or "null"}}}', media_type="application/json")
 
     async def design(self, request: Request) -> Response:
@@ -90,7 +90,7 @@ class DesignAnswers:
 
     async def suggestions(self, request: Request) -> Response:
         asker = _asker(request)
-        found = self._designer.suggestions(await asked(DesignSpec, request), asker)
+        found = self._designer.suggestions(await posted(DesignSpec, request), asker)
 
         async def lines() -> AsyncIterator[str]:
             async with self._attended(request, asker):
@@ -104,38 +104,38 @@ class DesignAnswers:
         return _json(bars.model_dump(mode="json"))
 
     async def frame(self, request: Request) -> Response:
-        wanted = await asked(SightRequest, request)
+        wanted = await posted(SightRequest, request)
         picture = await run_in_threadpool(self._designer.frame, wanted.spec, wanted.subject)
         return _json(picture.model_dump(mode="json"))
 
     async def decoded(self, request: Request) -> Response:
-        wanted = await asked(SightRequest, request)
+        wanted = await posted(SightRequest, request)
         pictures = await run_in_threadpool(self._designer.decoded, wanted.spec, wanted.subject)
         return _json(pictures.model_dump(mode="json"))
 
     async def refocused(self, request: Request) -> Response:
-        wanted = await asked(SightRequest, request)
+        wanted = await posted(SightRequest, request)
         picture = await run_in_threadpool(self._designer.refocused, wanted.spec, wanted.subject, wanted.depth_mm)
         return _json(picture.model_dump(mode="json"))
 
     async def report(self, request: Request) -> Response:
-        return PlainTextResponse(await run_in_threadpool(self._designer.report, await asked(DesignSpec, request)))
+        return PlainTextResponse(await run_in_threadpool(self._designer.report, await posted(DesignSpec, request)))
 
     async def layout(self, request: Request) -> Response:
-        return PlainTextResponse(self._designer.solved(await asked(DesignSpec, request)).layout.text())
+        return PlainTextResponse(self._designer.solved(await posted(DesignSpec, request)).layout.text())
 
     async def toml(self, request: Request) -> Response:
-        return PlainTextResponse(request_toml(await asked(DesignSpec, request)))
+        return PlainTextResponse(request_toml(await posted(DesignSpec, request)))
 
     async def opened(self, request: Request) -> Response:
-        file = await asked(Opened, request)
+        file = await posted(Opened, request)
         opened = await run_in_threadpool(request_of, Path(PurePath(file.name).name), file.text.encode())
         return _json(opened.spec.model_dump(mode="json"))
 
     async def _solved(self, request: Request, work: Callable[[DesignSpec, Asker], Result]) -> Result:
         """The result of work on the design of a request."""
         asker = _asker(request)  # first, as a later request may be parsed sooner
-        spec = await asked(DesignSpec, request)
+        spec = await posted(DesignSpec, request)
         async with self._attended(request, asker):
             return await run_in_threadpool(work, spec, asker)
 
@@ -179,7 +179,7 @@ class JobAnswers:
         self._designer, self._jobs = designer, jobs
 
     async def start(self, request: Request) -> Response:
-        wanted = await asked(JobRequest, request)
+        wanted = await posted(JobRequest, request)
         layout = self._designer.solved(wanted.spec).layout
         name = await run_in_threadpool(write_folder, self._jobs.root, layout)
         return _json(self._jobs.start(wanted.kind, name, wanted.adapter).model_dump(mode="json"))

@@ -50,7 +50,7 @@ def studio(
     require("studio")
     from mirrorcam.studio.serve import opened, serve
 
-    return serve(opened(design), port=port, out=out, browser=not no_browser, tell=lambda text: say("studio", text))
+    return serve(opened(design), port=port, out=out, browser=not no_browser, on_note=lambda text: say("studio", text))
 
 
 def _snapshot(design: Path | None, path: Path, *, force: bool) -> int:

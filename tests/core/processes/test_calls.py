@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from mirrorcam.core.errors import InputError
-from mirrorcam.core.processes.calls import Call, Calls, beside, in_turn
+from mirrorcam.core.processes.calls import Call, Calls, in_parallel, in_turn
 from mirrorcam.core.processes.worker_process import WorkerProcess
 from tests.core.processes.processes import ended, first_line
 
@@ -25,9 +25,9 @@ def worker() -> Iterator[WorkerProcess]:
     assert multiprocessing.active_children() == []
 
 
-@pytest.fixture(params=["in turn", "beside"])
+@pytest.fixture(params=["in turn", "in parallel"])
 def calls(request: pytest.FixtureRequest, worker: WorkerProcess) -> Calls:
-    return in_turn if request.param == "in turn" else beside(worker)
+    return in_turn if request.param == "in turn" else in_parallel(worker)
 
 
 def refuse(name: str) -> None:
@@ -70,25 +70,25 @@ def test_calls_in_turn_are_made_when_they_are_asked_for(tmp_path: Path) -> None:
 
 
 def test_two_are_made_at_the_same_time_in_two_processes(worker: WorkerProcess, tmp_path: Path) -> None:
-    first, second = beside(worker)([(first_line, (tmp_path / "1",)), (noted, (tmp_path / "1",))])
+    first, second = in_parallel(worker)([(first_line, (tmp_path / "1",)), (noted, (tmp_path / "1",))])
     assert first == str(second)
     assert second != os.getpid()
 
 
 def test_all_that_the_worker_has_no_time_for_is_made_here(worker: WorkerProcess, tmp_path: Path) -> None:
     asked: list[Call] = [(noted, (tmp_path / f"{number}",)) for number in range(4)]
-    found = list(beside(worker)([*asked, (first_line, (tmp_path / "3",))]))
+    found = list(in_parallel(worker)([*asked, (first_line, (tmp_path / "3",))]))
     assert found == [os.getpid()] * 4 + [str(os.getpid())]
 
 
 def test_a_call_of_which_the_worker_dies_is_made_here(worker: WorkerProcess) -> None:
     here = os.getpid()
-    assert list(beside(worker)([(killed_elsewhere, (here,))] * 3)) == [here] * 3
+    assert list(in_parallel(worker)([(killed_elsewhere, (here,))] * 3)) == [here] * 3
 
 
 def test_what_nobody_wants_any_more_is_not_waited_for(worker: WorkerProcess, tmp_path: Path) -> None:
-    answers = beside(worker)([(first_line, (tmp_path / "1",)), (noted, (tmp_path / "1", 300.0))])
+    answers = in_parallel(worker)([(first_line, (tmp_path / "1",)), (noted, (tmp_path / "1", 300.0))])
     number = int(next(answers))
     answers.close()
     assert ended(number)
-    assert list(beside(worker)([(pow, (2, 5)), (pow, (2, 6))])) == [32, 64]
+    assert list(in_parallel(worker)([(pow, (2, 5)), (pow, (2, 6))])) == [32, 64]

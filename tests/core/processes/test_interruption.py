@@ -28,11 +28,11 @@ def test_a_swallowed_interruption_is_raised_at_the_next_check() -> None:
 def test_signals_are_told_apart_and_one_sent_twice_is_one(number: signal.Signals) -> None:
     before = signal.getsignal(number)
     with interruption.remembered():
-        assert interruption.asked() is None
+        assert interruption.requested() is None
         with pytest.raises(KeyboardInterrupt):
             signal.raise_signal(number)
         signal.raise_signal(number)
-    assert interruption.asked() == number
+    assert interruption.requested() == number
     assert signal.getsignal(number) is before
 
 

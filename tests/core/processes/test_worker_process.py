@@ -131,7 +131,7 @@ def test_a_kill_is_of_the_call_that_is_made_not_of_those_that_wait(worker: Worke
 
 
 def test_an_answer_that_nothing_asks_for_is_refused(worker: WorkerProcess) -> None:
-    with pytest.raises(ValueError, match="nothing was sent"):
+    with pytest.raises(ValueError, match="no call was sent"):
         worker.answer()
 
 

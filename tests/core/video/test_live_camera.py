@@ -148,7 +148,7 @@ def test_a_camera_that_is_unplugged_and_comes_back_goes_on() -> None:
     off = threading.Event()
     off.set()
     connect = shows(forever(map(numbered, range(3)), off), None, None, forever(map(numbered, range(3, 6)), over))
-    camera = LiveCamera("camera 0", connect, 4, 3, tell=lines.append, retry_s=0.02)
+    camera = LiveCamera("camera 0", connect, 4, 3, on_note=lines.append, retry_s=0.02)
     frames = camera.frames()
     found = [next(frames) for _ in range(6)]
     over.set()

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mirrorcam.core.errors import InputError
-from mirrorcam.core.processes.calls import beside
+from mirrorcam.core.processes.calls import in_parallel
 from mirrorcam.core.processes.worker_process import WorkerProcess
 from mirrorcam.optics.design.assess.as_built_views import built_views
 from mirrorcam.optics.design.assess.chief_rays import blocked_light
@@ -349,7 +349,7 @@ def test_searches_in_two_processes_find_the_same_bytes(objective: str) -> None:
     spec = DesignSpec.model_validate({"rows": 1, "cols": 2, "objective": objective})
     worker = WorkerProcess(preload=["mirrorcam.optics.design.optimise"])
     try:
-        elsewhere = design(spec, beside(worker))
+        elsewhere = design(spec, in_parallel(worker))
     finally:
         worker.kill()
     assert elsewhere.model_dump_json() == designed(spec).model_dump_json()

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mirrorcam.core.processes.calls import Call, beside
+from mirrorcam.core.processes.calls import Call, in_parallel
 from mirrorcam.core.processes.worker_process import WorkerProcess
 from mirrorcam.optics.design.assess.verify import verify
 from mirrorcam.optics.design.optimise import design
@@ -89,7 +89,7 @@ def test_fewer_mirrors_and_another_fold_also_help() -> None:
 def test_they_are_the_same_in_two_processes() -> None:
     worker = WorkerProcess(preload=["mirrorcam.optics.design.suggestions"])
     try:
-        elsewhere = nearest_feasible(spec_of("size"), refusal("size"), beside(worker))
+        elsewhere = nearest_feasible(spec_of("size"), refusal("size"), in_parallel(worker))
     finally:
         worker.kill()
     assert [s.layout.model_dump_json() for s in elsewhere] == [s.layout.model_dump_json() for s in found("size")]

@@ -166,8 +166,8 @@ def test_a_camera_is_recorded_at_its_rate_however_slow_pictures_are(
             yield Seen(shown[number % len(shown)], number / 60.0)
         time.sleep(60.0)
 
-    def opened(text: str, wanted: Camera, tell: Callable[[str], None]) -> LiveSource:
-        camera = LiveCamera("camera 0", lambda: Connection(pictures()), WIDTH_PX, HEIGHT_PX, tell=tell)
+    def opened(text: str, wanted: Camera, on_note: Callable[[str], None]) -> LiveSource:
+        camera = LiveCamera("camera 0", lambda: Connection(pictures()), WIDTH_PX, HEIGHT_PX, on_note=on_note)
         return LiveSource(camera, "camera 0", "camera")
 
     monkeypatch.setattr(live_session, "open_source", opened)
@@ -217,8 +217,8 @@ def test_a_camera_that_goes_is_waited_for_and_counted(request_: LiveRequest, mon
 
         return Connection(pictures())
 
-    def opened(text: str, wanted: Camera, tell: Callable[[str], None]) -> LiveSource:
-        camera = LiveCamera("camera 0", connect, WIDTH_PX, HEIGHT_PX, tell=tell, retry_s=0.02, waiting=1)
+    def opened(text: str, wanted: Camera, on_note: Callable[[str], None]) -> LiveSource:
+        camera = LiveCamera("camera 0", connect, WIDTH_PX, HEIGHT_PX, on_note=on_note, retry_s=0.02, waiting=1)
         return LiveSource(camera, "camera 0", "camera")
 
     monkeypatch.setattr(live_session, "open_source", opened)

@@ -43,7 +43,7 @@ def test_how_the_camera_sits_in_words() -> None:
     told = Alignment("edges", (), np.zeros(3), np.zeros(3), turn, sigma)
     assert camera_words(told) == "camera turned 0.2° left (±0.2°), 0.4° up (±0.1°), rolled 1.0° clockwise (±0.3°)"
     untold = Alignment("scene", (), np.zeros(3), np.zeros(3), np.full(3, np.nan), sigma)
-    assert camera_words(untold) == "cannot tell how the camera sits"
+    assert camera_words(untold) == "camera orientation not determined"
 
 
 def test_a_picture_without_the_board_gives_the_first_hint(tmp_path: Path, layout: Path) -> None:

@@ -38,11 +38,11 @@ def failing(function: Callable[..., object], *arguments: object) -> str:
     said: list[str] = []
     told = threading.Event()
 
-    def tell(line: str) -> None:
+    def on_note(line: str) -> None:
         said.append(line)
         told.set()
 
-    worker = LiveWorker("tests", lambda: worker.process.call(function, *arguments), tell)
+    worker = LiveWorker("tests", lambda: worker.process.call(function, *arguments), on_note)
     worker.start()
     assert told.wait(LONG_S)
     worker.close()

@@ -1,4 +1,4 @@
-"""The score of one calibration of one set: how far it is from the true device in what can be measured by it."""
+"""The score of one calibration of one set: its errors against the true device."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from mirrorcam import Layout
 from mirrorcam.bench.scores.consistency import Nees, nees
 from mirrorcam.bench.scores.gauge import Gauge, centre, gauges, score_points, shown_by_all, with_slopes
 from mirrorcam.bench.scores.matched_views import MatchedView, ViewsFile, matched_views
@@ -16,7 +17,6 @@ from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray, Metric
 from mirrorcam.optics.camera_files.camera_rig import CameraRig, PictureFlip
 from mirrorcam.optics.camera_files.write.virtual_cameras import view_name
-from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.transforms import transform
 
 MOST_STEPS, STEADY_MM = 50, 1e-10
@@ -25,7 +25,7 @@ MOST_POINTS = 400
 
 @dataclass(frozen=True, eq=False)
 class Triangulated:
-    """Points that all views show: the true ones (n, 3) in rig, mm, and those found, moved to the true rig."""
+    """Points visible in all views: true ones (n, 3) in rig, mm, and triangulated ones, aligned to the true rig."""
 
     true: FloatArray
     found: FloatArray
@@ -44,7 +44,7 @@ class Triangulated:
 
 
 def triangulated(gauge: Gauge, truth: Layout) -> Triangulated | None:
-    """Points of the working volume that all views show, and where their pixels meet by the calibration.
+    """Points of the working volume visible in all views, and their triangulation by the calibration.
 
     A point is where the sum of squares of its pixels' errors is least, as in a bundle adjustment. None where fewer than
     four points are shown by all, or there is one view.
@@ -86,7 +86,7 @@ P95 = 95.0
 
 @dataclass(frozen=True)
 class CalibrationScore:
-    """What one calibration of one set scores.
+    """The score of one calibration of one set.
 
     Attributes
     ----------
@@ -217,7 +217,7 @@ class _Errors:
         return cls(np.concatenate(errors), np.concatenate(mm), float(np.concatenate(shown).mean()))
 
     def figures(self, prefix: str = "") -> dict[str, Metric]:
-        """Root mean square, median, 95th percentile, largest, mm, bias, and the share of points that are shown."""
+        """RMS, median, 95th percentile and maximum, in px and mm, bias, and the share of visible points."""
         length = np.linalg.norm(self.pixels, axis=1)
         bias = self.pixels.mean(axis=0)
         found = {
@@ -261,7 +261,7 @@ def _view_figures(placed: Sequence[Gauge]) -> dict[str, Metric]:
 
 
 def _focal_errors(gauge: Gauge) -> dict[int, float]:
-    """Relative error, %, of the scale of each view's picture: px for a turn of the ray to the middle of the sub-image.
+    """Relative error, %, of the scale of each view's picture: px per rotation of the ray to the sub-image's centre.
 
     Of a pinhole, that is in proportion to the focal length. It needs no lens model, and so compares any with the truth.
     """
@@ -332,7 +332,7 @@ def _pose(view: MatchedView) -> FloatArray:
 
 
 def _triangulation(gauge: Gauge | None, truth: Layout, *, scaled: bool) -> tuple[dict[str, Metric], dict[str, str]]:
-    """Errors of points that all views show, and of the scale of what they make."""
+    """Errors of points visible in all views, and of their scale."""
     found = None if gauge is None else triangulated(gauge, truth)
     if found is None:
         return {}, dict.fromkeys(TRIANGULATION, NO_POSES if gauge is None else NOT_SEEN)

@@ -1,4 +1,4 @@
-"""Normalised estimation error squared (NEES): whether a calibration is as wrong as its covariance says.
+"""Normalised estimation error squared (NEES): whether the errors of a calibration match its covariance.
 
 After Bar-Shalom. The error is measured in pixels over the working volume, with the motion of the rig taken out of it as
 of what the covariance predicts, so that the gauge of a calibration does not matter. In the directions that the
@@ -19,6 +19,7 @@ from pydantic import Field
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
+from mirrorcam import Layout
 from mirrorcam.bench.scores.gauge import Gauge
 from mirrorcam.bench.scores.matched_views import MatchedView
 from mirrorcam.core.disk.files import LARGEST_LAYOUT_BYTES, read_model
@@ -27,7 +28,7 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.diagnostics.calibration_difference import without_motion
 from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import NEGLIGIBLE_PX, project_points
 from mirrorcam.optics.camera_files.camera_rig import CameraRig, ParametricProjection
-from mirrorcam.optics.geometry.layout import Layout, Uncertainty
+from mirrorcam.optics.geometry.layout import Uncertainty
 from mirrorcam.optics.geometry.transforms import rigid, transform
 
 SCHEMA = "mirrorcam.covariance/1"
@@ -44,7 +45,7 @@ class CovarianceFile(Uncertainty):
 
 
 def with_covariance(rig: CameraRig, path: Path) -> CameraRig:
-    """A calibration with the covariance of a file; raises InputError in one line for names that it does not have."""
+    """A calibration with the covariance of a file; raises InputError in one line for unknown names."""
     if rig.layout is not None:
         raise InputError(f"{path}: a layout.json contains its covariance, expected no other file for it")
     given = read_model(CovarianceFile, path, LARGEST_LAYOUT_BYTES)
@@ -60,7 +61,7 @@ def with_covariance(rig: CameraRig, path: Path) -> CameraRig:
 
 
 def checked_root(uncertainty: Uncertainty) -> FloatArray:
-    """A root (g, g) of the covariance, R R^T; raises InputError where it is not symmetric or has negative variances."""
+    """A square root R (g, g) of the covariance R R^T; raises InputError for asymmetry or negative variances."""
     covariance = uncertainty.covariance
     sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     if (np.diag(covariance) < 0.0).any() or np.abs(covariance - covariance.T).max(initial=0.0) > ASYMMETRY * max(
@@ -107,7 +108,7 @@ def _by_layout_parameters(layout: Layout, view: NDArray[np.int64], points_in_rig
 
 
 def _slope(view: MatchedView, parameter: str, points_in_rig: FloatArray) -> FloatArray:
-    """Derivatives (n, 2) of pixels by one parameter of one camera, by central differences; zero of one it has not."""
+    """Derivatives (n, 2) of pixels by one parameter of one camera, by central differences."""
     lens = view.camera.lens
     if parameter in POSE_NAMES:
         step = SMALLEST_STEP if parameter.endswith("rad") else POSE_STEP_MM
@@ -145,18 +146,18 @@ class Nees:
 
     @property
     def mean(self) -> float:
-        """For each degree of freedom: 1 where the covariance is right, larger where it is too small."""
+        """NEES per degree of freedom: 1 if the covariance is right, larger if it is too small."""
         return self.total / self.freedom
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Where `mean` is in 95 of 100 calibrations whose covariance is right."""
+        """95 % interval of `mean` if the covariance is right."""
         low, high = chi2.ppf([(1.0 - LEVEL) / 2.0, (1.0 + LEVEL) / 2.0], self.freedom) / self.freedom
         return float(low), float(high)
 
 
 def nees(gauges: Sequence[Gauge], rig: CameraRig) -> Nees | None:
-    """The NEES of a calibration; None without a covariance, or where it predicts no error at all."""
+    """The NEES of a calibration; None without a covariance, or if it predicts no error at all."""
     if rig.uncertainty is None:
         return None
     root = checked_root(rig.uncertainty)
@@ -173,7 +174,7 @@ def nees(gauges: Sequence[Gauge], rig: CameraRig) -> Nees | None:
 
 
 def _of(predicted: FloatArray, error: FloatArray) -> Nees | None:
-    """The NEES of errors (2n,) whose covariance is P P^T, P (2n, g), in the directions that it moves at all."""
+    """The NEES of errors (2n,) with covariance P P^T, P (2n, g), in the range of P."""
     along, sigmas, _ = np.linalg.svd(predicted, full_matrices=False)
     least = max(NEGLIGIBLE_PX * SMALLEST_SHARE * np.sqrt(len(error)), SMALLEST_SHARE * float(sigmas.max(initial=0.0)))
     kept = sigmas > least

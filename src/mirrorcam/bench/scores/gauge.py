@@ -1,4 +1,4 @@
-"""The gauge of a calibration: the motion from the true rig to its rig, which the device cannot measure."""
+"""The gauge of a calibration: the motion from the true rig to its rig, which no picture determines."""
 
 from __future__ import annotations
 
@@ -10,12 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 from shapely import Polygon, contains_xy
 
+from mirrorcam import Layout
 from mirrorcam.bench.scores.matched_views import MatchedView
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.diagnostics.calibration_difference import best_motion, by_motion
 from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import grid_px, points_at_pixels
-from mirrorcam.optics.geometry.layout import VOLUME, Layout
+from mirrorcam.optics.geometry.layout import VOLUME
 from mirrorcam.optics.geometry.transforms import rigid, transform
 
 STEP_MM = 1e-3
@@ -24,7 +25,7 @@ STEP_MM = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class ScorePoints:
-    """Points in the true rig, each as one view shows it.
+    """Points in the true rig, each visible in one view.
 
     Attributes
     ----------
@@ -84,7 +85,7 @@ def _shown_on_sensor(truth: Layout, view: int, pixels: FloatArray) -> NDArray[np
 
 
 def shown_by_all(truth: Layout, views: Sequence[int], points_in_rig: FloatArray) -> NDArray[np.bool_]:
-    """Which of points (n, 3) all the views show within their sub-images."""
+    """Mask of points (n, 3) that are within the sub-images of all views."""
     shown = np.ones(len(points_in_rig), dtype=bool)
     for view in views:
         pixels = truth.project(points_in_rig, view)
@@ -115,14 +116,14 @@ def project_each(
 
 
 UNLIKELY_SCALE = 20.0
-"""Cameras that lie this many times farther apart than the true ones are given in another unit."""
+"""Ratio of the cameras' distances to the true ones from which another unit is assumed."""
 SHOWN = 0.5
-"""Least share of its points that a view shows when its calibration is the right one, more or less."""
+"""Least share of visible points for a plausible calibration of a view."""
 
 
 @dataclass(frozen=True, eq=False)
 class Gauge:
-    """A group of views that one motion places.
+    """A group of views that share one motion.
 
     Attributes
     ----------
@@ -161,12 +162,12 @@ class Gauge:
 
     @property
     def scale(self) -> float:
-        """Length in the calibration's rig, about mm where it has no scale of its own, of a true mm."""
+        """Length in the calibration's rig of a true mm; about 1 if it has no scale."""
         return float(np.cbrt(abs(np.linalg.det(self.rig_from_true[:3, :3]))))
 
     @property
     def motion_columns(self) -> FloatArray:
-        """Derivatives (n, 2, 6 or 7) of the pixels by the motion, of points that are shown."""
+        """Derivatives (n, 2, 6 or 7) of visible points' pixels by the motion."""
         middle = self.points.points_in_rig - self.points.points_in_rig.mean(axis=0)
         lever_mm = float(np.linalg.norm(middle, axis=1).max())
         return by_motion(self.by_point, self.points.points_in_rig, lever_mm, scaled=self.scaled)
@@ -209,7 +210,7 @@ def _gauge(views: tuple[MatchedView, ...], points: ScorePoints, *, scaled: bool)
 
 
 def _in_mm(views: Sequence[MatchedView]) -> tuple[MatchedView, ...]:
-    """Views without a scale, about as far apart as the true ones."""
+    """Scale views of unknown scale to about the true distances."""
     factor = _factor(views)
     found = []
     for view in views:
@@ -220,7 +221,7 @@ def _in_mm(views: Sequence[MatchedView]) -> tuple[MatchedView, ...]:
 
 
 def _start(views: tuple[MatchedView, ...]) -> FloatArray:
-    """The motion by which one view's pose is exact, of the view with which the others agree best."""
+    """The motion that makes one view's pose exact, for the view that best fits the others."""
     factor = _factor(views)
     if max(factor, 1.0 / factor) > UNLIKELY_SCALE:
         raise InputError(
@@ -234,7 +235,7 @@ def _start(views: tuple[MatchedView, ...]) -> FloatArray:
 
 
 def _poses(views: Sequence[MatchedView]) -> tuple[list[FloatArray], list[FloatArray]]:
-    """Poses of the calibration, the identity of a view without one, and true ones."""
+    """Poses of the calibration, the identity for a view without one, and true poses."""
     own = [np.eye(4) if view.camera_from_rig is None else view.camera_from_rig for view in views]
     return own, [view.true_camera_from_rig for view in views]
 
@@ -245,7 +246,7 @@ def centre(camera_from_rig: FloatArray) -> FloatArray:
 
 
 def _factor(views: Sequence[MatchedView]) -> float:
-    """How many times as far apart the cameras lie as the true ones; 1 where there is one alone."""
+    """Ratio of the distances between cameras to the true ones; 1 for a single camera."""
     lengths, true_lengths = (
         np.linalg.norm(centres[:, None] - centres[None], axis=2)[np.triu_indices(len(centres), 1)]
         for centres in (np.array([centre(pose) for pose in some]) for some in _poses(views))

@@ -1,4 +1,4 @@
-"""Calibrators side by side: the score of each on each set, and over the sets that all of them scored."""
+"""Compare calibrators: the score of each on each set, and over the sets that all of them scored."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from mirrorcam.core.values import Metric, Value
 
 
 class TriedSet(Value):
-    """A set that a calibrator was tried on.
+    """A set on which a calibrator was run.
 
     Attributes
     ----------
@@ -40,24 +40,24 @@ class TriedSet(Value):
 
 
 class Attempt(TriedSet):
-    """A set that a calibrator was tried on, with the figures of its score; without any where there is none."""
+    """A set on which a calibrator was run, with the figures of its score, if any."""
 
     figures: dict[str, Metric]
 
 
 RANKED = "rms_px"
 MEANS = (RANKED, "rms_mm", "triangulation_rms_mm", "focal_error_rms_percent")
-"""Figures of which the mean over sets is compared."""
+"""Figures compared by their mean over sets."""
 WORST = "worst_view_rms_px"
-"""The figure of which the largest over sets is compared."""
+"""The figure compared by its maximum over sets."""
 NEES, LOW, HIGH, FREEDOM = "nees", "nees_low", "nees_high", "nees_freedom"
 LARGEST = 1e9
-"""No figure of a score is larger."""
+"""Largest accepted figure of a score."""
 HASH_CHARS = 6
 
 
 class BoardSet(Value):
-    """A set as the board names it: by its name, and a part of its checksum where others have that name, too."""
+    """Name of a set on the board, with a part of its checksum if another set has the same name."""
 
     name: Name
     why: Line
@@ -91,7 +91,7 @@ class BoardRow(Value):
 
     @property
     def tried(self) -> int:
-        """Number of sets that it was tried on."""
+        """Number of sets on which it was run."""
         return len(self.rms_px) + len(self.failures)
 
 
@@ -120,7 +120,7 @@ class Leaderboard(Value):
 def leaderboard(
     attempts: Mapping[str, Sequence[Attempt]], commands: Mapping[str, str], not_run: Mapping[str, str]
 ) -> Leaderboard:
-    """The board of calibrators by their names; raises InputError in one line where results do not fit together."""
+    """The board of calibrators by name; raises InputError in one line for inconsistent results."""
     sets = _sets(attempts)
     names = {each.dataset_sha256: each.name for each in sets}
     by_set = {name: _checked(name, tries, names) for name, tries in attempts.items()}
@@ -145,7 +145,7 @@ def leaderboard(
 
 
 def _sets(attempts: Mapping[str, Sequence[Attempt]]) -> tuple[BoardSet, ...]:
-    """The different sets, in the order in which they come."""
+    """The distinct sets, in order of first appearance."""
     found = {each.dataset_sha256: each for tries in attempts.values() for each in reversed(tries)}
     ordered = {each.dataset_sha256: found[each.dataset_sha256] for tries in attempts.values() for each in tries}
     called = Counter(each.name for each in ordered.values())
@@ -162,7 +162,7 @@ def _sets(attempts: Mapping[str, Sequence[Attempt]]) -> tuple[BoardSet, ...]:
 
 
 def _checked(calibrator: str, tries: Sequence[Attempt], names: Mapping[str, str]) -> dict[str, Attempt]:
-    """A calibrator's attempts by the names of the sets on the board; raises InputError for what cannot be one."""
+    """A calibrator's attempts by the names of the sets on the board; raises InputError for an invalid one."""
     found: dict[str, Attempt] = {}
     for attempt in tries:
         name = names[attempt.dataset_sha256]
@@ -255,14 +255,14 @@ def set_rows(board: Leaderboard) -> list[list[str]]:
 
 
 def set_text(row: BoardRow, name: str) -> str:
-    """What a calibrator has of a set."""
+    """A calibrator's result on a set, as text."""
     if name in row.rms_px:
         return _text(row.rms_px[name])
     return FAILED if name in row.failures else NOT_TRIED
 
 
 def reasons(board: Leaderboard) -> list[tuple[str, str, tuple[str, ...]]]:
-    """Calibrator, reason, and the sets that it failed on for this reason, each once."""
+    """Calibrator, reason, and the sets that failed for this reason, without duplicates."""
     found: dict[tuple[str, str], list[str]] = {}
     for row in board.rows:
         for name, why in row.failures.items():
@@ -271,7 +271,7 @@ def reasons(board: Leaderboard) -> list[tuple[str, str, tuple[str, ...]]]:
 
 
 def common_text(board: Leaderboard) -> str:
-    """Which sets are compared."""
+    """State which sets are compared."""
     if not board.common:
         return "No set was scored by all calibrators: only figures over own sets are given"
     return f"Common sets, scored by all calibrators that scored any: {', '.join(board.common)}"

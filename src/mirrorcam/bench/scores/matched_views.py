@@ -1,4 +1,4 @@
-"""Which camera of a calibration is which mirror, and which pixels of the frame its pictures are.
+"""Match the cameras of a calibration to mirrors, and their pictures to pixels of the frame.
 
 A mirror's picture is the frame, flipped: by default the flip that leaves views upright, which `mirrorcam camera export`
 states. It is the complete flipped frame, or a part of it with the size of the mirror's part in the nominal
@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 from pydantic import Field
 
+from mirrorcam import Layout
 from mirrorcam.core.bounds import LINE_PX
 from mirrorcam.core.disk.files import read_model
 from mirrorcam.core.errors import InputError
@@ -29,13 +30,12 @@ from mirrorcam.optics.camera_files.write.virtual_cameras import (
     view_name,
     virtual_cameras,
 )
-from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.transforms import rigid, transform
 
 
 class Place(Value):
-    """Where the pictures of a camera are in the frame, flipped as `pictures` says: their first pixel."""
+    """Position of a camera's pictures in the frame, flipped as `pictures` states: their first pixel."""
 
     view: str = Field(max_length=40)
     x: int = LINE_PX.field(0)
@@ -43,7 +43,7 @@ class Place(Value):
 
 
 class ViewsFile(Value):
-    """The content of a file of views: which camera of a calibration is which mirror."""
+    """The content of a file of views, which maps cameras of a calibration to mirrors."""
 
     cameras: dict[str, str | Place] = Field(default_factory=dict, max_length=10_000)
     pictures: PictureFlip | None = None
@@ -56,7 +56,7 @@ class ViewsFile(Value):
 
 @dataclass(frozen=True, eq=False)
 class MatchedView:
-    """A camera of a calibration and the mirror that it is.
+    """A camera of a calibration and its mirror.
 
     `flip` is how its pictures came from the frame (None: as it is), and `first_px` (2,) their first pixel in the
     flipped frame. `camera_from_rig` is the camera's pose, in mm where the unit is known.
@@ -86,7 +86,7 @@ class MatchedView:
 
     @property
     def true_camera_from_rig(self) -> FloatArray:
-        """The orthogonal transform (4, 4) that a perfect calibration of these pictures has, in mm and the true rig."""
+        """The orthogonal transform (4, 4), in mm and the true rig, of a perfect calibration of these pictures."""
         axes = np.eye(3) if self.flip is None else flip_axes(self.flip)
         apparent = self.mirror.apparent
         return rigid(axes @ apparent.reflection, axes @ apparent.virtual_centre_in_rig_mm)
@@ -100,7 +100,7 @@ class MatchedView:
 def matched_views(
     rig: CameraRig, truth: Layout, nominal: Layout, views: ViewsFile | None = None, pictures: PictureFlip | None = None
 ) -> tuple[MatchedView, ...]:
-    """The cameras of a calibration by the mirrors that they are, in the order of the mirrors.
+    """Match the cameras of a calibration to mirrors, in the order of the mirrors.
 
     Parameters
     ----------
@@ -118,10 +118,10 @@ def matched_views(
     InputError
         In one line for a camera of no mirror, two of one, and pictures of another size.
     """
-    said = pictures or (views.pictures if views else None) or rig.pictures or "flipped"
+    stated = pictures or (views.pictures if views else None) or rig.pictures or "flipped"
     if pictures and rig.pictures and _flip(pictures, nominal) != _flip(rig.pictures, nominal):
         raise InputError(f"--flip {pictures}, but the calibration is of pictures {rig.pictures}")
-    flip = _flip(said, nominal)
+    flip = _flip(stated, nominal)
     places = {} if views is None else views.cameras
     unknown = sorted(places.keys() - {camera.name for camera in rig.cameras})
     if unknown:
@@ -161,7 +161,7 @@ def _flip(pictures: PictureFlip, nominal: Layout) -> Flip | None:
 
 
 def view_of(name: str, layout: Layout) -> int:
-    """The mirror that a name means: `view_ROW_COLUMN` in it, "ROW-COLUMN", or a number at its end, row by row."""
+    """The mirror in a camera's name: `view_ROW_COLUMN`, "ROW-COLUMN", or a number at its end, counted row by row."""
     count = len(layout.mirrors)
     named = re.findall(r"view_(\d{1,4})_(\d{1,4})", name)
     if len(named) == 1:
@@ -215,7 +215,7 @@ def _parts(nominal: Layout, view: int, flip: Flip | None) -> list[Rectangle]:
 
 
 def _turned(part: Rectangle, layout: Layout, flip: Flip | None) -> Rectangle:
-    """A part of the frame as one of the flipped frame; its own inverse."""
+    """Convert a part of the frame to the flipped frame, or back."""
     x, y = part.x, part.y
     if flip == "left-right":
         x = layout.camera.width_px - part.x - part.width

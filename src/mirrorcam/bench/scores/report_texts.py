@@ -27,7 +27,7 @@ _NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
 def rows_of(scored: ScoredSet) -> list[tuple[str, str, str, str]]:
-    """Figure, value, limit and result of each figure over all views, and of single views' figures that have limits."""
+    """Figure, value, limit and result of each figure over all views, and of each view's figures with limits."""
     by_name = {check.figure: check for check in scored.checks}
     names = [name for name in FIGURES if name in scored.figures or name in scored.not_given]
     names += [name for name in by_name if name not in names]
@@ -44,7 +44,7 @@ def rows_of(scored: ScoredSet) -> list[tuple[str, str, str, str]]:
 
 
 def value_text(value: float, digits: int = 4) -> str:
-    """A value in a few digits; 0 for what rounding leaves, and none for NaN."""
+    """Format a value in a few digits; 0 for rounding errors, none for NaN."""
     return "0" if abs(value) <= ROUNDING else figure_text(value, digits)
 
 
@@ -64,7 +64,7 @@ def view_rows(scored: ScoredSet) -> list[tuple[str, ...]]:
 
 
 def summary(scored: ScoredSet) -> str:
-    """One line: of what the calibration is, and how it was aligned."""
+    """One line: format of the calibration, and its alignment."""
     count, of_all = len(scored.views), len(scored.views) + len(scored.missing)
     aligned = {
         "rigid": "aligned by the best rigid motion",
@@ -142,8 +142,8 @@ def junit(report: ScoreReport) -> str:
                 value = (
                     NOT_GIVEN if check.value is None else f"{check.value:.6g} {check.unit.removesuffix('1')}".rstrip()
                 )
-                said = f"{check.figure} is {value}, expected {limit_text(check)}"
-                SubElement(case, "failure", message=_xml(said), type="limit").text = _xml(check.reason or said)
+                broken = f"{check.figure} is {value}, expected {limit_text(check)}"
+                SubElement(case, "failure", message=_xml(broken), type="limit").text = _xml(check.reason or broken)
     root.set("tests", str(tests))
     root.set("failures", str(failures))
     root.set("errors", "0")

@@ -33,20 +33,20 @@ FIGURES = (
 )
 """All figures of a score, in their order."""
 AT_LEAST = frozenset({"shown_share"})
-"""Figures whose limit is the least that they may be; of all others it is the most that their size may be."""
+"""Figures with a lower limit; all others have an upper limit on their absolute value."""
 OVER_SETS = "over_sets"
 _OF_VIEW = re.compile(r"view_\d+_\d+_(.+)")
 
 
 class Limits(Value):
-    """Limits by the names of figures: of each set, and of means over sets."""
+    """Limits by figure, for each set and for means over sets."""
 
     each: dict[str, float]
     over_sets: dict[str, float]
 
     @classmethod
     def load(cls, path: Path) -> Limits:
-        """Read a TOML file; raises InputError in one line for a name of no figure, or a value that is no limit."""
+        """Read a TOML file; raises InputError in one line for an unknown figure, or an invalid limit."""
         tables = toml_of(path, read_bytes(path, LARGEST_TEXT_BYTES))
         over = tables.pop(OVER_SETS, {})
         if not isinstance(over, dict):
@@ -55,7 +55,7 @@ class Limits(Value):
 
 
 class Check(Value):
-    """Whether a figure keeps its limit; a figure that is not given does not, and `reason` says why."""
+    """Whether a figure is within its limit; a missing figure is not, and `reason` says why."""
 
     figure: str
     value: float | None
@@ -80,7 +80,7 @@ def _checked(path: Path, tables: Mapping[str, object]) -> dict[str, float]:
 
 
 def figure_of(name: str) -> str:
-    """The figure that a name means, without the view; one that views do not have is left with it."""
+    """The figure in a name, without its view; an unknown figure keeps the view."""
     found = _OF_VIEW.fullmatch(name)
     return found[1] if found and found[1] in OF_VIEWS else name
 
@@ -88,7 +88,7 @@ def figure_of(name: str) -> str:
 def checks(
     limits: Mapping[str, float], figures: Mapping[str, Metric], not_given: Mapping[str, str]
 ) -> tuple[Check, ...]:
-    """Whether each limit is kept."""
+    """Check each limit."""
     found = []
     for name, limit in limits.items():
         metric, at_least = figures.get(name), figure_of(name) in AT_LEAST
@@ -110,7 +110,7 @@ NO_LIMITS = Limits(each={}, over_sets={})
 
 
 class ScoredSet(Value):
-    """The score of one set: `CalibrationScore` in a file, and which limits it keeps."""
+    """The score of one set: `CalibrationScore` in a file, and the checks of its limits."""
 
     name: Name
     calibration: Line
@@ -128,7 +128,7 @@ class ScoredSet(Value):
 
 
 class MeanFigure(Value):
-    """Mean of a figure over sets: of a signed one, the bias. The standard error needs two sets."""
+    """Mean of a figure over sets; for a signed figure, the bias. The standard error needs two sets."""
 
     mean: float
     standard_error: float | None

@@ -1,1 +1,1 @@
-"""The terminal: progress, messages, and the texts of options."""
+"""The terminal: progress, messages, options and refusals."""

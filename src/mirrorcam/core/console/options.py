@@ -12,7 +12,7 @@ from mirrorcam.core.bounds import WORKERS, Bounds
 from mirrorcam.core.errors import InputError
 
 
-def _whole(_: object, tokens: Sequence[Token]) -> int:
+def _integer(_: object, tokens: Sequence[Token]) -> int:
     return int(tokens[0].value)  # cyclopts by itself rounds 2.5
 
 
@@ -30,12 +30,12 @@ def bounded(bounds: Bounds, text: str, unset: str = "") -> Parameter:
                 raise ValueError(f"expected {bounds}")
 
     stated = f" [default: {unset}]" if unset else ""
-    converter = _whole if isinstance(bounds.least, int) else None
+    converter = _integer if isinstance(bounds.least, int) else None
     return Parameter(help=f"{text}, {bounds}{stated}", converter=converter, validator=check)
 
 
 def check_place(workers: int | None, scheduler: str | None) -> None:
-    """Raise InputError where options ask for this machine's processes and for a cluster's at once."""
+    """Raise InputError if options request both processes of this machine and a cluster."""
     if workers is not None and scheduler is not None:
         raise InputError("--workers and --scheduler: expected one of the two")
 

@@ -1,6 +1,6 @@
 """One style for all long work: a bar on a terminal, plain lines in a log, both on standard output.
 
-Standard error stays free for the one line that says what was wrong.
+Standard error is reserved for the one line of an error.
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ def long_work(title: str, doing: str, unit: str = "") -> Iterator[Progress]:
 
 
 def _cells(metrics: Sequence[Metric | None], unit: str) -> list[str]:
-    """Values of one figure with the same decimals, each with its unit only where that is not the row's."""
+    """Values of one figure with equal decimals; a unit is added if it differs from the row's."""
     from mirrorcam.core.figures.figure_texts import figure_text, figures_alike, unit_text
 
     alike = iter(figures_alike([metric.value for metric in metrics if metric is not None and metric.unit == unit]))
@@ -93,7 +93,7 @@ def _cells(metrics: Sequence[Metric | None], unit: str) -> list[str]:
 
 
 def print_table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """A table of texts; all columns but the first, whose texts are never cut short, stand to the right."""
+    """Print a table of texts; all columns but the first are right-aligned, and the first is never cut."""
     session().table(heads, rows)
     if not session().prints:
         return
@@ -108,11 +108,10 @@ def print_table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
 def print_metrics(
     columns: Mapping[str, Mapping[str, Metric]], groups: Mapping[str, Sequence[str]] | None = None
 ) -> None:
-    """A table of figures: one named column per set of metrics, in the order of the last set; limits where there are.
+    """Print a table of figures: one named column per set of metrics, in the order of the last set, with limits if any.
 
-    `groups` are titles of parts of the table with the beginnings of the names that belong there ("" for all); figures
-    of no group come last. The last column decides whether a figure passes. Lines below the table give the reasons
-    of figures that are none.
+    `groups` maps titles of parts of the table to prefixes of figures' names ("" for all); figures without a group come
+    last. The last column decides whether a figure passes. Lines below the table give the reasons for unknown figures.
     """
     session().figures(columns)
     if not session().prints:
@@ -141,7 +140,7 @@ def print_metrics(
     def add(name: str, indent: str) -> None:
         unit = every[name].unit
         cells = _cells([metrics.get(name) for metrics in columns.values()], unit)
-        if cells[-1] and (digits := digits_past_limit(every[name], 4)) > 4:  # just past its limit, and shown so
+        if cells[-1] and (digits := digits_past_limit(every[name], 4)) > 4:  # show the excess
             cells[-1] = figure_text(every[name].value, digits)
         row = [indent + label_text(name), *cells, unit_text(unit)]
         if limited:

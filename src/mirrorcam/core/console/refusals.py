@@ -1,4 +1,4 @@
-"""What is wrong with a command line, in one line."""
+"""Parser errors of the command line as one-line messages."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ _LONG_WORD = re.compile(rf"\S{{{LONGEST_VALUE + 1},}}")
 
 
 def one_line_message(message: str, hint: str = "") -> str:
-    """A message in one line of printable characters, without the middle of long words and long texts.
+    """Format a message as one line of printable characters; long words and texts are cut in the middle.
 
-    The hint follows it in full.
+    The hint follows uncut.
     """
     line = " ".join(message.split())
     line = "".join(each if each.isprintable() else each.encode("unicode_escape").decode() for each in line)
@@ -43,7 +43,7 @@ def one_line_message(message: str, hint: str = "") -> str:
 
 
 def refusal(error: CycloptsError, commands: Sequence[str]) -> InputError:
-    """The parser's error as bad input, with the command whose help explains more; `commands` are the names of all."""
+    """Convert a parser's error to an InputError that names the relevant help; `commands` are all command names."""
     chain = tuple(error.command_chain or ())
     chain = chain if chain[:1] and chain[0] in commands else ()
     return InputError(one_line_message(_reason(error, commands), f" (see {' '.join(('mirrorcam', *chain))} --help)"))
@@ -77,7 +77,7 @@ def _reason(error: CycloptsError, commands: Sequence[str]) -> str:
 
 
 def _expected(kind: Any) -> str:
-    """The values that a type takes: its choices, or its name."""
+    """Describe the values of a type: its choices, or its name."""
     if get_origin(kind) is Literal:
         return f"one of {', '.join(get_args(kind))}" if len(get_args(kind)) > 1 else str(get_args(kind)[0])
     if inner := [each for each in get_args(kind) if each is not type(None)]:
@@ -86,14 +86,14 @@ def _expected(kind: Any) -> str:
 
 
 def _given(argument: Argument, value: object) -> str:
-    """An option with the value that was given, and where, unless on the command line."""
+    """Describe an option with its value and, unless it is the command line, its source."""
     source = next((token.source for token in argument.tokens if token.source not in ("", "cli")), "")
     stated = {"": "", "env": " of the environment"}.get(source, f" of {source}")
     return f"{argument.name} {shortened(repr(value), LONGEST_VALUE)}{stated}"
 
 
 def _invalid(error: PydanticError, argument: Argument | None) -> str:
-    """The first of pydantic's findings about the options of a command, with the option in place of the field."""
+    """Describe the first of pydantic's findings about a command's options, with the option in place of the field."""
     first = error.errors(include_url=False)[0]
     if not first["loc"]:
         return one_line(error)

@@ -1,4 +1,4 @@
-"""What the user wants to read of a command: everything, errors alone, or one JSON object of results."""
+"""Output mode of a command: everything, errors only, or one JSON object of results."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 @dataclass
 class Session:
-    """How one command prints, and the results that it has reported so far for `--json`."""
+    """Output mode of one command, and the results reported so far for `--json`."""
 
     quiet: bool = False
     verbose: bool = False
@@ -42,7 +42,7 @@ class Session:
             )
 
     def text(self, exit_code: int, error: str = "") -> str:
-        """The JSON object that `--json` prints at the end of a command; `error` is what ended it."""
+        """The JSON object that `--json` prints at the end of a command; `error` is the message that ended it."""
         return json.dumps({"exit_code": exit_code} | ({"error": error} if error else {}) | self.results, indent=1)
 
 

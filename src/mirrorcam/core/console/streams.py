@@ -1,4 +1,4 @@
-"""Standard output and standard error that print any text, also where the terminal or the locale lacks characters."""
+"""Make standard output and error print any text, even if the terminal or locale lacks characters."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _ERRORS = "mirrorcam_plain"
 
 
 def _plain(error: UnicodeError) -> tuple[str | bytes, int]:
-    """What a stream shows instead of a character that it cannot: an ASCII spelling, else its number."""
+    """Replace a character that a stream cannot encode by an ASCII spelling, else by its number."""
     if not isinstance(error, UnicodeEncodeError):
         raise error
     character = error.object[error.start]

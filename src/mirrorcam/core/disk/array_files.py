@@ -1,4 +1,4 @@
-"""Arrays in NumPy's .npy and .npz files: judged by their headers before any memory is taken, and never unpickled."""
+"""Arrays in NumPy's .npy and .npz files: headers are checked before memory is allocated, and nothing is unpickled."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from mirrorcam.core.messages import shortened
 from mirrorcam.core.values import InvalidValue
 
 LARGEST_BYTES = 400_000_000
-"""Bytes of arrays that any file may state: with the copies that a reader makes of them, less than 1 GB of memory."""
+"""Bytes of arrays that any file may state; with a reader's copies, they take less than 1 GB of memory."""
 LARGEST_GROWTH = 8
-"""Arrays of more than `LARGEST_BYTES` may take this many times the size of their files, as arrays of big scenes do."""
+"""Arrays of more than `LARGEST_BYTES` may take this many times the size of their files, as for large scenes."""
 _PIECE_BYTES = 1 << 17
 _DIRECTORY_BYTES = 1 << 20
 """Bytes of the list of files of an archive, which take 20 times as much when it is read; an array takes 60."""
@@ -32,7 +32,7 @@ _ERRORS = (
     *(ValueError, TypeError, LookupError, ArithmeticError, AttributeError, OSError, EOFError, RuntimeError),
     *(zipfile.BadZipFile, zlib.error, struct.error),
 )
-"""Exceptions that decoders of files raise where a file is not what it says."""
+"""Exceptions that decoders raise for invalid files."""
 
 
 @contextmanager
@@ -52,7 +52,7 @@ def refusing(path: Path, what: str) -> Iterator[None]:
 
 
 def check_bytes(path: Path, wanted: int, stored: int) -> None:
-    """Raise InputError where the arrays of files of `stored` bytes would take more memory than they may."""
+    """Raise InputError if the arrays of files of `stored` bytes would exceed the memory limit."""
     most = max(LARGEST_BYTES, LARGEST_GROWTH * stored)
     if wanted > most:
         megabytes = min(wanted, 10**18) // 1_000_000
@@ -60,7 +60,7 @@ def check_bytes(path: Path, wanted: int, stored: int) -> None:
 
 
 def read_npy(path: Path) -> NDArray[Any]:
-    """Read the array of an .npy file: numbers, truth values or text; raises InputError in one line for any other."""
+    """Read the array of an .npy file: numbers, booleans or text; raises InputError in one line for others."""
     stored = stored_bytes(path)
     with refusing(path, "an .npy file that can be read"), path.open("rb") as stream:
         return _array(stream, path, stored, stored)
@@ -69,7 +69,7 @@ def read_npy(path: Path) -> NDArray[Any]:
 def read_npz(
     path: Path, names: Sequence[str], what: str = "an .npz file that can be read"
 ) -> Mapping[str, NDArray[Any]]:
-    """Read arrays of an .npz file by name, as far as it has them, as `read_npy` does.
+    """Read the named arrays that an .npz file has, as `read_npy` does.
 
     Damage to them is noticed: the file has a checksum of each. Where it is not `what`, the InputError says so.
     """
@@ -80,7 +80,7 @@ def read_npz(
         check_bytes(path, sum(info.file_size for info in wanted.values()), stored)
         arrays = {}
         for name, info in wanted.items():
-            # Other decompressors have no limit on their output.
+            # Other decompressors do not limit their output.
             if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
                 raise ValueError(f"{name} is compressed by another method than deflate")
             with archive.open(info) as stream:
@@ -106,7 +106,7 @@ def _array(stream: IO[bytes], path: Path, size: int, stored: int) -> NDArray[Any
     read_header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
     try:
         shape, columns_first, dtype = read_header(stream)
-    except (SyntaxError, TokenError, MemoryError):  # as Python's parsers raise them for the text of a header
+    except (SyntaxError, TokenError, MemoryError):  # from Python's parsers of the header
         raise ValueError("its header is not an array's") from None
     if dtype.kind not in "uifbcU" or dtype.names is not None or dtype.subdtype is not None or not dtype.itemsize:
         raise ValueError(f"holds {str(dtype)[:40]}, expected numbers or text")

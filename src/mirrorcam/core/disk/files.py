@@ -1,4 +1,4 @@
-"""Reading and writing users' files: files are written atomically, and bad ones are refused in one line."""
+"""Read and write users' files: writes are atomic, and invalid files raise one-line errors."""
 
 from __future__ import annotations
 
@@ -23,25 +23,25 @@ from mirrorcam.core.values import InvalidValue, Metric
 
 Model = TypeVar("Model", bound=BaseModel)
 LARGEST_TEXT_BYTES = 1_000_000
-"""Bytes of the largest text that people write: boards, cameras, requests, dimensions."""
+"""Largest hand-written text, in bytes: boards, cameras, requests, dimensions."""
 LARGEST_LAYOUT_BYTES = 50_000_000
-"""Bytes of the largest layout, with the covariance of all that can be calibrated, or table of results."""
+"""Largest layout with a complete covariance, or table of results, in bytes."""
 LARGEST_FILE_BYTES = 100_000_000
-"""Bytes of the largest file that is read at once: manifests of sets and records of long runs are smaller."""
+"""Largest file that is read at once, in bytes: manifests of sets and records of long runs are smaller."""
 MOST_LINES = 1_000_000
 """Lines of a record that is written line by line."""
 TEMPORARY = ".mirrorcam-"
-"""What the names of files begin with that are not finished."""
+"""Prefix of the names of unfinished files."""
 _MOST_KNOWN = 1000
-"""No value has as many fields: larger tables are of names, or of keys that are not known."""
+"""No value has as many fields: a larger table is keyed by names, or has unknown keys."""
 _LONGEST_NAME, _LONGEST_PATH = 255, 1000
 _POINTER, _LARGEST_POINTER_BYTES = b"version https://git-lfs.github.com/spec/", 1024
-"""How the text begins that Git keeps in place of a file of its LFS, and the bytes of the longest."""
+"""Beginning of a Git LFS pointer, which replaces the file, and the size of the largest pointer."""
 
 
 @contextmanager
 def atomic(path: Path) -> Iterator[Path]:
-    """A temporary path next to `path`, with its suffix, renamed to it when the block succeeds, else removed."""
+    """Yield a temporary path next to `path`, renamed to it when the block succeeds, else removed."""
     _refuse_to_replace(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -57,7 +57,7 @@ def atomic(path: Path) -> Iterator[Path]:
         temporary.chmod(0o666 & ~umask)
         temporary.replace(path)
     except OSError as error:
-        # An error of a full disk names no file; one that names another file is not about this one.
+        # A full disk's error names no file; an error that names another file concerns that one.
         if error.filename not in (None, name):
             raise
         raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
@@ -66,11 +66,11 @@ def atomic(path: Path) -> Iterator[Path]:
 
 
 def _refuse_to_replace(path: Path) -> None:
-    """Raise InputError for a folder, a device or a pipe, which a file would replace, and for a non-path."""
+    """Raise InputError for a folder, a device or a pipe, which must not be replaced, and for an invalid path."""
     try:
         mode = path.stat().st_mode
     except OSError:
-        return  # nothing is there, or what writes there finds out why not
+        return  # nothing to replace, or writing reports the reason
     except ValueError as error:  # a name with a null character
         raise InputError(f"{str(path)[:200]!r}: {error}") from None
     if stat.S_ISDIR(mode):
@@ -91,13 +91,13 @@ def write_json(path: Path, value: object) -> None:
 
 
 def write_metrics(path: Path, metrics: dict[str, Metric]) -> None:
-    """Write `metrics.json`: flat name -> value, unit and, where there is one, limit; null and the reason for none."""
+    """Write `metrics.json`: value, unit and any limit by name; null and a reason for an unknown figure."""
     write_json(path, {name: metric.model_dump(exclude_none=True) for name, metric in metrics.items()})
 
 
 def is_inside(folder: Path, name: str) -> bool:
-    """Whether a name in a manifest is of a file in its folder: not absolute, without .., and through no link out."""
-    path = PureWindowsPath(name)  # every part and drive that any system sees in it
+    """Return whether a name in a manifest stays in its folder: not absolute, without .., not through a link out."""
+    path = PureWindowsPath(name)  # the strictest interpretation of parts and drives
     if not path.parts or path.anchor or ".." in path.parts or "\x00" in name:
         return False
     try:
@@ -110,14 +110,14 @@ def is_inside(folder: Path, name: str) -> bool:
 
 
 def inside(folder: Path, name: str) -> Path:
-    """The path of a file in a folder by its name in a manifest; raises InputError for a name that leads out of it."""
+    """Path of a file by its name in a manifest; raises InputError for a name that leads out of the folder."""
     if not is_inside(folder, name):
         raise InputError(f"{folder}: lists {name[:80]!r}, expected the name of a file in this folder")
     return folder / name
 
 
 def numbered(folder: Path, stem: str, suffix: str) -> Path:
-    """The first of STEM_0001SUFFIX, STEM_0002SUFFIX, … in a folder that nothing is at; the folder need not be there."""
+    """The first free path STEM_0001SUFFIX, STEM_0002SUFFIX, … in a folder, which need not exist."""
     number = 1
     while (path := folder / f"{stem}_{number:04d}{suffix}").exists():
         number += 1
@@ -125,7 +125,7 @@ def numbered(folder: Path, stem: str, suffix: str) -> Path:
 
 
 def linked(folder: Path) -> Path | None:
-    """The first link to a file or folder in a folder, however deep; None without one."""
+    """The first link at any depth in a folder; None without one."""
     for place, folders, files in os.walk(folder):
         for name in sorted((*folders, *files)):
             if (path := Path(place, name)).is_symlink():
@@ -135,7 +135,7 @@ def linked(folder: Path) -> Path | None:
 
 @contextmanager
 def readable(path: Path) -> Iterator[None]:
-    """Turn what the system raises for a path in the block into an InputError of one line."""
+    """Convert the system's errors about a path in the block to an InputError of one line."""
     try:
         yield
     except InputError:
@@ -149,7 +149,7 @@ def readable(path: Path) -> Iterator[None]:
 def stored_bytes(path: Path) -> int:
     """Size of a regular file, or InputError in one line: opening anything else may never end.
 
-    A Git LFS pointer, which replaces a file until it is fetched, is refused by that name.
+    A Git LFS pointer, which replaces a file until it is fetched, raises an error that says so.
     """
     with readable(path):
         status = path.stat()
@@ -163,7 +163,7 @@ def stored_bytes(path: Path) -> int:
 
 
 def refuse_pointer(path: Path) -> None:
-    """Raise InputError for a file that is a Git LFS pointer; any other path passes, whatever is there."""
+    """Raise InputError for a Git LFS pointer; accept any other path."""
     if path.is_file() and first_bytes(path, len(_POINTER)) == _POINTER:
         raise InputError(f"{path}: is a Git LFS pointer, not the file itself: run `git lfs pull`")
 
@@ -179,7 +179,7 @@ def read_bytes(path: Path, most: int = LARGEST_FILE_BYTES) -> bytes:
     if (stored := stored_bytes(path)) <= most:
         with readable(path), path.open("rb") as stream:
             content = stream.read(stored + 1)
-            if len(content) > stored:  # it grows, or the system does not know its size
+            if len(content) > stored:  # it is growing, or the system does not know its size
                 content += stream.read(most + 1 - len(content))
         if len(content) <= most:
             return content
@@ -187,7 +187,7 @@ def read_bytes(path: Path, most: int = LARGEST_FILE_BYTES) -> bytes:
 
 
 def read_lines(path: Path) -> list[bytes]:
-    """The lines of a record that is written line by line, without their ends; InputError in one line otherwise."""
+    """Read the lines of a record, without line ends; raises InputError in one line for an invalid file."""
     raw = read_bytes(path)
     if raw.count(b"\n") > MOST_LINES:
         raise InputError(f"{path}: has more than {MOST_LINES} lines, expected fewer")
@@ -195,12 +195,12 @@ def read_lines(path: Path) -> list[bytes]:
 
 
 def read_json(path: Path, most: int = LARGEST_TEXT_BYTES) -> Any:
-    """The value of a JSON file (UTF-8), or InputError in one line: also for one with a key that appears twice."""
+    """Read the value of a JSON file (UTF-8); raises InputError in one line, also for a duplicate key."""
     return json_of(path, read_bytes(path, most))
 
 
 def json_of(where: Path | str, raw: bytes) -> Any:
-    """The value of a JSON text; `where` names it in the InputError of one line for any other."""
+    """Parse a JSON text; raises InputError in one line, which names `where`."""
     try:
         return json_value(raw)
     except InputError as error:
@@ -208,7 +208,7 @@ def json_of(where: Path | str, raw: bytes) -> Any:
 
 
 def toml_of(where: Path | str, raw: bytes) -> dict[str, Any]:
-    """The tables of a TOML text; `where` names it in the InputError of one line for any other."""
+    """Parse a TOML text; raises InputError in one line, which names `where`."""
     try:
         return toml_value(raw)
     except InputError as error:
@@ -218,16 +218,16 @@ def toml_of(where: Path | str, raw: bytes) -> dict[str, Any]:
 def read_model(model: type[Model], path: Path, most: int = LARGEST_TEXT_BYTES) -> Model:
     """Read a JSON or (by its suffix) TOML file into a pydantic model, or raise InputError in one line.
 
-    Types are as in the file: a number as a text, or true for a number, is refused. So is a file of more than `most`
-    bytes, which fits what people write; machines write larger ones.
+    Types are strict: a number as a text, or true for a number, is refused. So is a file of more than `most` bytes; the
+    default fits hand-written files.
     """
     return model_of(model, path, read_bytes(path, most))
 
 
 def read_record(model: type[Model], path: Path) -> Model | None:
-    """Read a record as JSON; None where it is absent, damaged or of another version.
+    """Read a record as JSON; None if it is absent, damaged or of another version.
 
-    Raises InputError where something else is in its place, or more than a record can be.
+    Raises InputError if the path is not a file, or is too large for a record.
     """
     if not path.exists():
         return None
@@ -239,23 +239,23 @@ def read_record(model: type[Model], path: Path) -> Model | None:
 
 
 def model_of(model: type[Model], path: Path, raw: bytes) -> Model:
-    """The pydantic model in the content of a file, see `read_model`; the file itself is not read."""
+    """Parse the content of a file into a pydantic model, see `read_model`; the file itself is not read."""
     return model_from(model, path, tables_of(path, raw))
 
 
 def tables_of(path: Path, raw: bytes) -> Any:
-    """What the content of a JSON or (by its suffix) TOML file states, unchecked; the file itself is not read."""
+    """Parse the content of a JSON or (by its suffix) TOML file, unchecked; the file itself is not read."""
     return toml_of(path, raw) if path.suffix.lower() == ".toml" else json_of(path, raw)
 
 
 def keys_of(path: Path, raw: bytes) -> frozenset[str]:
-    """The outermost keys in the content of such a file; none where it is no table."""
+    """The outermost keys in the content of such a file; empty unless it is a table."""
     tables = tables_of(path, raw)
     return frozenset(tables) if isinstance(tables, dict) else frozenset()
 
 
 def model_from(model: type[Model], where: Path | str, data: Any) -> Model:
-    """The pydantic model in what a file states, see `model_of`; `where` names it where that is not valid."""
+    """Validate a file's values as a pydantic model, see `model_of`; errors name `where`."""
     try:
         return validated(model, data)
     except InputError as error:
@@ -263,21 +263,21 @@ def model_from(model: type[Model], where: Path | str, data: Any) -> Model:
 
 
 def validated(model: type[Model], data: Any) -> Model:
-    """The pydantic model in plain values; raises InputError in one line where they are not valid."""
+    """Validate plain values as a pydantic model; raises InputError in one line if they are invalid."""
     try:
         if any(len(table) > _MOST_KNOWN for table in _tables(data)):
             _check_keys(model, data)
         return model.model_validate_json(json.dumps(data), strict=True)
     except InvalidValue as error:
         raise InputError(str(error)) from None
-    except ValidationError as error:  # of a model that is no value, such as a table of values
+    except ValidationError as error:  # for a model that is not a Value, such as a table of values
         raise InputError(one_line(error, model)) from None
     except TypeError as error:  # a date or a time of TOML
         raise InputError(f"{error}, expected numbers, texts and tables") from None
 
 
 def _check_keys(model: type[Model], data: Any) -> None:
-    """Raise InvalidValue for large tables of unknown keys, by a part of each table: all findings take gigabytes."""
+    """Raise InvalidValue for unknown keys of large tables by a part of each: all findings would take gigabytes."""
     part = json.dumps(_shortened_tables(data))
     try:
         model.model_validate_json(part, strict=True)
@@ -285,19 +285,19 @@ def _check_keys(model: type[Model], data: Any) -> None:
         if error.is_of_keys:
             raise
     except ValidationError:
-        return  # the model is no Value; its validation comes next
+        return  # the model is not a Value; its validation comes next
 
 
 def _tables(data: Any) -> Iterator[dict[str, Any]]:
     """All tables in plain values; lists of numbers, which may be long, hold none."""
-    left = [data]
-    while left:
-        each = left.pop()
+    pending = [data]
+    while pending:
+        each = pending.pop()
         if isinstance(each, dict):
             yield each
-            left += each.values()
+            pending += each.values()
         elif isinstance(each, list) and each and isinstance(each[0], dict | list):
-            left += each
+            pending += each
 
 
 def _shortened_tables(data: Any) -> Any:
@@ -323,6 +323,6 @@ def write_files(folder: Path, files: Mapping[str, bytes]) -> None:
 
 def write_npz(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
     """Write arrays by name to a compressed .npz file, atomically; the same arrays give the same bytes."""
-    # By an open file: to a path that does not end in .npz, NumPy would append it and leave this one empty.
+    # An open file: NumPy would append .npz to another path and leave this one empty.
     with atomic(path) as temporary, temporary.open("wb") as file:
         np.savez_compressed(file, **dict[str, Any](arrays))

@@ -1,4 +1,4 @@
-"""Arrays of HDF5 files, of nothing but numbers that lie in the file itself."""
+"""Numeric arrays of HDF5 files, stored in the file itself."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ if TYPE_CHECKING:
     import h5py
 
 FILTERS = {1: "deflate", 2: "shuffle", 3: "fletcher32"}
-"""Filters that are undone, by their numbers in HDF5: others may be programs that HDF5 would look for and load."""
+"""Accepted filters, by their HDF5 numbers: others may be programs that HDF5 would look for and load."""
 _DEFLATE = 1
 _PIECE_BYTES = 1 << 20
 
 
 def read_hdf5(path: Path, places: Mapping[str, str], what: str) -> dict[str, NDArray[Any]]:
-    """Read the arrays at places like `group/name`, by the names that they stand under, as far as the file has them.
+    """Read the arrays at paths like `group/name` that the file has, by name.
 
     Raises
     ------
@@ -48,7 +48,7 @@ def read_hdf5(path: Path, places: Mapping[str, str], what: str) -> dict[str, NDA
 
 
 def _dataset(file: h5py.File, place: str, path: Path) -> h5py.Dataset | None:
-    """The dataset at a place, or None where there is nothing; every link on the path stays within the file."""
+    """The dataset at a path, or None; every link on the path must stay within the file."""
     import h5py
 
     here: Any = file
@@ -63,7 +63,7 @@ def _dataset(file: h5py.File, place: str, path: Path) -> h5py.Dataset | None:
 
 
 def _check_storage(dataset: h5py.Dataset, path: Path, stored: int) -> None:
-    """Raise InputError unless all numbers of a dataset lie in the file, under filters that are allowed."""
+    """Raise InputError unless a dataset is stored in the file, with accepted filters."""
     where = f"{path}: {dataset.name}"
     if dataset.external or dataset.is_virtual:
         raise InputError(f"{where} lies in other files, expected an array in the file itself")
@@ -87,10 +87,10 @@ def _check_storage(dataset: h5py.Dataset, path: Path, stored: int) -> None:
 
 
 def _check_inflated(dataset: h5py.Dataset, chunk_bytes: int, path: Path) -> None:
-    """Raise InputError for a compressed chunk that is larger than a chunk is: HDF5 would allocate all of it."""
+    """Raise InputError for a compressed chunk larger than its contents can be: HDF5 would allocate all of it."""
     for number in range(dataset.id.get_num_chunks()):
         chunk = dataset.id.get_chunk_info(number)
-        # Deflate makes a byte of at most 1032; filters may add four for a checksum.
+        # Deflate expands a byte to at most 1032; filters may add four for a checksum.
         if 1032 * chunk.size <= chunk_bytes + (1 << 26):
             continue
         raw, total, inflate = dataset.id.read_direct_chunk(chunk.chunk_offset)[1], 0, zlib.decompressobj()

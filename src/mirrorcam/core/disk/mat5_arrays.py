@@ -1,4 +1,4 @@
-"""Variables of .mat files of MATLAB 5 to 7: numbers, text and structs of them, judged by their tags before reading.
+"""Variables of .mat files of MATLAB 5 to 7: numbers, text and structs of them, whose tags are checked before reading.
 
 The layout follows MathWorks' "MAT-File Format". Each element is a tag (type and size) and its content: a variable is
 one of type miMATRIX, or, from MATLAB 7 on, one of type miCOMPRESSED, whose content is such an element under deflate.
@@ -21,7 +21,7 @@ from mirrorcam.core.disk.files import read_bytes, stored_bytes
 HEADER_BYTES = 128
 LARGEST_FILE_BYTES = 1 << 31
 _MATRIX, _COMPRESSED = 14, 15
-# Types of numbers in the file, and what classes of arrays are made of.
+# Types of numbers in the file, and the element types of array classes.
 _TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
 _CLASSES = {6: "f8", 7: "f4", 8: "i1", 9: "u1", 10: "i2", 11: "u2", 12: "i4", 13: "u4", 14: "i8", 15: "u8"}
 _TEXTS = {1: "latin-1", 2: "latin-1", 4: "utf-16-{}", 16: "utf-8", 17: "utf-16-{}", 18: "utf-32-{}"}
@@ -69,7 +69,7 @@ def _order(raw: bytes) -> Order:
 
 
 def _inflated(inflate: zlib._Decompress, size: int) -> memoryview:
-    """The rest of a compressed variable, of a size and perhaps some padding."""
+    """The rest of a compressed variable, of a given size with optional padding."""
     inflated = inflate.decompress(inflate.unconsumed_tail, size + 8)
     if not inflate.eof or len(inflated) < size:
         raise ValueError("a compressed variable is cut short or too large")
@@ -89,7 +89,7 @@ def _elements(content: memoryview, order: Order) -> Parts:
                 raise ValueError("a small element of more than four bytes")
         else:
             begin = at + 8
-            # Compressed elements follow each other without padding.
+            # Compressed elements have no padding between them.
             end = begin + (size if kind == _COMPRESSED else -(-size // 8) * 8)
         if begin + size > len(content):
             raise ValueError("an element is cut short")
@@ -104,13 +104,13 @@ def _following(parts: Parts) -> tuple[int, memoryview]:
 
 
 class _Matrix:
-    """Reader of the elements of type miMATRIX of a file."""
+    """Reader of miMATRIX elements."""
 
     def __init__(self, order: Order, path: Path, stored: int) -> None:
         self._order, self._path, self._stored = order, path, stored
 
     def read(self, content: memoryview, names: Collection[str]) -> tuple[str, Any]:
-        """Name and value of a variable; of a variable with another name, only the name is read."""
+        """Name and value of a variable; the value is read only if the name is requested."""
         flags, shape, name, parts = self._begin(content)
         return name, self._value(flags, shape, parts, 0) if name in names else None
 

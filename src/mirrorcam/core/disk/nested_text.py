@@ -1,4 +1,4 @@
-"""JSON and TOML from outside as plain values: bounds hold before the parser runs, and a refusal is one line."""
+"""Parse untrusted JSON and TOML into plain values: limits are checked before the parser runs; errors are one line."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ import numpy as np
 from mirrorcam.core.errors import InputError
 
 DEEPEST = 32
-"""Lists and tables in each other, and parts of a dotted key of TOML."""
+"""Nesting depth of lists and tables, and parts of a dotted TOML key."""
 MOST_VALUES, MOST_TABLES = 5_000_000, 1_000_000
-"""Values, and lists, tables and keys, of one text: more take seconds and gigabytes."""
+"""Number of values, lists, tables and keys in one text: more take seconds and gigabytes."""
 MOST_KEYS = 500_000
 """Keys of one table of JSON: several files for each of the most pictures of a set."""
 LARGEST_TOML_BYTES = 250_000
 """TOML is written by hand; its parser takes up to a second for this much."""
 LONGEST_INTEGER = 300
-"""Digits of an integer, so that each is a finite number."""
+"""Digits of an integer, so that it converts to a finite float."""
 PARSER_ERRORS = (ValueError, TypeError, LookupError, AttributeError, ArithmeticError, RecursionError)
-"""What parsers raise for text that they do not expect."""
+"""Exceptions of parsers for invalid text."""
 
 # An unterminated string extends to the end of the line or the text, so that each byte is read once.
 _JSON_STRING = re.compile(rb'"[^"\\]*+(?:\\.[^"\\]*+)*+"?', re.DOTALL)
@@ -80,13 +80,13 @@ def toml_value(raw: bytes) -> dict[str, Any]:
 
 
 def reason_of(error: BaseException) -> str:
-    """What a parser says is wrong, in one line."""
+    """A parser's error message, in one line."""
     reason = " ".join(str(error).split()) or type(error).__name__
     return f"an integer of more than {LONGEST_INTEGER} digits" if reason.startswith("Exceeds the limit") else reason
 
 
 def integer_of(digits: str) -> int:
-    """An integer by its digits; raises ValueError for one that no number of a computer holds."""
+    """An integer from its digits; raises ValueError for one beyond the range of floats."""
     if len(digits) > LONGEST_INTEGER:
         raise ValueError(f"an integer of {len(digits)} digits, expected {LONGEST_INTEGER} or fewer")
     return int(digits)
@@ -115,7 +115,7 @@ def _decoded(raw: bytes, language: str) -> str:
 
 
 def _check_outline(outline: bytes, language: str) -> None:
-    """Refuse a text, passed without its strings, that has too many values or is nested too deep."""
+    """Refuse a text, passed without its strings, with too many values or too deep nesting."""
     tables = outline.count(b"[") + outline.count(b"{") + outline.count(b":")
     if tables > MOST_TABLES:
         raise InputError(f"not valid {language}: more than {MOST_TABLES} lists, tables and keys")
@@ -127,7 +127,7 @@ def _check_outline(outline: bytes, language: str) -> None:
 
 
 def _check_integers(value: Any) -> None:
-    """Refuse integers that are no finite number: TOML writes them in other bases, too."""
+    """Refuse integers beyond the range of floats: TOML has other bases, too."""
     left = [value]
     while left:
         each = left.pop()

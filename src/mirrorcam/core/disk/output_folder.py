@@ -1,7 +1,7 @@
-"""Folders that commands write their results into: one command at a time, without loss of the user's files.
+"""Output folders of commands: one command at a time, without loss of the user's files.
 
-In a folder of results, the hidden folder `.mirrorcam` holds the record of what commands have written there, the store
-of results that are not made again and, while a command works, its lock and the files that it has not finished.
+The hidden folder `.mirrorcam` in an output folder holds the record of files that commands wrote, the store of re-usable
+results and, while a command works, its lock and unfinished files.
 """
 
 from __future__ import annotations
@@ -51,16 +51,16 @@ class OutputFolder:
     root
         The folder that is locked.
     record
-        What commands have written into it.
+        The files that commands wrote.
     command
-        Name of the command; it replaces only what it wrote itself. A record that came with a shared folder says
-        so of files whose checksum its author knew: files that came with it, never those that the user adds.
+        Name of the command; it replaces only files that it wrote. The record of a shared folder lists its author's
+        files with their checksums, never files that the user adds.
     part
-        Subfolder that is written, with a record of its own; empty for the root itself.
+        Subfolder to write, with a record of its own; empty for the root.
     group
-        Name of files that are replaced together, with a record of their own; empty for all others.
+        Name of a group of files that are replaced together, with a record of its own; empty for other files.
     force
-        Whether any file may be replaced; None where the command has no such option.
+        Whether any file may be replaced; None if the command has no such option.
     """
 
     root: Path
@@ -72,7 +72,7 @@ class OutputFolder:
 
     @property
     def path(self) -> Path:
-        """The folder that is written."""
+        """The folder to write."""
         return self.root / self.part
 
     def subfolder(self, name: str) -> OutputFolder:
@@ -81,7 +81,7 @@ class OutputFolder:
         return replace(self, part=name)
 
     def grouped(self, name: str) -> OutputFolder:
-        """Return the same folder for a group of files that are replaced together, whatever else is written there."""
+        """Return the same folder for a group of files that are replaced together."""
         return replace(self, group=name)
 
     @property
@@ -91,14 +91,14 @@ class OutputFolder:
 
     @property
     def unfinished(self) -> Path:
-        """Folder for files that are not finished, which may hold what a killed run has left."""
+        """Folder for unfinished files, which may hold files of a killed run."""
         return self.root / HIDDEN / UNFINISHED / (self.part or self.group or "files")
 
     def refuse_others(self, *patterns: str) -> None:
-        """Raise InputError where a file of these names is there that this command has not written, or that was changed.
+        """Raise InputError if a file of these names was not written by this command, or was changed since.
 
-        Called before long work, it saves the user from waiting for results that cannot be put in their place. Patterns
-        are patterns of `Path.glob`; a folder in the place of a name is refused even with `force`.
+        Call it before long work, so that the user does not wait for results that cannot be written. `patterns` are
+        those of `Path.glob`; a folder with the name of a file is refused even with `force`.
         """
         refuse_blocked(self.path, (pattern for pattern in patterns if not has_magic(pattern)))
         if not self.force:
@@ -107,27 +107,27 @@ class OutputFolder:
             self._refuse(path.relative_to(self.path).as_posix() for path in found)
 
     def has_written(self, name: str) -> bool:
-        """Return whether this command has written a file of that name, changed since or not."""
+        """Return whether this command wrote a file of that name, even if it was changed since."""
         return name in self.record.of(self._key)
 
     def refuse_unknown(self) -> None:
-        """Raise InputError where the folder holds files, and none that this command has written."""
+        """Raise InputError if the folder holds files, but none written by this command."""
         if not self.force and not self.record.of(self._key) and _has_files(self.path):
             raise InputError(
                 f"{self.path}: holds files that this command did not write, expected a new folder, or --force"
             )
 
     def refuse_changed(self) -> None:
-        """Raise InputError where a file that this command has written was changed since."""
+        """Raise InputError if a file that this command wrote was changed since."""
         if not self.force:
             self._refuse(sorted(self.record.of(self._key)))
 
     @contextmanager
     def staged(self, *, complete: bool = True, result: str = "") -> Iterator[Path]:
-        """Yield an empty folder whose files are put in their places when the block ends well, as `adopt` says.
+        """Yield an empty folder whose files are moved into place by `adopt` when the block succeeds.
 
-        They are also put there when the block ends with an error once the file `result` is finished: no picture or page
-        that cannot be made takes a result with it.
+        They are also moved if the block raises once the file `result` exists: a picture or page that fails does not
+        discard the result.
         """
         self.discard()
         self.unfinished.mkdir(parents=True)
@@ -151,7 +151,7 @@ class OutputFolder:
             self.unfinished.parent.rmdir()
 
     def adopt(self, staging: Path, *, complete: bool = True) -> None:
-        """Put the files of a folder in `unfinished` in their places, as `FolderRecord.adopt` says."""
+        """Move the files of a folder in `unfinished` into place, see `FolderRecord.adopt`."""
         self.record.adopt(self._key, staging, self.path, complete=complete, force=self.force)
 
     def _refuse(self, names: Iterable[str]) -> None:
@@ -164,26 +164,26 @@ class OutputFolder:
 
 
 def results_folder(folder: Path) -> Path:
-    """Return the folder of the store of results in a folder of results."""
+    """Return the store of results in an output folder."""
     return folder / HIDDEN / RESULTS
 
 
 @contextmanager
 def output_folder(path: Path, command: str, *, force: bool | None = None) -> Iterator[OutputFolder]:
-    """Lock a folder for a command that writes into it, and make it where there is none.
+    """Lock a folder for a command, and create it if missing.
 
-    Raises InputError where another process holds the lock, and where the folder cannot be written. A folder in which
-    the block leaves nothing is removed again, if it was made here.
+    Raises InputError if another process holds the lock, or if the folder cannot be written. A folder that was created
+    here and stays empty is removed.
     """
     hidden = path / HIDDEN
     if path.exists() and not path.is_dir():
         raise InputError(f"{path}: is a file, expected a folder")
     if hidden.is_symlink() or (hidden.exists() and not hidden.is_dir()):
-        raise InputError(f"{hidden}: is no folder of this program, expected none or a new --out")
+        raise InputError(f"{hidden}: is not a folder of this program, expected a new --out")
     link = next((hidden / name for name in (RECORD, LOCK, HOLDER) if (hidden / name).is_symlink()), None)
     if link is not None:
         raise InputError(f"{link}: is a link, expected a file of this program, or a new --out")
-    made = [parent for parent in (hidden, *hidden.parents) if not parent.exists()]
+    created = [parent for parent in (hidden, *hidden.parents) if not parent.exists()]
     lock = FileLock(hidden / LOCK, timeout=0)
     try:
         hidden.mkdir(parents=True, exist_ok=True)
@@ -192,18 +192,18 @@ def output_folder(path: Path, command: str, *, force: bool | None = None) -> Ite
         holder = read_record(Holder, hidden / HOLDER)
         raise InputError(f"{path}: in use by {holder or 'another mirrorcam'}, expected it to end first") from None
     except OSError as error:
-        _remove_made(made)
+        _remove_empty(created)
         raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
     try:
         write_text(hidden / HOLDER, _this_process(command).model_dump_json() + "\n")
         yield OutputFolder(path, FolderRecord(hidden / RECORD), command, force=force)
     finally:
-        # Removed while they are still locked: a process that has just opened them notices it and makes new ones.
+        # Removed while locked: a process that has just opened them notices it and creates new ones.
         for name in (HOLDER, LOCK):
             with suppress(OSError):
                 (hidden / name).unlink()
         lock.release()
-        _remove_made(made)
+        _remove_empty(created)
 
 
 def _this_process(command: str) -> Holder:
@@ -211,8 +211,8 @@ def _this_process(command: str) -> Holder:
     return Holder(command=command, process=os.getpid(), host=socket.gethostname()[:255], since=now)
 
 
-def _remove_made(folders: Iterable[Path]) -> None:
-    """Remove the empty folders, inner ones first."""
+def _remove_empty(folders: Iterable[Path]) -> None:
+    """Remove those folders that are empty, listed inner ones first."""
     for folder in folders:
         with suppress(OSError):
             folder.rmdir()

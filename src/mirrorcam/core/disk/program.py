@@ -1,4 +1,4 @@
-"""The part of this program that a result depends on: the code of modules with all that they import, and libraries.
+"""The code and libraries that a result depends on: modules with all their imports.
 
 Code is found by parsing sources: nothing is imported. Comments, docstrings and imports for type checkers do not count.
 """
@@ -27,10 +27,10 @@ _EXTRA = re.compile(r"""extra\s*==\s*['"]([^'"]+)['"]""")
 
 
 def program_of(*modules: str) -> dict[str, str]:
-    """Return what results of modules depend on: the digest of their `code`, and versions of libraries by their names.
+    """Return the dependencies of modules' results: the digest of their `code`, and versions of libraries by name.
 
-    The libraries are those that this code imports, and the compiled ones that these require in turn: they can change
-    the results of an unchanged library.
+    The libraries are those that this code imports, and the compiled ones that these require, as they can change the
+    results of an unchanged library.
     """
     return {"code": code_digest(*modules)} | _versions(*modules)
 
@@ -41,7 +41,7 @@ def code_digest(*modules: str) -> str:
 
     An import counts anywhere, also in a function, and so does a string with the name of a module, as in
     `import_module("mirrorcam.cad.build")`. Data files count where a module reads them, see `_data_files`. Raises
-    ModuleNotFoundError for a module that is not there.
+    ModuleNotFoundError for a missing module.
     """
     return digest(*(f"{name} {source.sha256}\n".encode() for name, source in sorted(_closure(modules).items())))
 
@@ -53,7 +53,7 @@ def modules_of(*modules: str) -> frozenset[str]:
 
 @dataclass(frozen=True)
 class _Source:
-    """A module: digest of what it does, and the names of modules, and of libraries, that it imports."""
+    """A module: digest of its effective code, and names of the modules and libraries that it imports."""
 
     sha256: str
     modules: frozenset[str]
@@ -102,7 +102,7 @@ def _source(module: str) -> _Source:
 
 
 def _effective(body: list[ast.stmt]) -> list[ast.stmt]:
-    """Statements without docstrings and without what only type checkers read."""
+    """Statements without docstrings and blocks for type checkers."""
     kept: list[ast.stmt] = []
     for statement in body:
         if isinstance(statement, ast.Expr) and isinstance(statement.value, ast.Constant):
@@ -119,7 +119,7 @@ def _effective(body: list[ast.stmt]) -> list[ast.stmt]:
 
 
 def _imported(nodes: list[ast.AST], package: str) -> Iterator[str]:
-    """The names that import statements may load: of `from a import b`, both `a` and `a.b`."""
+    """Names that import statements may load; for `from a import b`, both `a` and `a.b`."""
     for node in nodes:
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
@@ -131,7 +131,7 @@ def _imported(nodes: list[ast.AST], package: str) -> Iterator[str]:
 
 
 def _data_files(folders: list[Path], texts: set[str]) -> list[Path]:
-    """The data that a module reads which names `__file__`: files in its folder, and what its texts name in folders."""
+    """Data files of a module that uses `__file__`: files in its folder, and files and folders named in its strings."""
     names = [text for text in texts if re.fullmatch(r"\w[\w.]*", text)]
     named = [place for folder in folders for name in names for place in [folder / name, *(folder / name).rglob("*")]]
     return sorted({each for each in (*folders[0].iterdir(), *named) if each.is_file() and each.suffix[:3] != ".py"})
@@ -139,7 +139,7 @@ def _data_files(folders: list[Path], texts: set[str]) -> list[Path]:
 
 @cache
 def _path_of(module: str) -> Path | None:
-    """The source of a module; None where there is none."""
+    """Path of a module's source; None if there is none."""
     top, *inner = module.split(".")
     folders = (spec.submodule_search_locations or ()) if (spec := find_spec(top)) else ()
     for place in (Path(folder, *inner) for folder in folders):
@@ -174,7 +174,7 @@ def _packages() -> Mapping[str, list[str]]:
 
 
 def version(distribution: str) -> str:
-    """The installed version of a distribution."""
+    """The installed version of a distribution, or `NOT_INSTALLED`."""
     try:
         return metadata.version(distribution)
     except metadata.PackageNotFoundError:
@@ -182,7 +182,7 @@ def version(distribution: str) -> str:
 
 
 def required(distribution: str, extras: frozenset[str]) -> set[str]:
-    """Return what a distribution requires with some of its extras; conditions on the platform are taken as met."""
+    """Return what a distribution requires with some of its extras; conditions on the platform count as met."""
     try:
         lines = metadata.requires(distribution) or []
     except metadata.PackageNotFoundError:

@@ -1,4 +1,4 @@
-"""A store of results: what was made once of the same inputs, options, code and libraries is not made again."""
+"""A store of results, re-used for equal inputs, options, code and libraries."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _LONGEST_VERSION = 40
 
 
 class _Header(Value):
-    """The first line of a result's file: what it was made of, and length and sha256 of each content that follows."""
+    """The first line of a result's file: its inputs, and length and sha256 of each content that follows."""
 
     schema_id: Literal["mirrorcam.result/1"] = Field(default="mirrorcam.result/1", alias="schema")
     made_of: dict[str, str]
@@ -37,11 +37,11 @@ class _Header(Value):
 
 
 class Results:
-    """A folder of results, a file each, which any number of processes may use at the same time.
+    """A folder of results, one file each, which any number of processes may use at the same time.
 
-    A result has a name, such as a part's or the digest of a picture, and is made of an input: texts by names,
-    which are digests, versions and short values. The folder keeps the latest result of a name. A file that is damaged,
-    or made of another input, counts as none and is replaced; a file that this class did not write is left alone.
+    A result has a name, such as a part's or the digest of a picture, and inputs: digests, versions and short values by
+    name. The folder keeps the latest result of a name. A file that is damaged, or has other inputs, is replaced; a file
+    that this class did not write is not touched.
 
     Raises InputError for a folder that is a link or a file.
     """
@@ -49,16 +49,16 @@ class Results:
     def __init__(self, folder: Path) -> None:
         if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
             what = "link" if folder.is_symlink() else "file"
-            raise InputError(f"{folder}: is a {what}, expected a folder for results, or nothing")
+            raise InputError(f"{folder}: is a {what}, expected a folder for results")
         self._folder = folder
 
     def get(self, name: str, made_of: Mapping[str, str]) -> dict[str, bytes] | None:
-        """Return the contents of a result by their names; None where it is to be made (again)."""
+        """Return the contents of a result by name; None if it is missing or has other inputs."""
         header, contents = self._read(name)
         return contents if header is not None and header.made_of == made_of else None
 
     def put(self, name: str, made_of: Mapping[str, str], contents: Mapping[str, bytes]) -> None:
-        """Keep a result: all of it or, where the process is killed, none. One that is too large is not kept."""
+        """Store a result atomically, unless it is too large."""
         path = inside(self._folder, name)
         if os.path.lexists(path) and (path.is_symlink() or not path.is_file() or not _is_result(path)):
             return
@@ -69,7 +69,7 @@ class Results:
             write_bytes(path, raw)
 
     def changed(self, name: str, made_of: Mapping[str, str]) -> str:
-        """State the first difference from the input that a result was made of; empty where nothing differs."""
+        """Describe the first difference from the inputs of a result; empty if nothing differs."""
         header, _ = self._read(name)
         if header is None:
             return "not made yet"
@@ -80,7 +80,7 @@ class Results:
         return ""
 
     def _read(self, name: str) -> tuple[_Header | None, dict[str, bytes]]:
-        """The header and the contents of a file, or nothing where that is no complete result."""
+        """The header and contents of a file, or nothing unless it is a complete result."""
         path, contents = inside(self._folder, name), {}
         try:
             raw = read_bytes(path)

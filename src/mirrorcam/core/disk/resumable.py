@@ -1,4 +1,4 @@
-"""Folders that are written file by file, with a record of the files written: intact files are kept."""
+"""Folders that are written file by file, with a manifest of the files written: intact files are kept."""
 
 from __future__ import annotations
 
@@ -16,28 +16,28 @@ from mirrorcam.core.processes.interruption import deferred
 from mirrorcam.core.values import Value
 
 UNFINISHED = f"{TEMPORARY}unfinished"
-"""Hidden folder for files that are not finished, which may hold what a killed run has left."""
+"""Hidden folder for unfinished files, which may hold files of a killed run."""
 
 
 class FolderManifest(Value):
-    """The manifest of a folder that follows from a request: the same request is resumed where it was interrupted.
+    """The manifest of a folder whose contents follow from a request, and which an interrupted run resumes.
 
-    A subclass has the fields `request`, a digest of everything that the bytes of the folder follow from, and `files`,
-    the sha256 of each file written so far by its name in the folder; all others say what was asked for.
+    A subclass has the fields `request`, a digest of everything that determines the contents, and `files`, the sha256 of
+    each file written so far by its name; all other fields describe the request.
     """
 
     FILE: ClassVar[str]
     """The manifest's own file."""
     WHAT: ClassVar[str]
-    """What the folder holds, as messages name it."""
+    """The contents of the folder, as named in messages."""
     FILES: ClassVar[tuple[str, ...]] = ()
     """Other files in the manifest's folder."""
     FOLDERS: ClassVar[tuple[str, ...]] = ()
     """Folders in the manifest's folder."""
     FOLLOWS: ClassVar[frozenset[str]] = frozenset()
-    """Fields that follow from others, and are not part of the request."""
+    """Fields derived from others, which are not part of the request."""
 
-    if TYPE_CHECKING:  # fields of the subclasses, which say in which order they are written
+    if TYPE_CHECKING:  # fields of the subclasses, which determine their order
         request: str
         files: dict[str, str]
 
@@ -46,7 +46,7 @@ class FolderManifest(Value):
         unfinished = folder / UNFINISHED
         write_text(unfinished / self.FILE, self.model_dump_json(indent=1, by_alias=True) + "\n")
         (unfinished / self.FILE).replace(folder / self.FILE)
-        with suppress(OSError):  # it holds files that are to follow
+        with suppress(OSError):  # it may hold files still to be moved
             unfinished.rmdir()
 
     @classmethod
@@ -55,14 +55,14 @@ class FolderManifest(Value):
         return read_model(cls, folder / cls.FILE, LARGEST_FILE_BYTES)
 
     def intact(self, folder: Path, name: str) -> bool:
-        """Return whether a file of the folder exists with the checksum of what was written."""
+        """Return whether a file of the folder exists with its checksum."""
         return name in self.files and is_intact(folder, name, self.files[name])
 
     def continued(self, folder: Path, planned: Collection[str]) -> Self:
-        """Return the manifest to continue: that of an interrupted run of the same request, without damaged files.
+        """Return the manifest to continue: that of an interrupted run of the same request, without missing files.
 
-        `planned` are the names of all files that are to be written. Raises InputError where the folder holds something
-        else, a file that was changed since, or one of these names that is not listed: it is not replaced.
+        `planned` are the names of all files to write. Raises InputError if the folder holds something else, a changed
+        file, or a file of these names that the manifest does not list.
         """
         if folder.exists() and not folder.is_dir():
             raise InputError(f"{folder}: is a file, expected a folder for the {self.WHAT}")
@@ -75,24 +75,24 @@ class FolderManifest(Value):
             return self
         before = self.load(folder)
         if before.request != self.request:
-            asked = set(type(self).model_fields) - {"schema_id", "request", "files"} - self.FOLLOWS
-            other = differing(*({name: getattr(each, name) for name in asked} for each in (before, self)))
+            described = set(type(self).model_fields) - {"schema_id", "request", "files"} - self.FOLLOWS
+            other = differing(*({name: getattr(each, name) for name in described} for each in (before, self)))
             differs = " and ".join(other) or "seed (or of another version of this program)"
             raise InputError(
                 f"{folder}: holds a {self.WHAT} of another {differs}, expected the same request or a new folder"
             )
         refuse_blocked(folder, planned)
         discard(folder / UNFINISHED)
-        whole = intact(folder, before.files)
-        for name in sorted(before.files.keys() - whole.keys()):
+        valid = intact(folder, before.files)
+        for name in sorted(before.files.keys() - valid.keys()):
             if os.path.lexists(folder / name):
                 raise InputError(f"{folder / name}: was changed since it was written, expected it unchanged or removed")
-        before = before.replaced(files=whole)
+        before = before.replaced(files=valid)
         before._refuse_others(folder, planned)
         return before
 
     def _refuse_others(self, folder: Path, names: Collection[str], new: Mapping[str, str] | None = None) -> None:
-        """Raise InputError for the first of the names that is there and not listed, unless with its `new` checksum."""
+        """Raise InputError for the first name that exists but is not listed, unless it has its `new` checksum."""
         for name in names:
             if name in self.files or not os.path.lexists(folder / name):
                 continue
@@ -101,10 +101,10 @@ class FolderManifest(Value):
                 raise InputError(f"{folder / name}: is not listed in {self.FILE}, {expected}")
 
     def added(self, folder: Path, write: Callable[[Path], None]) -> Self:
-        """Put files that a function writes into an empty folder in their places, and return the manifest with them.
+        """Move files that `write` writes into an empty folder into place, and return the manifest with them.
 
-        The manifest is saved first: a file that it does not list is never one of its own. Raises InputError where such
-        a file would be replaced.
+        The manifest is saved first, so that it lists every file of its own. Raises InputError if another file would be
+        replaced.
         """
         staging = folder / UNFINISHED
         discard(staging)
@@ -114,7 +114,7 @@ class FolderManifest(Value):
             new = file_digests(staging)
             refuse_blocked(folder, new)
             self._refuse_others(folder, new, new)
-            # In the order of their names, not of the workers that made them.
+            # Sorted, as the order in which workers finish varies.
             manifest = self.replaced(files=dict(sorted((self.files | new).items())))
             with deferred():
                 manifest.save(folder)

@@ -1,9 +1,8 @@
-"""Stages: steps of work that are done once, and again only when something they depend on has changed.
+"""Stages: steps of work that are repeated only when their inputs have changed.
 
-A stage owns one subfolder of the run's folder. It works in a hidden folder, whose files take their places when the work
-has ended well. The store of results then keeps their checksums, and what they were made of: parameters, contents of the
-files read, the code of the stage, and versions of libraries. Interrupted work therefore leaves nothing behind that
-could be mistaken for a result.
+A stage owns one subfolder of the run's folder. It works in a hidden folder, whose files are moved into place when the
+work succeeds. The store of results then keeps their checksums and inputs: parameters, contents of the files read, the
+code of the stage, and versions of libraries. Interrupted work leaves nothing that could be mistaken for a result.
 """
 
 from __future__ import annotations
@@ -35,15 +34,15 @@ class Stage:
     code
         Module that does the work: the code that it imports, and the versions of libraries, may change the result.
     doing, unit
-        What people read while it works, and what its progress counts.
+        Description of the work in progress, and the unit of its progress.
     parameters
-        Values that decide about the result: anything JSON can hold.
+        Values that determine the result, as JSON can hold them.
     reads
         Files or folders that it reads.
     programs
         Versions of other programs that it runs.
     resumes
-        Whether the work finds what an interrupted run of it has left, and judges by itself what it can use.
+        Whether the work resumes an interrupted run from its unfinished files.
     """
 
     name: str
@@ -58,7 +57,7 @@ class Stage:
 
 
 def made_of(stage: Stage, root: Path) -> dict[str, str]:
-    """Return what decides about the result of a stage now."""
+    """Return the current inputs of a stage."""
     reads: dict[str, str] = {}
     for path in stage.reads:
         place = path.relative_to(root).as_posix() if path.is_relative_to(root) else str(path)
@@ -69,7 +68,7 @@ def made_of(stage: Stage, root: Path) -> dict[str, str]:
 
 
 def staleness(stage: Stage, root: Path) -> str:
-    """Say why the stage has to be done (again), in a few words; empty where its folder holds what it would make now."""
+    """State in a few words why a stage has to be done (again); empty if its folder holds a valid result."""
     results, now = Results(results_folder(root)), made_of(stage, root)
     contents = results.get(_kept_as(stage), now)
     if contents is None:
@@ -82,7 +81,7 @@ def staleness(stage: Stage, root: Path) -> str:
 
 
 def refuse_foreign(stages: Iterable[Stage], output: OutputFolder) -> None:
-    """Raise InputError where the folder of a stage holds files that no stage has made, or that were changed since."""
+    """Raise InputError if the folder of a stage holds files that no stage wrote, or that were changed since."""
     for stage in stages:
         place = output.subfolder(stage.name)
         place.refuse_unknown()
@@ -90,15 +89,14 @@ def refuse_foreign(stages: Iterable[Stage], output: OutputFolder) -> None:
 
 
 def perform(stage: Stage, output: OutputFolder, progress: Progress = no_progress) -> None:
-    """Do the stage's work, and replace an earlier result in the stage's subfolder by its result.
+    """Do the work of a stage, and replace an earlier result in its subfolder.
 
-    Raises InputError, before any work, where the subfolder holds files that no stage has made, or that were changed
-    since: those are not replaced.
+    Raises InputError, before any work, if the subfolder holds files that no stage wrote, or that were changed since.
     """
     begun = made_of(stage, output.root)
     refuse_foreign([stage], output)
     place, keep = output.subfolder(stage.name), False
-    # Continue what an interruption left of the same input; remove anything else.
+    # Resume an interrupted run with the same inputs; remove other unfinished files.
     folder = place.unfinished / value_digest(begun)
     if not (stage.resumes and folder.is_dir() and is_inside(output.root, folder.relative_to(output.root).as_posix())):
         place.discard()

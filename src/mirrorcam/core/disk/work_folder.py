@@ -1,4 +1,4 @@
-"""Temporary folders that programs of others work in: removed whatever they hold, after a killed run by the next."""
+"""Temporary folders for other programs: removed whatever they hold, by the next run if this one is killed."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from filelock import FileLock, Timeout
 
 PREFIX = "mirrorcam-work-"
 LOCK = "lock"
-"""A file in each folder that the process which made it holds a lock of, and that the system releases with it."""
+"""A file in each folder, locked by the process that created it until that ends."""
 
 
 @contextmanager
 def work_folder() -> Iterator[Path]:
-    """Yield a new temporary folder, and remove it afterwards with all that is in it, but through no link.
+    """Yield a new temporary folder, and remove it afterwards with its contents; links are not followed.
 
     What cannot be removed, such as a file that the system protects, stays for `remove_stale` of a later run.
     """
@@ -35,12 +35,12 @@ def work_folder() -> Iterator[Path]:
 
 
 def remove_stale() -> None:
-    """Remove the folders of `work_folder` that runs of this user have left that were killed.
+    """Remove the folders of `work_folder` that killed runs of this user left.
 
     A folder is left alone where a process holds its lock, or where it has none.
     """
     for folder in Path(tempfile.gettempdir()).resolve().glob(f"{PREFIX}*"):
-        with suppress(OSError, Timeout):  # another run removes it, or works in it
+        with suppress(OSError, Timeout):  # another run removes or uses it
             if _is_ours(folder) and stat.S_ISREG((folder / LOCK).lstat().st_mode):
                 with FileLock(folder / LOCK, timeout=0):
                     remove_tree(folder)
@@ -69,7 +69,7 @@ def remove_tree(path: Path) -> None:
             within = [(Path(entry.path), entry.is_dir(follow_symlinks=False)) for entry in entries]
         for each, is_folder in within:
             if is_folder:
-                # Lifted to the top before it is emptied, so that no path grows too long for the system.
+                # Moved to the top before it is emptied, so that no path is too long for the system.
                 each.chmod(0o700)
                 waiting.append(each.rename(path / f".{token}-{lifted}"))
                 lifted += 1

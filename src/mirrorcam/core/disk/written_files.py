@@ -1,4 +1,4 @@
-"""Ownership of files: which a command has written into a folder, so that no other file is replaced or deleted."""
+"""Ownership of files: commands replace and delete only files that they wrote."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from mirrorcam.core.values import Value
 
 FORCE_ADVICE = "expected another --out, or --force to replace it"
 ADVICE = "expected it removed, or another --out"
-"""What to do about a file of somebody else where a command has no --force."""
+"""Advice on a file of others for commands without --force."""
 
 
 def is_written(folder: Path, name: str, checksums: Collection[str]) -> bool:
-    """Return whether a name is of a file in a folder, not a link, with one of several checksums (sha256)."""
+    """Return whether a folder has a file of this name, not a link, with one of several checksums (sha256)."""
     path = folder / name
     return bool(checksums) and is_inside(folder, name) and _is_file(path) and file_digest(path) in checksums
 
@@ -32,7 +32,7 @@ def _is_file(path: Path) -> bool:
 
 
 def refuse_blocked(folder: Path, names: Iterable[str]) -> None:
-    """Raise InputError where no file can be put: in the place of a folder, or below a file or a link that leads out."""
+    """Raise InputError for a name that is a folder, or lies below a file or below a link out of the folder."""
     for name in names:
         path = folder / name
         if path.is_dir() and not path.is_symlink():
@@ -51,7 +51,7 @@ def move_files(staging: Path, folder: Path, names: Iterable[str]) -> None:
 
 
 def discard(unfinished: Path) -> None:
-    """Remove a folder of unfinished files; of a link in its place, the link alone."""
+    """Remove a folder of unfinished files, or a link with its name."""
     if unfinished.is_symlink():
         unfinished.unlink()
     elif unfinished.exists():
@@ -59,9 +59,9 @@ def discard(unfinished: Path) -> None:
 
 
 class _Line(Value):
-    """A line of a record: checksums that files of a command may have from here on, by their names.
+    """A line of a record: the checksums that files of a command may have from now on, by name.
 
-    A file that is being replaced has two: whenever that is cut off, it has one of them. A deleted one has none.
+    A file that is being replaced has two, as an interruption may leave either; a deleted file has none.
     """
 
     schema_id: Literal["mirrorcam.written/2"] = Field(default="mirrorcam.written/2", alias="schema")
@@ -70,7 +70,7 @@ class _Line(Value):
 
 
 class FolderRecord:
-    """What commands have written into a folder, by the command's name, in a file that grows by a line at a time."""
+    """The files that commands wrote into a folder, by command, in a file that grows line by line."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -80,7 +80,7 @@ class FolderRecord:
             try:
                 self._note(model_from(_Line, path, json_of(path, line)))
             except InputError:
-                continue  # incomplete, or not written by this program: its files are not known to be ours
+                continue  # incomplete, or not written by this program: its files do not count as ours
         if len(lines) > len(self._written):
             every = (_Line(command=name, files=files) for name, files in self._written.items())
             write_text(path, "".join(map(_text, every)))
@@ -92,9 +92,9 @@ class FolderRecord:
     def refuse_others(
         self, command: str, folder: Path, names: Iterable[str], new: Mapping[str, str] | None = None, *, advice: str
     ) -> None:
-        """Raise InputError for the first of the files that is in the folder, but not as a command wrote it.
+        """Raise InputError for the first file that exists, but not as a command wrote it.
 
-        A file that already has its checksum of `new` is not refused. The message ends with `advice`.
+        A file that already has its `new` checksum is accepted. The message ends with `advice`.
         """
         written = self.of(command)
         for name in names:
@@ -105,7 +105,7 @@ class FolderRecord:
                 raise InputError(f"{folder / name}: {what}, {advice}")
 
     def adopt(self, command: str, staging: Path, folder: Path, *, complete: bool, force: bool | None) -> None:
-        """Put every file of a folder in its place in another, as files of a command.
+        """Move every file of a folder into another, and record them as files of a command.
 
         Parameters
         ----------
@@ -114,19 +114,19 @@ class FolderRecord:
         staging
             Folder on the same file system; its files are moved.
         folder
-            Folder for the files; others in it stay.
+            Target folder; other files in it stay.
         complete
-            Whether files that the command wrote before and that are not among these are deleted: all of them, else
-            those in subfolders that are written again. One that was changed since stays.
+            Whether to delete all earlier files of the command that are not among these; otherwise, only those in
+            rewritten subfolders. A file that was changed since stays.
         force
-            Whether files may be replaced that the command did not write, or that were changed since; None where the
-            command has no option for that.
+            Whether to replace files that the command did not write, or that were changed since; None if the command
+            has no such option.
 
         Raises
         ------
         InputError
-            Where such a file would be replaced without `force`, or a folder or a link out of the folder is in the way;
-            nothing is moved then.
+            If such a file would be replaced without `force`, or a folder or a link out of the folder has the name of a
+            file; nothing is moved then.
         """
         staged, written = file_digests(staging), self.of(command)
         refuse_blocked(folder, staged)

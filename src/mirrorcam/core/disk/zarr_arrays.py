@@ -1,4 +1,4 @@
-"""Arrays of Zarr version 3 as recordings have them, read without Zarr: nothing is decoded that was not judged before.
+"""Arrays of Zarr version 3 in recordings, read without Zarr: metadata are checked before anything is decoded.
 
 Metadata follows the Zarr core specification. The supported extensions are regular grids of chunks, the default
 encoding of their keys, bytes of little end first, and one compressor that states how much it holds, Blosc or
@@ -24,13 +24,13 @@ from mirrorcam.core.values import Value
 
 METADATA = "zarr.json"
 MOST_CHUNKS = 100_000
-"""Chunks of the largest array that is read at once."""
+"""Largest number of chunks of an array that is read at once."""
 _SLACK_BYTES = 4096
 _ZSTD = b"\x28\xb5\x2f\xfd"
 
 
 class _Named(Value):
-    """An extension of Zarr by its name, with its configuration."""
+    """A named extension of Zarr, with its configuration."""
 
     name: str
     configuration: dict[str, Any] = Field(default_factory=dict)
@@ -120,11 +120,11 @@ class ZarrArray:
         return "/".join((self._name, "c", *map(str, index)))
 
     def has(self, index: tuple[int, ...]) -> bool:
-        """Return whether there is a file of a chunk: without one, Zarr would take it for all zero."""
+        """Return whether a chunk has a file; Zarr reads a missing chunk as zeros."""
         return (self._group / self.key(index)).exists()
 
     def chunk(self, index: tuple[int, ...]) -> NDArray[Any]:
-        """Read a chunk by its place among the chunks; raises InputError in one line where it is damaged."""
+        """Read a chunk by its index; raises InputError in one line if it is damaged."""
         path, size = inside(self._group, self.key(index)), self.chunk_bytes
         with refusing(path, "a chunk that can be read"):
             stored = stored_bytes(path)
@@ -142,7 +142,7 @@ class ZarrArray:
         return all(map(self.has, self._places()))
 
     def whole(self) -> NDArray[Any]:
-        """Read all of the array; chunks without a file are zero."""
+        """Read the complete array; chunks without a file are zero."""
         check_bytes(self._group / self._name / METADATA, self._bytes_of(self.shape), 0)
         values = np.zeros(self.shape, self.dtype)
         for index in filter(self.has, self._places()):
@@ -167,14 +167,14 @@ def _decoded(raw: bytes, codec: str, size: int) -> NDArray[np.uint8]:
         return np.frombuffer(raw, np.uint8)
     from numcodecs import Blosc, Zstd
 
-    # Into a buffer of that size: of several Zstandard frames, the first states only its own size.
+    # Into a buffer of that size: the first of several Zstandard frames states only its own size.
     values = np.empty(size, np.uint8)
     (Blosc() if codec == "blosc" else Zstd()).decode(raw, values)
     return values
 
 
 def _stated(raw: bytes, codec: str) -> int:
-    """Number of bytes that the header of a compressed chunk states: decoders allocate as many."""
+    """Number of bytes stated in the header of a compressed chunk, which decoders allocate."""
     if codec == "bytes":
         return len(raw)
     if codec == "blosc":

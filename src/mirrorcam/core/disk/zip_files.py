@@ -13,7 +13,7 @@ _UNIX, _FILE_MODE = 3, 0o100644 << 16
 
 
 def files_to_zip(folder: Path) -> dict[str, Path]:
-    """All files below a folder by their path in it, sorted; hidden ones and those in hidden folders are left out.
+    """All files below a folder by relative path, sorted, without hidden files and folders.
 
     Raises InputError where a link is among them.
     """
@@ -25,7 +25,7 @@ def files_to_zip(folder: Path) -> dict[str, Path]:
 
 
 def write_zip(path: Path, files: Mapping[str, Path | bytes]) -> None:
-    """Write a compressed ZIP file atomically: files, or their contents, by the names that they have in it.
+    """Write a compressed ZIP file atomically from files, or their contents, by member name.
 
     All are dated 1980-01-01, the first day that the format knows, and stand in the order of their names, so that the
     same contents give the same bytes (of the same zlib).

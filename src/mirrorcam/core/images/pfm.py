@@ -26,7 +26,7 @@ def write_pfm(path: Path, values: NDArray[np.float32]) -> None:
 def read_pfm(path: Path) -> NDArray[np.float32]:
     """The map (v, u) of a .pfm file of one channel, row 0 at the top; NaN and infinities are kept.
 
-    Raises InputError in one line for a file that is not such a one, or that is cut short.
+    Raises InputError in one line for a file of another format, or a truncated one.
     """
     raw = read_bytes(path)
     header = _HEADER.match(raw, 0, _LONGEST_HEADER)

@@ -1,4 +1,4 @@
-"""Data of a picture by their content: PNG, JPEG, TIFF or BMP, judged by the header before they are decoded."""
+"""Picture data, recognised by content: PNG, JPEG, TIFF or BMP, whose header is checked before decoding."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _LARGEST_BYTES = 3 * LARGEST_PICTURE_PX
 
 @dataclass(frozen=True)
 class PictureData:
-    """The data of a picture, whose header is valid and whose end is there.
+    """The data of a picture with a valid header and a complete end.
 
     Attributes
     ----------
@@ -56,22 +56,22 @@ class PictureData:
         if raw.startswith(PNG_BEGIN):
             png = Png.of(raw, name)
             found, channels = cls(name, raw, png, png.size, png.depth), png.channels
-            whole = raw.rfind(PNG_END) >= 0  # found at once: it is the end
+            complete = raw.rfind(PNG_END) >= 0  # found at once: it is the end
         elif raw.startswith(JPEG_BEGIN):
             jpeg = Jpeg.of(raw)
             if jpeg.is_overlong:
                 raise DamagedPicture(overlong(name))
-            found, channels, whole = cls(name, raw, jpeg, jpeg.size(raw), 8), 3, jpeg.end is not None
+            found, channels, complete = cls(name, raw, jpeg, jpeg.size(raw), 8), 3, jpeg.end is not None
         elif raw.startswith(TIFF_BEGINS):
             tiff = Tiff.of(raw, name)
-            found, channels, whole = cls(name, raw, tiff, tiff.size, tiff.depth), tiff.channels, True
+            found, channels, complete = cls(name, raw, tiff, tiff.size, tiff.depth), tiff.channels, True
         elif raw.startswith(BMP_BEGIN):
             bmp = Bmp.of(raw, name)
-            found, channels, whole = cls(name, raw, bmp, bmp.size, 8), 3, True
+            found, channels, complete = cls(name, raw, bmp, bmp.size, 8), 3, True
         else:
             kind = " of BigTIFF" if raw.startswith(BIG_TIFF_BEGINS) else ""
             raise DamagedPicture(f"{name}: not an image{kind} that can be decoded, expected {EXPECTED}")
-        if not whole:
+        if not complete:
             raise DamagedPicture(f"{name}: image is truncated")
         found._check_size(channels)
         return found
@@ -91,7 +91,7 @@ class PictureData:
 
     @property
     def significant_bits(self) -> int | None:
-        """The bits of a sample that the data state to be significant; None where they state none."""
+        """Number of significant bits of a sample, if the data state it; else None."""
         return significant_bits(self.raw) if isinstance(self.header, Png) else None
 
     def decoded(self, *, grey: bool = False, opacity: bool = False) -> NDArray[Any]:

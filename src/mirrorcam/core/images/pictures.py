@@ -36,7 +36,7 @@ _MOST_NAMES = 3
 _ORIENTATION = 0x0112
 _SIXTEEN = 16
 _agreed: dict[tuple[Path, int, int], SampleBits] = {}
-"""What the pictures of 16 bits of a set have in common, by path, time and size of each file."""
+"""Common sample bits of a set's 16-bit pictures, by path, time and size of each file."""
 
 
 def is_picture(path: Path) -> bool:
@@ -44,11 +44,11 @@ def is_picture(path: Path) -> bool:
     return path.suffix.lower() in PICTURE_ENDINGS
 
 
-def pictures_in(paths: Sequence[Path], tell: Callable[[str], None] = lambda line: None) -> list[Path]:
-    """The pictures among files and folders, in order: a folder means all its pictures, by name.
+def pictures_in(paths: Sequence[Path], on_note: Callable[[str], None] = lambda line: None) -> list[Path]:
+    """List the pictures of files and folders in order, those of a folder by name.
 
-    They are taken for one set, see `agree_on_bits`. `tell` takes a line about the files of a folder that are left out,
-    and one about pictures of 16 bits. Raises InputError for a folder without pictures.
+    They count as one set, see `agree_on_bits`. `on_note` takes a line about ignored files of a folder, and one about
+    pictures of 16 bits. Raises InputError for a folder without pictures.
     """
     found: list[Path] = []
     for path in paths:
@@ -63,27 +63,27 @@ def pictures_in(paths: Sequence[Path], tell: Callable[[str], None] = lambda line
             raise InputError(shortened(f"{path}: holds no picture{there}, expected {', '.join(PICTURE_ENDINGS)} files"))
         if others:
             of_all = count_text(len(inside) + len(others), "file")
-            tell(shortened(f"{path}: {len(others)} of {of_all} left out: {names}"))
+            on_note(shortened(f"{path}: {len(others)} of {of_all} left out: {names}"))
         found += inside
-    agree_on_bits(found, tell)
+    agree_on_bits(found, on_note)
     return found
 
 
 def _is_left_out(path: Path) -> bool:
-    """Return whether a user may take a file for one of the pictures of its folder, though it is not read."""
+    """Return whether a user may take an ignored file for a picture of its folder."""
     hidden = path.name.startswith(".")
     return not hidden and not is_picture(path) and path.suffix.lower() not in _SIDE_ENDINGS and path.is_file()
 
 
-def agree_on_bits(paths: Sequence[Path], tell: Callable[[str], None] = lambda line: None) -> None:
-    """Take the pictures of 16 bits among some files for one set, in which as many bits are used in all.
+def agree_on_bits(paths: Sequence[Path], on_note: Callable[[str], None] = lambda line: None) -> None:
+    """Treat the 16-bit pictures among some files as one set with a common number of used bits.
 
-    `read_image` then scales all of them equally; a single picture is scaled by its own samples. `tell` takes a line
+    `read_image` then scales all of them equally; a single picture is scaled by its own samples. `on_note` takes a line
     about them, where there are any.
     """
     found: dict[tuple[Path, int, int], SampleBits] = {}
     for path in filter(is_picture, paths):
-        with suppress(InputError):  # in full when it is read
+        with suppress(InputError):  # reported when the picture is read
             if (known := _agreed.get(_key(path))) is not None:
                 found[_key(path)] = known
                 continue
@@ -95,7 +95,7 @@ def agree_on_bits(paths: Sequence[Path], tell: Callable[[str], None] = lambda li
     if found:
         together = SampleBits.together(found.values())
         _agreed.update(dict.fromkeys(found, together))
-        tell(_line_on_bits(len(found), together))
+        on_note(_line_on_bits(len(found), together))
 
 
 def line_on_bits(folder: Path) -> str | None:
@@ -110,7 +110,7 @@ def _line_on_bits(count: int, bits: SampleBits) -> str:
 
 
 def _key(path: Path) -> tuple[Path, int, int]:
-    """A picture as it is now; raises InputError where it is none."""
+    """Read a picture's data; raises InputError if it is not a picture."""
     stored_bytes(path)
     status = path.stat()
     return path.absolute(), status.st_mtime_ns, status.st_size
@@ -151,7 +151,7 @@ def read_image(path: AnyPath, *, grey: bool = False) -> NDArray[np.uint8]:
 
 
 def read_opacity(path: Path) -> NDArray[np.uint8] | None:
-    """Read the opacity (h, w) of a picture with 8 bits; None of a picture without. Raises as `read_image`."""
+    """Read the 8-bit opacity (h, w) of a picture; None without one. Raises as `read_image`."""
     data = _data(path)
     image = data.decoded(opacity=True)
     if image.shape[2:] != (4,):
@@ -164,7 +164,7 @@ def read_opacity(path: Path) -> NDArray[np.uint8] | None:
 
 
 def _bits(path: Path, data: PictureData, image: NDArray[np.uint16]) -> int:
-    """How many bits of a picture are used: as many as in its set."""
+    """Number of used bits of a picture, common to its set."""
     agreed = _agreed.get(_key(path))
     return (SampleBits.of(image, data.significant_bits) if agreed is None else agreed).used
 

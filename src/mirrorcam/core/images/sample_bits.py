@@ -1,4 +1,4 @@
-"""How many of the 16 bits of stored samples a camera has used: 10, 12 or 14 are stored as the lowest ones."""
+"""The number of used bits in 16-bit samples: cameras of 10, 12 or 14 bits store them as the lowest."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class SampleBits:
 
     @classmethod
     def of(cls, samples: NDArray[Any], stated: int | None = None) -> SampleBits:
-        """Those of samples of 16 bits."""
+        """Bits of some 16-bit samples."""
         return cls(int(samples.max(initial=0)), int(np.bitwise_or.reduce(samples, axis=None)), stated)
 
     @classmethod

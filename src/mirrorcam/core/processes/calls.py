@@ -12,7 +12,7 @@ Call = tuple[Callable[..., Any], tuple[Any, ...]]
 """A function of a module, and its arguments."""
 
 Calls = Callable[[Sequence[Call]], Generator[Any, None, None]]
-"""Makes calls that do not depend on each other and yields what they give, in order; whoever closes it wants no more."""
+"""Makes independent calls and yields their results in order; closing the generator cancels the rest."""
 
 
 def in_turn(calls: Sequence[Call]) -> Generator[Any, None, None]:
@@ -21,11 +21,11 @@ def in_turn(calls: Sequence[Call]) -> Generator[Any, None, None]:
         yield function(*arguments)
 
 
-def beside(worker: WorkerProcess) -> Calls:
-    """Make calls here from the first on, and in a worker from the last on, at the same time.
+def in_parallel(worker: WorkerProcess) -> Calls:
+    """Make calls here from the first on, and at the same time in a worker from the last on.
 
-    A single call is made here, and so is one of which the worker dies. An error is raised where its answer is taken.
-    The worker is killed where its result is no longer needed.
+    A single call is made here, and so is a call that kills the worker. An error is raised when its result is taken.
+    The worker is killed once its result is no longer needed.
     """
 
     def make(calls: Sequence[Call]) -> Generator[Any, None, None]:
@@ -53,7 +53,7 @@ def beside(worker: WorkerProcess) -> Calls:
 
 
 def _answer(worker: WorkerProcess, call: Call) -> Any:
-    """The worker's answer; where it dies, the function's result in this process."""
+    """The worker's answer; if it dies, the function's result in this process."""
     function, arguments = call
     try:
         return worker.answer()

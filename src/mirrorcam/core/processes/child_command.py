@@ -1,4 +1,4 @@
-"""A `mirrorcam` command as a process of its own, for pages that start one: its output, its end, and cancelling it."""
+"""A `mirrorcam` command in a process of its own, started by a page: its output, its end, and its cancellation."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from mirrorcam.core.processes.child_program import NEW_GROUP, supervised
 
 LINES_KEPT = 40
 ENDING_S = 10.0
-"""Time that a command has to finish its file when it is cancelled, or this process ends; it is killed afterwards."""
+"""Time for a command to finish its file when it is cancelled, or this process ends; it is then killed."""
 
 
 class ChildCommand:
@@ -29,7 +29,7 @@ class ChildCommand:
 
     def __init__(self, arguments: Sequence[str]) -> None:
         self.cancelled = False
-        """Whether `cancel` came before its end."""
+        """Whether it was cancelled before its end."""
         self._lines: deque[str] = deque(maxlen=LINES_KEPT)
         self._lock = threading.Lock()
         self._began, self._seconds = time.monotonic(), 0.0
@@ -49,27 +49,27 @@ class ChildCommand:
 
     @property
     def lines(self) -> tuple[str, ...]:
-        """The last lines that it has printed, to either stream; all of these once it has ended."""
+        """The last lines printed to either stream; complete once it has ended."""
         with self._lock:
             return tuple(self._lines)
 
     @property
     def returncode(self) -> int | None:
-        """Its exit code, once it has ended and all its lines are there; 128 and its number where a signal ended it."""
+        """Exit code once it has ended and all its lines are read; 128 plus the number of a signal that ended it."""
         return None if self._follower.is_alive() else self._process.returncode
 
     @property
     def seconds(self) -> float:
-        """How long it has worked."""
+        """Duration so far."""
         return time.monotonic() - self._began if self._follower.is_alive() else self._seconds
 
     def wait(self, timeout_s: float | None = None) -> int | None:
-        """Its exit code once it has ended; None where it has not after a time."""
+        """Wait for its exit code; None after a time."""
         self._follower.join(timeout_s)
         return self.returncode
 
     def cancel(self) -> None:
-        """End it as Ctrl-C would, with finished files complete, without waiting; no effect once it has ended."""
+        """Interrupt it as Ctrl-C would, without waiting: finished files stay complete. No effect once it has ended."""
         if self._process.poll() is None and not self.cancelled:
             self.cancelled = True
             assert self._process.stdin is not None

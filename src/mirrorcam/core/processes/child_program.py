@@ -1,13 +1,13 @@
 """Other programs as child processes that end with this process, however it ends.
 
-Between the two stands a small Python process, this file. Its standard input is a pipe of which this process holds the
-other end; the system closes that when this process ends, even if it is killed, and the child is ended then: killed, or
-interrupted first, as by Ctrl-C, where it has files to finish. This works the same on all systems.
+A small Python process, which runs this file, supervises the child. Its standard input is a pipe from this process; the
+system closes the pipe when this process ends, even if it is killed, and the supervisor then kills the child, or first
+interrupts it, as by Ctrl-C, if it has files to finish. This works on all systems.
 
-A program of somebody else may leave processes behind. With `tree`, these end with it: on Linux every descendant, those
-that have left its session included; on other POSIX systems its process group; on Windows the program alone. Not covered
-are processes that a system service starts for it (cron, systemd, a container engine), and other users' processes.
-Where a program kills the process between, on Linux `adopting_orphans` ends what it leaves.
+Other programs may leave processes behind. With `tree`, these end with the program: on Linux every descendant, even in
+other sessions; on other POSIX systems its process group; on Windows the program alone. Not covered are processes
+that a system service starts for it (cron, systemd, a container engine), and other users' processes. If a program kills
+its supervisor, on Linux `adopting_orphans` ends the remaining processes.
 """
 
 from __future__ import annotations
@@ -27,18 +27,18 @@ if sys.platform == "win32":
     _INTERRUPT, NEW_GROUP = signal.CTRL_BREAK_EVENT, subprocess.CREATE_NEW_PROCESS_GROUP
 else:
     _INTERRUPT, NEW_GROUP = signal.SIGINT, 0
-"""What interrupts a program, and the flag with which one is created in a group of its own."""
+"""Signal that interrupts a program, and flag that creates one in a process group of its own."""
 TREE_ENDING_S = 10.0
-"""Time in which the processes of a tree are ended; those that the system does not let end by then are left."""
+"""Time limit for ending the processes of a tree."""
 _PR_SET_PDEATHSIG, _PR_SET_CHILD_SUBREAPER = 1, 36
 
 
 def supervised(command: Sequence[str] | str, *, ending_s: float = 0.0, tree: bool = False) -> list[str]:
-    """The command line of the process between: it runs a program, and ends it where its own standard input closes.
+    """The command line of the supervisor, which runs a program and ends it when its own standard input closes.
 
-    A text is a line for the shell. With `ending_s`, the program is interrupted then, as by Ctrl-C, and killed if it has
-    not ended after that time. With `tree`, the program runs in a session of its own, and what it has started ends with
-    it. The exit code is the program's, or 128 plus the number of the signal that ended it.
+    A str is a line for the shell. With `ending_s`, the program is first interrupted, as by Ctrl-C, and then killed
+    after that time. With `tree`, the program runs in a session of its own, and its descendants end with it. The
+    exit code is the program's, or 128 plus the number of the signal that ended it.
     """
     shell, words = (True, [command]) if isinstance(command, str) else (False, list(command))
     return [sys.executable, "-I", "-S", __file__, str(ending_s), f"{tree:d}", f"{shell:d}", *words]
@@ -75,7 +75,7 @@ def run_program(
 
 def _supervise(command: Sequence[str], ending_s: float, *, tree: bool, shell: bool) -> int:
     """Run a program until it ends or standard input is closed; return its exit code."""
-    # Ctrl-C is handled by the parent process. A program that may be interrupted must not inherit that it is ignored.
+    # The parent handles Ctrl-C. A program that may be interrupted must not inherit the ignored signal.
     signal.signal(signal.SIGINT, (lambda *_: None) if ending_s else signal.SIG_IGN)
     process = subprocess.Popen(
         command[0] if shell else command,
@@ -113,7 +113,7 @@ def _supervise(command: Sequence[str], ending_s: float, *, tree: bool, shell: bo
 
 @contextmanager
 def adopting_orphans() -> Iterator[Callable[[], None]]:
-    """While the block runs, Linux gives this process the orphans among its descendants; yield what ends those.
+    """On Linux, make this process adopt its orphaned descendants in the block; yield a function that ends them.
 
     Only processes of other sessions that began within the block are ended: the processes of a `tree` are in such
     sessions, and cannot join this process's session. On other systems, nothing is ended.
@@ -132,7 +132,7 @@ def adopting_orphans() -> Iterator[Callable[[], None]]:
 
 
 def _adopting() -> Callable[[], object] | None:
-    """Have Linux give this process all orphans among its descendants; and what has a child killed with this process."""
+    """On Linux, adopt orphaned descendants; returns the function that has a child killed with this process."""
     if sys.platform != "linux":
         return None
     from ctypes import CDLL
@@ -145,14 +145,14 @@ def _adopting() -> Callable[[], object] | None:
 if sys.platform != "win32":
 
     def _reaped(pid: int) -> int:
-        """Wait for the end of a child, and record the end of every other; its exit code, or minus a signal."""
+        """Wait for a child, reaping all others; returns its exit code, or minus the signal."""
         while True:
             found, status = os.waitpid(-1, 0)
             if found == pid:
                 return os.waitstatus_to_exitcode(status)
 
     def _end_tree(pid: int) -> None:
-        """Kill the remaining tree of a child, and wait until it is gone, for a limited time."""
+        """Kill the remaining tree of a child, and wait for its end, for a limited time."""
         deadline = time.monotonic() + TREE_ENDING_S
         with suppress(ChildProcessError):  # no process is left
             while time.monotonic() < deadline:
@@ -168,8 +168,8 @@ if sys.platform != "win32":
         _kill_all(_descendants)
 
     def _kill_all(found: Callable[[], set[int]]) -> set[int]:
-        """Kill all processes that are found, also those that turn up meanwhile; their numbers."""
-        # Stopped first, until no further ones turn up: one that is not could start others faster than they are killed.
+        """Kill all processes that `found` lists, also new ones; returns their numbers."""
+        # Stop them first: a running process could start others faster than they are killed.
         stopped: set[int] = set()
         while new := found() - stopped:
             _signal(new, signal.SIGSTOP)

@@ -1,4 +1,4 @@
-"""Tasks on a Dask cluster: its scheduler reassigns the tasks of a lost worker; answers return to this machine."""
+"""Tasks on a Dask cluster, whose scheduler reassigns the tasks of a lost worker."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ SECONDS_TO_CONNECT = 10
 
 
 def run_cluster(tasks: Sequence[str], address: str, work: Work[str, Answer]) -> Iterator[tuple[int, Answer | Died]]:
-    """Yield number and answer of each task as it is finished by the workers of the scheduler at `address`.
+    """Yield index and answer of each task as workers of the scheduler at `address` finish it.
 
     Tasks start in their order. Workers may join and leave. Raises InputError where no scheduler answers, or where the
     connection to it is lost.
@@ -23,15 +23,15 @@ def run_cluster(tasks: Sequence[str], address: str, work: Work[str, Answer]) -> 
     from distributed.comm.core import CommClosedError
 
     for name in ("distributed", "distributed.client"):
-        logging.getLogger(name).setLevel(logging.CRITICAL)  # errors are reported here, in one line
+        logging.getLogger(name).setLevel(logging.CRITICAL)  # errors are reported in one line
     try:
         client = Client(address, timeout=SECONDS_TO_CONNECT, set_as_default=False)
     except (OSError, ValueError) as error:
         reason = " ".join(str(error).split())
         raise InputError(f"--scheduler {address}: no Dask scheduler answers there: {reason}") from None
     with client:
-        asked = client.map(work, list(tasks), pure=False)
-        futures: dict[Future[Answer], int] = {future: number for number, future in enumerate(asked)}
+        submitted = client.map(work, list(tasks), pure=False)
+        futures: dict[Future[Answer], int] = {future: number for number, future in enumerate(submitted)}
         lost = InputError(f"--scheduler {address}: the connection to the scheduler was lost")
         try:
             for future in as_completed(futures, loop=client.loop):

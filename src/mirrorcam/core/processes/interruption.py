@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM: not lost where a native library swallows them, and deferred during indivisible work."""
+"""Ctrl-C and SIGTERM: remembered if a native library swallows them, and deferred during indivisible work."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if sys.platform == "win32":
 else:
     SIGNALS = (signal.SIGINT, signal.SIGTERM)
 SECONDS_OF_ONE = 1.0
-"""Signals within this time are one: `timeout`, for example, sends each to the process and to its group."""
+"""Signals within this time count as one: `timeout`, for example, signals the process and its group."""
 
 _remembering = False
 _asked: signal.Signals | None = None
@@ -44,7 +44,7 @@ def _interrupt() -> None:
 
 @contextmanager
 def remembered() -> Iterator[None]:
-    """Record Ctrl-C and SIGTERM within the block, besides raising KeyboardInterrupt for either.
+    """Record Ctrl-C and SIGTERM within the block, and raise KeyboardInterrupt for either.
 
     A signal that the process ignores, as jobs in the background of a script do with Ctrl-C, stays ignored, and one with
     another handler is left to that. Only for the main thread.
@@ -66,7 +66,7 @@ def remembered() -> Iterator[None]:
 
 @contextmanager
 def deferred() -> Iterator[None]:
-    """Hold back an interruption until the block ends, where it is `remembered`: for short work that is done or not."""
+    """Defer a `remembered` interruption until the block ends: for short, indivisible work."""
     global _deferrals, _held_back
     _deferrals += 1
     try:
@@ -78,13 +78,13 @@ def deferred() -> Iterator[None]:
         _interrupt()
 
 
-def asked() -> signal.Signals | None:
-    """Return the first signal that asked for an end since `remembered` was entered; None where none has."""
+def requested() -> signal.Signals | None:
+    """Return the first signal that requested an end since `remembered` was entered; None without one."""
     return _asked
 
 
 def check() -> None:
-    """Raise KeyboardInterrupt where a signal asked for an end, even if what ran then has swallowed it.
+    """Raise KeyboardInterrupt if a signal requested an end, even if a library swallowed it.
 
     That is only so within `remembered`.
     """
@@ -93,10 +93,10 @@ def check() -> None:
 
 
 def ended(error: BaseException) -> bool:
-    """Whether an interruption ended the work that raised this error.
+    """Return whether an interruption caused this error.
 
     What a library makes of one within `remembered`, such as the ImportError of a module that was being loaded, is one.
     """
     return isinstance(error, KeyboardInterrupt) or (
-        asked() is not None and any(isinstance(cause, KeyboardInterrupt) for cause in causes(error))
+        requested() is not None and any(isinstance(cause, KeyboardInterrupt) for cause in causes(error))
     )

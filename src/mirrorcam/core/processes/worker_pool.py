@@ -1,4 +1,4 @@
-"""Tasks on all cores of this machine: processes of one thread each, of which any may die without harm to the rest."""
+"""Tasks on all cores of this machine, in single-threaded processes; the death of one does not affect the others."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from multiprocessing.connection import wait
 from typing import Any, Generic, TypeVar
 
-from mirrorcam.core.processes.calls import Call, Calls, beside, in_turn
+from mirrorcam.core.processes.calls import Call, Calls, in_parallel, in_turn
 from mirrorcam.core.processes.worker_process import WorkerDied, WorkerProcess
 
 Task = TypeVar("Task")
@@ -21,7 +21,7 @@ ATTEMPTS = 3
 
 @dataclass(frozen=True)
 class Died:
-    """The end of every worker that tried a task."""
+    """A task whose every worker died."""
 
     reason: str
 
@@ -33,7 +33,7 @@ class _Busy:
 
 
 def cores() -> int:
-    """Return how many cores this process may use."""
+    """Return the number of cores available to this process."""
     return len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
 
 
@@ -45,7 +45,7 @@ def run_local(
     *,
     preload: Sequence[str] = (),
 ) -> Generator[tuple[int, Answer | Died], None, None]:
-    """Yield number and answer of each task, as they come, from at most `workers` processes.
+    """Yield index and answer of each task as it is finished, from at most `workers` processes.
 
     A worker that dies loses what it was doing, and only that: another takes its place and tries it again, until
     ATTEMPTS have died of it. Ends all workers when closed.
@@ -77,7 +77,7 @@ def run_local(
 def call_all(
     calls: Sequence[Call], workers: int, done: Callable[[], None] = lambda: None, *, preload: Sequence[str] = ()
 ) -> list[Any]:
-    """Return what functions give for their arguments, in order; `done` is called as each comes.
+    """Return the results of function calls, in order; `done` is called after each.
 
     With one worker, this process makes the calls; else they are `run_local`. The first error is raised, and a call of
     which its workers die is a RuntimeError.
@@ -95,13 +95,13 @@ def call_all(
 
 @contextmanager
 def in_two_processes(preload: Sequence[str]) -> Iterator[Calls]:
-    """Make calls here and, where this machine has another core, in a worker that has loaded modules, until the end."""
+    """Yield a `Calls` that uses this process and, on a machine with another core, a worker with preloaded modules."""
     if cores() == 1:
         yield in_turn
         return
     worker = WorkerProcess(preload=preload)
     try:
-        yield beside(worker)
+        yield in_parallel(worker)
     finally:
         worker.kill()
 
@@ -112,7 +112,7 @@ def _call(call: Call) -> Any:
 
 
 class _Queue:
-    """Order of tasks: a worker stays with its group; one without takes a complete group, then half of another's."""
+    """Order of tasks: a worker stays with its group; an idle one takes a new group, then half of another worker's."""
 
     def __init__(self, groups: Sequence[Sequence[int]]) -> None:
         self._waiting = [list(group) for group in groups]
@@ -134,7 +134,7 @@ class _Queue:
 
 
 class _Pool(Generic[Task, Answer]):
-    """Workers by their places; each does one task at a time."""
+    """The workers of a pool; each does one task at a time."""
 
     def __init__(self, tasks: Sequence[Task], work: Work[Task, Answer], queue: _Queue, preload: Sequence[str]) -> None:
         self._tasks, self._work, self._queue, self._preload = tasks, work, queue, preload
@@ -142,14 +142,14 @@ class _Pool(Generic[Task, Answer]):
         self.busy: dict[int, _Busy] = {}
 
     def start(self, place: int) -> None:
-        """Start a worker on the next task, if there is any."""
+        """Start a worker on the next task, if any."""
         task = self._queue.next(place)
         if task is not None:
             self.busy[place] = _Busy(WorkerProcess(preload=self._preload), task)
             self._give(self.busy[place])
 
     def answers(self) -> Iterator[tuple[int, Answer | Died]]:
-        """Wait for a worker, take what those that are ready have, and give them their next tasks."""
+        """Wait for workers, take the answers of the ready ones, and send them their next tasks."""
         ready = wait([busy.worker.connection for busy in self.busy.values()])
         for place, busy in [(p, b) for p, b in self.busy.items() if b.worker.connection in ready]:
             task = busy.task
@@ -169,7 +169,7 @@ class _Pool(Generic[Task, Answer]):
             yield task, answer
 
     def _given_up(self, place: int) -> bool:
-        """Start another worker for one that has died; return whether its task is abandoned."""
+        """Replace a worker that died; return whether its task is abandoned."""
         task = self.busy.pop(place).task
         self._deaths[task] += 1
         given_up = self._deaths[task] >= ATTEMPTS

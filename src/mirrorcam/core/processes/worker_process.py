@@ -1,4 +1,4 @@
-"""A process of one thread that makes one call at a time: it may be killed in the middle of one, and started again."""
+"""A single-threaded process that makes one call at a time, and may be killed during a call and restarted."""
 
 from __future__ import annotations
 
@@ -38,12 +38,12 @@ _STARTING = threading.Lock()
 
 
 class WorkerDied(Exception):
-    """The process that made a call has ended before its answer; the message says how."""
+    """The process ended before it answered a call; the message states how."""
 
 
 @dataclass(frozen=True)
 class _Done:
-    """A worker's reply, whatever its answer is."""
+    """A worker's reply to a successful call."""
 
     answer: Any
 
@@ -59,7 +59,7 @@ class _Running:
     ending: threading.Lock = field(default_factory=threading.Lock)
 
     def ended(self) -> str:
-        """Wait for the end of the process, and say how it ended; any thread may."""
+        """Wait for the end of the process, and state how it ended; any thread may call."""
         with self.ending:
             self.process.join()
             self.lifeline.close()
@@ -71,63 +71,63 @@ class _Running:
 class WorkerProcess:
     """A process that makes calls, one at a time, until it is ended.
 
-    It ends with this process, also if that is killed, and leaves Ctrl-C to it. It may have workers of its own. Any
-    thread may call and kill; `send` and `answer` are for one thread.
+    It ends with this process, even if that is killed, and ignores Ctrl-C. It may have workers of its own. Any thread
+    may call and kill; `send` and `answer` are for one thread.
 
     Parameters
     ----------
     preload
-        Modules that are slow to load. Where the system can, they are loaded once, from the construction of the first
-        worker on, in a process that all workers are copies of, so that starting one takes milliseconds. Linux ends that
-        process with the thread that constructed the first worker.
+        Modules that are slow to load. If the system supports it, a process loads them once, when the first worker is
+        constructed, and workers are forked from it in milliseconds. On Linux, that process ends with the thread that
+        constructed the first worker.
     """
 
     def __init__(self, *, preload: Sequence[str] = ()) -> None:
         self._running: _Running | None = None
-        self._asked: _Running | None = None
-        """What a call was sent to."""
+        self._pending: _Running | None = None
+        """The process that has an unanswered call."""
         self._closed = False
         self._state, self._calling = threading.Lock(), threading.Lock()
         self._context: _Context = begin_loading(preload) if preload else get_context("spawn")
 
     @property
     def connection(self) -> Connection:
-        """What `multiprocessing.connection.wait` waits for until there is an answer. Starts the process."""
+        """The connection to pass to `multiprocessing.connection.wait`. Starts the process."""
         return self._start().connection
 
     def start(self) -> None:
-        """Start the process unless it runs; a call does that, too."""
+        """Start the process unless it runs; calls do so, too."""
         self._start()
 
     def call(self, function: Callable[..., Any], *arguments: Any) -> Any:
-        """Return what a function of a module gives for arguments, all of which can be pickled.
+        """Call a module-level function in the process; function, arguments and result must be picklable.
 
         Raises
         ------
         InputError
-            as the function has raised it.
+            As raised by the function.
         RuntimeError
-            with its traceback where the function raised anything else.
+            With the traceback of any other exception of the function.
         WorkerDied
-            where the process ended, or was killed, before the answer. The next call starts another.
+            If the process ended, or was killed, before the answer. The next call starts another.
         """
         with self._calling:
             self.send(function, *arguments)
             return self.answer()
 
     def send(self, function: Callable[..., Any], *arguments: Any) -> None:
-        """Begin a call, whose `answer` is taken later; for one thread that has several workers."""
-        self._asked = self._start()
+        """Begin a call; `answer` waits for its result. For one thread with several workers."""
+        self._pending = self._start()
         try:
-            self._asked.connection.send((function, arguments))
+            self._pending.connection.send((function, arguments))
         except OSError:
-            return  # it has died, which is noticed where its answer is awaited
+            return  # it died, which `answer` reports
 
     def answer(self) -> Any:
-        """Wait for the answer to what was sent; see `call`. Raises ValueError where nothing was."""
-        running, self._asked = self._asked, None
+        """Wait for the result of the call sent, see `call`. Raises ValueError without one."""
+        running, self._pending = self._pending, None
         if running is None:
-            raise ValueError("nothing was sent, expected a call that is answered")
+            raise ValueError("no call was sent, expected one to answer")
         try:
             got = running.connection.recv()
         except (EOFError, OSError):
@@ -140,7 +140,7 @@ class WorkerProcess:
         return got.answer
 
     def end(self) -> None:
-        """Let the process end, which makes no call now."""
+        """End the idle process."""
         running = self._running
         if running is not None:
             self._forget(running)
@@ -148,7 +148,7 @@ class WorkerProcess:
             running.ended()
 
     def kill(self) -> None:
-        """End the process at once, in the middle of a call too; that call raises WorkerDied, waiting calls continue."""
+        """Kill the process; a call in progress raises WorkerDied, waiting calls continue."""
         with self._state:
             running, self._running = self._running, None
             if running is not None:
@@ -157,7 +157,7 @@ class WorkerProcess:
             running.ended()
 
     def close(self) -> None:
-        """End the process at once and start no other: calls that wait, and later ones, raise WorkerDied."""
+        """Kill the process and start no other: waiting and later calls raise WorkerDied."""
         with self._state:
             self._closed = True
         self.kill()
@@ -171,16 +171,16 @@ class WorkerProcess:
             return self._running
 
     def _forget(self, running: _Running) -> None:
-        """Let the next call start another process than this one."""
+        """Make the next call start another process."""
         with self._state:
             if self._running is running:
                 self._running = None
 
 
 def begin_loading(preload: Sequence[str]) -> _Context:
-    """Begin to load the modules of workers to come, where the system can; see `WorkerProcess`.
+    """Begin to load modules for later workers, if the system supports it; see `WorkerProcess`.
 
-    Called before this process loads them itself, it does so on another core at the same time.
+    If called before this process imports them, they load on another core at the same time.
     """
     if "forkserver" not in get_all_start_methods():
         return get_context("spawn")
@@ -204,12 +204,12 @@ def _started(worker: WorkerProcess, context: _Context) -> _Running:
 
 
 def _serve(connection: Connection, lifeline: Connection) -> None:
-    """Make calls until the other end closes, and answer each; with the error where one is raised."""
+    """Answer calls, with their results or errors, until the other end closes."""
     threading.Thread(target=_end_with, args=(lifeline,), name="end with parent", daemon=True).start()
     while True:
         try:
             done = _answer(connection)
-        except (EOFError, OSError):  # closed, or reset by a parent that leaves an answer unread
+        except (EOFError, OSError):  # closed, or reset by a parent that did not read an answer
             return
         try:
             connection.send(done)
@@ -220,7 +220,7 @@ def _serve(connection: Connection, lifeline: Connection) -> None:
 
 
 def _answer(connection: Connection) -> _Done | InputError | str:
-    """The reply to the next call; raises EOFError or OSError where there is none to come."""
+    """The reply to the next call; raises EOFError or OSError if the connection closes."""
     message = connection.recv_bytes()
     try:
         function, arguments = ForkingPickler.loads(message)
@@ -234,7 +234,7 @@ def _answer(connection: Connection) -> _Done | InputError | str:
 def _kill_when_closed(process: BaseProcess, lifeline: Connection) -> None:
     """Have the system kill a worker when the other end of its pipe closes, on Linux.
 
-    A thread of the worker sees that too, but does not run while libraries are loaded or native code keeps Python.
+    A thread of the worker also notices it, but does not run while libraries load or native code holds the GIL.
     """
     if sys.platform == "linux" and process.pid is not None:
         fcntl.fcntl(lifeline, fcntl.F_SETOWN, process.pid)
@@ -243,7 +243,7 @@ def _kill_when_closed(process: BaseProcess, lifeline: Connection) -> None:
 
 
 def _end_with(lifeline: Connection) -> None:
-    """End this process, in the middle of a call too, when the other end of a pipe closes."""
+    """End this process, even during a call, when the other end of a pipe closes."""
     wait([lifeline])
     os._exit(1)
 
@@ -253,7 +253,7 @@ def _for_children() -> Iterator[None]:
     """Give processes started within the block one thread each, and block Ctrl-C, which is for their parent."""
     with _STARTING:
         if sys.platform != "win32":
-            resource_tracker.ensure_running()  # which, started by the first process, would let Ctrl-C through again
+            resource_tracker.ensure_running()  # if the first process started it, it would unblock Ctrl-C
         before = {name: os.environ.get(name) for name in ONE_THREAD}
         os.environ.update(ONE_THREAD)
         held = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT}) if sys.platform != "win32" else set()

@@ -55,10 +55,10 @@ def camera(
     address: str,
     width_px: int,
     height_px: int,
-    tell: Callable[[str], None] = lambda line: None,
+    on_note: Callable[[str], None] = lambda line: None,
     waiting: int = AHEAD,
 ) -> LiveCamera:
-    """A camera, asked for pictures of a size, by its number or address; `tell` and `waiting` as of `LiveCamera`.
+    """Open a camera by number or address, and request a picture size; `on_note` and `waiting` as for `LiveCamera`.
 
     Raises InputError in one line for one that cannot be opened. Messages leave out passwords in an address.
     """
@@ -69,10 +69,10 @@ def camera(
             "host=127.0.0.1 port=5000` and give udp://127.0.0.1:5000, or with `! v4l2sink device=/dev/videoN`"
         )
     # A camera that comes back is opened again, and remarked on once.
-    name, connect = shown(address), partial(_addressed, address, width_px, height_px, cache(tell))
+    name, connect = shown(address), partial(_addressed, address, width_px, height_px, cache(on_note))
     if number:
         name, connect = f"camera {address}", partial(_numbered, int(address), width_px, height_px)
-    return LiveCamera(name, connect, width_px, height_px, tell=tell, waiting=waiting)
+    return LiveCamera(name, connect, width_px, height_px, on_note=on_note, waiting=waiting)
 
 
 def shown(address: str) -> str:
@@ -126,7 +126,7 @@ def _local_file(address: str) -> Path | None:
     return Path(name.removeprefix("//")) if scheme.lower() == "file" else None
 
 
-def _addressed(address: str, width_px: int, height_px: int, tell: Callable[[str], None]) -> Connection:
+def _addressed(address: str, width_px: int, height_px: int, on_note: Callable[[str], None]) -> Connection:
     """A camera or server by an address that FFmpeg reads."""
     import av
 
@@ -156,7 +156,7 @@ def _addressed(address: str, width_px: int, height_px: int, tell: Callable[[str]
         if not container.streams.video:
             raise InputError(f"{name} has no pictures, expected a camera or a video")
         ends = container.duration is not None or (path is not None and not is_sdp(path))
-        return Connection(_decoded(container, stack.pop_all(), name, tell), ends=ends)
+        return Connection(_decoded(container, stack.pop_all(), name, on_note), ends=ends)
 
 
 def is_sdp(path: Path) -> bool:
@@ -204,8 +204,8 @@ def _opened(address: Any, **settings: Any) -> Any:
     return av.open(address, timeout=(OPENING_S, READING_S), metadata_errors="replace", **settings)
 
 
-def _decoded(container: Any, stack: ExitStack, name: str, tell: Callable[[str], None]) -> Generator[Seen]:
-    """The pictures of a container until it ends or fails, with what closes it; `tell` gets remarks on the first one.
+def _decoded(container: Any, stack: ExitStack, name: str, on_note: Callable[[str], None]) -> Generator[Seen]:
+    """The pictures of a container until it ends or fails; `stack` closes it, `on_note` gets remarks on the first.
 
     Those after a damaged one wait for the next key frame.
     """
@@ -215,7 +215,7 @@ def _decoded(container: Any, stack: ExitStack, name: str, tell: Callable[[str], 
     # Else an error in the data is concealed from its surroundings, and the frame passes for a complete one.
     stream.codec_context.options = {"err_detect": "crccheck+explode"}
     stream.thread_type = "SLICE"  # threads for frames would give each some frames late
-    begun, whole, bits = False, False, SampleBits()
+    begun, complete, bits = False, False, SampleBits()
 
     def pixels(frame: Any) -> NDArray[np.uint8]:
         nonlocal bits
@@ -225,7 +225,7 @@ def _decoded(container: Any, stack: ExitStack, name: str, tell: Callable[[str], 
         samples = samples_of_16_bits(frame)
         before, bits = bits, SampleBits.together((bits, SampleBits.of(samples)))
         if bits.used != before.used:
-            tell(f"{name}: {bits}")
+            on_note(f"{name}: {bits}")
         return rgb_of_samples(samples, bits.used)
 
     try:
@@ -233,18 +233,18 @@ def _decoded(container: Any, stack: ExitStack, name: str, tell: Callable[[str], 
             try:
                 frames = packet.decode()
             except av.error.InvalidDataError:
-                frames, whole = [], False
+                frames, complete = [], False
                 if begun:
                     yield Seen(None)
             for frame in frames:
                 key = bool(frame.key_frame) and frame.pict_type == _INTRA
-                whole = (whole or key or bool(stream.codec_context.codec.intra_only)) and not frame.is_corrupt
-                if whole and not begun:
+                complete = (complete or key or bool(stream.codec_context.codec.intra_only)) and not frame.is_corrupt
+                if complete and not begun:
                     begun = True
                     for line in frame_remarks(name, [frame]):
-                        tell(line)
+                        on_note(line)
                 if begun:
-                    yield Seen(pixels(frame) if whole else None, frame.time)
+                    yield Seen(pixels(frame) if complete else None, frame.time)
     except (av.FFmpegError, OSError):
         return  # gone, as a camera that is unplugged
     finally:

@@ -55,7 +55,7 @@ class LiveCamera:
         Opens the camera, or raises InputError where it is not there.
     width_px, height_px
         Size that its pictures must have.
-    tell
+    on_note
         Takes a line when the camera goes and when it is back.
     clock
         Time in s.
@@ -86,13 +86,13 @@ class LiveCamera:
         width_px: int,
         height_px: int,
         *,
-        tell: Callable[[str], None] = lambda line: None,
+        on_note: Callable[[str], None] = lambda line: None,
         clock: Callable[[], float] = time.monotonic,
         retry_s: float = RETRY_S,
         waiting: int = AHEAD,
     ) -> None:
         self.name, self._connect, self._size = name, connect, (width_px, height_px)
-        self._tell, self._clock, self._retry_s, self._most = tell, clock, retry_s, waiting
+        self._on_note, self._clock, self._retry_s, self._most = on_note, clock, retry_s, waiting
         self.dropped, self.outages = 0, 0
         self._changed, self._over = threading.Condition(), threading.Event()
         self._connection = connect()
@@ -161,13 +161,13 @@ class LiveCamera:
                         return
                 if self._over.is_set():
                     return
-                self._tell(f"{self.name} gives no more pictures, waiting for it to come back")
+                self._on_note(f"{self.name} gives no more pictures, waiting for it to come back")
                 gone = self._clock()
                 connection = self._reconnected()
                 if self._over.is_set():
                     return
                 self.outages += 1
-                self._tell(f"{self.name} is back after {self._clock() - gone:.1f} s")
+                self._on_note(f"{self.name} is back after {self._clock() - gone:.1f} s")
         except BaseException as error:  # raised again where the frames are asked for
             put(error)
         finally:

@@ -49,7 +49,7 @@ class Video:
     ----------
     path
         The file: a path, also where its name looks like an address.
-    tell
+    on_note
         Called with a line on what the user should know of it: that it is interlaced, or turned by players.
 
     Attributes
@@ -65,7 +65,7 @@ class Video:
         For a file that is not a video, or one that is cut off before the index that it cannot be read without.
     """
 
-    def __init__(self, path: Path, tell: Callable[[str], None] | None = None) -> None:
+    def __init__(self, path: Path, on_note: Callable[[str], None] | None = None) -> None:
         self.path = path
         with opened(path) as container:
             stream = self._stream(container)
@@ -75,9 +75,9 @@ class Video:
             if self.width_px * self.height_px > LARGEST_PICTURE_PX:
                 most = f"{LARGEST_PICTURE_PX // 1_000_000} megapixels"
                 raise InputError(f"{path}: {self.width_px}x{self.height_px} px, expected a video of at most {most}")
-            if tell is not None:
+            if on_note is not None:
                 for line in remarks(path.name, container, stream):
-                    tell(line)
+                    on_note(line)
 
     def _stream(self, container: Any) -> Any:
         from av.stream import Disposition

@@ -1,7 +1,7 @@
 """The engine of `mirrorcam live`: frames, views, refocused pictures and depth of a camera, as a page shows them.
 
-Nothing heavy runs in the process of the engine. One process decodes and encodes, one measures depth at its own rate,
-and one aligns and finds boards; a thread of the engine attends to each.
+The engine's own process does no heavy work. One process decodes and encodes, one estimates depth at its own rate, and
+one aligns and detects boards; a thread of the engine serves each.
 """
 
 from __future__ import annotations
@@ -35,28 +35,28 @@ class LiveEngine:
     Parameters
     ----------
     request
-        What is shown.
+        Layout, source and sizes of the session.
     out
         Folder for recordings, calibration pictures and calibrations.
     board
         board.toml, to take calibration pictures.
     idle_s
-        Time after which pictures of a kind that `wait_for` was not asked for are no longer made; by default they always
+        Time after which pictures of a kind that `wait_for` did not request are no longer made; by default, they always
         are.
     hold
         Whether a source that ends (a video, a folder) waits for `begin`; a camera does not.
-    tell
-        Takes each message of the session, in a thread of the engine.
+    on_note
+        Called with each message of the session, in a thread of the engine.
 
     Attributes
     ----------
     about : SessionAbout
-        What is shown.
+        Properties of the session.
 
     Raises
     ------
     InputError
-        Where the layout, the board or the source cannot be opened.
+        If the layout, the board or the source cannot be opened.
     """
 
     def __init__(
@@ -67,10 +67,10 @@ class LiveEngine:
         board: Path | None = None,
         idle_s: float | None = None,
         hold: bool = False,
-        tell: Callable[[str], None] = lambda line: None,
+        on_note: Callable[[str], None] = lambda line: None,
     ) -> None:
         self.request, self.out, self.board = request, out, board
-        self._pictures, self._meters = LivePictures(idle_s), LiveMeters(tell)
+        self._pictures, self._meters = LivePictures(idle_s), LiveMeters(on_note)
         self._depth = DepthThread(request.layout, request.depth_width_px, self._pictures, self._meters)
         self._setup = SetupThread(request.layout, board, self._meters)
         self._decoding = DecodingThread(
@@ -116,11 +116,11 @@ class LiveEngine:
         return found
 
     def begin(self) -> None:
-        """Let a source that waits begin; nothing where it has begun."""
+        """Start a waiting source; no effect on a started one."""
         self._decoding.play(again=False)
 
     def play_again(self) -> None:
-        """Show a source that has ended from its start. Raises InputError where it has not, or has failed."""
+        """Restart a source that has ended. Raises InputError if it has not ended, or has failed."""
         status = self.status()
         if status.failed is not None or not status.over:
             raise InputError(f"{self.about.source} plays, or has failed, expected a source that has ended")
@@ -131,7 +131,7 @@ class LiveEngine:
         return self._pictures.latest(kind)
 
     def wait_for(self, kind: PictureKind, after: int, timeout_s: float) -> LivePicture | None:
-        """The newest picture of a kind whose serial number is beyond `after`; None where there is none in time."""
+        """Wait for a picture of a kind with a serial number above `after`; None if none arrives in time."""
         return self._pictures.wait_for(kind, after, timeout_s)
 
     def focus(self, depth_mm: float) -> None:
@@ -147,17 +147,17 @@ class LiveEngine:
         self._depth.switch("depth" in kinds)
 
     def align(self, on: bool) -> None:
-        """Compare the mirrors with the layout, again and again; switched on, from the start."""
+        """Switch the repeated comparison of mirrors with the layout on, from the start, or off."""
         self._setup.align(on)
 
     def reset_focus_meter(self) -> None:
-        """Forget how sharp sub-images have been."""
+        """Reset the best sharpness so far."""
         self._decoding.order(reset_focus=True)
 
     def record(self) -> Path:
         """Write every frame to a new video from the next one on, and return its path.
 
-        Raises InputError where the source has ended, and where the folder cannot be written.
+        Raises InputError if the source has ended, or the folder cannot be written.
         """
         self._refuse_ended()
         path = new_recording(self.out / "recordings")
@@ -171,7 +171,7 @@ class LiveEngine:
     def take_picture(self) -> Path:
         """Write the next frame as a calibration picture, without loss, and return its path; `status` has the hint.
 
-        Raises InputError without a board, and where the source has ended.
+        Raises InputError without a board, or if the source has ended.
         """
         self._refuse_ended()
         if self.board is None:
@@ -179,7 +179,7 @@ class LiveEngine:
         return self._decoding.take(self.out / "pictures")
 
     def calibrate(self) -> Path:
-        """Calibrate from the pictures taken, in a process of its own; returns the folder that the result will be in.
+        """Calibrate from the pictures taken, in a process of its own; returns the folder for the result.
 
         Raises InputError with fewer than LEAST_PICTURES pictures, and while another calibration runs.
         """
@@ -197,7 +197,7 @@ class LiveEngine:
         return out
 
     def status(self) -> LiveStatus:
-        """How the session goes."""
+        """The state of the session."""
         return self._meters.status(
             aligning=self._setup.aligning,
             alignment=self._setup.report,

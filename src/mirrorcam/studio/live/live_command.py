@@ -51,5 +51,5 @@ def live(
         board=board,
         port=port,
         browser=not no_browser,
-        tell=lambda line: say("live", line),
+        on_note=lambda line: say("live", line),
     )

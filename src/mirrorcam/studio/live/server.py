@@ -21,7 +21,15 @@ from mirrorcam.core.html.templates import render
 from mirrorcam.core.values import Value
 from mirrorcam.studio.live.engine import LEAST_PICTURES, LiveEngine
 from mirrorcam.studio.live.values import LiveRequest, PictureKind
-from mirrorcam.studio.local_server import FILES, REFUSALS, LocalAccess, ServedFiles, asked, listening_socket, run_server
+from mirrorcam.studio.local_server import (
+    FILES,
+    REFUSALS,
+    LocalAccess,
+    ServedFiles,
+    listening_socket,
+    posted,
+    run_server,
+)
 from mirrorcam.studio.page import WEB, script_json
 
 SCRIPTS = ("dom.js", "server.js", "live_pictures.js", "live_meters.js", "live.js")
@@ -102,7 +110,7 @@ class LiveAnswers:
         return as_json(self._status())
 
     async def order(self, request: Request) -> Response:
-        order, engine = await asked(LiveOrder, request), self._engine
+        order, engine = await posted(LiveOrder, request), self._engine
         actions: dict[Action, Callable[[], object]] = {
             "play_again": engine.play_again,
             "focus": lambda: engine.focus(order.depth_mm),
@@ -165,14 +173,14 @@ def serve_live(
     board: Path | None,
     port: int,
     browser: bool,
-    tell: Callable[[str], None],
+    on_note: Callable[[str], None],
 ) -> int:
     """Serve a session until Ctrl-C; returns 0. A source that ends begins when a page first asks for pictures.
 
     Raises InputError where something cannot be opened.
     """
     listening = listening_socket(port)
-    with listening, LiveEngine(request, out=out, board=board, idle_s=IDLE_S, hold=True, tell=tell) as engine:
+    with listening, LiveEngine(request, out=out, board=board, idle_s=IDLE_S, hold=True, on_note=on_note) as engine:
         app = live_app(engine, listening.getsockname()[1])
-        run_server(app, listening, browser=browser, tell=tell, end=engine.close)
+        run_server(app, listening, browser=browser, on_note=on_note, end=engine.close)
     return 0

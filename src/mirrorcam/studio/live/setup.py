@@ -20,9 +20,9 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import load_board
 
 Aligning = Literal["off", "waiting", "measuring"]
-"""Whether mirrors are compared with the layout: not, of the frames to come, or of frames that are there."""
+"""State of the comparison with the layout: off, waiting for frames, or measuring in them."""
 FRAMES = 3
-"""Frames in which points of the scene are matched."""
+"""Number of frames in which points of the scene are matched."""
 
 
 @dataclass(frozen=True)
@@ -37,18 +37,18 @@ class TiltWords:
 
 @dataclass(frozen=True)
 class AlignmentReport:
-    """What frames tell of the mirrors.
+    """Alignment of the mirrors by some frames.
 
     Attributes
     ----------
     names
-        What mirrors are called.
+        Names of the mirrors.
     edges, scene
-        By edges of sub-images; and by points of the scene, empty where those are not matched.
+        Tilts by edges of sub-images, and by points of the scene, empty if those are not matched.
     camera
-        How the camera sits, in words.
+        Orientation of the camera, in words.
     designed_px, seen_px
-        Points of edges as designed, and where they are seen; only those that are seen.
+        Points of edges as designed, and as detected; only detected ones.
     points
         Number of points of the scene.
     """
@@ -64,7 +64,7 @@ class AlignmentReport:
 
 @dataclass(frozen=True)
 class PoseHint:
-    """What a calibration picture showed, and what the next should.
+    """The board in a calibration picture, and the recommendation for the next.
 
     Attributes
     ----------
@@ -101,7 +101,7 @@ class LiveSetup:
         self._planner: NextPosePlanner | None = None
 
     def align(self, frames: tuple[NDArray[np.uint8], ...], anew: bool) -> AlignmentReport:
-        """What frames (h, w) tell; `anew`: whatever was found before."""
+        """Measure the alignment in frames (h, w); `anew` ignores earlier results."""
         if self._edges is None:
             self._edges = EdgeAligner(self.layout)
         if self._scene is None and len(self.layout.mirrors) >= LEAST_MIRRORS:
@@ -121,9 +121,9 @@ class LiveSetup:
         )
 
     def add_picture(self, path: Path) -> PoseHint:
-        """Find the board in a picture, and tell where it should be in the next one.
+        """Find the board in a picture, and recommend its pose for the next one.
 
-        Raises InputError where no board is stated.
+        Raises InputError without a board.
         """
         if self._target is None:
             raise InputError("no board is stated, expected --board board.toml to take calibration pictures")
@@ -154,10 +154,10 @@ def _words(alignment: Alignment) -> tuple[TiltWords, ...]:
 
 
 def camera_words(alignment: Alignment) -> str:
-    """How the camera sits: "camera turned 0.4° right, 0.1° up, rolled 0.2°"; axes of the picture."""
+    """Orientation of the camera: "camera turned 0.4° right, 0.1° up, rolled 0.2°"; axes of the picture."""
     turn, sigma = alignment.camera_turn_deg, alignment.camera_turn_sigma_deg
     if not np.isfinite(turn).all():
-        return "cannot tell how the camera sits"
+        return "camera orientation not determined"
     right, up, roll = turn[1], turn[0], turn[2]
     sideways = f"{abs(right):.1f}° {'right' if right >= 0 else 'left'} (±{sigma[1]:.1f}°)"
     upwards = f"{abs(up):.1f}° {'up' if up >= 0 else 'down'} (±{sigma[0]:.1f}°)"
@@ -174,10 +174,10 @@ def open_setup(layout: Path, board: Path | None) -> None:
 
 
 def align_mirrors(frames: tuple[NDArray[np.uint8], ...], anew: bool) -> AlignmentReport:
-    """What frames tell of the mirrors."""
+    """Measure the alignment in frames."""
     return _SETUPS[0].align(frames, anew)
 
 
 def add_picture(path: Path) -> PoseHint:
-    """What a calibration picture shows, and where the board should be in the next one."""
+    """Evaluate a calibration picture, and recommend the next."""
     return _SETUPS[0].add_picture(path)

@@ -1,4 +1,4 @@
-"""How far a live session is: frames, meters, calibration pictures, and the calibration that was started."""
+"""State of a live session: frames, meters, calibration pictures, and the calibration."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ _STATES: dict[int, State] = {0: "done", 1: "alarm"}
 
 @dataclass(frozen=True)
 class CalibrationState:
-    """How far a calibration is.
+    """State of a calibration.
 
     Attributes
     ----------
     state
-        "alarm" where it is done, but the diagnostics contradict the model.
+        "alarm" if it is done, but the pictures contradict the model.
     lines
-        The last lines that it has printed.
+        The last lines printed.
     report
-        report.html, once it is there.
+        report.html, once written.
     layout
-        The calibrated layout.json, once it is there.
+        The calibrated layout.json, once written.
     """
 
     state: State
@@ -52,7 +52,7 @@ class CalibrationRun:
         self._command = ChildCommand(["calibrate", *given])
 
     def state(self) -> CalibrationState:
-        """How far it is."""
+        """Its state."""
         command, code = self._command, self._command.returncode
         state: State = "running" if code is None else "cancelled" if command.cancelled else _STATES.get(code, "failed")
         written = state in ("done", "alarm")
@@ -64,12 +64,12 @@ class CalibrationRun:
         )
 
     def wait(self, timeout_s: float | None = None) -> CalibrationState:
-        """How far it is once it has ended, or after a time."""
+        """Wait for its end, or a time; returns its state."""
         self._command.wait(timeout_s)
         return self.state()
 
     def cancel(self) -> None:
-        """End it as Ctrl-C would; it is killed where that takes long."""
+        """Interrupt it as Ctrl-C would; kill it if that takes too long."""
         self._command.cancel()
         self._command.wait()
 
@@ -82,50 +82,50 @@ LINES_KEPT = 50
 
 @dataclass(frozen=True)
 class LiveStatus:
-    """How a session goes.
+    """State of a session.
 
     Attributes
     ----------
     frames
         Number of frames shown.
     rate_hz, depth_hz
-        Pictures in a second, in the last RECENT_S.
+        Pictures per second, over the last RECENT_S.
     latency_ms, latency_p95_ms
-        From the arrival of a frame to its encoded pictures: median, and of 19 in 20. None before the first frame.
+        From the arrival of a frame to its encoded pictures: median and 95th percentile. None before the first frame.
     depth_latency_ms
-        The same of depth, its median.
+        Median latency of depth.
     dropped, lost, outages
-        Frames left out as newer ones had arrived, frames that could not be read, and how often the camera was gone.
+        Frames skipped for newer ones, frames that could not be read, and number of disconnections.
     over
         Whether the source has ended.
     memory_mb
         Memory of the process that decodes.
     sharpness
-        Of each mirror, relative to its best so far; NaN where unknown.
+        Sharpness of each mirror, relative to its best so far; NaN if unknown.
     exposure
         Exposure.
     aligning
         Whether mirrors are compared with the layout.
     alignment
-        What the last frames tell of the mirrors; None before the first answer since that was switched on.
+        Alignment by the last frames; None before the first result since it was switched on.
     hint
-        What the last calibration picture showed, and where the board should be in the next one.
+        The board in the last calibration picture, and the recommendation for the next.
     pictures, taken
         Number of calibration pictures taken, and the last of them.
     pictures_kept
         Number of pictures that a calibration would use, earlier sessions included.
     recording
-        The file that frames go to, their number, and the number of lost frames.
+        File of the recording, and numbers of recorded and lost frames.
     calibration
-        How far the calibration is.
+        State of the calibration.
     depth_median_mm
         Depth in the middle of the picture.
     lines
         The last messages.
     failed
-        Why the session has ended before its source; None where it has not.
+        Why the session ended before its source; None if it did not.
     failed_parts
-        Why "depth" or "setup" has ended, where it has.
+        Why "depth" or "setup" ended, if so.
     """
 
     frames: int
@@ -158,11 +158,11 @@ class LiveStatus:
 class LiveMeters:
     """Counts, rates and messages of a session, reported by its processes; any thread may write and read.
 
-    `tell` takes each message as it comes.
+    `on_note` is called with each message.
     """
 
-    def __init__(self, tell: Callable[[str], None] = lambda line: None) -> None:
-        self._tell, self._lock = tell, threading.Lock()
+    def __init__(self, on_note: Callable[[str], None] = lambda line: None) -> None:
+        self._on_note, self._lock = on_note, threading.Lock()
         self._arrivals: deque[float] = deque(maxlen=REMEMBERED)
         self._latencies: deque[float] = deque(maxlen=REMEMBERED)
         self._depths: deque[tuple[float, float]] = deque(maxlen=REMEMBERED)
@@ -209,7 +209,7 @@ class LiveMeters:
 
     def say(self, line: str) -> None:
         """Add a message."""
-        self._tell(line)
+        self._on_note(line)
         with self._lock:
             self._lines.append(line)
 

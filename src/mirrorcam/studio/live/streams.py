@@ -24,13 +24,13 @@ Kind = Literal["camera", "video", "folder"]
 
 
 class PictureFolder:
-    """The pictures of a folder as frames, by name, FOLDER_HZ a second; `tell` takes a line about its other files.
+    """The pictures of a folder as frames, by name, FOLDER_HZ a second; `on_note` takes a line about its other files.
 
     Raises InputError for a folder without pictures, and for a first one of another size than the layout's camera's.
     """
 
-    def __init__(self, folder: Path, size: tuple[int, int], tell: Callable[[str], None] = lambda line: None) -> None:
-        self._paths, self._over, self._size = pictures_in([folder], tell), threading.Event(), size
+    def __init__(self, folder: Path, size: tuple[int, int], on_note: Callable[[str], None] = lambda line: None) -> None:
+        self._paths, self._over, self._size = pictures_in([folder], on_note), threading.Event(), size
         check_size(self._paths[0], picture_size(self._paths[0]), size, "the layout's camera")
 
     def frames(self, after: int = -1) -> Iterator[Frame | Lost]:
@@ -72,16 +72,16 @@ class LiveSource:
         return self.ends
 
 
-def open_source(text: str, wanted: Camera, tell: Callable[[str], None] = lambda line: None) -> LiveSource:
+def open_source(text: str, wanted: Camera, on_note: Callable[[str], None] = lambda line: None) -> LiveSource:
     """The source that a text names: a folder, a video file, or the number or address of a camera.
 
     Parameters
     ----------
     text
-        What is named.
+        Text that names the source.
     wanted
         The camera whose size frames must have.
-    tell
+    on_note
         Takes a line when a camera goes and when it is back, remarks on a video, and about files of a folder that are
         not shown.
 
@@ -94,16 +94,16 @@ def open_source(text: str, wanted: Camera, tell: Callable[[str], None] = lambda 
     is_number = text.isascii() and text.isdigit()
     path = None if is_number else existing(text)
     if path is not None and path.is_dir():
-        return LiveSource(PictureFolder(path, size, tell), path.name, "folder")
+        return LiveSource(PictureFolder(path, size, on_note), path.name, "folder")
     if path is not None and path.is_file() and not is_sdp(path):
-        video = Video(path, tell)
+        video = Video(path, on_note)
         check_size(path, (video.width_px, video.height_px), size, "the layout's camera")
         return LiveSource(video, path.name, "video")
     if not is_number and path is None and "://" not in text and not text.startswith("/dev/"):
         raise InputError(
             f"{text}: no such file, expected a video, a folder of pictures, or a camera's number or address"
         )
-    return LiveSource(camera(text, *size, tell=tell), shown(text), "camera")
+    return LiveSource(camera(text, *size, on_note=on_note), shown(text), "camera")
 
 
 WRITING_S = 1.0
@@ -117,12 +117,12 @@ class LiveRecording:
     ----------
     camera
         The camera whose size frames have.
-    tell
+    on_note
         Takes a line when frames are lost, and when a file is finished.
     """
 
-    def __init__(self, camera: Camera, tell: Callable[[str], None]) -> None:
-        self._camera, self._tell = camera, tell
+    def __init__(self, camera: Camera, on_note: Callable[[str], None]) -> None:
+        self._camera, self._on_note = camera, on_note
         self._recorder: BackgroundRecorder | None = None
         self._finishing: list[BackgroundRecorder] = []
         self._told_lost = False
@@ -160,7 +160,7 @@ class LiveRecording:
             raise InputError(str(recorder))
         elif recorder.counts.too_slow and not self._told_lost:
             self._told_lost = True
-            self._tell(f"{path}: frames are lost, as they come faster than they can be written")
+            self._on_note(f"{path}: frames are lost, as they come faster than they can be written")
 
     def close(self) -> None:
         """Finish all files."""
@@ -174,8 +174,8 @@ class LiveRecording:
         self._finishing.append(recorder)
 
     def _tell_finished(self, timeout_s: float = 0.0) -> None:
-        """Tell of files that are finished, at the latest after a time."""
+        """Report finished files, waiting at most for a time."""
         for recorder in list(self._finishing):
             if recorder.finished(timeout_s):
                 self._finishing.remove(recorder)
-                self._tell(str(recorder))
+                self._on_note(str(recorder))

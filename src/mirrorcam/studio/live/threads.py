@@ -174,7 +174,7 @@ class SetupThread:
 
     @property
     def report(self) -> AlignmentReport | None:
-        """What the last frames tell of the mirrors; None before the first answer since that was switched on."""
+        """Alignment by the last frames; None before the first result since it was switched on."""
         return self._report
 
     @property

@@ -34,7 +34,7 @@ class LiveRequest:
     frame_width_px, view_width_px, depth_width_px
         Widths of pictures.
     every
-        Show every frame of a file, as fast as it is used, in place of the newest at its time.
+        Show every frame of a file, as fast as possible, instead of the newest in real time.
     """
 
     layout: Path
@@ -47,7 +47,7 @@ class LiveRequest:
 
 @dataclass(frozen=True)
 class SessionAbout:
-    """What a session shows: the source, sizes of pictures (width, height) in px, and depths in mm.
+    """Properties of a session: source, sizes of pictures (width, height) in px, and depths in mm.
 
     `layout_kind` is "nominal", "as-built" or "calibrated".
     """
@@ -66,29 +66,29 @@ class SessionAbout:
 
 @dataclass(frozen=True)
 class Orders:
-    """What is wanted of the next frame.
+    """The requested results of the next frame.
 
     Parameters
     ----------
     focus_mm
-        Depth of the refocused picture; None: of the reference plane.
+        Depth of the refocused picture; None for the reference plane.
     kinds
-        Pictures that someone looks at.
+        Pictures that are watched.
     depth
-        Whether the light field for depth is wanted.
+        Whether to return the light field for depth.
     frames
-        Whether some of the last frames are wanted, in grey, to align mirrors by.
+        Whether to return some of the last frames, in grey, for alignment.
     record
-        Video that frames go to from now on; None: none.
+        Video to record frames to from now on; None for none.
     take
-        File that the next frame becomes, without loss.
+        File for the next frame, lossless.
     reset_focus
-        Whether the focus meter forgets the best so far.
+        Whether to reset the best sharpness so far.
     plays
-        How often a finite source was started: 0, it has not begun; once more than it has, it plays again
-        from its start, if it has ended. A camera always plays.
+        Requested number of starts of a finite source: 0 waits; one more than so far restarts a source that has ended.
+        A camera always plays.
     timeout_s
-        How long a frame is waited for.
+        How long to wait for a frame.
     """
 
     focus_mm: float | None = None
@@ -104,28 +104,28 @@ class Orders:
 
 @dataclass(frozen=True, eq=False)
 class Shown:
-    """What became of one frame.
+    """The results of one frame.
 
     Attributes
     ----------
     number, time_s
-        Of the frame, in its source.
+        Number and time of the frame in its source.
     arrived_s, done_s
         When it arrived, and when its pictures were encoded, by the clock `time.monotonic`.
     jpegs
         The pictures.
     sharpness
-        Of each mirror, relative to its best so far; None: not measured in this frame.
+        Sharpness of each mirror, relative to its best so far; None if not measured in this frame.
     exposure
-        Exposure; None: not measured in this frame.
+        Exposure; None if not measured in this frame.
     samples
         Samples (t, s, v, u, 3) for depth.
     frames
         Some of the last frames (h, w), grey.
     taken
-        The file that the frame became.
+        The file that the frame was written to.
     again
-        Whether this is the last frame of a source that has ended, once more, in pictures that it has not become before.
+        Whether this repeats the last frame of an ended source, for newly requested pictures.
     """
 
     number: int
@@ -143,9 +143,9 @@ class Shown:
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """What a session answers: a frame's pictures, if one arrived in time, and the counts so far.
+    """The answer of a session: a frame's results, if one arrived in time, and the counts so far.
 
-    `recorded` and `not_recorded` are frames of the recording that runs: those in the file, and those that are lost.
+    `recorded` and `not_recorded` count frames of the current recording: those in the file, and lost ones.
     """
 
     shown: Shown | None
@@ -179,11 +179,11 @@ class LivePictures:
     Parameters
     ----------
     idle_s
-        Time after which pictures of an unwatched kind are no longer made; None: they always are.
+        Time after which pictures of an unwatched kind are no longer made; None to make them always.
     """
 
     def __init__(self, idle_s: float | None) -> None:
-        self._idle_s, self._asked = idle_s, dict.fromkeys(get_args(PictureKind), -np.inf)
+        self._idle_s, self._requested = idle_s, dict.fromkeys(get_args(PictureKind), -np.inf)
         self._latest: dict[PictureKind, LivePicture] = {}
         self._changed, self._over = threading.Condition(), False
 
@@ -201,22 +201,22 @@ class LivePictures:
             return self._latest.get(kind)
 
     def wait_for(self, kind: PictureKind, after: int, timeout_s: float) -> LivePicture | None:
-        """The newest picture of a kind whose serial number is beyond `after`; None where there is none in time."""
+        """Wait for a picture of a kind with a serial number above `after`; None if none arrives in time."""
 
         def newer() -> bool:
             picture = self._latest.get(kind)
             return (picture is not None and picture.serial > after) or self._over
 
         with self._changed:
-            self._asked[kind] = time.monotonic() + timeout_s
+            self._requested[kind] = time.monotonic() + timeout_s
             self._changed.wait_for(newer, timeout_s)
-            self._asked[kind] = time.monotonic()
+            self._requested[kind] = time.monotonic()
             picture = self._latest.get(kind)
             return picture if picture is not None and picture.serial > after else None
 
     def wanted(self, kind: PictureKind) -> bool:
-        """Whether someone was waiting for pictures of a kind lately."""
-        return self._idle_s is None or time.monotonic() - self._asked[kind] < self._idle_s
+        """Whether pictures of a kind were requested recently."""
+        return self._idle_s is None or time.monotonic() - self._requested[kind] < self._idle_s
 
     def end(self) -> None:
         """Release all waiting threads."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from mirrorcam.calibration.inline_svg import Scale, coordinate, tick_text
+from mirrorcam.core.html.inline_svg import Scale, coordinate, tick_text
 
 
 @pytest.mark.parametrize(
