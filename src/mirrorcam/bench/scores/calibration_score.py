@@ -9,7 +9,6 @@ from functools import partial
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from mirrorcam import Layout
 from mirrorcam.bench.scores.consistency import Nees, nees
 from mirrorcam.bench.scores.gauge import Gauge, centre, gauges, score_points, shown_by_all, with_slopes
 from mirrorcam.bench.scores.matched_views import MatchedView, ViewsFile, matched_views
@@ -17,6 +16,7 @@ from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray, Metric
 from mirrorcam.optics.camera_files.camera_rig import CameraRig, PictureFlip
 from mirrorcam.optics.camera_files.write.virtual_cameras import view_name
+from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.transforms import transform
 
 MOST_STEPS, STEADY_MM = 50, 1e-10

@@ -19,7 +19,6 @@ from pydantic import Field
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from mirrorcam import Layout
 from mirrorcam.bench.scores.gauge import Gauge
 from mirrorcam.bench.scores.matched_views import MatchedView
 from mirrorcam.core.disk.files import LARGEST_LAYOUT_BYTES, read_model
@@ -28,7 +27,7 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.diagnostics.calibration_difference import without_motion
 from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import NEGLIGIBLE_PX, project_points
 from mirrorcam.optics.camera_files.camera_rig import CameraRig, ParametricProjection
-from mirrorcam.optics.geometry.layout import Uncertainty
+from mirrorcam.optics.geometry.layout import Layout, Uncertainty
 from mirrorcam.optics.geometry.transforms import rigid, transform
 
 SCHEMA = "mirrorcam.covariance/1"

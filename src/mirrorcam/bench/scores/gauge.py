@@ -10,13 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 from shapely import Polygon, contains_xy
 
-from mirrorcam import Layout
 from mirrorcam.bench.scores.matched_views import MatchedView
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.diagnostics.calibration_difference import best_motion, by_motion
 from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import grid_px, points_at_pixels
-from mirrorcam.optics.geometry.layout import VOLUME
+from mirrorcam.optics.geometry.layout import VOLUME, Layout
 from mirrorcam.optics.geometry.transforms import rigid, transform
 
 STEP_MM = 1e-3

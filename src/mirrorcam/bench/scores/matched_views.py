@@ -14,7 +14,6 @@ from pathlib import Path
 import numpy as np
 from pydantic import Field
 
-from mirrorcam import Layout
 from mirrorcam.core.bounds import LINE_PX
 from mirrorcam.core.disk.files import read_model
 from mirrorcam.core.errors import InputError
@@ -30,6 +29,7 @@ from mirrorcam.optics.camera_files.write.virtual_cameras import (
     view_name,
     virtual_cameras,
 )
+from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.transforms import rigid, transform
 
