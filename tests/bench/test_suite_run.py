@@ -159,7 +159,7 @@ def test_an_answer_of_another_version_is_no_set(default_layout: Layout, tmp_path
             yield number, replace(got, made_with=dict(got.made_with) | {"numpy": "1.0"})
 
     done = rendered_into(tmp_path, small_suite(default_layout), replace(workers(share_the_folder=False), render=older))
-    assert done.failures["one"] == "numpy of a worker is not that of this machine, expected the same in all of them"
+    assert done.failures["one"] == "numpy of a worker differs from this machine's, expected the same everywhere"
     assert not (tmp_path / "sets").exists()
 
 

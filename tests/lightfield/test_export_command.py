@@ -143,7 +143,7 @@ def test_a_point_cloud_has_the_depth_of_the_depth_command(
     capsys.readouterr()
     save_npz(tmp_path / "other.npz", photograph(grid_views(layout_identity="other"), [SURFACE])[0])
     assert main(["export", str(tmp_path / "other.npz"), "--to", "ply", *depth]) == 2
-    assert "tabletop_depth.npz: of layout '0123456789abcdef'" in capsys.readouterr().err
+    assert "tabletop_depth.npz: layout '0123456789abcdef', expected 'other'" in capsys.readouterr().err
     (tmp_path / "bad.npz").write_bytes(b"bad")
     assert main(["export", str(tmp_path / "tabletop.npz"), "--to", "ply", "--depth", str(tmp_path / "bad.npz")]) == 2
     assert "not a depth map of mirrorcam depth" in capsys.readouterr().err
