@@ -89,6 +89,7 @@ def test_a_recording_without_texture_tells_nothing(default_layout: Layout, tmp_p
     assert not drift.moved
 
 
+@pytest.mark.slow
 def test_a_moved_mirror_is_written_where_it_is(tmp_path: Path) -> None:
     random, truth = np.random.default_rng(1), device().truth
     sheets = scene(random, (250.0, 600.0), [fractal(random, slope=0.8)], truth.camera.fx_px)

@@ -68,6 +68,7 @@ def test_a_layout_without_a_request_has_no_report(layout: Layout) -> None:
         design_report(layout.replaced(spec=None), None, [])
 
 
+@pytest.mark.slow
 def test_each_thing_has_its_picture(default_layout: Layout) -> None:
     layout = default_layout.replaced(spec=DesignSpec())
     built = study(layout, Tolerances.hobby(), (300.0, 500.0), devices=4)

@@ -249,6 +249,7 @@ def test_tables_hold_the_same_in_every_format(tmp_path: Path) -> None:
     assert list(cells[0]) == list(rows[0])
 
 
+@pytest.mark.slow
 def test_the_table_holds_no_time(finished: tuple[Path, list[Outcome]]) -> None:
     assert not [name for name in table_of(finished[1])[0] if "second" in name]
 

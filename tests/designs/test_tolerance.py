@@ -108,6 +108,7 @@ def test_the_option_alone_describes_a_hobby_printer(
     assert not any((tmp_path / "out" / name).exists() for name in FILES)
 
 
+@pytest.mark.slow
 def test_tolerances_can_be_given(command: Callable[[str], tuple[int, str, str]], tmp_path: Path) -> None:
     (tmp_path / "design.toml").write_text("[tolerances]\ntilt_deg = 0.1\nsheet_thickness_mm = 0\ncentre_px = 8\n")
     code, output, _ = command("design.toml --tolerance")

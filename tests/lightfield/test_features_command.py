@@ -67,6 +67,7 @@ def test_pictures_tables_and_arrays_are_those_of_the_features(
     assert (colourful & (picture[..., 2] > 150) & (picture[..., 0] < 100)).sum() > 300
 
 
+@pytest.mark.slow
 def test_options_reach_the_finder(stored: Path, tmp_path: Path) -> None:
     def count(*options: str) -> int:
         assert cli.main(["features", str(stored), "--out", str(tmp_path), *options]) == 0

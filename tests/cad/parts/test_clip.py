@@ -24,11 +24,12 @@ from mirrorcam.cad.plan.prisms import box, corners_of, overlap_mm
 from mirrorcam.cad.plan.seats import Frustum
 from mirrorcam.core.errors import InputError
 from mirrorcam.optics.geometry.camera_library import camera_names, read_body
+from tests.nightly import a_few
 
 BOARDS = [name for name in camera_names() if read_body(name).held_by.kind == "board"]
 
 
-@pytest.mark.parametrize("name", BOARDS)
+@pytest.mark.parametrize("name", a_few(5, BOARDS))
 @pytest.mark.parametrize("kind", ["insert", "nut"])
 def test_a_board_rests_on_its_posts_and_its_clip_prints_on_its_slide(name: str, kind: str) -> None:
     hardware = HARDWARE.replaced(camera=read_body(name), screw=HARDWARE.screw.replaced(kind=kind))

@@ -16,7 +16,7 @@ TELE = Camera.c920().replaced(fx_px=40000.0, fy_px=40000.0)
 @pytest.mark.parametrize(
     ("constraint", "spec", "message"),
     a_few(
-        4,
+        2,
         [
             (
                 "depth",

@@ -86,6 +86,7 @@ def test_fewer_mirrors_and_another_fold_also_help() -> None:
     assert 0.0 < by_parameter["body_clearance_mm"].spec.body_clearance_mm < 8.0
 
 
+@pytest.mark.slow
 def test_they_are_the_same_in_two_processes() -> None:
     worker = WorkerProcess(preload=["mirrorcam.optics.design.suggestions"])
     try:

@@ -298,8 +298,8 @@ def test_disparity_is_zero_at_the_reference_depth_and_positive_nearer(
             assert max(np.abs(along_s).max(), np.abs(along_t).max()) < 0.05
 
 
-@pytest.mark.parametrize("field", a_few(2, ["common", "union"]))
-@pytest.mark.parametrize("which", ["parabola_layout", "crooked_layout"])
+@pytest.mark.parametrize("field", ["common", "union"])
+@pytest.mark.parametrize("which", a_few(1, ["parabola_layout", "crooked_layout"]))
 def test_a_valid_pixel_comes_from_inside_its_mirror(which: str, field: Field, request: pytest.FixtureRequest) -> None:
     layout: Layout = request.getfixturevalue(which)
     decoder = Decoder(layout, field=field)

@@ -70,6 +70,7 @@ def seen(scene: FastScene, layout: Layout) -> dict[int, FloatArray]:
     return pictures
 
 
+@pytest.mark.slow
 def test_corners_agree_with_the_projection(distorted_layout: Layout) -> None:
     pose = tilted_board(distorted_layout)
     scene = FastScene(distorted_layout.camera, distorted_layout.mirrors, TARGET, SETTINGS)

@@ -13,6 +13,7 @@ from mirrorcam.render_scenes.fast.pixel_footprints import pixel_footprints
 from mirrorcam.render_scenes.fast.print_map import map_to_print, virtual_views
 from mirrorcam.render_scenes.sets.poses import plan_frames
 from mirrorcam.render_scenes.truth.pixel_maps import board_maps, pixel_rays
+from tests.nightly import a_few
 
 
 def test_plates_agree_with_rays_traced_surface_by_surface(plates: Layout, small_board: Charuco) -> None:
@@ -42,7 +43,7 @@ def test_plates_agree_with_rays_traced_surface_by_surface(plates: Layout, small_
         assert low < np.median(weights) < high
 
 
-@pytest.mark.parametrize("pupil", [Pupil(), Pupil(aperture_mm=2.0)])
+@pytest.mark.parametrize("pupil", a_few(1, [Pupil(), Pupil(aperture_mm=2.0)]))
 def test_no_subpixel_of_a_view_is_shown_twice(distorted_layout: Layout, pupil: Pupil) -> None:
     """Also where one mirror hides a part of another: both together cover a subpixel at most once."""
     first, *others = distorted_layout.mirrors

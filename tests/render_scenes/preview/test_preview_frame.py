@@ -126,6 +126,7 @@ def small(request: pytest.FixtureRequest) -> Layout:
     return layout.replaced(camera=layout.camera.binned(0.25))
 
 
+@pytest.mark.slow
 def test_each_pixel_shows_what_the_reference_meets_at_its_depth_and_about_its_colour(small: Layout) -> None:
     found = light_of(small)
     reference = TabletopScene(small, arranged_tabletop(small, 0), 0.92)

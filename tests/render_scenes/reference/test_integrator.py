@@ -126,6 +126,7 @@ def stock_pictures(
     return pictures
 
 
+@pytest.mark.slow
 def test_the_stock_integrator_fails_this_test(
     scene: BoardScene, crops: list[Crop], distorted_layout: Layout, rig_from_board: FloatArray
 ) -> None:

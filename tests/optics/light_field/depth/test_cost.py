@@ -133,6 +133,7 @@ def test_an_occluded_view_does_not_count() -> None:
     assert np.median(after[inside]) - surcharge < 0.2 * np.median(before[inside])
 
 
+@pytest.mark.slow
 def test_threads_change_no_bit_and_weak_texture_is_averaged() -> None:
     views = grid_views(3, 3, uneven=False)
     planes = sweep(views, INVERSE_DISTANCES)

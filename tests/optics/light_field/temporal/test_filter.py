@@ -190,6 +190,7 @@ def test_light_fields_that_would_take_gigabytes_are_not_filtered(monkeypatch: py
     assert video.filtered(shot(picture()[..., :1], random)).samples.dtype == np.float32
 
 
+@pytest.mark.slow
 def test_small_views_are_filtered_too() -> None:
     random, video = np.random.default_rng(15), TemporalFilter(1)
     for size in (4, 7, 8, 17):
