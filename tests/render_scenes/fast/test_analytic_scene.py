@@ -70,7 +70,6 @@ def seen(scene: FastScene, layout: Layout) -> dict[int, FloatArray]:
     return pictures
 
 
-@pytest.mark.slow
 def test_corners_agree_with_the_projection(distorted_layout: Layout) -> None:
     pose = tilted_board(distorted_layout)
     scene = FastScene(distorted_layout.camera, distorted_layout.mirrors, TARGET, SETTINGS)
@@ -82,6 +81,7 @@ def test_corners_agree_with_the_projection(distorted_layout: Layout) -> None:
     assert np.sqrt(np.mean(np.concatenate(list(errors.values())) ** 2)) < 0.005
 
 
+@pytest.mark.slow
 def test_it_agrees_with_the_reference(distorted_layout: Layout) -> None:
     """The same window of the same board by both: corners, and flat areas."""
     pose = tilted_board(distorted_layout)

@@ -210,6 +210,7 @@ def moved_while_read(pose: FloatArray) -> FloatArray:
     return poses
 
 
+@pytest.mark.slow
 def test_corners_of_a_moving_board_are_where_the_truth_says(default_layout: Layout) -> None:
     poses = moved_while_read(tilted_board(default_layout))
     scene = FastScene(default_layout.camera, default_layout.mirrors, TARGET, RenderSettings(renderer="fast"))
