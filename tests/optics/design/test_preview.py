@@ -10,7 +10,8 @@ import pytest
 
 from mirrorcam.optics.design.assess.layout_metrics import evaluate, grid_error
 from mirrorcam.optics.design.optimise import design
-from mirrorcam.optics.design.preview import CHANGES, _mixture, differences, preview
+from mirrorcam.optics.design.preview import CHANGES, _cost, _mixture, differences, preview
+from mirrorcam.optics.design.program.design_problem import REFERENCE_GRID_ERROR
 from mirrorcam.optics.geometry.arrangement import Pattern
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
@@ -124,6 +125,18 @@ def test_a_mixture_worse_than_its_parts_is_not_taken(monkeypatch: pytest.MonkeyP
         found = preview(spec, [low, high])
         assert found is not None
         assert len(found.provenance["designs"].split()) == parts
+
+
+@pytest.mark.parametrize("measured", [True, False])
+def test_the_cost_trades_the_grid_for_the_area_that_is_not_used(measured: bool) -> None:
+    layout = designed(SMALL)
+    costs = [
+        _cost(layout.replaced(spec=SMALL.replaced(tradeoff=tradeoff), metrics=layout.metrics if measured else {}))
+        for tradeoff in (0.0, 0.25, 1.0)
+    ]
+    assert costs[0] == pytest.approx(1.0 - seen(layout, SMALL), rel=1e-3)
+    assert costs[1] == pytest.approx(0.75 * costs[0] + 0.25 * costs[2])
+    assert costs[2] == pytest.approx((grid_error(layout) / REFERENCE_GRID_ERROR) ** 2)
 
 
 def test_differences_are_by_parameter_and_antisymmetric() -> None:
