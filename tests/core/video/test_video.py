@@ -306,6 +306,20 @@ def test_uneven_times_are_no_loss(tmp_path: Path) -> None:
         assert [frame.time_s for frame in frames] == pytest.approx([moment / RATE for moment in times], abs=2e-3)
 
 
+@pytest.mark.parametrize("name", ["late.mkv", "late.ts"])
+def test_times_begin_at_zero_wherever_those_of_the_file_do(tmp_path: Path, name: str) -> None:
+    with av.open(str(tmp_path / name), "w") as container:
+        stream: Any = container.add_stream("libx264", rate=RATE)
+        stream.height, stream.width, stream.pix_fmt = 96, 160, "yuv420p"
+        for moment, picture in enumerate(pictures(5), start=50):
+            frame = av.VideoFrame.from_ndarray(picture, format="rgb24")
+            frame.pts, frame.time_base = moment, Fraction(1, RATE)
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode(None))
+    frames, _ = split(list(Video(tmp_path / name).frames()))
+    assert [frame.time_s for frame in frames] == pytest.approx(np.arange(5) / RATE, abs=2e-3)
+
+
 def at(*moments: int) -> list[Picture]:
     return [Picture(moment, lambda: np.zeros((1, 1, 3), np.uint8), broken=moment == 500) for moment in moments]
 
