@@ -12,7 +12,16 @@ from numpy.typing import NDArray
 
 from mirrorcam.core.images.pictures import read_image
 from mirrorcam.core.values import Metric
-from mirrorcam.designs.sweep_figure import EFFICIENCY, FIELD_OF_VIEW, FRONT, GRID_ERROR, _front, counts_of, pareto
+from mirrorcam.designs.sweep_figure import (
+    EFFICIENCY,
+    FIELD_OF_VIEW,
+    FRONT,
+    GRID_ERROR,
+    _against_count,
+    _front,
+    counts_of,
+    pareto,
+)
 from mirrorcam.optics.design.spec_grid import Outcome
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from tests.nightly import a_few
@@ -62,6 +71,16 @@ def test_every_count_has_its_colour_among_the_data_and_in_the_legend(picture: tu
     for colour in colours.values():
         assert of_colour(image[:, :legend], colour).sum() > 30
         assert of_colour(image[:, legend:], colour).sum() > 30
+
+
+def test_designs_stand_over_their_count_and_the_best_of_each_are_joined() -> None:
+    outcomes = [made_up(1, 2, 0), made_up(1, 2, 3), made_up(2, 2, 1)]
+    axes = Figure().subplots()
+    _against_count(axes, outcomes, GRID_ERROR, counts_of(outcomes))
+    pair, single, best = (np.array(line.get_xydata()) for line in axes.get_lines())
+    assert pair[:, 1] == pytest.approx([0.3, 0.24]) and np.abs(pair[:, 0]).max() < 0.5
+    assert single[0] == pytest.approx([1.0, 0.28])
+    assert best[:, 1] == pytest.approx([0.24, 0.28])
 
 
 def test_nothing_is_cut_off_at_the_border(picture: tuple[list[Outcome], Path]) -> None:
