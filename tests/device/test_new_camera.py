@@ -6,10 +6,12 @@ import math
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from mirrorcam.core.errors import InputError
 from mirrorcam.device.new_camera import write_new_camera
+from mirrorcam.optics.geometry.camera_body import BoardHoles
 from mirrorcam.optics.geometry.camera_library import read_body, read_camera, read_profile
 
 C920 = read_profile("c920")
@@ -63,6 +65,17 @@ def test_empty_answers_keep_what_is_offered_and_question_marks_are_guesses(tmp_p
     assert body.replaced(name=C920.name, guessed=C920.body.guessed) == C920.body
     assert set(body.guessed) == {*C920.body.guessed, "end_radius_mm"}
     assert read_profile(str(tmp_path / "twin.toml")).guessed == ("aperture_mm",)
+
+
+def test_empty_answers_keep_the_holes_of_a_board(tmp_path: Path) -> None:
+    board = read_profile("arducam_b0196")
+    person = Person(["Twin", *[""] * 30])
+    write_new_camera(tmp_path / "twin.toml", board, person.ask, person.say)
+    held, expected = read_body(str(tmp_path / "twin.toml")).held_by, board.body.held_by
+    assert isinstance(held, BoardHoles) and isinstance(expected, BoardHoles)
+    reach = [np.abs(each.holes_mm).max(axis=0) for each in (held, expected)]
+    assert reach[0] == pytest.approx(reach[1], abs=0.01)
+    assert (held.hole_mm, held.post_mm, held.screw_mm) == (expected.hole_mm, expected.post_mm, expected.screw_mm)
 
 
 def test_what_cannot_be_read_is_asked_again_with_a_reason(tmp_path: Path) -> None:
