@@ -1,4 +1,4 @@
-"""Cases of which a few stand for all by day; the others are for the nightly run."""
+"""Parametrised tests of which the default run takes the first cases, and the nightly run the others."""
 
 from __future__ import annotations
 

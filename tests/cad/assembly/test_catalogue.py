@@ -168,7 +168,6 @@ def test_every_part_stands_on_the_bed_and_has_its_own_number(each_device: Device
 Built = tuple[Layout, Path, dict[str, Metric]]
 
 
-@pytest.mark.slow
 def test_faces_of_the_default_device_are_in_its_files(built_default: Built, device: Device) -> None:
     for part in parts_of(device):
         planes = named_planes((built_default[1] / "parts" / f"{part.name}.step").read_text(encoding="utf-8"))

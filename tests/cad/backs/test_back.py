@@ -38,7 +38,6 @@ def test_a_neck_that_only_bends_has_its_own_arm() -> None:
         assert neck.stress_mpa(12.0, at) == pytest.approx(12.0 / 360.0 + 12.0 * 30.0 * 6.0 / (60.0 * 36.0))
 
 
-@pytest.mark.slow
 def test_the_load_is_that_of_the_parts_as_made(device: Device, built_default: Built) -> None:
     load = carried(device.mount, device.clip, device.hardware)
     checks = built_default[2]

@@ -57,7 +57,6 @@ def checked(device: Device, folder: Path) -> dict[str, Metric]:
     return check_device(device, [built_part(plan, folder / "parts") for plan in parts_of(device)], folder)
 
 
-@pytest.mark.slow
 def test_the_default_device_passes_and_the_assembly_is_what_its_parts_are(
     device: Device, copied: Path, built_default: Built
 ) -> None:
@@ -77,7 +76,6 @@ def test_the_default_device_passes_and_the_assembly_is_what_its_parts_are(
             np.testing.assert_allclose(assembly[plan.name].bounds, mesh.bounds, atol=1e-4)
 
 
-@pytest.mark.slow
 def test_a_device_whose_files_do_not_belong_together_is_found(device: Device, copied: Path) -> None:
     """The mount 3 mm in the holder, a hole in the clip's mesh, no camera in the assembly, and no sheet of mirrors."""
     mount, clip = (copied / "parts" / f"{name}.stl" for name in ("mount", "camera_clip"))
@@ -99,7 +97,6 @@ def test_a_device_whose_files_do_not_belong_together_is_found(device: Device, co
     assert expected <= failed(checked(device, copied))
 
 
-@pytest.mark.slow
 def test_a_wrist_in_the_light_and_in_the_mirrors_is_found_and_a_room_seen_where_the_holder_is_missing(
     device: Device, copied: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

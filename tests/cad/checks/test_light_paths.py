@@ -198,7 +198,6 @@ def hidden(device: Device, solids: Solids, steps: tuple[Step, ...] = STEPS) -> d
     return {name: check.value for name, check in checks.items()}
 
 
-@pytest.mark.slow
 def test_the_guide_takes_its_pictures_when_the_view_is_free(device: Device, solids: Solids) -> None:
     assert hidden(device, solids) == {BASE: 0.0, FRAMES: 0.0}
 

@@ -297,7 +297,6 @@ def test_a_slicer_takes_the_settings_of_a_project(block: PartPlan, built_block: 
     assert (used["perimeters"], used["fill_density"], used["support_material"]) == ("3", "20%", "0")
 
 
-@pytest.mark.slow
 @pytest.mark.skipif(find_slicer() is None, reason="needs PrusaSlicer")
 def test_plates_of_the_default_device_need_no_support(built_default: Built) -> None:
     for path in sorted((built_default[1] / "plates").glob("*.3mf")):

@@ -15,7 +15,6 @@ from mirrorcam.optics.design.assess.verify import verify
 from mirrorcam.optics.design.optimise import design
 from mirrorcam.optics.design.suggestions import PARAMETERS, Suggestion, _rounded, nearest_feasible, suggestions
 from mirrorcam.optics.geometry.design_spec import DesignSpec, InfeasibleDesign
-from tests.nightly import a_few
 
 CASES: dict[str, tuple[dict[str, Any], set[str]]] = {
     "size": ({"rows": 1, "cols": 2, "min_edge_mm": 200.0}, {"min_edge_mm", "scale_mm"}),
@@ -44,7 +43,7 @@ def spec_of(constraint: str) -> DesignSpec:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("constraint", a_few(1, CASES))
+@pytest.mark.parametrize("constraint", CASES)
 def test_each_suggestion_changes_one_parameter_and_is_designed(constraint: str) -> None:
     spec, expected = spec_of(constraint), CASES[constraint][1]
     assert {suggestion.parameter for suggestion in found(constraint)} >= expected
@@ -61,7 +60,7 @@ def test_each_suggestion_changes_one_parameter_and_is_designed(constraint: str) 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("constraint", a_few(1, CASES))
+@pytest.mark.parametrize("constraint", CASES)
 def test_halfway_back_to_the_requested_value_there_is_no_design(constraint: str) -> None:
     spec = spec_of(constraint)
     for suggestion in found(constraint):
