@@ -25,9 +25,7 @@ class BrownConrady(Lens):
         k1, k2, p1, p2, k3 = self.coefficients
         r2 = x * x + y * y
         radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
-        xd = x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x)
-        yd = y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y
-        return xd, yd
+        return _distorted(x, y, r2, radial, (p1, p2))
 
     def linearized(self, x: FloatArray, y: FloatArray, focal: tuple[float, float], out: FloatArray) -> Linearized:
         k1, k2, p1, p2, k3 = self.coefficients
@@ -35,16 +33,11 @@ class BrownConrady(Lens):
         r4, r6 = r2 * r2, r2 * r2 * r2
         radial = 1.0 + k1 * r2 + k2 * r4 + k3 * r6
         d_radial = k1 + 2.0 * k2 * r2 + 3.0 * k3 * r4
-        xd = x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x)
-        yd = y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y
-        cross = 2.0 * x * y * d_radial + 2.0 * p1 * x + 2.0 * p2 * y
-        xx = radial + 2.0 * x * x * d_radial + 2.0 * p1 * y + 6.0 * p2 * x
-        yy = radial + 2.0 * y * y * d_radial + 6.0 * p1 * y + 2.0 * p2 * x
         for row, along, coordinate in ((0, focal[0], x), (1, focal[1], y)):
             for column, power in ((0, r2), (1, r4), (4, r6)):
                 out[:, row, column] = along * coordinate * power
-        tangential_by_coefficients(x, y, r2, focal, out)
-        return Linearized(xd, yd, xx, cross, cross, yy)
+        _tangential_by_coefficients(x, y, r2, focal, out)
+        return _linearized(x, y, r2, radial, d_radial, (p1, p2))
 
     @property
     def valid_radius(self) -> float:
@@ -62,7 +55,34 @@ FLIPS = np.array([[1.0, 1.0, 1.0, -1.0, 1.0], [1.0, 1.0, -1.0, 1.0, 1.0]])
 """Signs of k1, k2, p1, p2, k3 for a picture flipped left-right, and top-bottom."""
 
 
-def tangential_by_coefficients(
+def _distorted(
+    x: FloatArray, y: FloatArray, r2: FloatArray, radial: FloatArray, tangential: tuple[float, float]
+) -> tuple[FloatArray, FloatArray]:
+    """Distorted x and y by a radial factor and the tangential coefficients (p1, p2)."""
+    p1, p2 = tangential
+    xd = x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x)
+    yd = y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y
+    return xd, yd
+
+
+def _linearized(
+    x: FloatArray,
+    y: FloatArray,
+    r2: FloatArray,
+    radial: FloatArray,
+    d_radial: FloatArray,
+    tangential: tuple[float, float],
+) -> Linearized:
+    """Distorted x and y with their derivatives by x and y; `d_radial` is the derivative of the factor by r^2."""
+    p1, p2 = tangential
+    xd, yd = _distorted(x, y, r2, radial, tangential)
+    cross = 2.0 * x * y * d_radial + 2.0 * p1 * x + 2.0 * p2 * y
+    xx = radial + 2.0 * x * x * d_radial + 2.0 * p1 * y + 6.0 * p2 * x
+    yy = radial + 2.0 * y * y * d_radial + 6.0 * p1 * y + 2.0 * p2 * x
+    return Linearized(xd, yd, xx, cross, cross, yy)
+
+
+def _tangential_by_coefficients(
     x: FloatArray, y: FloatArray, r2: FloatArray, focal: tuple[float, float], out: FloatArray
 ) -> None:
     """Write the derivatives by p1 and p2 to columns 2 and 3 of `out` (n, 2, k)."""
@@ -82,9 +102,7 @@ class Rational(Lens):
         k1, k2, p1, p2, k3, k4, k5, k6 = self.coefficients[:8]
         r2 = x * x + y * y
         radial = (1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1.0 + r2 * (k4 + r2 * (k5 + r2 * k6)))
-        xd = x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x)
-        yd = y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y
-        return xd, yd
+        return _distorted(x, y, r2, radial, (p1, p2))
 
     def linearized(self, x: FloatArray, y: FloatArray, focal: tuple[float, float], out: FloatArray) -> Linearized:
         k1, k2, p1, p2, k3, k4, k5, k6 = self.coefficients[:8]
@@ -94,17 +112,12 @@ class Rational(Lens):
         below = 1.0 / (1.0 + r2 * (k4 + r2 * (k5 + r2 * k6)))
         radial = (1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))) * below
         d_radial = (k1 + 2.0 * k2 * r2 + 3.0 * k3 * r4 - radial * (k4 + 2.0 * k5 * r2 + 3.0 * k6 * r4)) * below
-        xd = x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x)
-        yd = y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y
-        cross = 2.0 * x * y * d_radial + 2.0 * p1 * x + 2.0 * p2 * y
-        xx = radial + 2.0 * x * x * d_radial + 2.0 * p1 * y + 6.0 * p2 * x
-        yy = radial + 2.0 * y * y * d_radial + 6.0 * p1 * y + 2.0 * p2 * x
         for row, scaled in ((0, focal[0] * x * below), (1, focal[1] * y * below)):
             for above, beneath, power in zip((0, 1, 4), (5, 6, 7), powers, strict=True):
                 out[:, row, above] = scaled * power
                 out[:, row, beneath] = -scaled * power * radial
-        tangential_by_coefficients(x, y, r2, focal, out)
-        return Linearized(xd, yd, xx, cross, cross, yy)
+        _tangential_by_coefficients(x, y, r2, focal, out)
+        return _linearized(x, y, r2, radial, d_radial, (p1, p2))
 
     @property
     def valid_radius(self) -> float:
