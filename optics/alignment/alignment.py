@@ -25,7 +25,7 @@ from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.alignment.build_errors import CAMERA, BuildErrors, BuiltDevice
 from mirrorcam.optics.alignment.edge_profiles import Stations, edge_residuals, profiles, stations
-from mirrorcam.optics.drift.drift import LEAST_POINTS, deflated, explained_matches
+from mirrorcam.optics.drift.drift import MIN_POINTS, deflated, explained_matches
 from mirrorcam.optics.drift.matched_points import MatchedPoints, PointMatcher
 from mirrorcam.optics.drift.mirror_motions import (
     COMMON_DEG,
@@ -47,14 +47,14 @@ DETERMINED = 0.7
 SMOOTH_PX = (20.0, 10.0, 4.0, 0.0)
 """Smoothing of the picture in successive fits, to find edges far from their design positions."""
 ROUNDS = 6
-HEAVY = 2.0
+MAX_CHI_SQUARED = 2.0
 """Reduced chi squared of a station above which its weight is reduced."""
-MOST_STEP_PX = 8.0
-FARTHEST_PX, SEARCH_PX = 40.0, 4.0
+MAX_STEP_PX = 8.0
+SEARCH_RANGE_PX, SEARCH_STEP_PX = 40.0, 4.0
 """Range and step of the search for a common shift of all edges."""
-KNOWN_PX = 3.0
+MAX_SIGMA_PX = 3.0
 """Largest standard deviation of an edge's position from a single station that is reported."""
-DECENTRED = 1e-3
+DECENTRING_SIGMA = 1e-3
 """Standard deviation of the decentring terms of a lens."""
 
 
@@ -277,16 +277,16 @@ class EdgeFitter:
     def _started(self, image: NDArray[np.float32]) -> FloatArray:
         """Errors (p,) of the camera's pose that shift all edges together to the darkest positions."""
         seen = self.seen
-        smoothed: Any = cv2.GaussianBlur(image, (0, 0), SEARCH_PX)
+        smoothed: Any = cv2.GaussianBlur(image, (0, 0), SEARCH_STEP_PX)
         middle = np.where(seen.paired, seen.apart_px / 2.0, seen.blur_px[:, 0])
         inner, outer = -2.0 * seen.blur_px[:, 0] - 12.0, seen.apart_px + 2.0 * seen.blur_px[:, 1] + 12.0
         best, chosen = np.inf, np.zeros(2)
-        for right in np.arange(-FARTHEST_PX, FARTHEST_PX + 1.0, SEARCH_PX):
-            for down in np.arange(-FARTHEST_PX, FARTHEST_PX + 1.0, SEARCH_PX):
+        for right in np.arange(-SEARCH_RANGE_PX, SEARCH_RANGE_PX + 1.0, SEARCH_STEP_PX):
+            for down in np.arange(-SEARCH_RANGE_PX, SEARCH_RANGE_PX + 1.0, SEARCH_STEP_PX):
                 shift = np.array([right, down])
                 dark, inside, outside = (self._light_at(smoothed, each, shift) for each in (middle, inner, outer))
                 bright = np.where(seen.paired, np.minimum(inside, outside), inside)
-                cost = float(np.nanmean(dark / (bright + 4.0))) + 0.1 * (right**2 + down**2) / FARTHEST_PX**2
+                cost = float(np.nanmean(dark / (bright + 4.0))) + 0.1 * (right**2 + down**2) / SEARCH_RANGE_PX**2
                 if cost < best:
                     best, chosen = cost, shift
         _, jacobian = self._offsets(np.zeros(self.device.count))
@@ -321,7 +321,7 @@ class EdgeFitter:
         count = np.maximum(measured.weight.sum(axis=1) - 3.0, 1.0)
         squares = (residual**2).sum(axis=1) / count
         # Stations that the model does not explain have less weight.
-        weight = 1.0 / np.maximum(squares, 1.0) / (1.0 + np.maximum(squares - HEAVY, 0.0))
+        weight = 1.0 / np.maximum(squares, 1.0) / (1.0 + np.maximum(squares - MAX_CHI_SQUARED, 0.0))
         information = by_offset @ np.swapaxes(by_offset, 1, 2) * weight[:, None, None]
         score = (by_offset @ residual[..., None])[..., 0] * weight[:, None]
         return offset, jacobian, information, score, squares
@@ -332,7 +332,7 @@ class EdgeFitter:
         gradient = np.einsum("nap,na->p", jacobian, score) - errors
         step = np.linalg.solve(hessian, gradient)
         shift = np.abs(jacobian @ step).max()
-        return np.asarray(step * min(1.0, MOST_STEP_PX / max(float(shift), 1e-12)))
+        return np.asarray(step * min(1.0, MAX_STEP_PX / max(float(shift), 1e-12)))
 
     def _result(self, image: NDArray[np.float32], errors: FloatArray) -> EdgeFit:
         offset, jacobian, information, score, squares = self._linear(image, errors, 0.0)
@@ -342,7 +342,7 @@ class EdgeFitter:
         with np.errstate(divide="ignore", invalid="ignore"):
             alone = np.diagonal(information, axis1=1, axis2=2)
             own, sigma = offset + score / alone, 1.0 / np.sqrt(alone)
-        known = sigma < KNOWN_PX
+        known = sigma < MAX_SIGMA_PX
         known[:, 1] &= self.seen.paired
         return EdgeFit(
             self.device,
@@ -384,11 +384,11 @@ class SceneAligner:
         prior = mirror_covariance(own, names) + common_covariance(layout, names) + self._lens()
         matches = MatchedPoints.joined([self._matcher.match(frame) for frame in frames])
         shown = np.bincount(matches.view, minlength=len(mirrors))
-        if (shown >= LEAST_POINTS).sum() < 2:
+        if (shown >= MIN_POINTS).sum() < 2:
             return self._undetermined()
         matches = explained_matches(layout, matches, prior)
         shown = np.bincount(matches.view, minlength=len(mirrors))
-        if (shown >= LEAST_POINTS).sum() < 2:
+        if (shown >= MIN_POINTS).sum() < 2:
             return self._undetermined()
         information, gradient = deflated(SceneFit(layout, matches, prior).solve())
         inside = np.eye(len(prior)) + information @ prior
@@ -416,7 +416,7 @@ class SceneAligner:
         sigma = dict.fromkeys(camera.intrinsic_names, 0.0)
         sigma |= dict.fromkeys(("fx_px", "fy_px"), errors.focal_percent / 100.0 * camera.fx_px)
         sigma |= dict.fromkeys(("cx_px", "cy_px"), errors.centre_px)
-        sigma |= dict(zip(camera.intrinsic_names[4:], (*errors.lens, DECENTRED, DECENTRED), strict=False))
+        sigma |= dict(zip(camera.intrinsic_names[4:], (*errors.lens, DECENTRING_SIGMA, DECENTRING_SIGMA), strict=False))
         covariance = np.diag([sigma.get(name, 0.0) ** 2 for name in names])
         # Pixels are square: both focal lengths have the same error.
         fx, fy = names.index("fx_px"), names.index("fy_px")

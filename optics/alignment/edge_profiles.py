@@ -28,12 +28,12 @@ ENDS = 0.12
 """Fraction of an edge, at each end, to skip because the next edge is near."""
 REACH_PX = 64.0
 STEP_PX = 2.0
-LEAST_REACH_PX = 14.0
+MIN_REACH_PX = 14.0
 """Reach of a profile on each side of an edge, beyond its blur."""
 MIN_LENGTH_PX = 60.0
 TEXTURE_PX = (4.0, 12.0, 40.0)
 """Correlation lengths of textures."""
-LEAST_TEXTURE = 0.05
+MIN_TEXTURE = 0.05
 """Least standard deviation of a texture, relative to its light."""
 DARK = 0.02
 NOISE_GREY = 0.5
@@ -112,7 +112,7 @@ def stations(device: BuiltDevice) -> Stations:
 
 def _is_seen(place: FloatArray, camera: Camera) -> bool:
     size = np.array([camera.width_px, camera.height_px])
-    inside = (place >= LEAST_REACH_PX) & (place <= size - 1.0 - LEAST_REACH_PX)
+    inside = (place >= MIN_REACH_PX) & (place <= size - 1.0 - MIN_REACH_PX)
     return bool(inside.all()) and float(np.linalg.norm(place[-1] - place[0])) >= MIN_LENGTH_PX
 
 
@@ -191,7 +191,7 @@ def profiles(picture: NDArray[np.float32], seen: Stations, offset_px: FloatArray
         inside &= ((at >= 0.0) & (at <= [width - 1.0, height - 1.0])).all(axis=2)
         where = np.nan_to_num(at).astype(np.float32)
         light += np.asarray(cv2.remap(image, where[..., 0].copy(), where[..., 1].copy(), cv2.INTER_LINEAR)) / LINES
-    reach = np.minimum(LEAST_REACH_PX + seen.blur_px + 1.5 * smooth_px, REACH_PX)
+    reach = np.minimum(MIN_REACH_PX + seen.blur_px + 1.5 * smooth_px, REACH_PX)
     last = np.where(seen.paired, seen.apart_px, 0.0) + reach[:, 1]
     near = (out_px >= offset_px[:, :1] - reach[:, :1]) & (out_px <= last[:, None] + offset_px[:, 1:])
     stray = 0.5 * float(np.quantile(image[::4, ::4], 0.002))
@@ -211,7 +211,7 @@ def _texture(light: FloatArray, inside: NDArray[np.bool_]) -> FloatArray:
     count = np.maximum(inside.sum(axis=1), 1)
     mean = (light * inside).sum(axis=1) / count
     variance = ((light - mean[:, None]) ** 2 * inside).sum(axis=1) / count
-    return np.asarray(np.sqrt(1.5 * variance) + LEAST_TEXTURE * mean)
+    return np.asarray(np.sqrt(1.5 * variance) + MIN_TEXTURE * mean)
 
 
 def edge_response(inside_px: FloatArray, radius_px: FloatArray, sigma_px: float) -> tuple[FloatArray, FloatArray]:

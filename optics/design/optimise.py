@@ -33,7 +33,7 @@ from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.mirror_gaps import pairs_closer_than, seen_closer_than
 from mirrorcam.optics.geometry.sub_images import fields_of_view
 
-NEAR = 120
+NEAR_ITERATIONS = 120
 """Iteration limit of a search for an optimum near given values."""
 
 
@@ -104,11 +104,11 @@ def design_near(spec: DesignSpec, start: FloatArray) -> Layout | None:
     """
     pairs, values = neighbour_pairs(spec.arrangement), start
     if spec.fold_deg == "auto":
-        problem = overlap_problem(spec, seed_meeting(spec), pairs, most_iterations=NEAR)
+        problem = overlap_problem(spec, seed_meeting(spec), pairs, max_iterations=NEAR_ITERATIONS)
         outcome = problem.solver.optimise(values)
         spec, values = spec.replaced(fold_deg=_fold_deg(problem, outcome.values)), outcome.values
     while True:
-        problem = overlap_problem(spec, seed_meeting(spec), pairs, most_iterations=NEAR)
+        problem = overlap_problem(spec, seed_meeting(spec), pairs, max_iterations=NEAR_ITERATIONS)
         outcome = problem.solver.optimise(values)
         if not outcome.solved:
             return None

@@ -42,13 +42,13 @@ SIDES = ("left", "top", "right", "bottom")
 LOCAL = 0.03
 """Weight of the distances of the mixed designs, relative to the distance between mixture and specification."""
 
-LEAST_WEIGHT = 0.02
+MIN_WEIGHT = 0.02
 """Relative weight below which a design is dropped."""
 
 WORSE = 0.03
 """Largest increase of a mixture's objective over its parts' mean; a larger one shows optima of different kinds."""
 
-MOST_ROUNDS, SHRINKING, ON_SENSOR = 10, 0.99, 1e-6
+MAX_ROUNDS, SHRINK_FACTOR, SENSOR_TOLERANCE = 10, 0.99, 1e-6
 """Rounds in which sub-images that overlap or leave the sensor shrink, the factor, and the sensor's tolerance."""
 
 
@@ -149,7 +149,7 @@ def _mixture(apart: Sequence[dict[str, float]]) -> FloatArray:
     while True:
         system = np.vstack([places[kept].T, LOCAL * np.diag(lengths[kept]), np.full((1, len(kept)), penalty)])
         solution, _ = nnls(system, np.append(np.zeros(len(system) - 1), penalty))
-        counts = solution >= LEAST_WEIGHT * solution.max()
+        counts = solution >= MIN_WEIGHT * solution.max()
         if counts.all():
             weights[kept] = solution / solution.sum()
             return weights
@@ -186,8 +186,8 @@ def _apart_on_sensor(spec: DesignSpec, corners: FloatArray) -> FloatArray:
 
     Raises InfeasibleDesign if that is not enough.
     """
-    sensor = sensor_polygon(spec.camera).buffer(ON_SENSOR)
-    for _ in range(MOST_ROUNDS):
+    sensor = sensor_polygon(spec.camera).buffer(SENSOR_TOLERANCE)
+    for _ in range(MAX_ROUNDS):
         polygons = shapely.polygons(corners)
         wrong = ~shapely.covered_by(polygons, sensor)
         meeting = STRtree(polygons).query(polygons, predicate="intersects")
@@ -195,7 +195,7 @@ def _apart_on_sensor(spec: DesignSpec, corners: FloatArray) -> FloatArray:
         if not wrong.any():
             return corners
         middles = corners.mean(axis=1, keepdims=True)
-        corners = middles + np.where(wrong, SHRINKING, 1.0)[:, None, None] * (corners - middles)
+        corners = middles + np.where(wrong, SHRINK_FACTOR, 1.0)[:, None, None] * (corners - middles)
     raise InfeasibleDesign("spacing", "interpolated sub-images overlap")
 
 

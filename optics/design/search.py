@@ -11,7 +11,7 @@ import numpy as np
 from mirrorcam.core.processes.calls import Calls
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.design.least_violation import least_violation, past_the_pupil
-from mirrorcam.optics.design.program.design_problem import LEAST_EFFICIENCY, SLACK_WEIGHTS, overlap_problem
+from mirrorcam.optics.design.program.design_problem import MIN_EFFICIENCY, SLACK_WEIGHTS, overlap_problem
 from mirrorcam.optics.design.program.draft import SAFE_SIGMAS
 from mirrorcam.optics.design.program.nonlinear_program import SolverOutcome
 from mirrorcam.optics.design.program.seeds import Seed, seed_of, sensor_bounds
@@ -46,7 +46,7 @@ def _refusal(
         "body": f"mirrors or their light come {by_mm:.3g} mm too close to the camera's body, which needs a clearance "
         f"of {spec.body_clearance_mm:g} mm",
         "depth": f"{min(spec.depths_mm):g} mm is nearer than the mirrors, they reach {by_mm:.3g} mm past it",
-        "overlap": f"the views share no region at {depths} mm that {LEAST_EFFICIENCY:.0%} of the sensor sees, "
+        "overlap": f"the views share no region at {depths} mm that {MIN_EFFICIENCY:.0%} of the sensor sees, "
         f"the best region exceeds some views by {missed['overlap']:.0%} of a sub-image",
         "size": f"mirrors cannot have edges of {spec.min_edge_mm:g} mm and {spec.min_area_mm2:g} mm² on this sensor",
     }[worst]

@@ -39,7 +39,7 @@ LARGER, FARTHER, ROOM = 4.0, 4.0, 4.0
 THIN, SMALL = 0.02, 60.0
 """Negligible fraction of a thickness; scale, in gaps and thicknesses, at which these are small."""
 
-MOST_ITERATIONS = 220
+MAX_ITERATIONS = 220
 """Iteration limit of the search for the nearest value."""
 
 
@@ -177,7 +177,7 @@ def _with_one_changed(spec: DesignSpec, number: int) -> Suggestion | None:
     easy = _with_value(spec, parameter.name, limit)
     seed, pairs = seed_meeting(easy), neighbour_pairs(spec.arrangement)
     program, changed = (overlap_draft(each, seed, pairs)[0].program for each in (spec, easy))
-    outcome = _nearest(Solver(relaxed_program(program, changed, FIRST_CHANGE), SLACK_WEIGHTS, MOST_ITERATIONS))
+    outcome = _nearest(Solver(relaxed_program(program, changed, FIRST_CHANGE), SLACK_WEIGHTS, MAX_ITERATIONS))
     if outcome is None:
         return None
     for beyond in BEYOND:
@@ -196,7 +196,7 @@ def _with_fold(spec: DesignSpec) -> Suggestion | None:
     easy = spec.replaced(fold_deg=EASY_FOLD_DEG)
     draft, _ = overlap_draft(easy, seed_meeting(easy), neighbour_pairs(spec.arrangement))
     fold = np.deg2rad([requested, FOLD_DEG.least, FOLD_DEG.most])
-    outcome = _nearest(Solver(relaxed_fold(draft.program, draft.fold, *fold), SLACK_WEIGHTS, MOST_ITERATIONS))
+    outcome = _nearest(Solver(relaxed_fold(draft.program, draft.fold, *fold), SLACK_WEIGHTS, MAX_ITERATIONS))
     if outcome is None:
         return None
     nearest = float(np.rad2deg(outcome.values[draft.fold[0]]))

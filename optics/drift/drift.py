@@ -33,33 +33,33 @@ from mirrorcam.optics.drift.mirror_motions import (
 from mirrorcam.optics.drift.scene_fit import SceneFit, SceneInformation, parameter_names
 from mirrorcam.optics.geometry.layout import Layout, Uncertainty
 
-LEAST_MIRRORS = 3
+MIN_MIRRORS = 3
 """With two mirrors, a turn of one cannot be distinguished from a turn of the camera in front of both."""
 RECORDINGS = 10_000
 """At most one false alarm in this many recordings without drift."""
 FLOOR_DEG, FLOOR_MM = 0.001, 0.006
 """Standard deviations of motions that do not count as drift: holders bend as much, and matching has common errors of
 some hundredths of a pixel."""
-WIDE_DEG, WIDE_MM = 1.0, 1.0
+MOVED_DEG, MOVED_MM = 1.0, 1.0
 """Standard deviations of the turn and the shift of a mirror that moved."""
-TURNS_DEG = np.geomspace(0.005, 5.0, 13).tolist()
+TURN_SIGMAS_DEG = np.geomspace(0.005, 5.0, 13).tolist()
 """Standard deviations of turns over which the likelihood is averaged."""
-WANTED_DEG = 0.02
+TARGET_DEG = 0.02
 """A turn that the test should detect."""
-MISSED = 1.64
+DETECTION_SIGMAS = 1.64
 """Turns that exceed the threshold by this many standard deviations are detected in 19 of 20 recordings."""
-LEAST_POINTS = 30
+MIN_POINTS = 30
 """Least number of points in a mirror for a test."""
-MOST_SIGMA_PX = 0.2
+MAX_SIGMA_PX = 0.2
 """Largest scatter of a frame's matches after fitting the motions of mirrors; larger scatter means wrong matches."""
 UNDETERMINED_DEG = 90.0
-LEAST_EXPLAINED = 0.25
+MIN_EXPLAINED = 0.25
 """Least fraction of a frame's clear corners that other views must show if the frame matches the layout."""
 
 
 def shows_drift(layout: Layout) -> bool:
-    """Whether a layout can be tested for drift: its mirrors were measured, and there are at least LEAST_MIRRORS."""
-    return layout.kind != "nominal" and len(layout.mirrors) >= LEAST_MIRRORS
+    """Whether a layout can be tested for drift: its mirrors were measured, and there are at least MIN_MIRRORS."""
+    return layout.kind != "nominal" and len(layout.mirrors) >= MIN_MIRRORS
 
 
 @dataclass(frozen=True)
@@ -149,23 +149,23 @@ class Drift:
 
     @property
     def undetermined(self) -> tuple[MirrorMove, ...]:
-        """The mirrors that show too few points to detect a turn of WANTED_DEG."""
-        return tuple(mirror for mirror in self.mirrors if mirror.detectable_deg > WANTED_DEG)
+        """The mirrors that show too few points to detect a turn of TARGET_DEG."""
+        return tuple(mirror for mirror in self.mirrors if mirror.detectable_deg > TARGET_DEG)
 
 
 def find_drift(layout: Layout, matches: MatchedPoints) -> Drift:
     """Test the mirrors of a calibrated layout for drift with points matched between its views."""
     names, mirrors = parameter_names(layout), layout.mirrors
     shown = np.bincount(matches.view, minlength=len(mirrors))
-    if (shown >= LEAST_POINTS).sum() < 2:
+    if (shown >= MIN_POINTS).sum() < 2:
         return _nothing(layout, names, shown.tolist(), matches)
     calibrated, common = calibration_covariance(layout, names), common_covariance(layout, names)
     small = mirror_covariance({k: own_motion(mirror, FLOOR_DEG, FLOOR_MM) for k, mirror in enumerate(mirrors)}, names)
-    wide = mirror_covariance({k: own_motion(mirror, WIDE_DEG, WIDE_MM) for k, mirror in enumerate(mirrors)}, names)
+    wide = mirror_covariance({k: own_motion(mirror, MOVED_DEG, MOVED_MM) for k, mirror in enumerate(mirrors)}, names)
     prior = calibrated + common + small + wide
     matches = explained_matches(layout, matches, prior)
     shown = np.bincount(matches.view, minlength=len(mirrors))
-    if (shown >= LEAST_POINTS).sum() < 2:
+    if (shown >= MIN_POINTS).sum() < 2:
         return _nothing(layout, names, shown.tolist(), matches)
     scene = SceneFit(layout, matches, prior).solve()
     information, gradient = deflated(scene)
@@ -177,14 +177,14 @@ def explained_matches(layout: Layout, matches: MatchedPoints, prior: FloatArray)
     kept = np.zeros(len(matches.point), dtype=bool)
     for frame in np.unique(matches.frame):
         rows = matches.frame[matches.point] == frame
-        kept[rows] = SceneFit(layout, matches.where(rows), prior).solve().sigma_px <= MOST_SIGMA_PX
+        kept[rows] = SceneFit(layout, matches.where(rows), prior).solve().sigma_px <= MAX_SIGMA_PX
     return matches.where(kept)
 
 
 def _nothing(layout: Layout, names: tuple[str, ...], shown: list[int], matches: MatchedPoints) -> Drift:
     """The result for too few points."""
     mirrors = tuple(
-        MirrorMove(k, np.zeros(3), 0.0, WIDE_DEG, 0.0, UNDETERMINED_DEG, count, moved=False)
+        MirrorMove(k, np.zeros(3), 0.0, MOVED_DEG, 0.0, UNDETERMINED_DEG, count, moved=False)
         for k, count in enumerate(shown)
     )
     return Drift(
@@ -204,7 +204,7 @@ def _nothing(layout: Layout, names: tuple[str, ...], shown: list[int], matches: 
 def _mismatched(matches: MatchedPoints) -> bool:
     """Whether most frames have few explained matches in comparison with their clear corners."""
     explained = np.bincount(matches.frame, minlength=len(matches.clear))
-    mismatched = (matches.clear >= LEAST_POINTS) & (explained < LEAST_EXPLAINED * matches.clear)
+    mismatched = (matches.clear >= MIN_POINTS) & (explained < MIN_EXPLAINED * matches.clear)
     return bool(2 * mismatched.sum() > len(mismatched))
 
 
@@ -252,7 +252,7 @@ class _Test:
         """Add moved mirrors until the largest likelihood ratio is below the threshold."""
         moved: dict[int, FloatArray] = {}
         gains = dict.fromkeys(range(len(self.layout.mirrors)), 0.0)
-        tested = [k for k in range(len(self.layout.mirrors)) if self.scene.seen[k] >= LEAST_POINTS]
+        tested = [k for k in range(len(self.layout.mirrors)) if self.scene.seen[k] >= MIN_POINTS]
         while len(moved) < len(tested) - 1:
             marginal = self._marginal(moved)
             rest = [k for k in tested if k not in moved]
@@ -290,9 +290,9 @@ class _Test:
         return _Marginal(np.asarray(found[:, 0], np.float64), np.asarray(found[:, 1:], np.float64))
 
     def _mean_gain(self, marginal: _Marginal, k: int) -> float:
-        """Twice the logarithm of the likelihood ratio for a moved mirror, averaged over TURNS_DEG."""
+        """Twice the logarithm of the likelihood ratio for a moved mirror, averaged over TURN_SIGMAS_DEG."""
         rows = mirror_rows(self.names, k)
-        each = np.array([marginal.gain(rows, hinged_motion(self.layout.mirrors[k], turn)) for turn in TURNS_DEG])
+        each = np.array([marginal.gain(rows, hinged_motion(self.layout.mirrors[k], turn)) for turn in TURN_SIGMAS_DEG])
         return 2.0 * float(logsumexp(each / 2.0) - np.log(len(each)))
 
     def _likely(self, marginal: _Marginal, k: int) -> FloatArray:
@@ -302,7 +302,7 @@ class _Test:
         turn.
         """
         rows = mirror_rows(self.names, k)
-        motions = [hinged_motion(self.layout.mirrors[k], turn) for turn in TURNS_DEG]
+        motions = [hinged_motion(self.layout.mirrors[k], turn) for turn in TURN_SIGMAS_DEG]
         return max(motions, key=lambda block: marginal.gain(rows, block))
 
     def _common_turn(self, marginal: _Marginal) -> tuple[FloatArray, FloatArray]:
@@ -340,10 +340,10 @@ class _Test:
         rows, mirror = mirror_rows(self.names, k), self.layout.mirrors[k]
         turns = np.linalg.svd(mirror.normal_in_rig[None])[2][1:] @ turns_about_middle(mirror)
         least = float(np.linalg.eigvalsh(turns @ marginal.information[np.ix_(rows, rows)] @ turns.T)[0])
-        if self.scene.seen[k] < LEAST_POINTS or least <= 0.0:
+        if self.scene.seen[k] < MIN_POINTS or least <= 0.0:
             return UNDETERMINED_DEG
-        needed = self.limit + 3.0 * np.log(self.limit) + 2.0 * np.log(len(TURNS_DEG))
-        return min(float(np.degrees((np.sqrt(needed) + MISSED) / np.sqrt(least))), UNDETERMINED_DEG)
+        needed = self.limit + 3.0 * np.log(self.limit) + 2.0 * np.log(len(TURN_SIGMAS_DEG))
+        return min(float(np.degrees((np.sqrt(needed) + DETECTION_SIGMAS) / np.sqrt(least))), UNDETERMINED_DEG)
 
     def _covariance(self, own: FloatArray) -> FloatArray:
         """Covariance of the parameters once the moved mirrors' changes are applied (Joseph's form)."""

@@ -28,11 +28,11 @@ IntArray = NDArray[np.int64]
 
 CORNERS = 500
 """Largest number of corners of a frame; they are spread over the view."""
-LEAST_QUALITY = 0.005
+MIN_QUALITY = 0.005
 WINDOW_PX = 15
 LEVELS = 4
 PATCH_SCALE = 4.0
-LEAST_ALIKE = 0.9
+MIN_CORRELATION = 0.9
 RETURNS_PX = 0.5
 """Largest error of forward-backward tracking."""
 EQUALISED_PX, FLAT_GREY = 15.0, 4.0
@@ -146,7 +146,7 @@ class PointMatcher:
         distance = 1.0 / np.clip(np.where(known, inverse, 1e-3), 1e-6, None)
         found = align(pyramid, given, others, where, geometry.across_mm[others], distance)
         seen = np.full(tracked.shape, np.nan)
-        seen[others] = np.where((found.alike >= LEAST_ALIKE)[..., None], found.pixels, np.nan)
+        seen[others] = np.where((found.alike >= MIN_CORRELATION)[..., None], found.pixels, np.nan)
         seen[self.reference] = start
         return seen
 
@@ -155,7 +155,7 @@ class PointMatcher:
         height, width = image.shape
         apart = max(np.sqrt(height * width / (4.0 * CORNERS)), 4.0)
         mask = self.inner[self.reference].astype(np.uint8)
-        found: Any = cv2.goodFeaturesToTrack(image, CORNERS, LEAST_QUALITY, apart, mask=mask, blockSize=7)
+        found: Any = cv2.goodFeaturesToTrack(image, CORNERS, MIN_QUALITY, apart, mask=mask, blockSize=7)
         return np.zeros((0, 2)) if found is None else np.asarray(found, dtype=np.float64).reshape(-1, 2)
 
     def _on_sensor(self, seen: FloatArray, start: FloatArray) -> MatchedPoints:

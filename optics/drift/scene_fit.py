@@ -19,10 +19,10 @@ from mirrorcam.optics.geometry.layout import Layout
 
 STEPS = 8
 STEADY_PX = 1e-3
-FARTHEST_MM = 1e6
-HEAVY = 4.0
+MAX_DISTANCE_MM = 1e6
+LOSS_SIGMAS = 4.0
 """Scale of Geman and McClure's loss in standard deviations; larger residuals have little weight."""
-LEAST_SIGMA_PX = 0.02
+MIN_SIGMA_PX = 0.02
 """Lower limit of the standard deviation of a match, due to interpolation and slanted surfaces."""
 SPEED = 0.05
 """Standard deviation of the scene's rotation, rad, and relative shift during the readout of a frame."""
@@ -130,8 +130,8 @@ class SceneFit:
         origin = start.mean(axis=0)
         off = points - origin
         distance = np.einsum("ni,ni->n", off, turn[first])
-        distance = np.where(distance > 1.0, np.minimum(distance, FARTHEST_MM), FARTHEST_MM)
-        ray = np.where((distance < FARTHEST_MM)[:, None], off, turn[first])
+        distance = np.where(distance > 1.0, np.minimum(distance, MAX_DISTANCE_MM), MAX_DISTANCE_MM)
+        ray = np.where((distance < MAX_DISTANCE_MM)[:, None], off, turn[first])
         ray /= np.linalg.norm(ray, axis=1, keepdims=True)
         return _State(np.zeros(len(self.names)), np.zeros((self.frames, TWIST)), ray, 1.0 / distance, origin)
 
@@ -170,7 +170,7 @@ class SceneFit:
         for view in np.unique(m.view):
             rows = m.view == view
             sigma[rows] = max(_sigma(spared[rows]), 0.7 * overall)
-        return overall, np.where(lost, 0.0, 1.0 / (sigma * (1.0 + squares / (HEAVY * sigma) ** 2)) ** 2)
+        return overall, np.where(lost, 0.0, 1.0 / (sigma * (1.0 + squares / (LOSS_SIGMAS * sigma) ** 2)) ** 2)
 
     def _reduced(self, linear: _Linear, weight: FloatArray) -> tuple[FloatArray, ...]:
         """The Schur complement: H, each point's contribution to the gradient, and factors that recover the points."""
@@ -212,7 +212,7 @@ class SceneFit:
             change=new[:known],
             twist=new[known:].reshape(-1, TWIST),
             ray=ray / np.linalg.norm(ray, axis=1, keepdims=True),
-            inverse_mm=np.clip(inverse, 1.0 / FARTHEST_MM, 1.0),
+            inverse_mm=np.clip(inverse, 1.0 / MAX_DISTANCE_MM, 1.0),
         )
         return moved, float(np.quantile(np.linalg.norm(shift, axis=1), 0.9))
 
@@ -274,4 +274,4 @@ def _basis(ray: FloatArray) -> FloatArray:
 
 def _sigma(squares: FloatArray) -> float:
     """Robust standard deviation per axis of two-dimensional normal errors, from the median of their squared lengths."""
-    return max(float(np.sqrt(np.median(squares) / (2.0 * np.log(2.0)))), LEAST_SIGMA_PX)
+    return max(float(np.sqrt(np.median(squares) / (2.0 * np.log(2.0)))), MIN_SIGMA_PX)

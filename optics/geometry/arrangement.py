@@ -15,14 +15,14 @@ from mirrorcam.core.errors import InputError
 from mirrorcam.core.names import Name
 from mirrorcam.core.values import FloatArray, Shaped, Value
 
-MOST_VIEWS = 144
+MAX_VIEWS = 144
 RINGS = Bounds(1, 6)
 """Rings of views around the centre of a hexagonal pattern."""
-RING_VIEWS = Bounds(3, MOST_VIEWS)
-CLOSEST = 1e-3
+RING_VIEWS = Bounds(3, MAX_VIEWS)
+MIN_SEPARATION = 1e-3
 """Smallest distance between two positions of a pattern, relative to its size."""
-SAME_DISTANCE = 1e-6
-NEIGHBOURS = 1.2
+DISTANCE_TOLERANCE = 1e-6
+MAX_NEIGHBOUR_STEPS = 1.2
 """Largest distance between neighbours, in steps."""
 
 
@@ -45,11 +45,11 @@ class Pattern(Value):
     @model_validator(mode="after")
     def _check(self) -> Self:
         count = len(self.positions)
-        if not 2 <= count <= MOST_VIEWS:
-            raise ValueError(f"pattern {self.name} has {count} positions, expected 2 to {MOST_VIEWS}")
+        if not 2 <= count <= MAX_VIEWS:
+            raise ValueError(f"pattern {self.name} has {count} positions, expected 2 to {MAX_VIEWS}")
         distances = _distances(self.positions)
         i, j = np.unravel_index(int(distances.argmin()), distances.shape)
-        if distances[i, j] <= CLOSEST * np.ptp(self.positions, axis=0).max():
+        if distances[i, j] <= MIN_SEPARATION * np.ptp(self.positions, axis=0).max():
             raise ValueError(f"pattern {self.name} has positions {i} and {j} in the same place, expected them apart")
         return self
 
@@ -140,7 +140,7 @@ class Arrangement:
     @property
     def neighbours(self) -> list[tuple[int, int]]:
         """Pairs of views that lie about one step apart: horizontal and vertical neighbours in a grid."""
-        near = np.triu(_distances(self.steps) <= NEIGHBOURS)
+        near = np.triu(_distances(self.steps) <= MAX_NEIGHBOUR_STEPS)
         return [(int(i), int(j)) for i, j in np.argwhere(near)]
 
     @cached_property
@@ -158,13 +158,13 @@ class Arrangement:
     @property
     def _innermost(self) -> list[int]:
         from_middle = np.hypot(*self.steps.T)
-        return [int(index) for index in np.flatnonzero(from_middle <= from_middle.min() + SAME_DISTANCE)]
+        return [int(index) for index in np.flatnonzero(from_middle <= from_middle.min() + DISTANCE_TOLERANCE)]
 
     @property
     def inner(self) -> list[int]:
         """Indices of the mirrors nearest to the centre; all mirrors if their mean is not the centre."""
         nearest = self._innermost
-        balanced = np.abs(self.steps[nearest].mean(axis=0)).max() <= SAME_DISTANCE
+        balanced = np.abs(self.steps[nearest].mean(axis=0)).max() <= DISTANCE_TOLERANCE
         return nearest if balanced else list(range(len(self.steps)))
 
     def fitted(self, centres: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -15,7 +15,7 @@ from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray, Shaped, Value
 from mirrorcam.optics.geometry.layout import Layout
 
-MOST_G = 3.0  # 1 g is a unit vector; a robot that accelerates may exceed it
+MAX_G = 3.0  # 1 g is a unit vector; a robot that accelerates may exceed it
 
 
 class MirrorMotion(Value):
@@ -102,8 +102,8 @@ def layout_in_pose(
 
 def _gravity(vector: FloatArray) -> FloatArray:
     gravity = np.asarray(vector, dtype=np.float64)
-    if gravity.shape != (3,) or not np.isfinite(gravity).all() or np.linalg.norm(gravity) > MOST_G:
-        raise InputError(f"gravity {gravity.tolist()}, expected a vector of 3 numbers, at most {MOST_G:g} g long")
+    if gravity.shape != (3,) or not np.isfinite(gravity).all() or np.linalg.norm(gravity) > MAX_G:
+        raise InputError(f"gravity {gravity.tolist()}, expected a vector of 3 numbers, at most {MAX_G:g} g long")
     return gravity
 
 

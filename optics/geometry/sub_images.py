@@ -21,7 +21,7 @@ from mirrorcam.optics.geometry.mirror import Mirror, reflect
 from mirrorcam.optics.geometry.pupil import PINHOLE, Pupil, edge_clearance
 
 POINTS_PER_EDGE = 32
-FARTHEST_PARTS = 10.0
+MAX_FRACTION = 10.0
 """Limit on the position of an unvignetted border, in distances from its edge to the middle of the outline."""
 
 
@@ -257,7 +257,7 @@ def unvignetted_outlines(shown: FloatArray, normals: FloatArray, distances_mm: F
     ends = np.stack([shown, following], axis=2)
     inwards = middles[:, None, None] - ends
     parts = _parts_to_unvignetted(ends, middles, normals, distances_mm, pupil)
-    found = ((parts >= 0.0) & (parts < FARTHEST_PARTS)).all(axis=2) | ~distinct
+    found = ((parts >= 0.0) & (parts < MAX_FRACTION)).all(axis=2) | ~distinct
     borders = ends + np.where(found[..., None], parts, 0.0)[..., None] * inwards
     along = borders[:, :, 1] - borders[:, :, 0]
     across = np.stack([-along[..., 1], along[..., 0]], axis=-1)

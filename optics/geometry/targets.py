@@ -25,7 +25,7 @@ from mirrorcam.core.values import FloatArray, Value
 from mirrorcam.optics.geometry import marker_dictionaries as dictionaries
 
 SQUARES = Bounds(3, 500)
-MOST_MARKERS = 10000
+MAX_MARKERS = 10000
 KALIBR_KEYS = ("tagCols", "tagRows", "tagSize", "tagSpacing")
 TAGS = Bounds(2, 100)
 SPACING = Bounds(0.05, 0.8)
@@ -118,7 +118,7 @@ class Charuco(_Grid):
         description="printed by OpenCV before 4.6 (setLegacyPattern): with an even number of rows, top-left is white",
     )
     first_marker: int = Field(
-        default=0, ge=0, le=MOST_MARKERS, exclude_if=_is_default, description="id of the first marker"
+        default=0, ge=0, le=MAX_MARKERS, exclude_if=_is_default, description="id of the first marker"
     )
 
     @model_validator(mode="after")

@@ -52,13 +52,13 @@ MODELS = {
 """Name and number of parameters by model id."""
 COUNTS = dict(MODELS.values())
 CAMERA_SENSOR = 0
-LARGEST_BYTES = 300_000_000
+MAX_IMAGES_BYTES = 300_000_000
 """Limit for `images`, which lists the points of every picture."""
-LARGEST_CAMERAS_BYTES = 5_000_000
+MAX_CAMERAS_BYTES = 5_000_000
 """Limit for `cameras` and `rigs`; a hundred cameras take 0.02 MB."""
-MOST_IMAGES = 100_000
+MAX_IMAGES = 100_000
 """Limit for the pictures of a model; `images.txt` has two lines per picture."""
-LONGEST_NAME = 1000
+MAX_NAME_BYTES = 1000
 IDENTITY = (1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
@@ -185,14 +185,14 @@ def read_model(folder: Path) -> ColmapModel:
     cameras, images, rigs = (folder / f"{name}.{'bin' if binary else 'txt'}" for name in ("cameras", "images", "rigs"))
     model = ColmapModel(
         dict(_parsed(cameras, _binary_cameras if binary else _text_cameras)),
-        tuple(_parsed(images, _binary_images if binary else _text_images, LARGEST_BYTES)),
+        tuple(_parsed(images, _binary_images if binary else _text_images, MAX_IMAGES_BYTES)),
         tuple(_parsed(rigs, _binary_rigs if binary else _text_rigs) if rigs.is_file() else ()),
     )
     _check(model, folder)
     return model
 
 
-def _parsed(path: Path, parse: Callable[[bytes], list[Item]], most: int = LARGEST_CAMERAS_BYTES) -> list[Item]:
+def _parsed(path: Path, parse: Callable[[bytes], list[Item]], most: int = MAX_CAMERAS_BYTES) -> list[Item]:
     raw = read_bytes(path, most)
     try:
         return parse(raw)
@@ -234,8 +234,8 @@ def _text_cameras(raw: bytes) -> list[tuple[int, ColmapCamera]]:
 def _text_images(raw: bytes) -> list[ColmapImage]:
     """Each picture has a line, followed by a line of points, which may be empty."""
     text = raw.decode("utf-8").lstrip()
-    if text.count("\n") > 2 * MOST_IMAGES:
-        raise ValueError(f"more than {MOST_IMAGES} pictures")
+    if text.count("\n") > 2 * MAX_IMAGES:
+        raise ValueError(f"more than {MAX_IMAGES} pictures")
     lines = [line for line in text.split("\n") if not line.startswith("#")]
     first = next((number for number, line in enumerate(lines) if line.strip()), 0)
     words = [line.split(maxsplit=9) for line in lines[first::2] if line.strip()]
@@ -282,7 +282,7 @@ class _Reader:
 
     def name(self) -> str:
         """Read a null-terminated string."""
-        end = self.raw.index(b"\x00", self.at, self.at + LONGEST_NAME)
+        end = self.raw.index(b"\x00", self.at, self.at + MAX_NAME_BYTES)
         text = self.raw[self.at : end].decode("utf-8")
         self.at = end + 1
         return text
@@ -302,8 +302,8 @@ def _binary_cameras(raw: bytes) -> list[tuple[int, ColmapCamera]]:
 def _binary_images(raw: bytes) -> list[ColmapImage]:
     reader, images = _Reader(raw), []
     count = reader.count(73)
-    if count > MOST_IMAGES:
-        raise ValueError(f"more than {MOST_IMAGES} pictures")
+    if count > MAX_IMAGES:
+        raise ValueError(f"more than {MAX_IMAGES} pictures")
     for _ in range(count):
         reader.take("I")
         pose = reader.take("7d")

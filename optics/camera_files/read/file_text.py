@@ -18,11 +18,11 @@ from mirrorcam.core.disk.nested_text import PARSER_ERRORS, integer_of, reason_of
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.messages import shortened
 
-LARGEST_BYTES = 5_000_000
+MAX_BYTES = 5_000_000
 """Limit for a calibration as text; a hundred cameras take 0.1 MB."""
 YAML_SUFFIXES = (".yaml", ".yml")
-DEEPEST = 32
-MOST_VALUES = 300_000
+MAX_DEPTH = 32
+MAX_VALUES = 300_000
 """Limit on the values of a file; each use of an alias counts all its values."""
 OPENCV_TAGS = frozenset(f"tag:yaml.org,2002:opencv-{kind}" for kind in ("matrix", "nd-matrix"))
 """OpenCV's matrices, read as mappings."""
@@ -64,7 +64,7 @@ def _without_header(value: Any) -> Any:
 def read_text(path: Path) -> str:
     """Text of a UTF-8 file; raises InputError for anything else."""
     try:
-        return read_bytes(path, LARGEST_BYTES).decode("utf-8-sig")
+        return read_bytes(path, MAX_BYTES).decode("utf-8-sig")
     except UnicodeDecodeError:
         raise InputError(f"{path}: is not UTF-8, expected a calibration as text") from None
 
@@ -128,8 +128,8 @@ class _Composer:
             self._put(event.value if self._at_key else _scalar(event), event)
         elif isinstance(event, yaml.CollectionStartEvent):
             self._counted(1)
-            if len(self._open) >= DEEPEST:
-                raise _refusal(f"nested deeper than {DEEPEST}", event)
+            if len(self._open) >= MAX_DEPTH:
+                raise _refusal(f"nested deeper than {MAX_DEPTH}", event)
             if event.tag is not None and event.tag not in OPENCV_TAGS:
                 raise _refusal(f"a tag {event.tag[:60]!r}, expected none", event)
             value: dict[str, Any] | list[Any] = {} if isinstance(event, yaml.MappingStartEvent) else []
@@ -154,8 +154,8 @@ class _Composer:
 
     def _counted(self, size: int) -> None:
         self._count += size
-        if self._count > MOST_VALUES:
-            raise InputError(f"not valid YAML: more than {MOST_VALUES} values")
+        if self._count > MAX_VALUES:
+            raise InputError(f"not valid YAML: more than {MAX_VALUES} values")
 
     def _put(self, value: Any, event: yaml.Event, anchor: str | None = None, size: int = 1) -> None:
         """Add a value to the innermost open list or mapping; without one, it is a document."""

@@ -30,9 +30,9 @@ from mirrorcam.optics.geometry.transforms import rigid
 FORMAT, SUFFIX = "mrcal", ".cameramodel"
 PREFIX = "LENSMODEL_"
 OPENCV = {"OPENCV4": 4, "OPENCV5": 5, "OPENCV8": 8, "OPENCV12": 12}
-LARGEST_BYTES = 50_000_000
+MAX_BYTES = 50_000_000
 """Files include the inputs of their optimisation, which are ignored."""
-LARGEST_OUTLINE_BYTES = 300_000
+MAX_OUTLINE_BYTES = 300_000
 """Limit for a file without its strings, which hold those inputs: Python parses this much in half a second."""
 _TEXTS = re.compile(rb"\"(?:[^\"\\\n]|\\.?)*+\"?|'(?:[^'\\\n]|\\.?)*+'?|#[^\n]*+", re.DOTALL)
 POSE_KEYS = ("extrinsics", "rt_cam_ref")
@@ -54,8 +54,8 @@ def _camera(path: Path) -> RigCamera:
 
 
 def _literal(path: Path) -> Any:
-    raw = read_bytes(path, LARGEST_BYTES)
-    if len(_TEXTS.sub(b"", raw)) > LARGEST_OUTLINE_BYTES:
+    raw = read_bytes(path, MAX_BYTES)
+    if len(_TEXTS.sub(b"", raw)) > MAX_OUTLINE_BYTES:
         raise InputError(f"{path}: no camera model of mrcal: too large")
     try:
         with catch_warnings(action="ignore"):  # about invalid escapes and comparisons

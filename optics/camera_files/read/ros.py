@@ -30,7 +30,7 @@ KEYS = {"image_width": "width", "image_height": "height", "camera_matrix": "k", 
 MESSAGES = tuple({"header", "width", "height", *names} for names in ("kdp", "KDP"))
 """Keys of messages in ROS 2 and ROS 1."""
 ABBREVIATED = "..."
-DEEPEST = 1000
+MAX_DEPTH = 1000
 """Largest number of links from the root of a robot to a camera."""
 
 
@@ -152,7 +152,7 @@ def _from_root(edges: dict[str, tuple[str, FloatArray]], path: Path) -> dict[str
     roots = set()
     for frame in edges:
         pose, at = np.eye(4), frame
-        for _ in range(DEEPEST):
+        for _ in range(MAX_DEPTH):
             if at not in edges:
                 break
             at, step = edges[at]

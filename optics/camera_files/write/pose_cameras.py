@@ -26,7 +26,7 @@ MARGIN = 0.15
 """Margin of a cropped picture around the sub-image, on each side, relative to the sub-image."""
 FFMPEG = "ffmpeg -noautorotate -i FRAMES"
 """Reads frames in the sensor's orientation, ignoring the rotation flag of a phone's video."""
-MOST_PAIRED = 12
+MAX_PAIRED = 12
 """Largest number of cameras for which all pairs are written for DeepLabCut; else only pairs with the first camera."""
 
 
@@ -125,7 +125,7 @@ def stereo_params(cameras: Sequence[PoseCamera]) -> bytes:
     direction to be rectified. With R1 = 1, P1 = K1 [1 | 0], R2 = R^T and P2 = K2 [R | T], undistorted pixels are
     pinhole pixels, and points are in the frame of the first camera, in mm.
     """
-    pairs = list(permutations(cameras, 2)) if len(cameras) <= MOST_PAIRED else [(cameras[0], b) for b in cameras[1:]]
+    pairs = list(permutations(cameras, 2)) if len(cameras) <= MAX_PAIRED else [(cameras[0], b) for b in cameras[1:]]
     return pickle.dumps({f"{a.name}-{b.name}": _stereo(a, b) for a, b in pairs}, protocol=4)
 
 

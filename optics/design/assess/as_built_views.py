@@ -26,7 +26,7 @@ from mirrorcam.optics.geometry.sub_images import POINTS_PER_EDGE, sensor_polygon
 Polygons = NDArray[np.object_]
 Indices = NDArray[np.int64]
 
-LEAST_FORWARD = 1e-6
+MIN_FORWARD = 1e-6
 FAR_NORMALIZED = 1e3
 
 
@@ -233,11 +233,11 @@ def _forward(polygons: Polygons, normals: FloatArray, view_from_camera: FloatArr
     flat = polygons.ravel().copy()
     points, of = shapely.get_coordinates(flat, return_index=True)
     heights = np.sum(points * slopes[of, :2], axis=1) + slopes[of, 2]
-    for number in np.unique(of[heights <= LEAST_FORWARD]):
+    for number in np.unique(of[heights <= MIN_FORWARD]):
         a, b, c = slopes[number]
         across = np.hypot(a, b)
         up = np.array([a, b]) / across
-        start, side = up * (LEAST_FORWARD - c) / across, FAR_NORMALIZED * np.array([-up[1], up[0]])
+        start, side = up * (MIN_FORWARD - c) / across, FAR_NORMALIZED * np.array([-up[1], up[0]])
         end = start + FAR_NORMALIZED * up
         flat[number] = shapely.intersection(flat[number], Polygon([start - side, start + side, end + side, end - side]))
     return _with_area(flat.reshape(polygons.shape))

@@ -46,7 +46,7 @@ WINDOW_PX = 25.0
 PLACES = 9
 """Number of points along each side of the box around the common region at which the bound is computed."""
 
-ANGLES, RADII, LARGEST_RADIUS = 16, 24, 3.5
+ANGLES, RADII, MAX_RADIUS = 16, 24, 3.5
 """Directions and lengths of frequencies; greatest length, in standard deviations of sharp pixels' contrast."""
 
 
@@ -94,7 +94,7 @@ def depth_sigma_mm(layout: Layout, points_in_view_mm: FloatArray) -> FloatArray:
     central = layout.central_index
     unit = np.sqrt(density[:, central] / SHARP_VARIANCE_PX2)
     angles = np.pi * (np.arange(ANGLES) + 0.5) / ANGLES
-    radii = LARGEST_RADIUS * (np.arange(RADII) + 0.5) / RADII
+    radii = MAX_RADIUS * (np.arange(RADII) + 0.5) / RADII
     information = np.zeros(len(points_in_view_mm))
     for along in np.column_stack([np.cos(angles), np.sin(angles)]):
         spread = np.einsum("i,nmij,j->nm", along, blur, along) * unit[:, None] ** 2
@@ -108,7 +108,7 @@ def depth_sigma_mm(layout: Layout, points_in_view_mm: FloatArray) -> FloatArray:
         information += (np.exp(-sharpest * radii**2) * np.maximum(second - first**2 / total, 0.0)) @ radii
     # The sharp picture of a slope spectrum C k dk has the mean square slope C / (4 SHARP_VARIANCE_PX2) along an axis.
     strength = SLOPE_GREY**2 * 4.0 * SHARP_VARIANCE_PX2 / NOISE_GREY**2
-    cell = unit**2 * (LARGEST_RADIUS / RADII) / ANGLES
+    cell = unit**2 * (MAX_RADIUS / RADII) / ANGLES
     per_mm2 = strength * cell * information
     known = per_mm2 > 0.0
     sigma = np.full(len(known), np.inf)

@@ -16,7 +16,7 @@ LENGTH_TOLERANCE_MM = 1e-4
 AREA_TOLERANCE_MM2 = 1e-3
 SENSOR_TOLERANCE_PX = 0.05
 AXES_TOLERANCE = 1e-9
-LEAST_COMMON_AREA_MM2 = 1.0
+MIN_COMMON_AREA_MM2 = 1.0
 
 FINDINGS = {
     "unlike_spec": ("spec", "{value:g} of camera, counts, view axes and mirrors differ from the spec"),
@@ -103,7 +103,7 @@ def verify(layout: Layout, spec: DesignSpec) -> dict[str, Metric]:
     for depth_mm in spec.depths_mm:
         area = views.common_region(depth_mm)[0].area if depth_mm > views.reach_mm else 0.0
         verdict[f"common_area_{depth_mm:g}mm"] = Metric(
-            value=area, unit="mm²", limit=LEAST_COMMON_AREA_MM2, lower_is_better=False
+            value=area, unit="mm²", limit=MIN_COMMON_AREA_MM2, lower_is_better=False
         )
     blocked = blocked_light(mirrors, max(spec.depths_mm), view_axis=layout.view_from_rig[2], pupil=layout.camera.pupil)
     stopped = max((found.fraction for found in blocked), default=0.0)

@@ -32,10 +32,10 @@ from mirrorcam.optics.geometry.arrangement import Arrangement
 
 MARGIN = 1e-6
 """Margin on every limit, in scales, so that the rounded layout still meets it."""
-LEAST_TURN = 1e-3
+MIN_TURN = 1e-3
 """Smallest turn at a corner of a sub-image: the area spanned by its two edges, relative to a tile of the sensor."""
-LEAST_INCIDENCE = 0.1
-LEAST_GRID_SPACING = 0.05
+MIN_INCIDENCE = 0.1
+MIN_GRID_SPACING = 0.05
 REGION_CORNERS = 8
 """Corners of the region at a depth that all views must show."""
 ANGLES = 8
@@ -54,9 +54,9 @@ def mirror_term(kind: Kind) -> Term:
     min_edge, min_area, depth, tile_area, reward = (term.parameter() for _ in range(5))
     mirror = add_mirror(kind, optics, term)
     for corner in mirror.corners:
-        term.require(ca.dot(optics.view_from_rig @ ca.vertcat(corner, 1.0), mirror.centre) - LEAST_INCIDENCE)
+        term.require(ca.dot(optics.view_from_rig @ ca.vertcat(corner, 1.0), mirror.centre) - MIN_INCIDENCE)
     for before, after in edges_of([b - a for a, b in edges_of(mirror.corners)]):
-        term.require(turn(before, after) / tile_area - LEAST_TURN)
+        term.require(turn(before, after) / tile_area - MIN_TURN)
     for a, b in edges_of(mirror.face):
         term.require(ca.sumsqr(b - a) - min_edge**2 - MARGIN, "size")
     fans = [ca.cross(a - mirror.face[0], b - mirror.face[0]) for a, b in pairwise(mirror.face[1:])]
@@ -193,7 +193,7 @@ def add_grid_error(term: TermBuilder, arrangement: Arrangement) -> Expression:
     """Add virtual centres to a term's unknowns, require positive spacings, and return their squared grid error."""
     error, spacings = squared_grid_error([term.unknown(3) for _ in arrangement.names], arrangement)
     for spacing in spacings:
-        term.require(spacing - LEAST_GRID_SPACING)
+        term.require(spacing - MIN_GRID_SPACING)
     return error
 
 

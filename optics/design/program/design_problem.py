@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.design.program import constraints
 from mirrorcam.optics.design.program.draft import TIE_BREAK, Draft, tilts
-from mirrorcam.optics.design.program.nonlinear_program import MOST_ITERATIONS, Program, Solver
+from mirrorcam.optics.design.program.nonlinear_program import MAX_ITERATIONS, Program, Solver
 from mirrorcam.optics.design.program.seeds import Seed
 from mirrorcam.optics.design.program.separation import PairConstraint, add_body, add_pairs
 from mirrorcam.optics.design.program.terms import ELASTIC, Indices, Term, TermBuilder
@@ -26,13 +26,13 @@ from mirrorcam.optics.geometry.pupil import SHARP_VARIANCE_PX2
 
 REFERENCE_GRID_ERROR = 0.25
 """Grid error with the cost of a sensor without any overlap; about that of the faceted parabola."""
-LEAST_EFFICIENCY = 0.02
+MIN_EFFICIENCY = 0.02
 """Smallest pixel efficiency of an acceptable layout at any depth."""
 PLACES = np.vstack([np.full(8, 0.125), 0.7 * np.eye(8)[::2] + 0.3 * 0.125])
 """Weights (5, 8) of a region's corners: the objective for depth is evaluated at its centre and near corners."""
-LEAST_TRADEOFF = 1e-3
+MIN_TRADEOFF = 1e-3
 """Trade-off below which the grid error of a design for depth is practically unlimited."""
-LEAST_OF_OVERLAP = 0.99
+KEPT_OF_OVERLAP = 0.99
 """Fraction of field of view and pixels of each view that a design for depth keeps of the design for overlap."""
 SLACK_WEIGHTS = {
     "spacing": 1.0,
@@ -115,7 +115,7 @@ def overlap_problem(
     pairs: tuple[PairConstraint, ...],
     devices: int = 0,
     *,
-    most_iterations: int = MOST_ITERATIONS,
+    max_iterations: int = MAX_ITERATIONS,
 ) -> Problem:
     """The program for maximum overlap, started from a seed, in view axes; lengths in units of `scale_mm`.
 
@@ -129,9 +129,9 @@ def overlap_problem(
     pairs : constraints on pairs of mirrors. Their unknowns follow all others of the design, so that a solution remains
         usable after more are appended.
     devices : number of devices as built in the objective. Their unknowns come last.
-    most_iterations : iteration limit of the solver.
+    max_iterations : iteration limit of the solver.
     """
-    return _problem(*overlap_draft(spec, seed, pairs, devices), most_iterations)
+    return _problem(*overlap_draft(spec, seed, pairs, devices), max_iterations)
 
 
 def overlap_draft(
@@ -161,7 +161,7 @@ def depth_problem(spec: DesignSpec, seed: Seed, pairs: tuple[PairConstraint, ...
     most = max(largest_grid_error(spec.tradeoff), 1.01 * overlap.grid_error)
     draft.program.add(constraints.grid_limit_term(spec.arrangement), draft.centres, [most])
     none = tilts(spec, 0)
-    shares = np.maximum(_least_shares(spec), LEAST_OF_OVERLAP * overlap.shares)
+    shares = np.maximum(_least_shares(spec), KEPT_OF_OVERLAP * overlap.shares)
     regions = _add_regions(draft, none, TIE_BREAK, shares)
     _add_depth_sigma(draft, regions, overlap)
     add_body(draft)
@@ -171,12 +171,12 @@ def depth_problem(spec: DesignSpec, seed: Seed, pairs: tuple[PairConstraint, ...
 
 def largest_grid_error(tradeoff: float) -> float:
     """The grid error g with tradeoff * (g / 0.25)^2 = 1 - tradeoff."""
-    return REFERENCE_GRID_ERROR * float(np.sqrt((1.0 - tradeoff) / max(tradeoff, LEAST_TRADEOFF)))
+    return REFERENCE_GRID_ERROR * float(np.sqrt((1.0 - tradeoff) / max(tradeoff, MIN_TRADEOFF)))
 
 
-def _problem(draft: Draft, regions: list[Indices], most_iterations: int = MOST_ITERATIONS) -> Problem:
+def _problem(draft: Draft, regions: list[Indices], max_iterations: int = MAX_ITERATIONS) -> Problem:
     return Problem(
-        solver=Solver(draft.program, SLACK_WEIGHTS, most_iterations),
+        solver=Solver(draft.program, SLACK_WEIGHTS, max_iterations),
         fold=draft.fold,
         centres=np.array(draft.centres),
         corners=np.array([corners for _, corners in draft.mirrors]).reshape(len(draft.mirrors), draft.spec.sides, 2),
@@ -198,7 +198,7 @@ def _draft_in_place(spec: DesignSpec, seed: Seed) -> Draft:
 def _least_shares(spec: DesignSpec) -> FloatArray:
     """Least fraction (depths, n) of the sensor's pixels with which each view sees the region at each depth."""
     mirrors = len(spec.arrangement.steps)
-    return np.full((len(spec.depths_mm), mirrors), LEAST_EFFICIENCY / mirrors)
+    return np.full((len(spec.depths_mm), mirrors), MIN_EFFICIENCY / mirrors)
 
 
 def _add_regions(draft: Draft, devices: FloatArray, weight: float, least: FloatArray) -> list[Indices]:
@@ -233,7 +233,7 @@ def _add_depth_sigma(draft: Draft, regions: list[Indices], overlap: OverlapDesig
         reference = sum(float(sigma.value(before, [*numbers, 1.0])[0]) for numbers in parameters)
         for numbers in parameters:
             draft.program.add(sigma, unknowns, [*numbers, 1.0 / reference / len(spec.depths_mm)])
-        draft.program.add(field, [region, *draft.centres], [depth, LEAST_OF_OVERLAP * fields])
+        draft.program.add(field, [region, *draft.centres], [depth, KEPT_OF_OVERLAP * fields])
 
 
 @lru_cache

@@ -111,8 +111,8 @@ def _spread(centres: FloatArray, steps: FloatArray) -> FloatArray:
     for axis, along in enumerate(steps.T):
         if along.any():
             spacing = moved[:, axis] @ along / (along @ along)
-            if spacing < constraints.LEAST_GRID_SPACING / 2.0:
-                moved[:, axis] += (constraints.LEAST_GRID_SPACING - spacing) * along
+            if spacing < constraints.MIN_GRID_SPACING / 2.0:
+                moved[:, axis] += (constraints.MIN_GRID_SPACING - spacing) * along
     return moved
 
 

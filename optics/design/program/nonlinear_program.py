@@ -17,13 +17,13 @@ from mirrorcam.core.processes import interruption
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.design.program.terms import ELASTIC, Expression, Indices, Term
 
-LARGEST_SLACK = 10.0
+MAX_SLACK = 10.0
 
 HOLD = 1e-5
 """Weight of the squared distance from the start. It keeps undetermined unknowns in place, such as planes between
 distant mirrors; IPOPT converges faster if no direction is free."""
 
-MOST_ITERATIONS = 300
+MAX_ITERATIONS = 300
 
 IPOPT: dict[str, Any] = {
     "print_time": False,
@@ -202,9 +202,7 @@ class Solver:
     elastic families and otherwise stays near the start. `find_relaxed` combines both.
     """
 
-    def __init__(
-        self, program: Program, slack_weights: dict[str, float], most_iterations: int = MOST_ITERATIONS
-    ) -> None:
+    def __init__(self, program: Program, slack_weights: dict[str, float], max_iterations: int = MAX_ITERATIONS) -> None:
         self.program = program
         assembled = Assembled(program)
         x, searching = assembled.x, ca.MX.sym("searching")
@@ -229,7 +227,7 @@ class Solver:
                 ["triu_hess_gamma_x_x"],
             ),
         }
-        self._nlp = ca.nlpsol("design", "ipopt", names, IPOPT | self.derivatives | {"ipopt.max_iter": most_iterations})
+        self._nlp = ca.nlpsol("design", "ipopt", names, IPOPT | self.derivatives | {"ipopt.max_iter": max_iterations})
 
     def _solve(
         self, start: FloatArray, slack: tuple[float, float], searching: float, margin: float = 0.0
@@ -262,7 +260,7 @@ class Solver:
 
     def find_feasible(self, start: FloatArray | None = None) -> tuple[SolverOutcome, dict[str, float]]:
         """The values with the least violation of the elastic families, and the violation of each family."""
-        outcome = self._solve(self.program.start if start is None else start, (0.1, LARGEST_SLACK), 1.0)
+        outcome = self._solve(self.program.start if start is None else start, (0.1, MAX_SLACK), 1.0)
         return outcome, dict(zip(ELASTIC, outcome.values[: len(ELASTIC)].tolist(), strict=True))
 
     def find_relaxed(self, margin: float) -> tuple[SolverOutcome, dict[str, float]]:
@@ -271,5 +269,5 @@ class Solver:
         The violation takes precedence as long as it costs more than the objective gains. A family that is met is met by
         the margin: its violation is -margin.
         """
-        outcome = self._solve(self.program.start, (0.1, LARGEST_SLACK), 0.5, margin)
+        outcome = self._solve(self.program.start, (0.1, MAX_SLACK), 0.5, margin)
         return outcome, dict(zip(ELASTIC, outcome.values[: len(ELASTIC)].tolist(), strict=True))
