@@ -19,16 +19,16 @@ from mirrorcam.optics.calibration.diagnostics.calibration_result import moved_to
 from mirrorcam.optics.drift.matched_points import IntArray, MatchedPoints
 from mirrorcam.optics.drift.mirror_motions import (
     COMMON_DEG,
-    all_rows,
+    all_centre_rows,
     calibration_covariance,
+    centre_changes,
+    centre_rows,
     common_covariance,
     common_motions,
-    hinged_motion,
-    mirror_covariance,
-    mirror_rows,
-    own_motion,
-    turn_of_centre,
-    turns_about_middle,
+    covariance_of_centres,
+    hinged_covariance,
+    motion_covariance,
+    rotation_jacobian,
 )
 from mirrorcam.optics.drift.scene_fit import SceneFit, SceneInformation, parameter_names
 from mirrorcam.optics.geometry.layout import Layout, Uncertainty
@@ -160,8 +160,12 @@ def find_drift(layout: Layout, matches: MatchedPoints) -> Drift:
     if (shown >= MIN_POINTS).sum() < 2:
         return _nothing(layout, names, shown.tolist(), matches)
     calibrated, common = calibration_covariance(layout, names), common_covariance(layout, names)
-    small = mirror_covariance({k: own_motion(mirror, FLOOR_DEG, FLOOR_MM) for k, mirror in enumerate(mirrors)}, names)
-    wide = mirror_covariance({k: own_motion(mirror, MOVED_DEG, MOVED_MM) for k, mirror in enumerate(mirrors)}, names)
+    small = covariance_of_centres(
+        {k: motion_covariance(mirror, FLOOR_DEG, FLOOR_MM) for k, mirror in enumerate(mirrors)}, names
+    )
+    wide = covariance_of_centres(
+        {k: motion_covariance(mirror, MOVED_DEG, MOVED_MM) for k, mirror in enumerate(mirrors)}, names
+    )
     prior = calibrated + common + small + wide
     matches = explained_matches(layout, matches, prior)
     shown = np.bincount(matches.view, minlength=len(mirrors))
@@ -261,7 +265,7 @@ class _Test:
             if gains[best] <= self.limit:
                 break
             moved[best] = self._likely(marginal, best)
-        marginal, own = self._marginal(moved), mirror_covariance(moved, self.names)
+        marginal, own = self._marginal(moved), covariance_of_centres(moved, self.names)
         turn, sigma = self._common_turn(marginal)
         return Drift(
             mirrors=tuple(
@@ -284,15 +288,17 @@ class _Test:
 
     def _marginal(self, moved: dict[int, FloatArray]) -> _Marginal:
         """Score and information, given that some mirrors may have moved."""
-        prior = self.calibrated + self.small + self.common + mirror_covariance(moved, self.names)
+        prior = self.calibrated + self.small + self.common + covariance_of_centres(moved, self.names)
         inside = np.eye(len(prior)) + self.information @ prior
         found = np.linalg.solve(inside, np.column_stack([self.gradient, self.information]))
         return _Marginal(np.asarray(found[:, 0], np.float64), np.asarray(found[:, 1:], np.float64))
 
     def _mean_gain(self, marginal: _Marginal, k: int) -> float:
         """Twice the logarithm of the likelihood ratio for a moved mirror, averaged over TURN_SIGMAS_DEG."""
-        rows = mirror_rows(self.names, k)
-        each = np.array([marginal.gain(rows, hinged_motion(self.layout.mirrors[k], turn)) for turn in TURN_SIGMAS_DEG])
+        rows = centre_rows(self.names, k)
+        each = np.array(
+            [marginal.gain(rows, hinged_covariance(self.layout.mirrors[k], turn)) for turn in TURN_SIGMAS_DEG]
+        )
         return 2.0 * float(logsumexp(each / 2.0) - np.log(len(each)))
 
     def _likely(self, marginal: _Marginal, k: int) -> FloatArray:
@@ -301,13 +307,13 @@ class _Test:
         Over a short range of depths, points hardly separate a turn from a shift; this prior bounds the shift by the
         turn.
         """
-        rows = mirror_rows(self.names, k)
-        motions = [hinged_motion(self.layout.mirrors[k], turn) for turn in TURN_SIGMAS_DEG]
+        rows = centre_rows(self.names, k)
+        motions = [hinged_covariance(self.layout.mirrors[k], turn) for turn in TURN_SIGMAS_DEG]
         return max(motions, key=lambda block: marginal.gain(rows, block))
 
     def _common_turn(self, marginal: _Marginal) -> tuple[FloatArray, FloatArray]:
         """Rotation vector (3,) of all mirrors together, and standard deviations (3,), deg."""
-        motions, rows = common_motions(self.layout), all_rows(self.layout, self.names)
+        motions, rows = common_motions(self.layout), all_centre_rows(self.layout, self.names)
         spread = np.eye(motions.shape[1]) - motions.T @ marginal.information[np.ix_(rows, rows)] @ motions
         found = motions.T @ marginal.score[rows]
         return COMMON_DEG * found[:3], COMMON_DEG * np.sqrt(np.maximum(np.diag(spread)[:3], 0.0))
@@ -317,8 +323,8 @@ class _Test:
         without = self._marginal({m: block for m, block in moved.items() if m != k})
         block = moved[k] if k in moved else self._likely(without, k)
         marginal = self._marginal(moved | {k: block})
-        rows, mirror = mirror_rows(self.names, k), self.layout.mirrors[k]
-        by_turn = turn_of_centre(self.layout, self.names, k)[:, rows]
+        rows, mirror = centre_rows(self.names, k), self.layout.mirrors[k]
+        by_turn = rotation_jacobian(self.layout, self.names, k)[:, rows]
         change = block @ marginal.score[rows]
         spread = by_turn @ (block - block @ marginal.information[np.ix_(rows, rows)] @ block) @ by_turn.T
         return MirrorMove(
@@ -337,8 +343,8 @@ class _Test:
 
         Chi squared grows by `least` per squared turn; averaging over sizes of motion raises the threshold.
         """
-        rows, mirror = mirror_rows(self.names, k), self.layout.mirrors[k]
-        turns = np.linalg.svd(mirror.normal_in_rig[None])[2][1:] @ turns_about_middle(mirror)
+        rows, mirror = centre_rows(self.names, k), self.layout.mirrors[k]
+        turns = np.linalg.svd(mirror.normal_in_rig[None])[2][1:] @ centre_changes(mirror)
         least = float(np.linalg.eigvalsh(turns @ marginal.information[np.ix_(rows, rows)] @ turns.T)[0])
         if self.scene.seen[k] < MIN_POINTS or least <= 0.0:
             return UNDETERMINED_DEG
@@ -364,7 +370,7 @@ def resolved_layout(layout: Layout, drift: Drift, source: str) -> Layout:
     mirrors = list(layout.mirrors)
     for move in drift.moved:
         mirror = mirrors[move.index]
-        change = drift.change[mirror_rows(drift.names, move.index)]
+        change = drift.change[centre_rows(drift.names, move.index)]
         mirrors[move.index] = moved_to(mirror, mirror.virtual_centre_in_rig_mm + change)
     moved = ", ".join(layout.mirror_names[move.index] for move in drift.moved)
     return layout.replaced(
