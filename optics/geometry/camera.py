@@ -213,7 +213,7 @@ class Camera(Value):
         normalized = (target - np.array([self.cx_px, self.cy_px])) / focal
         if self.is_undistorted:
             return normalized.reshape(shape)
-        normalized = np.column_stack(self.lens.undistorted_roughly(*normalized.T))
+        normalized = np.column_stack(self.lens.undistorted_estimate(*normalized.T))
         for _ in range(20):
             points = np.column_stack([normalized, np.ones(len(normalized))])
             found, d_points, _ = self.project_with_jacobians(points)

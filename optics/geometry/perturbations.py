@@ -87,7 +87,7 @@ def perturbed_camera(camera: Camera, perturbations: Perturbations, device: int) 
         fy_px=camera.fy_px * focal,
         cx_px=camera.cx_px + centre[0],
         cy_px=camera.cy_px + centre[1],
-        distortion=camera.lens.disturbed(lens).coefficients,
+        distortion=camera.lens.perturbed(lens).coefficients,
     )
 
 
