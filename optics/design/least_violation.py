@@ -20,7 +20,7 @@ from mirrorcam.optics.geometry.violation import LeastViolation, Violation
 MET_MM = 1e-3
 """Violations up to this count as met."""
 
-BEAM = 5.0
+BEAM_LENGTH = 5.0
 """Length of beams, in distances from a virtual centre to the corner of its mirror."""
 
 
@@ -125,20 +125,20 @@ def _occlusion(spec: DesignSpec, mirrors: tuple[Mirror, ...]) -> list[Violation]
     """Mirrors that block light of others, with the closest points of solid and light; sized by the shadow's length."""
     found = []
     light = blocked_light(mirrors, max(spec.depths_mm), view_axis=spec.view_from_rig[2], pupil=spec.camera.pupil)
-    for part in light:
-        face, solid = mirrors[part.mirror].apparent, mirrors[part.occluder].solid.corners_in_rig_mm
+    for blocked in light:
+        face, solid = mirrors[blocked.mirror].apparent, mirrors[blocked.occluder].solid.corners_in_rig_mm
         outline = face.outline_in_rig_mm
-        ends = np.zeros((1, 3)) if part.leg == "in" else _beam(face)
-        shadow_mm = float(np.sqrt(part.fraction * area_mm2(face)))
+        ends = np.zeros((1, 3)) if blocked.leg == "in" else _beam(face)
+        shadow_mm = float(np.sqrt(blocked.fraction * area_mm2(face)))
         place = closest_points(np.concatenate([outline, ends]), solid)
-        found += _violation((part.mirror, part.occluder), shadow_mm, place)
+        found += _violation((blocked.mirror, blocked.occluder), shadow_mm, place)
     return found
 
 
 def _beam(face: Mirror) -> FloatArray:
     """Ends (n, 3) of the rays that leave a mirror through the corners of its face."""
     outline = face.outline_in_rig_mm
-    return outline + BEAM * (outline - face.virtual_centre_in_rig_mm)
+    return outline + BEAM_LENGTH * (outline - face.virtual_centre_in_rig_mm)
 
 
 def _body(spec: DesignSpec, mirrors: tuple[Mirror, ...]) -> list[Violation]:
