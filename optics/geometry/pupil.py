@@ -42,7 +42,7 @@ class Pupil:
     def radius_mm(self) -> float:
         return self.aperture_mm / 2.0
 
-    def middle_mm(self, normalized: FloatArray) -> FloatArray:
+    def centre_mm(self, normalized: FloatArray) -> FloatArray:
         """Points (..., 2) on z = 0 of rays from the pupil's centre to the points in focus on chief rays (..., 2)."""
         along = self.walk_mm * np.square(normalized).sum(axis=-1, keepdims=True)
         return np.asarray(-normalized * along / (1.0 - along / self.focus_mm))
