@@ -90,7 +90,7 @@ def read_rig(path: Path, format: FormatName | None = None, unit: str | None = No
         raise InputError(f"{path}: {f'{why}, expected layout.json or opencv.yaml' if why else known}")
     if len(detected) > 1:
         names = ", ".join(each.format for each in detected)
-        raise InputError(f"{path}: calibrations as {names}, expected --format of one of them")
+        raise InputError(f"{path}: calibrations as {names}, expected one of them as --format")
     rig = READERS[detected[0].format](detected[0].paths)
     for camera in rig.cameras:
         if camera.camera_from_rig is not None and not (np.abs(camera.camera_from_rig) <= MAX_POSE).all():
@@ -168,8 +168,8 @@ def _in_folder(folder: Path) -> list[Detected]:
     if "opencv" in files:  # the extrinsics of `stereo_calib` contain no camera to detect
         stereo = [path for path in names if path.stem == "extrinsics" and path.suffix in YAML_SUFFIXES][:1]
         files["opencv"] += [path for path in stereo if path not in files["opencv"]]
-    single: tuple[FormatName, ...] = ("kalibr", "anipose", "mirrorcam")
-    for kind in single:
+    one_file: tuple[FormatName, ...] = ("kalibr", "anipose", "mirrorcam")
+    for kind in one_file:
         if len(files.get(kind, ())) > 1:
             listed = ", ".join(path.name for path in files[kind][:5])
             raise InputError(f"{folder}: several calibrations as {kind} ({listed}), expected one")
