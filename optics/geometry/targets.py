@@ -300,11 +300,11 @@ def default_board() -> Charuco:
 def load_board(path: Path) -> Target:
     """Read `board.toml` or Kalibr's YAML file of an AprilGrid; raises InputError with a one-line message."""
     if path.suffix.lower() in (".yaml", ".yml"):
-        return _of_kalibr(path)
+        return _read_kalibr(path)
     return read_model(_BoardFile, path).root
 
 
-def _of_kalibr(path: Path) -> AprilGrid:
+def _read_kalibr(path: Path) -> AprilGrid:
     """Read an AprilGrid from Kalibr's flat `key: value` file, with the size of a tag in metres."""
     lines = (
         line.split("#")[0]
@@ -320,7 +320,7 @@ def _of_kalibr(path: Path) -> AprilGrid:
     try:
         cols, rows, tag, spacing = (float(given[key]) for key in KALIBR_KEYS)
         return AprilGrid.model_validate({"cols": cols, "rows": rows, "tag_mm": 1000.0 * tag, "spacing": spacing})
-    except ValueError as error:  # InvalidValue is a ValueError, too
+    except ValueError as error:  # includes InvalidValue
         raise InputError(f"{path}: {error}") from None
 
 

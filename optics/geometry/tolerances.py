@@ -65,7 +65,7 @@ class Tolerances(Value):
         return cls.none().replaced(**made_by_hand)
 
     def times(self, factor: float) -> Self:
-        """Scale the tolerances of printing and assembly by a factor; those of the camera stay."""
+        """Scale the tolerances of printing and assembly by a factor, but not the camera's."""
         return self.replaced(**{name: factor * getattr(self, name) for name in WORKMANSHIP})
 
     def only(self, *names: str) -> Self:

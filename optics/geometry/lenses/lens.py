@@ -59,7 +59,7 @@ class Lens(ABC):
     @property
     @abstractmethod
     def valid_radius(self) -> float:
-        """Normalized radius up to which the distorted radius grows (infinite if it always grows)."""
+        """Normalized radius up to which the distorted radius grows (infinite if it never folds)."""
 
     @abstractmethod
     def flipped(self, axis: int) -> Self:
