@@ -68,7 +68,7 @@ def rigid_motion_derivatives(layout: Layout) -> FloatArray:
     return motions
 
 
-def covariance_of_centres(known: Uncertainty) -> FloatArray:
+def mirror_covariance(known: Uncertainty) -> FloatArray:
     """Covariance (3 m, 3 m) of the virtual centres, mm^2."""
     rows = [place for place, name in enumerate(known.parameters) if name.startswith("mirror ") and name.endswith("_mm")]
     return known.covariance[np.ix_(rows, rows)]
@@ -111,7 +111,7 @@ def common_motion(layout: Layout, *, lever_mm: float) -> FloatArray:
 
 def mirror_uncertainty(layout: Layout, *, lever_mm: float) -> MirrorUncertainty:
     """Return the standard deviations of a calibrated layout's mirrors; tilts are weighted at `lever_mm`."""
-    covariance = covariance_of_centres(uncertainty_of(layout))
+    covariance = mirror_covariance(uncertainty_of(layout))
     centres = np.array([mirror.virtual_centre_in_rig_mm for mirror in layout.mirrors])
     normal, distance = normal_and_distance_sigmas(centres, covariance)
     common = common_motion(layout, lever_mm=lever_mm)
