@@ -132,10 +132,10 @@ class FieldsOfView:
         corners = (self.origins_mm + steps[:, None] * self.directions)[:, :2]
         counts = [part.stop - part.start for part in self.corners_of.values()]
         rings = shapely.linearrings(corners, indices=np.repeat(np.arange(len(counts)), counts))
-        seen = [Polygon()] * len(self.layout.mirrors)
+        footprints = [Polygon()] * len(self.layout.mirrors)
         for k, polygon in zip(self.corners_of, shapely.polygons(rings), strict=True):
-            seen[k] = polygon
-        return seen
+            footprints[k] = polygon
+        return footprints
 
     def common_region(self, depth_mm: float) -> tuple[Polygon, list[Polygon]]:
         """The region of the plane at a depth that all views see, which may be empty, and the footprint of each."""
@@ -152,9 +152,9 @@ class FieldsOfView:
         if region.is_empty:
             return np.zeros(len(self.layout.mirrors))
         camera = self.layout.camera
-        seen = camera.project(images_in_rig(self.layout, region, depth_mm))
-        following = np.roll(seen, -1, axis=1)
-        areas = (seen[..., 0] * following[..., 1] - seen[..., 1] * following[..., 0]).sum(axis=1) / 2.0
+        pixels = camera.project(images_in_rig(self.layout, region, depth_mm))
+        following = np.roll(pixels, -1, axis=1)
+        areas = (pixels[..., 0] * following[..., 1] - pixels[..., 1] * following[..., 0]).sum(axis=1) / 2.0
         return np.asarray(np.abs(areas) / (camera.width_px * camera.height_px))
 
 

@@ -237,9 +237,9 @@ def nearest_pinhole(layout: Layout, number: int, outline_px: FloatArray) -> Near
     nearest = NEAREST * np.linalg.norm(apparent.cut(rays[:, :2] / rays[:, 2:]), axis=-1, keepdims=True)
     near, far = fitted_distances_mm(layout)
     images = np.concatenate([rays * np.maximum(mm, nearest) for mm in (near, 2.0 / (1.0 / near + 1.0 / far), far)])
-    seen = layout.camera.project(mirror.image_of(apparent.reflect(images)))
+    exact = layout.camera.project(mirror.image_of(apparent.reflect(images)))
     camera, rotation, translation = layout.camera, np.eye(3), np.zeros(3)
-    best = NearestPinhole(camera, rotation, translation, _max_error_px(camera, images, seen))
+    best = NearestPinhole(camera, rotation, translation, _max_error_px(camera, images, exact))
     if best.error_px < EXACT_PX:
         return best
     free = [index for index, name in enumerate(layout.camera.intrinsic_names) if name in FREE_NAMES]
@@ -249,9 +249,9 @@ def nearest_pinhole(layout: Layout, number: int, outline_px: FloatArray) -> Near
         by_rotation = -np.cross(by_point, points[:, None])  # d(w x X)/dw, row by row: r . (w x X) = w . (X x r)
         columns = np.concatenate([by_rotation, by_point, by_intrinsic[:, :, free]], axis=2).reshape(-1, 6 + len(free))
         scale = np.linalg.norm(columns, axis=0)
-        if not (np.isfinite(columns / scale).all() and np.isfinite(seen - found).all()):
+        if not (np.isfinite(columns / scale).all() and np.isfinite(exact - found).all()):
             break
-        step = np.linalg.lstsq(columns / scale, (seen - found).ravel(), rcond=1e-9)[0] / scale
+        step = np.linalg.lstsq(columns / scale, (exact - found).ravel(), rcond=1e-9)[0] / scale
         change = Rotation.from_rotvec(step[:3]).as_matrix()
         rotation, translation = change @ rotation, change @ translation + step[3:6]
         intrinsics = camera.intrinsics.copy()
@@ -260,7 +260,7 @@ def nearest_pinhole(layout: Layout, number: int, outline_px: FloatArray) -> Near
             camera = camera.with_intrinsics(intrinsics)
         except InvalidValue:
             break
-        error_px = _max_error_px(camera, images @ rotation.T + translation, seen)
+        error_px = _max_error_px(camera, images @ rotation.T + translation, exact)
         if error_px < best.error_px:
             best = NearestPinhole(camera, rotation, translation, error_px)
     if not np.isfinite(best.error_px):
@@ -279,5 +279,5 @@ def _grid(outline_px: FloatArray) -> FloatArray:
     return np.asarray(grid[shapely.contains_xy(shapely.Polygon(outline_px), grid)])
 
 
-def _max_error_px(camera: Camera, points: FloatArray, seen: FloatArray) -> float:
-    return float(np.linalg.norm(camera.project(points) - seen, axis=1).max())
+def _max_error_px(camera: Camera, points: FloatArray, pixels: FloatArray) -> float:
+    return float(np.linalg.norm(camera.project(points) - pixels, axis=1).max())

@@ -86,13 +86,13 @@ class BuiltViews:
         normals, offsets = self.normals[device, mirror], points - self.pupils_mm[device]
         distances = self._distances(device, mirror)
         reflected = offsets - 2.0 * (np.sum(offsets * normals, axis=-1) + distances)[..., None] * normals
-        seen = (reflected[..., None, :] @ self.view_from_camera[device])[..., 0, :]
+        in_camera = (reflected[..., None, :] @ self.view_from_camera[device])[..., 0, :]
         if len(set(map(id, self.cameras))) == 1:
-            return self.cameras[0].project(seen)
-        devices = np.broadcast_to(device, seen.shape[:-1])
-        pixels = np.empty((*seen.shape[:-1], 2))
+            return self.cameras[0].project(in_camera)
+        devices = np.broadcast_to(device, in_camera.shape[:-1])
+        pixels = np.empty((*in_camera.shape[:-1], 2))
         for number, camera in enumerate(self.cameras):
-            pixels[devices == number] = camera.project(seen[devices == number])
+            pixels[devices == number] = camera.project(in_camera[devices == number])
         return pixels
 
     def _distances(self, device: Indices, mirror: Indices) -> FloatArray:
@@ -211,8 +211,8 @@ def _windows(layout: Layout, devices: Devices, distances: FloatArray) -> tuple[F
 
         def to_camera(points: FloatArray, of: Indices, k: int = k, centroids: FloatArray = centroids) -> FloatArray:
             corners = centroids[of] + (devices.axes[of, k] @ points[..., None])[..., 0]
-            seen = ((corners - devices.pupils_mm[of])[:, None] @ devices.holder_from_camera[of])[:, 0]
-            return seen[:, :2] / seen[:, 2:]
+            in_camera = ((corners - devices.pupils_mm[of])[:, None] @ devices.holder_from_camera[of])[:, 0]
+            return in_camera[:, :2] / in_camera[:, 2:]
 
         shown[:, k] = _mapped(_with_area(inside), to_camera)
     return rises, outlines, shown
@@ -220,10 +220,10 @@ def _windows(layout: Layout, devices: Devices, distances: FloatArray) -> tuple[F
 
 def _normalized(points: FloatArray, devices: Devices) -> FloatArray:
     """Normalized coordinates (n, m, k, 2) of points (n, m, k, 3) of each device in its own camera."""
-    seen = (points - devices.pupils_mm[:, None, None]) @ devices.holder_from_camera[:, None]
-    if (seen[..., 2] <= 0).any():
+    in_camera = (points - devices.pupils_mm[:, None, None]) @ devices.holder_from_camera[:, None]
+    if (in_camera[..., 2] <= 0).any():
         raise InputError("a drawn mirror reaches behind the camera, expected smaller tolerances")
-    return seen[..., :2] / seen[..., 2:]
+    return in_camera[..., :2] / in_camera[..., 2:]
 
 
 def _forward(polygons: Polygons, normals: FloatArray, view_from_camera: FloatArray) -> Polygons:
