@@ -126,7 +126,7 @@ class Mirror(Value):
 
     @cached_property
     def _chief(self) -> tuple[FloatArray, float]:
-        """Vector (3,), mm, on the plane from the pupil's foot to the outline's centre; tangent of the chief ray."""
+        """Vector (3,), mm, from the plane's point nearest to the pupil to the outline's centre; chief ray's tangent."""
         across = self.outline_in_rig_mm.mean(axis=0) + self.distance_mm * self.normal_in_rig
         across_mm = float(np.linalg.norm(across))
         if not self.is_second_surface:

@@ -4,7 +4,7 @@
 each point.
 
 The surface of a bent mirror is n.x + d = h(u, v), h = (k_xx u^2 + k_yy v^2) / 2 + k_xy u v, in the mirror's own frame,
-whose origin is the foot of the outline's centre on the plane. Light is reflected as if by the tangent plane at the
+whose origin is the outline's centre projected on the plane. Light is reflected as if by the tangent plane at the
 point (u, v) = E(u, v) where it meets the reflecting surface. The chord method solves this fixed-point equation;
 its derivative is implicit, (I - E') d(u, v) = dE.
 
@@ -134,7 +134,7 @@ class _TangentPlanes:
     length
         Lengths (n,) of the normals before normalization.
     reach_mm
-        Coordinates (n,), (n,) of the points of contact from the foot of the pupil.
+        Coordinates (n,), (n,) of the points of contact from the point of the plane nearest to the pupil.
     slope
         Slopes dh/du, dh/dv (n,), (n,).
     """

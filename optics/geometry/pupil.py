@@ -113,7 +113,8 @@ def outline_aperture(
     focus_mm
         Distance in focus, along the axis.
     shift_mm
-        Shift (n,), away from the pupil's foot, from the points where rays meet the front to those where they leave it.
+        Shift (n,) along the front between the points where rays enter and leave it, away from its point nearest to
+        the pupil.
     """
     rays = np.column_stack([normalized, np.ones(len(normalized))])
     corners = mirror.outline_in_rig_mm + mirror.front_mm * mirror.normal_in_rig

@@ -125,7 +125,7 @@ class Charuco(_Grid):
     def _check(self) -> Self:
         if self.marker_mm >= self.square_mm:
             raise ValueError(f"marker_mm {self.marker_mm} is not smaller than square_mm {self.square_mm}")
-        known = dictionaries.as_named(self.dictionary)
+        known = dictionaries.canonical_name(self.dictionary)
         if known is None:
             raise ValueError(
                 f"dictionary {self.dictionary[:40]!r} is unknown, expected one of {', '.join(dictionaries.NAMES)}"

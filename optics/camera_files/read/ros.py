@@ -1,8 +1,8 @@
 """ROS `camera_info` files of `camera_calibration` and `camera_info_manager`, one per camera.
 
 Messages printed by `ros2 topic echo` (or `rostopic echo`) are accepted too; they have shorter keys. The files contain
-no poses. Poses, in metres, are those of the optical frames in a URDF or in the `/tf_static` message as YAML, in the
-same folder or its parent. Without poses, cameras are scored individually.
+no poses. Poses, in metres, come from the optical frames in a URDF or in a `/tf_static` message as YAML, in the same
+folder or its parent. Without poses, cameras are scored individually.
 """
 
 from __future__ import annotations

@@ -25,7 +25,7 @@ from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.pupil import SHARP_VARIANCE_PX2
 
 REFERENCE_GRID_ERROR = 0.25
-"""Grid error with the cost of a sensor without any overlap; about that of the faceted parabola."""
+"""Grid error with the cost of a sensor without any overlap; about the error of the faceted parabola."""
 MIN_EFFICIENCY = 0.02
 """Smallest pixel efficiency of an acceptable layout at any depth."""
 SAMPLES = np.vstack([np.full(8, 0.125), 0.7 * np.eye(8)[::2] + 0.3 * 0.125])

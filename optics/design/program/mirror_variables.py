@@ -106,7 +106,7 @@ class MirrorVariables:
 
     @property
     def solid(self) -> list[Expression]:
-        """All corners (3) of the solid: those of its front, then those of its back."""
+        """All corners (3) of the solid, first of its front, then of its back."""
         return [point + self.normal * by for by in (-self.before, self.behind) for point in self.face]
 
 
