@@ -1,4 +1,4 @@
-"""Ground truth of the pupil: the part of it that is unvignetted via each mirror in every pixel, by tracing rays.
+"""Ground truth of the pupil, by ray tracing: its unvignetted part via each mirror in every pixel.
 
 It shares only the shape of mirrors with the renderers, and nothing with `optics.geometry.pupil`.
 """
@@ -19,13 +19,13 @@ from mirrorcam.render_scenes.truth.light_rays import Obstacles, reflected
 from mirrorcam.render_scenes.truth.pixel_maps import NO_MIRROR
 
 SAMPLES = 100
-"""Number of rays per pixel whose rays may meet more than one surface; in all other pixels one ray is enough."""
+"""Number of rays per pixel that may show more than one surface; all other pixels need one ray."""
 RIM = 12
-"""Number of rays from the rim of the pupil that find these pixels."""
+"""Number of rays from the rim of the pupil in the search for these pixels."""
 BLOCK_PX = 4
-"""Side lengths of the blocks of pixels in this search."""
+"""Side length of the blocks of pixels in this search."""
 GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
-CHANNELS = tuple(f"{place}.{name}" for place in ("first", "second") for name in ("mirror", "share", "x", "y"))
+CHANNELS = tuple(f"{rank}.{name}" for rank in ("first", "second") for name in ("mirror", "share", "x", "y"))
 
 
 @dataclass(frozen=True)
@@ -102,7 +102,7 @@ def pupil_maps(tracer: PupilTracer) -> dict[str, FloatArray]:
     """Return maps (h, w) of the two mirrors with the largest pupil shares in each pixel, by the names of `CHANNELS`.
 
     Each of the two mirrors has its index (`NO_MIRROR` without one), its share of the pupil, 0 to 1, and the centroid
-    x, y of its part of the pupil, mm, from the pupil's middle (NaN without one).
+    x, y of its part of the pupil, mm, from the pupil's centre (NaN without one).
     """
     camera = tracer.layout.camera
     rows, columns = np.arange(camera.height_px), np.arange(camera.width_px)
@@ -119,11 +119,11 @@ def pupil_maps(tracer: PupilTracer) -> dict[str, FloatArray]:
         np.minimum(rows // BLOCK_PX, mixed.shape[0] - 1), np.minimum(columns // BLOCK_PX, mixed.shape[1] - 1)
     )
     index = corners[0][block].astype(np.float64)
-    served = index != NO_MIRROR
-    middle, nothing = np.where(served, 0.0, np.nan), np.full(index.shape, np.nan)
+    reflects = index != NO_MIRROR
+    middle, nothing = np.where(reflects, 0.0, np.nan), np.full(index.shape, np.nan)
     single = (
         index,
-        served * 1.0,
+        reflects * 1.0,
         middle,
         middle,
         np.full(index.shape, float(NO_MIRROR)),

@@ -87,11 +87,11 @@ def errors_by_mirror(
 ) -> dict[int, FloatArray]:
     """Located minus projected corners (n, 2) in each mirror's window, px."""
     oracle = Oracle(layout, TARGET, pupil=pupil)
-    px, visible = oracle.by_mirrors(rig_from_board)
+    px, visible = oracle.via_mirrors(rig_from_board)
     steps = []
     for axis in (0, 1):
         moved = rigid(np.eye(3), 0.1 * np.eye(3)[axis])
-        steps.append(oracle.by_mirrors(rig_from_board @ moved)[0] - px)
+        steps.append(oracle.via_mirrors(rig_from_board @ moved)[0] - px)
     random = np.random.default_rng(0)
     errors = {}
     for index, picture in pictures.items():

@@ -199,9 +199,9 @@ def test_corners_by_bent_mirrors_are_told_exactly(small_layout: Layout, surface:
     """The pixel that is solved for, followed on, ends at the corner; a plane's is elsewhere."""
     layout = bent_layout(small_layout, surface)
     pose, finishes = tilted_board(layout), (BENT.replaced(sag_mm=0.02),) * 9
-    px, visible = Oracle(layout, TARGET, finishes).by_mirrors(pose)
+    px, visible = Oracle(layout, TARGET, finishes).via_mirrors(pose)
     assert visible.sum() > 300
-    plane = Oracle(layout, TARGET).by_mirrors(pose)[0]
+    plane = Oracle(layout, TARGET).via_mirrors(pose)[0]
     assert 0.1 < np.linalg.norm(px[visible] - plane[visible], axis=-1).mean() < 5.0
     for index, mirror in enumerate(layout.mirrors):
         rays = layout.camera.unproject(px[index][visible[index]])

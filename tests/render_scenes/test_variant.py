@@ -57,7 +57,7 @@ def test_an_unusable_library_of_the_user_is_refused_in_one_line(tmp_path: Path) 
     broken = tmp_path / "libLLVM.so"
     broken.write_bytes(b"no library")
     done = run_python(RENDERS, **{variant.LIBRARY_VARIABLE: str(broken)})
-    if not variant.gpu_answers():
+    if not variant.has_gpu():
         assert done.returncode == 1
         assert done.stderr.startswith(f"refused: {variant.LIBRARY_VARIABLE}={broken}")
         assert done.stderr.count("\n") == 1
@@ -113,7 +113,7 @@ def test_a_missing_library_does_not_load(tmp_path: Path) -> None:
 def test_without_any_llvm_it_falls_back_and_says_so_once(
     afresh: None, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr(variant, "gpu_answers", lambda: False)
+    monkeypatch.setattr(variant, "has_gpu", lambda: False)
     monkeypatch.setattr(variant, "usable_library", lambda: None)
     with caplog.at_level(logging.WARNING):
         assert variant.choose_variant() == variant.SCALAR
@@ -144,6 +144,6 @@ def test_an_unknown_variant_is_refused() -> None:
 
 
 def test_cuda_is_refused_where_no_gpu_answers(afresh: None, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(variant, "gpu_answers", lambda: False)
+    monkeypatch.setattr(variant, "has_gpu", lambda: False)
     with pytest.raises(InputError, match="needs a GPU"):
         variant.use_variant(variant.CUDA)

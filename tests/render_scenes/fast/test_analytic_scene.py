@@ -111,8 +111,8 @@ def test_a_real_lens_moves_corners_as_traced_rays_do(distorted_layout: Layout, f
     settings = SETTINGS.replaced(sensor=SENSORS["ideal"].replaced(**flaw))
     real = distorted_layout.replaced(camera=true_camera(distorted_layout.camera, settings.sensor))
     pupil = settings.sensor.pupil
-    moved = Oracle(real, TARGET, pupil=pupil).by_mirrors(pose)[0]
-    assert np.sqrt(np.nanmean((moved - Oracle(distorted_layout, TARGET).by_mirrors(pose)[0]) ** 2)) > 0.7
+    moved = Oracle(real, TARGET, pupil=pupil).via_mirrors(pose)[0]
+    assert np.sqrt(np.nanmean((moved - Oracle(distorted_layout, TARGET).via_mirrors(pose)[0]) ** 2)) > 0.7
     fast = FastScene(real.camera, real.mirrors, TARGET, settings)
     reference = BoardScene(real.camera, real.mirrors, TARGET, settings)
     for scene in (fast, reference):

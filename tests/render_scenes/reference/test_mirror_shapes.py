@@ -104,7 +104,7 @@ def test_the_maps_tell_where_the_traced_light_left_the_board(plates: Layout, pos
 def test_corners_of_the_truth_lie_where_the_maps_see_them(plates: Layout, pose: FloatArray) -> None:
     """A corner's pixel, followed by rays through the plate, ends at the corner: solved one way, traced the other."""
     oracle = Oracle(plates, TARGET)
-    px, visible = oracle.by_mirrors(pose)
+    px, visible = oracle.via_mirrors(pose)
     assert visible.sum() > 300
     board_from_rig = pose[:3, :3].T
     for index, mirror in enumerate(plates.mirrors):
@@ -115,7 +115,7 @@ def test_corners_of_the_truth_lie_where_the_maps_see_them(plates: Layout, pose: 
         np.testing.assert_allclose(at, TARGET.corners_in_board_mm[visible[index]][:, :2], atol=1e-5)
     # The part of a plate that light enters but does not leave shows nothing.
     planes = plates.replaced(mirrors=tuple(mirror.apparent for mirror in plates.mirrors))
-    assert visible.sum() < Oracle(planes, TARGET).by_mirrors(pose)[1].sum()
+    assert visible.sum() < Oracle(planes, TARGET).via_mirrors(pose)[1].sum()
 
 
 def plane_residuals(layout: Layout, index: int, *depths_mm: float) -> FloatArray:

@@ -70,7 +70,7 @@ def test_a_frame_is_a_picture_and_its_maps(small_layout: Layout, small_board: Ch
     assert header["layout"] == small_layout.identity
     assert RenderSettings.model_validate_json(header["settings"]) == task.setup.settings
     # At its corners the board is where the maps say.
-    px, visible = Oracle(small_layout, small_board).by_mirrors(task.poses[0])
+    px, visible = Oracle(small_layout, small_board).via_mirrors(task.poses[0])
     assert visible.sum() > 100
     for mirror, corner in np.argwhere(visible):
         column, row = np.rint(px[mirror, corner]).astype(int)
@@ -93,7 +93,7 @@ def test_a_worker_renders_by_the_variant_it_is_told_or_not_at_all(
     small_layout: Layout, small_board: Charuco, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # Mixed variants would differ in their last bits.
-    monkeypatch.setattr("mirrorcam.render_scenes.variant.gpu_answers", lambda: False)
+    monkeypatch.setattr("mirrorcam.render_scenes.variant.has_gpu", lambda: False)
     task = task_of(small_layout, small_board, PLAIN, maps=False)
     elsewhere = task.replaced(setup=task.setup.replaced(variant=CUDA))
     with pytest.raises(InputError, match="variant cuda_ad_mono needs a GPU"):
@@ -217,11 +217,11 @@ def test_corners_of_a_moving_board_are_where_the_truth_says(default_layout: Layo
     scene.place_board(*poses)
     light = scene.render()
     oracle = Oracle(default_layout, TARGET)
-    (px, visible), (still, _) = oracle.while_read(poses), oracle.by_mirrors(poses[1])
+    (px, visible), (still, _) = oracle.during_readout(poses), oracle.via_mirrors(poses[1])
     steps = []
     for axis in (0, 1):
         moved = rigid(np.eye(3), 0.1 * np.eye(3)[axis])
-        steps.append(oracle.while_read(poses @ moved)[0] - px)
+        steps.append(oracle.during_readout(poses @ moved)[0] - px)
     errors, moves = [], []
     for mirror in (0, 4, 8):
         x, y, width, height = windows(default_layout)[mirror]

@@ -46,7 +46,7 @@ def test_the_truth_is_read_back_as_it_was(small_layout: Layout, small_board: Cha
     np.testing.assert_array_equal(poses["frames"], moments[:, 0])
     np.testing.assert_array_equal(poses["base"], base.poses)
     corners = np.load(truth / "corners.npz")
-    np.testing.assert_array_equal(corners["frames_px"][1], oracle.by_mirrors(moments[1, 0])[0])
+    np.testing.assert_array_equal(corners["frames_px"][1], oracle.via_mirrors(moments[1, 0])[0])
     assert Layout.load(truth / "layout.json") == small_layout
 
 
@@ -121,7 +121,7 @@ def test_the_truth_is_that_of_the_camera_as_built(finished: Path, small_layout: 
     assert corners["base_px"].shape == (BASE, 54, 2)
     oracle = Oracle(built, small_board)
     for frame in range(FRAMES):
-        px, visible = oracle.by_mirrors(np.array(poses["frames"][frame]))
+        px, visible = oracle.via_mirrors(np.array(poses["frames"][frame]))
         np.testing.assert_array_equal(corners["frames_px"][frame], px)
         np.testing.assert_array_equal(corners["frames_visible"][frame], visible)
     np.testing.assert_array_equal(corners["base_visible"][1], oracle.direct(np.array(poses["base"][1]))[1])
@@ -346,8 +346,8 @@ def test_frames_of_a_motion_follow_each_other(render: Render, tmp_path: Path) ->
 @pytest.mark.parametrize(
     ("changes", "complaint"),
     [
-        ({"rate_hz": None}, "video mp4: its frames are moments of a motion"),
-        ({"settings": RenderSettings(sensor=SENSORS["ideal"], video="avi")}, "video avi: holds the JPEG files"),
+        ({"rate_hz": None}, "video mp4"),
+        ({"settings": RenderSettings(sensor=SENSORS["ideal"], video="avi")}, "video avi"),
         ({"frames": 1}, "rate_hz: one pose is no motion"),
     ],
 )

@@ -187,8 +187,8 @@ def refused(settings: RenderSettings, camera: Camera, rate_hz: float | None) -> 
 @pytest.mark.parametrize(
     ("settings", "camera", "rate_hz", "complaint"),
     [
-        (RenderSettings(video="mp4"), EVEN, None, "video mp4: its frames are moments of a motion, expected a rate_hz"),
-        (RenderSettings(video="avi", sensor=SENSORS["ideal"]), EVEN, 30.0, "video avi: holds the JPEG files"),
+        (RenderSettings(video="mp4"), EVEN, None, "video mp4"),
+        (RenderSettings(video="avi", sensor=SENSORS["ideal"]), EVEN, 30.0, "video avi"),
         (RenderSettings(video="mp4"), ODD, 30.0, "H.264: a sensor of 1919 x 1080 pixels, expected even numbers"),
         (RenderSettings(sensor=SensorModel(h264_crf=20)), ODD, None, "H.264: a sensor of 1919 x 1080 pixels"),
     ],

@@ -50,7 +50,7 @@ def facing(layout: Layout) -> FloatArray:
 def maps_and_corners(layout: Layout, obstacles: Obstacles | None) -> tuple[BoolArray, BoolArray]:
     """Where the board shows (h, w), and which of its corners are seen via each mirror."""
     maps = board_maps(pixel_rays(layout, mirrors=True, obstacles=obstacles), BOARD, facing(layout))
-    return np.isfinite(maps["board.x"]), Oracle(layout, BOARD, (), obstacles).by_mirrors(facing(layout))[1]
+    return np.isfinite(maps["board.x"]), Oracle(layout, BOARD, (), obstacles).via_mirrors(facing(layout))[1]
 
 
 def test_a_screen_before_the_board_hides_one_half_from_maps_and_corners(small_layout: Layout) -> None:
