@@ -159,7 +159,7 @@ def test_a_file_that_is_lost_or_large_is_named(
             fetch_set(stored, first.recipe, first.folder)
     files, root = fsspec.core.url_to_fs(stored.url)
     files.rm(f"{root}/sets/{first.folder.name}/frames/0001.jpg")
-    with pytest.raises(InputError, match=r"frames/0001\.jpg: is not there$"):
+    with pytest.raises(InputError, match=r"frames/0001\.jpg: does not exist$"):
         fetch_set(stored, first.recipe, first.folder)
     assert not first.folder.exists()
 

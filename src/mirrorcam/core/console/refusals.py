@@ -60,9 +60,9 @@ def _reason(error: CycloptsError, commands: Sequence[str]) -> str:
     if isinstance(error, UnknownCommandError):
         given = next(iter(error.unused_tokens or ()), "")
         known = [name for name in error.app or () if not name.startswith("-")] if error.command_chain else commands
-        meant = get_close_matches(given, known, n=1)
+        close = get_close_matches(given, known, n=1)
         expected = f", expected {', '.join(known)}" if error.command_chain else ""
-        return f"unknown command {given!r}" + (f", did you mean {meant[0]}?" if meant else expected)
+        return f"unknown command {given!r}" + (f", did you mean {close[0]}?" if close else expected)
     if isinstance(error, MissingArgumentError) and error.argument is not None:
         name = error.argument.name
         return f"{name}: expected a value" if error.keyword else f"expected {name}"

@@ -220,7 +220,7 @@ class LiveSession:
         return Shown(
             number=frame.number,
             time_s=frame.time_s,
-            arrived_s=arrived.moment,
+            arrived_s=arrived.arrived_s,
             done_s=done,
             jpegs=jpegs,
             sharpness=sharp,
@@ -234,7 +234,7 @@ class LiveSession:
         if path is None:
             return None
         if path.exists():
-            raise InputError(f"{path}: is there already, expected a new name")
+            raise InputError(f"{path}: exists, expected a new name")
         path.parent.mkdir(parents=True, exist_ok=True)
         write_image(path, frame.pixels)
         return path
