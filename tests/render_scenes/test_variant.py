@@ -21,7 +21,7 @@ from mirrorcam.render_scenes import variant
 def afresh() -> Iterator[None]:
     """Forget what this process has found out so far, before and after."""
     for each in (True, False):
-        for found in (variant.usable_library, variant.choose_variant, variant._ready):
+        for found in (variant.usable_library, variant.choose_variant, variant._check_usable):
             found.cache_clear()
         if each:
             yield

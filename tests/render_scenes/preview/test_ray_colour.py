@@ -14,9 +14,9 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.transforms import rigid
 from mirrorcam.render_scenes.preview.preview_frame import arranged_tabletop
 from mirrorcam.render_scenes.preview.ray_colour import (
-    FLOOR_PART,
+    FLOOR_SHARE,
     GLOSS,
-    WALL_PART,
+    WALL_SHARE,
     facing_normal,
     own_colour,
     ray_colour,
@@ -114,9 +114,9 @@ def test_a_floor_and_a_wall_stand_in_for_a_part_of_the_sky(small_layout: Layout)
         towards = tuple(-np.array(normal))
         seen[name] = np.array(scattered(alone, number, 0, place, normal, towards, ZERO, ZERO, False)) / colour
     sky = scene.around[SKY_LIGHT]
-    half = sky + 0.5 * WALL_PART * (scene.around[WALL_LIGHT] - sky)
-    down = sky + FLOOR_PART * (scene.around[FLOOR_LIGHT] - sky)
-    np.testing.assert_allclose(seen["down"], down + 0.5 * WALL_PART * (scene.around[WALL_LIGHT] - down))
+    half = sky + 0.5 * WALL_SHARE * (scene.around[WALL_LIGHT] - sky)
+    down = sky + FLOOR_SHARE * (scene.around[FLOOR_LIGHT] - sky)
+    np.testing.assert_allclose(seen["down"], down + 0.5 * WALL_SHARE * (scene.around[WALL_LIGHT] - down))
     lamp = lamp_light(scene.lamp, np.array(place), np.array(UP)) / np.pi
     np.testing.assert_allclose(seen["up"], half + lamp)
 

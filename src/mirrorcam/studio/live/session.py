@@ -191,7 +191,7 @@ class LiveSession:
         if not kinds and not depth:
             return None
         wanted = replace(orders, kinds=kinds, depth=depth, frames=False, take=None)
-        return replace(self._shown(replace(last, moment=time.monotonic()), wanted), again=True)
+        return replace(self._shown(replace(last, arrived_s=time.monotonic()), wanted), again=True)
 
     def _shown(self, arrived: Arrived, orders: Orders) -> Shown:
         frame, jpegs = arrived.frame, dict[PictureKind, bytes]()
