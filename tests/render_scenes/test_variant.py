@@ -1,4 +1,4 @@
-"""The variant is chosen without ever ending the process."""
+"""Choosing the variant never ends the process."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from mirrorcam.render_scenes import variant
 
 @pytest.fixture
 def afresh() -> Iterator[None]:
-    """Forget what this process has found out so far, before and after."""
+    """Clear the cached findings of this process, before and after."""
     for each in (True, False):
         for found in (variant.usable_library, variant.choose_variant, variant._check_usable):
             found.cache_clear()
@@ -71,7 +71,7 @@ def test_an_llvm_that_aborts_never_aborts_us() -> None:
     assert not variant.renders(variant.LLVM, old[0])
     done = run_python(RENDERS, **{variant.LIBRARY_VARIABLE: str(old[0])})
     assert done.returncode in (0, 1), done.stderr
-    # Someone else imported Dr.Jit before us, and it took that LLVM.
+    # Another library imported Dr.Jit first, which loaded that LLVM.
     done = run_python("import drjit\n" + RENDERS, **{variant.LIBRARY_VARIABLE: str(old[0])})
     assert done.returncode in (0, 1), done.stderr
 

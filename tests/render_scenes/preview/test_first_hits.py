@@ -77,7 +77,7 @@ def test_normals_and_texture_coordinates_are_those_of_mitsuba(kind: str) -> None
 
     thing = item(kind, texture=None if kind == "leaves" else "globe", texture_px=(64, 64), seed=3)
     if kind == "cylinder":
-        # Mitsuba's begin their texture where they like, and at x where the axis has no x.
+        # The texture origin of Mitsuba's shapes is arbitrary, and at x where the axis has no x.
         thing = thing.replaced(view_from_object=rigid(UPRIGHT, PLACE))
     scene = scene_of(thing)
     reference = mi.load_dict({"type": "scene"} | {f"s{k}": s for k, s in enumerate(shapes_of(thing, np.eye(3)))})

@@ -81,7 +81,7 @@ def test_rays_leave_the_mirror_as_the_truth_has_them(name: str, request: pytest.
 def test_a_plate_gives_the_light_of_all_its_passes(plates: Layout) -> None:
     views = mirror_views(plates, Pupil(1.8, 500.0), 0.9)
     light, _ = reflectance_and_shift(views, 4, 0.0, 0.0)
-    # Acrylic reflects 4 % and more; what it takes off the image comes back by itself and by more passes.
+    # Acrylic reflects 4 % and more; the loss of the image returns as the front's ghost and by further passes.
     assert 0.9 < light < 0.92
     plain, slide = reflectance_and_shift(
         mirror_views(plates.with_surface("first"), Pupil(1.8, 500.0), 0.9), 4, 0.0, 0.0

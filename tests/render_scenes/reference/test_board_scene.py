@@ -1,4 +1,4 @@
-"""Boards, mirrors and the black between them, as rendered."""
+"""Rendered boards, mirrors and the black between them."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ SETTINGS = RenderSettings(sensor=SENSORS["ideal"])
 
 
 def facing(layout: Layout, target: Target, depth_mm: float = 350.0) -> FloatArray:
-    """rig_from_board of a board square to the view axis, its middle before the central mirror."""
+    """rig_from_board of a board square to the view axis, its middle in front of the central mirror."""
     turn = layout.view_from_rig.T
     middle = turn @ np.array([0.0, -70.0, depth_mm])
     return rigid(turn, middle - turn @ np.array([*target.size_mm, 0.0]) / 2.0)
@@ -133,7 +133,7 @@ def test_the_same_seed_gives_the_same_bits_at_any_sample_count(small_layout: Lay
     for spp in (1, 5, 16):
         np.testing.assert_array_equal(scene.render(spp=spp, seed=3), scene.render(spp=spp, seed=3))
     assert (scene.render(spp=5, seed=3) != scene.render(spp=5, seed=4)).any()
-    # What a pixel collects does not depend on the window it is rendered in.
+    # The value of a pixel does not depend on the rendered window.
     np.testing.assert_array_equal(
         scene.render(spp=5, seed=3, crop=(200, 90, 40, 30)), scene.render(spp=5, seed=3)[90:120, 200:240]
     )

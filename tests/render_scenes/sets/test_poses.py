@@ -1,4 +1,4 @@
-"""The plan of where to hold the board covers what the mirrors and the camera see."""
+"""The planned poses of the board cover the fields of the mirrors and the camera."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Files of the ground truth: as many as there is something to tell, and read back as they were.
+"""Files of the ground truth: written only where they apply, and read back unchanged.
 
 A whole set: the same request, the same bytes; whole files or none; the truth in its own folder.
 """
@@ -197,7 +197,7 @@ def test_whenever_it_is_killed_what_is_there_is_whole_and_the_rest_follows(
 
         def replace(temporary: Path, target: Path) -> Path:
             if next(writes) == write:
-                # What a killed process leaves, which cannot remove its temporary file.
+                # The temporary file that a killed process leaves.
                 (temporary.parent / f"{TEMPORARY}left{target.suffix}").write_bytes(temporary.read_bytes()[:99])
                 raise KeyboardInterrupt
             return put_in_place(temporary, target)
@@ -227,7 +227,7 @@ def test_whenever_it_is_killed_what_is_there_is_whole_and_the_rest_follows(
         if write % 4 == 0 or (out / "video.avi").exists():
             render(out, **small)
             assert contents(out) == whole
-    # The manifest each time that something else was written, and each file.
+    # The manifest after each other write, and each file.
     assert ended > len(whole) + 4
 
 
@@ -297,7 +297,7 @@ def test_a_checkerboard_and_frames_alone_are_rendered_too(render: Render, small_
     assert dataset.complete
     assert dataset.files["frames/0000.jpg"] == file_digest(tmp_path / "set" / "frames" / "0000.jpg")
     assert not (tmp_path / "set" / "truth" / "maps").exists()
-    # The camera as it is has the pupil that the pictures were taken with.
+    # The true camera has the pupil of the pictures.
     built = Layout.load(tmp_path / "set" / "truth" / "layout.json")
     assert built.camera == small_layout.camera.with_pupil(SENSORS["c920"].pupil)
 
@@ -338,7 +338,7 @@ def test_frames_of_a_motion_follow_each_other(render: Render, tmp_path: Path) ->
     slow = render(tmp_path / "set", **(MOVING | {"rate_hz": 100.0}))
     poses = np.array(json.loads((tmp_path / "set" / "truth" / "poses.json").read_text(encoding="utf-8"))["frames"])
     assert slow.rate_hz == 100.0
-    # 40 ms of a motion of one pose a second, which sets out from rest.
+    # 40 ms of a motion of one pose a second, which starts at rest.
     steps = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
     assert 0.0 < steps[0] < steps[-1] < 5.0
 

@@ -1,4 +1,4 @@
-"""Light in a closed room against closed forms: sky, lamp, glass, mirrors, and how little of it is noise.
+"""Light in a closed room against closed forms: sky, lamp, glass, mirrors, and their noise.
 
 Intersections with the objects and rays of pinholes, against closed forms.
 """
@@ -176,7 +176,7 @@ def test_noise_falls_faster_than_by_chance_and_the_same_seed_gives_the_same() ->
     for spp in (16, 256):
         one, two = (rendered(scene, spp=spp, seed=seed) for seed in (1, 2))
         spread[spp] = float(np.sqrt(np.mean(np.square(one - two)) / 2.0) / one.mean())
-    # Sixteen times the samples: chance alone would leave a quarter.
+    # Sixteen times the samples: independent random ones would leave a quarter.
     assert spread[256] < 0.25 * spread[16]
     assert spread[256] < 0.01
     assert np.array_equal(rendered(scene, spp=16), rendered(scene, spp=16))

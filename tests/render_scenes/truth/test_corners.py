@@ -1,4 +1,4 @@
-"""What can be seen of a board, and where, without a renderer."""
+"""Visibility and pixels of a board's corners, without a renderer."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def test_what_lies_behind_a_mirror_shows_nothing(default_layout: Layout) -> None
     mirror, target = default_layout.mirrors[4], Checkerboard(cols=4, rows=3, square_mm=1.0)
     middle = mirror.outline_in_rig_mm.mean(axis=0)
     for at, seen in ((4.0, True), (0.6, False)):
-        # On the ray that meets the middle of the mirror; its image lies before the mirror when it lies behind.
+        # On the ray to the centre of the mirror; a point behind the mirror has its image in front of it.
         place = mirror.reflect(at * middle)
         away = place - mirror.virtual_centre_in_rig_mm
         x_axis = np.cross(away, [0.0, 0.0, 1.0])
@@ -89,7 +89,7 @@ def folding_mirror() -> Mirror:
 
 @pytest.mark.parametrize(("left_mm", "hidden"), [(-50.0, "all"), (0.0, "some"), (60.0, "none")])
 def test_a_mirror_in_the_way_hides_the_board(left_mm: float, hidden: str) -> None:
-    # The other mirror stands across the beam, 150 mm before the first: no pixel shows it, but it is in the way.
+    # The other mirror stands across the beam, 150 mm in front of the first: no pixel shows it, but it blocks the light.
     across = Mirror.from_plane(
         np.array([0.0, 150.0, 0.0]),
         np.array([0.0, -1.0, 0.0]),
