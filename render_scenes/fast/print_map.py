@@ -134,7 +134,7 @@ def map_to_print(
 def _mean_ray(nearness: FloatArray, pupil: Pupil) -> FloatArray:
     """Matrix (3, 3) from the chief ray (3,) of a pixel to the mean of its rays through the pupil, seen from the centre.
 
-    From the pupil point a, the ray of a pixel r meets the board where the ray r + a (n - 1 / focus) from the centre does;
+    From the pupil point a, the ray of a pixel r meets the board where r + a (n - 1 / focus) from the centre does;
     n is the board's nearness there. Over a pupil of diameter A, the mean of the square of a along an axis is A^2 / 16.
     """
     along = pupil.aperture_mm**2 / 16.0 * np.append(nearness[:2], 0.0)
