@@ -89,7 +89,7 @@ def _direction(angle_deg: float) -> tuple[FloatArray, FloatArray]:
 
 
 def radius_mm(mirror: Mirror) -> float:
-    """Return the distance of the farthest corner of a mirror from its middle."""
+    """Return the distance of the farthest corner of a mirror from its centre."""
     return float(np.linalg.norm(mirror.outline_in_plane_mm, axis=1).max())
 
 

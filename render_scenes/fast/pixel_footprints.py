@@ -286,7 +286,7 @@ def _span(hit: NDArray[np.bool_]) -> tuple[int, int]:
 
 
 def _unvignetted(mirror: Mirror, normalized: FloatArray, pupil: Pupil, passes: int) -> HalfPlanes:
-    """Return the mirror's part of the pupil for rays (n, 2), as half-planes about the middle of the walked pupil."""
+    """Return the mirror's part of the pupil for rays (n, 2), as half-planes about the centre of the shifted pupil."""
     planes = clear_aperture(mirror, normalized, pupil.focus_mm, passes)
     middle_mm = pupil.middle_mm(normalized)[:, None]
     return HalfPlanes(planes.direction, planes.distance + (planes.direction * middle_mm).sum(axis=-1))

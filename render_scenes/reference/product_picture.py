@@ -90,7 +90,7 @@ def viewpoints(layout: Layout, bodies: Sequence[DeviceBody]) -> tuple[Viewpoint,
     views = []
     for at in (eye, oblique):
         view = Viewpoint(np.asarray(at), middle, level[2], 1.0, (width, height))
-        # Wide enough for the farthest point from the middle, as seen from the eye.
+        # Wide enough for the farthest point from the centre, seen from the eye.
         seen = (points - at) @ view.axes.T
         distance_mm = np.linalg.norm(middle - at)
         flat = np.abs(seen[:, :2] / seen[:, 2:] * distance_mm).max(axis=0)

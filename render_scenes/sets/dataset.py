@@ -41,7 +41,7 @@ class Reach(Value):
 
 
 class Dataset(FolderManifest):
-    """Manifest of a rendered set: what a user of a real camera knows, and a checksum of each file written so far.
+    """Manifest of a rendered set: the knowledge of a user of a real camera, and a checksum of each file written so far.
 
     `request` is a digest of everything that determines the bytes of the set, including the seed.
     """

@@ -137,7 +137,7 @@ def plan_base_frames(layout: Layout, target: Target, count: int, random: np.rand
 
 
 def _depths(layout: Layout) -> tuple[float, float]:
-    """Return the nearest and farthest depth of the board's middle: slightly beyond the range of the spec."""
+    """Return the nearest and farthest depth of the board's centre: slightly beyond the range of the spec."""
     if layout.spec is not None:
         return 0.92 * min(layout.spec.depths_mm), 1.15 * max(layout.spec.depths_mm)
     scale = layout.mirrors[layout.central_index].distance_mm * np.sqrt(2.0)

@@ -190,6 +190,6 @@ class SetRecipe(Value):
         )
         if not self.depths_mm or layout.spec is None:
             return request
-        there = layout.replaced(spec=layout.spec.replaced(depths_mm=self.depths_mm))
-        plan = plan_frames(there, self.board, self.frames, request.random(Stream.POSES))
+        at_depths = layout.replaced(spec=layout.spec.replaced(depths_mm=self.depths_mm))
+        plan = plan_frames(at_depths, self.board, self.frames, request.random(Stream.POSES))
         return request.replaced(poses=plan.poses.tolist())

@@ -87,7 +87,7 @@ class TabletopRequest(Value):
 
 
 class TabletopSet(FolderManifest):
-    """The manifest, `scene.json`: what a user of a real camera knows, and a checksum of each file written so far.
+    """The manifest, `scene.json`: the knowledge of a user of a real camera, and a checksum of each file written so far.
 
     `request` is a digest of everything that determines the bytes of the set, including the seed.
     """

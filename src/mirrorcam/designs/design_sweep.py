@@ -69,8 +69,8 @@ def sweep(
     missing = [number for number in range(len(specs)) if number not in outcomes]
     progress(len(outcomes), len(specs))
     if missing:
-        for place, got in run([specs[number] for number in missing]):
-            outcomes[missing[place]] = _keep(specs[missing[place]], got, output)
+        for index, outcome in run([specs[number] for number in missing]):
+            outcomes[missing[index]] = _keep(specs[missing[index]], outcome, output)
             progress(len(outcomes), len(specs))
     return [outcomes[number] for number in range(len(specs))]
 

@@ -271,15 +271,15 @@ def _focal_errors(gauge: Gauge) -> dict[int, float]:
     for view in gauge.views:
         of_view = np.flatnonzero((gauge.points.view == view.view) & gauge.points.at_distance)
         pixels = gauge.points.pixels[of_view]
-        middle = of_view[np.linalg.norm(pixels - pixels.mean(axis=0), axis=1).argmin()]
-        point = gauge.points.points_in_rig[[middle]]
+        central = of_view[np.linalg.norm(pixels - pixels.mean(axis=0), axis=1).argmin()]
+        point = gauge.points.points_in_rig[[central]]
         true_centre = view.mirror.apparent.virtual_centre_in_rig_mm
         own_pose = np.eye(4) if view.camera_from_rig is None else view.camera_from_rig
         own_centre = transform(gauge.true_from_rig, centre(own_pose))
         _, by_point = with_slopes(partial(view.truth.project, mirror_index=view.view), point)
         sizes = [
             _picture_scale(slopes, point[0] - origin)
-            for slopes, origin in ((by_point[0], true_centre), (gauge.by_point[middle], own_centre))
+            for slopes, origin in ((by_point[0], true_centre), (gauge.by_point[central], own_centre))
         ]
         found[view.view] = 100.0 * (sizes[1] / sizes[0] - 1.0)
     return found

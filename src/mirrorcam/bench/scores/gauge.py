@@ -167,8 +167,8 @@ class Gauge:
     @property
     def motion_columns(self) -> FloatArray:
         """Derivatives (n, 2, 6 or 7) of the pixels by the motion."""
-        middle = self.points.points_in_rig - self.points.points_in_rig.mean(axis=0)
-        lever_mm = float(np.linalg.norm(middle, axis=1).max())
+        centred = self.points.points_in_rig - self.points.points_in_rig.mean(axis=0)
+        lever_mm = float(np.linalg.norm(centred, axis=1).max())
         return by_motion(self.by_point, self.points.points_in_rig, lever_mm, scaled=self.scaled)
 
 
@@ -254,7 +254,7 @@ def _factor(views: Sequence[MatchedView]) -> float:
         return 1.0
     factor = float(np.median(lengths / true_lengths))
     if not factor > 0.0:
-        raise InputError("all cameras are at one place, expected the poses of different mirrors")
+        raise InputError("all cameras are at one point, expected the poses of different mirrors")
     return factor
 
 
