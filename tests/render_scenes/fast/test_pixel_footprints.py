@@ -30,7 +30,7 @@ def test_plates_agree_with_rays_traced_surface_by_surface(plates: Layout, small_
     for footprints in picture:
         to_print = map_to_print(views[footprints.view], pose, np.asarray(np.linalg.inv(board)), Pupil())
         rays = np.column_stack([footprints.x, footprints.y, np.ones(len(footprints.x))]).astype(np.float64).T
-        texels = (to_print.print @ rays - footprints.centre_shift_mm * (to_print.slide @ rays)) / (
+        texels = (to_print.print @ rays - footprints.centre_shift_mm * (to_print.shift @ rays)) / (
             to_print.depth @ rays
         )
         at = board[:2] @ np.vstack([texels, np.ones(texels.shape[1])])
