@@ -40,7 +40,7 @@ def first_hit(objects: Any, boxes: Any, triangles: Any, start: Any, direction: A
     squared = dot(direction, direction)
     for number in range(len(objects)):
         if _passes(objects, number, start, direction, squared):
-            hit, face = _met(objects, boxes, triangles, number, start, direction, least, length, True)
+            hit, face = _intersect(objects, boxes, triangles, number, start, direction, least, length, True)
             if hit < length:
                 found, length, part = number, hit, face
     return found, length, part
@@ -52,7 +52,7 @@ def is_hidden(objects: Any, boxes: Any, triangles: Any, suspects: Any, start: An
     squared = dot(segment, segment)
     for number in range(len(objects)):
         if suspects >> number & 1 and _passes(objects, number, start, segment, squared):
-            hit, _ = _met(objects, boxes, triangles, number, start, segment, least, 1.0, False)
+            hit, _ = _intersect(objects, boxes, triangles, number, start, segment, least, 1.0, False)
             if hit < 1.0:
                 return True
     return False
@@ -67,7 +67,7 @@ def _passes(objects: Any, number: Any, start: Any, direction: Any, squared: Any)
 
 
 @inlined
-def _met(
+def _intersect(
     objects: Any,
     boxes: Any,
     triangles: Any,

@@ -239,10 +239,10 @@ def _steps(normalized: Any, mirrors: Any, number: Any, v: Any, u: Any) -> Any:
 @inlined
 def _at_edge(shown: Any, weight: Any, v: Any, u: Any, top: Any, bottom: Any, left: Any, right: Any) -> Any:
     """Return whether an adjacent pixel shows another part or object via the same mirror."""
-    here = shown[v, u]
+    index = shown[v, u]
     for down, across in ((-1, 0), (1, 0), (0, -1), (0, 1)):
         b, a = v + down, u + across
-        if top <= b < bottom and left <= a < right and weight[b, a] > 0.0 and shown[b, a] != here:
+        if top <= b < bottom and left <= a < right and weight[b, a] > 0.0 and shown[b, a] != index:
             return True
     return False
 

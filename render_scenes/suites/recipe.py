@@ -50,8 +50,8 @@ def _sensor(data: object) -> object:
         presets = {str(preset): model for preset, model in SENSORS.items()}
         if name not in presets:
             raise ValueError(f"sensor {name[:40]!r}: expected one of {', '.join(presets)}")
-        given = {key: value for key, value in data.items() if key != "like"} if isinstance(data, dict) else {}
-        return presets[name].model_dump() | given
+        changes = {key: value for key, value in data.items() if key != "like"} if isinstance(data, dict) else {}
+        return presets[name].model_dump() | changes
     return data
 
 

@@ -168,11 +168,11 @@ def image_px(
         return (out.start + along[..., None] * out.direction - points)[..., :2]
 
     for _ in range(IMAGE_STEPS):
-        here = missed(px)
-        columns: list[FloatArray] = [(missed(px + STEP_PX * np.eye(2)[axis]) - here) / STEP_PX for axis in range(2)]
+        offset = missed(px)
+        columns: list[FloatArray] = [(missed(px + STEP_PX * np.eye(2)[axis]) - offset) / STEP_PX for axis in range(2)]
         jacobian = np.stack(columns, axis=-1)
-        known = np.isfinite(jacobian.sum(axis=2) + here).all(axis=1)[:, None]
-        step = np.asarray(np.linalg.solve(np.where(known[..., None], jacobian, np.eye(2)), here[..., None])[..., 0])
+        known = np.isfinite(jacobian.sum(axis=2) + offset).all(axis=1)[:, None]
+        step = np.asarray(np.linalg.solve(np.where(known[..., None], jacobian, np.eye(2)), offset[..., None])[..., 0])
         px = np.asarray(np.where(known, px - step, np.nan), dtype=np.float64)
     return px
 

@@ -138,7 +138,7 @@ def test_hostile_and_damaged_sets_are_refused_and_leave_nothing(
         json.dumps(stated | {"files": {}}).encode(): "lacks frames/0000.jpg",
         json.dumps(
             stated | {"files": stated["files"] | {"frames/0000.jpg": "0" * 64}}
-        ).encode(): "as its checksum says",
+        ).encode(): "does not match its checksum",
     }
     for content, message in faults.items():
         change(stored, name, content)

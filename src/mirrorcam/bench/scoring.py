@@ -170,9 +170,9 @@ def _names(folders: Sequence[Path]) -> tuple[str, ...]:
     names = tuple(folder.resolve().name[:LONGEST] for folder in folders)
     if len(set(names)) < len(names):
         names = tuple("/".join(folder.resolve().parts[-2:])[-LONGEST:] for folder in folders)
-    wrong = next((name for name in names if not name.isprintable() or not name), None)
-    if wrong is not None:
-        raise InputError(f"set name {wrong[:40]!r}, expected 1 to {LONGEST} printable characters")
+    refused = next((name for name in names if not name.isprintable() or not name), None)
+    if refused is not None:
+        raise InputError(f"set name {refused[:40]!r}, expected 1 to {LONGEST} printable characters")
     if len(set(names)) < len(names):
         raise InputError("sets share a name, expected folders of different names")
     return names

@@ -135,9 +135,9 @@ def put_set(folder: Path, dataset: Dataset, write: Callable[[Path], None]) -> No
     staged.mkdir(parents=True)
     try:
         write(staged)
-        wrong = [name for name in dataset.files if not dataset.intact(staged, name)]
-        if wrong:
-            raise InputError(f"{folder.name}: {wrong[0]} is not as its checksum says, expected it as it was rendered")
+        damaged = [name for name in dataset.files if not dataset.intact(staged, name)]
+        if damaged:
+            raise InputError(f"{folder.name}: {damaged[0]} does not match its checksum, expected the rendered file")
         begun = dataset.replaced(files={}).continued(folder, dataset.planned_names)
         begun.added(folder, lambda staging: move_files(staged, staging, dataset.files))
     finally:

@@ -41,8 +41,8 @@ def one_line(error: ValidationError, model: type[BaseModel] | None = None) -> st
     if first["type"] == "union_tag_not_found":
         message = f"{first['ctx']['discriminator']} is missing"
     if first["type"] == "union_tag_invalid":
-        given = first["ctx"]
-        message = f"{given['discriminator']} is {given['tag']!r}, expected one of {given['expected_tags']}"
+        context = first["ctx"]
+        message = f"{context['discriminator']} is {context['tag']!r}, expected one of {context['expected_tags']}"
     more = f" (and {len(details) - 1} more)" if len(details) > 1 else ""
     text = f"{where}: {message}{more}" if where else f"{message}{more}"
     return shortened(" ".join(text.split()))

@@ -104,18 +104,18 @@ class DesignAnswers:
         return _json(bars.model_dump(mode="json"))
 
     async def frame(self, request: Request) -> Response:
-        wanted = await posted(SightRequest, request)
-        picture = await run_in_threadpool(self._designer.frame, wanted.spec, wanted.subject)
+        message = await posted(SightRequest, request)
+        picture = await run_in_threadpool(self._designer.frame, message.spec, message.subject)
         return _json(picture.model_dump(mode="json"))
 
     async def decoded(self, request: Request) -> Response:
-        wanted = await posted(SightRequest, request)
-        pictures = await run_in_threadpool(self._designer.decoded, wanted.spec, wanted.subject)
+        message = await posted(SightRequest, request)
+        pictures = await run_in_threadpool(self._designer.decoded, message.spec, message.subject)
         return _json(pictures.model_dump(mode="json"))
 
     async def refocused(self, request: Request) -> Response:
-        wanted = await posted(SightRequest, request)
-        picture = await run_in_threadpool(self._designer.refocused, wanted.spec, wanted.subject, wanted.depth_mm)
+        message = await posted(SightRequest, request)
+        picture = await run_in_threadpool(self._designer.refocused, message.spec, message.subject, message.depth_mm)
         return _json(picture.model_dump(mode="json"))
 
     async def report(self, request: Request) -> Response:
@@ -179,10 +179,10 @@ class JobAnswers:
         self._designer, self._jobs = designer, jobs
 
     async def start(self, request: Request) -> Response:
-        wanted = await posted(JobRequest, request)
-        layout = self._designer.solved(wanted.spec).layout
+        message = await posted(JobRequest, request)
+        layout = self._designer.solved(message.spec).layout
         name = await run_in_threadpool(write_folder, self._jobs.root, layout)
-        return _json(self._jobs.start(wanted.kind, name, wanted.adapter).model_dump(mode="json"))
+        return _json(self._jobs.start(message.kind, name, message.adapter).model_dump(mode="json"))
 
     async def all(self, request: Request) -> Response:
         return _json([report.model_dump(mode="json") for report in self._jobs.reports()])

@@ -46,16 +46,18 @@ def with_covariance(rig: CameraRig, path: Path) -> CameraRig:
     """Return a calibration with the covariance of a file; raises InputError in one line for unknown names."""
     if rig.layout is not None:
         raise InputError(f"{path}: a layout.json contains its covariance, expected no other file for it")
-    given = read_model(CovarianceFile, path, LARGEST_LAYOUT_BYTES)
+    covariance_file = read_model(CovarianceFile, path, LARGEST_LAYOUT_BYTES)
     known = {name for camera in rig.cameras for name in (*lens_names(camera.lens), *POSE_NAMES)}
     cameras = {camera.name for camera in rig.cameras} | {SHARED}
-    for name in given.parameters:
+    for name in covariance_file.parameters:
         camera, _, parameter = name.rpartition(" ")
         if camera not in cameras or parameter not in known:
             raise InputError(f"{path}: parameter {name[:60]!r}, expected CAMERA NAME, such as '{SHARED} fx_px'")
-    if len(set(given.parameters)) < len(given.parameters):
+    if len(set(covariance_file.parameters)) < len(covariance_file.parameters):
         raise InputError(f"{path}: a parameter appears twice")
-    return replace(rig, uncertainty=Uncertainty(parameters=given.parameters, covariance=given.covariance))
+    return replace(
+        rig, uncertainty=Uncertainty(parameters=covariance_file.parameters, covariance=covariance_file.covariance)
+    )
 
 
 def checked_root(uncertainty: Uncertainty) -> FloatArray:

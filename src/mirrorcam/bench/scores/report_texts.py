@@ -153,8 +153,8 @@ def junit(report: ScoreReport) -> str:
 
 
 def _properties(scored: ScoredSet) -> dict[str, str]:
-    given = {name: scored.figures[name] for name in FIGURES if name in scored.figures}
-    figures = {name: f"{metric.value:.9g}" if metric.known else NONE for name, metric in given.items()}
+    present = {name: scored.figures[name] for name in FIGURES if name in scored.figures}
+    figures = {name: f"{metric.value:.9g}" if metric.known else NONE for name, metric in present.items()}
     return figures | dict.fromkeys(scored.not_given, NOT_GIVEN)
 
 

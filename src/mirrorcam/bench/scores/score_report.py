@@ -195,9 +195,9 @@ def report_of(sets: Sequence[ScoredSet], scores: Sequence[CalibrationScore], lim
 
 
 def _mean(metrics: Sequence[Metric | None]) -> MeanFigure | None:
-    given = [metric for metric in metrics if metric is not None and metric.known]
-    if not given:
+    known = [metric for metric in metrics if metric is not None and metric.known]
+    if not known:
         return None
-    values = np.array([metric.value for metric in given])
+    values = np.array([metric.value for metric in known])
     error = float(values.std(ddof=1) / np.sqrt(len(values))) if len(values) > 1 else None
-    return MeanFigure(mean=float(values.mean()), standard_error=error, unit=given[0].unit, sets=len(values))
+    return MeanFigure(mean=float(values.mean()), standard_error=error, unit=known[0].unit, sets=len(values))

@@ -51,11 +51,11 @@ def refusing(path: Path, what: str) -> Iterator[None]:
         raise InputError(shortened(f"{path}: not {what}: {reason}")) from None
 
 
-def check_bytes(path: Path, wanted: int, stored: int) -> None:
-    """Raise InputError if arrays of `wanted` bytes exceed the memory limit for files of `stored` bytes."""
+def check_bytes(path: Path, size: int, stored: int) -> None:
+    """Raise InputError if arrays of `size` bytes exceed the memory limit for files of `stored` bytes."""
     most = max(LARGEST_BYTES, LARGEST_GROWTH * stored)
-    if wanted > most:
-        megabytes = min(wanted, 10**18) // 1_000_000
+    if size > most:
+        megabytes = min(size, 10**18) // 1_000_000
         raise InputError(f"{path}: states arrays of {megabytes} MB, expected at most {most // 1_000_000} MB")
 
 
@@ -76,10 +76,10 @@ def read_npz(
     stored = stored_bytes(path)
     with refusing(path, what), _Archive(path) as file, zipfile.ZipFile(file) as archive:
         found = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
-        wanted = {name: found[name] for name in names if name in found}
-        check_bytes(path, sum(info.file_size for info in wanted.values()), stored)
+        members = {name: found[name] for name in names if name in found}
+        check_bytes(path, sum(info.file_size for info in members.values()), stored)
         arrays = {}
-        for name, info in wanted.items():
+        for name, info in members.items():
             # Other decompressors do not limit their output.
             if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
                 raise ValueError(f"{name} is compressed by another method than deflate")
@@ -112,14 +112,14 @@ def _array(stream: IO[bytes], path: Path, size: int, stored: int) -> NDArray[Any
         raise ValueError(f"holds {str(dtype)[:40]}, expected numbers or text")
     if any(length < 0 or isinstance(length, bool) for length in shape):
         raise ValueError("its shape has a negative length")
-    wanted = dtype.itemsize * math.prod(shape)
-    check_bytes(path, wanted, stored)
-    if stream.tell() + wanted != size:
-        raise ValueError(f"has {size - stream.tell()} bytes of numbers, expected {wanted} for its shape")
-    content = np.empty(wanted, np.uint8)
-    for begin in range(0, wanted, _PIECE_BYTES):
-        piece = stream.read(min(_PIECE_BYTES, wanted - begin))
-        if len(piece) != min(_PIECE_BYTES, wanted - begin):
+    array_bytes = dtype.itemsize * math.prod(shape)
+    check_bytes(path, array_bytes, stored)
+    if stream.tell() + array_bytes != size:
+        raise ValueError(f"has {size - stream.tell()} bytes of numbers, expected {array_bytes} for its shape")
+    content = np.empty(array_bytes, np.uint8)
+    for begin in range(0, array_bytes, _PIECE_BYTES):
+        piece = stream.read(min(_PIECE_BYTES, array_bytes - begin))
+        if len(piece) != min(_PIECE_BYTES, array_bytes - begin):
             raise EOFError("is cut short")
         content[begin : begin + len(piece)] = np.frombuffer(piece, np.uint8)
     return content.view(dtype).reshape(shape, order="F" if columns_first else "C")

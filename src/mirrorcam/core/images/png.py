@@ -187,22 +187,22 @@ def _lines(data: bytes, png: Png, name: str) -> list[bytes | memoryview]:
     For a small picture, the stream is uncompressed, so that it is not inflated twice.
     """
     layout = list(png._row_bytes)
-    wanted = sum(rows * row_bytes for rows, row_bytes in layout)
+    total_bytes = sum(rows * row_bytes for rows, row_bytes in layout)
     stream = zlib.decompressobj()
     try:
-        lines = stream.decompress(data, wanted + 1)
+        lines = stream.decompress(data, total_bytes + 1)
     except zlib.error:
         raise DamagedPicture(f"{name}: damaged, its data cannot be decoded") from None
-    if len(lines) < wanted:
+    if len(lines) < total_bytes:
         raise DamagedPicture(f"{name}: damaged, a part of it is missing")
     at, filters = 0, np.frombuffer(lines, np.uint8)
     for rows, row_bytes in layout:
         if (filters[at : at + rows * row_bytes : row_bytes] > _LARGEST_FILTER).any():
             raise DamagedPicture(f"{name}: damaged, its data cannot be decoded")
         at += rows * row_bytes
-    if wanted > _LARGE_BYTES and len(lines) == wanted and stream.eof and not stream.unused_data:
+    if total_bytes > _LARGE_BYTES and len(lines) == total_bytes and stream.eof and not stream.unused_data:
         return [data]
-    return _stored(memoryview(lines)[:wanted])
+    return _stored(memoryview(lines)[:total_bytes])
 
 
 def _stored(lines: memoryview) -> list[bytes | memoryview]:

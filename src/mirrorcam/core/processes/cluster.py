@@ -38,12 +38,12 @@ def run_cluster(tasks: Sequence[str], address: str, work: Work[str, Answer]) -> 
                 if future.cancelled():
                     raise lost
                 try:
-                    got: Answer | Died = future.result()
+                    answer: Answer | Died = future.result()
                 except KilledWorker as killed:
-                    got = Died(f"{killed.allowed_failures + 1} workers died of it")
+                    answer = Died(f"{killed.allowed_failures + 1} workers died of it")
                 except CommClosedError:
                     raise lost from None
-                yield futures[future], got
+                yield futures[future], answer
                 future.release()
         finally:
             client.cancel(list(futures))

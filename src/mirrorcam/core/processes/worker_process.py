@@ -129,15 +129,15 @@ class WorkerProcess:
         if running is None:
             raise ValueError("no call was sent, expected one to answer")
         try:
-            got = running.connection.recv()
+            reply = running.connection.recv()
         except (EOFError, OSError):
             self._forget(running)
             raise WorkerDied(running.ended()) from None
-        if isinstance(got, InputError):
-            raise got
-        if isinstance(got, str):
-            raise RuntimeError(f"a worker cannot work: {got}")
-        return got.answer
+        if isinstance(reply, InputError):
+            raise reply
+        if isinstance(reply, str):
+            raise RuntimeError(f"a worker cannot work: {reply}")
+        return reply.answer
 
     def end(self) -> None:
         """End the idle process."""

@@ -48,8 +48,8 @@ class CalibrationRun:
 
     def __init__(self, pictures: Path, board: Path, layout: Path, out: Path) -> None:
         self.out = out
-        given = [str(pictures), "--board", str(board), "--layout", str(layout), "--out", str(out)]
-        self._command = ChildCommand(["calibrate", *given])
+        arguments = [str(pictures), "--board", str(board), "--layout", str(layout), "--out", str(out)]
+        self._command = ChildCommand(["calibrate", *arguments])
 
     def state(self) -> CalibrationState:
         """Return its state."""
