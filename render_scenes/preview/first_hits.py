@@ -85,19 +85,19 @@ def _intersect(
     p, d = mapped_point(objects, number, UNIT, start), mapped_vector(objects, number, UNIT, direction)
     kind = int(objects[number, KIND])
     if kind == RECTANGLE:
-        return _met_plane(p, d, 0.0, False, least, most), 0
+        return _hit_plane(p, d, 0.0, False, least, most), 0
     if kind == SPHERE:
-        return _met_round(dot(d, d), dot(p, d), dot(p, p) - 1.0, least, most)[0], 0
+        return _quadratic_roots(dot(d, d), dot(p, d), dot(p, p) - 1.0, least, most)[0], 0
     if kind == CYLINDER:
-        return _met_cylinder(p, d, least, most)
+        return _hit_cylinder(p, d, least, most)
     if kind == BOX:
-        return _met_box(p, d, least, most)
+        return _hit_box(p, d, least, most)
     triangle, hit = nearest_triangle(boxes, triangles, p, d, least, most, nearest)
     return (hit, triangle) if triangle != NOTHING else (np.inf, 0)
 
 
 @inlined
-def _met_plane(p: Any, d: Any, height: Any, is_disc: Any, least: Any, most: Any) -> Any:
+def _hit_plane(p: Any, d: Any, height: Any, is_disc: Any, least: Any, most: Any) -> Any:
     """Return the length at which a ray meets the unit square, or the unit disc, at a height z."""
     hit = (height - p[2]) / d[2]
     if not least < hit < most:
@@ -108,7 +108,7 @@ def _met_plane(p: Any, d: Any, height: Any, is_disc: Any, least: Any, most: Any)
 
 
 @inlined
-def _met_round(a: Any, b: Any, c: Any, least: Any, most: Any) -> Any:
+def _quadratic_roots(a: Any, b: Any, c: Any, least: Any, most: Any) -> Any:
     """Return the two ordered solutions of a s^2 + 2 b s + c = 0 between two lengths; infinite if missing."""
     root = b * b - a * c
     if root < 0.0:
@@ -120,8 +120,8 @@ def _met_round(a: Any, b: Any, c: Any, least: Any, most: Any) -> Any:
 
 
 @inlined
-def _met_cylinder(p: Any, d: Any, least: Any, most: Any) -> Any:
-    near, far = _met_round(
+def _hit_cylinder(p: Any, d: Any, least: Any, most: Any) -> Any:
+    near, far = _quadratic_roots(
         d[0] * d[0] + d[1] * d[1], p[0] * d[0] + p[1] * d[1], p[0] * p[0] + p[1] * p[1] - 1.0, least, most
     )
     side = np.inf
@@ -129,12 +129,12 @@ def _met_cylinder(p: Any, d: Any, least: Any, most: Any) -> Any:
         side = near
     elif far < np.inf and abs(p[2] + far * d[2]) <= 1.0:
         side = far
-    lid = _met_plane(p, d, 1.0, True, least, most)
+    lid = _hit_plane(p, d, 1.0, True, least, most)
     return (lid, LID) if lid < side else (side, 0)
 
 
 @inlined
-def _met_box(p: Any, d: Any, least: Any, most: Any) -> Any:
+def _hit_box(p: Any, d: Any, least: Any, most: Any) -> Any:
     """Return the length at which a ray enters the box from -1 to 1, and the face."""
     x, y, z = 1.0 / d[0], 1.0 / d[1], 1.0 / d[2]
     x_enters, y_enters, z_enters = -p[0] * x - abs(x), -p[1] * y - abs(y), -p[2] * z - abs(z)

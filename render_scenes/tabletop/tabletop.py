@@ -120,9 +120,9 @@ def arrange_tabletop(
         _rectangle("wall", upright, (wide, high), "poster", px_mm / (wall - centre_mm), int(seeds[0])),
         _rectangle("desk", lying, (wide, wall - front), "wood", px_mm / (near - centre_mm), int(seeds[1])),
     ]
-    for place in _PLACEMENTS:
-        depth = float(depths[round(place.rank * (len(depths) - 1))])
-        objects.append(_placed(place, depth, fields[depth][:, 0], top, px_mm / (depth - centre_mm), random))
+    for placement in _PLACEMENTS:
+        depth = float(depths[round(placement.rank * (len(depths) - 1))])
+        objects.append(_placed(placement, depth, fields[depth][:, 0], top, px_mm / (depth - centre_mm), random))
     for number, named in enumerate(meshes):
         at = [fields[middle][:, 0].mean(), top, middle] if named.place_in_view_mm is None else named.place_in_view_mm
         objects.append(
@@ -172,7 +172,7 @@ def _rectangle(
 
 
 def _placed(
-    place: _Placement,
+    placement: _Placement,
     depth: float,
     field_mm: FloatArray,
     top_mm: float,
@@ -181,23 +181,23 @@ def _placed(
 ) -> SceneObject:
     """Return the object of a placement on a table at y = `top_mm`; `field_mm` is left and right of the field."""
     left, right = field_mm
-    size_mm = np.array(place.size) * (right - left)
-    high = {"sphere": size_mm[0], "rectangle": size_mm[1] * np.cos(np.deg2rad(place.lean_deg))}
+    size_mm = np.array(placement.size) * (right - left)
+    high = {"sphere": size_mm[0], "rectangle": size_mm[1] * np.cos(np.deg2rad(placement.lean_deg))}
     at = [
-        (left + right) / 2.0 + (right - left) / 2.0 * (place.x + random.uniform(-0.04, 0.04)),
-        top_mm - high.get(place.kind, size_mm[2]) / 2.0 - place.up * (right - left),
+        (left + right) / 2.0 + (right - left) / 2.0 * (placement.x + random.uniform(-0.04, 0.04)),
+        top_mm - high.get(placement.kind, size_mm[2]) / 2.0 - placement.up * (right - left),
         depth,
     ]
-    upright = np.eye(3) if place.kind == "rectangle" else _STANDING
-    rotation = Rotation.from_euler("YX", [place.turn_deg, -place.lean_deg], degrees=True).as_matrix() @ upright
+    upright = np.eye(3) if placement.kind == "rectangle" else _STANDING
+    rotation = Rotation.from_euler("YX", [placement.turn_deg, -placement.lean_deg], degrees=True).as_matrix() @ upright
     return SceneObject(
-        name=place.name,
-        kind=place.kind,
-        material=place.material,
+        name=placement.name,
+        kind=placement.kind,
+        material=placement.material,
         view_from_object=rigid(rotation, at),
         size_mm=size_mm,
-        texture=place.texture,
-        texels_per_mm=place.detail * texels_per_mm,
+        texture=placement.texture,
+        texels_per_mm=placement.detail * texels_per_mm,
         seed=int(random.integers(2**31)),
         colour=random.uniform(0.15, 0.75, 3),
     )

@@ -99,7 +99,7 @@ def render_lit(
     shifts = [bits for pair in range(5) for bits in mi.sample_tea_32(square, key + (pair << 24))][:count]
     steps = [round(step * 2.0**32) for step in additive_steps(count)]
 
-    def take(total: Any, taken: Any) -> tuple[Any, ...]:
+    def add_sample(total: Any, taken: Any) -> tuple[Any, ...]:
         numbers = [_unit(shift + taken * mi.UInt32(step)) for shift, step in zip(shifts, steps, strict=True)]
         u, v = (0.5, 0.5) if is_pinhole else numbers[7:]
         ray = ray_through((left + numbers[0]) * side, (top + numbers[1]) * side, u, v)
@@ -108,7 +108,7 @@ def render_lit(
         return total + found, taken + 1
 
     start: Any = mi.Color3f(0.0), mi.UInt32(0)
-    total: Any = dr.while_loop(start, lambda *state: state[1] < samples, take)[0]
+    total: Any = dr.while_loop(start, lambda *state: state[1] < samples, add_sample)[0]
     pixels: Any = dr.ravel(total / mi.Float(samples))
     return np.asarray(pixels.numpy(), dtype=np.float32).reshape(height, width, 3)
 
@@ -275,10 +275,10 @@ class TabletopScene:
             item = dr.select(hit.shape == mi.ShapePtr(shape), index, item)
         path_mm = np.where(known, np.array(hit.t, dtype=np.float64).reshape(known.shape), np.inf)
         found = np.where(known, np.array(item).reshape(known.shape), NOTHING)
-        met = np.where(found == NOTHING, np.inf, CLEARANCE_MM + path_mm)
+        length_mm = np.where(found == NOTHING, np.inf, CLEARANCE_MM + path_mm)
         with np.errstate(invalid="ignore"):
-            points = start + met[..., None] * direction
-        return Hits(points, met, found)
+            points = start + length_mm[..., None] * direction
+        return Hits(points, length_mm, found)
 
     def _render(self, through: RayThrough, size: tuple[int, int], **options: Any) -> NDArray[np.float32]:
         use_variant(self.variant)

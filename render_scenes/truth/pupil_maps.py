@@ -49,12 +49,14 @@ class PupilTracer:
     finishes: Sequence[MirrorFinish] = ()
     obstacles: Obstacles | None = None
 
-    def met(self, chief_rays: FloatArray, place: FloatArray, mirrors: Sequence[int]) -> NDArray[np.int64]:
+    def reflecting_mirrors(
+        self, chief_rays: FloatArray, pupil_point: FloatArray, mirrors: Sequence[int]
+    ) -> NDArray[np.int64]:
         """Return the index (n,) of the mirror that reflects each ray, or `NO_MIRROR` if none or an obstacle does.
 
-        The rays start at the point `place` (2,) of the pupil as a unit disc. Only `mirrors` are tested.
+        The rays start at `pupil_point` (2,), relative to the radius of the pupil. Only `mirrors` are tested.
         """
-        origin = self.pupil.radius_mm * np.array([*place, 0.0])
+        origin = self.pupil.radius_mm * np.array([*pupil_point, 0.0])
         along_mm = self.pupil.walk_mm * np.square(chief_rays[:, :2]).sum(axis=1, keepdims=True)
         origin = origin + along_mm * np.array([0.0, 0.0, 1.0])
         rays = self.pupil.focus_mm * chief_rays - origin
@@ -71,22 +73,22 @@ class PupilTracer:
         return index
 
     def shares(self, chief_rays: FloatArray, mirrors: Sequence[int]) -> tuple[FloatArray, ...]:
-        """Return the `CHANNELS` (n,) of chief rays (n, 3); see `met`."""
+        """Return the `CHANNELS` (n,) of chief rays (n, 3); see `reflecting_mirrors`."""
         # Rows for a second mirror even if there is none.
         sums = np.zeros((3, max(len(mirrors), 2), len(chief_rays)))
-        for place in sunflower(SAMPLES):
-            met = self.met(chief_rays, place, mirrors)
+        for pupil_point in sunflower(SAMPLES):
+            mirror_at = self.reflecting_mirrors(chief_rays, pupil_point, mirrors)
             for row, number in enumerate(mirrors):
-                hit = met == number
-                for total, amount in zip(sums, (1.0, *place), strict=True):
+                hit = mirror_at == number
+                for total, amount in zip(sums, (1.0, *pupil_point), strict=True):
                     total[row] += amount * hit
         count, *moments = sums
         numbers, columns = np.array([*mirrors, NO_MIRROR, NO_MIRROR]), np.arange(len(chief_rays))
         found: list[FloatArray] = []
         for row in np.argsort(-count, axis=0, kind="stable")[:2]:
             rays = count[row, columns]
-            met_any = np.where(rays > 0.0, rays, np.nan)
-            centroid = [self.pupil.radius_mm * moment[row, columns] / met_any for moment in moments]
+            divisor = np.where(rays > 0.0, rays, np.nan)
+            centroid = [self.pupil.radius_mm * moment[row, columns] / divisor for moment in moments]
             found += [np.where(rays > 0.0, numbers[row], NO_MIRROR), rays / SAMPLES, *centroid]
         return tuple(found)
 
@@ -111,9 +113,11 @@ def pupil_maps(tracer: PupilTracer) -> dict[str, FloatArray]:
     nodes = camera.unproject(np.stack(np.meshgrid(at[1], at[0]), axis=-1).reshape(-1, 2).astype(np.float64))
     angles = 2.0 * np.pi * np.arange(RIM) / RIM
     every = range(len(tracer.layout.mirrors))
-    met = np.stack([tracer.met(nodes, np.array([np.cos(a), np.sin(a)]), every) for a in angles])
-    met = met.reshape(RIM, len(at[0]), len(at[1]))
-    corners = np.concatenate([met[:, i : len(at[0]) - 1 + i, k : len(at[1]) - 1 + k] for i in (0, 1) for k in (0, 1)])
+    mirror_at = np.stack([tracer.reflecting_mirrors(nodes, np.array([np.cos(a), np.sin(a)]), every) for a in angles])
+    mirror_at = mirror_at.reshape(RIM, len(at[0]), len(at[1]))
+    corners = np.concatenate(
+        [mirror_at[:, i : len(at[0]) - 1 + i, k : len(at[1]) - 1 + k] for i in (0, 1) for k in (0, 1)]
+    )
     mixed = corners.min(axis=0) != corners.max(axis=0)
     block = np.ix_(
         np.minimum(rows // BLOCK_PX, mixed.shape[0] - 1), np.minimum(columns // BLOCK_PX, mixed.shape[1] - 1)

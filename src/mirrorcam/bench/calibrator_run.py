@@ -190,10 +190,10 @@ class _Printed:
         self._stream = process.stdout
         self._head, self._tail, self._count = bytearray(), bytearray(), 0
         self._lock = threading.Lock()
-        self._thread = threading.Thread(target=self._take, name="output of a command", daemon=True)
+        self._thread = threading.Thread(target=self._read, name="output of a command", daemon=True)
         self._thread.start()
 
-    def _take(self) -> None:
+    def _read(self) -> None:
         with self._stream:
             while block := os.read(self._stream.fileno(), 1 << 16):
                 with self._lock:

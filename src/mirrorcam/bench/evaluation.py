@@ -150,7 +150,7 @@ def evaluate(
             except OSError as error:
                 stopped = f"{error.filename or results}: {error.strerror or error}"
                 failure = f"not kept: {stopped}"
-            tried.append(_tried(entry, seconds, failure))
+            tried.append(_tried_set(entry, seconds, failure))
             progress(done, len(suite.folders))
     finally:
         worker.close()
@@ -193,7 +193,7 @@ def changes_of(
     return tuple(found)
 
 
-def _tried(entry: SuiteSet, seconds: float, failure: str) -> TriedSet:
+def _tried_set(entry: SuiteSet, seconds: float, failure: str) -> TriedSet:
     return TriedSet(
         name=entry.name,
         why=entry.why,

@@ -228,25 +228,25 @@ def _rendered(
     failures: dict[str, str] = {}
     seconds: dict[str, float] = {}
     progress(0, len(queued))
-    for done, (number, got) in enumerate(workers.render(tasks), 1):
+    for done, (number, result) in enumerate(workers.render(tasks), 1):
         each = queued[number]
-        failure = got.reason if isinstance(got, Died) else got.failure
-        if isinstance(got, SetResult) and not failure:
-            failure = _kept(each, got)
-            seconds[each.recipe.name] = got.seconds
+        failure = result.reason if isinstance(result, Died) else result.failure
+        if isinstance(result, SetResult) and not failure:
+            failure = _store(each, result)
+            seconds[each.recipe.name] = result.seconds
         if failure:
             failures[each.recipe.name] = shortened(failure)
         progress(done, len(queued))
     return failures, seconds
 
 
-def _kept(each: PlannedSet, got: SetResult) -> str:
-    """Move the files of an answer into place; return the reason of a failure, or an empty string."""
-    if other := differing(got.made_with, program_of(*CODE)):
+def _store(each: PlannedSet, result: SetResult) -> str:
+    """Move the files of a result into place; return the reason of a failure, or an empty string."""
+    if other := differing(result.made_with, program_of(*CODE)):
         return f"{other[0]} of a worker differs from this machine's, expected the same everywhere"
     try:
-        if got.files:
-            put_files(each.folder, dict(got.files))
+        if result.files:
+            put_files(each.folder, dict(result.files))
     except InputError as error:
         return str(error)
     return ""

@@ -19,7 +19,7 @@ from mirrorcam.core.errors import InputError
 from mirrorcam.core.figures.figure_texts import count_text
 from mirrorcam.core.images.jpeg import DamagedPicture
 from mirrorcam.core.images.pictures import is_picture, read_image, write_image
-from mirrorcam.core.video.camera_addresses import camera, shown
+from mirrorcam.core.video.camera_addresses import camera, without_password
 from mirrorcam.core.video.frames import MOST, Frame
 from mirrorcam.core.video.stream_losses import Stream
 from mirrorcam.core.video.video import Video
@@ -313,4 +313,4 @@ def _streams(
     if live is not None:
         size = layout.camera.width_px, layout.camera.height_px
         device = camera(live, *size, on_note=lambda line: reporter.note("decode", line))
-        yield device, _live_name(live), {"device": shown(live), "started": datetime.now(UTC).isoformat()}
+        yield device, _live_name(live), {"device": without_password(live), "started": datetime.now(UTC).isoformat()}

@@ -177,7 +177,7 @@ class Jobs:
             number=job.number,
             kind=job.kind,
             design=job.design,
-            command=shown(job.plan.arguments),
+            command=command_line(job.plan.arguments),
             state=state,
             seconds=round(job.command.seconds, 1),
             progress=1.0 if state == "done" else share,
@@ -193,6 +193,6 @@ def bytes_of(folder: Path) -> int:
     return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
 
 
-def shown(arguments: Sequence[str]) -> str:
+def command_line(arguments: Sequence[str]) -> str:
     """Return the command as typed."""
     return shlex.join(["mirrorcam", *arguments])

@@ -222,7 +222,7 @@ def studio_app(start: PageStart, designer: Designer, jobs: Jobs, port: int) -> S
     return Starlette(
         routes=[Route("/", page), *DesignAnswers(designer).routes, *JobAnswers(designer, jobs).routes],
         middleware=[Middleware(LocalAccess, port=port)],
-        exception_handlers=REFUSALS | {WorkerDied: _gone, Superseded: _gone},
+        exception_handlers=REFUSALS | {WorkerDied: _superseded, Superseded: _superseded},
     )
 
 
@@ -236,5 +236,5 @@ def _json(value: Any) -> Response:
     return Response(json.dumps(value, allow_nan=False), media_type="application/json")
 
 
-async def _gone(request: Request, error: Exception) -> Response:
+async def _superseded(request: Request, error: Exception) -> Response:
     return _json(None)  # superseded: the page shows another design by now

@@ -69,13 +69,13 @@ def camera(
             "host=127.0.0.1 port=5000` and give udp://127.0.0.1:5000, or with `! v4l2sink device=/dev/videoN`"
         )
     # The camera is opened again after an outage: `cache` keeps remarks from being repeated.
-    name, connect = shown(address), partial(_addressed, address, width_px, height_px, cache(on_note))
+    name, connect = without_password(address), partial(_addressed, address, width_px, height_px, cache(on_note))
     if number:
         name, connect = f"camera {address}", partial(_numbered, int(address), width_px, height_px)
     return LiveCamera(name, connect, width_px, height_px, on_note=on_note, waiting=waiting)
 
 
-def shown(address: str) -> str:
+def without_password(address: str) -> str:
     """Return an address without user name and password."""
     return re.sub(r"(?<=://)[^/@]*@", "", address)
 
@@ -130,7 +130,7 @@ def _addressed(address: str, width_px: int, height_px: int, on_note: Callable[[s
     """Open a camera or server by an address for FFmpeg."""
     import av
 
-    v4l2, name, path = _V4L2.fullmatch(address), shortened(shown(address), 80), _local_file(address)
+    v4l2, name, path = _V4L2.fullmatch(address), shortened(without_password(address), 80), _local_file(address)
     with ExitStack() as stack:
         try:
             if path is not None:

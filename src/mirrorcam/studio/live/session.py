@@ -138,9 +138,9 @@ class LiveSession:
         shown = None
         if arrived is not None:
             self._last, self._made = arrived, {}
-            shown = self._shown(arrived, orders)
+            shown = self._results(arrived, orders)
         elif over and self._last is not None:
-            shown = self._shown_again(self._last, orders)
+            shown = self._reordered(self._last, orders)
         recorded = self._recording.counts
         source = self.opened.source
         live = source if isinstance(source, LiveCamera) else None
@@ -180,7 +180,7 @@ class LiveSession:
             arriving=self._recording.give,
         )
 
-    def _shown_again(self, last: Arrived, orders: Orders) -> Shown | None:
+    def _reordered(self, last: Arrived, orders: Orders) -> Shown | None:
         """Return newly ordered results of the last frame: other kinds, another focus, or depth."""
         kinds = tuple(
             kind
@@ -191,9 +191,9 @@ class LiveSession:
         if not kinds and not depth:
             return None
         remaining = replace(orders, kinds=kinds, depth=depth, frames=False, take=None)
-        return replace(self._shown(replace(last, arrived_s=time.monotonic()), remaining), again=True)
+        return replace(self._results(replace(last, arrived_s=time.monotonic()), remaining), again=True)
 
-    def _shown(self, arrived: Arrived, orders: Orders) -> Shown:
+    def _results(self, arrived: Arrived, orders: Orders) -> Shown:
         frame, jpegs = arrived.frame, dict[PictureKind, bytes]()
         if "frame" in orders.kinds:
             jpegs["frame"] = _jpeg(cv2.resize(frame.pixels, self._frame_px, interpolation=cv2.INTER_AREA))
@@ -227,10 +227,10 @@ class LiveSession:
             exposure=exposure,
             samples=None if samples is None else np.asarray(samples, np.uint8),
             frames=tuple(self._kept) if orders.frames else (),
-            taken=self._taken(frame, orders.take),
+            taken=self._save_picture(frame, orders.take),
         )
 
-    def _taken(self, frame: Frame, path: Path | None) -> Path | None:
+    def _save_picture(self, frame: Frame, path: Path | None) -> Path | None:
         if path is None:
             return None
         if path.exists():
