@@ -177,7 +177,7 @@ def test_a_video_without_usable_frames_leaves_no_files(tmp_path: Path, decoder: 
     recording = begin(tmp_path / "a.zarr", decoder, ZarrSink())
     record(decoder, Video(path), recording)
     assert len(recording.entries.lost) == 2
-    with pytest.raises(InputError, match=r"^a.zarr: not one frame could be decoded, expected at least one$"):
+    with pytest.raises(InputError, match=r"^a.zarr: no frame could be decoded, expected at least one$"):
         recording.finish()
     assert [path.name for path in tmp_path.iterdir()] == ["a.avi"]
 
