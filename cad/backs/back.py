@@ -178,15 +178,15 @@ def carried(mount: MountPlan, clip: ClipPlan, hardware: Hardware) -> Load:
     body = body_box(hardware.camera)
     masses = [
         (mount.load_g, mount.load_at),
-        _weighed(mount.pieces, hardware),
-        _weighed(clip.pieces, hardware),
+        _mass_of(mount.pieces, hardware),
+        _mass_of(clip.pieces, hardware),
         (hardware.camera.mass_g, (body.low + body.high) / 2.0),
     ]
     mass = sum(grams for grams, _ in masses)
     return Load(mass, np.asarray(sum(grams * at for grams, at in masses) / mass))
 
 
-def _weighed(pieces: tuple[Frustum, ...], hardware: Hardware) -> tuple[float, FloatArray]:
+def _mass_of(pieces: tuple[Frustum, ...], hardware: Hardware) -> tuple[float, FloatArray]:
     """Mass in g, and centre (3,), of pieces of plastic."""
     volumes = np.array([abs(volume_mm3(piece)) for piece in pieces])
     middles = np.array([np.vstack([piece.base, piece.top]).mean(axis=0) for piece in pieces])

@@ -29,7 +29,7 @@ NEAR_MM = 5.0
 
 
 def check_adjustment(
-    device: Device, solids: Mapping[str, manifold3d.Manifold], carriers: Mapping[str, manifold3d.Manifold]
+    device: Device, solids: Mapping[str, manifold3d.Manifold], supports: Mapping[str, manifold3d.Manifold]
 ) -> dict[str, Metric]:
     """Check that every mirror can be adjusted; {} if the mirrors are glued to the holder.
 
@@ -39,7 +39,7 @@ def check_adjustment(
         The plans of its parts.
     solids : mapping of str to Manifold
         The solids of the assembled device by name, in rig, mm.
-    carriers : mapping of str to Manifold
+    supports : mapping of str to Manifold
         Solids that support the device and may block a driver.
 
     Returns
@@ -62,7 +62,7 @@ def check_adjustment(
             value=round(holder.adjuster.least_n, 2), unit="N", limit=round(shaken, 3), lower_is_better=False
         ),
         "mirrors.adjust_tool_clash_mm3": Metric(
-            value=_driver_clash(holder, {**solids, **carriers}), unit="mm3", limit=0.0
+            value=_driver_clash(holder, {**solids, **supports}), unit="mm3", limit=0.0
         ),
         "mirrors.turn_least_deg": Metric(value=round(min(degrees), 2), unit="deg"),
         "mirrors.turn_most_deg": Metric(value=round(max(degrees), 2), unit="deg"),

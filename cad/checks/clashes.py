@@ -72,13 +72,13 @@ def common_mm3(first: manifold3d.Manifold, second: manifold3d.Manifold, depth_mm
 
 
 def check_clashes(
-    solids: Mapping[str, manifold3d.Manifold], least_mm: float, carriers: Collection[str] = ()
+    solids: Mapping[str, manifold3d.Manifold], least_mm: float, supports: Collection[str] = ()
 ) -> dict[str, Metric]:
     """Check volumes that two solids share, gaps between solids that do not touch, and fasteners without contact.
 
-    Reports each part, the camera and each carrier, and each mirror and fastener that clashes. A gap of less than
+    Reports each part, the camera and each support, and each mirror and fastener that clashes. A gap of less than
     `least_mm` is neither a contact nor a clearance. The fits of fasteners in their holes are not checked. Solids named
-    in `carriers`, which support the device, have their own threads.
+    in `supports`, outside the device, have their own threads.
     """
     met = meetings(solids)
     fasteners = [name for name in solids if name.startswith(FASTENERS)]
@@ -98,7 +98,7 @@ def check_clashes(
         name
         for name in fasteners
         if name.startswith("screw")
-        and not any(_forms(name, other) or other.startswith(THREADS) or other in carriers for other in touched[name])
+        and not any(_forms(name, other) or other.startswith(THREADS) or other in supports for other in touched[name])
     ]
     # A pin touches both parts that it joins.
     loose = [len(touched[name]) < (2 if name.startswith("pin") else 1) for name in fasteners]

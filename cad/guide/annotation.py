@@ -30,7 +30,7 @@ from mirrorcam.cad.guide.hole_callouts import (
     AXIS_MM,
     CENTRE_DASHES_MM,
     DEPTH,
-    MOST_PLACES,
+    MOST_COORDINATES,
     PARALLEL,
     draw_numbers,
     draw_oblique,
@@ -179,7 +179,7 @@ def _holes(sheet: DrawingSheet, placed: PlacedView, job: Annotations, words: str
             # Distances are foreshortened in an oblique view.
             continue
         places = np.unique(np.round(centres[:, coordinate], 3))
-        if len(places) > MOST_PLACES:
+        if len(places) > MOST_COORDINATES:
             continue
         middle = float(placed.box[:, coordinate].mean())
         edge = float(places[0] - origin[coordinate])

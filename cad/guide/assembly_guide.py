@@ -127,7 +127,7 @@ TABLED = {"width_mm", "height_mm", "depth_mm", "lens_ring_mm", "lens_protrusion_
 def _more_measures(camera: CameraBody) -> list[tuple[str, str, str, str]]:
     """Rows of the other measures in the camera's file: description, field, value and method."""
     return [
-        (measure.what, measure.field, f"{getattr(camera, measure.field):g}", measure.how)
+        (measure.description, measure.field, f"{getattr(camera, measure.field):g}", measure.method)
         for measure in MEASURES
         if measure.field not in TABLED and not (measure.field.startswith("cable") and not camera.has_cable)
     ]

@@ -36,7 +36,7 @@ from mirrorcam.cad.guide.drawing_sheet import (
     ratio,
     text_width_mm,
 )
-from mirrorcam.cad.guide.hole_callouts import DEPTH, INSERT, NUT, PRESSED, called_out, hole_groups, hole_tables
+from mirrorcam.cad.guide.hole_callouts import DEPTH, INSERT, NUT, PRESS_TOLERANCE, called_out, hole_groups, hole_tables
 from mirrorcam.cad.guide.part_views import FRONT, ISOMETRIC, RIGHT, TOP, PartView, PlacedView, on_paper, project
 from mirrorcam.cad.guide.sections import LETTER_MM, Section, Trace, cut, draw_trace, hatch, section_plane, trace_in
 from mirrorcam.cad.holder.carriers import CarrierPlan
@@ -57,7 +57,7 @@ def holder_holes(plan: HolderPlan) -> tuple[Hole, ...]:
     rotation, origin = plan.rig_from_mount[:3, :3], plan.rig_from_mount[:3, 3]
     screw = plan.screw
     if screw.kind == "insert":
-        diameter, text = screw.insert_hole_mm, f"{PRESSED} {DEPTH}{plan.hole_depth_mm:.4g} {INSERT} (far side)"
+        diameter, text = screw.insert_hole_mm, f"{PRESS_TOLERANCE} {DEPTH}{plan.hole_depth_mm:.4g} {INSERT} (far side)"
     else:
         diameter, text = screw.clearance_hole_mm, f"{DEPTH}{plan.hole_depth_mm:.4g} for M3, slot {NUT} (far side)"
     return tuple(
@@ -199,7 +199,7 @@ def dimensions_of(part: PartPlan, solid: Part, screw: Fastening) -> tuple[Length
     """The dimensions of a part's plan, without those on other pieces of a split part."""
     lengths = [each for each in offered(part.plan) if isinstance(each, Length)]
     holes = (each for each in offered(part.plan) if isinstance(each, Hole))
-    pressed = "" if isinstance(part.plan, CouponPlan) else PRESSED
+    pressed = "" if isinstance(part.plan, CouponPlan) else PRESS_TOLERANCE
     dimensions: tuple[Length | Hole, ...] = (*called_out(holes, solid, screw, pressed), *lengths)
     if not isinstance(part.plan, PiecePlan):
         return dimensions

@@ -18,7 +18,13 @@ from shapely import LineString, Polygon, get_coordinates
 from mirrorcam.cad.holder.holder_body import HolderPlan
 from mirrorcam.cad.parts.camera_box import ABOVE
 from mirrorcam.cad.parts.clip import ClipPlan
-from mirrorcam.cad.parts.mount_openings import cable_reach_mm, head_end_mm, leaves_blades, openings, over_drivers_mm
+from mirrorcam.cad.parts.mount_openings import (
+    cable_reach_mm,
+    driver_holes_top_mm,
+    head_end_mm,
+    leaves_unprintable_web_ends,
+    openings,
+)
 from mirrorcam.cad.parts.mount_stiffness import mount_compliance
 from mirrorcam.cad.parts.truss import (
     FOOT_DEPTH_MM,
@@ -331,7 +337,9 @@ def profiles(holder: HolderPlan, clip: ClipPlan, hardware: Hardware) -> Iterator
                     continue
                 inner, outer = lines
                 section = Section(depth, 2.0 * half_width, skin, web, WEB_DEG, hardware.printer.plastic_mpa)
-                if leaves_blades(holder, webs_between(inner, outer, section, hardware), section, hardware):
+                if leaves_unprintable_web_ends(
+                    holder, webs_between(inner, outer, section, hardware), section, hardware
+                ):
                     continue
                 middle = (inner + outer) / 2.0
                 foot = depth * foot_plate_mm(depth, hardware) * section.width_mm
@@ -350,7 +358,7 @@ def _lines(
     driver's holes below it, and would end in a blade at one of them.
     """
     slide_top, foot = clip.top_mm + clip.travel_mm + 2.0, (clip.slide_y_mm, foot_z_mm(clip, depth, hardware))
-    least = over_drivers_mm(clip, hardware) + max(THICKER) * hardware.mount.web_mm / 2.0
+    least = driver_holes_top_mm(clip, hardware) + max(THICKER) * hardware.mount.web_mm / 2.0
     for bends in range(BENDS_TRIED):
         chain = line_from(slide_top)
         if chain is None and bends == 0:

@@ -74,8 +74,8 @@ class Errors:
 
 def errors_of(layout: Layout, motions: DeviceMotions, depth_mm: float, plastic: Plastic) -> Errors:
     """The errors of a device in one plastic, for scene points at a depth in view axes."""
-    weighed = motions.under_gravity(plastic.modulus_mpa, plastic.density_g_per_cm3)
-    gravity = Error(_worst_turn_deg(weighed), *_worst_shifts_px(layout, weighed, depth_mm))
+    sag = motions.under_gravity(plastic.modulus_mpa, plastic.density_g_per_cm3)
+    gravity = Error(_worst_turn_deg(sag), *_worst_shifts_px(layout, sag, depth_mm))
     warm = motions.of_strain(plastic.strain_per_k * WARMER_K, STEEL_PER_K * WARMER_K, motions.mirror_per_k * WARMER_K)
     warmth = {name: motion[:, None] for name, motion in warm.items()}
     return Errors(
@@ -96,9 +96,9 @@ def all_errors(layout: Layout, motions: DeviceMotions, depth_mm: float) -> tuple
 def gravity_table(layout: Layout, motions: DeviceMotions, plastic: Plastic) -> GravityTable:
     """The table by which a robot corrects the layout for a pose."""
     mirrors = {}
-    weighed = motions.under_gravity(plastic.modulus_mpa, plastic.density_g_per_cm3)
+    sag = motions.under_gravity(plastic.modulus_mpa, plastic.density_g_per_cm3)
     for name, mirror in zip(layout.mirror_names, layout.mirrors, strict=True):
-        motion = weighed[name]
+        motion = sag[name]
         normal, middle, distance = mirror.normal_in_rig, mirror.rig_from_plane[:3, 3], mirror.distance_mm
         # The plane is n.x = -d, its virtual centre -2 d n.
         by_normal = np.cross(motion[3:], normal, axisa=0).T

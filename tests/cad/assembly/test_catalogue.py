@@ -18,7 +18,7 @@ from mirrorcam.cad.assembly.catalogue import bought_items, named_faces, parts_of
 from mirrorcam.cad.assembly.device_plan import Device, plan_device
 from mirrorcam.cad.assembly.pieces import item_names, item_pieces, item_solid, tessellated
 from mirrorcam.cad.checks.clashes import FORMING
-from mirrorcam.cad.checks.device_checks import _names_expected
+from mirrorcam.cad.checks.device_checks import _expected_names
 from mirrorcam.cad.checks.exported_mesh import solid_of
 from mirrorcam.cad.checks.reach import check_insertion, check_tool_reach
 from mirrorcam.cad.plan.back_table import back_of
@@ -105,7 +105,7 @@ def test_fasteners_are_called_in_the_assembly_what_its_checks_expect(each_device
     """Screws that form their thread have names of their own, by which the clash check lets them into plastic."""
     names = item_names(bought_items(each_device))
     mirrors = {f"mirror_{name}" for name in each_device.layout.mirror_names}
-    assert {*names, *mirrors, "camera"} == _names_expected(each_device, ())
+    assert {*names, *mirrors, "camera"} == _expected_names(each_device, ())
     forming = [name for name in names if name.startswith(FORMING)]
     assert len(forming) == (0 if each_device.hardware.camera.held_by.kind == "lips" else 4)
 

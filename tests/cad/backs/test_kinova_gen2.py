@@ -17,7 +17,7 @@ from mirrorcam.cad.assembly.pieces import tessellated
 from mirrorcam.cad.backs.kinova_gen2 import CAP_EAR_MM, JOINT_RING_MM, ROUND_TO_MM, SHELL_MM, plan_clamp
 from mirrorcam.cad.backs.plan_backs import MAKERS, make_ring, plan_back
 from mirrorcam.cad.checks.clashes import check_clashes
-from mirrorcam.cad.checks.device_checks import carriers_of
+from mirrorcam.cad.checks.device_checks import supports_of
 from mirrorcam.cad.checks.exported_mesh import solid_of
 from mirrorcam.cad.parts.part_solids import make_clip, make_mount
 from mirrorcam.cad.plan.back_table import Gen2Back
@@ -112,7 +112,7 @@ def test_the_clash_check_finds_a_clamp_on_the_ring_or_on_the_hand(along_mm: floa
         device, back=plan_back(device.clip, device.mount, device.hardware.replaced(back=Gen2Back(along_mm=along_mm)))
     )
     solids = {part.name: solid_of(tessellated(MAKERS[type(part.plan)](part.plan))) for part in on.back.parts}
-    checks = check_clashes(solids | carriers_of(on), on.hardware.fit.press_mm)
+    checks = check_clashes(solids | supports_of(on), on.hardware.fit.press_mm)
     assert checks["wrist.clash_mm3"].passed == fits
     assert on.back.robot is not None
     assert on.back.robot.xyz_mm == (0.0, 0.0, -along_mm)

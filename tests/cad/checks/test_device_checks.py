@@ -20,11 +20,11 @@ from mirrorcam.cad.checks.cut_outlines import fits
 from mirrorcam.cad.checks.device_checks import (
     ASSEMBLY,
     DROP_OF_THICKNESS,
-    carriers_of,
+    assembly_mass,
     check_drop,
     check_mass,
     read_glb,
-    weighed,
+    supports_of,
 )
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.part_plan import BuiltPart, PartPlan
@@ -65,7 +65,7 @@ def test_the_default_device_passes_and_the_assembly_is_what_its_parts_are(
     _, _, of_build = built_default
     same = {name: of_build[name].value for name in checks if name != "device.parts_sliced"}
     assert same == {name: check.value for name, check in checks.items() if name != "device.parts_sliced"}
-    assert carriers_of(device) == {}
+    assert supports_of(device) == {}
     assert checks["device.tips_at_deg"].value >= 10.0
     assert checks["device.tripod_turns"].value >= 3.0
     assembly = read_glb(copied / ASSEMBLY)
@@ -106,7 +106,7 @@ def test_a_wrist_in_the_light_and_in_the_mirrors_is_found_and_a_room_seen_where_
     mesh.export(holder)
     middle = np.mean([mirror.outline_in_rig_mm.mean(axis=0) for mirror in device.layout.mirrors], axis=0)
     wrist = manifold3d.Manifold.cylinder(17.0, 31.5, center=True).translate(tuple(middle))
-    monkeypatch.setattr("mirrorcam.cad.checks.device_checks.carriers_of", lambda *_: {"wrist": wrist})
+    monkeypatch.setattr("mirrorcam.cad.checks.device_checks.supports_of", lambda *_: {"wrist": wrist})
     checks = checked(device, copied)
     expected = {"device.rays_blocked", "wrist.light_gap_mm", "device.clash_mm3", "wrist.clash_mm3"}
     assert expected <= failed(checks)
@@ -124,7 +124,7 @@ def test_mass_and_centre_are_those_of_the_pieces() -> None:
         return mesh
 
     pieces = {"mount": box(10_000.0, 0.0), "camera": box(500.0, 100.0), "mirror_0-0": box(1000.0, 50.0)}
-    checks = check_mass(weighed(HARDWARE, pieces))
+    checks = check_mass(assembly_mass(HARDWARE, pieces))
     plastic, camera, acrylic = 12.4, HARDWARE.camera.mass_g, 1.19
     assert checks["device.mass_g"].value == pytest.approx(plastic + camera + acrylic, abs=0.01)
     expected = (100.0 * camera + 50.0 * acrylic) / (plastic + camera + acrylic)

@@ -30,7 +30,7 @@ from mirrorcam.cad.backs.plan_backs import plan_back
 from mirrorcam.cad.guide.dimension_lines import LINE_MM, number
 from mirrorcam.cad.guide.drawing import SMALL_MM, VISIBLE_MM, dimensions_of, draw, offered, seat_names, write_drawing
 from mirrorcam.cad.guide.drawing_sheet import GAUGE_TOLERANCE, GENERAL_TOLERANCE, MATERIAL_MM, MODEL, DrawingSheet
-from mirrorcam.cad.guide.hole_callouts import PRESSED
+from mirrorcam.cad.guide.hole_callouts import PRESS_TOLERANCE
 from mirrorcam.cad.guide.sections import HATCH_LINE_MM, TRACE_MM
 from mirrorcam.cad.holder.screwed_holder import ScrewedHolderPlan
 from mirrorcam.cad.plan.back_table import BACKS, back_of
@@ -393,7 +393,7 @@ def test_gauges_have_no_tolerance_that_their_steps_lie_within(device: Device) ->
         assert said.count(text) == 1, text
     pressed = [words.text for words in drawn(device, "camera_clip").words if words.text.endswith("insert (far side)")]
     assert pressed
-    assert all(f"Ø4 {PRESSED} ↧" in text for text in pressed)
+    assert all(f"Ø4 {PRESS_TOLERANCE} ↧" in text for text in pressed)
 
 
 def test_walls_and_leaves_say_how_thick_they_are(device: Device) -> None:

@@ -17,7 +17,7 @@ from mirrorcam.cad.guide.dimension_lines import number
 from mirrorcam.cad.guide.drawing import draw
 from mirrorcam.cad.guide.drawing_sheet import DrawingSheet
 from mirrorcam.cad.guide.hole_callouts import (
-    MOST_PLACES,
+    MOST_COORDINATES,
     Material,
     called_out,
     callout,
@@ -50,9 +50,9 @@ def plate(*tools: tuple[float, float, float]) -> Part:
 
 def test_material_along_a_line_and_at_a_point() -> None:
     material = Material(plate((5.0, 4.0, 6.0)))
-    assert material.holds(np.array([0.0, 0.0, 3.0]))
-    assert not material.holds(np.array([0.0, 0.0, 5.0]))
-    np.testing.assert_allclose(material.along(np.array([0.1, 0.2, -1.0]), UPWARDS, 20.0), [(1.0, 5.0), (7.0, 11.0)])
+    assert material.contains(np.array([0.0, 0.0, 3.0]))
+    assert not material.contains(np.array([0.0, 0.0, 5.0]))
+    np.testing.assert_allclose(material.intervals(np.array([0.1, 0.2, -1.0]), UPWARDS, 20.0), [(1.0, 5.0), (7.0, 11.0)])
 
 
 def test_a_blind_hole_for_an_insert_has_its_depth() -> None:
@@ -112,8 +112,8 @@ def row_of(count: int) -> list[Hole]:
 
 
 def test_more_holes_than_dimensions_have_room_for_are_in_a_table() -> None:
-    assert hole_tables(hole_groups(VIEWS, row_of(MOST_PLACES)), VIEWS) == ()
-    holes = row_of(MOST_PLACES + 1)
+    assert hole_tables(hole_groups(VIEWS, row_of(MOST_COORDINATES)), VIEWS) == ()
+    holes = row_of(MOST_COORDINATES + 1)
     (table,) = hole_tables(hole_groups(VIEWS, holes), VIEWS)
     # From above downwards: the last is the highest.
     assert table.rows[0] == ("1", "33.00", "7.00")

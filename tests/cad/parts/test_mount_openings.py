@@ -11,7 +11,7 @@ from mirrorcam.cad.holder.holder_body import HolderPlan
 from mirrorcam.cad.holder.holder_plan import plan_holder
 from mirrorcam.cad.parts.clip import ClipPlan, plan_clip
 from mirrorcam.cad.parts.mount import MountPlan, plan_mount
-from mirrorcam.cad.parts.mount_openings import _scale, head_end_mm, leaves_blades
+from mirrorcam.cad.parts.mount_openings import _scale, head_end_mm, leaves_unprintable_web_ends
 from mirrorcam.cad.parts.truss import Webs
 from mirrorcam.cad.plan.fasteners import Bore, head_space_mm
 from mirrorcam.cad.plan.hardware import HARDWARE
@@ -83,7 +83,7 @@ def test_no_web_runs_along_a_hole_for_a_driver(
     turned = np.cos(np.radians(along_deg)) * away + np.sin(np.radians(along_deg)) * beside
     web = np.array([middle, middle + 5.0 * turned])
     webs = Webs(np.zeros((2, 2)), np.zeros((2, 2)), web[None])
-    assert leaves_blades(holder, webs, mount.section, HARDWARE) == blade
+    assert leaves_unprintable_web_ends(holder, webs, mount.section, HARDWARE) == blade
 
 
 def test_the_head_ends_where_no_hole_for_a_driver_runs_along_its_last_web() -> None:

@@ -13,7 +13,7 @@ from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.holder.holder_body import HolderPlan
 from mirrorcam.cad.parts.clip import ClipPlan, plan_clip
 from mirrorcam.cad.parts.mount import MountPlan, plan_mount, profiles
-from mirrorcam.cad.parts.mount_openings import over_drivers_mm
+from mirrorcam.cad.parts.mount_openings import driver_holes_top_mm
 from mirrorcam.cad.parts.truss import (
     FOOT_DEPTH_MM,
     foot_plate_mm,
@@ -94,7 +94,7 @@ def test_plastic_is_foreseen_as_the_pieces_have_it(planned: Planned) -> None:
 def test_no_web_over_the_slide_runs_into_the_holes_for_its_driver(planned: Planned) -> None:
     """In a deep mount, which leans back, the web from corner to corner once ended as a blade in the upper holes."""
     _, holder, clip, _ = planned
-    highest = over_drivers_mm(clip, HARDWARE)
+    highest = driver_holes_top_mm(clip, HARDWARE)
     depths = set()
     for profile in profiles(holder, clip, HARDWARE):
         corners = profile.inner[1, 1], profile.outer[1, 1]
