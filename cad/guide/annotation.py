@@ -45,7 +45,7 @@ from mirrorcam.cad.plan.dimension import Hole, Length
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.tolerances import Tolerances
 
-FIRST_WORDS_MM, WORDS_PITCH_MM, WORDS_MM = 5.0, 5.0, 26.0
+FIRST_NOTE_MM, NOTE_PITCH_MM, NOTES_MM = 5.0, 5.0, 26.0
 # Slope of leaders, so that they differ from edges of the part.
 LEAN = 0.27
 # Share of its area by which a symmetric outline may differ from its mirror image.
@@ -62,7 +62,7 @@ class Note:
 
     point: FloatArray
     radius: float
-    words: str
+    text: str
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ class AlignedDimension:
     """An aligned dimension, parallel to the measured distance: both ends (2, 2) on paper, and its text."""
 
     ends: FloatArray
-    words: str
+    text: str
 
 
 @dataclass
@@ -95,23 +95,23 @@ def annotate(
     `free_mm` is the free space left of the views and below them. `traces` are possible traces of a section: the index
     of the view, the coordinate, x (0) or y (1), that is constant along the trace, and its value on paper.
     """
-    jobs = [Annotations([], [], [], []) for _ in placed]
-    _overall(placed, jobs)
+    per_view = [Annotations([], [], [], []) for _ in placed]
+    _overall(placed, per_view)
     offered = tuple(dimensions)
     lengths = [each for each in offered if isinstance(each, Length)]
     for dimension in lengths:
-        _length(placed, jobs, dimension)
+        _length(placed, per_view, dimension)
     views = [view.view for view in placed]
     groups = hole_groups(views, offered)
-    for (index, words), group in groups.items():
-        _holes(sheet, placed[index], jobs[index], words, group)
+    for (index, text), group in groups.items():
+        _holes(sheet, placed[index], per_view[index], text, group)
     for index, hole in oblique_holes(groups, views, lengths):
         for tier, linear in zip(
-            (jobs[index].below, jobs[index].left), oblique_lengths(placed[index], hole), strict=True
+            (per_view[index].below, per_view[index].left), oblique_lengths(placed[index], hole), strict=True
         ):
             _add(tier, linear)
         draw_oblique(sheet, placed[index], hole)
-    for index, (view, job) in enumerate(zip(placed, jobs, strict=True)):
+    for index, (view, job) in enumerate(zip(placed, per_view, strict=True)):
         upright_at, level_at = ([at for where, across, at in traces if (where, across) == (index, k)] for k in (0, 1))
         draw_tiers(sheet, view.box, job.below, free_mm[1], upright=False, traces=upright_at)
         draw_tiers(sheet, view.box, job.left, free_mm[0], upright=True, traces=level_at)
@@ -120,44 +120,46 @@ def annotate(
         _draw_notes(sheet, view.box, job.notes)
 
 
-def _overall(placed: Sequence[PlacedView], jobs: Sequence[Annotations]) -> None:
+def _overall(placed: Sequence[PlacedView], per_view: Sequence[Annotations]) -> None:
     _, front, right = placed
     for index, view, coordinate in ((1, front, 0), (1, front, 1), (2, right, 0)):
         box = view.box
-        words = number(float(np.ptp(view.view.box[:, coordinate])))
+        text = number(float(np.ptp(view.view.box[:, coordinate])))
         across = np.full(2, box[0, 1 - coordinate])
-        (jobs[index].below, jobs[index].left)[coordinate].append(LinearDimension(box[:, coordinate], across, words))
+        (per_view[index].below, per_view[index].left)[coordinate].append(
+            LinearDimension(box[:, coordinate], across, text)
+        )
 
 
-def _length(placed: Sequence[PlacedView], jobs: Sequence[Annotations], dimension: Length) -> None:
+def _length(placed: Sequence[PlacedView], per_view: Sequence[Annotations], dimension: Length) -> None:
     """Place a length in the first view that shows its true length, as an aligned dimension if it is oblique there."""
     span = dimension.span_in_rig
     true_length = float(np.linalg.norm(span))
-    words = f"{dimension.before}{number(true_length)} {dimension.text}".strip()
+    text = f"{dimension.before}{number(true_length)} {dimension.text}".strip()
     depths = [abs(float(view.view.axes_in_rig[2] @ span)) for view in placed]
     index = int(np.argmin(np.round(depths, 3)))
-    view, job = placed[index], jobs[index]
+    view, job = placed[index], per_view[index]
     points = view.paper(dimension.points_in_rig)
     across = np.abs(view.view.axes_in_rig[:2] @ span)
     if across[1] <= PARALLEL * true_length:
-        _add(job.below, LinearDimension(points[:, 0], points[:, 1], words))
+        _add(job.below, LinearDimension(points[:, 0], points[:, 1], text))
     elif across[0] <= PARALLEL * true_length:
-        _add(job.left, LinearDimension(points[:, 1], points[:, 0], words))
+        _add(job.left, LinearDimension(points[:, 1], points[:, 0], text))
     else:
         start = dimension.points_in_rig[0]
-        job.aligned.append(AlignedDimension(view.paper(np.array([start, start + span])), words))
+        job.aligned.append(AlignedDimension(view.paper(np.array([start, start + span])), text))
 
 
 def _add(tier: list[LinearDimension], new: LinearDimension) -> None:
     """Add a dimension to a tier; of two equal ones, only that with the longer text stays."""
     for place, old in enumerate(tier):
         if np.abs(np.sort(old.along) - np.sort(new.along)).max() < 1e-3:
-            tier[place] = max(old, new, key=lambda linear: len(linear.words))
+            tier[place] = max(old, new, key=lambda linear: len(linear.text))
             return
     tier.append(new)
 
 
-def _holes(sheet: DrawingSheet, placed: PlacedView, job: Annotations, words: str, group: Sequence[Hole]) -> None:
+def _holes(sheet: DrawingSheet, placed: PlacedView, job: Annotations, text: str, group: Sequence[Hole]) -> None:
     """Draw centre marks, one note for all equal holes, and dimensions from the part's edge and between holes."""
     centres = placed.paper(np.array([hole.centre_in_rig for hole in group]))
     radius = group[0].diameter_mm / 2.0 * placed.scale
@@ -166,7 +168,7 @@ def _holes(sheet: DrawingSheet, placed: PlacedView, job: Annotations, words: str
     sheet.lines(marks, AXIS_MM, INK, CENTRE_DASHES_MM)
     count = f"{len(group)}x " if len(group) > 1 else ""
     # The note points to the hole with the shortest leader.
-    job.notes.append(Note(centres[np.lexsort((centres[:, 0], -centres[:, 1]))[0]], radius, count + words))
+    job.notes.append(Note(centres[np.lexsort((centres[:, 0], -centres[:, 1]))[0]], radius, count + text))
     axis = group[0].axis_in_rig / np.linalg.norm(group[0].axis_in_rig)
     low, origin = placed.box[0], placed.box[0]
     if group[0].datum is not None:
@@ -247,7 +249,7 @@ def _draw_aligned(sheet: DrawingSheet, placed: PlacedView, aligned: AlignedDimen
     sheet.arrow_head(ends[0], -along)
     sheet.arrow_head(ends[1], along)
     angle = float(np.degrees(np.arctan2(along[1], along[0])))
-    half = text_width_mm(aligned.words, TEXT_MM) / 2.0 * along
+    half = text_width_mm(aligned.text, TEXT_MM) / 2.0 * along
     drawn = [line for line, _ in sheet.drawn]
 
     def crossings(middle: FloatArray) -> int:
@@ -257,22 +259,22 @@ def _draw_aligned(sheet: DrawingSheet, placed: PlacedView, aligned: AlignedDimen
         return sum(box.intersects(LineString(line)) for line in drawn)
 
     middles = [start + out + share * (end - start) + 0.9 * normal for share in ALONG]
-    sheet.text(min(middles, key=crossings), aligned.words, TEXT_MM, align="center", turn_deg=angle)
+    sheet.text(min(middles, key=crossings), aligned.text, TEXT_MM, align="center", turn_deg=angle)
 
 
 def _draw_notes(sheet: DrawingSheet, box: FloatArray, notes: Sequence[Note]) -> None:
     """Draw notes above the view, the rightmost lowest, so that no leader crosses text or another leader."""
-    pitch = min(WORDS_PITCH_MM, (WORDS_MM - FIRST_WORDS_MM - TEXT_MM - 1.5) / max(len(notes) - 1, 1))
-    ordered = sorted(notes, key=lambda note: (-(note.point[0] - LEAN * note.point[1]), note.words))
+    pitch = min(NOTE_PITCH_MM, (NOTES_MM - FIRST_NOTE_MM - TEXT_MM - 1.5) / max(len(notes) - 1, 1))
+    ordered = sorted(notes, key=lambda note: (-(note.point[0] - LEAN * note.point[1]), note.text))
     steep = np.array([LEAN, 1.0]) / np.hypot(LEAN, 1.0)
     for row, note in enumerate(ordered):
-        height = float(box[1, 1]) + FIRST_WORDS_MM + row * pitch
+        height = float(box[1, 1]) + FIRST_NOTE_MM + row * pitch
         tip = note.point + note.radius * steep
         knee = np.array([tip[0] + LEAN * (height - tip[1]), height])
-        width = text_width_mm(note.words, TEXT_MM)
+        width = text_width_mm(note.text, TEXT_MM)
         sheet.lines([np.array([tip, knee, knee + np.array([width + 1.5, 0.0])])], LINE_MM)
         sheet.arrow_head(tip, -steep)
-        sheet.text(knee + np.array([1.0, 0.8]), note.words, TEXT_MM)
+        sheet.text(knee + np.array([1.0, 0.8]), note.text, TEXT_MM)
 
 
 Characteristic = Literal["flatness", "angularity", "profile"]
@@ -342,10 +344,10 @@ def draw_frames(
         _symbol(sheet, np.array([x + FRAME_MM / 2.0, y + FRAME_MM / 2.0]), each.characteristic)
         sheet.rectangle((x, y), (x + FRAME_MM, y + FRAME_MM), FRAME_LINE_MM)
         x += FRAME_MM
-        for words in (f"{each.zone_mm:g}", *each.datums):
-            width = max(FRAME_MM, text_width_mm(words, TEXT_MM) + 2.0)
+        for text in (f"{each.zone_mm:g}", *each.datums):
+            width = max(FRAME_MM, text_width_mm(text, TEXT_MM) + 2.0)
             sheet.rectangle((x, y), (x + width, y + FRAME_MM), FRAME_LINE_MM)
-            sheet.text((x + width / 2.0, y + 1.3), words, TEXT_MM, align="center")
+            sheet.text((x + width / 2.0, y + 1.3), text, TEXT_MM, align="center")
             x += width
     for note in notes:
         y -= 4.0
@@ -383,8 +385,8 @@ def draw_holder_datums(sheet: DrawingSheet, front: PlacedView) -> None:
     edge = np.array([(right + 1.0, low), (right + 9.0, low)])
     sheet.lines([edge], LINE_MM)
     draw_datum(sheet, edge.mean(axis=0), -1.0, "A")
-    for words in [words for words in sheet.words if DEPTH in words.text]:
-        end = np.array([words.corners[:, 0].max(), words.corners[:, 1].min()])
+    for box in [box for box in sheet.text_boxes if DEPTH in box.text]:
+        end = np.array([box.corners[:, 0].max(), box.corners[:, 1].min()])
         shelf = np.array([end, end + np.array([8.0, 0.0])])
         sheet.lines([shelf], LINE_MM)
         draw_datum(sheet, shelf[1] - np.array([3.0, 0.0]), 1.0, "B")

@@ -74,7 +74,7 @@ def draw_assembly(layout: Layout, pieces: Sequence[Piece], revision: str) -> Dra
     rows = tuple(
         (str(item.number), str(len(item.pieces)), item.description, item.reference or "as bought") for item in listed
     )
-    table = DrawingTable("Parts list", ("item", "qty", "description", "number or standard"), rows, words=(2, 3))
+    table = DrawingTable("Parts list", ("item", "qty", "description", "number or standard"), rows, left_aligned=(2, 3))
     left, low = draw_tables(sheet, (table,), 60.0)
     bottom, top = BORDER_MM + BLOCK_MM, A3_MM[1] - BORDER_MM
     axes = view_axes(layout, IN_FRONT)

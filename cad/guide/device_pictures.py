@@ -24,15 +24,15 @@ from mirrorcam.cad.guide.picture_views import (
     DevicePicture,
     Item,
     arrow_head,
-    joined,
+    assembled,
+    displaced,
+    displaced_pieces,
+    exit_path,
+    in_place,
+    inserted,
     lifted,
     mean,
-    moved,
     name_of,
-    placed,
-    places_out,
-    put_in,
-    still,
     triangles_of,
 )
 from mirrorcam.cad.guide.shading import ShadedBody
@@ -130,10 +130,10 @@ def pictures_of(device: Device, parts: Sequence[BuiltPart], pieces: Sequence[Pie
     layout = device.layout
     viewers = (IN_FRONT, LEVEL, BELOW, BEHIND)
     front, level, below, behind = (view_axes(layout, viewer) for viewer in viewers)
-    named = tuple(still(piece, name_of(piece)) for piece in pieces)
-    bare = tuple(still(piece) for piece in pieces)
+    named = tuple(in_place(piece, name_of(piece)) for piece in pieces)
+    bare = tuple(in_place(piece) for piece in pieces)
     rays = tuple(middle_ray(layout, index) for index in range(len(layout.mirrors)))
-    apart = placed([(piece, piece.explode_mm) for piece in pieces])
+    apart = displaced_pieces([(piece, piece.explode_mm) for piece in pieces])
     stages = Stages(pieces)
     return (
         DevicePicture("assembled", "The device, assembled", front, named),
@@ -185,7 +185,7 @@ def _inserts(layout: Layout, stages: Stages, behind: FloatArray, below: FloatArr
     items = _threads(stages, [part for part in stages.of_kind("part") if part not in carriers])
     third = None
     if carriers:
-        moves = [np.diff(places_out(thread), axis=0)[-1] for thread in stages.threads_in(carriers)]
+        moves = [np.diff(exit_path(thread), axis=0)[-1] for thread in stages.threads_in(carriers)]
         axes = axes_towards(layout, mean([move / np.linalg.norm(move) for move in moves]))
         third = DevicePicture(
             "inserts", title, axes, _threads(stages, carriers), caption="The mirror carriers", inside=True
@@ -202,7 +202,7 @@ def _threads(stages: Stages, among: Sequence[Piece]) -> tuple[Item, ...]:
     homes = [home_of(thread, joins_of(thread)[-1], parts) for thread in threads]
     counts = Counter(home.name for home in homes if home)
     items = [
-        moved(
+        displaced(
             part,
             part.explode_mm,
             _label_with_count(part, part.name in carriers, counts[part.name]),
@@ -211,7 +211,7 @@ def _threads(stages: Stages, among: Sequence[Piece]) -> tuple[Item, ...]:
         for part in parts
     ]
     for thread, home in zip(threads, homes, strict=True):
-        items += put_in(thread, home.explode_mm if home else np.zeros(3))
+        items += inserted(thread, home.explode_mm if home else np.zeros(3))
     return tuple(items)
 
 
@@ -226,9 +226,10 @@ def _mirrors(layout: Layout, stages: Stages) -> DevicePicture:
     normal = mean([mirror.normal_in_rig for mirror in layout.mirrors])
     normal = normal / np.linalg.norm(normal)
     axes = axes_towards(layout, normal + SEATS_FROM_BELOW * layout.view_from_rig[1])
-    holder = tuple(still(piece, pale=True) for piece in stages.holder)
+    holder = tuple(in_place(piece, pale=True) for piece in stages.holder)
     fasteners = [
-        moved(piece, piece.explode_mm - mean([p.explode_mm for p in stages.holder])) for piece in stages.carrier_screws
+        displaced(piece, piece.explode_mm - mean([p.explode_mm for p in stages.holder]))
+        for piece in stages.carrier_screws
     ]
     before = [lifted(piece, stages.holder, normal) for piece in (*stages.mirrors, *stages.carriers)]
     lines = [
@@ -257,20 +258,20 @@ def _mirrors(layout: Layout, stages: Stages) -> DevicePicture:
 
 def _holder_on_mount(stages: Stages) -> tuple[Item, ...]:
     rest = [*stages.holder, *stages.carriers, *stages.mirrors, *stages.threads_in(stages.holder)]
-    return joined(rest, stages.mount, stages.holder_screws, stages.holder)
+    return assembled(rest, stages.mount, stages.holder_screws, stages.holder)
 
 
 def _camera(device: Device, stages: Stages) -> DevicePicture:
     """The camera in front of its clip, from above the lens and from behind, with labels for the guide."""
     clip = device.clip
     rest = [*stages.clip, *stages.threads_in(stages.clip)]
-    joint = joined(rest, [], stages.camera_screws, stages.clip)
+    joint = assembled(rest, [], stages.camera_screws, stages.clip)
     screws = zip(joint[len(rest) :], stages.camera_screws, strict=True)
     plain = (*joint[: len(rest)], *(replace(item, label=screw_label(clip, screw)) for item, screw in screws))
     away = STEP_SHARE * (stages.camera[0].explode_mm - mean([piece.explode_mm for piece in stages.clip]))
     new = []
     for camera in stages.camera:
-        body = moved(camera, away, name_of(camera)).body
+        body = displaced(camera, away, name_of(camera)).body
         new.append(Item(replace(body, triangles=tilted(clip, body.triangles)), name_of(camera)))
         if clip.nest is not None:
             end = end_point(clip.nest, body.triangles)
@@ -291,9 +292,9 @@ def _clip_on_mount(device: Device, stages: Stages) -> tuple[Item, ...]:
     """The clip with its camera in front of the mount, with red bars on the scale and on the edge that reads it."""
     rest = [*stages.holder, *stages.carriers, *stages.mount, *stages.mirrors, *stages.holder_screws]
     new = [*stages.clip, *stages.camera, *stages.camera_screws]
-    items = joined(rest, new, stages.clip_screws, stages.mount, together=stages.clip)
+    items = assembled(rest, new, stages.clip_screws, stages.mount, moved_as=stages.clip)
     away = STEP_SHARE * (mean([piece.explode_mm for piece in stages.clip]) - mean([p.explode_mm for p in stages.mount]))
-    inside = [moved(thread, away) for thread in stages.threads_in(stages.clip)]
+    inside = [displaced(thread, away) for thread in stages.threads_in(stages.clip)]
     edge, mark = scale_edges(device)
     bars = (ShadedBody(edge + away, ARROW_RGB), ShadedBody(mark, ARROW_RGB))
     between = np.array([mark.mean(axis=(0, 1)), edge.mean(axis=(0, 1)) + away])
@@ -315,11 +316,11 @@ def _adapter_on_mount(stages: Stages) -> tuple[Item, ...]:
     threads = stages.threads_in(stages.adapter)
     new = {piece.name for piece in (*stages.adapter, *stages.adapter_screws, *stages.back_nuts, *threads)}
     rest = [piece for piece in stages.pieces if piece.name not in new]
-    items = joined(rest, stages.adapter, (*stages.adapter_screws, *stages.back_nuts), stages.mount)
+    items = assembled(rest, stages.adapter, (*stages.adapter_screws, *stages.back_nuts), stages.mount)
     # Inserts and nuts are already in the adapter.
     base = mean([piece.explode_mm for piece in stages.mount])
     homes = [(thread, home_of(thread, joins_of(thread)[-1], stages.adapter)) for thread in threads]
-    return (*items, *(moved(thread, STEP_SHARE * (home.explode_mm - base)) for thread, home in homes if home))
+    return (*items, *(displaced(thread, STEP_SHARE * (home.explode_mm - base)) for thread, home in homes if home))
 
 
 def _on_bed(parts: Sequence[BuiltPart]) -> tuple[Item, ...]:

@@ -29,7 +29,7 @@ class LinearDimension:
 
     along: FloatArray
     across: FloatArray
-    words: str
+    text: str
 
     @property
     def span(self) -> float:
@@ -41,9 +41,9 @@ def number(value_mm: float) -> str:
     return f"{value_mm:.2f}".rstrip("0").rstrip(".")
 
 
-def text_fits(span: float, words: str) -> bool:
+def text_fits(span: float, text: str) -> bool:
     """Return whether the text of a dimension fits between its arrows."""
-    return span >= text_width_mm(words, TEXT_MM) + 2.0 * ARROW_MM[0] + 1.0
+    return span >= text_width_mm(text, TEXT_MM) + 2.0 * ARROW_MM[0] + 1.0
 
 
 def draw_tiers(
@@ -63,16 +63,16 @@ def draw_tiers(
     tiers: list[list[tuple[float, float]]] = []
     chosen = []
     ends = np.concatenate([linear.along for linear in linears]) if linears else np.zeros(0)
-    widths = {id(linear): text_width_mm(linear.words, TEXT_MM) for linear in linears}
+    widths = {id(linear): text_width_mm(linear.text, TEXT_MM) for linear in linears}
 
     def order(linear: LinearDimension) -> tuple[bool, float, float, str]:
         width = widths[id(linear)]
         crossed = all(_struck(linear, width, ends, before=before) for before in (False, True))
         return (
-            crossed and not text_fits(linear.span, linear.words),
+            crossed and not text_fits(linear.span, linear.text),
             linear.span,
             float(linear.along.min()),
-            linear.words,
+            linear.text,
         )
 
     for linear in sorted(linears, key=order):
@@ -106,7 +106,7 @@ def _text_middle(linear: LinearDimension, width: float, crossing: FloatArray) ->
 def _covers(linear: LinearDimension, width: float, *, before: bool = False) -> tuple[float, float]:
     """The range of a tier that a dimension line and its text cover; text that does not fit is outside the arrows."""
     low, high = float(linear.along.min()), float(linear.along.max())
-    if text_fits(linear.span, linear.words):
+    if text_fits(linear.span, linear.text):
         return low, high
     short, long = ARROW_MM[0] + 1.5, ARROW_MM[0] + width + 2.0
     return (low - long, high + short) if before else (low - short, high + long)
@@ -141,7 +141,7 @@ def _draw_linear(
         on_sheet([(at, start - BESIDE_MM), (at, tier - PAST_LINE_MM)])
         for at, start in zip((low, high), starts, strict=True)
     ]
-    inside = text_fits(linear.span, linear.words)
+    inside = text_fits(linear.span, linear.text)
     reach = 0.0 if inside else ARROW_MM[0] + 1.5
     beyond = 0.0 if inside else width
     line = (low - reach - beyond, high + reach) if before else (low - reach, high + reach + beyond)
@@ -153,6 +153,6 @@ def _draw_linear(
     outside = low - reach - width / 2.0 if before else high + reach + width / 2.0
     middle = within if inside else outside
     if upright:
-        sheet.text((tier - OVER_LINE_MM, middle), linear.words, TEXT_MM, align="center", turn_deg=90.0)
+        sheet.text((tier - OVER_LINE_MM, middle), linear.text, TEXT_MM, align="center", turn_deg=90.0)
     else:
-        sheet.text((middle, tier + OVER_LINE_MM), linear.words, TEXT_MM, align="center")
+        sheet.text((middle, tier + OVER_LINE_MM), linear.text, TEXT_MM, align="center")

@@ -13,8 +13,8 @@ import numpy as np
 from build123d import Part
 
 from mirrorcam.cad.guide.annotation import (
+    NOTES_MM,
     RESERVED_MM,
-    WORDS_MM,
     annotate,
     draw_frames,
     draw_holder_datums,
@@ -199,8 +199,8 @@ def dimensions_of(part: PartPlan, solid: Part, screw: Fastening) -> tuple[Length
     """The dimensions of a part's plan, without those on other pieces of a split part."""
     lengths = [each for each in offered(part.plan) if isinstance(each, Length)]
     holes = (each for each in offered(part.plan) if isinstance(each, Hole))
-    pressed = "" if isinstance(part.plan, CouponPlan) else PRESS_TOLERANCE
-    dimensions: tuple[Length | Hole, ...] = (*called_out(holes, solid, screw, pressed), *lengths)
+    tolerance = "" if isinstance(part.plan, CouponPlan) else PRESS_TOLERANCE
+    dimensions: tuple[Length | Hole, ...] = (*called_out(holes, solid, screw, tolerance), *lengths)
     if not isinstance(part.plan, PiecePlan):
         return dimensions
     box = solid.bounding_box()
@@ -224,14 +224,14 @@ def _arrange(
     free = np.array([right_end - BORDER_MM, A3_MM[1] - BORDER_MM - bottom])
     wide, deep = np.ptp(top.box, axis=0)
     high = float(np.ptp(front.box, axis=0)[1])
-    spare = free - (2 * TIERS_MM + 12.0, 2 * TIERS_MM + 2 * WORDS_MM)
+    spare = free - (2 * TIERS_MM + 12.0, 2 * TIERS_MM + 2 * NOTES_MM)
     scale = next((s for s in SCALES if s * (wide + deep) <= spare[0] and s * (deep + high) <= spare[1]), SCALES[-1])
     # Distribute the remaining space equally around the views.
     loose = np.maximum(spare - scale * np.array([wide + deep, deep + high]), 0.0) / 3.0
     free_mm = (TIERS_MM + min(float(loose[0]), 30.0), TIERS_MM + min(float(loose[1]), 20.0))
     left = BORDER_MM + free_mm[0]
     low = bottom + free_mm[1]
-    upper = low + scale * high + WORDS_MM + free_mm[1]
+    upper = low + scale * high + NOTES_MM + free_mm[1]
     beside = left + scale * wide + free_mm[0] + 4.0
 
     def at(view: PartView, x: float, y: float) -> PlacedView:
@@ -260,16 +260,16 @@ def _free(
     """Free rectangles (2, 2): above the view from the right, right of it, and below the tables, all clear of text."""
     top, _, right = placed
     high_y = A3_MM[1] - BORDER_MM - 8.0
-    above = np.array([(top.box[1, 0] + 12.0, right.box[1, 1] + WORDS_MM + 4.0), (right_end - 6.0, high_y)])
+    above = np.array([(top.box[1, 0] + 12.0, right.box[1, 1] + NOTES_MM + 4.0), (right_end - 6.0, high_y)])
     low_y = BORDER_MM + BLOCK_MM + 8.0
-    beside = np.array([(right.box[1, 0] + 12.0, low_y), (right_end - 6.0, right.box[1, 1] + WORDS_MM - 8.0)])
+    beside = np.array([(right.box[1, 0] + 12.0, low_y), (right_end - 6.0, right.box[1, 1] + NOTES_MM - 8.0)])
     below = np.array([(right_end + 4.0, low_y), (A3_MM[0] - BORDER_MM - 4.0, table_low - 4.0)])
-    return _clear_of_words(sheet, above), _clear_of_words(sheet, beside), below
+    return _clear_of_text(sheet, above), _clear_of_text(sheet, beside), below
 
 
-def _clear_of_words(sheet: DrawingSheet, rectangle: FloatArray) -> FloatArray:
+def _clear_of_text(sheet: DrawingSheet, rectangle: FloatArray) -> FloatArray:
     """The larger part of a rectangle (2, 2) right of or below the texts that extend into it from the left."""
-    boxes = np.array([(words.corners.min(axis=0), words.corners.max(axis=0)) for words in sheet.words])
+    boxes = np.array([(words.corners.min(axis=0), words.corners.max(axis=0)) for words in sheet.text_boxes])
     inside = ((boxes[:, 1] > rectangle[0]) & (boxes[:, 0] < rectangle[1])).all(axis=1)
     if not inside.any():
         return rectangle
@@ -322,10 +322,10 @@ def draw_tables(sheet: DrawingSheet, tables: Sequence[DrawingTable], reserved_mm
     right, top = A3_MM[0] - BORDER_MM, A3_MM[1] - BORDER_MM
     left = right
     for table in tables:
-        cells = [table.head, *table.rows]
+        cells = [table.header, *table.rows]
         pitch = min(ROW_MM, (top - BORDER_MM - BLOCK_MM - 16.0 - reserved_mm) / (len(cells) + 1))
         height = min(TEXT_MM, 0.6 * pitch)
-        widths = [max(text_width_mm(row[i], height) for row in cells) + 4.0 for i in range(len(table.head))]
+        widths = [max(text_width_mm(row[i], height) for row in cells) + 4.0 for i in range(len(table.header))]
         lines = [
             text_width_mm(table.title, TEXT_MM, bold=True),
             *(text_width_mm(line, NOTE_MM) for line in table.notes),
@@ -336,9 +336,9 @@ def draw_tables(sheet: DrawingSheet, tables: Sequence[DrawingTable], reserved_mm
         ends = right - sum(widths) + np.cumsum(widths)
         for number, row in enumerate(cells):
             for column, (end, cell) in enumerate(zip(ends, row, strict=True)):
-                words = column in table.words
-                at = (end - widths[column] + 2.5 if words else end - 1.5, y - 0.72 * pitch)
-                sheet.text(at, cell, height, align="left" if words else "right", bold=number == 0)
+                at_left = column in table.left_aligned
+                at = (end - widths[column] + 2.5 if at_left else end - 1.5, y - 0.72 * pitch)
+                sheet.text(at, cell, height, align="left" if at_left else "right", bold=number == 0)
             y -= pitch
             sheet.lines([np.array([(start, y), (right, y)])], 0.35 if number == 0 else 0.1)
         for line in table.notes:

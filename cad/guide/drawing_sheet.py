@@ -40,8 +40,8 @@ Align = Literal["left", "center", "right"]
 
 
 @dataclass(frozen=True)
-class Words:
-    """A text on the sheet, with the corners (4, 2) of the area that it covers, mm."""
+class TextBox:
+    """A text on the sheet, and the corners (4, 2), mm, of the area that it covers."""
 
     text: str
     corners: FloatArray
@@ -71,7 +71,7 @@ class DrawingSheet:
 
     def __init__(self, width_mm: float, height_mm: float) -> None:
         self.size_mm = (width_mm, height_mm)
-        self.words: list[Words] = []
+        self.text_boxes: list[TextBox] = []
         self.drawn: list[tuple[FloatArray, float]] = []
         self._figure = Figure(figsize=(width_mm / MM_PER_INCH, height_mm / MM_PER_INCH))
         self._axes = self._figure.add_axes((0.0, 0.0, 1.0, 1.0))
@@ -148,7 +148,7 @@ class DrawingSheet:
         corners = np.array([(left, low), (left + width, low), (left + width, high), (left, high)])
         cosine, sine = np.cos(np.deg2rad(turn_deg)), np.sin(np.deg2rad(turn_deg))
         corners = corners @ np.array([(cosine, sine), (-sine, cosine)])
-        self.words.append(Words(text, corners + np.asarray(at)))
+        self.text_boxes.append(TextBox(text, corners + np.asarray(at)))
 
     def write(self, stem: Path, title: str) -> tuple[Path, Path]:
         """Write STEM.svg and STEM.pdf, and return their paths; the same sheet gives the same bytes."""

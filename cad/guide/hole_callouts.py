@@ -71,7 +71,7 @@ class Material:
 
 
 def called_out(
-    holes: Iterable[Hole], solid: Part, screw: Fastening, press_tolerance: str = PRESS_TOLERANCE
+    holes: Iterable[Hole], solid: Part, screw: Fastening, tolerance: str = PRESS_TOLERANCE
 ) -> tuple[Hole, ...]:
     """The holes with complete texts; the axis of a blind hole runs from its open end into the material.
 
@@ -83,14 +83,14 @@ def called_out(
         The part, in rig.
     screw : Fastening
         Dimensions that identify holes for inserts, nuts and screws.
-    pressed : str
+    tolerance : str
         Tolerance of holes for inserts and nuts; "" for gauges, whose steps are that tolerance.
     """
     material = Material(solid)
-    return tuple(hole if hole.cut_mm is None else _called_out(hole, material, screw, press_tolerance) for hole in holes)
+    return tuple(hole if hole.cut_mm is None else _called_out(hole, material, screw, tolerance) for hole in holes)
 
 
-def _called_out(hole: Hole, material: Material, screw: Fastening, press_tolerance: str) -> Hole:
+def _called_out(hole: Hole, material: Material, screw: Fastening, tolerance: str) -> Hole:
     axis = hole.axis_in_rig / np.linalg.norm(hole.axis_in_rig)
     assert hole.cut_mm is not None
     if hole.form == "countersink":
@@ -120,7 +120,7 @@ def _called_out(hole: Hole, material: Material, screw: Fastening, press_toleranc
     deepest = max(ends, default=hole.cut_mm)
     depth_text = f"{DEPTH}{deepest:.2f}".rstrip("0").rstrip(".")
     purpose = _purpose(hole, screw, through=False)
-    text = _joined(hole.text, press_tolerance if purpose in (INSERT, NUT) else "", depth_text, purpose)
+    text = _joined(hole.text, tolerance if purpose in (INSERT, NUT) else "", depth_text, purpose)
     return replace(hole, text=text, centre_in_rig=origin + deepest * outward, axis_in_rig=-outward)
 
 
@@ -272,14 +272,14 @@ def draw_oblique(sheet: DrawingSheet, placed: PlacedView, hole: Hole) -> None:
     ends = np.array([-hole.diameter_mm * placed.scale, ARC_MM + 2.0])
     sheet.lines([at + np.outer(ends, outward)], AXIS_MM, INK, CENTRE_DASHES_MM)
 
-    def ray(degrees: float) -> FloatArray:
-        return np.array([np.cos(np.radians(degrees)), np.sin(np.radians(degrees))])
+    def ray(deg: float) -> FloatArray:
+        return np.array([np.cos(np.radians(deg)), np.sin(np.radians(deg))])
 
     sheet.lines([at + np.outer([1.0, ARC_MM + 2.0], ray(reference))], LINE_MM)
-    sheet.lines([np.array([at + ARC_MM * ray(degrees) for degrees in np.linspace(reference, angle_deg, 25)])], LINE_MM)
+    sheet.lines([np.array([at + ARC_MM * ray(deg) for deg in np.linspace(reference, angle_deg, 25)])], LINE_MM)
     sign = np.sign(angle_deg - reference)
-    for degrees, side in ((reference, -sign), (angle_deg, sign)):
-        sheet.arrow_head(at + ARC_MM * ray(degrees), side * np.array([-ray(degrees)[1], ray(degrees)[0]]))
+    for deg, side in ((reference, -sign), (angle_deg, sign)):
+        sheet.arrow_head(at + ARC_MM * ray(deg), side * np.array([-ray(deg)[1], ray(deg)[0]]))
     middle = at + (ARC_MM + 1.5) * ray((reference + angle_deg) / 2.0)
     align: Align = "left" if middle[0] >= at[0] else "right"
     sheet.text(

@@ -178,7 +178,7 @@ def draw_trace(sheet: DrawingSheet, traces: Sequence[Trace], letter: str) -> Non
 
     Each end extends beyond its view until arrow and letter are clear.
     """
-    boxes = np.array([Polygon(words.corners) for words in sheet.words])
+    boxes = np.array([Polygon(words.corners) for words in sheet.text_boxes])
     lines = np.array([LineString(line) for line, _ in sheet.drawn])
 
     def overlaps(trace: Trace, end: int) -> tuple[int, int]:

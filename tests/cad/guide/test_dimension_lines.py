@@ -21,7 +21,7 @@ def drawn(*spans: tuple[float, float, str]) -> DrawingSheet:
 
 def across(sheet: DrawingSheet, words: str) -> float:
     """Where the base line of a text is, along x."""
-    return float(next(text.corners[:, 0].max() for text in sheet.words if text.text == words))
+    return float(next(text.corners[:, 0].max() for text in sheet.text_boxes if text.text == words))
 
 
 def test_dimensions_that_follow_each_other_share_a_line_and_others_do_not() -> None:
@@ -35,7 +35,7 @@ def test_text_without_room_keeps_clear_of_extension_lines() -> None:
     for other, side in ((8.0, -1.0), (40.0, 1.0)):
         sheet = drawn((0.0, 4.0, "3.7"), (0.0, other, "8"), (0.0, 80.0, "80"))
         lines = [LineString(line) for line, _ in sheet.drawn]
-        (text,) = (Polygon(words.corners).buffer(-0.2) for words in sheet.words if words.text == "3.7")
+        (text,) = (Polygon(box.corners).buffer(-0.2) for box in sheet.text_boxes if box.text == "3.7")
         assert not any(text.intersects(line) for line in lines)
         assert np.sign(text.centroid.y - 60.0) == side
 
@@ -46,5 +46,5 @@ def test_no_text_is_beyond_the_room_however_many_lines_there_are() -> None:
         linears = [LinearDimension(60.0 + np.array([0.0, 10.0 + 9.0 * k]), np.full(2, 60.0), f"{k}") for k in range(8)]
         draw_tiers(sheet, BOX, linears, 40.0, upright=upright)
         axis = 0 if upright else 1
-        assert min(float(words.corners[:, axis].min()) for words in sheet.words) > 60.0 - 40.0
+        assert min(float(box.corners[:, axis].min()) for box in sheet.text_boxes) > 60.0 - 40.0
         assert min(float(line[:, axis].min()) for line, _ in sheet.drawn) > 60.0 - 40.0

@@ -149,7 +149,7 @@ def test_an_oblique_hole_is_placed_where_its_axis_is_seen_in_true_length() -> No
     assert oblique_holes(groups, VIEWS, []) == [(1, hole)]
     placed = PlacedView(VIEWS[1], 2.0, np.array([100.0, 50.0]))
     across, up = oblique_lengths(placed, hole)
-    assert (across.words, up.words) == ("20", "30")
+    assert (across.text, up.text) == ("20", "30")
     # A length of the plan that leads to its axis does instead; one beside it does not.
     on_axis = hole.centre_in_rig + 5.0 * hole.axis_in_rig
     for away, left in ((0.0, 0), (1.0, 1)):
@@ -160,19 +160,19 @@ def test_an_oblique_hole_is_placed_where_its_axis_is_seen_in_true_length() -> No
 
 
 @pytest.mark.parametrize(
-    ("turned_deg", "said"),
+    ("turned_deg", "expected"),
     [(30.0, "30"), (45.0, "45"), (60.0, "30"), (120.0, "30"), (150.0, "30"), (-20.0, "20"), (200.0, "20")],
 )
-def test_its_angle_is_to_the_nearer_axis_of_the_view(turned_deg: float, said: str) -> None:
+def test_its_angle_is_to_the_nearer_axis_of_the_view(turned_deg: float, expected: str) -> None:
     sheet = DrawingSheet(200.0, 200.0)
     hole = oblique(turned_deg)
     draw_oblique(sheet, PlacedView(VIEWS[1], 1.0, np.array([60.0, 60.0])), hole)
-    assert [words.text for words in sheet.words] == [f"{said}°"]
+    assert [box.text for box in sheet.text_boxes] == [f"{expected}°"]
     at = np.array([80.0, 90.0])
     arc = max((line for line, _ in sheet.drawn), key=len)
     ways = (arc - at) / np.linalg.norm(arc - at, axis=1)[:, None]
     ends = np.degrees(np.arccos(np.clip(ways[0] @ ways[-1], -1.0, 1.0)))
-    assert ends == pytest.approx(float(said), abs=0.01)
+    assert ends == pytest.approx(float(expected), abs=0.01)
     # It begins on an axis of the view, and ends on that of the hole.
     assert np.abs(ways[0]).max() == pytest.approx(1.0)
     out: FloatArray = -hole.axis_in_rig[[0, 2]]
@@ -181,7 +181,7 @@ def test_its_angle_is_to_the_nearer_axis_of_the_view(turned_deg: float, said: st
 
 def test_the_screw_at_the_corner_of_a_clip_is_placed(device: Device) -> None:
     part = next(part for part in parts_of(device) if part.name == "camera_clip")
-    said = [words.text for words in draw(part.make(part.plan), part, HARDWARE.printer).words]
+    texts = [box.text for box in draw(part.make(part.plan), part, HARDWARE.printer).text_boxes]
     clip = device.clip
     assert clip.nest is not None
     screw = clip.nest.screws[1]
@@ -189,6 +189,6 @@ def test_the_screw_at_the_corner_of_a_clip_is_placed(device: Device) -> None:
     corners = np.vstack([np.vstack([piece.base, piece.top]) for piece in clip.pieces])
     reach = min(abs(float(mouth[0] - side)) for side in (corners[:, 0].min(), corners[:, 0].max()))
     far = max(abs(float(mouth[0] - side)) for side in (corners[:, 0].min(), corners[:, 0].max()))
-    assert {number(reach), number(far)} & set(said)
-    assert number(float(mouth[1]) - clip.slide_y_mm) in said
-    assert "45°" in said
+    assert {number(reach), number(far)} & set(texts)
+    assert number(float(mouth[1]) - clip.slide_y_mm) in texts
+    assert "45°" in texts

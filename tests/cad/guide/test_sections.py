@@ -79,6 +79,6 @@ def test_the_trace_is_drawn_where_it_is_in_the_way_of_no_text(block: Callable[..
     sheet = DrawingSheet(200.0, 200.0)
     sheet.text((68.0, 170.0), "in the way", 3.0)
     draw_trace(sheet, seen, "A")
-    letters = [words for words in sheet.words if words.text == "A"]
+    letters = [box for box in sheet.text_boxes if box.text == "A"]
     assert len(letters) == 2
-    assert all(words.corners[:, 1].max() < 70.0 for words in letters)
+    assert all(box.corners[:, 1].max() < 70.0 for box in letters)

@@ -35,8 +35,8 @@ def test_pieces_lie_whole_on_their_sheets_and_apart(pieces: list[FloatArray]) ->
     assert len(places) == len(pieces)
     sheets: dict[int, list[Polygon]] = {}
     for piece, place in zip(pieces, places, strict=True):
-        np.testing.assert_allclose(place.turn @ place.turn.T, np.eye(2), atol=1e-12)
-        assert np.linalg.det(place.turn) == pytest.approx(1.0)
+        np.testing.assert_allclose(place.rotation @ place.rotation.T, np.eye(2), atol=1e-12)
+        assert np.linalg.det(place.rotation) == pytest.approx(1.0)
         sheets.setdefault(place.sheet, []).append(Polygon(place.apply(piece)))
     assert sorted(sheets) == list(range(len(sheets)))
     for polygons in sheets.values():

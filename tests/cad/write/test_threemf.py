@@ -33,7 +33,7 @@ from mirrorcam.cad.write.threemf import (
     Plate,
     body_on_bed,
     check_plates,
-    lying,
+    on_bed,
     plan_plates,
     write_3mf,
     write_plates,
@@ -140,18 +140,18 @@ def test_the_same_part_gives_the_same_bytes_and_another_other_ids(
 def test_a_part_turns_where_only_that_fits(block: PartPlan) -> None:
     points = np.array([[0.0, 0.0, 0.0], [200.0, 20.0, 90.0]])
     narrow = HARDWARE.printer.replaced(bed_mm=(100.0, 250.0, 250.0))
-    np.testing.assert_allclose(np.ptp(lying(points, block, narrow), axis=0), [90.0, 200.0, 20.0])
-    np.testing.assert_allclose(np.ptp(lying(points, block, HARDWARE.printer), axis=0), [200.0, 90.0, 20.0])
+    np.testing.assert_allclose(np.ptp(on_bed(points, block, narrow), axis=0), [90.0, 200.0, 20.0])
+    np.testing.assert_allclose(np.ptp(on_bed(points, block, HARDWARE.printer), axis=0), [200.0, 90.0, 20.0])
     # What fits neither way is left as it lies.
     small = HARDWARE.printer.replaced(bed_mm=(50.0, 60.0, 250.0))
-    np.testing.assert_allclose(np.ptp(lying(points, block, small), axis=0), [200.0, 90.0, 20.0])
+    np.testing.assert_allclose(np.ptp(on_bed(points, block, small), axis=0), [200.0, 90.0, 20.0])
 
 
 def test_a_turn_is_not_a_mirror_image(block: PartPlan) -> None:
     points = np.array([[0.0, 0.0, 0.0], [200.0, 0.0, 0.0], [0.0, 0.0, 90.0], [0.0, 20.0, 0.0]])
     narrow = HARDWARE.printer.replaced(bed_mm=(100.0, 250.0, 250.0))
     for printer in (HARDWARE.printer, narrow):
-        edges = np.diff(lying(points, block, printer), axis=0)
+        edges = np.diff(on_bed(points, block, printer), axis=0)
         before = np.diff(points, axis=0)
         assert np.linalg.det(edges) == pytest.approx(np.linalg.det(before))
 
