@@ -20,8 +20,8 @@ from mirrorcam.cad.guide.drawing_sheet import (
     Title,
     draw_title_block,
 )
-from mirrorcam.cad.guide.labels import deepest, rows_near, uncrossed
-from mirrorcam.cad.guide.shading import Screen, ShadedBody, Shot, edges_of, joined, render, visible_lines
+from mirrorcam.cad.guide.labels import innermost_pixel, rows_near, uncrossed_order
+from mirrorcam.cad.guide.shading import Screen, ShadedBody, Shot, edges_of, merged_lines, render, visible_lines
 from mirrorcam.cad.plan.dimension import DrawingTable
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
@@ -113,7 +113,9 @@ def _line_view(
     corner = np.array([area[0, 0], area[1, 1]])
     for piece, away in placed:
         lines = visible_lines(edges_of(piece.mesh, axes[2]) + away, shot)
-        sheet.lines(joined([_paper(line, corner) for line in lines]), EDGE_MM if piece.kind == "part" else PALE_MM)
+        sheet.lines(
+            merged_lines([_paper(line, corner) for line in lines]), EDGE_MM if piece.kind == "part" else PALE_MM
+        )
     return shot, corner
 
 
@@ -149,7 +151,7 @@ def _draw_balloons(
     index = {piece.name: number for number, piece in enumerate(pieces)}
     tips = []
     for item in listed:
-        found = [deepest(shot.bodies == index[piece.name]) for piece in item.pieces]
+        found = [innermost_pixel(shot.bodies == index[piece.name]) for piece in item.pieces]
         seen = [point for point in found if point is not None]
         if seen:
             point = max(seen, key=lambda each: each[1])[0]
@@ -166,7 +168,7 @@ def _draw_balloons(
         heights = rows_near([float(tip[1]) for _, tip in group], pitch, float(box[0, 1]), float(box[1, 1]))
         x = float(box[0 if side < 0.0 else 1, 0]) + side * BESIDE_MM
         starts = [np.array([x, height]) for height in heights]
-        order = uncrossed(starts, [tip for _, tip in group])
+        order = uncrossed_order(starts, [tip for _, tip in group])
         for start, place in zip(starts, order, strict=True):
             item, tip = group[place]
             middle = start + np.array([side * BALLOON_MM, 0.0])

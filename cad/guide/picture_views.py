@@ -14,7 +14,7 @@ import trimesh
 
 from mirrorcam.cad.assembly.pieces import Piece
 from mirrorcam.cad.guide.assembly_steps import home_of, joins_of
-from mirrorcam.cad.guide.labels import CAPTION_ROOM_PX, MARGIN_PX, Label, annotate, captioned, written
+from mirrorcam.cad.guide.labels import CAPTION_ROOM_PX, MARGIN_PX, Label, annotate, with_caption, with_names_on_bodies
 from mirrorcam.cad.guide.shading import Pixels, Rgb, Screen, ShadedBody, Shot, render
 from mirrorcam.cad.plan.device_names import CLIP
 from mirrorcam.core.images.pictures import write_image
@@ -99,8 +99,8 @@ def shot_of(view: DevicePicture, size_px: tuple[int, int] = PICTURE_PX) -> Shot:
 def _drawn(view: DevicePicture) -> Pixels:
     shot, labels = shot_of(view), labels_of(view)
     if view.inside:
-        return captioned(written(shot, labels), view.caption)
-    return captioned(annotate(shot, labels, CAPTION_ROOM_PX if view.caption else MARGIN_PX), view.caption)
+        return with_caption(with_names_on_bodies(shot, labels), view.caption)
+    return with_caption(annotate(shot, labels, CAPTION_ROOM_PX if view.caption else MARGIN_PX), view.caption)
 
 
 PALE = 0.55

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from mirrorcam.cad.guide.device_pictures import FIRST_END, is_v, notes_of
-from mirrorcam.cad.guide.labels import place_of
+from mirrorcam.cad.guide.labels import pixel_of
 from mirrorcam.cad.guide.picture_views import labels_of, shot_of, views_of, write_picture
 from mirrorcam.cad.guide.shading import Screen, render
 from mirrorcam.cad.parts.clip import plan_clip
@@ -26,7 +26,7 @@ def test_the_picture_shows_points_slots_and_both_screws_with_their_lengths(made:
     seen = set()
     for view in views_of(picture):
         shot = shot_of(view)
-        seen |= {label.text for label in labels_of(view) if place_of(shot, label) is not None}
+        seen |= {label.text for label in labels_of(view) if pixel_of(shot, label) is not None}
     screws = {f"{name} screw, M3 x {length}" for name, length in (("corner", 25), ("back", 12))}
     assert {"V", "front pad", "side pad", "slot of the cable tie", FIRST_END} | screws <= seen
 
@@ -70,7 +70,7 @@ def test_every_mirror_and_seat_is_named_where_it_is(made: Made) -> None:
     assert "from the front" in mirrors.caption
     shots = [shot_of(view) for view in (mirrors, seats)]
     at = [
-        {label.text.removeprefix("seat "): place_of(shot, label) for label in labels_of(view)}
+        {label.text.removeprefix("seat "): pixel_of(shot, label) for label in labels_of(view)}
         for view, shot in zip((mirrors, seats), shots, strict=True)
     ]
     assert set(at[0]) == set(at[1]) == set(made.device.layout.mirror_names)

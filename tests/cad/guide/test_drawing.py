@@ -28,7 +28,15 @@ from mirrorcam.cad.assembly.device_plan import Device, plan_device
 from mirrorcam.cad.backs.blocks import BlocksPlan
 from mirrorcam.cad.backs.plan_backs import plan_back
 from mirrorcam.cad.guide.dimension_lines import LINE_MM, number
-from mirrorcam.cad.guide.drawing import SMALL_MM, VISIBLE_MM, dimensions_of, draw, offered, seat_names, write_drawing
+from mirrorcam.cad.guide.drawing import (
+    SMALL_MM,
+    VISIBLE_MM,
+    dimensions_in_plan,
+    dimensions_of,
+    draw,
+    seat_names,
+    write_drawing,
+)
 from mirrorcam.cad.guide.drawing_sheet import GAUGE_TOLERANCE, GENERAL_TOLERANCE, MATERIAL_MM, MODEL, DrawingSheet
 from mirrorcam.cad.guide.hole_callouts import PRESS_TOLERANCE
 from mirrorcam.cad.guide.sections import HATCH_LINE_MM, TRACE_MM
@@ -141,12 +149,12 @@ def test_a_piece_offers_the_dimensions_of_the_whole(block: Callable[..., PartPla
     piece = PiecePlan(
         part.plan, part.make, np.eye(4), (0.0, 0.0, 0.0), (9.0, 9.0, 9.0), np.zeros((0, 4, 4)), (3.0, 8.0), 1.2
     )
-    assert len(offered(piece)) == len(offered(part.plan)) == 3
-    assert offered("a plan without dimensions") == ()
+    assert len(dimensions_in_plan(piece)) == len(dimensions_in_plan(part.plan)) == 3
+    assert dimensions_in_plan("a plan without dimensions") == ()
 
 
 def test_a_holder_offers_its_four_holes_on_the_back(device: Device) -> None:
-    holes = [dimension for dimension in offered(device.holder) if isinstance(dimension, Hole)]
+    holes = [dimension for dimension in dimensions_in_plan(device.holder) if isinstance(dimension, Hole)]
     assert len(holes) == 4
     away, origin = device.holder.rig_from_mount[:3, 2], device.holder.rig_from_mount[:3, 3]
     for hole in holes:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from shapely import LineString
 
-from mirrorcam.cad.guide.labels import Label, anchor, annotate, uncrossed
+from mirrorcam.cad.guide.labels import Label, annotate, middle_pixel, uncrossed_order
 from mirrorcam.cad.guide.shading import Screen, Shot
 
 
@@ -25,7 +25,7 @@ def test_leaders_of_random_places_never_cross() -> None:
     for _ in range(20):
         starts = [np.array([0.0, float(y)]) for y in range(12)]
         ends = list(random.uniform((1.0, 0.0), (10.0, 12.0), (12, 2)))
-        order = uncrossed(starts, ends)
+        order = uncrossed_order(starts, ends)
         assert sorted(order) == list(range(12))
         lines = [LineString([start, ends[index]]) for start, index in zip(starts, order, strict=True)]
         assert not any(first.crosses(second) for first, second in combinations(lines, 2))
@@ -35,10 +35,10 @@ def test_an_anchor_is_deepest_inside_what_is_seen_of_a_body() -> None:
     bodies = np.full((40, 60), -1, dtype=np.int32)
     bodies[10:31, 20:41] = 3
     bodies[0:2, 0:2] = 5
-    point = anchor(shot_of(bodies), 3)
+    point = middle_pixel(shot_of(bodies), 3)
     assert point is not None
     np.testing.assert_allclose(point, [30.0, 20.0], atol=1.0)
-    assert anchor(shot_of(bodies), 4) is None
+    assert middle_pixel(shot_of(bodies), 4) is None
 
 
 def test_only_what_is_seen_gets_a_label() -> None:

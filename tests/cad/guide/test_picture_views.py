@@ -13,7 +13,7 @@ import trimesh
 
 from mirrorcam.cad.assembly.pieces import Piece
 from mirrorcam.cad.guide.assembly_steps import Stages
-from mirrorcam.cad.guide.labels import CAPTION_ROOM_PX, place_of
+from mirrorcam.cad.guide.labels import CAPTION_ROOM_PX, pixel_of
 from mirrorcam.cad.guide.picture_views import (
     ARROW_MM,
     STEP_SHARE,
@@ -46,7 +46,7 @@ def test_each_view_names_the_points_that_it_shows() -> None:
     seen = []
     for view in views_of(front):
         shot = shot_of(view)
-        seen.append([label.text for label in labels_of(view) if place_of(shot, label) is not None])
+        seen.append([label.text for label in labels_of(view) if pixel_of(shot, label) is not None])
     assert seen == [["front"], ["back"]]
 
 

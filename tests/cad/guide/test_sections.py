@@ -75,7 +75,7 @@ def test_the_trace_is_drawn_where_it_is_in_the_way_of_no_text(block: Callable[..
     seen = [trace for trace in traces if trace]
     for trace in seen:
         np.testing.assert_allclose(trace.ends[:, 0], 70.0)
-        np.testing.assert_allclose(trace.look, [-1.0, 0.0])
+        np.testing.assert_allclose(trace.arrow, [-1.0, 0.0])
     sheet = DrawingSheet(200.0, 200.0)
     sheet.text((68.0, 170.0), "in the way", 3.0)
     draw_trace(sheet, seen, "A")
