@@ -19,7 +19,7 @@ from mirrorcam.cad.backs.plan_backs import MAKERS
 from mirrorcam.cad.holder.adjuster import SCREW, SUNK_MM, UNDER_NUT_MM
 from mirrorcam.cad.holder.holder_solid import make_holder, make_screwed_holder
 from mirrorcam.cad.holder.screwed_holder import ScrewedHolderPlan
-from mirrorcam.cad.parts.mount import turn
+from mirrorcam.cad.parts.mount import rotation_2d
 from mirrorcam.cad.parts.part_solids import make_carrier, make_clip, make_coupon, make_cover, make_mount
 from mirrorcam.cad.parts.truss import foot_plate_mm
 from mirrorcam.cad.plan.device_names import CLIP, COUPON, COVER, HOLDER, MOUNT, carrier_name
@@ -250,7 +250,7 @@ def standing(bed_from_rig: FloatArray, low_mm: float) -> FloatArray:
 def turned(bed_from_rig: FloatArray, degrees: float) -> FloatArray:
     """A transform (4, 4) to the bed, followed by a turn about the bed's normal."""
     about_z = np.eye(4)
-    about_z[:2, :2] = turn(degrees)
+    about_z[:2, :2] = rotation_2d(degrees)
     return np.asarray(about_z @ bed_from_rig)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from build123d import Align, BuildPart, Cone, Cylinder, Face, Locations, Mode, Part, Plane, Shell, Solid, Wire, insert
 
 from mirrorcam.cad.holder.adjuster import SCREW
-from mirrorcam.cad.holder.back import POINT_MM, hole_mm, tip_mm
+from mirrorcam.cad.holder.back import BLUNT_RADIUS_MM, hole_mm, tip_mm
 from mirrorcam.cad.holder.holder_body import HolderPlan, body_of, one_piece
 from mirrorcam.cad.holder.planar_csg import PlanarCsg, brep
 from mirrorcam.cad.holder.screwed_holder import ScrewedHolderPlan
@@ -92,7 +92,7 @@ def _drill_for_mount(plan: HolderPlan) -> None:
     with Locations(*((x, y, -plan.hole_depth_mm) for x, y in plan.holes_in_mount_mm)):
         Cylinder(radius_mm, plan.hole_depth_mm, align=UPRIGHT, mode=Mode.SUBTRACT)
         with Locations((0.0, 0.0, -cone_mm)):
-            Cone(POINT_MM, radius_mm, cone_mm, align=UPRIGHT, mode=Mode.SUBTRACT)
+            Cone(BLUNT_RADIUS_MM, radius_mm, cone_mm, align=UPRIGHT, mode=Mode.SUBTRACT)
 
 
 def _one_holder(holder: BuildPart) -> Part:

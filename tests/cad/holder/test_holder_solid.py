@@ -14,7 +14,7 @@ from manifold3d import Manifold
 from shapely import Polygon, union_all
 
 from mirrorcam.cad.assembly.device_plan import Device
-from mirrorcam.cad.holder.back import POINT_MM, slot_width_mm, tip_mm
+from mirrorcam.cad.holder.back import BLUNT_RADIUS_MM, slot_width_mm, tip_mm
 from mirrorcam.cad.holder.holder_body import HolderPlan
 from mirrorcam.cad.holder.holder_plan import plan_holder
 from mirrorcam.cad.holder.holder_solid import check_gaps, make_holder, solid_of
@@ -83,7 +83,7 @@ def test_two_mirrors_in_one_plane_give_a_plate_of_known_volume(
         expected -= low * eaves + (top - eaves) * (low + math.sqrt(low * high) + high) / 3.0
     part = make_holder(plan)
     if kind == "insert":
-        wide, blunt = screw.insert_hole_mm / 2.0, POINT_MM
+        wide, blunt = screw.insert_hole_mm / 2.0, BLUNT_RADIUS_MM
         expected -= 4 * math.pi * wide**2 * screw.insert_depth_mm
         expected -= 4 * math.pi * tip * (wide**2 + wide * blunt + blunt**2) / 3.0
         assert part.volume == pytest.approx(expected, rel=1e-9)

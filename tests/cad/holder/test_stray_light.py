@@ -14,7 +14,7 @@ from mirrorcam.cad.checks.part_checks import polygons
 from mirrorcam.cad.holder.holder_body import HolderPlan, body_of
 from mirrorcam.cad.holder.holder_plan import plan_holder
 from mirrorcam.cad.holder.planar_csg import PlanarCsg
-from mirrorcam.cad.holder.stray_light import STEP_PX, seen_between, stray_light, viewing_rays
+from mirrorcam.cad.holder.stray_light import STEP_PX, rays_past_mirrors, stray_light, viewing_rays
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.seats import keep_outs, mirror_prism
 from mirrorcam.optics.geometry.layout import Layout
@@ -37,7 +37,7 @@ def mirror_solids(layout: Layout) -> list[Manifold]:
 
 
 def test_walls_keep_the_room_out_of_the_picture(default_layout: Layout, plan: HolderPlan) -> None:
-    assert len(seen_between(default_layout)) > 100
+    assert len(rays_past_mirrors(default_layout)) > 100
     assert stray_light(default_layout, body_of(PlanarCsg(), plan), mirror_solids(default_layout)) < 0.1 * STRAY_LIGHT
     # Of mirrors that leave more of the picture free, too much of it shows the room without walls.
     free = parabola(3, 3)
@@ -48,7 +48,7 @@ def test_walls_keep_the_room_out_of_the_picture(default_layout: Layout, plan: Ho
 
 def test_without_a_holder_all_light_between_mirrors_is_stray(default_layout: Layout) -> None:
     far = Manifold.cube((1.0, 1.0, 1.0)).translate((0.0, 0.0, -10.0))
-    between, all_rays = len(seen_between(default_layout)), len(viewing_rays(default_layout.camera))
+    between, all_rays = len(rays_past_mirrors(default_layout)), len(viewing_rays(default_layout.camera))
     assert stray_light(default_layout, far, []) == pytest.approx(between / all_rays)
     assert all_rays == (default_layout.camera.width_px // STEP_PX) * (default_layout.camera.height_px // STEP_PX)
 

@@ -122,7 +122,7 @@ def test_a_mirrored_tray_is_the_mirror_image() -> None:
     assert (first.side, second.side) == (-1.0, 1.0)
     np.testing.assert_allclose(first.low, second.low)
     np.testing.assert_allclose(first.high, second.high)
-    np.testing.assert_allclose(first.rig((3.0, 1.0, 2.0)), (-3.0, 1.0, 2.0))
+    np.testing.assert_allclose(first.in_rig((3.0, 1.0, 2.0)), (-3.0, 1.0, 2.0))
 
 
 @pytest.mark.parametrize("kind", ["insert", "nut"])

@@ -250,12 +250,12 @@ def test_a_back_turned_to_the_side_gets_a_head_cut_to_it(planned: Planned, off_m
     """Also where the holder's screws are off the middle of the mount."""
     layout, holder, clip, _ = planned
     angle = np.deg2rad(2.0)
-    turn = np.array([[np.cos(angle), -np.sin(angle), 0.0], [np.sin(angle), np.cos(angle), 0.0], [0.0, 0.0, 1.0]])
+    rotation_2d = np.array([[np.cos(angle), -np.sin(angle), 0.0], [np.sin(angle), np.cos(angle), 0.0], [0.0, 0.0, 1.0]])
     turned = layout.replaced(
         mirrors=tuple(
             type(mirror)(
-                virtual_centre_in_rig_mm=turn @ mirror.virtual_centre_in_rig_mm,
-                outline_in_rig_mm=mirror.outline_in_rig_mm @ turn.T,
+                virtual_centre_in_rig_mm=rotation_2d @ mirror.virtual_centre_in_rig_mm,
+                outline_in_rig_mm=mirror.outline_in_rig_mm @ rotation_2d.T,
             )
             for mirror in layout.mirrors
         ),
