@@ -271,21 +271,21 @@ def places_of_mount(front: Front, hardware: Hardware, cuts_mm: Cuts = ((), ())) 
     """All rectangles from which `place_mount` chooses, the best first; raises InputError if there is none."""
     left, bottom, right, top = front.footprint.bounds
     centre = np.array([(left + right) / 2.0, (bottom + top) / 2.0])
-    boss_radius = hardware.screw.insert_hole_mm / 2.0 + hardware.screw.insert_wall_mm
-    allowed = front.footprint.buffer(-boss_radius)
+    boss_mm = hardware.screw.insert_hole_mm / 2.0 + hardware.screw.insert_wall_mm
+    allowed = front.footprint.buffer(-boss_mm)
     # Half the distance of two holes: in the mount a wall separates the spaces for their screws' heads.
     half_gap = head_space_mm(hardware) + hardware.printer.wall_mm / 2.0
-    margin = boss_radius + hardware.holder.pin_mm[1] / 2.0
+    margin = boss_mm + hardware.holder.pin_mm[1] / 2.0
     depth = screw_depths_mm(hardware)[2] + hardware.printer.wall_mm
     # A part that is cut is thick enough for the pins everywhere.
     thinnest = 2.0 * clearance_round_pin_mm(hardware) + PIN_SLACK_MM if any(cuts_mm) else 0.0
     thinnest = max(hardware.holder.floor_mm, thinnest)
     found: list[tuple[float, float, FloatArray]] = []
-    widest = max(boss_radius + 0.1, hardware.holder.mount_of_width * (right - left) / 2.0)
-    for a in np.arange(boss_radius, widest, hardware.holder.mount_step_mm):
+    widest = max(boss_mm + 0.1, hardware.holder.mount_of_width * (right - left) / 2.0)
+    for a in np.arange(boss_mm, widest, hardware.holder.mount_step_mm):
         if a < min(widest / 2.0, widest - hardware.holder.mount_step_mm):
             continue
-        for b in np.arange(boss_radius, (top - bottom) / 2.0, hardware.holder.mount_step_mm):
+        for b in np.arange(boss_mm, (top - bottom) / 2.0, hardware.holder.mount_step_mm):
             if min(a, b) < half_gap:
                 continue
             holes = np.array([(-a, -b), (a, -b), (a, b), (-a, b)])
@@ -302,7 +302,7 @@ def places_of_mount(front: Front, hardware: Hardware, cuts_mm: Cuts = ((), ())) 
     if not found:
         raise InputError(
             f"mirror holder's back is {right - left:.1f} x {top - bottom:.1f} mm, expected space for four M3 inserts "
-            f"with {boss_radius:g} mm of material around their centres, at least {2.0 * half_gap:.1f} mm from each other"
+            f"with {boss_mm:g} mm of material around their centres, at least {2.0 * half_gap:.1f} mm from each other"
         )
     return [MountFace(back, centre, holes) for back, _, holes in sorted(found, key=lambda each: each[:2])]
 
