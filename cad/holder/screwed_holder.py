@@ -30,7 +30,7 @@ from mirrorcam.cad.holder.back import (
 )
 from mirrorcam.cad.holder.carriers import CarrierPlan, least_level_mm, plan_areas, plan_carrier
 from mirrorcam.cad.holder.holder_body import HolderPlan, body_of, one_piece
-from mirrorcam.cad.holder.holder_plan import baffle_of, border_of, down_from
+from mirrorcam.cad.holder.holder_plan import baffle_of, border_of, column_to_back
 from mirrorcam.cad.holder.planar_csg import PlanarCsg
 from mirrorcam.cad.plan.cuts import bed_lengths_mm, require_height
 from mirrorcam.cad.plan.dimension import Datum, Hole
@@ -192,8 +192,8 @@ def _plan(
     seats = np.vstack([carrier.body.top for carrier in carriers])
     reach = mount.back_mm - float((seats @ normal).min()) + max(mirror.thickness_mm for mirror in layout.mirrors)
     plan = ScrewedHolderPlan(
-        slab=down_from(hull, mount, normal),
-        flange=down_from(rim, mount, normal),
+        slab=column_to_back(hull, mount, normal),
+        flange=column_to_back(rim, mount, normal),
         cores=(),
         pads=(),
         fillers=(),

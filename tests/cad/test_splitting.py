@@ -20,7 +20,7 @@ from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.part_plan import PartPlan
 from mirrorcam.cad.splitting import (
     area_for_pins,
-    best_places_mm,
+    best_cuts_mm,
     falls_apart,
     fragments,
     inside,
@@ -65,10 +65,10 @@ def test_area_for_pins_in_a_bar_is_its_section_less_a_wall_round_the_hole() -> N
 
 def test_the_place_with_most_area_for_pins_is_taken_and_of_equals_the_middle() -> None:
     bar = Manifold.cube((300.0, 30.0, 20.0))
-    assert best_places_mm(bar, 0, (0.0, 300.0), 220.0, HARDWARE) == (150.0,)
-    assert best_places_mm(bar, 0, (0.0, 200.0), 220.0, HARDWARE) == ()
+    assert best_cuts_mm(bar, 0, (0.0, 300.0), 220.0, HARDWARE) == (150.0,)
+    assert best_cuts_mm(bar, 0, (0.0, 200.0), 220.0, HARDWARE) == ()
     notch = Manifold.cube((20.0, 30.0, 12.0)).translate((140.0, 0.0, 8.0))
-    (place,) = best_places_mm(bar - notch, 0, (0.0, 300.0), 220.0, HARDWARE)
+    (place,) = best_cuts_mm(bar - notch, 0, (0.0, 300.0), 220.0, HARDWARE)
     assert abs(place - 150.0) > 10.0 + reach_of_pin_mm(HARDWARE)
 
 

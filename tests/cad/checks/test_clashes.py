@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from manifold3d import Manifold
 
 from mirrorcam.cad.assembly.device_plan import Device
-from mirrorcam.cad.checks.clashes import NEAR_MM, STEP_MM, check_clashes, check_cover, common_mm3, meetings
+from mirrorcam.cad.checks.clashes import MEASURED_MM, STEP_MM, check_clashes, check_cover, common_mm3, meetings
 from mirrorcam.core.values import Metric
 
 
@@ -39,7 +39,7 @@ def test_two_boxes_share_the_box_of_their_overlap_or_leave_the_gap_between(x: fl
 
 
 def test_what_is_far_apart_does_not_meet() -> None:
-    assert meetings({"a": box(8.0), "b": box(8.0, 8.0 + NEAR_MM, 0.0, 0.0)}) == []
+    assert meetings({"a": box(8.0), "b": box(8.0, 8.0 + MEASURED_MM, 0.0, 0.0)}) == []
 
 
 def test_faces_that_touch_share_nothing_even_where_numbers_are_rounded() -> None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mirrorcam.cad.holder.planar_csg import PlanarCsg, _settled_needles, brep
+from mirrorcam.cad.holder.planar_csg import PlanarCsg, _planes_without_needles, brep
 from mirrorcam.cad.plan.prisms import box
 from mirrorcam.cad.plan.seats import Frustum
 from mirrorcam.core.values import FloatArray
@@ -126,4 +126,4 @@ def test_a_triangle_that_is_a_line_belongs_to_the_face_beyond_its_longest_edge()
     rest = [(4, 1, 5), (5, 1, 2), (0, 4, 6), (4, 5, 6), (5, 3, 6)]
     triangles = np.array([*above, *lines, *wall, *rest])
     planes = np.array([0, 0, 0, 0, 1, 2, 2, 3, 4, 5])
-    assert _settled_needles(corners, triangles, planes).tolist() == [0, 0, 1, 1, 1, 2, 2, 3, 4, 5]
+    assert _planes_without_needles(corners, triangles, planes).tolist() == [0, 0, 1, 1, 1, 2, 2, 3, 4, 5]

@@ -13,7 +13,7 @@ import pytest
 import trimesh
 from shapely import MultiPoint
 
-from mirrorcam.cad.assembly.catalogue import Y_UP, standing
+from mirrorcam.cad.assembly.catalogue import Y_UP, with_base_at
 from mirrorcam.cad.assembly.pieces import camera_solid, tessellated
 from mirrorcam.cad.checks.clashes import common_mm3
 from mirrorcam.cad.checks.exported_mesh import solid_of
@@ -45,7 +45,7 @@ def test_a_tray_prints_on_its_slide_with_nothing_to_support_it(name: str, kind: 
     plan = plan_clip(hardware)
     mesh = tessellated(make_clip(plan))
     assert thinnest_wall_mm(mesh, solid_of(mesh)) >= hardware.printer.wall_mm - 0.01
-    mesh.apply_transform(standing(Y_UP, plan.slide_y_mm))
+    mesh.apply_transform(with_base_at(Y_UP, plan.slide_y_mm))
     assert mesh.bounds[0, 2] == pytest.approx(0.0, abs=1e-6)
     failed = [
         name for name, check in check_overhangs(mesh, solid_of(mesh), hardware.printer).items() if not check.passed
@@ -60,7 +60,7 @@ def test_a_slicer_puts_no_support_into_an_oblique_nut_s_pocket(turn_deg: float, 
     plan = plan_clip(hardware_of("c920", "nut"))
     write_stl(tmp_path / "clip.stl", make_clip(plan))
     mesh = trimesh.load_mesh(tmp_path / "clip.stl")
-    mesh.apply_transform(standing(Y_UP, plan.slide_y_mm))
+    mesh.apply_transform(with_base_at(Y_UP, plan.slide_y_mm))
     mesh.apply_transform(trimesh.transformations.rotation_matrix(np.deg2rad(turn_deg), [0.0, 0.0, 1.0]))
     mesh.apply_translation([100.0, 100.0, 0.0])
     mesh.export(tmp_path / "clip.stl")

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from build123d import Box, Location
 
-from mirrorcam.cad.assembly.catalogue import Y_UP, standing
+from mirrorcam.cad.assembly.catalogue import Y_UP, with_base_at
 from mirrorcam.cad.assembly.pieces import camera_solid, tessellated
 from mirrorcam.cad.checks.clashes import common_mm3
 from mirrorcam.cad.checks.exported_mesh import solid_of
@@ -38,7 +38,7 @@ def test_a_board_rests_on_its_posts_and_its_clip_prints_on_its_slide(name: str, 
     clip = solid_of(mesh)
     assert common_mm3(clip, camera) == 0.0
     assert clip.min_gap(camera, 1.0) < 1e-4
-    mesh.apply_transform(standing(Y_UP, plan.slide_y_mm))
+    mesh.apply_transform(with_base_at(Y_UP, plan.slide_y_mm))
     assert mesh.bounds[0, 2] == pytest.approx(0.0, abs=1e-6)
     hanging, _, longest = overhangs(mesh, solid_of(mesh), hardware.printer)
     assert (hanging, longest <= hardware.printer.bridge_mm) == (0.0, True)

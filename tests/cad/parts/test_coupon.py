@@ -10,7 +10,7 @@ import pytest
 
 from mirrorcam.cad.parts.coupon import (
     GAUGE_WALL_MM,
-    GO_DEEP_MM,
+    GO_DEPTH_MM,
     GO_MM,
     LENS_STEPS_MM,
     MIRROR_MM,
@@ -147,7 +147,7 @@ def test_the_slot_lets_the_stated_body_in_and_stops_it_at_the_step(default_layou
     low, high = corners_of(plan.pieces).min(axis=0), corners_of(plan.pieces).max(axis=0)
     x = np.arange(low[0], high[0], 0.01)
     widths = []
-    for depth in (0.5 * GO_DEEP_MM, 1.5 * GO_DEEP_MM):
+    for depth in (0.5 * GO_DEPTH_MM, 1.5 * GO_DEPTH_MM):
         line = np.column_stack([x, np.full_like(x, high[1] - depth), np.full_like(x, low[2] + 1.0)])
         widths.append(0.01 * np.count_nonzero(within(plan.cuts, line)))
         assert not within(plan.cuts, line[[0, -1]]).any()
