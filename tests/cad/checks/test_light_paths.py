@@ -24,7 +24,7 @@ from mirrorcam.cad.checks.exported_mesh import solid_of
 from mirrorcam.cad.checks.light_paths import (
     BEFORE_MM,
     NEAR_MM,
-    RAYS_OF_MIRROR,
+    RAYS_PER_MIRROR,
     SURFACE_MM,
     check_light,
     check_step_views,
@@ -73,7 +73,7 @@ def test_light_of_first_surface_mirrors_obeys_the_law_of_reflection(default_layo
         to_pupil, to_scene = light.rays
         np.testing.assert_allclose(to_pupil[:, 1], 0.0)
         np.testing.assert_allclose(to_scene[:, 1] @ default_layout.view_from_rig[2], 500.0)
-        assert light.inner >= 0.9 * RAYS_OF_MIRROR
+        assert light.inner >= 0.9 * RAYS_PER_MIRROR
         # Seen from the mirror image of the pupil, the way to the scene is straight.
         seen = to_scene - mirror.virtual_centre_in_rig_mm
         straight = np.cross(seen[:, 0], seen[:, 1]) / np.linalg.norm(seen[:, 1], axis=1)[:, None]

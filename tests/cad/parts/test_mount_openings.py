@@ -11,7 +11,7 @@ from mirrorcam.cad.holder.holder_body import HolderPlan
 from mirrorcam.cad.holder.holder_plan import plan_holder
 from mirrorcam.cad.parts.clip import ClipPlan, plan_clip
 from mirrorcam.cad.parts.mount import MountPlan, plan_mount
-from mirrorcam.cad.parts.mount_openings import _scale, head_end_mm, leaves_unprintable_web_ends
+from mirrorcam.cad.parts.mount_openings import _scale_marks, head_end_mm, leaves_unprintable_web_ends
 from mirrorcam.cad.parts.truss import Webs
 from mirrorcam.cad.plan.fasteners import Bore, head_space_mm
 from mirrorcam.cad.plan.hardware import HARDWARE
@@ -59,7 +59,7 @@ def test_no_mark_of_the_scale_notches_the_ceiling_of_a_slot(
     hardware = HARDWARE.replaced(camera=read_body(camera))
     clip, holder = plan_clip(hardware), plan_holder(fold_90_layout, hardware)
     mount = plan_mount(fold_90_layout, holder, clip, hardware)
-    scale = _scale(clip, mount.half_width_mm, hardware)
+    scale = _scale_marks(clip, mount.half_width_mm, hardware)
     radius, wall = hardware.screw.clearance_hole_mm / 2.0, hardware.printer.wall_mm
     top = max(clip.slide_z_mm) + clip.travel_mm + radius + wall
     longest = 0.0
