@@ -34,9 +34,9 @@ from shapely import get_coordinates
 from shapely.geometry.base import BaseGeometry
 
 from mirrorcam.cad.plan.cuts import (
-    BEYOND_MM,
     FAR_MM,
-    PINS_APART,
+    PAST_PART_MM,
+    PIN_SPACING,
     Cell,
     Cuts,
     Joint,
@@ -304,8 +304,8 @@ def _pieces(
             whole=part.plan,
             make=part.make,
             rig_from_bed=rig_from_bed,
-            low_mm=(spans[0][0], spans[1][0], float(low[2]) - BEYOND_MM),
-            high_mm=(spans[0][1], spans[1][1], float(high[2]) + BEYOND_MM),
+            low_mm=(spans[0][0], spans[1][0], float(low[2]) - PAST_PART_MM),
+            high_mm=(spans[0][1], spans[1][1], float(high[2]) + PAST_PART_MM),
             rig_from_pins=np.array(holes).reshape(-1, 4, 4),
             hole_mm=(hole_mm(hardware), hole_depth_mm(hardware)),
             crumb_mm=hardware.printer.wall_mm,
@@ -350,7 +350,7 @@ def _two_pins(part: PartPlan, body: Manifold, joint: Joint, rig_from_bed: FloatA
     axis, cut = joint.axis, joint.at_mm
     area = area_for_pins(body, axis, cut, joint.span_mm, hardware)
     corners, distance = farthest_pair(get_coordinates(area))
-    needed = PINS_APART * hardware.holder.pin_mm[0]
+    needed = PIN_SPACING * hardware.holder.pin_mm[0]
     if distance < needed:
         raise InputError(
             f"{part.title.lower()} is larger than the printer's bed, and a cut at {'xy'[axis]} = {cut:.1f} mm has "

@@ -22,7 +22,7 @@ from shapely.affinity import rotate, translate
 from shapely.geometry.base import BaseGeometry
 from shapely.geometry.polygon import orient
 
-from mirrorcam.cad.holder.adjuster import SCREW, UNDER_NUT_MM, Adjuster, boss_mm, recess_wide_mm
+from mirrorcam.cad.holder.adjuster import SCREW, UNDER_NUT_MM, Adjuster, boss_mm, recess_diameter_mm
 from mirrorcam.cad.holder.glue import glue_mm3, groove_volume, grooves_of, planned_cover
 from mirrorcam.cad.holder.pads import least_height_mm, pad_shapes, pad_volume, plan_pads, widest_triangle
 from mirrorcam.cad.plan.dimension import Hole, holes
@@ -177,7 +177,7 @@ def _screws_in(area: Polygon, taken: BaseGeometry, hardware: Hardware) -> FloatA
     triangle = widest_triangle(free, np.array(area.centroid.coords[0]))
     if triangle is None:
         return None
-    least = max(recess_wide_mm(hardware) + hardware.printer.wall_mm, 1.5 * boss_mm(hardware))
+    least = max(recess_diameter_mm(hardware) + hardware.printer.wall_mm, 1.5 * boss_mm(hardware))
     return triangle if float(least_height_mm(triangle[None])[0]) >= least else None
 
 

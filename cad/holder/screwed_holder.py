@@ -13,7 +13,7 @@ from mirrorcam.cad.holder.adjuster import (
     CONE_DEG,
     DRIVER_HOLE_ENDS_MM,
     Adjuster,
-    head_wide_mm,
+    head_diameter_mm,
     least_plate_mm,
     plan_adjuster,
     travel_mm,
@@ -150,7 +150,7 @@ def _blocked_area(mount: MountFace, footprint: Polygon, hardware: Hardware) -> B
     Those holes and the driver's have roofs along x (`DRIVER_HOLE_ENDS_MM`), and a wall between them.
     """
     spaces = space_of_mount(mount.holes_mm, footprint, mount.centre_mm, hardware)
-    areas = [space.buffer(head_wide_mm() / 2.0) for space in spaces]
+    areas = [space.buffer(head_diameter_mm() / 2.0) for space in spaces]
     radius, (low, high) = head_space_mm(hardware), DRIVER_HOLE_ENDS_MM
     for hole in mount.centre_mm + mount.holes_mm:
         disc, roof_tip = Point(hole).buffer(radius), Point(hole[0] - radius * high / low, hole[1])

@@ -180,7 +180,7 @@ def test_the_arrow_tells_which_way_round_a_rectangle_lies(
     layout = make_flat_pair(gap_mm=8.0)
     cuts, _ = read_cuts(written(layout, tmp_path))
     for name, fit in mirror_fits(cuts, layout, CUTTING).items():
-        up = fit.turn @ (cuts[name].strokes[0][1] - cuts[name].strokes[0][0])
+        up = fit.rotation @ (cuts[name].strokes[0][1] - cuts[name].strokes[0][0])
         assert up[1] > 0.0
         assert abs(up[0]) < 1e-9
 
@@ -197,4 +197,4 @@ def test_a_shape_is_the_same_when_moved_or_turned_but_not_when_mirrored_or_grown
     assert error(shape[:3]) == np.inf
     best = min(fits(shape @ turn.T + 5.0, shape), key=lambda fit: fit.error_mm)
     np.testing.assert_allclose(best.corners, shape, atol=1e-12)
-    np.testing.assert_allclose(best.turn, turn.T, atol=1e-12)
+    np.testing.assert_allclose(best.rotation, turn.T, atol=1e-12)

@@ -21,8 +21,8 @@ POCKET = manifold3d.Manifold.cylinder(3.0, 3.5, circular_segments=48).translate(
 NUT = manifold3d.Manifold.cylinder(2.4, 3.0, circular_segments=6).translate((0.0, 0.0, 2.1))
 
 
-def failed_to_enter(way_mm: list[tuple[float, float, float]]) -> set[str]:
-    nut = replace(item("nut", "M3", 2.4), exit_moves_mm=np.array(way_mm).reshape(-1, 3))
+def failed_to_enter(moves_mm: list[tuple[float, float, float]]) -> set[str]:
+    nut = replace(item("nut", "M3", 2.4), exit_moves_mm=np.array(moves_mm).reshape(-1, 3))
     checks = check_insertion([nut], {"mirror_holder": WALL - POCKET, "nut_01": NUT})
     return {name.removeprefix("device.") for name, check in checks.items() if check.passed is False}
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mirrorcam.cad.holder.adjuster import SUNK_MM, boss_mm, head_wide_mm, least_plate_mm, plan_adjuster, travel_mm
+from mirrorcam.cad.holder.adjuster import SUNK_MM, boss_mm, head_diameter_mm, least_plate_mm, plan_adjuster, travel_mm
 from mirrorcam.cad.plan.hardware import HARDWARE, CompressionSpring
 from mirrorcam.core.errors import InputError
 from tests.cad.holder.screwed import with_screws
@@ -49,7 +49,7 @@ def test_what_cannot_be_adjusted_so_far_is_refused_with_what_would_do() -> None:
 
 
 def test_space_is_stated_from_the_parts_it_is_for() -> None:
-    assert head_wide_mm() > 6.72
+    assert head_diameter_mm() > 6.72
     assert boss_mm(with_screws()) == HARDWARE.screw.insert_hole_mm / 2.0 + HARDWARE.screw.insert_wall_mm
     assert boss_mm(with_screws("nut")) > HARDWARE.screw.nut_flats_mm / np.sqrt(3.0) + HARDWARE.printer.wall_mm
     assert travel_mm(10.0, HARDWARE) == pytest.approx(0.3 + 10.0 * np.tan(np.radians(1.0)))

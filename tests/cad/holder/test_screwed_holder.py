@@ -7,7 +7,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from mirrorcam.cad.holder.adjuster import DRIVER_HOLE_ENDS_MM, head_wide_mm
+from mirrorcam.cad.holder.adjuster import DRIVER_HOLE_ENDS_MM, head_diameter_mm
 from mirrorcam.cad.holder.holder_body import body_of
 from mirrorcam.cad.holder.holder_solid import make_screwed_holder
 from mirrorcam.cad.holder.planar_csg import PlanarCsg
@@ -33,7 +33,7 @@ def test_carriers_stand_a_gap_over_a_level_plate(kind: str) -> None:
 def test_holes_of_all_screws_are_apart_in_the_holder_and_in_the_mount() -> None:
     plan, hardware = planned(), with_screws()
     heads = plan.screws_in_mount_mm
-    assert min(np.linalg.norm(a - b) for a, b in combinations(heads, 2)) > head_wide_mm()
+    assert min(np.linalg.norm(a - b) for a, b in combinations(heads, 2)) > head_diameter_mm()
     wall, (low, high) = hardware.printer.wall_mm, DRIVER_HOLE_ENDS_MM
     room = head_space_mm(hardware)
     roof = room / np.sin(np.radians(ROOF_IN_WEBS_DEG))

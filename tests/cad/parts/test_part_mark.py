@@ -13,8 +13,8 @@ from mirrorcam.cad.parts.part_mark import (
     SIDE_DEG,
     STROKE_MM,
     engraved,
+    glyph_outlines,
     plan_mark,
-    set_out,
 )
 from mirrorcam.cad.plan.part_plan import NamedFace
 from mirrorcam.cad.plan.stroke_font import STROKES
@@ -33,7 +33,7 @@ def block(width: float, depth: float, height: float) -> Part:
 
 @pytest.mark.parametrize("letter", sorted(STROKES))
 def test_strokes_are_as_wide_and_ridges_between_them_as_wide_as_they_print(letter: str) -> None:
-    outlines = shapely.union_all(list(set_out([letter + "8" + letter, "8" + letter])))
+    outlines = shapely.union_all(list(glyph_outlines([letter + "8" + letter, "8" + letter])))
     ridge = 0.49 * RIDGE_MM
     closed = outlines.buffer(ridge, join_style="mitre").buffer(-ridge, join_style="mitre")
     assert closed.area == pytest.approx(outlines.area, rel=1e-6)
