@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mirrorcam.cad.backs.back import BACK_DOWN, RGB, SECOND_RGB, Back, BackPart, Carrier, Load, Neck, RobotLink
+from mirrorcam.cad.backs.back import BACK_DOWN, RGB, SECOND_RGB, Back, BackPart, Load, Neck, RobotLink, Support
 from mirrorcam.cad.backs.blocks import ALONG_X, ALONG_Y, BlocksPlan, Disc, faceted, ring
 from mirrorcam.cad.parts.camera_box import ABOVE
 from mirrorcam.cad.parts.mount import MountPlan
@@ -154,7 +154,7 @@ def plan_iso9409(table: Iso9409Back, mount: MountPlan, load: Load, hardware: Har
     back = _flange_back(table, bracket, centring, "Centring ring", spots, "M6", hardware)
     return replace(
         back,
-        carriers=(Carrier("flange", (*flange, arm)),),
+        supports=(Support("flange", (*flange, arm)),),
         robot=RobotLink(
             parent=table.link,
             xyz_mm=(0.0, 0.0, 0.0),
@@ -186,7 +186,7 @@ def plan_gen3(table: Gen3Back, mount: MountPlan, load: Load, hardware: Hardware)
     back = _flange_back(table, bracket, spacer, "Spacer", spots, "M5", hardware)
     return replace(
         back,
-        carriers=(Carrier("arm", (*ring(face, (inner, outer), rim_height), module)),),
+        supports=(Support("arm", (*ring(face, (inner, outer), rim_height), module)),),
         # Away from the vision module, which is on the side of the link's y.
         robot=RobotLink(
             parent=table.link,
@@ -209,7 +209,7 @@ def _flange_back(
 ) -> Back:
     """A back with a bracket, a part behind its plate, and screws of a size at spots (n, 2; x and z) in its front.
 
-    The caller adds the carrier.
+    The caller adds the support.
     """
     middle, front, thickness = bracket.middle, bracket.front_mm, table.plate_mm
     heads = [np.array([x, front, middle[2] + z]) for x, z in spots]
@@ -299,6 +299,6 @@ def plan_vesa(table: VesaBack, mount: MountPlan, load: Load, hardware: Hardware)
         foot=foot_stack(table.grip_mm, hardware),
         foot_heads=bracket.heads,
         items=tuple(items),
-        carriers=(Carrier("arm", (arm,)),),
+        supports=(Support("arm", (arm,)),),
         necks=(bracket.neck, plate_neck(bracket, 2.0 * half, thickness, offset + 5.0)),
     )

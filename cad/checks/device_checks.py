@@ -18,7 +18,7 @@ from shapely import Polygon
 
 from mirrorcam.cad.assembly.catalogue import bought_items
 from mirrorcam.cad.assembly.device_plan import Device
-from mirrorcam.cad.assembly.pieces import BRASS, MIRRORS, STEEL, composed, item_names, mass_of
+from mirrorcam.cad.assembly.pieces import BRASS, MIRRORS, STEEL, combined, item_names, mass_of
 from mirrorcam.cad.checks.adjustment import check_adjustment
 from mirrorcam.cad.checks.clashes import FASTENERS, FORMING, check_clashes, check_cover, common_mm3, is_mirror
 from mirrorcam.cad.checks.cut_outlines import OutlineFit, check_cuts, mirror_fits, mirrors_as_cut, prism, read_cuts
@@ -186,7 +186,7 @@ def supports_of(
             manifold3d.OpType.Add,
         )
         - holes_for
-        for support in device.back.carriers
+        for support in device.back.supports
     }
 
 
@@ -215,7 +215,7 @@ def assembly_mass(hardware: Hardware, assembly: Mapping[str, trimesh.Trimesh]) -
         else:
             density = hardware.printer.plastic_g_per_cm3
         bodies.append(mass_of(mesh, density))
-    return composed(bodies)
+    return combined(bodies)
 
 
 def check_mass(total: MassProperties) -> dict[str, Metric]:

@@ -53,7 +53,7 @@ class Adjuster:
     hole_mm: float
     travel_mm: float
     recess_mm: float
-    recess_diameter_mm: float
+    recess_wide_mm: float
     spring_mm: float
     force_n: float
     least_n: float
@@ -140,9 +140,9 @@ def plan_adjuster(screws_reach_mm: float, edge_reach_mm: float, plate_mm: float,
         )
     hole_clearance = (thread_of(SCREW).clearance_mm - thread_of(SCREW).diameter_mm) / 2.0
     if plate_mm * np.tan(np.radians(hardware.holder.adjust_deg)) > hole_clearance:
-        limit = np.degrees(np.arctan(hole_clearance / plate_mm))
+        most = np.degrees(np.arctan(hole_clearance / plate_mm))
         raise InputError(
-            f"holder.adjust_deg is {hardware.holder.adjust_deg:g}, expected at most {limit:.1f}: screws touch the sides "
+            f"holder.adjust_deg is {hardware.holder.adjust_deg:g}, expected at most {most:.1f}: screws touch the sides "
             f"of their holes, which are {plate_mm:.1f} mm long"
         )
     thread_depth = engaged + travel + TIP_CLEARANCE_MM

@@ -35,7 +35,7 @@ from mirrorcam.cad.holder.glue import (
 from mirrorcam.cad.holder.holder_body import HolderPlan, body_of, one_piece
 from mirrorcam.cad.holder.pads import pad_shapes, pad_volume, plan_pads
 from mirrorcam.cad.holder.planar_csg import PlanarCsg
-from mirrorcam.cad.holder.rims import RELIEF_MM, beside_cuts, plan_rims
+from mirrorcam.cad.holder.rims import RELIEF_MM, cut_zones, plan_rims
 from mirrorcam.cad.holder.stray_light import Baffle, plan_baffle
 from mirrorcam.cad.holder.webs import plan_hollows
 from mirrorcam.cad.plan.cuts import Cuts, bed_lengths_mm, require_height
@@ -171,7 +171,7 @@ def _with_rims(plan: HolderPlan, front: _Front, mount: MountFace, cuts: Cuts, ha
         for index, mirror in enumerate(mirrors)
     ]
     reach = _reach_mm(front, mount)
-    rims = plan_rims(front.layout, front.keep_outs, grooves, beside_cuts(axes, cuts, hardware), reach, hardware)
+    rims = plan_rims(front.layout, front.keep_outs, grooves, cut_zones(axes, cuts, hardware), reach, hardware)
     free = [free_of_others(index, mirrors, front.keep_outs, hardware) for index in range(len(mirrors))]
     pads = [
         pad_shapes(plan_pads(name, mirror, area, own, axes, cuts, hardware), hardware)

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from trimesh.exchange.stl import export_stl
 
 from mirrorcam.cad.assembly.device_plan import Device
-from mirrorcam.cad.assembly.pieces import CAMERA_RGB, ITEM_RGB, MIRROR_RGB, Piece, composed
+from mirrorcam.cad.assembly.pieces import CAMERA_RGB, ITEM_RGB, MIRROR_RGB, Piece, combined
 from mirrorcam.cad.backs.back import RobotLink
 from mirrorcam.core.disk.files import atomic, write_text
 from mirrorcam.core.values import FloatArray
@@ -83,7 +83,7 @@ def link(
     hulls: list[str],
 ) -> Element:
     """The link: total mass properties of the pieces, visible meshes (file and colour by name) and collision meshes."""
-    body = composed([piece.mass for piece in pieces])
+    body = combined([piece.mass for piece in pieces])
     centre = (pose @ np.append(body.centre_in_rig_mm, 1.0))[:3]
     turn = pose[:3, :3]
     inertia = turn @ body.inertia_g_mm2 @ turn.T * 1e-9

@@ -10,7 +10,7 @@ import pytest
 from build123d import Box, Location, RigidJoint
 
 from mirrorcam.cad.assembly.device_plan import Device, connections, lens_boxes, plan_device
-from mirrorcam.cad.backs.back import Back, Carrier
+from mirrorcam.cad.backs.back import Back, Support
 from mirrorcam.cad.backs.plan_backs import plan_back
 from mirrorcam.cad.parts.clip import ClipPlan
 from mirrorcam.cad.parts.mount import MountPlan
@@ -82,10 +82,10 @@ def test_a_mirror_narrower_than_its_sheet_is_refused(make_flat_pair: Callable[..
         plan_device(make_flat_pair(gap_mm=5.0, height_mm=2.5, thickness_mm=3.0), HARDWARE)
 
 
-def test_a_carrier_in_the_light_is_refused(default_layout: Layout, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_support_in_the_light_is_refused(default_layout: Layout, monkeypatch: pytest.MonkeyPatch) -> None:
     def on_a_wall(clip: ClipPlan, mount: MountPlan, hardware: Hardware) -> Back:
-        wall = Carrier("wall", (box((-50.0, 60.0, -200.0), (50.0, 70.0, 100.0)),))
-        return replace(plan_back(clip, mount, hardware), carriers=(wall,))
+        wall = Support("wall", (box((-50.0, 60.0, -200.0), (50.0, 70.0, 100.0)),))
+        return replace(plan_back(clip, mount, hardware), supports=(wall,))
 
     monkeypatch.setattr("mirrorcam.cad.assembly.device_plan.plan_back", on_a_wall)
     with pytest.raises(InputError, match=r"light of mirror \d-\d enters the wall by \d+\.\d mm"):

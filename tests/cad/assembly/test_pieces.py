@@ -19,7 +19,7 @@ from mirrorcam.cad.assembly.pieces import (
     Piece,
     camera_piece,
     camera_solid,
-    composed,
+    combined,
     item_pieces,
     item_solid,
     item_title,
@@ -56,7 +56,7 @@ def box(width: float, height: float, depth: float, centre: tuple[float, float, f
 
 def test_halves_composed_are_the_whole() -> None:
     halves = [box(10.0, 20.0, 30.0, (x, 7.0, -3.0), 4.0) for x in (-5.0, 5.0)]
-    whole, expected = composed(halves), box(20.0, 20.0, 30.0, (0.0, 7.0, -3.0), 8.0)
+    whole, expected = combined(halves), box(20.0, 20.0, 30.0, (0.0, 7.0, -3.0), 8.0)
     assert whole.mass_g == expected.mass_g
     assert whole.volume_mm3 == expected.volume_mm3
     np.testing.assert_allclose(whole.centre_in_rig_mm, expected.centre_in_rig_mm, atol=1e-12)
@@ -69,7 +69,7 @@ def test_two_points_are_a_dumbbell() -> None:
         MassProperties(volume_mm3=1.0, mass_g=mass, centre_in_rig_mm=np.array(at), inertia_g_mm2=point)
         for mass, at in ((3.0, (0.0, 0.0, 0.0)), (1.0, (0.0, 4.0, 4.0)))
     ]
-    whole = composed(ends)
+    whole = combined(ends)
     np.testing.assert_allclose(whole.centre_in_rig_mm, [0.0, 1.0, 1.0])
     # Reduced mass 3/4 at the distance (0, 4, 4).
     np.testing.assert_allclose(whole.inertia_g_mm2, 0.75 * np.array([[32, 0, 0], [0, 16, -16], [0, -16, 16]]))

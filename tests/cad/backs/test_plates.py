@@ -18,7 +18,7 @@ from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.backs.back import Load, carried
 from mirrorcam.cad.backs.blocks import tripod_depth_mm
 from mirrorcam.cad.backs.plan_backs import MAKERS, plan_back
-from mirrorcam.cad.backs.plates import BEFORE_MM, back_of_plate, foot_plate, plan_arca, plan_desk
+from mirrorcam.cad.backs.plates import FRONT_MM, back_of_plate, foot_plate, plan_arca, plan_desk
 from mirrorcam.cad.checks.load_checks import tips_at_deg
 from mirrorcam.cad.plan.back_table import ArcaBack, DeskBack, ProfileBack, TripodBack
 from mirrorcam.cad.plan.fasteners import Countersink, thread_of
@@ -102,13 +102,13 @@ def test_the_plate_is_under_the_foot_and_its_screw_holds(device: Device) -> None
     (part,) = back.parts
     low, high = part.plan.corners.min(axis=0), part.plan.corners.max(axis=0)
     assert high[0] == -low[0] == device.mount.half_width_mm
-    assert high[1] == device.mount.slide[1] + BEFORE_MM
+    assert high[1] == device.mount.slide[1] + FRONT_MM
     assert MAKERS[type(part.plan)](part.plan).is_valid
     (nut,) = back.items
     under = nut.rig_from_item[2, 3] - nut.length_mm - low[2]
     assert (TripodBack().nut.screw_mm - under) / thread_of("1/4-20 UNC").pitch_mm >= 3.0
-    (carrier,) = back.carriers
-    assert max(solid.top[:, 2].max() for solid in carrier.solids) == pytest.approx(low[2])
+    (support,) = back.supports
+    assert max(solid.top[:, 2].max() for solid in support.solids) == pytest.approx(low[2])
     np.testing.assert_allclose(nut.rig_from_item[:3, 2], [0.0, 0.0, 1.0])
 
 
@@ -142,7 +142,7 @@ def test_two_screws_hold_in_the_slot_beside_the_mount(device: Device) -> None:
     screws = [item for item in back.items if item.kind == "screw"]
     nuts = [item for item in back.items if item.kind == "nut"]
     assert len(screws) == len(nuts) == 2
-    (profile,) = back.carriers[0].solids
+    (profile,) = back.supports[0].solids
     corners = np.vstack([profile.base, profile.top])
     assert np.ptp(corners[:, 1]) == pytest.approx(20.0)
     for screw, nut in zip(screws, nuts, strict=True):

@@ -11,7 +11,7 @@ from shapely import Polygon
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.holder.back import mount_axes
 from mirrorcam.cad.holder.holder_plan import plan_holder
-from mirrorcam.cad.holder.rims import RELIEF_MM, beside_cuts, plan_rims
+from mirrorcam.cad.holder.rims import RELIEF_MM, cut_zones, plan_rims
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.seats import keep_outs, seat_distance_mm
 from mirrorcam.core.values import FloatArray
@@ -74,7 +74,7 @@ def test_no_rim_stands_where_a_cut_would_leave_less_than_a_wall_of_it(default_la
     volumes = keep_outs(default_layout, HARDWARE)
 
     def rims_beside(cuts: tuple[tuple[float, ...], tuple[float, ...]]) -> list[FloatArray]:
-        zones = beside_cuts(axes, cuts, HARDWARE)
+        zones = cut_zones(axes, cuts, HARDWARE)
         rims = plan_rims(default_layout, volumes, [()] * len(volumes), zones, 20.0, HARDWARE)
         return [np.vstack([rim.base, rim.top, ground]) for rim, ground in rims]
 

@@ -16,7 +16,7 @@ from shapely import Polygon
 from urdf_parser_py.urdf import URDF
 
 from mirrorcam.cad.assembly.device_plan import Device, plan_device
-from mirrorcam.cad.assembly.pieces import Piece, camera_piece, composed, mirror_pieces
+from mirrorcam.cad.assembly.pieces import Piece, camera_piece, combined, mirror_pieces
 from mirrorcam.cad.backs.kinova_gen2 import RingPlan
 from mirrorcam.cad.backs.plan_backs import plan_back
 from mirrorcam.cad.plan.back_table import Gen2Back
@@ -148,7 +148,7 @@ def test_the_link_stands_on_the_wrist_and_looks_forward(urdf: Element, device: D
 
 
 def test_mass_and_inertia_are_those_of_all_pieces(urdf: Element, pieces: tuple[Piece, ...]) -> None:
-    body = composed([piece.mass for piece in pieces])
+    body = combined([piece.mass for piece in pieces])
     (inertial,) = urdf.findall("link/inertial")
     assert float(attribute(inertial, "mass", "value")) == pytest.approx(body.mass_g / 1000.0)
     link_from_rig = np.linalg.inv(root_from(urdf, "mirrorcam_link")) @ root_from(urdf, "mirrorcam_camera_optical_frame")
