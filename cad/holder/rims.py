@@ -155,11 +155,9 @@ def _rims_of(
                     for level in (bottom - 2.0 * RELIEF_MM, top)
                 )
                 # Slightly wider than the rim, so that the two share no face.
-                ground_along = along + np.array([-GROUND_MM, GROUND_MM, GROUND_MM, -GROUND_MM])
+                widened = along + np.array([-GROUND_MM, GROUND_MM, GROUND_MM, -GROUND_MM])
                 outer_mm = margin + GROUND_MM
-                ground = edge.in_rig(
-                    ground_along, np.array([0.0, 0.0, outer_mm, outer_mm]), np.full(4, bottom - RELIEF_MM)
-                )
+                ground = edge.in_rig(widened, np.array([0.0, 0.0, outer_mm, outer_mm]), np.full(4, bottom - RELIEF_MM))
                 rims.append((Frustum(foot, crest), ground))
     return rims
 
