@@ -85,21 +85,21 @@ def countersink_solid(cut: Countersink) -> Solid:
 
     if cut.up is None or not cut.travel_mm:
         return cone(cut.mouth)
-    half_travel, across = cut.travel_mm / 2.0 * np.cross(cut.up, cut.axis), np.asarray(cut.up)
+    along, side = cut.travel_mm / 2.0 * np.cross(cut.up, cut.axis), np.asarray(cut.up)
     mouth, end = (
         middle
         + np.array(
             [
-                -radius * across - half_travel,
-                radius * across - half_travel,
-                radius * across + half_travel,
-                half_travel - radius * across,
+                -radius * side - along,
+                radius * side - along,
+                radius * side + along,
+                along - radius * side,
             ]
         )
         for middle, radius in ((cut.mouth, cut.radius_mm), (cut.mouth + cut.depth_mm * cut.axis, cut.end_radius_mm))
     )
     with BuildPart() as groove:
-        for solid in (cone(cut.mouth - half_travel), cone(cut.mouth + half_travel), solid_of(Frustum(mouth, end))):
+        for solid in (cone(cut.mouth - along), cone(cut.mouth + along), solid_of(Frustum(mouth, end))):
             insert(solid)
     return groove.solids()[0]
 

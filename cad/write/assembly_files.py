@@ -76,16 +76,16 @@ def ordered_step(text: str) -> str:
     referenced = {other for others in references.values() for other in others}
     roots = [number for number in bodies if number not in referenced]
     colours = [root for root in roots if bodies[root].startswith(COLOUR_ROOTS)]
-    without_colours = {number for root in roots if root not in colours for number in _reachable(root, references)}
+    plain = {number for root in roots if root not in colours for number in _reachable(root, references)}
 
-    def coloured_entities(root: int) -> list[int]:
+    def coloured(root: int) -> list[int]:
         return sorted(
-            other for number in _reachable(root, references) for other in references[number] if other in without_colours
+            other for number in _reachable(root, references) for other in references[number] if other in plain
         )
 
     # Entities shared by several colours come with the first colour.
-    order = dict.fromkeys(sorted(without_colours))
-    for root in sorted(colours, key=coloured_entities):
+    order = dict.fromkeys(sorted(plain))
+    for root in sorted(colours, key=coloured):
         order |= dict.fromkeys(number for number in _reachable(root, references) if number not in order)
     new_number = {number: index for index, number in enumerate(order, start=1)}
     component_count = 0
