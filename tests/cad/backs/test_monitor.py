@@ -1,4 +1,4 @@
-"""Hook and jaw: they hold any monitor in their range, and the device stands over it."""
+"""Hook and jaw: they clamp any monitor in their range, and the device is above it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The whole device: what a build wrote passes, and fails once a piece of it is not where it belongs."""
+"""The complete device: the files of a build pass, and fail if a piece is out of place."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def built_part(plan: PartPlan, folder: Path) -> BuiltPart:
 
 @pytest.fixture
 def copied(built_default: Built, tmp_path: Path) -> Path:
-    """The files of the default build that are checked, to be spoilt."""
+    """A copy of the checked files of the default build, to be altered."""
     _, folder, _ = built_default
     for name in ("parts", "mirrors"):
         shutil.copytree(folder / name, tmp_path / name)
@@ -133,7 +133,7 @@ def test_mass_and_centre_are_those_of_the_pieces() -> None:
 
 @pytest.fixture
 def drop(make_flat_pair: Callable[..., Layout]) -> Drop:
-    """Volumes in the way of one mirror of 30 x 20 x 2 mm, of a body in the mirror's frame raised to its back."""
+    """Volumes that a body, in a frame on the mirror's back, shares with the path of a mirror of 30 x 20 x 2 mm."""
     layout = make_flat_pair(gap_mm=40.0, width_mm=30.0, height_mm=20.0, thickness_mm=2.0)
     mirror = layout.mirrors[0]
     back = mirror.outline_in_plane_mm * (1.0, -1.0)
@@ -150,7 +150,7 @@ def drop(make_flat_pair: Callable[..., Layout]) -> Drop:
 
 
 def test_a_mirror_drops_into_its_pocket(drop: Drop) -> None:
-    """Walls of 1 mm on a floor, at the stated clearance; nearer by 0.1 mm; and a lip that hangs over the mirror."""
+    """Walls of 1 mm on a floor, at the stated clearance or 0.1 mm nearer, and a lip over the mirror."""
 
     def pocket(clearance: float) -> manifold3d.Manifold:
         floor = manifold3d.Manifold.cube((50.0, 40.0, 6.0)).translate((-25.0, -20.0, -5.0))
@@ -163,7 +163,7 @@ def test_a_mirror_drops_into_its_pocket(drop: Drop) -> None:
     assert sound["drop_clash_mm3"] == sound["room_clash_mm3"] == 0.0
     narrow = drop(pocket(fit - 0.1))
     assert narrow["drop_clash_mm3"] == 0.0
-    # What is missing all round, less the rounding at the corners, over the height of 1 mm.
+    # The missing clearance all round, minus the rounding at the corners, over a height of 1 mm.
     assert narrow["room_clash_mm3"] == pytest.approx((2 * (30 + 20) + 4 * 2 * fit) * 0.1, rel=0.03)
     lip = manifold3d.Manifold.cube((4.0, 40.0, 1.0)).translate((11.0, -20.0, 5.0))
     over = drop(pocket(fit) + lip)

@@ -1,4 +1,4 @@
-"""Annotations: an oblique length gets an aligned dimension beside it.
+"""Annotations: an oblique length has an aligned dimension.
 
 Geometrical tolerances: the holder's zones from the figures as built, frames, datums.
 """
@@ -30,7 +30,7 @@ from mirrorcam.optics.geometry.tolerances import Tolerances
 
 @dataclass(frozen=True)
 class Dimensions:
-    """A plan of which nothing is known but its dimensions."""
+    """A plan with nothing but dimensions."""
 
     dimensions: tuple[Length | Hole, ...]
 
@@ -51,7 +51,7 @@ def test_what_lies_askew_has_its_line_beside_it_off_the_part(block: Callable[...
 def test_the_zones_of_the_seats_keep_the_mirrors_as_built(device: Device) -> None:
     built = Tolerances(tilt_deg=0.5, offset_mm=0.2)
     back, angle, place = holder_tolerances(device.holder, built)
-    # The smallest seat, as a square: its tilt in the zone is no more than that of a mirror.
+    # The smallest seat, as a square: its tilt in the zone is at most a mirror's tolerance of tilt.
     local = [core.top - core.top.mean(axis=0) for core in device.holder.cores]
     areas = [Polygon(corners @ np.linalg.svd(corners)[2][:2].T).area for corners in local]
     side = float(np.sqrt(min(areas)))
@@ -63,7 +63,7 @@ def test_the_zones_of_the_seats_keep_the_mirrors_as_built(device: Device) -> Non
 
 
 def test_what_frames_tolerate_is_theoretically_exact() -> None:
-    """Else the seats' places and tilts would have the general tolerance as well, which is wider."""
+    """Otherwise the positions and tilts of seats would also have the general tolerance, which is wider."""
     assert any("theoretically exact" in note for note in tolerance_notes(Tolerances()))
 
 

@@ -1,4 +1,4 @@
-"""The assembly drawing: a balloon for every line of its parts list, each at a piece of that item, nothing overlaps."""
+"""The assembly drawing: a balloon for every line of the parts list, at a piece of that item, without overlaps."""
 
 from __future__ import annotations
 

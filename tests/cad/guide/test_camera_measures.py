@@ -1,4 +1,4 @@
-"""The drawing of where to measure a camera: every letter and value, nothing over anything, on the sheet."""
+"""The measuring drawing of a camera: every letter and value, without overlaps, within the sheet."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""What the picture of the camera's step names: all that the guide speaks of is seen in one of its views.
+"""The picture of the camera's step: everything that the guide mentions is visible in one of its views.
 
-Pictures of a device: every part is shown and named, with the same bytes each time.
+Pictures of a device: every part is shown and labelled, with the same bytes each time.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ def test_every_insert_is_seen_in_a_view_and_counted_at_its_part(made: Made) -> N
     for number, view in enumerate(views_of(picture)):
         shot = shot_of(view, (700, 525))
         pixels = np.bincount(shot.bodies[shot.bodies >= 0], minlength=len(view.items))
-        # What has a line to its seat is put in; the views of a small device have the same items.
+        # Items with a line to their seat are inserted; the views of a small device have the same items.
         unseen = {index for index, item in enumerate(view.items) if item.line is not None and pixels[index] < 12}
         hidden = hidden & unseen if number else unseen
         counted = sum(int(item.label.rpartition(": ")[2]) for item in view.items if item.label)
@@ -77,7 +77,7 @@ def test_every_mirror_and_seat_is_named_where_it_is(made: Made) -> None:
     mirror = {item.label: index for index, item in enumerate(mirrors.items) if item.label}
     for name, point in at[1].items():
         assert point is not None
-        # In the same view, a mirror lies over its own seat and over no other.
+        # In the same view, a mirror is over its own seat and over no other.
         middle = shots[0].screen.pixels(dict(seats.notes)[f"seat {name}"])
         assert shots[0].bodies[int(middle[1]), int(middle[0])] == mirror[name]
 

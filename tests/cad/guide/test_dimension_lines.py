@@ -1,4 +1,4 @@
-"""Dimension lines: those that follow each other share a tier, and text keeps clear of extension lines."""
+"""Dimension lines: consecutive ones share a tier, and text keeps clear of extension lines."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ BOX = np.array([[60.0, 60.0], [140.0, 140.0]])
 
 
 def drawn(*spans: tuple[float, float, str]) -> DrawingSheet:
-    """Upright dimensions left of a square view, their ends in mm from its lower edge."""
+    """Upright dimensions left of a square view, with ends in mm from its lower edge."""
     sheet = DrawingSheet(200.0, 200.0)
     linears = [LinearDimension(60.0 + np.array([a, b]), np.full(2, 60.0), words) for a, b, words in spans]
     draw_tiers(sheet, BOX, linears, 40.0, upright=True)
@@ -20,7 +20,7 @@ def drawn(*spans: tuple[float, float, str]) -> DrawingSheet:
 
 
 def across(sheet: DrawingSheet, words: str) -> float:
-    """Where the base line of a text is, along x."""
+    """The x of a text's base line."""
     return float(next(text.corners[:, 0].max() for text in sheet.text_boxes if text.text == words))
 
 
@@ -31,7 +31,7 @@ def test_dimensions_that_follow_each_other_share_a_line_and_others_do_not() -> N
 
 
 def test_text_without_room_keeps_clear_of_extension_lines() -> None:
-    """Over a short dimension there is the end of another one: its text goes below."""
+    """The end of another dimension is over a short one, so that its text is below."""
     for other, side in ((8.0, -1.0), (40.0, 1.0)):
         sheet = drawn((0.0, 4.0, "3.7"), (0.0, other, "8"), (0.0, 80.0, "80"))
         lines = [LineString(line) for line, _ in sheet.drawn]

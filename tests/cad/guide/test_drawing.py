@@ -1,8 +1,8 @@
 """The drawing of the holder: a table of its seats.
 
-Dimensions that plans offer to their drawings: pieces those of the whole, holders their holes, others none.
+Dimensions of plans for their drawings: pieces have those of the uncut part, holders their holes, others none.
 
-Drawings: what they say, that nothing lies over anything, the same bytes, real files.
+Drawings: their text, no overlaps, the same bytes, real files.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ from tests.nightly import a_few
 
 
 def overlaps(sheet: DrawingSheet) -> list[tuple[str, str]]:
-    """Pairs of words that cover each other."""
+    """Pairs of texts that overlap."""
     boxes = [(box.text, Polygon(box.corners).buffer(-0.05)) for box in sheet.text_boxes]
     return [(a, b) for (a, first), (b, second) in combinations(boxes, 2) if first.intersects(second)]
 
@@ -86,7 +86,7 @@ def test_the_holder_has_its_seats_in_a_table(make_parabola: Callable[..., Layout
 
 
 def test_a_carrier_says_where_its_seat_is(make_parabola: Callable[..., Layout]) -> None:
-    """Of a wedge without it no angle was known: its plane from its back, through the pads."""
+    """The seat's plane through the pads, relative to the back: without it, no angle of the wedge is stated."""
     layout = make_parabola(2, 2, scale_mm=90.0, gap_mm=2.0)
     hardware = HARDWARE.replaced(holder=HARDWARE.holder.replaced(mirrors="screws"))
     device = plan_device(layout, hardware)
@@ -107,7 +107,7 @@ def test_a_carrier_says_where_its_seat_is(make_parabola: Callable[..., Layout]) 
         and box.corners[1, 1] < head.corners[1, 1]
     )
     carrier = device.mirror_carriers[1]
-    # Behind the mirror by its thickness; the middle of the seat is that of its corners.
+    # One thickness behind the mirror; the middle of the seat is the mean of its corners.
     middle = carrier.body.top.mean(axis=0)
     behind = mirror.outline_in_rig_mm[0] - mirror.thickness_mm * mirror.normal_in_rig
     on_pads = middle + ((behind - middle) @ mirror.normal_in_rig) * mirror.normal_in_rig
@@ -169,7 +169,7 @@ SVG = "{http://www.w3.org/2000/svg}"
 
 
 def crossed(sheet: DrawingSheet) -> list[str]:
-    """Text that an edge of the part runs through."""
+    """Texts crossed by an edge of the part."""
     edges = [LineString(line) for line, width in sheet.drawn if width in (VISIBLE_MM, SMALL_MM)]
     return [
         box.text
@@ -179,7 +179,7 @@ def crossed(sheet: DrawingSheet) -> list[str]:
 
 
 def struck(sheet: DrawingSheet) -> list[str]:
-    """Text that a dimension, extension or leader line, or the trace of a section, runs through."""
+    """Texts crossed by a dimension, extension or leader line, or by the trace of a section."""
     lines = [LineString(line) for line, width in sheet.drawn if width in (LINE_MM, TRACE_MM)]
     return [box.text for box in sheet.text_boxes if any(Polygon(box.corners).buffer(-0.2).intersects(a) for a in lines)]
 
@@ -299,7 +299,7 @@ def test_nothing_lies_over_anything_in_the_drawings_of_the_default(device: Devic
 
 @pytest.mark.parametrize("name", a_few(5, NAMES))
 def test_every_hole_of_a_part_is_called_out_with_its_depth(device: Device, name: str) -> None:
-    """By its size, as often as the plan has it, each with its depth or that it goes through."""
+    """Every size, as often as in the plan, with its depth or "through"."""
     plan = part_of(device, name).plan
     wanted: Counter[str] = Counter()
     for cut in plan.cuts:
@@ -339,7 +339,7 @@ def test_every_part_has_a_hatched_section_that_is_traced(device: Device, name: s
 
 
 def called_out(sheet: DrawingSheet) -> Counter[str]:
-    """How often a drawing calls out holes of each size with a depth or as through."""
+    """Counts of the holes that a drawing calls out with a depth or as through holes, by size."""
     found: Counter[str] = Counter()
     for box in sheet.text_boxes:
         if match := re.fullmatch(
@@ -363,7 +363,7 @@ def test_a_drawing_states_one_general_tolerance_its_revision_and_its_date(
 
 
 def test_the_mount_says_where_the_screws_of_its_head_are(device: Device) -> None:
-    """From the foot's corner at the slide, as the holder's plan has them, and how far apart along the face."""
+    """From the foot's corner at the slide, as in the holder's plan, and their distance along the face."""
     part = next(part for part in parts_of(device) if part.name == "mount")
     texts = [box.text for box in draw(part.make(part.plan), part, HARDWARE.printer).text_boxes]
     holder, mount = device.holder, device.mount
@@ -377,7 +377,7 @@ def test_the_mount_says_where_the_screws_of_its_head_are(device: Device) -> None
     assert f"{number(apart[1])} head screws" in texts
     assert number(apart[0]) in texts
     assert "4x Ø3.4 through for M3" in texts
-    # The foot's holes are counted from its edge at the slide, not from wherever the mount reaches furthest.
+    # The foot's holes are dimensioned from its edge at the slide, not from the mount's furthest point.
     assert number(float(np.abs(mount.foot[:, 1] - mount.slide[1]).min())) in texts
     assert number(mount.section.depth_mm) in texts
 
@@ -390,7 +390,7 @@ def test_a_drawing_names_the_model_that_its_other_shapes_are_as(device: Device) 
 
 
 def test_gauges_have_no_tolerance_that_their_steps_lie_within(device: Device) -> None:
-    """The coupon's steps are 0.1 and 0.3 mm; what an insert is pressed into in a part has half of such a step."""
+    """The coupon's steps are 0.1 and 0.3 mm; holes for inserts in parts have a tolerance of half a step."""
     texts = [box.text for box in drawn(device, "fit_coupon").text_boxes]
     assert GAUGE_TOLERANCE in texts
     assert [text for text in texts if "±" in text] == []
@@ -426,7 +426,7 @@ def test_the_isometric_keeps_clear_of_a_long_callout(block: Callable[..., PartPl
 
 
 def test_the_clip_says_where_all_six_points_are(device: Device) -> None:
-    """From its left side, its face on the mount, and its foot, each distance once."""
+    """From its left side, its face on the mount, and its lower end, each distance once."""
     texts = [box.text for box in drawn(device, "camera_clip").text_boxes]
     nest, clip = device.clip.nest, device.clip
     assert nest is not None
@@ -439,7 +439,7 @@ def test_the_clip_says_where_all_six_points_are(device: Device) -> None:
 
 @pytest.mark.parametrize("name", a_few(6, OF_BACKS))
 def test_every_plane_of_a_part_of_a_back_is_dimensioned(device: Device, name: str) -> None:
-    """Along each axis of rig, planes hang together by lengths, sizes, depths of holes, or as mirror images of such."""
+    """Along each axis of rig, planes are connected by lengths, sizes, depths of holes, or mirror images of these."""
     part = part_of(device, name)
     if not isinstance(part.plan, BlocksPlan):
         pytest.skip("a ring's planes are not all parallel to those of rig")
@@ -460,7 +460,7 @@ def test_every_plane_of_a_part_of_a_back_is_dimensioned(device: Device, name: st
                 points = each.points_in_rig[:, axis].round(2).tolist()
                 if np.abs(each.span_in_rig).argmax() == axis:
                     joined.append(points)
-                    # One that lies in the middle locates both of its ends.
+                    # A centred dimension locates both of its ends.
                     known |= set(points) if abs(sum(points) - sum(size)) < 0.02 else set()
             elif each.cut_mm is not None and abs(each.axis_in_rig[axis]) > 0.9:
                 found = re.search(r"↧([\d.]+)", each.text)

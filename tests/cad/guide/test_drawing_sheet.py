@@ -1,4 +1,4 @@
-"""Drawing sheets: text knows the area that it covers, turned too; lines are kept; files have the sheet's size.
+"""Drawing sheets: areas covered by text, also rotated; recorded lines; files of the sheet's size.
 
 Title blocks: date, scale and material.
 """

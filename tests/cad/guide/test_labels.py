@@ -1,4 +1,4 @@
-"""Labels of pictures: leaders that do not cross, anchors inside what is seen, hidden bodies without one."""
+"""Labels of pictures: leaders that do not cross, anchors in the visible area, no labels of hidden bodies."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def test_only_what_is_seen_gets_a_label() -> None:
 
 
 def test_text_is_as_heavy_whatever_was_drawn_before() -> None:
-    """OpenCV's font keeps the weight of the last text, also of one by its older call."""
+    """OpenCV's font keeps the weight of the last text, also if an older function drew it."""
     bodies = np.zeros((120, 400), dtype=np.int32)
     before = annotate(shot_of(bodies), [Label(0, "MC-01 Mirror holder")])
     cv2.putText(np.zeros((90, 90), dtype=np.uint8), "x", (9, 60), cv2.FONT_HERSHEY_SIMPLEX, 2.0, 255, 6, cv2.LINE_AA)
@@ -65,7 +65,7 @@ def test_a_name_over_a_dark_body_is_as_on_white() -> None:
     dark = Shot(np.full_like(white.image, 20), bodies, white.nearness, white.screen)
     labels = [Label(0, "Raspberry Pi Camera Module 2")]
     on_white, on_dark = annotate(white, labels), annotate(dark, labels)
-    # The leader runs to the dot in the middle of the body; the name begins where it ends.
+    # The leader runs from the name to the dot in the middle of the body.
     rows, columns = np.nonzero((on_white < 120).all(axis=2))
     beyond = columns > 60
     around = (slice(rows[beyond].min() - 2, rows[beyond].max() + 3), slice(62, columns.max() + 3))

@@ -1,4 +1,4 @@
-"""What the live camera must show: the frame as rays from the pupil meet the device."""
+"""The expected frame of the live camera, against rays from the pupil to the device."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Views of a picture: one below the other, and names of points only where these are seen.
+"""Views of a picture: one below the other, with labels of points only where these are visible.
 
 Pieces in pictures: displaced with a line to their seats, inserted along their exit paths, assembled onto fixed pieces.
 """
@@ -56,7 +56,7 @@ def test_views_lie_one_below_the_other_with_their_captions(tmp_path: Path) -> No
     image = read_image(tmp_path / "pictures" / "cube.png")
     assert image.shape == (2100, 1400, 3)
     assert (image[:60, :200] < 100).any()
-    # What is drawn begins below the caption, however high it is.
+    # The drawing starts below the caption, whatever its height.
     tall = DevicePicture("cube", "Cube", np.eye(3), (CUBE,), caption="Above")
     assert not (shot_of(tall).bodies[:CAPTION_ROOM_PX] >= 0).any()
     assert (image[1050:1110, :200] == 255).all()

@@ -1,6 +1,6 @@
-"""The z-buffer against closed forms: areas, what is nearer, shading, lines; and labels that do not cross.
+"""The z-buffer against closed forms: areas, occlusion, shading, lines; and labels that do not cross.
 
-Line drawings of meshes: edges that are seen, none that lies behind, curves without their facets.
+Line drawings of meshes: visible edges, no hidden ones, curves without their facets.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ def test_a_sphere_is_round_and_as_near_as_its_equation() -> None:
     seen = shot.bodies == 0
     assert seen.sum() == pytest.approx(np.pi * (15.0 * 4.0) ** 2, rel=0.01)
     rows, columns = np.nonzero(seen)
-    # Every second fine pixel, whose middle is a quarter of a pixel up and left of the shown one's.
+    # Every second fine pixel, with its middle a quarter of a pixel above and left of the coarse pixel's.
     x, y = (columns + 0.25 - 100.0) / 4.0, (80.0 - rows - 0.25) / 4.0
     inner = np.hypot(x, y) < 12.0
     expected = np.sqrt(15.0**2 - x[inner] ** 2 - y[inner] ** 2)
@@ -87,7 +87,7 @@ def test_random_triangles_agree_with_a_ray_by_ray_answer(seed: int) -> None:
 
 
 def barycentric(triangle: FloatArray, points: FloatArray) -> FloatArray:
-    """Shares (..., 3) of the corners of a triangle in points (..., 2) seen from above."""
+    """Barycentric coordinates (..., 3) in a triangle of points (..., 2) in plan."""
     matrix = np.vstack([triangle[:, :2].T, np.ones(3)])
     return np.concatenate([points, np.ones((*points.shape[:-1], 1))], axis=-1) @ np.linalg.inv(matrix).T
 
@@ -135,7 +135,7 @@ def test_a_label_points_inside_of_what_is_seen() -> None:
     point = middle_pixel(shot, 0)
     assert point is not None
     assert shot.bodies[int(point[1]), int(point[0])] == 0
-    # Half hidden: the middle of the seen part, not of the whole.
+    # Half hidden: the middle of the visible part, not of the complete body.
     assert point[0] > 400 + 5 * 4
     assert middle_pixel(shot, 2) is None
     named = annotate(shot, [Label(0, "red"), Label(1, "blue"), Label(2, "hidden")])

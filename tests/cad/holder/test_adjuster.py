@@ -1,4 +1,4 @@
-"""Screws of carriers: long enough for their thread at both ends of the travel, and springs that hold."""
+"""Screws of carriers: engaged at both ends of the travel, and springs that stay compressed."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def test_at_both_ends_of_its_travel_a_screw_holds_and_its_spring_is_neither_loos
     spring = hardware.holder.spring
     assert screw.spring_mm - screw.travel_mm > spring.solid_mm
     assert screw.least_n == pytest.approx(spring.n_per_mm * (spring.free_mm - screw.spring_mm - screw.travel_mm))
-    # The carrier's edge does not reach the holder.
+    # The carrier's edge does not touch the holder.
     assert screw.gap_mm > 1.5 * reach_mm * np.tan(np.radians(1.0)) + hardware.holder.adjust_mm
 
 

@@ -22,7 +22,7 @@ NO_CUTS: Cuts = ((), ())
 
 
 def rectangle(width_mm: float, height_mm: float) -> Mirror:
-    """A mirror at right angles to the rig's z, 50 mm from the pupil: its plane's x is the rig's."""
+    """A mirror normal to the rig's z, 50 mm from the pupil: its plane's x is the rig's."""
     corners = [(-width_mm, -height_mm), (width_mm, -height_mm), (width_mm, height_mm), (-width_mm, height_mm)]
     outline = np.array([(x / 2.0, y / 2.0, 50.0) for x, y in corners])
     return Mirror(virtual_centre_in_rig_mm=np.array([0.0, 0.0, 100.0]), outline_in_rig_mm=outline)
@@ -34,7 +34,7 @@ def pads_of(mirror: Mirror, grooves: tuple[Groove, ...] = (), cuts: Cuts = NO_CU
 
 
 def test_pads_of_a_rectangle_stand_at_two_corners_and_the_middle_of_the_far_side() -> None:
-    """Of all triangles in a rectangle that hold its middle, none has a larger least height than its shorter side."""
+    """Of all triangles in a rectangle that contain its middle, none has a least height above its shorter side."""
     mirror = rectangle(40.0, 20.0)
     pads = pads_of(mirror)
     inset = 20.0 - 2.0 * (RADIUS + HARDWARE.fit.free_mm)

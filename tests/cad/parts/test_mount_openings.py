@@ -1,4 +1,4 @@
-"""Openings of the mount: the scale, the window for the cable, roofs that print."""
+"""Openings of the mount: the scale, the cable's window, printable roofs."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def test_a_wider_cable_window_widens_the_mount(planned: Planned) -> None:
 
 @pytest.mark.slow
 def test_roofs_in_skins_that_stand_askew_are_steeper_than_those_that_slicers_bear(planned: Planned) -> None:
-    """PrusaSlicer 2.5 put support under roofs of 42 deg in the head's skin, and none under these of 36 deg."""
+    """PrusaSlicer 2.5 added support under roofs of 42 deg in the head's skin, and none under roofs of 36 deg."""
     *_, plan = planned
     away = -plan.rig_from_head[:3, 2]
     through = HARDWARE.screw.clearance_hole_mm / 2.0
@@ -75,7 +75,7 @@ def test_no_mark_of_the_scale_notches_the_ceiling_of_a_slot(
 def test_no_web_runs_along_a_hole_for_a_driver(
     planned: Planned, along_deg: float, off_mm: float, *, blade: bool
 ) -> None:
-    """PrusaSlicer 2.5 put support under a web's end at 30.2 deg to such a hole, and none at 44 deg and more."""
+    """PrusaSlicer 2.5 added support under a web's end at 30.2 deg to such a hole, and none at 44 deg and more."""
     _, holder, _, mount = planned
     away = holder.rig_from_mount[1:3, 2] / np.linalg.norm(holder.rig_from_mount[1:3, 2])
     beside = np.array([-away[1], away[0]])
@@ -88,7 +88,7 @@ def test_no_web_runs_along_a_hole_for_a_driver(
 
 
 def test_the_head_ends_where_no_hole_for_a_driver_runs_along_its_last_web() -> None:
-    """Where a mount ended in the middle of such a hole, PrusaSlicer 2.5 put support under what was left of the web."""
+    """If a mount ended in the middle of such a hole, PrusaSlicer 2.5 added support under the rest of the web."""
     holder, hardware = planned_on_screws(), with_screws()
     web, half_width = 1.2, 25.8
     away = holder.rig_from_mount[1:3, 2] / np.linalg.norm(holder.rig_from_mount[1:3, 2])

@@ -1,4 +1,4 @@
-"""Marks of parts: signs as wide as they print, in a face that carries nothing, with material behind them."""
+"""Marks of parts: glyphs of printable width, in a free face, with material behind them."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def test_it_keeps_off_named_faces_and_the_bed(turned: tuple[float, float, float]
     top = NamedFace("top", np.array(tuple(frame.origin)) + 15.0 * up, up)
     mark = plan_mark(part, LINES, up, [top])
     assert mark is not None
-    # Not on top, which is named, nor below: on a side, upright.
+    # Not on top, which is a named face, nor below: on a side, upright.
     assert abs(mark.rig_from_face[:3, 2] @ up) < 1e-9
     np.testing.assert_allclose(mark.rig_from_face[:3, 1], up, atol=1e-9)
 

@@ -1,4 +1,4 @@
-"""How a camera repeats in its nest: against a body moved in the model, and many clampings drawn at random."""
+"""Repeatability of a camera in its nest: against a body moved in the model, and many random clampings."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ POSTS = np.array([(-15.0, -12.0, -34.0), (15.0, -12.0, -34.0), (15.0, 18.0, -34.
 
 
 def moved(points: np.ndarray, motion: np.ndarray) -> np.ndarray:
-    """How points (n, 3) move by a shift and a turn (6,)."""
+    """Displacements of points (n, 3) by a shift and a rotation (6,)."""
     return np.asarray(motion[:3] + np.cross(motion[3:], points))
 
 
@@ -59,7 +59,7 @@ def test_a_board_lies_on_the_plane_nearest_to_its_posts_and_stays_in_place_along
     heights = np.array([0.02, -0.01, 0.03, 0.01])
     gone = moved(POSTS, _motion_of_post_errors(POSTS) @ heights)
     np.testing.assert_allclose(gone[:, :2], 0.0, atol=1e-12)
-    # What is left over is what no plane has: of a rectangle, up and down in turn.
+    # The residual fits no plane: for a rectangle, alternately up and down.
     np.testing.assert_allclose(heights - gone[:, 2], np.mean(heights * [1, -1, 1, -1]) * np.array([1, -1, 1, -1]))
 
 

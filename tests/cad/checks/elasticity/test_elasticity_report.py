@@ -1,4 +1,4 @@
-"""Errors in degrees and pixels of motions that are known, and the robot's table of them.
+"""Errors of known motions in degrees and pixels, and the robot's table of these motions.
 
 The files of `cad --elastic`: a table of plastics with a recommendation, and the robot's table.
 """
@@ -38,7 +38,7 @@ PLAIN = Plastic("plain", 1000.0, 1.0, 50e-6, 60.0, 0.5, 0.0, "of this test")
 def test_a_turn_of_all_mirrors_moves_all_images_alike(default_layout: Layout, turning: DeviceMotions) -> None:
     errors = errors_of(default_layout, turning, 500.0, PLAIN)
     assert errors.gravity.deg == pytest.approx(np.degrees(1e-3))
-    # Mirrors double a turn; at the edges of the picture the tangent is longer.
+    # A mirror doubles a rotation; pixels are larger in angle at the edges of the picture.
     straight = 2e-3 * default_layout.camera.fy_px
     assert 0.8 * straight < errors.gravity.px < 1.8 * straight
     assert errors.gravity.apart_px < 0.02 * errors.gravity.px
@@ -57,7 +57,7 @@ def test_modulus_and_density_act_as_in_closed_form(default_layout: Layout, turni
 
 
 def test_warmth_scales_the_device_and_turns_nothing(default_layout: Layout, turning: DeviceMotions) -> None:
-    """A point seen at a depth moves as if it were nearer by the strain, of which the parallax tells."""
+    """A point at a depth appears nearer by the strain, through its parallax."""
     warmth = errors_of(default_layout, turning, 500.0, PLAIN).warmth
     assert warmth.deg == 0.0
     centres = default_layout.virtual_centres_in_rig_mm
