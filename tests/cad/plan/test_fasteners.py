@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 
 from mirrorcam.cad.parts.part_solids import bore_solid, hexagon_solid
 from mirrorcam.cad.plan.fasteners import (
-    EXIT_GAP_MM,
     COUNTERSUNK,
+    EXIT_GAP_MM,
     ROOF_DEG,
     SUNK_HEAD,
     THREADS,

@@ -223,8 +223,8 @@ def test_a_project_holds_the_settings(block: PartPlan, built_block: BuiltPart, t
 def test_a_project_is_plain_geometry_to_other_slicers(block: PartPlan, built_block: BuiltPart, tmp_path: Path) -> None:
     """The criteria of the reader of OrcaSlicer 2.2.0 (commit 1088d0a6c713, src/libslic3r/Format/bbs_3mf.cpp).
 
-    It reads every relationship of a type that starts and ends as below as a model, and a file as its own, with settings
-X
+    It reads every relationship of a type that starts and ends as below as a model. A file whose metadata name it as the
+    application is read as its own, with settings in its own paths.
     """
     (tmp_path / "parts").mkdir()
     parts = [replace(block, name=f"block_{number}") for number in range(2)]
