@@ -106,7 +106,7 @@ def _uncut(device: Device) -> Iterator[PartPlan]:
 
 
 def bought_items(device: Device) -> tuple[BoughtItem, ...]:
-    """Screws, inserts, nuts and pins of the device, in their places."""
+    """Screws, inserts, nuts and pins of the device, in place."""
     mount, clip, back = device.mount, device.clip, device.back
     head_z = -mount.rig_from_head[:3, 2]
     holes = np.column_stack([mount.holes_in_head_mm, np.full(4, -mount.head.grip_mm)])

@@ -149,7 +149,7 @@ def camera_piece(device: Device, clip: Piece) -> Piece:
 
 
 def item_pieces(items: Sequence[BoughtItem]) -> tuple[Piece, ...]:
-    """The fasteners in their places."""
+    """The fasteners in place."""
     meshes: dict[tuple[str, str, float], trimesh.Trimesh] = {}
     pieces = []
     for name, item in zip(item_names(items), items, strict=True):

@@ -1,11 +1,11 @@
 """Backs on a bracket: arms with a flange across their axis, and stands for monitors.
 
-The bracket has an upright plate behind the mount's foot, a shelf and two ribs; it prints on its back.
+The bracket has a vertical plate behind the mount's foot, a shelf and two ribs; it prints on its back.
 
 Arms, with the views along their axis: ISO 9409-1-50-4-M6, and Kinova's Gen3. The Gen3 was measured in sections of
 `bracelet_no_vision_link.STL` of ros2_kortex, kortex_description/arms/gen3/7dof/meshes, commit 1fdbef34 (Kinova inc.,
-BSD-3-Clause). Its face, with `end_effector_link`, lies 61.525 mm before the link's origin. It has four core holes of
-4.2 mm at (+-27, +-16) mm, a hole of 4 mm at (30.5, 0) mm, and a rim from 35.4 to 37.5 mm that stands out by 2.9 mm.
+BSD-3-Clause). Its face, with `end_effector_link`, is 61.525 mm in front of the link's origin. It has four core holes of
+4.2 mm at (+-27, +-16) mm, a hole of 4 mm at (30.5, 0) mm, and a rim from 35.4 to 37.5 mm that protrudes by 2.9 mm.
 
 Stands and arms for monitors (VESA MIS-D): four M4 nuts in the front of the bracket's plate.
 """

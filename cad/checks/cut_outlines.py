@@ -1,7 +1,7 @@
 """Mirrors as cut, read back from the laser's files and measured against the layout.
 
 This check uses only the files' layers CUT and ENGRAVE and their groups `mirror_ROW-COLUMN`. Mirrors are drawn from the
-back, larger by half the kerf than they become, anywhere on the stock sheet and rotated, but never flipped.
+back, larger than finished by half the kerf, anywhere on the stock sheet and rotated, but never flipped.
 """
 
 from __future__ import annotations
@@ -122,7 +122,7 @@ def mirror_fits(cuts: Mapping[str, MirrorCut], layout: Layout, cutting: Cutting)
 
 
 def check_cuts(paths: Sequence[Path], layout: Layout, cutting: Cutting) -> dict[str, Metric]:
-    """Check that every mirror occurs once, in its shape, on its stock sheet, apart from others, its mark upright."""
+    """Check that every mirror occurs once, in shape, on its stock sheet, apart from others, with its mark upright."""
     cuts, errors = read_cuts(paths)
     best_fits = mirror_fits(cuts, layout, cutting)
     outlines = [(cut.sheet, Polygon(cut.path)) for cut in cuts.values()]
@@ -163,7 +163,7 @@ def check_cuts(paths: Sequence[Path], layout: Layout, cutting: Cutting) -> dict[
 
 
 def mirrors_as_cut(placed: Mapping[str, OutlineFit], layout: Layout) -> dict[str, manifold3d.Manifold]:
-    """The finished mirrors in their places in rig: right prisms from back to front, by row and column."""
+    """The finished mirrors in place in rig: right prisms from back to front, by row and column."""
     solids = {}
     for name, mirror in zip(layout.mirror_names, layout.mirrors, strict=True):
         if name in placed:

@@ -248,7 +248,7 @@ def check_drop(
 ) -> dict[str, Metric]:
     """Check that the mirrors, as cut, reach their seats along the normal with the stated clearance around them.
 
-    Reports the volumes that parts share with the mirrors' paths, and with the mirrors grown sideways by the clearance.
+    Reports the volumes that parts share with the mirrors' paths, and with the mirrors enlarged by the clearance.
     """
     printed = manifold3d.Manifold.compose(list(parts))
     in_path = in_clearance = 0.0

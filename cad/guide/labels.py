@@ -31,7 +31,7 @@ CAPTION_ROOM_PX = MARGIN_PX + TEXT_PX + 16
 
 @dataclass(frozen=True)
 class Label:
-    """A name for a body of a picture, by its index, or for a point (3,) in rig on that body (-1: on any body)."""
+    """A label of a body in a picture, by its index, or for a point (3,) in rig on that body (-1: on any body)."""
 
     body: int
     text: str

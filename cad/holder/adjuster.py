@@ -1,4 +1,4 @@
-"""The screws that hold and tilt a mirror's carrier: screw length, spring force and range of adjustment.
+"""The screws that fasten and tilt a mirror's carrier: screw length, spring force and range of adjustment.
 
 A countersunk screw enters from the holder's back, passes a spring in a recess of the front, and draws the carrier to
 the holder by the thread in the carrier's back. Three screws set a plane: each moves its corner of the carrier by the

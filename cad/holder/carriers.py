@@ -322,7 +322,7 @@ def _nut_flats_mm(hardware: Hardware) -> float:
 
 
 def _nut(mirror: Mirror, at: FloatArray, level_mm: float, axes: FloatArray, hardware: Hardware) -> Frustum:
-    """The pocket of a nut, which the mirror closes; two of its corners lie along the mount's x."""
+    """The pocket of a nut, which the mirror closes; two of its corners are along the mount's x."""
     angles = np.pi / 3.0 * np.arange(6)
     corners = at + _nut_flats_mm(hardware) / np.sqrt(3.0) * np.column_stack([np.cos(angles), np.sin(angles)])
     flat = corners @ axes[:2]

@@ -50,7 +50,7 @@ def make_holder(plan: HolderPlan) -> Part:
     """The holder as one B-rep: the union of its solids, minus light, pockets, grooves, hollows and holes."""
     csg = PlanarCsg()
     solid = one_piece(body_of(csg, plan), plan.wall_mm)
-    # Grooves spare the baffle, which stands right behind the rims: a groove in it would have a ceiling.
+    # No groove cuts the baffle right behind the rims, where it would have a ceiling.
     grooved = csg.cut(solid, plan.grooves) + (solid ^ csg.solid(plan.walls))
     body = one_piece(csg.cut(grooved, [*plan.hollows, *plan.slots]), plan.wall_mm)
     with BuildPart() as holder:

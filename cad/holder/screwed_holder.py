@@ -1,4 +1,4 @@
-"""Plan a mirror holder whose mirrors sit on carriers: a level plate with holes for the carriers' screws."""
+"""Plan a mirror holder with mirrors on carriers: a level plate with holes for the carriers' screws."""
 
 from __future__ import annotations
 

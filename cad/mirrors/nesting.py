@@ -2,7 +2,7 @@
 
 A piece at p overlaps a placed one if p lies in the Minkowski sum of the placed piece and the reflected new one (Burke,
 Hellier, Kendall, Whitwell, "Complete and robust no-fit polygon generation", EJOR 179, 2007). For convex pieces this sum
-is the hull of the sums of their corners. A piece goes to the free place where it extends least from the packed side.
+is the hull of the sums of their corners. A piece is placed where it extends least from the packed side.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ ROUNDING_MM = 1e-6
 
 @dataclass(frozen=True)
 class NestedOutline:
-    """The place of an outline on a sheet: rotated by `rotation` (2, 2), then shifted by `shift_mm` (2,)."""
+    """The position of an outline on a sheet: rotated by `rotation` (2, 2), then shifted by `shift_mm` (2,)."""
 
     sheet: int
     rotation: FloatArray
@@ -45,7 +45,7 @@ class _Orientation:
 
 
 def nest(pieces: Sequence[FloatArray], sheet_mm: tuple[float, float], gap_mm: float) -> list[NestedOutline]:
-    """A place for every convex piece (n, 2), at least a gap from each other and from the sheet's edge.
+    """A position for every convex piece (n, 2), at least a gap from the others and from the sheet's edge.
 
     Tries several orders, packed to the left and to the bottom, until the number of sheets reaches its lower bound by
     area. Otherwise returns the nesting with the fewest sheets, and the least use of the last one. Raises ValueError for
@@ -96,7 +96,7 @@ def _orientations(piece: FloatArray) -> list[_Orientation]:
 def _pack(
     orientations: list[list[_Orientation]], order: list[int], usable_mm: FloatArray, gap_mm: float, along: int
 ) -> tuple[tuple[int, float], list[NestedOutline]]:
-    """Number of sheets, used share of the last one along an axis, and the places in the order of the pieces."""
+    """Number of sheets, used share of the last one along an axis, and the positions in the order of the pieces."""
     placed: list[NestedOutline | None] = [None] * len(orientations)
     sheets: list[list[FloatArray]] = []
     used: list[float] = []

@@ -86,7 +86,7 @@ HAIRLINE_MM = 0.025
 def write_svg(path: Path, sheet: StockSheet) -> None:
     """Write a sheet as SVG, with the sheet's upper left corner at the origin and the notes below it.
 
-    Engraving comes before the cuts, since it has to be done first.
+    Engraving is before the cuts, since it has to be done first.
     """
     width, height = sheet.cutting.sheet_mm
     total = height + NOTE_MM * (1.8 * len(sheet.notes) + 1.0)

@@ -1,11 +1,11 @@
 """Mirrors on stock sheets: the face that is up, the cut lines, and the marks engraved on the backs.
 
-All is drawn as seen from the *back* of the stock sheet, the side that is glued to the seat. Since the sheet is cut with
-its back up, nothing has to be mirrored. Mirrors are rotated on the sheet, never flipped. The back is:
+Drawings show the *back* of the stock sheet, the side that is glued to the seat. Since the sheet is cut with its back
+up, nothing has to be mirrored. Mirrors are rotated on the sheet, never flipped. The back is:
 
-- first-surface: the bare side. The coating lies on the table under its film, and the laser reaches it last.
-- second-surface: the paint on the coating. Engraving would burn both away, and the mark would be visible in the views;
-  so the mark goes into paper tape on the paint.
+- first-surface: the bare side. The coating is on the table under its film, and the laser reaches it last.
+- second-surface: the paint on the coating. Engraving would burn both, and the mark would be visible in the views, so
+  that paper tape on the paint is engraved instead.
 
 Glass is neither cut nor marked by a laser: it is cut by a water jet, or scored and broken, and marked by pen. A mark is
 an arrow that points up and the mirror's id, in single strokes.

@@ -1,6 +1,6 @@
 """The camera clip, which holds a camera with its entrance pupil at the origin and slides along the mount.
 
-A body lies in a tray (`body_clip`). A bare board is fastened to posts behind it by thread-forming screws.
+A body is in a tray (`body_clip`). A bare board is fastened to posts behind it by thread-forming screws.
 """
 
 from __future__ import annotations

@@ -129,9 +129,9 @@ def halves(area: Polygon, degrees: float, cut_mm: float) -> tuple[Polygon, Polyg
 
 
 def joint_blocks(placement: Placement, skin_mm: float, half_width_mm: float, hardware: Hardware) -> list[Frustum]:
-    """Blocks on both skins at both ends of the width, which hold the pins of a cut; none without a cut.
+    """Blocks on both skins at both ends of the width, with space for the pins of a cut; none without a cut.
 
-    The blocks at the end that prints last stand on slopes of 45 deg.
+    The blocks at the end that prints last are on slopes of 45 deg.
     """
     if placement.at is None or placement.along is None:
         return []

@@ -1,4 +1,4 @@
-"""Repeatability of a camera's pose when it is taken out of its clip and put back."""
+"""Repeatability of a camera's pose when it is removed from its clip and reinserted."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ GRID_POINTS = 61
 
 @dataclass(frozen=True)
 class Repeatability:
-    """Standard deviations of the motion of a camera that is taken out of its clip and put back.
+    """Standard deviations of the motion of a camera that is removed from its clip and reinserted.
 
     They are the pupil's shift, the body's rotation, and the motion of the sub-image that moves most: its total motion,
     and its motion against the mean of all sub-images, which changes the views' disparities.
