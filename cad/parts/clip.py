@@ -112,14 +112,11 @@ def _cable_hole(
     if not camera.cable_thick_mm:
         radius = max(camera.cable_mm / 2.0 + free, PLUG_RADIUS_MM)
         return Bore(np.array([*centre, top + 1.0]), -ABOVE, radius, wall + 2.0, SCENE)
-    half_width, half_thickness = camera.cable_mm / 2.0 + free, camera.cable_thick_mm / 2.0 + RIBBON_FREE_MM
-    upper_y = centre[1] + half_thickness
+    half_x, half_y = camera.cable_mm / 2.0 + free, camera.cable_thick_mm / 2.0 + RIBBON_FREE_MM
+    upper_y = centre[1] + half_y
     if upper_y > floor_y[1] - wall:
         upper_y = floor_y[1] + 1.0
-    return box(
-        (centre[0] - half_width, centre[1] - half_thickness, top - wall - 1.0),
-        (centre[0] + half_width, upper_y, top + 1.0),
-    )
+    return box((centre[0] - half_x, centre[1] - half_y, top - wall - 1.0), (centre[0] + half_x, upper_y, top + 1.0))
 
 
 # Depth of the hollow for a tie in the wall, below the groove of the rib.
@@ -194,41 +191,39 @@ def plan_clip(hardware: Hardware) -> ClipPlan:
     """Lay out the clip of a camera; raises InputError with the dimension if it cannot be made."""
     camera, clip, screw = hardware.camera, hardware.clip, hardware.screw
     slide = stack(hardware.mount.slide_skin_mm, hardware)
-    boss_radius = _boss_radius_mm(hardware)
+    boss = _boss_radius_mm(hardware)
     held_by = camera.held_by
     cradle = (
-        hold_body(camera, held_by, boss_radius, hardware)
+        hold_body(camera, held_by, boss, hardware)
         if isinstance(held_by, Lips)
         else hold_board(camera, held_by, hardware)
     )
     slide_x = _slide_x_mm(cradle, hardware)
-    half_width = slide_x + boss_radius
+    reach = slide_x + boss
     bottom, top = cradle.z_mm
     top = max(top, bottom + 2.0 * (screw.insert_hole_mm + screw.insert_wall_mm))
     if cradle.nest is not None:
         # A body is heavy, so that the wall extends below it as far as two rows of screws need.
-        bottom = min(bottom, top - 2.0 * boss_radius - _least_row_spacing_mm(hardware))
+        bottom = min(bottom, top - 2.0 * boss - _least_row_spacing_mm(hardware))
     outer_y = cradle.inner_y_mm - slide.wall_mm
-    wall = box(
-        (min(cradle.x_mm[0], -half_width), outer_y, bottom), (max(cradle.x_mm[1], half_width), cradle.inner_y_mm, top)
-    )
-    slide_z = _slide_z_mm(cradle, (bottom + boss_radius, top - boss_radius), hardware)
+    wall = box((min(cradle.x_mm[0], -reach), outer_y, bottom), (max(cradle.x_mm[1], reach), cradle.inner_y_mm, top))
+    slide_z = _slide_z_mm(cradle, (bottom + boss, top - boss), hardware)
     cuts = list(cradle.cuts)
     for mouth in np.array([(x, outer_y, z) for z in slide_z for x in (-slide_x, slide_x)]):
         # The clip is printed on this face, so that round holes need no roof.
         threaded = thread(mouth, SCENE, UP, slide, slide.wall_mm, screw)
         cuts += [replace(cut, up=None) if isinstance(cut, Bore) else cut for cut in threaded]
-    groove_depth = clip.rib_mm + hardware.fit.slide_mm
+    depth = clip.rib_mm + hardware.fit.slide_mm
     groove = np.array(
         [
-            [-groove_depth - OUTSIDE_MM, outer_y - OUTSIDE_MM],
-            [groove_depth + OUTSIDE_MM, outer_y - OUTSIDE_MM],
-            [0.0, outer_y + groove_depth],
+            [-depth - OUTSIDE_MM, outer_y - OUTSIDE_MM],
+            [depth + OUTSIDE_MM, outer_y - OUTSIDE_MM],
+            [0.0, outer_y + depth],
         ]
     )
     base = np.column_stack([groove, np.full(3, bottom - 1.0)])
     cuts.append(Frustum(base, base + (top - bottom + 2.0) * ABOVE))
-    tie_cuts, tie = _tie(cradle, outer_y, bottom, slide_x - boss_radius, hardware)
+    tie_cuts, tie = _tie(cradle, outer_y, bottom, slide_x - boss, hardware)
     return ClipPlan(
         pieces=(wall, *cradle.pieces),
         cuts=(*cuts, *tie_cuts, *_lens_tie(cradle, outer_y, hardware)),
@@ -291,11 +286,11 @@ def _tie(
     cable is too far from the middle.
     """
     camera, fit = hardware.camera, hardware.fit
-    half_height, half_width = _tie_slot_mm(hardware)
-    z = bottom + hardware.printer.wall_mm + half_height
-    offset = max(camera.cable_mm / 2.0, hardware.clip.rib_mm + 2.0 * fit.slide_mm) + half_width
+    half_z, half_x = _tie_slot_mm(hardware)
+    z = bottom + hardware.printer.wall_mm + half_z
+    offset = max(camera.cable_mm / 2.0, hardware.clip.rib_mm + 2.0 * fit.slide_mm) + half_x
     left, right = camera.cable_x_mm - offset, camera.cable_x_mm + offset
-    if (excess := max(-left, right) + half_width - widest_mm) > 0.0:
+    if (excess := max(-left, right) + half_x - widest_mm) > 0.0:
         raise InputError(
             f"camera clip's slot for the cable's tie is {excess:.1f} mm beyond the screws of its slide, "
             f"expected the cable nearer to the middle"
@@ -321,15 +316,11 @@ def _tie_slot_mm(hardware: Hardware) -> tuple[float, float]:
 
 def _slots(left: float, right: float, z: float, wall_y: tuple[float, float], hardware: Hardware) -> list[Frustum]:
     """Two slots through the wall at x and z for a tie, and the hollow for it in the wall's outer face."""
-    half_height, half_width = _tie_slot_mm(hardware)
+    half_z, half_x = _tie_slot_mm(hardware)
     outer_y, inner_y = wall_y
     depth = hardware.clip.rib_mm + hardware.fit.slide_mm + TIE_THICK_MM
-    z_range = (z - half_height, z + half_height)
+    z_range = (z - half_z, z + half_z)
     cuts = [
-        box((x - half_width, outer_y - 1.0, z_range[0]), (x + half_width, inner_y + 1.0, z_range[1]))
-        for x in (left, right)
+        box((x - half_x, outer_y - 1.0, z_range[0]), (x + half_x, inner_y + 1.0, z_range[1])) for x in (left, right)
     ]
-    return [
-        *cuts,
-        box((left - half_width, outer_y - 1.0, z_range[0]), (right + half_width, outer_y + depth, z_range[1])),
-    ]
+    return [*cuts, box((left - half_x, outer_y - 1.0, z_range[0]), (right + half_x, outer_y + depth, z_range[1]))]

@@ -102,9 +102,9 @@ def head_end_mm(holder: HolderPlan, half_width_mm: float, web_mm: float, hardwar
     drivers = sorted((float(point @ up), radius) for point, radius in _driver_holes(holder, half_width_mm, hardware))
     screws = transform(holder.rig_from_mount, np.column_stack([holder.holes_in_mount_mm, np.zeros(4)]))[:, 1:]
     end = float((screws @ up).max()) + head_space_mm(hardware) + hardware.screw.insert_wall_mm
-    for hole_y, radius in drivers:
-        if hole_y - radius < end and end - web_mm < hole_y + radius:
-            end = hole_y + radius + web_mm
+    for centre, radius in drivers:
+        if centre - radius < end and end - web_mm < centre + radius:
+            end = centre + radius + web_mm
     return end
 
 
