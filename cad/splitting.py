@@ -265,10 +265,7 @@ def split(part: PartPlan, corners_in_rig: FloatArray, hardware: Hardware, cuts_m
     body = mesh_of(uncut_part(part.plan, part.make)).transform(part.print_from_rig[:3])
     if cuts_mm is None:
         spans = [(float(low[axis]), float(high[axis])) for axis in (0, 1)]
-        cuts_mm = (
-            best_cuts_mm(body, 0, spans[0], bed[0], hardware),
-            best_cuts_mm(body, 1, spans[1], bed[1], hardware),
-        )
+        cuts_mm = (best_cuts_mm(body, 0, spans[0], bed[0], hardware), best_cuts_mm(body, 1, spans[1], bed[1], hardware))
     triangles, wall = triangles_of(body), hardware.printer.wall_mm
     cuts_mm = (off_corners(triangles, 0, cuts_mm[0], wall), off_corners(triangles, 1, cuts_mm[1], wall))
     return _pieces(part, body, (low, high), cuts_mm, bed, hardware)

@@ -81,30 +81,26 @@ def plan_bracket(
         *(along_x(rib, low, low + RIB_MM) for low in (-reach, rib_x_mm)),
     ]
     clearance = hardware.screw.clearance_hole_mm / 2.0
-    all_cuts = [_translated(cut, middle) for cut in cuts]
-    all_cuts += [
+    drilled = [_translated(cut, middle) for cut in cuts]
+    drilled += [
         Bore(head - OUTSIDE_MM * ABOVE, ABOVE, clearance, grip_mm + 2.0 * OUTSIDE_MM, ALONG_Y) for head in heads
     ]
-    shelf_corner = np.array([-reach, slide, foot_z])
+    shelf = np.array([-reach, slide, foot_z])
     lengths = [
         length(np.array([-half, back, foot_z]), np.array([-half, front, foot_z])),
-        length(shelf_corner, shelf_corner - grip_mm * ABOVE),
-        length(shelf_corner, shelf_corner + RIB_MM * ALONG_X),
+        length(shelf, shelf - grip_mm * ABOVE),
+        length(shelf, shelf + RIB_MM * ALONG_X),
         length(np.array([-reach, front, foot_z]), np.array([-reach, front, middle_z - down / 2.0])),
     ]
     if reach < half:
-        lengths.append(length(shelf_corner, shelf_corner + 2.0 * reach * ALONG_X))
+        lengths.append(length(shelf, shelf + 2.0 * reach * ALONG_X))
     # The section of the ribs alone, at the root of the shelf.
-    rib_height = below_mm + down / 2.0
+    height = below_mm + down / 2.0
     neck = Neck(
-        "ribs at the plate",
-        np.array([0.0, front, foot_z - rib_height / 2.0]),
-        ALONG_Y,
-        ABOVE,
-        (rib_height, 2.0 * RIB_MM),
+        "ribs at the plate", np.array([0.0, front, foot_z - height / 2.0]), ALONG_Y, ABOVE, (height, 2.0 * RIB_MM)
     )
     lengths += [length(start + middle, end + middle) for start, end in ends]
-    return Bracket(BlocksPlan(name, tuple(pieces), tuple(all_cuts), tuple(lengths)), middle, front, heads, neck)
+    return Bracket(BlocksPlan(name, tuple(pieces), tuple(drilled), tuple(lengths)), middle, front, heads, neck)
 
 
 def plate_neck(bracket: Bracket, width_mm: float, thick_mm: float, up_mm: float) -> Neck:
@@ -255,12 +251,12 @@ def plan_vesa(table: VesaBack, mount: MountPlan, load: Load, hardware: Hardware)
     """Lay out the bracket for VESA, with a window in its plate."""
     m4, offset, thickness = thread_of("M4"), table.square_mm / 2.0, table.plate_mm
     spots = [(x, z) for x in (-offset, offset) for z in (-offset, offset)]
-    nut_depth = m4.nut_height_mm + NUT_FIT_MM
+    depth = m4.nut_height_mm + NUT_FIT_MM
     cuts: list[Frustum | Bore | Hexagon] = []
     for x, z in spots:
         mouth = np.array([x, thickness + OUTSIDE_MM, z])
         cuts.append(Bore(mouth, -ALONG_Y, m4.clearance_mm / 2.0, thickness + 2.0 * OUTSIDE_MM))
-        cuts.append(Hexagon(mouth, -ALONG_Y, None, m4.nut_flats_mm + NUT_FIT_MM, nut_depth + OUTSIDE_MM))
+        cuts.append(Hexagon(mouth, -ALONG_Y, None, m4.nut_flats_mm + NUT_FIT_MM, depth + OUTSIDE_MM))
     window, low, high = RIB_X_MM - 6.0, -offset + 4.0, offset - 12.0
     cuts.append(box((-window, -1.0, low), (window, thickness + 1.0, high)))
     corner, upper = np.array([-window, thickness, low]), np.array([-window, thickness, high])
@@ -287,7 +283,7 @@ def plan_vesa(table: VesaBack, mount: MountPlan, load: Load, hardware: Hardware)
         items.append(
             BoughtItem("screw", "M4", table.screw_mm, along(head, -ALONG_Y), EXPLODE - 30.0 * ALONG_Y, (NAME,))
         )
-        frame, exit_mm = along(middle + np.array([x, thickness - nut_depth, z]), -ALONG_Y), 25.0 * ALONG_Y
+        frame, exit_mm = along(middle + np.array([x, thickness - depth, z]), -ALONG_Y), 25.0 * ALONG_Y
         items.append(BoughtItem("nut", "M4", m4.nut_height_mm, frame, EXPLODE + exit_mm, (NAME,), exit_mm[None]))
     arm = box(
         (-half, float(middle[1]) - table.arm_mm, float(middle[2]) - half),

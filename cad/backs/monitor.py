@@ -94,11 +94,7 @@ def plan_monitor(table: MonitorBack, mount: MountPlan, load: Load, hardware: Har
         mouth = np.array([side, screw_y, pad_z - OUTSIDE_MM])
         jaw_cuts.append(Bore(mouth, ABOVE, clearance, PAD_MM + 2.0 * OUTSIDE_MM))
         jaw_cuts.append(Hexagon(mouth, ABOVE, None, m4.nut_flats_mm + NUT_FIT_MM, depth + OUTSIDE_MM))
-        head, seat, down = (
-            np.array([side, screw_y, foot_z]),
-            np.array([side, screw_y, pad_z + depth]),
-            -60.0 * ABOVE,
-        )
+        head, seat, down = (np.array([side, screw_y, foot_z]), np.array([side, screw_y, pad_z + depth]), -60.0 * ABOVE)
         items.append(BoughtItem("screw", SCREW, SCREW_MM, along(head, ABOVE), HOOK_EXPLODE + 30.0 * ABOVE, (HOOK, JAW)))
         items.append(
             BoughtItem("nut", "M4", m4.nut_height_mm, along(seat, ABOVE), JAW_EXPLODE + down / 2.0, (JAW,), down[None])

@@ -177,16 +177,7 @@ def plan_arca(table: ArcaBack, mount: MountPlan, load: Load, hardware: Hardware)
             f"dovetail's slope ends {top - low:.1f} mm over its lower face, expected less than its height, "
             f"{table.height_mm:g} mm, and more than its lip, {table.lip_mm:g} mm"
         )
-    tail = np.array(
-        [
-            (-wide_x, low),
-            (wide_x, low),
-            (wide_x, edge),
-            (neck, top),
-            (-neck, top),
-            (-wide_x, edge),
-        ]
-    )
+    tail = np.array([(-wide_x, low), (wide_x, low), (wide_x, edge), (neck, top), (-neck, top), (-wide_x, edge)])
     stem = np.array([(-neck, edge), (neck, edge), (neck, foot_z), (-neck, foot_z)])
     pieces = tuple(along_x(outline + np.array([y, 0.0]), -half, half) for outline in (tail, stem))
     lip = np.array([[half, y - wide_x, low], [half, y + wide_x, low]])
@@ -214,7 +205,7 @@ def plan_arca(table: ArcaBack, mount: MountPlan, load: Load, hardware: Hardware)
 T_NUT = "M5 T-slot"
 # Distances from the mount to a screw's axis, from there to the end of the plate, and from the mount to the plate's
 # front and rear edges.
-SCREW_GAP_MM, SCREW_TO_END_MM, MARGIN_MM = 9.0, 8.0, 3.0
+SCREW_GAP_MM, SCREW_TO_END_MM, EDGE_MM = 9.0, 8.0, 3.0
 SHOWN_MM = 120.0
 # The heads are deep below the face, so that wider holes still leave a wall between them.
 FLARE_MM = 0.6
@@ -247,10 +238,10 @@ def plan_profile(table: ProfileBack, mount: MountPlan, load: Load, hardware: Har
         nut = np.array([side, y, low_z - table.lip_mm])
         down = -30.0 * ABOVE
         items.append(BoughtItem("nut", T_NUT, table.nut_mm, along(nut, ABOVE), explode + down, (PROFILE,), down[None]))
-    plan = BlocksPlan(PROFILE, (box((-end, back - MARGIN_MM, low_z), (end, front + MARGIN_MM, foot_z)),), tuple(cuts))
+    plan = BlocksPlan(PROFILE, (box((-end, back - EDGE_MM, low_z), (end, front + EDGE_MM, foot_z)),), tuple(cuts))
     half = table.profile_mm / 2.0
     profile = box((-SHOWN_MM, y - half, low_z - table.profile_mm), (SHOWN_MM, y + half, low_z))
-    depth = front - back + 2.0 * MARGIN_MM
+    depth = front - back + 2.0 * EDGE_MM
     # Both sides of the mount share the load.
     neck = Neck(
         "plate beside the mount",

@@ -26,8 +26,8 @@ from mirrorcam.cad.guide.picture_views import (
     arrow_head,
     assembled,
     displaced,
-    displaced_pieces,
     exit_path,
+    exploded_items,
     in_place,
     inserted,
     lifted,
@@ -133,7 +133,7 @@ def pictures_of(device: Device, parts: Sequence[BuiltPart], pieces: Sequence[Pie
     labelled = tuple(in_place(piece, name_of(piece)) for piece in pieces)
     unlabelled = tuple(in_place(piece) for piece in pieces)
     rays = tuple(middle_ray(layout, index) for index in range(len(layout.mirrors)))
-    exploded = displaced_pieces([(piece, piece.explode_mm) for piece in pieces])
+    exploded = exploded_items([(piece, piece.explode_mm) for piece in pieces])
     stages = Stages(pieces)
     return (
         DevicePicture("assembled", "The device, assembled", front, labelled),

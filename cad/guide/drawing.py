@@ -152,11 +152,7 @@ def draw(solid: Part, part: PartPlan, printer: Printer, screw: Fastening = HARDW
     if seats:
         as_built = Tolerances()
         table_low = draw_frames(
-            sheet,
-            table_left + 7.5,
-            table_low,
-            holder_tolerances(plan, as_built),
-            tolerance_notes(as_built),
+            sheet, table_left + 7.5, table_low, holder_tolerances(plan, as_built), tolerance_notes(as_built)
         )
     placed, scale, free_mm = _arrange(top, front, right, table_left)
     section = _section_of(part, solid, dimensions)

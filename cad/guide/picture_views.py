@@ -186,10 +186,10 @@ def assembled(
     common = mean([piece.explode_mm for piece in moved_as]) - base if moved_as else None
     moves = [(piece, STEP_SHARE * (piece.explode_mm - base if common is None else common)) for piece in new]
     moves += [(piece, STEP_SHARE * (piece.explode_mm - base)) for piece in fasteners]
-    return (*(in_place(piece, name_of(piece), pale=True) for piece in rest), *displaced_pieces(moves))
+    return (*(in_place(piece, name_of(piece), pale=True) for piece in rest), *exploded_items(moves))
 
 
-def displaced_pieces(moves: Sequence[tuple[Piece, FloatArray]]) -> tuple[Item, ...]:
+def exploded_items(moves: Sequence[tuple[Piece, FloatArray]]) -> tuple[Item, ...]:
     """Displaced pieces; fasteners and the camera have a line to their seats, displaced likewise."""
     parts = {piece.name: piece for piece, _ in moves if piece.kind == "part"}
     move_of = {piece.name: move for piece, move in moves}

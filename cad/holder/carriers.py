@@ -133,16 +133,14 @@ def _projection(mirror: Mirror, axes: FloatArray, inset_mm: float, hardware: Har
 
 
 def _free_area(
-    index: int, layout: Layout, projections: Sequence[Polygon], axes: FloatArray, hardware: Hardware
+    index: int, layout: Layout, outlines: Sequence[Polygon], axes: FloatArray, hardware: Hardware
 ) -> Polygon:
     """The area for a carrier: the projection of its mirror, cut straight so as to clear tilted adjacent mirrors."""
     area = _projection(layout.mirrors[index], axes, hardware.holder.carrier_inset_mm, hardware)
-    for other, projection in enumerate(projections):
+    for other, outline in enumerate(outlines):
         if other == index or area.is_empty:
             continue
-        swept = projection.buffer(
-            _tilt_gap_mm(layout.mirrors[other], axes, hardware), join_style="mitre", mitre_limit=2.0
-        )
+        swept = outline.buffer(_tilt_gap_mm(layout.mirrors[other], axes, hardware), join_style="mitre", mitre_limit=2.0)
         if swept.intersects(area):
             area = _outside(area, get_coordinates(orient(swept)))
     return area
@@ -289,8 +287,7 @@ def plan_carrier(
         grooves=(
             *(groove_volume(mirror, groove, hardware) for groove in grooves),
             Frustum(
-                notch @ axes[:2] + (level_mm + 1.0) * normal,
-                notch @ axes[:2] + (level_mm - thickness - 1.0) * normal,
+                notch @ axes[:2] + (level_mm + 1.0) * normal, notch @ axes[:2] + (level_mm - thickness - 1.0) * normal
             ),
         ),
         holes=tuple(Bore(mouth, -normal, radius, depth) for mouth in mouths),

@@ -273,10 +273,7 @@ def _slot(right_mm: float, depth_mm: float, hardware: Hardware) -> list[Frustum]
             (middle - half, depth_mm - depth, -1.0),
             (middle + half, depth_mm + 1.0, PLATE_MM + 1.0),
         )
-        for half, depth in (
-            (height / 2.0 + GO_MM / 2.0, GO_DEPTH_MM),
-            (height / 2.0 - GO_MM / 2.0, 2.0 * GO_DEPTH_MM),
-        )
+        for half, depth in ((height / 2.0 + GO_MM / 2.0, GO_DEPTH_MM), (height / 2.0 - GO_MM / 2.0, 2.0 * GO_DEPTH_MM))
     ]
 
 

@@ -87,15 +87,7 @@ def countersink_solid(cut: Countersink) -> Solid:
         return cone(cut.mouth)
     along, side = cut.travel_mm / 2.0 * np.cross(cut.up, cut.axis), np.asarray(cut.up)
     mouth, end = (
-        middle
-        + np.array(
-            [
-                -radius * side - along,
-                radius * side - along,
-                radius * side + along,
-                along - radius * side,
-            ]
-        )
+        middle + np.array([-radius * side - along, radius * side - along, radius * side + along, along - radius * side])
         for middle, radius in ((cut.mouth, cut.radius_mm), (cut.mouth + cut.depth_mm * cut.axis, cut.end_radius_mm))
     )
     with BuildPart() as groove:

@@ -122,10 +122,7 @@ def _worst_shifts_px(layout: Layout, motions: Mapping[str, FloatArray], depth_mm
     units = {}
     for name, mirror in zip(layout.mirror_names, layout.mirrors, strict=True):
         rotation = np.cross(np.eye(3), mirror.rig_from_plane[:3, 3]).T
-        units[name] = np.block([[np.eye(3), rotation], [np.zeros((3, 3)), np.eye(3)]]) * [
-            *[1.0] * 3,
-            *[1e-2] * 3,
-        ]
+        units[name] = np.block([[np.eye(3), rotation], [np.zeros((3, 3)), np.eye(3)]]) * [*[1.0] * 3, *[1e-2] * 3]
     common = _shifts_px(layout, units, depth_mm)
     residual = shifts - common @ np.linalg.lstsq(common, shifts, rcond=None)[0]
     total, residual_px = (
@@ -255,10 +252,7 @@ def largest_of_limits(errors: Errors) -> float:
     """The largest ratio of an error to its limit."""
     deg = max(error.deg for error in (errors.gravity, errors.warmth, errors.creep)) / TURN_DEG
     return max(
-        deg,
-        errors.gravity.apart_px / GRAVITY_PX,
-        errors.warmth.apart_px / WARMTH_PX,
-        errors.creep.apart_px / CREEP_PX,
+        deg, errors.gravity.apart_px / GRAVITY_PX, errors.warmth.apart_px / WARMTH_PX, errors.creep.apart_px / CREEP_PX
     )
 
 
