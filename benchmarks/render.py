@@ -107,7 +107,7 @@ def noise_px(
     scenes: dict[str, Callable[[], Picture]], layout: Layout, board: Charuco, pose: FloatArray
 ) -> dict[str, tuple[float, float]]:
     """RMS along an axis, and the largest, of what corners move by against those of the last scene."""
-    px, visible = Oracle(layout, board).by_mirrors(pose)
+    px, visible = Oracle(layout, board).via_mirrors(pose)
     start = px[visible]
     found = {name: corners(soft(render(), 2), start) for name, render in scenes.items()}
     *others, last = found

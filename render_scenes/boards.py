@@ -18,7 +18,7 @@ from mirrorcam.optics.geometry.targets import TAG_MODULES, AprilGrid, Charuco, C
 from mirrorcam.optics.geometry.transforms import rigid
 from mirrorcam.render_scenes.settings import RenderSettings
 
-MARGIN_SQUARES = 1  # of white paper around the printed squares; as wide as a tag around an AprilGrid
+MARGIN_SQUARES = 1  # width of the white paper around the print, in squares or AprilGrid tags
 _MOST_TEXELS_PER_SQUARE = 64
 _MOST_TEXELS_PER_MODULE = 32
 
@@ -69,7 +69,7 @@ def printed_radiance(target: Target, settings: RenderSettings) -> FloatArray:
 
 
 def board_from_texels(target: Target) -> FloatArray:
-    """Affine 3x3 from (column, row, 1), texels from the print's top left corner, to (x, y, 1) on the board, mm."""
+    """Return the affine map (3, 3) from texels (column, row, 1) of the print to (x, y, 1) on the board, mm."""
     margin = margin_mm(target)
     if isinstance(target, AprilGrid):
         texel_mm = target.tag_mm / _texels_per_tag(target)
@@ -80,7 +80,7 @@ def board_from_texels(target: Target) -> FloatArray:
 
 
 def rig_from_rectangle(target: Target, rig_from_board: FloatArray) -> FloatArray:
-    """Affine 4x4 from Mitsuba's rectangle ([-1, 1]^2, emitting along +z, v up) to the print of a board in rig, mm."""
+    """Return the affine map (4, 4) from Mitsuba's rectangle ([-1, 1]^2, emits along +z, v up) to a print in rig, mm."""
     width, height = target.size_mm
     margin = margin_mm(target)
     board_from_rectangle = np.diag([width / 2 + margin, -(height / 2 + margin), -1.0, 1.0])
@@ -114,7 +114,7 @@ def smooth_motion(keys: FloatArray, times: FloatArray) -> FloatArray:
     return rigid(rotations.as_matrix(), CubicSpline(knots, keys[:, :3, 3], bc_type="clamped")(at))
 
 
-def poses_at(poses: FloatArray, parts: FloatArray) -> FloatArray:
+def poses_at(poses: FloatArray, fractions: FloatArray) -> FloatArray:
     """Interpolate poses within the readout of one frame.
 
     Positions, and rotation vectors relative to the middle pose, follow parabolas, with constant acceleration within a
@@ -124,7 +124,7 @@ def poses_at(poses: FloatArray, parts: FloatArray) -> FloatArray:
     ----------
     poses
         Poses (3, 4, 4) at the start, middle and end of the readout.
-    parts
+    fractions
         Fractions (n,) of the readout, 0 to 1.
 
     Returns
@@ -134,6 +134,6 @@ def poses_at(poses: FloatArray, parts: FloatArray) -> FloatArray:
     """
     middle = Rotation.from_matrix(poses[1, :3, :3])
     turns = (middle.inv() * Rotation.from_matrix(poses[:, :3, :3])).as_rotvec()
-    begin, end = (2.0 * parts - 1.0) * (parts - 1.0), parts * (2.0 * parts - 1.0)
+    begin, end = (2.0 * fractions - 1.0) * (fractions - 1.0), fractions * (2.0 * fractions - 1.0)
     weights = np.stack([begin, 1.0 - begin - end, end], axis=-1)
     return rigid((middle * Rotation.from_rotvec(weights @ turns)).as_matrix(), weights @ poses[:, :3, 3])

@@ -10,7 +10,7 @@ from mirrorcam.optics.geometry.layout import Layout
 
 
 def fields(layout: Layout, depth_mm: float) -> list[shapely.Polygon]:
-    """Field of view of each mirror on the plane at a depth, in view x and y, mm."""
+    """Return the field of view of each mirror on the plane at a depth, in view x and y, mm."""
     found = []
     for mirror in layout.mirrors:
         centre = layout.view_from_rig @ mirror.virtual_centre_in_rig_mm
@@ -20,9 +20,9 @@ def fields(layout: Layout, depth_mm: float) -> list[shapely.Polygon]:
 
 
 def common_bounds(layout: Layout, depth_mm: float) -> FloatArray:
-    """Bounds [[low x, low y], [high x, high y]] of what all mirrors show at a depth, in view x and y, mm.
+    """Return the bounds [[low x, low y], [high x, high y]] of the common field at a depth, in view x and y, mm.
 
-    Where they share no part, the median of their bounds.
+    Without a common field, they are the median of the mirrors' bounds.
     """
     shown = fields(layout, depth_mm)
     common = shapely.intersection_all(shown)

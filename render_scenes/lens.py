@@ -23,7 +23,7 @@ from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.render_scenes.settings import SensorModel
 
 STEPS = 4
-"""Steps of a fixed-point iteration: each reduces the error to less than a hundredth, for waves below a pixel."""
+"""Fixed-point iterations; each divides the error by more than 100 if the waves are below a pixel."""
 PERIODS = 2.0
 """Waves across the width of the sensor."""
 
@@ -43,7 +43,7 @@ class WavyCamera(Camera):
 
     @cached_property
     def model(self) -> Camera:
-        """The same camera without waves."""
+        """The camera without waves."""
         return Camera.model_validate(self.model_dump(exclude={"waves_px"}))
 
     def waves(self, pixels: FloatArray) -> FloatArray:
@@ -71,7 +71,7 @@ def true_camera(camera: Camera, sensor: SensorModel) -> Camera:
     return WavyCamera(**camera.model_dump(), waves_px=sensor.lens_waves_px)
 
 
-GRID_PX = 8.0  # spacing of exact undistortion; a quintic spline between the nodes is good to 1e-7 px
+GRID_PX = 8.0  # spacing of the exact nodes; a quintic spline between them is accurate to 1e-7 px
 
 
 def undistorted_pixels(camera: Camera, u: FloatArray, v: FloatArray) -> FloatArray:
@@ -121,19 +121,19 @@ def defocused(sharp: NDArray[np.float32], variance_px2: NDArray[np.float32], sub
         rows = slice(start, start + ROWS)
         mixed = blurred[0][rows]
         for (before, level), more in zip(pairwise(levels), blurred[1:], strict=True):
-            part = variance_px2[rows] * np.float32(subpixels**2 / (level**2 - before**2))
-            part -= np.float32(before**2 / (level**2 - before**2))
+            blend = variance_px2[rows] * np.float32(subpixels**2 / (level**2 - before**2))
+            blend -= np.float32(before**2 / (level**2 - before**2))
             if len(levels) > 2:
-                np.clip(part, 0.0, 1.0, out=part)
-            part *= more[rows] - mixed
-            part += mixed
-            mixed = part
+                np.clip(blend, 0.0, 1.0, out=blend)
+            blend *= more[rows] - mixed
+            blend += mixed
+            mixed = blend
         found[rows] = mixed
     return found
 
 
 def _levels(low: float, high: float, step: float) -> list[float]:
-    """Rising sigmas from `low` (or less) to `high` (or more), all 0 or at least `LEAST_SAMPLED`."""
+    """Return ascending sigmas from `low` (or less) to `high` (or more), all 0 or at least `LEAST_SAMPLED`."""
     low = low if low >= LEAST_SAMPLED else 0.0
     even = np.linspace(low, high, max(int(np.ceil((high - low) / step)), 1) + 1).tolist()
     inner = [level for level in even[1:-1] if level >= LEAST_SAMPLED]

@@ -30,7 +30,7 @@ class Triangles:
 def read_mesh(path: Path) -> Triangles:
     """Read the triangles of an STL, PLY or OBJ file, in its own units and frame; raise InputError if invalid.
 
-    Mitsuba reads PLY and OBJ, so that its variant must be set.
+    Mitsuba reads PLY and OBJ: its variant must be set.
     """
     suffix = path.suffix.lower()
     if suffix not in MESH_SUFFIXES:
@@ -99,7 +99,7 @@ def leaves(size_mm: float, seed: int) -> Triangles:
         twig[:, 2] += 0.15 * size_mm * np.sin(np.pi * along)
         offset = 0.01 * size_mm * np.array([[[0.0, 0.0, 0.0], [0.0, 0.6, 1.0], [0.0, -0.6, 1.0], [0.0, 0.0, 0.0]]])
         add(twig[:, None] + offset, np.array([0.20, 0.12, 0.06]))
-        for place in range(1, 9):
+        for knot in range(1, 9):
             axes = np.linalg.qr(random.standard_normal((3, 3)))[0]
             length = random.uniform(0.22, 0.34) * size_mm
             grid = np.empty((9, 3, 3))
@@ -107,5 +107,5 @@ def leaves(size_mm: float, seed: int) -> Triangles:
             grid[..., 1] = across * wide[:, None]
             grid[..., 2] = 0.12 * np.abs(across) * wide[:, None] * 2.0 - 0.25 * along[:, None] ** 2
             green = np.array([random.uniform(0.08, 0.35), random.uniform(0.30, 0.55), random.uniform(0.05, 0.15)])
-            add(twig[place] + (grid * length) @ axes.T, green)
+            add(twig[knot] + (grid * length) @ axes.T, green)
     return Triangles(np.concatenate(points), np.concatenate(faces), np.concatenate(colours))

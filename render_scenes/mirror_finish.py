@@ -15,7 +15,7 @@ from mirrorcam.render_scenes.settings import Bend, RenderSettings, SurfaceFinish
 class MirrorFinish(Value):
     """Surface finish of one mirror: linear reflectance in red, green and blue, roughness, sag and ripple.
 
-    The surface bends along the directions, which are anticlockwise from the x axis of the mirror's frame `plane`.
+    Directions are anticlockwise from the x axis of the mirror's frame `plane`.
     """
 
     reflectance: tuple[float, float, float]
@@ -23,7 +23,7 @@ class MirrorFinish(Value):
         default=0.0, ge=0, description="alpha of the Beckmann microfacet distribution: rms slope times root 2"
     )
     bend: Bend = "sphere"
-    sag_mm: float = Field(default=0.0, description="depth of the middle below the rim")
+    sag_mm: float = Field(default=0.0, description="depth of the centre below the rim")
     sag_direction_deg: float = 0.0
     ripple_mm: float = Field(default=0.0, ge=0, description="amplitude of the surface waviness")
     ripple_wavelength_mm: float = Field(default=20.0, gt=0)
@@ -83,18 +83,18 @@ class MirrorFinish(Value):
 
 
 def _direction(angle_deg: float) -> tuple[FloatArray, FloatArray]:
-    """Unit vectors (2,) along and across a direction."""
+    """Return unit vectors (2,) along and perpendicular to a direction."""
     angle = np.deg2rad(angle_deg)
     return np.array([np.cos(angle), np.sin(angle)]), np.array([-np.sin(angle), np.cos(angle)])
 
 
 def radius_mm(mirror: Mirror) -> float:
-    """Return the distance of the farthest corner of a mirror from its middle."""
+    """Return the distance of the farthest corner of a mirror from its centre."""
     return float(np.linalg.norm(mirror.outline_in_plane_mm, axis=1).max())
 
 
 def uniform_finishes(settings: RenderSettings, count: int) -> tuple[MirrorFinish, ...]:
-    """Return smooth, flat mirrors of the reflectance of the settings."""
+    """Return the finishes of smooth, flat mirrors with the reflectance of the settings."""
     return (MirrorFinish(reflectance=(settings.mirror_reflectance,) * 3),) * count
 
 

@@ -1,9 +1,9 @@
 """Choice of Mitsuba's variant: CUDA where a GPU is available, otherwise LLVM, scalar as a last resort; never an abort.
 
 Dr.Jit loads a shared LLVM as soon as it is imported. Several versions (15 and 16 among them) end the whole process
-with an LLVM ERROR once a kernel compiles, and Dr.Jit takes them silently where a distribution ships one. So a library
-is used only if it is the packaged one of the `render` extra, or if a child process has rendered with it; and no module
-of this folder imports mitsuba or drjit before `use_variant` has pointed Dr.Jit at it.
+with an LLVM ERROR when a kernel is compiled, and Dr.Jit loads whichever the distribution ships. Therefore a library is
+used only if the `render` extra installed it or a child process has rendered with it, and no module of this folder
+imports mitsuba or drjit before `use_variant` has pointed Dr.Jit at the library.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ LIBRARY_VARIABLE = "DRJIT_LIBLLVM_PATH"
 _NEWEST_THAT_ABORTS = 16
 _log = logging.getLogger(__name__)
 
-# Compiles float comparisons, a ray cast and a reduction: what an unusable LLVM or driver stumbles over.
+# Float comparisons, a ray cast and a reduction: an unusable LLVM or driver fails to compile these.
 _PROBE = """
 import sys
 import mitsuba as mi
@@ -43,7 +43,7 @@ sys.exit(0 if abs(dr.sum(distance)[0] - 6.5) < 1e-5 else 1)
 
 
 def packaged_library() -> Path | None:
-    """The libLLVM of the package in the `render` extra, by its real name: the short links may not exist yet."""
+    """Return the libLLVM that the `render` extra installed, by its full name: the short links may not exist yet."""
     try:
         files = metadata.distribution(PACKAGE).files or []
     except metadata.PackageNotFoundError:
@@ -53,10 +53,10 @@ def packaged_library() -> Path | None:
 
 
 def loads(library: Path) -> bool:
-    """Return whether the dynamic loader accepts a library; preloads the packaged C++ runtime if its links are missing.
+    """Return whether the dynamic loader accepts a library; preload the packaged C++ runtime if its links are missing.
 
-    The package makes the link libc++.so.1 at the first start of the interpreter after its installation, so that start
-    itself does not find it. A library loaded globally under its own name satisfies the loader just as well.
+    The package creates the link libc++.so.1 when Python first starts after the installation, too late for that process.
+    A runtime that was loaded globally under its full name satisfies the loader, too.
     """
     try:
         ctypes.CDLL(str(library))
@@ -76,7 +76,7 @@ def loads(library: Path) -> bool:
 
 
 def renders(variant: str, library: Path | None = None) -> bool:
-    """Return whether a child process can render with a variant (and an LLVM library): it may abort, we do not."""
+    """Return whether a variant (and an LLVM library) can render, tested in a child process because it may abort."""
     environment = dict(os.environ)
     if library is not None:
         environment[LIBRARY_VARIABLE] = str(library)
@@ -88,8 +88,8 @@ def renders(variant: str, library: Path | None = None) -> bool:
     return done.returncode == 0
 
 
-def gpu_answers() -> bool:
-    """Return whether the CUDA driver is present and reports a device; asking the driver costs nothing without one."""
+def has_gpu() -> bool:
+    """Return whether the CUDA driver is present and reports a device."""
     try:
         driver = ctypes.CDLL("nvcuda.dll" if sys.platform == "win32" else "libcuda.so.1")
     except OSError:
@@ -99,7 +99,7 @@ def gpu_answers() -> bool:
 
 
 def _system_libraries() -> list[Path]:
-    """Places of an LLVM that neither the user nor the package names; newest first."""
+    """Return the LLVM libraries of the system, newest first."""
     versions = range(24, 16, -1)
     names = [name for v in versions if (name := ctypes.util.find_library(f"LLVM-{v}"))]
     folders = [Path(f"/usr/lib/llvm-{v}/lib") for v in versions]
@@ -110,9 +110,9 @@ def _system_libraries() -> list[Path]:
 
 @cache
 def usable_library() -> Path | None:
-    """The LLVM to render with: the user's, the packaged one, or one of the system; None where there is none.
+    """Return the LLVM to render with: the user's, the packaged one, or the system's; None if none is usable.
 
-    Raises InputError when the user's own choice cannot render.
+    Raises InputError if the user's choice cannot render.
     """
     packaged = packaged_library()
     chosen = os.environ.get(LIBRARY_VARIABLE)
@@ -129,8 +129,8 @@ def usable_library() -> Path | None:
 
 @cache
 def choose_variant() -> str:
-    """The fastest variant this machine can render with; decided once in a process."""
-    if gpu_answers() and renders(CUDA):
+    """Return the fastest variant that this machine can render with."""
+    if has_gpu() and renders(CUDA):
         return CUDA
     if usable_library() is not None:
         return LLVM
@@ -139,9 +139,9 @@ def choose_variant() -> str:
 
 
 @cache
-def _ready(variant: str) -> None:
+def _check_usable(variant: str) -> None:
     """Raise InputError unless a variant can run; for LLVM, point Dr.Jit at a library that it can use."""
-    if variant.startswith("cuda") and not gpu_answers():
+    if variant.startswith("cuda") and not has_gpu():
         raise InputError(f"variant {variant} needs a GPU with a CUDA driver, found none")
     library = usable_library()
     if library is None:
@@ -151,7 +151,7 @@ def _ready(variant: str) -> None:
     if "drjit" not in sys.modules:
         os.environ[LIBRARY_VARIABLE] = str(library)
         return
-    # Dr.Jit was imported by someone else: it has chosen its library and stays with it.
+    # Other code imported Dr.Jit, which has already chosen its library and cannot change it.
     loaded = importlib.import_module("drjit").detail.llvm_version()
     if variant.startswith("llvm") and loaded[0] <= _NEWEST_THAT_ABORTS:
         version = ".".join(str(number) for number in loaded)
@@ -159,14 +159,14 @@ def _ready(variant: str) -> None:
 
 
 def use_variant(variant: str | None = None, *, colour: bool = False) -> str:
-    """Set Mitsuba's variant, by default the fastest usable one (in `colour`, of those with three), and return its name.
+    """Set Mitsuba's variant, by default the fastest usable one (monochrome, or RGB with `colour`); return its name.
 
-    Raises InputError where Mitsuba is not installed, has no such variant, or could not run it.
+    Raises InputError if Mitsuba is not installed, has no such variant, or cannot run it.
     """
     if importlib.util.find_spec("mitsuba") is None or importlib.util.find_spec("drjit") is None:
         raise InputError('rendering needs Mitsuba, which is not installed: pip install "mirrorcam[render]"')
     name = variant or (IN_COLOUR[choose_variant()] if colour else choose_variant())
-    _ready(name)
+    _check_usable(name)
     mi = importlib.import_module("mitsuba")
     if name not in mi.variants():
         raise InputError(f"variant {name!r} is unknown to Mitsuba, expected one of {', '.join(mi.variants())}")

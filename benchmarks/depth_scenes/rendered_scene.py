@@ -150,7 +150,7 @@ class RenderedScene:
             subpixels=1,
             spp=spp,
             seed=100 * (row + VIEWS) + column + VIEWS,
-            by_mirrors=False,
+            via_mirrors=False,
             most_indirect=MOST_INDIRECT / self.scene.exposure,
         )
         return srgb(light * np.float32(self.scene.exposure))

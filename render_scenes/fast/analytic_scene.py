@@ -189,7 +189,7 @@ class _LoadedFootprints:
     square: Any
     x: Any
     y: Any
-    slide_mm: Any
+    centre_shift_mm: Any
     pupil: tuple[Any, Any] | None
 
 
@@ -343,7 +343,7 @@ class FastScene:
             square=load(square),
             x=load(footprints.x),
             y=load(footprints.y),
-            slide_mm=load(footprints.slide_mm),
+            centre_shift_mm=load(footprints.centre_shift_mm),
             pupil=(load(pupil[0]), load(pupil[1])) if np.any(pupil) else None,
         )
 
@@ -359,7 +359,7 @@ class FastScene:
 
     def _radiance(self, footprints: _LoadedFootprints, level: MipLevel, numbers: list[list[Any]], time: Any) -> Any:
         """Return the mean radiance of the print over footprints; readout times of a rolling shutter are 0 to 1."""
-        xp, x, y, slide = self._xp, footprints.x, footprints.y, footprints.slide_mm
+        xp, x, y, shift_mm = self._xp, footprints.x, footprints.y, footprints.centre_shift_mm
         n = numbers[0]
         if len(numbers) == 3:
             n = [
@@ -368,8 +368,8 @@ class FastScene:
             ]
         columns = xp.index(level.columns)
         depth = n[6] * x + n[7] * y + n[8]
-        u = n[0] * x + n[1] * y + n[2] - slide * (n[9] * x + n[10] * y + n[11])
-        v = n[3] * x + n[4] * y + n[5] - slide * (n[12] * x + n[13] * y + n[14])
+        u = n[0] * x + n[1] * y + n[2] - shift_mm * (n[9] * x + n[10] * y + n[11])
+        v = n[3] * x + n[4] * y + n[5] - shift_mm * (n[12] * x + n[13] * y + n[14])
         if footprints.pupil is not None:
             for at, a in ((21, footprints.pupil[0]), (27, footprints.pupil[1])):
                 u += a * (n[at] * x + n[at + 1] * y + n[at + 2])

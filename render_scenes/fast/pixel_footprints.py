@@ -51,7 +51,7 @@ class PixelFootprints:
         Index of the subpixel in the picture, row by row.
     x, y
         Normalized image coordinates of its centre.
-    slide_mm
+    centre_shift_mm
         Shift of the view's centre.
     weight
         Transmittance of mirror and plate, times the mirror's unvignetted share of the pupil or, for a pinhole, the
@@ -68,7 +68,7 @@ class PixelFootprints:
     square: NDArray[np.uint32]
     x: NDArray[np.float32]
     y: NDArray[np.float32]
-    slide_mm: NDArray[np.float32]
+    centre_shift_mm: NDArray[np.float32]
     weight: NDArray[np.float32]
     pupil_x: NDArray[np.float32]
     pupil_y: NDArray[np.float32]
@@ -77,7 +77,7 @@ class PixelFootprints:
 
 
 @dataclass(frozen=True)
-class _Seen:
+class _Visible:
     """Subpixels (n,) of a mirror, and its unvignetted parts of the pupil there."""
 
     square: NDArray[np.int64]
@@ -111,7 +111,9 @@ def pixel_footprints(
     grid = _SensorGrid(camera, cut)
     if not mirrors:
         every = np.arange(grid.count)
-        return ((grid.footprints(0, every, np.zeros(grid.count), np.ones(grid.count), _whole(grid.count), pupil),),)
+        return (
+            (grid.footprints(0, every, np.zeros(grid.count), np.ones(grid.count), _full_pupil(grid.count), pupil),),
+        )
     views = []
     # Nearer mirrors first: a farther one has at most the rest of the pupil.
     order = sorted(range(len(mirrors)), key=lambda index: front_distance_mm(mirrors[index]))
@@ -124,11 +126,18 @@ def pixel_footprints(
             seen = grid.seen(mirror, passes, pupil)
             square, share = seen.square, np.minimum(seen.part.share, free[seen.square])
             free[square] -= share
-            slide, light = _transmitted(mirror, passes, grid.points(square), float(reflectances[index]))
+            centre_shift_mm, light = _shift_and_transmittance(
+                mirror, passes, grid.points(square), float(reflectances[index])
+            )
             off_axis: NDArray[np.bool_] = np.asarray(seen.part.centroid.any(axis=1))
             found = [
                 grid.footprints(
-                    index, square[chosen], slide[chosen], (light * share)[chosen], seen.part.chosen(chosen), pupil
+                    index,
+                    square[chosen],
+                    centre_shift_mm[chosen],
+                    (light * share)[chosen],
+                    seen.part.chosen(chosen),
+                    pupil,
                 )
                 for chosen in (~off_axis, off_axis)
                 if chosen.any()
@@ -138,11 +147,11 @@ def pixel_footprints(
     return tuple(views)
 
 
-def _whole(count: int) -> DiscPart:
+def _full_pupil(count: int) -> DiscPart:
     return DiscPart(np.ones(count), np.zeros((count, 2)), np.tile([0.25, 0.25, 0.0], (count, 1)))
 
 
-def _transmitted(
+def _shift_and_transmittance(
     mirror: Mirror, passes: int, normalized: FloatArray, reflectance: float
 ) -> tuple[FloatArray, FloatArray]:
     """Return the shift (n,), mm, of the centre, and the transmittance (n,), along rays (n, 2)."""
@@ -153,8 +162,8 @@ def _transmitted(
     lost = surface_reflectance(tangent, mirror.refractive_index)
     if passes == 0:
         return np.zeros(count), lost
-    slide = 2.0 * passes * mirror.thickness_mm * inner_tangent(tangent, mirror.refractive_index) / tangent
-    return slide, (1.0 - lost) ** 2 * reflectance**passes * lost ** (passes - 1)
+    centre_shift_mm = 2.0 * passes * mirror.thickness_mm * inner_tangent(tangent, mirror.refractive_index) / tangent
+    return centre_shift_mm, (1.0 - lost) ** 2 * reflectance**passes * lost ** (passes - 1)
 
 
 class _SensorGrid:
@@ -178,7 +187,7 @@ class _SensorGrid:
         self,
         view: int,
         square: NDArray[np.int64],
-        slide_mm: FloatArray,
+        centre_shift_mm: FloatArray,
         weight: FloatArray,
         part: DiscPart,
         pupil: Pupil,
@@ -195,7 +204,7 @@ class _SensorGrid:
             square=square.astype(np.uint32),
             x=single(x),
             y=single(y),
-            slide_mm=single(slide_mm),
+            centre_shift_mm=single(centre_shift_mm),
             weight=single(weight),
             pupil_x=single(pupil_x),
             pupil_y=single(pupil_y),
@@ -203,15 +212,15 @@ class _SensorGrid:
             steps=np.column_stack([step.mean(axis=0) for step in self._steps(square[:: max(len(square) // 1000, 1)])]),
         )
 
-    def seen(self, mirror: Mirror, passes: int, pupil: Pupil) -> _Seen:
+    def seen(self, mirror: Mirror, passes: int, pupil: Pupil) -> _Visible:
         """Return the subpixels of a mirror after a number of passes through its plate."""
         rows, columns = (np.arange(0, length + BLOCK - 1, BLOCK).clip(max=length - 1) for length in self._shape)
         nodes = self.normalized[np.ix_(rows, columns)]
-        planes = _served(mirror, nodes.reshape(-1, 2), pupil, passes)
+        planes = _unvignetted(mirror, nodes.reshape(-1, 2), pupil, passes)
         nearest = planes.distance.min(axis=1).reshape(nodes.shape[:2])
         near = nearest > -pupil.radius_mm
         if not near.any():
-            return _Seen(np.zeros(0, dtype=np.int64), _whole(0))
+            return _Visible(np.zeros(0, dtype=np.int64), _full_pupil(0))
         top, bottom = _span(near.any(axis=1))
         left, right = _span(near.any(axis=0))
         nearest = nearest[top:bottom, left:right]
@@ -219,14 +228,14 @@ class _SensorGrid:
         step = 1.5 * _reach_mm(nearest) / BLOCK
         corners = np.stack([nearest[:-1, :-1], nearest[1:, :-1], nearest[:-1, 1:], nearest[1:, 1:]])
         # Inside a convex outline the distance within a block is smallest at one of its corners.
-        whole = corners.min(axis=0) > pupil.radius_mm + step
-        mixed = ~whole & (corners.max(axis=0) > -pupil.radius_mm - BLOCK * step)
-        inside, edge = (self._squares(blocks, top, left) for blocks in (whole, mixed))
+        unvignetted = corners.min(axis=0) > pupil.radius_mm + step
+        mixed = ~unvignetted & (corners.max(axis=0) > -pupil.radius_mm - BLOCK * step)
+        inside, edge = (self._squares(blocks, top, left) for blocks in (unvignetted, mixed))
         part, distance = self._part(mirror, passes, edge, pupil, step)
         shown = part.share > 0.0
         if pupil.radius_mm > 0.0:
             shown |= distance > -pupil.radius_mm - BLOCK * step
-        return _Seen(np.concatenate([inside, edge[shown]]), joined(_whole(len(inside)), part.chosen(shown)))
+        return _Visible(np.concatenate([inside, edge[shown]]), joined(_full_pupil(len(inside)), part.chosen(shown)))
 
     def _squares(self, blocks: NDArray[np.bool_], top: int, left: int) -> NDArray[np.int64]:
         """Return indices (n,) of the subpixels of blocks; the first is `top` and `left` blocks from the corner."""
@@ -244,7 +253,7 @@ class _SensorGrid:
         If a subpixel covers much of the blurred edge, the part is the mean of `FINE` x `FINE` samples. If it is empty,
         the centroid is its last point.
         """
-        planes = _served(mirror, self.points(square), pupil, passes)
+        planes = _unvignetted(mirror, self.points(square), pupil, passes)
         part = disc_part(planes, pupil.radius_mm)
         nearest = planes.distance.argmin(axis=1)
         rows = np.arange(len(nearest))
@@ -258,7 +267,7 @@ class _SensorGrid:
         right, down = self._steps(square[cut])
         offsets = fine[:, None, None, None] * down + fine[:, None, None] * right
         points = self.points(square[cut]) + offsets.reshape(FINE * FINE, -1, 2)
-        every = (_served(mirror, at, pupil, passes) for at in points)
+        every = (_unvignetted(mirror, at, pupil, passes) for at in points)
         part.share[cut] = np.mean([disc_part(planes, pupil.radius_mm).share for planes in every], axis=0)
         return part, distance
 
@@ -276,8 +285,8 @@ def _span(hit: NDArray[np.bool_]) -> tuple[int, int]:
     return max(int(found[0]) - 1, 0), min(int(found[-1]) + 2, len(hit))
 
 
-def _served(mirror: Mirror, normalized: FloatArray, pupil: Pupil, passes: int) -> HalfPlanes:
-    """Return the mirror's part of the pupil for rays (n, 2), as half-planes about the middle of the walked pupil."""
+def _unvignetted(mirror: Mirror, normalized: FloatArray, pupil: Pupil, passes: int) -> HalfPlanes:
+    """Return the mirror's part of the pupil for rays (n, 2), as half-planes about the centre of the shifted pupil."""
     planes = clear_aperture(mirror, normalized, pupil.focus_mm, passes)
     centre_mm = pupil.centre_mm(normalized)[:, None]
     return HalfPlanes(planes.direction, planes.distance + (planes.direction * centre_mm).sum(axis=-1))

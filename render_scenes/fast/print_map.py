@@ -50,7 +50,7 @@ class VirtualView:
     """Light along (x, y, 1) in the camera appears to come from `centre_in_rig_mm` (3,) along `turn` (3, 3) @ (x, y, 1).
 
     These are the virtual centre and the reflection of a mirror's front, or zero and identity for the bare camera.
-    The centre is shifted along -`normal_in_rig` (3,) by `PixelFootprints.slide_mm`.
+    The centre is shifted along -`normal_in_rig` (3,) by `PixelFootprints.centre_shift_mm`.
     """
 
     centre_in_rig_mm: FloatArray
@@ -60,9 +60,9 @@ class VirtualView:
 
 @dataclass(frozen=True)
 class PrintMap:
-    """Projective map from a view to the print: the ray r = (x, y, 1) meets it at (print - s slide) r / (depth r).
+    """Projective map from a view to the print: the ray r = (x, y, 1) meets it at (print - s shift) r / (depth r).
 
-    s is the shift of the view's centre. `print` (2, 3) and `slide` (2, 3) are in texels; `depth` (3,) r is positive for
+    s is the shift of the view's centre. `print` (2, 3) and `shift` (2, 3) are in texels; `depth` (3,) r is positive for
     rays that meet the printed side. A ray from the point (p, q) of the pupil, mm, adds p across[0] + q across[1] to
     `print` and p stretch[0] + q stretch[1] to depth r: `across` is (2, 2, 3), `stretch` (2,). `nearness` (3,) r is the
     reciprocal of the distance, mm, along the axis.
@@ -70,7 +70,7 @@ class PrintMap:
 
     print: FloatArray
     depth: FloatArray
-    slide: FloatArray
+    shift: FloatArray
     across: FloatArray
     stretch: FloatArray
     nearness: FloatArray
@@ -120,7 +120,7 @@ def map_to_print(
         for k in range(2)
     ]
     nearness = -turn[2] / centre[2] if shown else np.zeros(3)
-    middle = _middle_of_defocus(nearness, pupil)
+    middle = _mean_ray(nearness, pupil)
     return PrintMap(
         (from_centre + np.outer(origin, turn[2])) @ middle,
         depth @ middle,
@@ -131,12 +131,11 @@ def map_to_print(
     )
 
 
-def _middle_of_defocus(nearness: FloatArray, pupil: Pupil) -> FloatArray:
-    """The ray (3,) from a ray (3,), as a (3, 3): the mean of the rays through the whole pupil, seen from its middle.
+def _mean_ray(nearness: FloatArray, pupil: Pupil) -> FloatArray:
+    """Matrix (3, 3) from the chief ray (3,) of a pixel to the mean of its rays through the pupil, seen from the centre.
 
-    From the point a of the pupil, the ray r meets a board of nearness n(r) where the ray r + a (n - 1 / focus) from the
-    middle does, n that of the latter: further out on the side where the board is more out of focus. The mean over the
-    pupil, of the diameter A, of the squares of a along an axis is A^2 / 16.
+    From the pupil point a, the ray of a pixel r meets the board where r + a (n - 1 / focus) from the centre does;
+    n is the board's nearness there. Over a pupil of diameter A, the mean of the square of a along an axis is A^2 / 16.
     """
     along = pupil.aperture_mm**2 / 16.0 * np.append(nearness[:2], 0.0)
     return np.eye(3) + np.outer(along, nearness - np.array([0.0, 0.0, 1.0 / pupil.focus_mm]))
@@ -153,7 +152,7 @@ def coefficients(to_print: PrintMap, steps: FloatArray, scale: float) -> list[fl
     parts = (
         at,
         to_print.depth,
-        scale * to_print.slide,
+        scale * to_print.shift,
         at[:, :2] @ steps,
         to_print.depth[:2] @ steps,
         across,

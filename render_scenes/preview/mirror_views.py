@@ -1,6 +1,6 @@
 """Mirrors as arrays: the share of a pixel's light via each mirror, and its ray in the scene.
 
-As in `fast.pixel_footprints`, but for each pixel alone. At a corner of a mirror, the pupil shares of its two edges are
+The scalar counterpart of `fast.pixel_footprints`. At a corner of a mirror, the pupil shares of its two edges are
 multiplied.
 """
 
@@ -16,7 +16,7 @@ from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.pupil import Pupil
-from mirrorcam.render_scenes.preview.triangle_tree import along, at, cross, dot, times, turned
+from mirrorcam.render_scenes.preview.triangle_tree import along, at, cross, dot, mapped_vector, times
 
 LEAST_SHARE = 1.0 / 512.0
 """Smallest pupil share at which a mirror is considered."""
@@ -26,26 +26,26 @@ LEAST_SHARE = 1.0 / 512.0
 INDEX, WINDOW, NORMAL, DISTANCE, THICKNESS, REFRACTIVE_INDEX, REFLECTANCE = 0, 1, 5, 8, 9, 10, 11
 CENTRE_IN_VIEW, NORMAL_IN_VIEW, VIEW_FROM_CAMERA, EDGES = 12, 15, 18, 30
 EDGE = 6
-"""Columns of an edge."""
+"""Number of columns per edge."""
 
-WIDER = 1.25
-"""Pixels around an outline that are looked at, in those by which its nearest corner is blurred."""
+BLUR_MARGIN = 1.25
+"""Margin of a window around an outline, relative to the blur of the outline's nearest corner."""
 
 
 class MirrorViews(NamedTuple):
-    """Mirrors, those whose front is nearer to the pupil first.
+    """Mirrors, ordered by the distance of their front from the pupil.
 
     Attributes
     ----------
     table
-        (m, 30 + 6 e): of each mirror its number in the layout; the pixels that may show it: first row, last + 1, first
-        column, last + 1; its normal in rig; distance of its front from the pupil, mm; thickness of the glass before
-        the coating, mm, 0 of a first-surface mirror; refractive index; reflectance of the coating; virtual centre of
-        the front, mm, its normal, and what turns rays (3, 4), in view axes; and of each edge of the front the cross
-        product of its ends and the vector along it, with the inside on the positive side, the last one again where a
-        mirror has fewer than others.
+        (m, 30 + 6 e), one mirror per row: its number in the layout; its window of pixels (first row, last + 1, first
+        column, last + 1); its normal in rig; distance of its front from the pupil, mm; thickness of the glass before
+        the coating, mm (0 for a first surface); refractive index; reflectance of the coating; in view axes, the
+        virtual centre of the front, mm, its normal, and the map (3, 4) of ray directions from the camera; for each
+        edge of the front, the cross product of its ends (positive towards the inside) and the vector along it. The
+        last edge is repeated if other mirrors have more.
     radius_mm, nearness_per_mm, fx_px
-        Radius of the pupil, one over the distance in focus, and the focal length.
+        Radius of the pupil, reciprocal of the focus distance, and the focal length.
     """
 
     table: FloatArray
@@ -58,11 +58,11 @@ def mirror_views(layout: Layout, pupil: Pupil, reflectance: float) -> MirrorView
     """Return the mirrors of a layout as arrays, without curvature and pupil walk."""
     order = sorted(range(len(layout.mirrors)), key=lambda k: layout.mirrors[k].distance_mm - layout.mirrors[k].front_mm)
     mirrors = [layout.mirrors[k] for k in order]
-    most = max(len(mirror.outline_in_rig_mm) for mirror in mirrors)
-    turn = layout.view_from_rig
+    edge_count = max(len(mirror.outline_in_rig_mm) for mirror in mirrors)
+    view_from_rig = layout.view_from_rig
     rows = []
     for number, mirror in zip(order, mirrors, strict=True):
-        front_mm, normal = mirror.distance_mm - mirror.front_mm, turn @ mirror.normal_in_rig
+        front_mm, normal = mirror.distance_mm - mirror.front_mm, view_from_rig @ mirror.normal_in_rig
         rows.append(
             [
                 number,
@@ -74,8 +74,8 @@ def mirror_views(layout: Layout, pupil: Pupil, reflectance: float) -> MirrorView
                 reflectance,
                 *(-2.0 * front_mm * normal),
                 *normal,
-                *np.column_stack([turn @ mirror.reflection, np.zeros(3)]).ravel(),
-                *_edges(mirror, most).ravel(),
+                *np.column_stack([view_from_rig @ mirror.reflection, np.zeros(3)]).ravel(),
+                *_edges(mirror, edge_count).ravel(),
             ]
         )
     return MirrorViews(np.array(rows), pupil.radius_mm, 1.0 / pupil.focus_mm, layout.camera.fx_px)
@@ -92,20 +92,20 @@ def _edges(mirror: Mirror, count: int) -> FloatArray:
     ends = np.roll(corners, -1, axis=0)
     sides = np.cross(corners, ends)
     sign = np.sign(sides @ corners.mean(axis=0))[:, None]
-    again = np.minimum(np.arange(count), len(corners) - 1)
-    return np.concatenate([sides * sign, (ends - corners) * sign], axis=1)[again]
+    padded = np.minimum(np.arange(count), len(corners) - 1)
+    return np.concatenate([sides * sign, (ends - corners) * sign], axis=1)[padded]
 
 
 def _window(camera: Camera, mirror: Mirror, pupil: Pupil) -> tuple[int, int, int, int]:
-    """Return the window of pixels that may show a mirror: its outline, widened by the blur of the pupil."""
+    """Return the window of pixels that may show a mirror: the bounds of its outline, widened by defocus."""
     corners = _front(mirror)
     steps = np.linspace(0.0, 1.0, 16, endpoint=False)[None, :, None]
     edge = (corners[:, None] * (1.0 - steps) + np.roll(corners, -1, axis=0)[:, None] * steps).reshape(-1, 3)
     pixels = camera.project(edge)
     if not np.isfinite(pixels).all():
-        # Some of it lies beyond the range of the lens.
+        # The mirror extends beyond the domain of the lens model.
         return 0, camera.height_px, 0, camera.width_px
-    blur = WIDER * camera.fx_px * pupil.radius_mm * abs(1.0 / float(corners[:, 2].min()) - 1.0 / pupil.focus_mm)
+    blur = BLUR_MARGIN * camera.fx_px * pupil.radius_mm * abs(1.0 / float(corners[:, 2].min()) - 1.0 / pupil.focus_mm)
     low = np.floor(pixels.min(axis=0) - blur).astype(int) - 1
     high = np.ceil(pixels.max(axis=0) + blur).astype(int) + 2
     left, top = np.clip(low, 0, [camera.width_px, camera.height_px])
@@ -114,10 +114,10 @@ def _window(camera: Camera, mirror: Mirror, pupil: Pupil) -> tuple[int, int, int
 
 
 @inlined
-def served_share(mirrors: Any, number: Any, x: Any, y: Any) -> Any:
+def pupil_share(mirrors: Any, number: Any, x: Any, y: Any) -> Any:
     """Return a mirror's pupil share in the pixel of a ray (x, y, 1); for a pinhole, about its share of the pixel.
 
-    An edge vignettes a disc as wide as the pupil and the pixel together.
+    An edge cuts a disc whose variance is the sum of the variances of the pupil and the pixel.
     """
     table = mirrors.table
     ray, normal = (x, y, 1.0), at(table, number, NORMAL)
@@ -132,17 +132,17 @@ def served_share(mirrors: Any, number: Any, x: Any, y: Any) -> Any:
         outwards = times(outwards, shift / length)
     share = 1.0
     for edge in range(EDGES, table.shape[1], EDGE):
-        side, way = at(table, number, edge), at(table, number, edge + 3)
+        side, along_edge = at(table, number, edge), at(table, number, edge + 3)
         if edge > EDGES and table[number, edge] == table[number, edge - EDGE]:
             break
         constant = dot(ray, side)
         if thickness > 0.0:
-            # Where light leaves the front lies further out than where it enters: both must lie within.
-            constant = min(constant, constant + dot(outwards, cross(way, normal)))
-        slope_x = y * way[2] - way[1] - mirrors.nearness_per_mm * side[0]
-        slope_y = way[0] - x * way[2] - mirrors.nearness_per_mm * side[1]
+            # Light leaves the front further out than it enters; both points must be inside the edge.
+            constant = min(constant, constant + dot(outwards, cross(along_edge, normal)))
+        slope_x = y * along_edge[2] - along_edge[1] - mirrors.nearness_per_mm * side[0]
+        slope_y = along_edge[0] - x * along_edge[2] - mirrors.nearness_per_mm * side[1]
         squared = mirrors.radius_mm * mirrors.radius_mm * (slope_x * slope_x + slope_y * slope_y)
-        # A square has the variance of a disc with a third of its width squared as its radius squared.
+        # A square of width w has the variance of a disc with the squared radius w^2 / 3.
         squared += (side[0] * side[0] + side[1] * side[1]) / (3.0 * mirrors.fx_px * mirrors.fx_px)
         if constant * abs(constant) <= -squared:
             return 0.0
@@ -154,17 +154,17 @@ def served_share(mirrors: Any, number: Any, x: Any, y: Any) -> Any:
 
 @inlined
 def _inner_tangent(tangent: Any, refractive_index: Any) -> Any:
-    """Return the tangent in the glass of a ray from its tangent in air."""
+    """Return the tangent of a ray's angle in glass from the tangent of its angle in air (Snell's law)."""
     squared = tangent * tangent
     return tangent / np.sqrt(refractive_index * refractive_index * (1.0 + squared) - squared)
 
 
 @inlined
-def transmitted(mirrors: Any, number: Any, x: Any, y: Any) -> Any:
-    """Part of the light along a ray (x, y, 1) that comes by a mirror, and the shift of its centre.
+def reflectance_and_shift(mirrors: Any, number: Any, x: Any, y: Any) -> Any:
+    """Return a mirror's total reflectance for a ray (x, y, 1), and the shift of its virtual centre by the glass, mm.
 
     See `fast.pixel_footprints`: light through a plate seems to come from a point behind the front's virtual centre.
-    Ghosts, of the front and of several passes through the glass, are taken to lie where the image is.
+    Ghosts of the front and of multiple reflections are assumed to coincide with the image.
     """
     table = mirrors.table
     thickness, index, reflectance = (
@@ -177,29 +177,30 @@ def transmitted(mirrors: Any, number: Any, x: Any, y: Any) -> Any:
     towards = -dot((x, y, 1.0), at(table, number, NORMAL))
     cosine = towards / np.sqrt(x * x + y * y + 1.0)
     inner = np.sqrt(1.0 - (1.0 - cosine * cosine) / (index * index))
-    across = (cosine - index * inner) / (cosine + index * inner)
-    flat = (inner - index * cosine) / (inner + index * cosine)
-    front = 0.5 * (across * across + flat * flat)
+    s_wave = (cosine - index * inner) / (cosine + index * inner)
+    p_wave = (inner - index * cosine) / (inner + index * cosine)
+    front = 0.5 * (s_wave * s_wave + p_wave * p_wave)
     light = front + (1.0 - front) * (1.0 - front) * reflectance / (1.0 - front * reflectance)
-    # tan' / tan = cos / (n cos').
+    # By Snell's law, tan' / tan = cos / (n cos').
     return light, 2.0 * thickness * cosine / (index * inner)
 
 
 @inlined
-def scene_ray(mirrors: Any, number: Any, x: Any, y: Any, slide_mm: Any) -> Any:
-    """The ray of the scene that a mirror throws to a pixel: its start, its direction, and the length to the mirror.
+def scene_ray(mirrors: Any, number: Any, x: Any, y: Any, shift_mm: Any) -> Any:
+    """Return the ray in the scene, in view axes, that a mirror reflects to the camera ray (x, y, 1).
 
-    Of the direction (x, y, 1) in the camera; lengths are therefore along the axis of the camera.
+    Returns its start, its direction, and the length at which it leaves the mirror. Lengths are multiples of the
+    direction, and therefore distances along the axis of the camera, mm.
     """
     table = mirrors.table
     normal = at(table, number, NORMAL_IN_VIEW)
-    start = along(at(table, number, CENTRE_IN_VIEW), -slide_mm, normal)
-    direction = turned(table, number, VIEW_FROM_CAMERA, (x, y, 1.0))
+    start = along(at(table, number, CENTRE_IN_VIEW), -shift_mm, normal)
+    direction = mapped_vector(table, number, VIEW_FROM_CAMERA, (x, y, 1.0))
     least = -(table[number, DISTANCE] + dot(start, normal)) / dot(direction, normal)
     return start, direction, least
 
 
 @inlined
-def turned_step(mirrors: Any, number: Any, x: Any, y: Any) -> Any:
-    """The change (3,) of the direction of `scene_ray` by a change (x, y) of the ray."""
-    return turned(mirrors.table, number, VIEW_FROM_CAMERA, (x, y, 0.0))
+def scene_ray_step(mirrors: Any, number: Any, x: Any, y: Any) -> Any:
+    """Return the change (3,) of the direction of `scene_ray` for a change (x, y) of the camera ray."""
+    return mapped_vector(mirrors.table, number, VIEW_FROM_CAMERA, (x, y, 0.0))

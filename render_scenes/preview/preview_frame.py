@@ -1,9 +1,8 @@
-"""A small picture of what a layout sees, in a fraction of a second: for interactive design.
+"""A preview of a layout's picture, rendered in a fraction of a second for interactive design.
 
-Rays are traced through the mirrors as flat ones, to the objects of `mirrorcam scene` or to a board, with the same
-geometry as the reference has. Shading is an approximation: of light that surfaces throw at each other there is a rough
-share, glossy objects and glass reflect once, mirrors are not seen in them, and there are no ghosts of plates. Blur
-follows from how far away each pixel's object seems.
+Rays are traced via flat mirrors to the objects of `mirrorcam scene` or to a board, with the geometry of the reference
+renderer. Shading is approximate: indirect light is estimated roughly, glossy objects and glass reflect once and do not
+show the mirrors, and glass plates have no ghosts. Each pixel is blurred by the apparent distance of its object.
 """
 
 from __future__ import annotations
@@ -33,10 +32,10 @@ from mirrorcam.render_scenes.preview.mirror_views import (
     WINDOW,
     MirrorViews,
     mirror_views,
+    pupil_share,
+    reflectance_and_shift,
     scene_ray,
-    served_share,
-    transmitted,
-    turned_step,
+    scene_ray_step,
 )
 from mirrorcam.render_scenes.preview.ray_colour import ray_colour
 from mirrorcam.render_scenes.preview.traced_scene import KIND, TRIANGLES, TracedScene, traced_board, traced_tabletop
@@ -57,19 +56,18 @@ TEXTURE_PX: dict[TextureName, tuple[int, int]] = {
     "cover": (144, 144),
     "globe": (240, 120),
 }
-"""Columns and rows of textures: as many as nine views of a picture of 1000 px show, about."""
+"""Columns and rows of textures: about the resolution of nine views in a picture of 1000 px."""
 BOARD_TURNED_DEG = (-12.0, 18.0)
-"""Turns of the board about x and y."""
+"""Rotations of the board about x and y."""
 
 
 def arranged_tabletop(layout: Layout, seed: int, sized_for: Layout | None = None) -> Tabletop:
     """The tabletop scene of a layout, with textures of the same size for every layout.
 
-    With `sized_for`, that of another layout as a whole, its middle where the field of `layout` has its own.
+    With `sized_for`, the scene of that layout, shifted to the middle of the field of `layout`.
 
-    Textures are random numbers that depend on their size: of one size, they stay the same while a design, or the size
-    of its picture, changes. The depths are those that the layout was designed for, or as near as objects have room
-    before the mirrors.
+    A texture is drawn at random for its size: a fixed size keeps it the same while the design, or the size of its
+    picture, changes. The depths are those that the layout was designed for, unless the mirrors leave no room there.
     """
     filled = layout if sized_for is None else sized_for
     least = nearest_mm(filled) / (1.0 - LEAST_ROOM) + 1.0
@@ -101,7 +99,7 @@ def _middle_mm(layout: Layout, depth_mm: float) -> FloatArray:
 
 
 MOST_BLUR_PX = 20.0
-"""Sigma of the largest blur."""
+"""Largest sigma of the blur."""
 
 
 def out_of_focus(radiance: NDArray[np.float32], along_axis_mm: FloatArray, camera: Camera) -> NDArray[np.float32]:
@@ -116,17 +114,17 @@ def out_of_focus(radiance: NDArray[np.float32], along_axis_mm: FloatArray, camer
     variance = np.square(camera.fx_px * camera.aperture_mm / 4.0 * nearness).clip(max=MOST_BLUR_PX**2)
     if variance.max() < LEAST_BLUR_PX**2:
         return radiance
-    share = variance.astype(np.float32)
-    return np.stack([defocused(np.ascontiguousarray(radiance[..., c]), share, 1) for c in range(3)], axis=-1)
+    variance_px2 = variance.astype(np.float32)
+    return np.stack([defocused(np.ascontiguousarray(radiance[..., c]), variance_px2, 1) for c in range(3)], axis=-1)
 
 
 PARTS = 8
-"""Number of distinguished parts of an object."""
+"""Number of part numbers per object."""
 
 
 @dataclass(frozen=True, eq=False)
 class SensorLight:
-    """Light on the pixels of a sensor, and the object in each via the mirror with the largest pupil share.
+    """Light on the pixels of a sensor, and each pixel's object via the mirror with the largest pupil share.
 
     Attributes
     ----------
@@ -139,7 +137,7 @@ class SensorLight:
     depth_mm
         (h, w): depth of the object along view z; infinite without one.
     along_axis_mm
-        (h, w): its apparent distance along the axis of the camera; infinite without an object.
+        (h, w): apparent distance of the object along the axis of the camera; infinite without one.
     """
 
     radiance: NDArray[np.float32]
@@ -150,7 +148,7 @@ class SensorLight:
 
 
 def sensor_light(camera: Camera, mirrors: MirrorViews, scene: TracedScene) -> SensorLight:
-    """Trace one ray per pixel and mirror in it, and four where adjacent pixels show different objects."""
+    """Trace one ray per pixel and visible mirror, and four where adjacent pixels show different objects."""
     normalized = rays_of_pixels(camera.model_dump_json())
     shape = normalized.shape[:2]
     radiance = np.zeros((*shape, 3), dtype=np.float32)
@@ -188,15 +186,15 @@ def _trace(
             for u in range(left, right):
                 x, y = normalized[v, u, 0], normalized[v, u, 1]
                 shown[v, u] = NOTHING
-                # NaN where the lens has no ray is not above the least share.
-                share = min(served_share(mirrors, number, x, y), free[v, u])
+                # NaN, for a pixel without a ray, also fails this comparison.
+                share = min(pupil_share(mirrors, number, x, y), free[v, u])
                 if not share > LEAST_SHARE:
                     weight[v, u] = 0.0
                     continue
                 free[v, u] -= share
-                light, slide = transmitted(mirrors, number, x, y)
+                light, shift_mm = reflectance_and_shift(mirrors, number, x, y)
                 weight[v, u] = share * light
-                start, direction, least = scene_ray(mirrors, number, x, y, slide)
+                start, direction, least = scene_ray(mirrors, number, x, y, shift_mm)
                 right_step, down_step = _steps(normalized, mirrors, number, v, u)
                 seen, item, part, length = ray_colour(scene, start, direction, least, right_step, down_step)
                 part = part % PARTS if item != NOTHING and int(scene.objects[item, KIND]) != TRIANGLES else 0
@@ -220,16 +218,16 @@ def _trace(
 
 @inlined
 def _steps(normalized: Any, mirrors: Any, number: Any, v: Any, u: Any) -> Any:
-    """Return the changes of a pixel's ray direction to the next pixel on the right and below."""
+    """Return the changes of the ray direction from a pixel to the next on the right and below."""
     height, width = normalized.shape[:2]
     a, b = min(u, width - 2), min(v, height - 2)
-    right = turned_step(
+    right = scene_ray_step(
         mirrors,
         number,
         normalized[v, a + 1, 0] - normalized[v, a, 0],
         normalized[v, a + 1, 1] - normalized[v, a, 1],
     )
-    down = turned_step(
+    down = scene_ray_step(
         mirrors,
         number,
         normalized[b + 1, u, 0] - normalized[b, u, 0],
@@ -241,20 +239,20 @@ def _steps(normalized: Any, mirrors: Any, number: Any, v: Any, u: Any) -> Any:
 @inlined
 def _at_edge(shown: Any, weight: Any, v: Any, u: Any, top: Any, bottom: Any, left: Any, right: Any) -> Any:
     """Return whether an adjacent pixel shows another part or object via the same mirror."""
-    here = shown[v, u]
+    index = shown[v, u]
     for down, across in ((-1, 0), (1, 0), (0, -1), (0, 1)):
         b, a = v + down, u + across
-        if top <= b < bottom and left <= a < right and weight[b, a] > 0.0 and shown[b, a] != here:
+        if top <= b < bottom and left <= a < right and weight[b, a] > 0.0 and shown[b, a] != index:
             return True
     return False
 
 
 @inlined
 def _smooth(normalized: Any, mirrors: Any, scene: Any, number: Any, v: Any, u: Any, colour: Any) -> None:
-    """Replace the colour at a pixel's middle by the mean of four points in the pixel."""
+    """Replace the colour at the centre of a pixel by the mean of four points in the pixel."""
     x, y = normalized[v, u, 0], normalized[v, u, 1]
-    _, slide = transmitted(mirrors, number, x, y)
-    start, direction, least = scene_ray(mirrors, number, x, y, slide)
+    _, shift_mm = reflectance_and_shift(mirrors, number, x, y)
+    start, direction, least = scene_ray(mirrors, number, x, y, shift_mm)
     right, down = _steps(normalized, mirrors, number, v, u)
     total = (float(colour[v, u, 0]), float(colour[v, u, 1]), float(colour[v, u, 2]))
     half_right, half_down = times(right, 0.5), times(down, 0.5)
@@ -269,7 +267,7 @@ WIDTH_PX = Bounds(64, 4096)
 """Width of a preview."""
 REFLECTANCE = 0.92
 SENSOR = SENSORS["c920"].replaced(tone_curve="srgb", exposure=0.75)
-"""A webcam with the grey levels of screens."""
+"""A webcam with sRGB grey levels."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -279,11 +277,11 @@ class PreviewFrame:
     Attributes
     ----------
     layout
-        The layout with its pixels binned to those of the picture.
+        The layout with its camera binned to the size of the picture.
     picture
         (h, w, 3), uint8, RGB.
     sensor
-        Lens and sensor of the picture, with its pixels.
+        Lens and sensor, binned to the size of the picture.
     light
         Light before lens and sensor, and the object in each pixel.
     """
@@ -304,10 +302,10 @@ def preview_frame(
     sensor: SensorModel = SENSOR,
     seed: int = 0,
 ) -> PreviewFrame:
-    """Render a small picture of a scene via the mirrors of a layout.
+    """Render a preview of a scene via the mirrors of a layout.
 
-    The same arguments give the same picture. The first call of an installation compiles for half a minute. The first
-    call of a process loads the compiled code and draws textures for a second.
+    The same arguments give the same picture. The first call after installation compiles for half a minute; the first
+    call in a process takes a second to load the compiled code and draw textures.
 
     Parameters
     ----------
@@ -319,13 +317,13 @@ def preview_frame(
     width_px
         Width of the picture; at most the camera's.
     arranged_for
-        The layout whose field of view the tabletop fills; by default `layout`. Pictures by several layouts show the
-        same objects, in the middle of their fields, if these are arranged for the same one.
+        The layout whose field of view the tabletop fills; by default `layout`. Layouts with the same `arranged_for`
+        show the same objects in the middle of their fields.
     target
         The board; by default `default_board()`.
     sensor
         Lens and sensor at full resolution, with the camera's pupil. The processing of raw pictures (colour filters,
-        denoising, sharpening, compression), rolling shutter and waves of the lens are ignored.
+        denoising, sharpening, compression), rolling shutter and `lens_waves_px` are ignored.
     seed
         Seed of textures, small shifts of objects, and noise.
 
@@ -357,8 +355,7 @@ def preview_frame(
 def binned_sensor(sensor: SensorModel, factor: float) -> SensorModel:
     """Return the lens and the sensor with pixels binned to `factor` of their number along an axis.
 
-    The mean of n pixels has the noise of n times the electrons, and 1 / sqrt(n) of the read noise and of the scatter of
-    sensitivities.
+    The mean of n pixels has the full well of n pixels, and 1 / sqrt(n) of their read noise and PRNU.
     """
     return SensorModel(
         lens_blur_px=sensor.lens_blur_px * factor,

@@ -1,6 +1,6 @@
-"""The colour of a ray: light on matte surfaces, reflections of glossy ones, and the view through a glass ball.
+"""Radiance along a ray that hits a matte, glossy, glass or printed surface.
 
-Surfaces receive the light of the lamp with its shadow, of the sky and, approximately, of other surfaces.
+Surfaces are lit by the lamp (with shadows), by the sky and, approximately, by each other.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from mirrorcam.core.compiled import inlined
-from mirrorcam.render_scenes.preview.first_hits import corner_colour, first_hit, is_hidden, normal_at, texture_place
+from mirrorcam.render_scenes.preview.first_hits import corner_colour, first_hit, is_hidden, normal_at, texture_uv
 from mirrorcam.render_scenes.preview.traced_scene import (
     BOUND,
     COLOUR,
@@ -43,7 +43,7 @@ from mirrorcam.render_scenes.preview.triangle_tree import NOTHING, along, at, cr
 from mirrorcam.render_scenes.tabletop.objects import GLASS_INDEX
 
 CLEARANCE = 1e-4
-"""Ignored fraction at the start of a segment on a surface, so that the surface does not shade itself."""
+"""Ignored fraction at the start of a segment from a surface, so that the surface does not shade itself."""
 
 
 @inlined
@@ -59,7 +59,7 @@ def own_colour(
 ) -> Any:
     """Return the mean colour of an object over the footprint of a ray at a point.
 
-    `right` and `down` are the ray's shifts at the point to the adjacent pixels, in front of the surface.
+    `right` and `down` are the offsets, mm, to the rays of the adjacent pixels before they meet the surface.
     """
     objects = scene.objects
     if int(objects[number, KIND]) == TRIANGLES:
@@ -70,15 +70,15 @@ def own_colour(
     slope = 1.0 / dot(normal, direction)
     right = along(right, -dot(normal, right) * slope, direction)
     down = along(down, -dot(normal, down) * slope, direction)
-    place, across, upright = texture_place(objects, number, part, point, right, down)
-    return mean_colour(scene.texels, scene.scales, scene.textures, texture, place, across, upright)
+    uv, uv_right, uv_down = texture_uv(objects, number, part, point, right, down)
+    return mean_colour(scene.texels, scene.scales, scene.textures, texture, uv, uv_right, uv_down)
 
 
 @inlined
 def scattered(
     scene: Any, number: Any, part: Any, point: Any, normal: Any, direction: Any, right: Any, down: Any, shaded: Any
 ) -> Any:
-    """Return the radiance (3,) that a matte surface scatters back along a ray, or that a print emits.
+    """Return the radiance (3,) that a matte surface scatters against a ray, or that a print emits.
 
     Shadows of the lamp are computed only if `shaded`.
     """
@@ -95,42 +95,42 @@ def scattered(
 def _lamp_light(
     objects: Any, boxes: Any, triangles: Any, lamp: Any, number: Any, point: Any, normal: Any, shaded: Any
 ) -> Any:
-    """Return the irradiance per radiance of the lamp, as from its middle, times its visible part."""
-    way = minus(at(lamp, MIDDLE, 0), point)
-    squared = dot(way, way)
-    from_surface, from_lamp = dot(normal, way), -dot(at(lamp, FACING, 0), way)
+    """Return the irradiance per radiance of the lamp, as from its centre, times its visible fraction."""
+    to_lamp = minus(at(lamp, MIDDLE, 0), point)
+    squared = dot(to_lamp, to_lamp)
+    from_surface, from_lamp = dot(normal, to_lamp), -dot(at(lamp, FACING, 0), to_lamp)
     if from_surface <= 0.0 or from_lamp <= 0.0:
         return 0.0
     side = at(lamp, FIRST_SIDE, 0)
-    half = dot(side, side)
-    light = 4.0 * half * from_surface * from_lamp / (squared * squared)
+    half_squared = dot(side, side)
+    light = 4.0 * half_squared * from_surface * from_lamp / (squared * squared)
     if not shaded:
         return light
-    # Objects in the cone around the lamp may hide a part of it.
-    reach = np.sqrt(2.0 * half)
+    # Only objects that meet the cone around the lamp can hide it.
+    reach = np.sqrt(2.0 * half_squared)
     suspects = 0
     for other in range(len(objects)):
         if objects[other, SHADES] == 0.0 or (other == number and int(objects[other, KIND]) != TRIANGLES):
             continue
         to = minus(at(objects, other, BOUND), point)
-        part = min(max(dot(to, way) / squared, 0.0), 1.0)
-        wide = objects[other, BOUND + 3] + part * reach
-        if dot(to, to) - part * (2.0 * dot(to, way) - part * squared) < wide * wide:
+        fraction = min(max(dot(to, to_lamp) / squared, 0.0), 1.0)
+        limit = objects[other, BOUND + 3] + fraction * reach
+        if dot(to, to) - fraction * (2.0 * dot(to, to_lamp) - fraction * squared) < limit * limit:
             suspects |= 1 << other
     if suspects == 0:
         return light
-    shown, tested = 0, 0
-    # Leaves shade each other so irregularly that few points do.
+    visible, tested = 0, 0
+    # The mutual shadows of leaves are so irregular that few samples suffice.
     irregular = int(objects[number, KIND]) == TRIANGLES
-    for place in range(POINTS, len(lamp)):
-        # What none or all of the first points are hidden by is taken to hide no or all others.
-        if tested == FIRST_POINTS and (irregular or shown == 0 or shown == tested):
+    for row in range(POINTS, len(lamp)):
+        # If the first points are all visible or all hidden, the others are assumed to be.
+        if tested == FIRST_POINTS and (irregular or visible == 0 or visible == tested):
             break
-        to_lamp = minus(at(lamp, place, 0), point)
-        if not is_hidden(objects, boxes, triangles, suspects, point, to_lamp, CLEARANCE):
-            shown += 1
+        to_point = minus(at(lamp, row, 0), point)
+        if not is_hidden(objects, boxes, triangles, suspects, point, to_point, CLEARANCE):
+            visible += 1
         tested += 1
-    return light * shown / tested
+    return light * visible / tested
 
 
 @inlined
@@ -138,10 +138,10 @@ def _light_around(around: Any, balls: Any, number: Any, point: Any, normal: Any)
     """Return the cosine-weighted mean radiance of sky, floor, wall and objects around a point."""
     light = at(around, SKY_LIGHT, 0)
     if around[PLACES, 0] < np.inf:
-        floor = 0.5 * (1.0 + normal[1]) * FLOOR_PART
+        floor = 0.5 * (1.0 + normal[1]) * FLOOR_SHARE
         light = along(light, floor, minus(at(around, FLOOR_LIGHT, 0), light))
     if around[PLACES, 1] < np.inf:
-        wall = 0.5 * (1.0 + normal[2]) * WALL_PART
+        wall = 0.5 * (1.0 + normal[2]) * WALL_SHARE
         light = along(light, wall, minus(at(around, WALL_LIGHT, 0), light))
     for ball in range(len(balls)):
         if balls[ball, OWNER] == number:
@@ -151,27 +151,27 @@ def _light_around(around: Any, balls: Any, number: Any, point: Any, normal: Any)
         facing = dot(normal, to)
         if facing <= -radius or squared > FAR_RADII * FAR_RADII * radius * radius:
             continue
-        # Of a sphere that is half below the horizon, about half the light: between, the cosine of its middle.
+        # A sphere that the horizon halves gives about half its light; otherwise the cosine of its centre counts.
         facing = max(facing, 0.25 * (facing + radius))
-        part = balls[ball, OPAQUE] * facing * radius * radius / (squared * np.sqrt(squared))
-        light = along(light, min(part, 1.0), minus(at(balls, ball, GLOW), light))
+        fraction = balls[ball, OPAQUE] * facing * radius * radius / (squared * np.sqrt(squared))
+        light = along(light, min(fraction, 1.0), minus(at(balls, ball, GLOW), light))
     return light
 
 
 FAR_RADII = 7.0
 """Distance, in radii of a ball, beyond which its occlusion is neglected: at most 2 % of the light."""
 FIRST_POINTS = 4
-"""Points of the lamp that decide whether all are tested."""
-FLOOR_PART, WALL_PART = 0.8, 0.7
-"""Parts of the half spaces below and behind that the floor and the wall fill."""
+"""Number of points of the lamp that are always tested."""
+FLOOR_SHARE, WALL_SHARE = 0.8, 0.7
+"""Fractions of the half spaces below and behind that the floor and the wall fill."""
 
 
 CLEARANCE_MM = 1e-2
 """Offset of a ray from a ball, so that it does not meet the ball again."""
 GLOSS = 1.03
-"""Light from the body of a glossy surface, relative to a matte one, with internal reflection."""
+"""Diffuse light of a glossy surface, with internal reflection, relative to a matte one."""
 REFLECTED_SPREAD, REFRACTED_SPREAD = 4.0, 10.0
-"""Approximate factor on the change of ray directions between pixels after a ball reflects or refracts them."""
+"""Approximate factor by which a ball spreads the rays of adjacent pixels when it reflects or refracts them."""
 
 
 @inlined
@@ -187,12 +187,12 @@ def ray_colour(scene: Any, start: Any, direction: Any, least: Any, right: Any, d
     least
         Smallest length of a hit.
     right, down
-        Changes of the direction to the next pixel on the right and below.
+        Changes of the direction from this pixel to the next on the right and below.
 
     Returns
     -------
     tuple
-        Red, green and blue; the number of the object or `NOTHING`; its part; and the length, infinite without a hit.
+        Radiance (3,); number of the object or `NOTHING`; its part; and the length, infinite without a hit.
     """
     number, length, part = first_hit(scene.objects, scene.boxes, scene.triangles, start, direction, least)
     if number == NOTHING:
@@ -206,9 +206,9 @@ def ray_colour(scene: Any, start: Any, direction: Any, least: Any, right: Any, d
     if material == GLOSSY:
         towards = unit(direction)
         share = _reflected_share(-dot(normal, towards))
-        out = along(towards, -2.0 * dot(normal, towards), normal)
+        mirrored = along(towards, -2.0 * dot(normal, towards), normal)
         seen = _second_colour(
-            scene, point, out, REFLECTED_SPREAD * np.sqrt(dot(right, right) / dot(direction, direction)), False
+            scene, point, mirrored, REFLECTED_SPREAD * np.sqrt(dot(right, right) / dot(direction, direction)), False
         )
         light = along(times(light, GLOSS * (1.0 - share)), share, seen)
     return light, number, part, length
@@ -218,58 +218,58 @@ def ray_colour(scene: Any, start: Any, direction: Any, least: Any, right: Any, d
 def _reflected_share(cosine: Any) -> Any:
     """Return the reflectance of glass for unpolarised light from outside (Fresnel's equations)."""
     inner = np.sqrt(1.0 - (1.0 - cosine * cosine) / (GLASS_INDEX * GLASS_INDEX))
-    across = (cosine - GLASS_INDEX * inner) / (cosine + GLASS_INDEX * inner)
-    along_plane = (inner - GLASS_INDEX * cosine) / (inner + GLASS_INDEX * cosine)
-    return 0.5 * (across * across + along_plane * along_plane)
+    s_wave = (cosine - GLASS_INDEX * inner) / (cosine + GLASS_INDEX * inner)
+    p_wave = (inner - GLASS_INDEX * cosine) / (inner + GLASS_INDEX * cosine)
+    return 0.5 * (s_wave * s_wave + p_wave * p_wave)
 
 
 @inlined
 def _through_ball(scene: Any, number: Any, point: Any, normal: Any, direction: Any, right: Any) -> Any:
-    """Return the radiance from a glass ball: the reflection at its front, and the light through both surfaces."""
+    """Return the radiance from a glass ball: reflected at its front, and refracted at both surfaces."""
     towards = unit(direction)
     cosine = -dot(normal, towards)
     share = _reflected_share(cosine)
-    turns = np.sqrt(dot(right, right) / dot(direction, direction))
-    reflected = _second_colour(scene, point, along(towards, 2.0 * cosine, normal), REFLECTED_SPREAD * turns, False)
+    angle = np.sqrt(dot(right, right) / dot(direction, direction))
+    reflected = _second_colour(scene, point, along(towards, 2.0 * cosine, normal), REFLECTED_SPREAD * angle, False)
     inner_cosine = np.sqrt(1.0 - (1.0 - cosine * cosine) / (GLASS_INDEX * GLASS_INDEX))
     inside = along(times(towards, 1.0 / GLASS_INDEX), cosine / GLASS_INDEX - inner_cosine, normal)
-    # A chord meets both ends at the same angle.
+    # A chord makes the same angle with the sphere at both ends.
     centre, radius = at(scene.objects, number, BOUND), scene.objects[number, BOUND + 3]
-    leaves = along(point, 2.0 * radius * inner_cosine, inside)
-    outwards = times(minus(leaves, centre), 1.0 / radius)
-    out = along(times(inside, GLASS_INDEX), cosine - GLASS_INDEX * inner_cosine, outwards)
-    through = _second_colour(scene, leaves, out, REFRACTED_SPREAD * turns, True)
-    kept = (1.0 - share) * (1.0 - share)
-    return along(times(through, kept), share, reflected)
+    exit_point = along(point, 2.0 * radius * inner_cosine, inside)
+    outwards = times(minus(exit_point, centre), 1.0 / radius)
+    refracted = along(times(inside, GLASS_INDEX), cosine - GLASS_INDEX * inner_cosine, outwards)
+    through = _second_colour(scene, exit_point, refracted, REFRACTED_SPREAD * angle, True)
+    transmittance = (1.0 - share) * (1.0 - share)
+    return along(times(through, transmittance), share, reflected)
 
 
 @inlined
-def _second_colour(scene: Any, start: Any, direction: Any, turns: Any, shaded: Any) -> Any:
-    """Radiance (3,) of what is seen in or through a ball along a unit vector: of its surface what it scatters alone.
+def _second_colour(scene: Any, start: Any, direction: Any, angle: Any, shaded: Any) -> Any:
+    """Return the radiance (3,) along a reflected or refracted ray, a unit vector; it is not reflected again.
 
-    `turns` is by how much the direction changes from one pixel to the next. What is not to be `shaded` is in no shadow.
+    `angle` is the change of the direction from one pixel to the next, rad. Shadows are computed only if `shaded`.
     """
     least = CLEARANCE_MM
     number, length, part = first_hit(scene.objects, scene.boxes, scene.triangles, start, direction, least)
     towards = -dot(direction, at(scene.lamp, FACING, 0))
     if towards > 0.0:
         to = minus(at(scene.lamp, MIDDLE, 0), start)
-        there = -dot(to, at(scene.lamp, FACING, 0)) / towards
-        if 0.0 < there < length:
-            off = along(times(to, -1.0), there, direction)
+        hit = -dot(to, at(scene.lamp, FACING, 0)) / towards
+        if 0.0 < hit < length:
+            offset = along(times(to, -1.0), hit, direction)
             first, second = at(scene.lamp, FIRST_SIDE, 0), at(scene.lamp, SECOND_SIDE, 0)
-            if abs(dot(off, first)) < dot(first, first) and abs(dot(off, second)) < dot(second, second):
+            if abs(dot(offset, first)) < dot(first, first) and abs(dot(offset, second)) < dot(second, second):
                 return at(scene.lamp, RADIANCE, 0)
     if number == NOTHING:
         return at(scene.around, SKY_LIGHT, 0)
     point = along(start, length, direction)
     normal = facing_normal(scene, number, part, point, direction)
-    wide = turns * length
-    # Two directions across the ray, as footprints of it.
+    width = angle * length
+    # Two sides of the footprint, perpendicular to the ray.
     side = (direction[2], 0.0, -direction[0])
     if dot(side, side) < 1e-6:
         side = (1.0, 0.0, 0.0)
-    side = times(unit(side), wide)
+    side = times(unit(side), width)
     other = cross(direction, side)
     if int(scene.objects[number, MATERIAL]) == GLASS:
         return own_colour(scene, number, part, point, normal, direction, side, other)

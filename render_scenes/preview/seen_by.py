@@ -1,4 +1,4 @@
-"""Products of a preview's picture: its decoded views, pictures focused on depths, and a depth map."""
+"""Products of a preview: its decoded views, refocused pictures, and a depth map."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ BEYOND_VIEWS = 1.05
 SRGB_EXPONENT = 1.0 / 2.2
 """Approximate exponent of sRGB grey levels as a function of light."""
 FAINTEST = 0.25
-"""Brightness of the colours of depths with zero confidence."""
+"""Brightness of depths with zero confidence."""
 UNKNOWN_GREY = 64
 
 
 @dataclass(frozen=True, eq=False)
 class SeenBy:
-    """The view of a layout, and its products.
+    """The preview of a layout, and its products.
 
     Attributes
     ----------
@@ -45,8 +45,8 @@ class SeenBy:
     searched_mm
         Search range of depths.
     true_depth_mm
-        (v, u): depth of the surfaces in the reference view; infinite where there is none, NaN where it has no sample or
-        one of a part of the pupil.
+        (v, u): true depth in the reference view; infinite where there is no surface, NaN where the view has no sample
+        or a vignetted one.
     """
 
     frame: PreviewFrame
@@ -56,7 +56,7 @@ class SeenBy:
     true_depth_mm: FloatArray
 
     def views_picture(self) -> NDArray[np.uint8]:
-        """All views side by side (h, w, 3), arranged as in space."""
+        """Return all views in one picture (h, w, 3), arranged as in space."""
         return tiled_views(self.light_field)
 
     def refocused(self, depth_mm: float, tilt_deg: tuple[float, float] = (0.0, 0.0)) -> NDArray[np.uint8]:
@@ -67,14 +67,14 @@ class SeenBy:
         return to_bytes(refocus(self.light_field, FocalPlane.at_depth(self.light_field, depth_mm, tilt_deg)))
 
     def depth_picture(self, near_mm: float | None = None, far_mm: float | None = None) -> NDArray[np.uint8]:
-        """The depth map (v, u, 3) in colours from near (red) to far (blue), darker with less confidence.
+        """Return the depth map (v, u, 3) in colours from near (red) to far (blue), darker with less confidence.
 
-        Colours are even in nearness, between the depths that were searched or those given. Grey has no depth.
+        Colours are linear in the reciprocal of depth, over the searched or the given range. Grey means no depth.
         """
         near, far = self.searched_mm
         near, far = near if near_mm is None else near_mm, far if far_mm is None else far_mm
-        part = (1.0 / self.depth.depth_mm - 1.0 / far) / (1.0 / near - 1.0 / far)
-        level = np.rint(255.0 * np.clip(np.nan_to_num(part), 0.0, 1.0)).astype(np.uint8)
+        fraction = (1.0 / self.depth.depth_mm - 1.0 / far) / (1.0 / near - 1.0 / far)
+        level = np.rint(255.0 * np.clip(np.nan_to_num(fraction), 0.0, 1.0)).astype(np.uint8)
         colours = np.asarray(cv2.applyColorMap(level, cv2.COLORMAP_TURBO))[..., ::-1]
         bright = (FAINTEST + (1.0 - FAINTEST) * self.depth.confidence)[..., None]
         grey = np.full_like(colours, UNKNOWN_GREY)
@@ -121,7 +121,7 @@ def _decoder(frame: PreviewFrame) -> Decoder:
 
 
 def _searched_mm(layout: Layout, views: LightField) -> tuple[float, float]:
-    """Return the search range of a preview: the depths of its subject with some margin, in front of the mirrors."""
+    """Return the search range of a preview: the depths of its subject with a margin, but beyond the mirrors."""
     depths = default_depths_mm(layout)
     least = views.reference_view_depth_mm + float(views.positions_mm[..., 2].max())
     near = max(BEFORE * min(depths), BEYOND_VIEWS * least)
@@ -134,7 +134,7 @@ def _true_depth(decoder: Decoder, frame: PreviewFrame) -> FloatArray:
     farthest = np.isinf(frame.light.depth_mm)
     depth = np.where(farthest, 0.0, frame.light.depth_mm)
     decoded = decoder.decode(np.stack([depth, farthest, farthest], axis=-1).astype(np.float32)).samples[reference]
-    # At the edge of all that is seen, there is no depth.
+    # Pixels that mix a surface with the background have no depth.
     shown = np.where(decoded[..., 1] == 0.0, decoded[..., 0].astype(np.float64), np.nan)
     shown[decoded[..., 1] == 1.0] = np.inf
     return np.where(decoder.weights[reference] >= WHOLE, shown, np.nan)

@@ -1,6 +1,6 @@
-"""Objects of a scene as arrays that rays are traced through, and their textures. In view axes, mm.
+"""A scene and its textures as arrays for ray tracing, in view axes, mm.
 
-One table stores the textures at several scales, for the means over footprints of pixels.
+Textures are stored at several scales (a mipmap), for means over the footprints of pixels.
 """
 
 from __future__ import annotations
@@ -37,8 +37,8 @@ from mirrorcam.render_scenes.tabletop.tabletop import Tabletop
 MOST_TAPS = 8
 """Maximum number of samples along the longer axis of a footprint; a longer footprint uses a coarser scale."""
 
-SHARPER = 0.75
-"""Texels of the scale that is looked up, in widths of a footprint: between texels it is smoothed, which widens them."""
+TEXEL_WIDTH = 0.75
+"""Texel size of the sampled scale, relative to the footprint: interpolation between texels adds blur."""
 
 
 class TextureAtlas(NamedTuple):
@@ -47,11 +47,11 @@ class TextureAtlas(NamedTuple):
     Attributes
     ----------
     texels
-        (n, 3): of all scales of all textures, row by row.
+        (n, 3): texels of all scales of all textures, row by row.
     scales
-        (m, 3): where the texels of a scale begin, its columns and its rows.
+        (m, 3): first texel of each scale, its columns and its rows.
     textures
-        (k, 2): the first scale of a texture, and the number of its scales.
+        (k, 2): first scale of each texture, and the number of its scales.
     """
 
     texels: NDArray[np.float32]
@@ -67,16 +67,16 @@ def texture_atlas(pictures: Sequence[NDArray[np.float32]]) -> TextureAtlas:
     begin = 0
     for picture in pictures:
         first = len(scales)
-        shown = np.ascontiguousarray(picture, dtype=np.float32)
+        scaled = np.ascontiguousarray(picture, dtype=np.float32)
         while True:
-            rows, columns = shown.shape[:2]
+            rows, columns = scaled.shape[:2]
             scales.append((begin, columns, rows))
-            texels.append(shown.reshape(-1, 3))
+            texels.append(scaled.reshape(-1, 3))
             begin += rows * columns
             if max(rows, columns) == 1:
                 break
             size = ((columns + 1) // 2, (rows + 1) // 2)
-            shown = np.asarray(cv2.resize(shown, size, interpolation=cv2.INTER_AREA), dtype=np.float32)
+            scaled = np.asarray(cv2.resize(scaled, size, interpolation=cv2.INTER_AREA), dtype=np.float32)
         textures.append((first, len(scales) - first))
     return TextureAtlas(
         np.concatenate([*texels, np.zeros((1, 3), np.float32)]),
@@ -87,9 +87,9 @@ def texture_atlas(pictures: Sequence[NDArray[np.float32]]) -> TextureAtlas:
 
 @inlined
 def mean_colour(texels: Any, scales: Any, textures: Any, texture: Any, at: Any, right: Any, down: Any) -> Any:
-    """Return the mean of a texture over the parallelogram with sides `right` and `down`, (2,) each, around `at`.
+    """Return the mean colour of a texture over the parallelogram with sides `right` and `down` (2,), centred at `at`.
 
-    All are in widths and heights of the texture, from its top left corner.
+    All are texture coordinates: fractions of width and height, from the top left corner.
     """
     first, count = textures[texture, 0], textures[texture, 1]
     columns, rows = scales[first, 1], scales[first, 2]
@@ -99,28 +99,32 @@ def mean_colour(texels: Any, scales: Any, textures: Any, texture: Any, at: Any, 
     longer = max(np.sqrt(ax * ax + ay * ay), 1e-9)
     shorter = abs(ax * by - ay * bx) / longer
     taps = int(min(np.ceil(longer / max(shorter, 1.0)), float(MOST_TAPS)))
-    scale = np.log2(max(SHARPER * max(shorter, longer / taps), 1.0))
+    scale = np.log2(max(TEXEL_WIDTH * max(shorter, longer / taps), 1.0))
     if taps > 1:
-        # Of several places, each at the nearest scale: what is between them smooths the step to the next.
+        # Several samples already smooth the step between scales: one scale is enough.
         scale = np.floor(scale + 0.5)
     fine = min(int(scale), count - 1)
     coarse = min(fine + 1, count - 1)
-    part = min(max(scale - fine, 0.0), 1.0)
+    fraction = min(max(scale - fine, 0.0), 1.0)
     red, green, blue = 0.0, 0.0, 0.0
     for tap in range(taps):
         offset = (tap + 0.5) / taps - 0.5
         u, v = at[0] + offset * ax / columns, at[1] + offset * ay / rows
         c = _between(texels, scales, first + fine, u, v)
-        red, green, blue = red + (1.0 - part) * c[0], green + (1.0 - part) * c[1], blue + (1.0 - part) * c[2]
-        if part > 0.0:
+        red, green, blue = (
+            red + (1.0 - fraction) * c[0],
+            green + (1.0 - fraction) * c[1],
+            blue + (1.0 - fraction) * c[2],
+        )
+        if fraction > 0.0:
             c = _between(texels, scales, first + coarse, u, v)
-            red, green, blue = red + part * c[0], green + part * c[1], blue + part * c[2]
+            red, green, blue = red + fraction * c[0], green + fraction * c[1], blue + fraction * c[2]
     return (red / taps, green / taps, blue / taps)
 
 
 @inlined
 def _between(texels: Any, scales: Any, scale: Any, u: Any, v: Any) -> Any:
-    """Interpolate the colour of a scale at a point between four texels; the border is replicated."""
+    """Interpolate the colour of a scale bilinearly at a point; the border is replicated."""
     begin, columns, rows = scales[scale, 0], scales[scale, 1], scales[scale, 2]
     x = min(max(u * columns - 0.5, 0.0), columns - 1.0)
     y = min(max(v * rows - 0.5, 0.0), rows - 1.0)
@@ -144,7 +148,7 @@ MATERIALS = {"matte": MATTE, "glossy": GLOSSY, "glass": GLASS}
 PLAIN = -1
 """Texture number of an object without one."""
 LAMP_ORDER = (0, 15, 6, 9, 3, 12, 5, 10, 1, 14, 7, 8, 2, 13, 4, 11)
-"""Points of the lamp, of 4 x 4, that shadows are made of: two of its corners and two near its middle first."""
+"""Order in which the 4 x 4 points of the lamp are tested for shadows: two corners and two inner points first."""
 OPEN = 0.6
 """Fraction of the sky visible from an object of the scene."""
 LIT = 0.35
@@ -152,8 +156,7 @@ LIT = 0.35
 TWIGS_OPAQUE = 0.35
 
 
-# Columns of the table of objects. Few tables, and none of their slices, go through the loops: numba counts the users of
-# every array that it passes on or cuts.
+# Columns of the table of objects. Compiled loops pass few tables and no slices: numba counts the references of each.
 KIND, MATERIAL, SHADES, TEXTURE, COLOUR, BOUND, UNIT = 0, 1, 2, 3, 4, 7, 11
 # Rows of the tables of the lamp and of the surroundings.
 MIDDLE, FACING, FIRST_SIDE, SECOND_SIDE, RADIANCE, POINTS = 0, 1, 2, 3, 4, 5
@@ -163,30 +166,30 @@ RADIUS, OWNER, OPAQUE, GLOW = 3, 4, 5, 6
 
 
 class TracedScene(NamedTuple):
-    """Objects (n), each a unit shape in a frame of its own, with the light on them.
+    """Objects, each a unit shape in its own frame, and their light sources.
 
-    The unit shapes are a square and a box of -1 to 1, a sphere and a cylinder of radius 1 and, for the latter, z of -1
-    to 1 with a lid on top, and the triangles of a `TriangleTree`.
+    The unit shapes are a square and a box from -1 to 1, a sphere of radius 1, a cylinder of radius 1 with z from -1 to
+    1 and a lid on top, and the triangles of a `TriangleTree`.
 
     Attributes
     ----------
     objects
         (n, 23): kind and material as numbered above; whether it may hide the lamp from others; number of the texture
-        in the atlas or `PLAIN`; colour, where there is no texture; middle and radius of a sphere around it; affine map
+        in the atlas or `PLAIN`; colour if it has no texture; centre and radius of its bounding sphere; affine map
         (3, 4) from view axes to the frame of the unit shape.
     boxes, triangles
-        Those of the leaves.
+        `TriangleTree` of the leaves.
     texels, scales, textures
-        Those of a `TextureAtlas`.
+        Fields of a `TextureAtlas`.
     lamp
-        (21, 3): middle of a square, the unit vector to the side that it shines to, vectors from its
-        middle to the middles of two sides, RGB radiance, and points spread over it.
+        (21, 3): centre of the square lamp, its unit normal on the emitting side, half of its two sides, RGB radiance,
+        and points spread over it.
     around
-        (4, 3): RGB radiance of the sky, of the floor and of the wall; y of the floor, z of the wall (infinite where
-        there is none) and 0.
+        (4, 3): RGB radiance of the sky, of the floor and of the wall; y of the floor and z of the wall (infinite if
+        absent), and 0.
     balls
-        (k, 9): spheres that hide the sky from other objects: middle, radius, object that it stands for, part of the
-        light that it hides, RGB radiance.
+        (k, 9): spheres that hide the sky from other objects: centre, radius, number of the approximated object,
+        fraction of light that it hides, RGB radiance.
     """
 
     objects: FloatArray
@@ -208,18 +211,18 @@ def traced_tabletop(tabletop: Tabletop) -> TracedScene:
             raise InputError(f"{item.name}: a {item.kind}, expected one of {', '.join(KINDS)}")
     twigs = [item for item in objects if item.kind == "leaves"]
     if len(twigs) > 1:
-        raise InputError(f"{len(twigs)} objects are leaves, expected one at most")
+        raise InputError(f"{len(twigs)} objects are leaves, expected at most one")
     textured = [item for item in objects if item.texture is not None]
     atlas = _atlas(tuple((item.kind, item.texture, texture_size_px(item), item.seed) for item in textured))
-    places = {id(item): number for number, item in enumerate(textured)}
+    numbers = {id(item): number for number, item in enumerate(textured)}
     lamp = _lamp(tabletop)
-    colours = np.array([_mean(atlas, places[id(item)]) if id(item) in places else item.colour for item in objects])
+    colours = np.array([_mean(atlas, numbers[id(item)]) if id(item) in numbers else item.colour for item in objects])
     rows = [
         [
             KINDS[item.kind],
             MATERIALS[item.material],
             item.name not in ("wall", "desk"),
-            places.get(id(item), PLAIN),
+            numbers.get(id(item), PLAIN),
             *colour,
             *item.view_from_object[:3, 3],
             _radius_mm(item),
@@ -304,16 +307,16 @@ def _lamp(tabletop: Tabletop) -> FloatArray:
 
 
 def lamp_light(lamp: FloatArray, point: FloatArray, normal: FloatArray) -> FloatArray:
-    """Return the lamp's irradiance (3,) at a point (3,) with a unit normal (3,), as from its middle, unshadowed."""
-    way = lamp[MIDDLE] - point
-    squared = float(way @ way)
+    """Return the lamp's unshadowed irradiance (3,) at a point (3,) with a unit normal (3,), as from its centre."""
+    to_lamp = lamp[MIDDLE] - point
+    squared = float(to_lamp @ to_lamp)
     area = 4.0 * float(np.linalg.norm(np.cross(lamp[FIRST_SIDE], lamp[SECOND_SIDE])))
-    facing = max(float(normal @ way), 0.0) * max(-float(lamp[FACING] @ way), 0.0) / squared
+    facing = max(float(normal @ to_lamp), 0.0) * max(-float(lamp[FACING] @ to_lamp), 0.0) / squared
     return np.asarray(lamp[RADIANCE] * (area * facing / squared))
 
 
 def _surroundings(tabletop: Tabletop, colours: FloatArray, lamp: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Surroundings of the objects of a tabletop scene, whose floor is its desk, and the balls that stand for them."""
+    """Return the tables `around` and `balls` of a `TracedScene`; its floor is the desk."""
     around = np.array([SKY, (0.0,) * 3, (0.0,) * 3, (np.inf, np.inf, 0.0)])
     sky = np.pi * OPEN * around[SKY_LIGHT]
     sides = {"desk": (FLOOR_LIGHT, 1, (0.0, -1.0, 0.0)), "wall": (WALL_LIGHT, 2, (0.0, 0.0, -1.0))}
@@ -330,7 +333,7 @@ def _surroundings(tabletop: Tabletop, colours: FloatArray, lamp: FloatArray) -> 
 
 
 def _balls(item: SceneObject) -> list[list[float]]:
-    """Return spheres, middle and radius, that approximate an object in occluding the sky."""
+    """Return spheres (centre and radius) that occlude the sky approximately as an object does."""
     width, depth, height = item.size_mm
     middle, upwards = item.view_from_object[:3, 3], item.view_from_object[:3, 2]
     if item.kind in ("sphere", "leaves"):
@@ -338,8 +341,8 @@ def _balls(item: SceneObject) -> list[list[float]]:
     if item.kind in ("cylinder", "box"):
         radius = (width if item.kind == "cylinder" else float(np.sqrt(width * depth))) / 2.0
         count = max(round(height / (2.0 * radius)), 1)
-        places = (np.arange(count) + 0.5) / count - 0.5
-        # As much area to the side as the object has.
+        heights = (np.arange(count) + 0.5) / count - 0.5
+        # Together, they have the area of the object from the side.
         radius *= float(np.sqrt(height / (2.0 * radius * count) * 4.0 / np.pi))
-        return [[*(middle + place * height * upwards), radius] for place in places]
+        return [[*(middle + part * height * upwards), radius] for part in heights]
     return []

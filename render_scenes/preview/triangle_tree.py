@@ -1,6 +1,6 @@
-"""A tree of bounding boxes over the triangles of a mesh, for rays in loops of machine code.
+"""A tree of bounding boxes over the triangles of a mesh, and vector arithmetic, for compiled loops over rays.
 
-Vectors are tuples of three floats, which such loops use without allocation.
+Vectors are tuples of three floats, which compiled code does not allocate.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from mirrorcam.render_scenes.mesh_shapes import Triangles
 
 @inlined
 def dot(a: Any, b: Any) -> Any:
-    """Scalar product."""
+    """Return the scalar product a . b."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
@@ -28,25 +28,25 @@ def along(start: Any, length: Any, direction: Any) -> Any:
 
 @inlined
 def minus(a: Any, b: Any) -> Any:
-    """The difference a - b."""
+    """Return the difference a - b."""
     return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
 
 
 @inlined
 def times(a: Any, factor: Any) -> Any:
-    """A vector times a number."""
+    """Return a vector times a number."""
     return (a[0] * factor, a[1] * factor, a[2] * factor)
 
 
 @inlined
 def at(table: Any, row: Any, column: Any) -> Any:
-    """Three elements of a row of a table, from a column on. No slices are taken, whose counting of users costs time."""
+    """Return three elements of a row of a table as a vector; a slice would cost reference counting."""
     return (table[row, column], table[row, column + 1], table[row, column + 2])
 
 
 @inlined
-def mapped(table: Any, row: Any, column: Any, point: Any) -> Any:
-    """A point by an affine map (3, 4), whose elements lie in a row of a table, row by row, from a column on."""
+def mapped_point(table: Any, row: Any, column: Any, point: Any) -> Any:
+    """Map a point by an affine map (3, 4), stored row by row in a row of a table from a column on."""
     x, y, z = point
     return (
         table[row, column] * x + table[row, column + 1] * y + table[row, column + 2] * z + table[row, column + 3],
@@ -56,8 +56,8 @@ def mapped(table: Any, row: Any, column: Any, point: Any) -> Any:
 
 
 @inlined
-def turned(table: Any, row: Any, column: Any, vector: Any) -> Any:
-    """A vector by the linear part of such a map."""
+def mapped_vector(table: Any, row: Any, column: Any, vector: Any) -> Any:
+    """Map a vector by the linear part of such a map."""
     x, y, z = vector
     return (
         table[row, column] * x + table[row, column + 1] * y + table[row, column + 2] * z,
@@ -67,8 +67,8 @@ def turned(table: Any, row: Any, column: Any, vector: Any) -> Any:
 
 
 @inlined
-def turned_back(table: Any, row: Any, column: Any, vector: Any) -> Any:
-    """A vector by the transposed linear part of such a map."""
+def mapped_normal(table: Any, row: Any, column: Any, vector: Any) -> Any:
+    """Map a normal back by the transposed linear part of such a map; the result is not normalized."""
     x, y, z = vector
     return (
         table[row, column] * x + table[row, column + 4] * y + table[row, column + 8] * z,
@@ -79,13 +79,13 @@ def turned_back(table: Any, row: Any, column: Any, vector: Any) -> Any:
 
 @inlined
 def cross(a: Any, b: Any) -> Any:
-    """Vector product."""
+    """Return the vector product a x b."""
     return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
 
 
 @inlined
 def unit(vector: Any) -> Any:
-    """A vector of length 1."""
+    """Return a vector scaled to length 1."""
     return times(vector, 1.0 / dot(vector, vector) ** 0.5)
 
 
@@ -97,15 +97,15 @@ NOTHING = -1
 
 
 class TriangleTree(NamedTuple):
-    """Triangles ordered so that the triangles of each box follow one another, and the boxes, outer ones first.
+    """Triangles ordered so that those of each box are contiguous, and the boxes in depth-first order.
 
     Attributes
     ----------
     boxes
-        (m, 9): least and greatest corner; the place of the next box that is not within it; of one that is not divided
-        the first of its triangles, and their number, otherwise 0.
+        (m, 9): minimum and maximum corner; index of the next box outside it; index of its first triangle; number of
+        its triangles, 0 unless it is a leaf.
     triangles
-        (n, 18): a corner, the edges from it, and the colours of it and of the ends of these.
+        (n, 18): first corner, the two edges from it, and the colours of the three corners.
     """
 
     boxes: FloatArray
@@ -122,16 +122,16 @@ def triangle_tree(surface: Triangles) -> TriangleTree:
 
     def divide(begin: int, end: int) -> None:
         inside = order[begin:end]
-        place = len(boxes)
-        is_last = end - begin <= LEAF
+        index = len(boxes)
+        is_leaf = end - begin <= LEAF
         corners = np.concatenate([low[inside].min(axis=0), high[inside].max(axis=0)])
-        boxes.append(np.array([*corners, 0.0, begin, end - begin if is_last else 0]))
-        if not is_last:
+        boxes.append(np.array([*corners, 0.0, begin, end - begin if is_leaf else 0]))
+        if not is_leaf:
             axis, half = int(np.argmax(np.ptp(middle[inside], axis=0))), (end - begin) // 2
             order[begin:end] = inside[np.argpartition(middle[inside, axis], half)]
             divide(begin, begin + half)
             divide(begin + half, end)
-        boxes[place][NEXT] = len(boxes)
+        boxes[index][NEXT] = len(boxes)
 
     divide(0, len(points))
     corner, second, third = (points[order, k] for k in range(3))
@@ -148,10 +148,7 @@ NO_TRIANGLES = TriangleTree(np.zeros((0, 9)), np.zeros((0, 18)))
 def nearest_triangle(
     boxes: Any, triangles: Any, start: Any, direction: Any, least: Any, most: Any, nearest: Any
 ) -> Any:
-    """Return the number of a triangle hit between two lengths, or `NOTHING`, and the length of the hit.
-
-    The hit is the `nearest` or any.
-    """
+    """Return a triangle hit between two lengths, or `NOTHING`, and the length; `nearest` or any hit."""
     found, length = NOTHING, most
     x, y, z = 1.0 / direction[0], 1.0 / direction[1], 1.0 / direction[2]
     box = 0
@@ -167,9 +164,9 @@ def nearest_triangle(
             continue
         first = int(boxes[box, FIRST])
         for triangle in range(first, first + int(boxes[box, COUNT])):
-            there = _crossing(triangles, triangle, start, direction)
-            if least < there < length:
-                found, length = triangle, there
+            hit = _crossing(triangles, triangle, start, direction)
+            if least < hit < length:
+                found, length = triangle, hit
                 if not nearest:
                     return found, length
         box += 1

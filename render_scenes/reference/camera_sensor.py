@@ -86,12 +86,12 @@ def _plugin(variant: str) -> str:
             dr.make_opaque(self.waves_px, self.per_px)
 
         def chief_ray(self, x: Any, y: Any) -> tuple[Any, Any]:
-            """Return x/z and y/z of the ray through the middle of the pupil."""
+            """Return x/z and y/z of the ray through the centre of the pupil."""
             if self.table is None:
                 return normalized_from_mitsuba(x, y, self.intrinsics)
-            beside = self.table.eval(mi.Point2f((x + 0.5) / self.nodes[0], (y + 0.5) / self.nodes[1]))
+            offset = self.table.eval(mi.Point2f((x + 0.5) / self.nodes[0], (y + 0.5) / self.nodes[1]))
             fx, fy, cx, cy = self.intrinsics[:4]
-            return (x - 0.5 - cx) / fx + beside[0], (y - 0.5 - cy) / fy + beside[1]
+            return (x - 0.5 - cx) / fx + offset[0], (y - 0.5 - cy) / fy + offset[1]
 
         def ray_through(self, x: Any, y: Any, u: Any = 0.5, v: Any = 0.5) -> Any:
             """Return the ray from the pupil point u, v (0 to 1) through the sensor point x, y (Mitsuba's pixels)."""

@@ -252,7 +252,7 @@ def _plugin(variant: str) -> str:
             left, top = mi.Float(x), mi.Float(y)
             per_sample = NUMBERS * (self.last + 1)
 
-            def take(taken: Any, *totals: Any) -> tuple[Any, ...]:
+            def add_sample(taken: Any, *totals: Any) -> tuple[Any, ...]:
                 sample, branch = (taken // self.branches, taken % self.branches) if self.branches > 1 else (taken, 0)
                 at = [shift + mi.Float(sample) * step for shift, step in zip(shifts, steps, strict=True)]
                 across, down, *on_pupil = (each - dr.floor(each) for each in at)
@@ -261,7 +261,7 @@ def _plugin(variant: str) -> str:
                 return taken + 1, *(total + light[k] for k, total in enumerate(totals))
 
             start: tuple[Any, ...] = (mi.UInt32(0), *(mi.Float(0.0) for _ in range(self.channels)))
-            _, *totals = dr.while_loop(start, lambda taken, *totals: taken < spp * self.branches, take)
+            _, *totals = dr.while_loop(start, lambda taken, *totals: taken < spp * self.branches, add_sample)
             return [total / mi.Float(spp) for total in totals]
 
         def sample(self, scene: Any, sampler: Any, ray: Any, medium: Any = None, active: Any = True) -> Any:

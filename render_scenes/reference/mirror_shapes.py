@@ -80,14 +80,14 @@ def _face(mirror: Mirror, finish: MirrorFinish, lift_mm: float, bsdf: dict[str, 
 
 
 def _cells(mirror: Mirror, finish: MirrorFinish) -> tuple[FloatArray, NDArray[np.int64]]:
-    """Return points (n, 2) of the plane and triangles (m, 3) of a subdivided fan from the middle to each edge."""
+    """Return points (n, 2) of the plane and triangles (m, 3) of a subdivided fan from the centre to each edge."""
     outline = mirror.outline_in_plane_mm if _anticlockwise(mirror) else mirror.outline_in_plane_mm[::-1]
     size = radius_mm(mirror) / CELLS_PER_RADIUS
     if finish.ripple_mm > 0.0:
         size = min(size, finish.ripple_wavelength_mm / CELLS_PER_WAVE)
     sides = np.linalg.norm(np.concatenate([outline, np.roll(outline, -1, axis=0) - outline]), axis=1)
     count = int(np.ceil(sides.max() / size))
-    # Row r of a triangle, counted from the middle, has r + 1 points.
+    # Row r of a triangle, counted from the centre, has r + 1 points.
     rows = np.repeat(np.arange(count + 1), np.arange(1, count + 2))
     columns = np.arange(len(rows)) - rows * (rows + 1) // 2
     parts = np.stack([rows - columns, columns], axis=1) / count
@@ -95,9 +95,9 @@ def _cells(mirror: Mirror, finish: MirrorFinish) -> tuple[FloatArray, NDArray[np
     here = np.flatnonzero(inner)
     below = here + rows[inner] + 1
     up = np.column_stack([here, below, below + 1])
-    beside = inner & (columns < rows)
-    here = np.flatnonzero(beside)
-    below = here + rows[beside] + 1
+    has_next = inner & (columns < rows)
+    here = np.flatnonzero(has_next)
+    below = here + rows[has_next] + 1
     small = np.concatenate([up, np.column_stack([here, below + 1, here + 1])])
     corners = np.stack([outline, np.roll(outline, -1, axis=0)], axis=1)
     points = (parts @ corners).reshape(-1, 2)
@@ -123,11 +123,11 @@ def mesh(
     faces: NDArray[np.int64],
     bsdf: dict[str, Any],
     normals_in_rig: FloatArray | None = None,
-    texture_places: FloatArray | None = None,
+    texture_uv: FloatArray | None = None,
 ) -> Any:
     """Return triangles (m, 3) of vertices (n, 3) with normals (n, 3), or flat, as a shape of the current variant.
 
-    `texture_places` (n, 2) are the texture coordinates of the vertices, 0 to 1.
+    `texture_uv` (n, 2) are the texture coordinates of the vertices, 0 to 1.
     """
     import mitsuba as mi
 
@@ -140,14 +140,14 @@ def mesh(
         len(faces),
         props=properties,
         has_vertex_normals=smooth,
-        has_vertex_texcoords=texture_places is not None,
+        has_vertex_texcoords=texture_uv is not None,
     )
     buffers = mi.traverse(shape)
     buffers["vertex_positions"] = np.float32(vertices_in_rig).ravel()
     if normals_in_rig is not None:
         buffers["vertex_normals"] = np.float32(normals_in_rig).ravel()
-    if texture_places is not None:
-        buffers["vertex_texcoords"] = np.float32(texture_places).ravel()
+    if texture_uv is not None:
+        buffers["vertex_texcoords"] = np.float32(texture_uv).ravel()
     buffers["faces"] = np.uint32(faces).ravel()
     buffers.update()
     return shape

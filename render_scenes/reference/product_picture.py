@@ -62,9 +62,9 @@ class Viewpoint:
         import mitsuba as mi
 
         width, height = self.size_px
-        away = float(np.linalg.norm(self.middle_in_rig_mm - self.eye_in_rig_mm)) / self.mm_per_px
+        distance_px = float(np.linalg.norm(self.middle_in_rig_mm - self.eye_in_rig_mm)) / self.mm_per_px
         right, down, forward = (mi.Vector3f(*axis.tolist()) for axis in self.axes)
-        direction = (x - 0.5 * width) * right + (y - 0.5 * height) * down + away * forward
+        direction = (x - 0.5 * width) * right + (y - 0.5 * height) * down + distance_px * forward
         return mi.Ray3f(mi.Point3f(*self.eye_in_rig_mm.tolist()), dr.normalize(direction))
 
 
@@ -80,20 +80,20 @@ def viewpoints(layout: Layout, bodies: Sequence[DeviceBody]) -> tuple[Viewpoint,
     A point that the camera sees in every mirror also sees the lens in every mirror.
     """
     points = np.concatenate([body.points for body in bodies])
-    turn = level_from_rig(layout)
-    low, high = (points @ turn.T).min(axis=0), (points @ turn.T).max(axis=0)
-    middle = (low + high) / 2.0 @ turn
+    level = level_from_rig(layout)
+    low, high = (points @ level.T).min(axis=0), (points @ level.T).max(axis=0)
+    middle = (low + high) / 2.0 @ level
     depth_mm = 500.0 if layout.spec is None else max(layout.spec.depths_mm)
     eye = np.array([*common_bounds(layout, depth_mm).mean(axis=0), depth_mm]) @ layout.view_from_rig
     width, height = (SIZE_PX[0] - GAP_PX) // 2, SIZE_PX[1]
-    aside = middle + 4.0 * (high - low).max() * np.array([0.64, 0.70, 0.27]) @ turn
+    oblique = middle + 4.0 * (high - low).max() * np.array([0.64, 0.70, 0.27]) @ level
     views = []
-    for at in (eye, aside):
-        view = Viewpoint(np.asarray(at), middle, turn[2], 1.0, (width, height))
-        # Wide enough for the farthest point from the middle, as seen from the eye.
+    for at in (eye, oblique):
+        view = Viewpoint(np.asarray(at), middle, level[2], 1.0, (width, height))
+        # Wide enough for the farthest point from the centre, seen from the eye.
         seen = (points - at) @ view.axes.T
-        away = np.linalg.norm(middle - at)
-        flat = np.abs(seen[:, :2] / seen[:, 2:] * away).max(axis=0)
+        distance_mm = np.linalg.norm(middle - at)
+        flat = np.abs(seen[:, :2] / seen[:, 2:] * distance_mm).max(axis=0)
         views.append(replace(view, mm_per_px=float(MARGIN * 2.0 * (flat / (width, height)).max())))
     return views[0], views[1]
 
@@ -136,11 +136,11 @@ def product_picture(layout: Layout, folder: Path, *, spp: int, scale: float = 1.
         width, height = (round(length * scale) for length in view.size_px)
         small = replace(view, mm_per_px=view.mm_per_px / scale, size_px=(width, height))
         light = render(scene, small, paths, crop=(0, 0, width, height), subpixels=1, spp=spp, seed=0)
-        pictures += [_developed(light), np.full((height, round(GAP_PX * scale), 3), 255, dtype=np.uint8)]
+        pictures += [_encoded(light), np.full((height, round(GAP_PX * scale), 3), 255, dtype=np.uint8)]
     return np.concatenate(pictures[:-1], axis=1)
 
 
-def _developed(light: NDArray[np.float32]) -> NDArray[np.uint8]:
+def _encoded(light: NDArray[np.float32]) -> NDArray[np.uint8]:
     """Encode radiance as sRGB; highlights above 0.6 are compressed towards 1."""
     knee = 0.6
     over = np.maximum(light - knee, 0.0) / (1.0 - knee)
@@ -197,14 +197,14 @@ def _studio(bodies: Sequence[DeviceBody], level: FloatArray) -> dict[str, Any]:
     low, high = points.min(axis=0), points.max(axis=0)
     middle, size = (low + high) / 2.0, float((high - low).max())
     back = low[1] - 1.2 * size
-    turn = np.linspace(0.0, np.pi / 2.0, 33)
+    angles = np.linspace(0.0, np.pi / 2.0, 33)
     # From in front of the device along the floor, around a bend, and up.
     profile = np.array(
         [(middle[1] + PAPER_MM, 0.0)]
-        + [(back - BEND_MM * np.sin(angle), BEND_MM * (1.0 - np.cos(angle))) for angle in turn]
+        + [(back - BEND_MM * np.sin(angle), BEND_MM * (1.0 - np.cos(angle))) for angle in angles]
         + [(back - BEND_MM, PAPER_MM)]
     )
-    normals = np.array([(0.0, 1.0), *((np.sin(angle), np.cos(angle)) for angle in turn), (1.0, 0.0)])
+    normals = np.array([(0.0, 1.0), *((np.sin(angle), np.cos(angle)) for angle in angles), (1.0, 0.0)])
     sides = (middle[0] + PAPER_MM, middle[0] - PAPER_MM)
     corners = np.array([[x, y, z + low[2]] for x in sides for y, z in profile])
     count = len(profile)
@@ -219,8 +219,8 @@ def _studio(bodies: Sequence[DeviceBody], level: FloatArray) -> dict[str, Any]:
     matte = {"type": "diffuse", "reflectance": {"type": "rgb", "value": [0.78, 0.79, 0.80]}}
 
     def box(towards: tuple[float, float, float], wide: float, radiance: tuple[float, float, float]) -> dict[str, Any]:
-        place, target = (middle + size * np.array(towards)) @ level, middle @ level
-        frame = mi.ScalarTransform4f().look_at(origin=place.tolist(), target=target.tolist(), up=level[2].tolist())
+        origin, target = (middle + size * np.array(towards)) @ level, middle @ level
+        frame = mi.ScalarTransform4f().look_at(origin=origin.tolist(), target=target.tolist(), up=level[2].tolist())
         return {
             "type": "rectangle",
             "to_world": frame @ mi.ScalarTransform4f().scale([wide * size, wide * size, 1.0]),

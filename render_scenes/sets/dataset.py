@@ -24,7 +24,7 @@ from mirrorcam.render_scenes.settings import RenderSettings
 
 MANIFEST = "dataset.json"
 KNOWN = ("layout.json", "board.toml")
-"""Files that a user has in addition to the pictures."""
+"""Files that a user of a real camera has besides the pictures."""
 TRUTH = (
     *("truth/layout.json", "truth/poses.json", "truth/seed.json", "truth/corners.npz"),
     *("truth/readout.json", "truth/finish.json"),
@@ -41,7 +41,7 @@ class Reach(Value):
 
 
 class Dataset(FolderManifest):
-    """Manifest of a rendered set: facts that a user of a real camera knows, and a checksum of each file written so far.
+    """Manifest of a rendered set: the knowledge of a user of a real camera, and a checksum of each file written so far.
 
     `request` is a digest of everything that determines the bytes of the set, including the seed.
     """
@@ -81,7 +81,7 @@ class Dataset(FolderManifest):
 
     @property
     def base_names(self) -> tuple[str, ...]:
-        """Names of the frames of the camera alone, in order."""
+        """Names of the frames of the bare camera, in order."""
         return tuple(f"base/{index:04d}{self.settings.suffix}" for index in range(self.base_frames))
 
     @property

@@ -1,4 +1,4 @@
-"""Rendering one frame of a set in a worker: the task is text (JSON), the result is files as bytes."""
+"""Render one frame of a set in a worker: the task is JSON text, the result the bytes of its files."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class CaptureSetup(Value):
 class FrameTask(Value):
     """One frame: poses of the board, rig_from_board (1 or 3, 4, 4) in mm, and the key of its random numbers.
 
-    Three poses are those at the readout of the first, middle and last row of a rolling shutter.
+    With a rolling shutter, the three poses are at the readout of the first, middle and last row.
     """
 
     setup: CaptureSetup
@@ -180,7 +180,7 @@ def render_frame_on_one_core(task_json: str) -> dict[str, bytes]:
 
 
 def render_frame_in_turn(task_json: str) -> dict[str, bytes]:
-    """Call `render_frame` from one of several threads; the calls run in sequence, as a scene has one pose at a time."""
+    """Call `render_frame` from one of several threads; a scene has one pose at a time, so the calls run in sequence."""
     return _turn().submit(render_frame, task_json).result()
 
 
@@ -194,7 +194,7 @@ def _compressed(picture: NDArray[np.uint8], settings: RenderSettings) -> bytes:
     sensor = settings.sensor
     if sensor.jpeg_quality is not None:
         return encoded_image(picture, settings.suffix, sensor.jpeg_quality)
-    # Frames of a video are compressed there, with prediction between frames.
+    # The video compresses its own frames, with prediction between them.
     if sensor.h264_crf is not None and settings.video is None:
         picture = as_key_frame(picture, sensor.h264_crf)
     return encoded_image(picture, settings.suffix)

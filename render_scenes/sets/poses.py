@@ -1,6 +1,6 @@
 """Planning of board poses: coverage of every sub-image at near and far depths, with tilts.
 
-The plan uses the design alone, like a person who holds the board.
+The plan uses only the design, as a person does who holds the board by hand.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from mirrorcam.render_scenes.truth.corners import BoolArray, Oracle
 
 MOST_TILT_DEG = 38.0
 MOST_ROLL_DEG = 25.0
-CANDIDATES = 8  # poses tried for each frame; fewer in large sets, which cover the picture anyway
+CANDIDATES = 8  # poses tried per frame; large sets, which cover the picture anyway, try fewer
 MOST_TRIED = 800
 FEWEST_CANDIDATES = 2
 CELLS = 10  # coverage is counted on a grid of this many cells along each side of a sub-image
-FEWEST_CORNERS = 6  # that a view must show to determine the pose of the board
+FEWEST_CORNERS = 6  # visible in a view, to determine the pose of the board
 SMALLEST_SQUARE_PX = 8.0
 ROOM_MM = 20.0  # between mirrors and board
 _ROOT = 1.1127756842787055  # the positive root of x^7 = x + 1
@@ -50,8 +50,8 @@ class PosePlan:
 def reaches(plan: PosePlan, target: Target, forward: FloatArray) -> tuple[Reach, ...]:
     """Return the range of depths and the largest tilt at which each view shows `FEWEST_CORNERS` corners or more.
 
-    Depth is that of the board's middle along the unit vector `forward` (3,) in rig, tilt the angle of the board's
-    normal to this vector. Both are rounded to integer mm and degrees, as precise as a person can hold a board.
+    Depth is measured to the board's centre along the unit vector `forward` (3,) in rig; tilt is the angle between the
+    board's normal and this vector. Both are rounded to mm and degrees, the precision of a board held by hand.
     """
     middle = np.array([*target.size_mm, 0.0, 2.0]) / 2.0
     depths = (plan.poses @ middle)[:, :3] @ forward
@@ -88,8 +88,8 @@ def plan_frames(layout: Layout, target: Target, count: int, random: np.random.Ge
         return found if (outline @ found[:3].T @ layout.view_from_rig[2]).min() > nearest else None
 
     views = [layout.outline_px(index) for index in range(len(layout.mirrors))]
-    plan = _choose(pose, oracle.by_mirrors, views, count, random)
-    _check_visible(target, plan, oracle.by_mirrors, views, "mirror")
+    plan = _choose(pose, oracle.via_mirrors, views, count, random)
+    _check_visible(target, plan, oracle.via_mirrors, views, "mirror")
     return plan
 
 
@@ -100,7 +100,7 @@ def plan_of(layout: Layout, target: Target, poses: FloatArray) -> PosePlan:
     covered = np.zeros((len(cells), CELLS, CELLS), dtype=np.bool_)
     corners = np.zeros((len(poses), len(cells)), dtype=np.int64)
     for number, pose in enumerate(poses):
-        px, visible = oracle.by_mirrors(pose)
+        px, visible = oracle.via_mirrors(pose)
         corners[number] = visible.sum(axis=1)
         covered |= [cell.hit(px[index][visible[index]]) for index, cell in enumerate(cells)]
     if not covered.any():
@@ -117,10 +117,10 @@ def plan_base_frames(layout: Layout, target: Target, count: int, random: np.rand
     oracle = Oracle(layout, target)
     size = np.array([camera.width_px, camera.height_px])
     focal = np.array([camera.fx_px, camera.fy_px])
-    fills = float(np.max(np.array(target.size_mm) * focal / size))  # distance at which the board fills the picture
+    filling_mm = float(np.max(np.array(target.size_mm) * focal / size))  # distance at which the board fills the picture
 
     def pose(numbers: FloatArray) -> FloatArray | None:
-        distance = fills / (0.45 + 0.5 * numbers[0])
+        distance = filling_mm / (0.45 + 0.5 * numbers[0])
         shift = size / focal * distance / 2.0 - 0.35 * np.array(target.size_mm)
         centre = np.array([*(np.maximum(shift, 0.0) * (2.0 * numbers[1:3] - 1.0)), distance])
         return _rig_from_board(np.eye(3), target, centre, numbers[3:])
@@ -137,7 +137,7 @@ def plan_base_frames(layout: Layout, target: Target, count: int, random: np.rand
 
 
 def _depths(layout: Layout) -> tuple[float, float]:
-    """Return the nearest and farthest depth of the board's middle: slightly beyond the spec's."""
+    """Return the nearest and farthest depth of the board's centre: slightly beyond the range of the spec."""
     if layout.spec is not None:
         return 0.92 * min(layout.spec.depths_mm), 1.15 * max(layout.spec.depths_mm)
     scale = layout.mirrors[layout.central_index].distance_mm * np.sqrt(2.0)
@@ -156,7 +156,7 @@ def _rig_from_board(
 
 
 class _Cells:
-    """Coverage cells of a view's picture: a grid over its bounds; cells whose middle is inside the outline count."""
+    """Coverage cells of a view's picture: a grid over its bounds; cells with their centre inside the outline count."""
 
     def __init__(self, outline_px: FloatArray) -> None:
         self.low, high = outline_px.min(axis=0), outline_px.max(axis=0)

@@ -38,19 +38,19 @@ def write_truth(
     out: Path,
     oracle: Oracle,
     finishes: tuple[MirrorFinish, ...],
-    moments: FloatArray,
+    readouts: FloatArray,
     base_plan: PosePlan,
     seed: int,
 ) -> None:
-    """Write the ground truth of a set; only validation may read it."""
-    halfway = moments[:, moments.shape[1] // 2]
+    """Write the ground truth of a set, for validation only."""
+    middle_poses = readouts[:, readouts.shape[1] // 2]
     truth = out / "truth"
-    frames_px, frames_visible = oracle.all_by_mirrors(list(moments))
+    frames_px, frames_visible = oracle.all_via_mirrors(list(readouts))
     base_px, base_visible = oracle.all_direct(list(base_plan.poses))
     oracle.layout.save(truth / "layout.json")
-    write_json(truth / "poses.json", {"frames": halfway.tolist(), "base": base_plan.poses.tolist()})
-    if moments.shape[1] == 3:
-        write_json(truth / "readout.json", {"poses": moments.tolist()})
+    write_json(truth / "poses.json", {"frames": middle_poses.tolist(), "base": base_plan.poses.tolist()})
+    if readouts.shape[1] == 3:
+        write_json(truth / "readout.json", {"poses": readouts.tolist()})
     if finishes:
         write_json(truth / "finish.json", {"mirrors": [finish.model_dump(mode="json") for finish in finishes]})
     write_json(truth / "seed.json", {"seed": seed})
@@ -92,7 +92,7 @@ def render_set(
         Folder for the set: `frames/`, `base/`, `layout.json` (nominal), `board.toml`, `dataset.json`, and `truth/`.
         Pictures that an interrupted run with the same request has finished are kept.
     run
-        Renders the tasks and yields the number and files of each picture, in any order; by default in this process.
+        Renders the tasks and yields the index and files of each picture, in any order; by default in this process.
     variant
         Mitsuba's variant, on which the bytes depend; by default the fastest available.
     progress
@@ -114,28 +114,30 @@ def render_set(
     out = path_of("out", out)
     check_video(request.settings, request.layout.camera, request.rate_hz)
     if request.parts is not None and request.settings.renderer == "fast":
-        raise InputError("renderer fast: shows mirrors alone, expected renderer mitsuba for the parts of a device")
+        raise InputError("renderer fast: cannot show the parts of a device, expected renderer mitsuba")
     variant = use_variant(variant)
     layout, settings = request.layout, request.settings
     built = draw_as_built(layout, request.tolerances, request.random(Stream.AS_BUILT))
     pupil = settings.sensor.pupil
     built = built.replaced(camera=built.camera.with_pupil(pupil))
     parts = None if request.parts is None else parts_of(request.parts, layout, built)
-    plan, moments = planned_frames(request)
+    plan, readouts = planned_frames(request)
     base_plan = plan_base_frames(layout, request.target, request.base_frames, request.random(Stream.BASE_POSES))
     dataset = _manifest(request, plan, base_plan, None if parts is None else parts.checksum, variant)
     dataset = dataset.replaced(request=_digest(dataset, built, plan, base_plan, request.seed))
     dataset = dataset.continued(out, dataset.planned_names)
-    dataset = dataset.added(out, partial(_write_known, dataset=dataset, layout=layout))
+    dataset = dataset.added(out, partial(_write_known_files, dataset=dataset, layout=layout))
     finishes = draw_finishes(settings, len(built.mirrors), request.random(Stream.FINISH))
     obstacles = None if parts is None else BodyObstacles(bodies_around(parts))
-    taken_by = built.replaced(camera=true_camera(built.camera, settings.sensor))
-    oracle = Oracle(taken_by, dataset.target, finishes, obstacles, pupil)
-    dataset = dataset.added(out, lambda folder: write_truth(folder, oracle, finishes, moments, base_plan, request.seed))
+    as_built = built.replaced(camera=true_camera(built.camera, settings.sensor))
+    oracle = Oracle(as_built, dataset.target, finishes, obstacles, pupil)
+    dataset = dataset.added(
+        out, lambda folder: write_truth(folder, oracle, finishes, readouts, base_plan, request.seed)
+    )
     if (name := dataset.pupil_name) is not None and name not in dataset.files:
-        tracer, path = PupilTracer(taken_by, pupil, finishes, obstacles), Path(name)
+        tracer, path = PupilTracer(as_built, pupil, finishes, obstacles), Path(name)
         dataset = dataset.added(out, lambda folder: write_pupil_maps(folder / path, tracer))
-    tasks = _tasks(request, dataset, built, finishes, parts, moments, base_plan, variant)
+    tasks = _tasks(request, dataset, built, finishes, parts, readouts, base_plan, variant)
     return _render_missing(out, dataset, tasks, run or in_this_process, progress)
 
 
@@ -169,7 +171,7 @@ def _tasks(
     built: Layout,
     finishes: tuple[MirrorFinish, ...],
     parts: DeviceParts | None,
-    moments: FloatArray,
+    readouts: FloatArray,
     base_plan: PosePlan,
     variant: str,
 ) -> list[FrameTask]:
@@ -194,16 +196,16 @@ def _tasks(
             poses=poses,
             key=(request.seed, stream, index),
         )
-        for stream, setup, names, moments_of in (
-            (Stream.FRAMES, through_mirrors, dataset.frame_names, moments),
+        for stream, setup, names, poses_of in (
+            (Stream.FRAMES, through_mirrors, dataset.frame_names, readouts),
             (Stream.BASE, bare, dataset.base_names, base_plan.poses[:, None]),
         )
-        for index, (name, poses) in enumerate(zip(names, moments_of, strict=True))
+        for index, (name, poses) in enumerate(zip(names, poses_of, strict=True))
     ]
 
 
 def _render_missing(out: Path, dataset: Dataset, tasks: Sequence[FrameTask], run: Run, progress: Progress) -> Dataset:
-    """Render the frames, and encode the video, that an interrupted run has not written."""
+    """Render the frames that are missing, then encode the video if it is."""
     missing = [task for task in tasks if not {task.name, task.map_name} - {None} <= dataset.files.keys()]
     in_video = 0 if dataset.video_name is None else dataset.frames
     total = len(tasks) + in_video
@@ -234,7 +236,7 @@ def _digest(dataset: Dataset, built: Layout, plan: PosePlan, base_plan: PosePlan
     return value_digest(inputs | drawn)[:16]
 
 
-def _write_known(folder: Path, dataset: Dataset, layout: Layout) -> None:
-    """Write the data that a user knows in addition to the pictures."""
+def _write_known_files(folder: Path, dataset: Dataset, layout: Layout) -> None:
+    """Write the files that a user of a real camera has besides the pictures."""
     layout.save(folder / "layout.json")
     save_board(folder / "board.toml", dataset.target)

@@ -22,7 +22,7 @@ Light = NDArray[np.float32]
 NODES = np.arange(-3, 5)
 """Offsets of the pixels that interpolate a picture, from the pixel to the left of the point.
 
-The interpolation does not shift an edge blurred with 0.8 px, and is correct to 0.8 % of its step.
+The interpolation does not shift an edge blurred with sigma 0.8 px; its error is below 0.8 % of the edge's contrast.
 """
 
 
@@ -57,22 +57,22 @@ def light_of_pixels(radiance: Light, subpixels: int, camera: Camera, model: Sens
         (h, w) for grey light through a lens without chromatic aberration, otherwise (h, w, 3).
     """
     if model.lateral_chromatic_percent == 0.0 and model.axial_chromatic_px == 0.0:
-        return _gathered(radiance, subpixels, model.lens_blur_px)
+        return _blurred_pixels(radiance, subpixels, model.lens_blur_px)
     out_of_focus = float(np.hypot(model.lens_blur_px, model.axial_chromatic_px))
-    more = model.lateral_chromatic_percent / 100.0
+    excess = model.lateral_chromatic_percent / 100.0
     red_green_blue = (
-        _Colour(1.0 + more, out_of_focus),
+        _Colour(1.0 + excess, out_of_focus),
         _Colour(1.0, model.lens_blur_px),
-        _Colour(1.0 - more, out_of_focus),
+        _Colour(1.0 - excess, out_of_focus),
     )
     planes = []
     for channel, colour in enumerate(red_green_blue):
         plane = radiance if radiance.ndim == 2 else np.ascontiguousarray(radiance[..., channel])
-        planes.append(magnified(_gathered(plane, subpixels, colour.blur_px), camera, colour.magnification))
+        planes.append(magnified(_blurred_pixels(plane, subpixels, colour.blur_px), camera, colour.magnification))
     return np.stack(planes, axis=-1)
 
 
-def _gathered(radiance: Light, subpixels: int, blur_px: float) -> Light:
+def _blurred_pixels(radiance: Light, subpixels: int, blur_px: float) -> Light:
     if blur_px > 0:
         radiance = np.asarray(
             cv2.GaussianBlur(radiance, (0, 0), blur_px * subpixels, borderType=cv2.BORDER_REPLICATE), dtype=np.float32
@@ -80,7 +80,7 @@ def _gathered(radiance: Light, subpixels: int, blur_px: float) -> Light:
     if subpixels == 1:
         return radiance.copy()
     height, width = radiance.shape[:2]
-    # Whole pixels, so that "area" is their mean.
+    # With an integer factor, INTER_AREA is the mean of the subpixels.
     size = (width // subpixels, height // subpixels)
     return np.asarray(cv2.resize(radiance, size, interpolation=cv2.INTER_AREA), dtype=np.float32)
 
@@ -93,13 +93,13 @@ def magnified(picture: Light, camera: Camera, magnification: float) -> Light:
     if magnification == 1.0:
         return picture
     for axis, centre_px in ((1, camera.cx_px), (0, camera.cy_px)):
-        picture = _stretched(picture, axis, centre_px, magnification)
+        picture = _magnified_along(picture, axis, centre_px, magnification)
     return picture
 
 
-def _stretched(picture: Light, axis: int, centre_px: float, magnification: float) -> Light:
-    places = np.arange(picture.shape[axis], dtype=np.float64)
-    shift = (places - centre_px) * (1.0 / magnification - 1.0)
+def _magnified_along(picture: Light, axis: int, centre_px: float, magnification: float) -> Light:
+    coordinates = np.arange(picture.shape[axis], dtype=np.float64)
+    shift = (coordinates - centre_px) * (1.0 / magnification - 1.0)
     before = np.floor(shift)
     offsets = np.arange(int(before.min()) + NODES[0], int(before.max()) + NODES[-1] + 1)
     low, high = int(offsets[0]), int(offsets[-1])
@@ -109,34 +109,34 @@ def _stretched(picture: Light, axis: int, centre_px: float, magnification: float
     margin = [(0, 0), (0, 0)]
     margin[axis] = (max(-low, 0), max(high, 0))
     padded = np.pad(picture, margin, mode="edge")
-    stretched = np.zeros_like(picture)
+    result = np.zeros_like(picture)
     for offset, weight in zip(offsets + margin[axis][0], weights.astype(np.float32), strict=True):
-        part = slice(int(offset), int(offset) + picture.shape[axis])
+        window = slice(int(offset), int(offset) + picture.shape[axis])
         if axis == 1:
-            stretched += weight * padded[:, part]
+            result += weight * padded[:, window]
         else:
-            stretched += weight[:, None] * padded[part]
-    return stretched
+            result += weight[:, None] * padded[window]
+    return result
 
 
-def _lagrange(parts: FloatArray) -> FloatArray:
-    """Return the Lagrange weights (nodes, n) of `NODES` at coordinates `parts` (n,) from 0 to 1."""
+def _lagrange(at: FloatArray) -> FloatArray:
+    """Return the Lagrange weights (nodes, n) of `NODES` at coordinates `at` (n,) from 0 to 1."""
     others = [NODES[node != NODES] for node in NODES]
     return np.array(
-        [np.prod((parts[:, None] - other) / (node - other), axis=1) for node, other in zip(NODES, others, strict=True)]
+        [np.prod((at[:, None] - other) / (node - other), axis=1) for node, other in zip(NODES, others, strict=True)]
     )
 
 
 Picture = NDArray[np.float32]
 
-DENOISED_PX = 5
-"""Width of the neighbourhood of the bilateral filter."""
-DENOISING_PX = 1.5
-"""Sigma of its weights by distance."""
-SHARPENING_PX = 1.0
+DENOISING_PX = 5
+"""Diameter of the bilateral filter's neighbourhood."""
+DENOISING_SIGMA_PX = 1.5
+"""Spatial sigma of the bilateral filter."""
+SHARPENING_SIGMA_PX = 1.0
 """Sigma of the blur that unsharp masking subtracts."""
 _STEPS = 256
-"""Steps of the raw picture, and of the tone curve, in a grey level."""
+"""Steps per grey level of the raw picture and of the tone curve."""
 
 
 def mosaic(light: Picture) -> Picture:
@@ -155,13 +155,15 @@ def processed(grey: Picture, model: SensorModel) -> Picture:
         grey = demosaiced(grey)
     if model.denoising_grey > 0:
         grey = np.asarray(
-            cv2.bilateralFilter(grey, DENOISED_PX, model.denoising_grey, DENOISING_PX, borderType=cv2.BORDER_REPLICATE),
+            cv2.bilateralFilter(
+                grey, DENOISING_PX, model.denoising_grey, DENOISING_SIGMA_PX, borderType=cv2.BORDER_REPLICATE
+            ),
             dtype=np.float32,
         )
     if model.tone_curve == "srgb":
-        grey = _toned()[_in_steps(grey)]
+        grey = _tone_curve()[_in_steps(grey)]
     if model.sharpening > 0:
-        soft = cv2.GaussianBlur(grey, (0, 0), SHARPENING_PX, borderType=cv2.BORDER_REPLICATE)
+        soft = cv2.GaussianBlur(grey, (0, 0), SHARPENING_SIGMA_PX, borderType=cv2.BORDER_REPLICATE)
         grey = grey + np.float32(model.sharpening) * (grey - soft)
     return grey
 
@@ -185,7 +187,7 @@ def _in_steps(grey: Picture) -> NDArray[np.uint16]:
 
 
 @cache
-def _toned() -> Picture:
+def _tone_curve() -> Picture:
     """Return the tone curve's output grey level for each input step."""
     return (255.0 * srgb(np.arange(255 * _STEPS + 1) / (255.0 * _STEPS))).astype(np.float32)
 

@@ -75,7 +75,7 @@ class SetRequest(Value):
 
 
 def planned_frames(request: SetRequest) -> tuple[PosePlan, FloatArray]:
-    """Plan the board's pose in each frame, and its poses (frames, 1 or 3, 4, 4) while the frame is read out."""
+    """Plan the board's pose in each frame, and its poses (frames, 1 or 3, 4, 4) during the readout of each."""
     layout, target, random = request.layout, request.target, request.random(Stream.POSES)
     keys = np.array(request.poses)
     if request.rate_hz is not None and (len(keys) or request.frames) == 1:
@@ -94,5 +94,5 @@ def planned_frames(request: SetRequest) -> tuple[PosePlan, FloatArray]:
     half_s = request.settings.sensor.readout_ms / 2000.0
     around = np.array([-half_s, 0.0, half_s] if half_s > 0 else [0.0])
     times = np.arange(count)[:, None] / request.rate_hz + around
-    moments = smooth_motion(keys, times.ravel() * request.poses_hz).reshape(count, len(around), 4, 4)
-    return plan_of(layout, target, moments[:, len(around) // 2]), moments
+    readouts = smooth_motion(keys, times.ravel() * request.poses_hz).reshape(count, len(around), 4, 4)
+    return plan_of(layout, target, readouts[:, len(around) // 2]), readouts

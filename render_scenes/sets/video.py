@@ -1,7 +1,7 @@
-"""The video of a rendered set, and H.264 compression of a picture. The bytes depend on the pictures alone.
+"""The video of a rendered set, and H.264 compression of a picture. The bytes depend only on the pictures.
 
-One thread, no date, and the settings of a camera's encoder (`zerolatency`: no B-frames, no lookahead). With B-frames,
-x264 reads memory that it has not written, and its output differs from run to run.
+Encoding uses one thread, writes no date, and has the settings of a camera's encoder (`zerolatency`: no B-frames, no
+lookahead). With B-frames, x264 reads memory that it has not written, and its output differs from run to run.
 """
 
 from __future__ import annotations
@@ -110,23 +110,23 @@ def _frame(image: NDArray[np.uint8], number: int, rate: Fraction) -> Any:
     grey = image if image.ndim == 2 else image[..., 0]
     if image.ndim == 2 or (image == grey[..., None]).all():
         # Exact luma and neutral chroma.
-        colour = np.full((grey.shape[0] // 2, grey.shape[1]), 128, dtype=np.uint8)
-        frame = _av().VideoFrame.from_ndarray(np.concatenate([grey, colour]), format="yuv420p")
+        chroma = np.full((grey.shape[0] // 2, grey.shape[1]), 128, dtype=np.uint8)
+        frame = _av().VideoFrame.from_ndarray(np.concatenate([grey, chroma]), format="yuv420p")
     else:
-        whole = _av().VideoFrame.from_ndarray(np.ascontiguousarray(image), format="rgb24")
-        frame = whole.reformat(format="yuv420p", dst_color_range=_FULL_RANGE)
+        rgb = _av().VideoFrame.from_ndarray(np.ascontiguousarray(image), format="rgb24")
+        frame = rgb.reformat(format="yuv420p", dst_color_range=_FULL_RANGE)
     frame.color_range = _FULL_RANGE
     frame.pts, frame.time_base = number, 1 / rate
     return frame
 
 
 def check_video(settings: RenderSettings, camera: Camera, rate_hz: float | None) -> None:
-    """Raise InputError where the frames cannot be put into the requested video."""
+    """Raise InputError if the frames do not suit the requested video."""
     video, sensor = settings.video, settings.sensor
     if video is not None and rate_hz is None:
-        raise InputError(f"video {video}: its frames are moments of a motion, expected a rate_hz")
+        raise InputError(f"video {video}: needs a frame rate, expected a rate_hz")
     if video == "avi" and sensor.jpeg_quality is None:
-        raise InputError("video avi: holds the JPEG files of a sensor, expected one with jpeg_quality")
+        raise InputError("video avi: consists of JPEG pictures, expected a sensor with jpeg_quality")
     if (video == "mp4" or sensor.h264_crf is not None) and (camera.width_px % 2 or camera.height_px % 2):
         size = f"{camera.width_px} x {camera.height_px}"
         raise InputError(f"H.264: a sensor of {size} pixels, expected even numbers of columns and rows")

@@ -50,8 +50,8 @@ def _sensor(data: object) -> object:
         presets = {str(preset): model for preset, model in SENSORS.items()}
         if name not in presets:
             raise ValueError(f"sensor {name[:40]!r}: expected one of {', '.join(presets)}")
-        given = {key: value for key, value in data.items() if key != "like"} if isinstance(data, dict) else {}
-        return presets[name].model_dump() | given
+        changes = {key: value for key, value in data.items() if key != "like"} if isinstance(data, dict) else {}
+        return presets[name].model_dump() | changes
     return data
 
 
@@ -190,6 +190,6 @@ class SetRecipe(Value):
         )
         if not self.depths_mm or layout.spec is None:
             return request
-        there = layout.replaced(spec=layout.spec.replaced(depths_mm=self.depths_mm))
-        plan = plan_frames(there, self.board, self.frames, request.random(Stream.POSES))
+        at_depths = layout.replaced(spec=layout.spec.replaced(depths_mm=self.depths_mm))
+        plan = plan_frames(at_depths, self.board, self.frames, request.random(Stream.POSES))
         return request.replaced(poses=plan.poses.tolist())

@@ -1,6 +1,6 @@
-"""Objects of a tabletop scene as shapes of Mitsuba, their materials and procedural textures, and the light sources.
+"""Objects of a tabletop scene as Mitsuba shapes, their materials and procedural textures, and the light sources.
 
-Textures are linear RGB, 0 to 1, from seeded random numbers. Every texture has detail at all scales down to its texels,
+Textures are linear RGB, 0 to 1, generated from a seed. Every texture has detail at all scales down to its texels,
 so that views can be matched everywhere.
 """
 
@@ -37,26 +37,26 @@ def texture(name: TextureName, size_px: tuple[int, int], seed: int) -> Texture:
 
 
 def grain(
-    height: int, width: int, random: np.random.Generator, *, cell: tuple[float, float], fall: float
+    height: int, width: int, random: np.random.Generator, *, cell: tuple[float, float], gain: float
 ) -> FloatArray:
     """Generate fractal noise (height, width) with mean 0 and deviation near 1; the coarsest cells are `cell` = (h, w).
 
-    Each further octave has cells half as large and an amplitude `fall` times as large.
+    Each further octave has cells half as large and an amplitude `gain` times as large.
     """
-    total, strength, power = np.zeros((height, width)), 1.0, 0.0
+    total, amplitude, power = np.zeros((height, width)), 1.0, 0.0
     tall, wide = cell
     while max(tall, wide) >= 1.0:
         rows, columns = (max(int(np.ceil(n / max(c, 1.0))), 2) for n, c in ((height, tall), (width, wide)))
         coarse = random.standard_normal((rows, columns)).astype(np.float32)
-        total += strength * np.asarray(cv2.resize(coarse, (width, height), interpolation=cv2.INTER_CUBIC))
-        power += strength**2
-        strength, tall, wide = strength * fall, tall / 2.0, wide / 2.0
+        total += amplitude * np.asarray(cv2.resize(coarse, (width, height), interpolation=cv2.INTER_CUBIC))
+        power += amplitude**2
+        amplitude, tall, wide = amplitude * gain, tall / 2.0, wide / 2.0
     return np.asarray(total / np.sqrt(power))
 
 
-def _mixed(part: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
+def _mixed(fraction: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
     """Interpolate between two colours (3,) by a fraction (h, w)."""
-    return np.asarray(low + np.clip(part, 0.0, 1.0)[..., None] * (high - low))
+    return np.asarray(low + np.clip(fraction, 0.0, 1.0)[..., None] * (high - low))
 
 
 def _colour(random: np.random.Generator) -> FloatArray:
@@ -66,27 +66,27 @@ def _colour(random: np.random.Generator) -> FloatArray:
 
 
 def _wood(height: int, width: int, random: np.random.Generator) -> FloatArray:
-    rings = grain(height, width, random, cell=(height / 6.0, width * 2.0), fall=0.8)
-    lines = grain(height, width, random, cell=(6.0, 160.0), fall=0.7)
-    specks = grain(height, width, random, cell=(4.0, 4.0), fall=1.0)
-    part = 0.5 + 0.22 * np.sin(4.0 * rings) + 0.14 * lines + 0.1 * specks
-    return _mixed(part, np.array([0.16, 0.075, 0.03]), np.array([0.62, 0.40, 0.22]))
+    rings = grain(height, width, random, cell=(height / 6.0, width * 2.0), gain=0.8)
+    lines = grain(height, width, random, cell=(6.0, 160.0), gain=0.7)
+    specks = grain(height, width, random, cell=(4.0, 4.0), gain=1.0)
+    fraction = 0.5 + 0.22 * np.sin(4.0 * rings) + 0.14 * lines + 0.1 * specks
+    return _mixed(fraction, np.array([0.16, 0.075, 0.03]), np.array([0.62, 0.40, 0.22]))
 
 
 def _poster(height: int, width: int, random: np.random.Generator) -> FloatArray:
-    light, *hills = (grain(height, width, random, cell=(height / 4.0, width / 6.0), fall=0.75) for _ in range(4))
+    light, *hills = (grain(height, width, random, cell=(height / 4.0, width / 6.0), gain=0.75) for _ in range(4))
     picture = np.stack([0.40 + 0.12 * light + 0.06 * hill for hill in hills], axis=-1)
     canvas = np.ascontiguousarray(picture, dtype=np.float32)
     for _ in range(220):
         at = (int(random.integers(width)), int(random.integers(height)))
-        reach = int(random.uniform(0.004, 0.03) * width)
+        radius = int(random.uniform(0.004, 0.03) * width)
         colour = tuple(_colour(random).tolist())
         if random.random() < 0.5:
-            cv2.circle(canvas, at, reach, colour, -1, cv2.LINE_AA)
+            cv2.circle(canvas, at, radius, colour, -1, cv2.LINE_AA)
         else:
-            turned = cv2.boxPoints((at, (reach, 2.0 * reach), float(random.uniform(0.0, 180.0))))
-            cv2.fillPoly(canvas, [turned.astype(np.int32)], colour, cv2.LINE_AA)
-    weave = grain(height, width, random, cell=(6.0, 6.0), fall=0.9)
+            corners = cv2.boxPoints((at, (radius, 2.0 * radius), float(random.uniform(0.0, 180.0))))
+            cv2.fillPoly(canvas, [corners.astype(np.int32)], colour, cv2.LINE_AA)
+    weave = grain(height, width, random, cell=(6.0, 6.0), gain=0.9)
     return np.asarray(canvas * (1.0 + 0.16 * weave[..., None]))
 
 
@@ -104,7 +104,7 @@ def _page(height: int, width: int, random: np.random.Generator) -> FloatArray:
         _write(ink, " ".join(random.choice(_WORDS, 10)), (margin, row), 0.62 * line)
         row += line
     ink[:, width - margin :] = 0
-    fibres = 0.02 * grain(height, width, random, cell=(8.0, 8.0), fall=1.0)[..., None]
+    fibres = 0.02 * grain(height, width, random, cell=(8.0, 8.0), gain=1.0)[..., None]
     return np.asarray((paper + fibres) * (1.0 - 0.94 * (ink / 255.0)[..., None]))
 
 
@@ -128,26 +128,26 @@ def _label(height: int, width: int, random: np.random.Generator) -> FloatArray:
             cv2.circle(disc, centre, min(step // 3, height // 10), 255, -1, cv2.LINE_AA)
             picture += (disc / 255.0)[..., None] * (_colour(random) - picture)
     picture += (ink / 255.0)[..., None] * (0.85 - picture)
-    return np.asarray(picture * (1.0 + 0.10 * grain(height, width, random, cell=(10.0, 10.0), fall=0.9)[..., None]))
+    return np.asarray(picture * (1.0 + 0.10 * grain(height, width, random, cell=(10.0, 10.0), gain=0.9)[..., None]))
 
 
 def _cover(height: int, width: int, random: np.random.Generator) -> FloatArray:
     cells = 6
     colours = np.stack([_colour(random) for _ in range(cells * cells)]).reshape(cells, cells, 3).astype(np.float32)
     patches = np.asarray(cv2.resize(colours, (width, height), interpolation=cv2.INTER_NEAREST))
-    threads = grain(height, width, random, cell=(12.0, 12.0), fall=0.85)
+    threads = grain(height, width, random, cell=(12.0, 12.0), gain=0.85)
     return np.asarray(patches * (1.0 + 0.18 * threads[..., None]))
 
 
 def _globe(height: int, width: int, random: np.random.Generator) -> FloatArray:
-    land = grain(height, width, random, cell=(height / 4.0, width / 6.0), fall=0.65)
-    detail = grain(height, width, random, cell=(8.0, 16.0), fall=0.9)
+    land = grain(height, width, random, cell=(height / 4.0, width / 6.0), gain=0.65)
+    detail = grain(height, width, random, cell=(8.0, 16.0), gain=0.9)
     sea = _mixed(0.5 + 0.3 * detail, np.array([0.04, 0.12, 0.30]), np.array([0.12, 0.30, 0.55]))
     shore = _mixed(0.5 + 0.4 * detail, np.array([0.14, 0.28, 0.08]), np.array([0.60, 0.52, 0.28]))
     picture = np.where((land > 0.1)[..., None], shore, sea)
-    for part in np.arange(1, 12) / 12.0:
-        picture[:, int(part * width)] = 0.75
-        picture[int(part * height)] = 0.75
+    for position in np.arange(1, 12) / 12.0:
+        picture[:, int(position * width)] = 0.75
+        picture[int(position * height)] = 0.75
     return np.asarray(picture)
 
 
@@ -168,10 +168,10 @@ GLASS_INDEX = 1.5
 MOST_TEXELS = 4096
 SKY = (0.62, 0.65, 0.70)
 LAMP = (105.0, 98.0, 87.0)
-LAMP_PLACE = (-1.2, -2.4, -1.3)
-"""Middle of the area light relative to its target, in view axes and scales of the arrangement."""
+LAMP_OFFSET = (-1.2, -2.4, -1.3)
+"""Centre of the area light relative to its target, in view axes and units of the arrangement's scale."""
 LAMP_HALF = 0.22
-"""Half a side of the area light, in scales of the arrangement."""
+"""Half the side length of the area light, in units of the arrangement's scale."""
 
 
 class SceneObject(Value):
@@ -219,7 +219,7 @@ def shapes_of(item: SceneObject, view_from_rig: FloatArray) -> list[Any]:
         lid = np.diag([width / 2, width / 2, 1.0, 1.0])
         lid[2, 3] = height / 2
         return [_loaded(side), load("disk", lid)]
-    surface = leaves(float(width), item.seed) if item.kind == "leaves" else based(item)
+    surface = leaves(float(width), item.seed) if item.kind == "leaves" else mesh_on_base(item)
     points = transform(rig_from_object, surface.points)
     shape = mesh(item.kind, points, surface.faces.astype(np.int64), bsdf)
     if surface.colours is not None:
@@ -239,8 +239,8 @@ def _loaded(shape: dict[str, Any]) -> Any:
         mi.set_log_level(level)
 
 
-def based(item: SceneObject) -> Triangles:
-    """Read the mesh of a file, with the middle of its base at the origin; raise InputError if it is unreadable."""
+def mesh_on_base(item: SceneObject) -> Triangles:
+    """Read the mesh of an object's file, and centre its base at the origin; raise InputError if unreadable."""
     assert item.file is not None
     surface = read_mesh(item.file)
     low, high = surface.points.min(axis=0), surface.points.max(axis=0)
@@ -286,18 +286,18 @@ def surface_texture(kind: Kind, name: TextureName, size_px: tuple[int, int], see
 
 
 def lamp_square(target_in_view: FloatArray, reach_mm: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return middle (3,), unit normal (3,) and half sides (2, 3) of the area light, in view axes, mm."""
-    towards = -np.array(LAMP_PLACE) / np.linalg.norm(LAMP_PLACE)
+    """Return centre (3,), unit normal (3,) and half sides (2, 3) of the area light, in view axes, mm."""
+    towards = -np.array(LAMP_OFFSET) / np.linalg.norm(LAMP_OFFSET)
     first = np.cross([0.0, 0.0, 1.0], towards)
     first /= np.linalg.norm(first)
     sides = LAMP_HALF * reach_mm * np.stack([first, np.cross(towards, first)])
-    return target_in_view + reach_mm * np.array(LAMP_PLACE), towards, sides
+    return target_in_view + reach_mm * np.array(LAMP_OFFSET), towards, sides
 
 
 def lights(target_in_view: FloatArray, reach_mm: float, view_from_rig: FloatArray) -> dict[str, Any]:
     """Return, in rig, a uniform environment and an area light above, left of and in front of a target in view axes.
 
-    Size and distance of the area light are proportional to `reach_mm`, so that its irradiance does not depend on scale.
+    Size and distance of the area light are proportional to `reach_mm`: its irradiance does not depend on the scale.
     """
     import mitsuba as mi
 

@@ -18,13 +18,13 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.transforms import rigid
 from mirrorcam.render_scenes.fields_of_view import common_bounds
 from mirrorcam.render_scenes.sets.poses import ROOM_MM
-from mirrorcam.render_scenes.tabletop.objects import Kind, Material, SceneObject, TextureName, based
+from mirrorcam.render_scenes.tabletop.objects import Kind, Material, SceneObject, TextureName, mesh_on_base
 
-WALL_DEPTHS = 1.2  # depth of the wall, in depths of the farthest objects
-WALL_FIELDS = 3.2  # its width and height, in fields at that depth
-LEAST_ROOM = 0.25  # from where mirrors no longer block the view to the nearest object, in its depth
+WALL_DEPTHS = 1.2  # depth of the wall, relative to the farthest objects
+WALL_FIELDS = 3.2  # its width and height, relative to the common field at their depth
+LEAST_ROOM = 0.25  # clearance between mirrors and nearest object, relative to its depth
 TEXELS_PER_PX = 1.25  # texels of a texture per pixel of the central view
-# Axes of objects on the table: x right, y away from the camera, z up. Those of pictures: x right, y down, z away.
+# view_from_object of objects on the table (x right, y away from the camera, z up); pictures have view axes.
 _STANDING = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 
 
@@ -63,7 +63,7 @@ _PLACEMENTS = (
 
 
 class NamedMesh(Value):
-    """A mesh of the user: its file, in mm with z up, and the middle of its base in view axes."""
+    """A mesh of the user: its file, in mm with z up, and the centre of its base in view axes, mm."""
 
     file: Path
     place_in_view_mm: Vector3 | None = None
@@ -120,9 +120,9 @@ def arrange_tabletop(
         _rectangle("wall", upright, (wide, high), "poster", px_mm / (wall - centre_mm), int(seeds[0])),
         _rectangle("desk", lying, (wide, wall - front), "wood", px_mm / (near - centre_mm), int(seeds[1])),
     ]
-    for place in _PLACEMENTS:
-        depth = float(depths[round(place.rank * (len(depths) - 1))])
-        objects.append(_placed(place, depth, fields[depth][:, 0], top, px_mm / (depth - centre_mm), random))
+    for placement in _PLACEMENTS:
+        depth = float(depths[round(placement.rank * (len(depths) - 1))])
+        objects.append(_placed(placement, depth, fields[depth][:, 0], top, px_mm / (depth - centre_mm), random))
     for number, named in enumerate(meshes):
         at = [fields[middle][:, 0].mean(), top, middle] if named.place_in_view_mm is None else named.place_in_view_mm
         objects.append(
@@ -172,32 +172,32 @@ def _rectangle(
 
 
 def _placed(
-    place: _Placement,
+    placement: _Placement,
     depth: float,
     field_mm: FloatArray,
     top_mm: float,
     texels_per_mm: float,
     random: np.random.Generator,
 ) -> SceneObject:
-    """Return the object of a placement on a table at y = `top_mm`; the common field (2,) is from left to right."""
+    """Return the object of a placement on a table at y = `top_mm`; `field_mm` is left and right of the field."""
     left, right = field_mm
-    size_mm = np.array(place.size) * (right - left)
-    high = {"sphere": size_mm[0], "rectangle": size_mm[1] * np.cos(np.deg2rad(place.lean_deg))}
+    size_mm = np.array(placement.size) * (right - left)
+    high = {"sphere": size_mm[0], "rectangle": size_mm[1] * np.cos(np.deg2rad(placement.lean_deg))}
     at = [
-        (left + right) / 2.0 + (right - left) / 2.0 * (place.x + random.uniform(-0.04, 0.04)),
-        top_mm - high.get(place.kind, size_mm[2]) / 2.0 - place.up * (right - left),
+        (left + right) / 2.0 + (right - left) / 2.0 * (placement.x + random.uniform(-0.04, 0.04)),
+        top_mm - high.get(placement.kind, size_mm[2]) / 2.0 - placement.up * (right - left),
         depth,
     ]
-    upright = np.eye(3) if place.kind == "rectangle" else _STANDING
-    turned = Rotation.from_euler("YX", [place.turn_deg, -place.lean_deg], degrees=True).as_matrix() @ upright
+    upright = np.eye(3) if placement.kind == "rectangle" else _STANDING
+    rotation = Rotation.from_euler("YX", [placement.turn_deg, -placement.lean_deg], degrees=True).as_matrix() @ upright
     return SceneObject(
-        name=place.name,
-        kind=place.kind,
-        material=place.material,
-        view_from_object=rigid(turned, at),
+        name=placement.name,
+        kind=placement.kind,
+        material=placement.material,
+        view_from_object=rigid(rotation, at),
         size_mm=size_mm,
-        texture=place.texture,
-        texels_per_mm=place.detail * texels_per_mm,
+        texture=placement.texture,
+        texels_per_mm=placement.detail * texels_per_mm,
         seed=int(random.integers(2**31)),
         colour=random.uniform(0.15, 0.75, 3),
     )
@@ -207,7 +207,7 @@ def check_meshes(layout: Layout, objects: tuple[SceneObject, ...]) -> None:
     """Raise InputError for a mesh that is unreadable or reaches into the camera."""
     for item in objects:
         if item.kind == "mesh":
-            depths = based(item).points @ item.view_from_object[2, :3] + item.view_from_object[2, 3]
+            depths = mesh_on_base(item).points @ item.view_from_object[2, :3] + item.view_from_object[2, 3]
             if depths.min() < nearest_mm(layout):
                 reach = f"reaches to a depth of {depths.min():.0f} mm"
                 raise InputError(f"{item.file}: {reach}, expected no less than {nearest_mm(layout):.0f}")

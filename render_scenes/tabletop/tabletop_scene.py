@@ -1,7 +1,7 @@
-"""A tabletop scene with its light and the mirrors in Mitsuba, seen via the mirrors or by pinholes. In rig, mm.
+"""A tabletop scene with its light and the mirrors in Mitsuba, rendered via the mirrors or from pinholes. In rig, mm.
 
-Paths are traced in colour with next event estimation, through scenes of mirrors, glass and diffuse surfaces. The
-variance is low, so that few samples suffice. At every diffuse surface of a path, one point of each area light is
+Paths are traced in colour with next event estimation, through scenes of mirrors, glass and diffuse surfaces. A low
+variance lets few samples suffice. At every diffuse surface of a path, one point of each area light is
 sampled. Cosine-weighted sampling continues the path, so that a uniform environment lights unoccluded surfaces without
 noise. One low-discrepancy sequence gives the position in the pixel and the random numbers of the first diffuse surface;
 later bounces use independent numbers.
@@ -38,7 +38,7 @@ RayThrough = Callable[[Any, Any, Any, Any], Any]
 
 MATTE_BOUNCES = 3
 SEGMENTS = 12  # largest number of path segments, with those through glass and between mirrors
-# Place in a pixel (2); at the first diffuse surface: lobe, direction (2), point of the area light (2); pupil (2).
+# Position in a pixel (2); at the first diffuse surface: lobe, direction (2), point of the area light (2); pupil (2).
 _NUMBERS = 9
 
 
@@ -51,7 +51,7 @@ def render_lit(
     subpixels: int,
     spp: int,
     seed: int,
-    by_mirrors: bool,
+    via_mirrors: bool,
     most_indirect: float = np.inf,
 ) -> NDArray[np.float32]:
     """Render a scene in colour; the same arguments give the same bits. Needs a compiled variant in colour.
@@ -72,8 +72,8 @@ def render_lit(
         Samples per square.
     seed
         Seed of the sample pattern.
-    by_mirrors
-        Surfaces that the camera sees without a mirror are black.
+    via_mirrors
+        Whether surfaces that the camera sees without a mirror are black.
     most_indirect
         Upper bound of an area light's contribution to a sample via a scattering surface. It suppresses the brightest
         glints on other surfaces, whose noise would need thousands of samples.
@@ -87,8 +87,8 @@ def render_lit(
     import mitsuba as mi
 
     width, height = (length * subpixels for length in size)
-    # Opaque, so that other numbers do not need other kernels.
-    opaque: list[Any] = [mi.UInt32(number) for number in (width, spp, seed, int(by_mirrors))]
+    # Opaque values do not become constants of the kernel, which is therefore compiled once.
+    opaque: list[Any] = [mi.UInt32(number) for number in (width, spp, seed, int(via_mirrors))]
     columns, samples, key, first = opaque
     side = mi.Float(1.0 / subpixels)
     bound = mi.Float(most_indirect)
@@ -99,7 +99,7 @@ def render_lit(
     shifts = [bits for pair in range(5) for bits in mi.sample_tea_32(square, key + (pair << 24))][:count]
     steps = [round(step * 2.0**32) for step in additive_steps(count)]
 
-    def take(total: Any, taken: Any) -> tuple[Any, ...]:
+    def add_sample(total: Any, taken: Any) -> tuple[Any, ...]:
         numbers = [_unit(shift + taken * mi.UInt32(step)) for shift, step in zip(shifts, steps, strict=True)]
         u, v = (0.5, 0.5) if is_pinhole else numbers[7:]
         ray = ray_through((left + numbers[0]) * side, (top + numbers[1]) * side, u, v)
@@ -108,7 +108,7 @@ def render_lit(
         return total + found, taken + 1
 
     start: Any = mi.Color3f(0.0), mi.UInt32(0)
-    total: Any = dr.while_loop(start, lambda *state: state[1] < samples, take)[0]
+    total: Any = dr.while_loop(start, lambda *state: state[1] < samples, add_sample)[0]
     pixels: Any = dr.ravel(total / mi.Float(samples))
     return np.asarray(pixels.numpy(), dtype=np.float32).reshape(height, width, 3)
 
@@ -152,10 +152,10 @@ def _radiance(scene: Any, ray: Any, numbers: list[Any], first: Any, key: tuple[A
         for lamp in lamps:
             direction, weight = lamp.sample_direction(hit, mi.Point2f(lamp_x, lamp_y), matte)
             start = hit.p + CLEARANCE_MM * direction.d
-            way = mi.Ray3f(mi.Ray3f(start, direction.d), direction.dist - 2.0 * CLEARANCE_MM)
+            shadow_ray = mi.Ray3f(mi.Ray3f(start, direction.d), direction.dist - 2.0 * CLEARANCE_MM)
             value = bsdf.eval(context, hit, hit.to_local(direction.d), matte)
             lit = matte & (direction.pdf > 0.0) & dr.any(value > 0.0)
-            lit &= ~scene.ray_test(way, lit)
+            lit &= ~scene.ray_test(shadow_ray, lit)
             added = dr.select(lit, throughput * value * weight, 0.0)
             colour += dr.select(scattered > 0, dr.minimum(added, most_indirect), added)
         sample, weight = bsdf.sample(context, hit, lobe, mi.Point2f(to_x, to_y), active)
@@ -217,12 +217,16 @@ class TabletopScene:
         import mitsuba as mi
 
         self.layout = layout
-        turn = layout.view_from_rig
-        shapes = {f"thing_{i}_{k}": s for i, t in enumerate(tabletop.objects) for k, s in enumerate(shapes_of(t, turn))}
+        view_from_rig = layout.view_from_rig
+        shapes = {
+            f"thing_{i}_{k}": s
+            for i, t in enumerate(tabletop.objects)
+            for k, s in enumerate(shapes_of(t, view_from_rig))
+        }
         self._scene = mi.load_dict(
             {
                 "type": "scene",
-                **lights(tabletop.lit_in_view, tabletop.reach_mm, turn),
+                **lights(tabletop.lit_in_view, tabletop.reach_mm, view_from_rig),
                 **{
                     f"mirror_{index}_{face}": shape
                     for index, mirror in enumerate(layout.mirrors)
@@ -239,11 +243,11 @@ class TabletopScene:
         """Render radiance (h * subpixels, w * subpixels, 3) of the sensor via the mirrors; the rest is black."""
         camera, lens = self.layout.camera, sensor(self.layout.camera, pupil=pupil)
         size = camera.width_px, camera.height_px
-        how = {"spp": spp, "subpixels": subpixels, "seed": seed}
-        return self._render(lens.ray_through, size, is_pinhole=lens.is_pinhole, by_mirrors=True, **how)
+        options = {"spp": spp, "subpixels": subpixels, "seed": seed}
+        return self._render(lens.ray_through, size, is_pinhole=lens.is_pinhole, via_mirrors=True, **options)
 
     def view(self, views: Views, t: int, s: int, start_depth_mm: float, *, spp: int, seed: int) -> NDArray[np.float32]:
-        """Render the radiance (v, u, 3) in a pinhole at a view's position, beyond a depth."""
+        """Render the radiance (v, u, 3) of a pinhole at a view's position; objects nearer than a depth are ignored."""
         through = pinhole(views, t, s, start_depth_mm)
         return self._render(
             through,
@@ -252,7 +256,7 @@ class TabletopScene:
             spp=spp,
             subpixels=1,
             seed=seed,
-            by_mirrors=False,
+            via_mirrors=False,
         )
 
     def hits(self, start: FloatArray, direction: FloatArray) -> Hits:
@@ -262,7 +266,7 @@ class TabletopScene:
         import mitsuba as mi
 
         known = np.isfinite(start).all(axis=-1) & np.isfinite(direction).all(axis=-1)
-        # Off the mirrors that they leave, along the ray.
+        # Start beyond the mirror surface.
         leaves = start + CLEARANCE_MM * direction
         rays = mi.Ray3f(*(mi.Point3f(np.float32(np.nan_to_num(a).reshape(-1, 3).T)) for a in (leaves, direction)))
         hit = self._scene.ray_intersect(rays, mi.Bool(known.ravel()))
@@ -271,14 +275,14 @@ class TabletopScene:
             item = dr.select(hit.shape == mi.ShapePtr(shape), index, item)
         path_mm = np.where(known, np.array(hit.t, dtype=np.float64).reshape(known.shape), np.inf)
         found = np.where(known, np.array(item).reshape(known.shape), NOTHING)
-        met = np.where(found == NOTHING, np.inf, CLEARANCE_MM + path_mm)
+        length_mm = np.where(found == NOTHING, np.inf, CLEARANCE_MM + path_mm)
         with np.errstate(invalid="ignore"):
-            points = start + met[..., None] * direction
-        return Hits(points, met, found)
+            points = start + length_mm[..., None] * direction
+        return Hits(points, length_mm, found)
 
-    def _render(self, through: RayThrough, size: tuple[int, int], **how: Any) -> NDArray[np.float32]:
+    def _render(self, through: RayThrough, size: tuple[int, int], **options: Any) -> NDArray[np.float32]:
         use_variant(self.variant)
-        return render_lit(self._scene, through, size=size, **how)
+        return render_lit(self._scene, through, size=size, **options)
 
 
 def pinhole_rays(views: Views, t: int, s: int, start_depth_mm: float) -> tuple[FloatArray, FloatArray]:
@@ -296,7 +300,7 @@ def pinhole(views: Views, t: int, s: int, start_depth_mm: float) -> RayThrough:
     import mitsuba as mi
 
     centre = views.reference_view_in_rig_mm + views.positions_mm[t, s] @ views.view_from_rig
-    # Every pixel looks at a point of the reference plane: a step of a pixel is a step on that plane.
+    # Pixels are an even grid on the reference plane.
     corner, right, down = views.plane_points_in_rig(
         views.reference_depth_mm, np.array([[-0.5, -0.5], [0.5, -0.5], [-0.5, 0.5]])
     )

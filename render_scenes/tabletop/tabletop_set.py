@@ -87,7 +87,7 @@ class TabletopRequest(Value):
 
 
 class TabletopSet(FolderManifest):
-    """The manifest, `scene.json`: what a user of a real camera knows, and a checksum of each file written so far.
+    """The manifest, `scene.json`: the knowledge of a user of a real camera, and a checksum of each file written so far.
 
     `request` is a digest of everything that determines the bytes of the set, including the seed.
     """
@@ -166,8 +166,8 @@ def render_tabletop(request: TabletopRequest, out: Path, *, progress: Progress =
     manifest = manifest.added(out, write_known)
     total = 1 + len(truth)
     progress(0, total)
-    taken_by = built.replaced(camera=true_camera(built.camera, request.sensor))
-    scene = TabletopScene(taken_by, tabletop, request.mirror_reflectance, variant)
+    as_built = built.replaced(camera=true_camera(built.camera, request.sensor))
+    scene = TabletopScene(as_built, tabletop, request.mirror_reflectance, variant)
     if not {manifest.frame_name, MAPS} <= manifest.files.keys():
         picture, maps = _frame(scene, built, request)
         manifest = manifest.added(out, partial(write_files, files={MAPS: maps, manifest.frame_name: picture}))

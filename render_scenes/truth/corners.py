@@ -23,7 +23,7 @@ from mirrorcam.render_scenes.mirror_finish import MirrorFinish
 from mirrorcam.render_scenes.truth.light_rays import Obstacles, image_px, reflected
 
 BoolArray = NDArray[np.bool_]
-READOUT_STEPS = 12  # of a fixed-point iteration; each reduces the error of a corner's time to about a tenth
+READOUT_STEPS = 12  # iterations that find the readout time of a corner; each divides its error by about ten
 VISIBLE_MARGIN_PX = 2.0  # a corner nearer to the edge of its sub-image, or of the sensor, counts as not seen
 
 
@@ -34,12 +34,12 @@ def _on_sensor(camera: Camera, px: FloatArray) -> BoolArray:
 
 
 def _faces(centre_in_rig: FloatArray, rig_from_board: FloatArray) -> bool:
-    """Return whether the printed side (the board's -z) faces a point."""
+    """Return whether the printed side (the board's -z) faces a point (3,) in rig, mm."""
     return bool((centre_in_rig - rig_from_board[:3, 3]) @ rig_from_board[:3, 2] < 0)
 
 
 def _clear_of(layout: Layout, index: int, points: FloatArray) -> BoolArray:
-    """Return the mask of the segments from mirror `index` to points (n, 3) that miss all other mirrors."""
+    """Return the mask of points (n, 3) in rig whose ray from mirror `index` misses all other mirrors."""
     mirror = layout.mirrors[index]
     virtual = mirror.reflect(points)
     at_mirror = mirror.cut(virtual[:, :2] / virtual[:, 2:])
@@ -49,15 +49,15 @@ def _clear_of(layout: Layout, index: int, points: FloatArray) -> BoolArray:
         crosses = (start > 0) != (end > 0)
         if other_index == index or not crosses.any():
             continue
-        part = start[crosses] / (start - end)[crosses]
-        crossing = at_mirror[crosses] + part[:, None] * (points - at_mirror)[crosses]
+        fraction = start[crosses] / (start - end)[crosses]
+        crossing = at_mirror[crosses] + fraction[:, None] * (points - at_mirror)[crosses]
         frame = other.rig_from_plane
         x, y = ((crossing - frame[:3, 3]) @ frame[:3, :2]).T
         clear[crosses] &= ~shapely.contains_xy(shapely.Polygon(other.outline_in_plane_mm), x, y)
     return clear
 
 
-def _through(camera: Camera, mirror: Mirror, px: FloatArray, finish: MirrorFinish | None) -> BoolArray:
+def _leaves_front(camera: Camera, mirror: Mirror, px: FloatArray, finish: MirrorFinish | None) -> BoolArray:
     """Return the mask of pixels (n, 2) whose rays within `VISIBLE_MARGIN_PX` all leave a mirror through its front."""
     length = reflected(mirror, _unit_rays_around(camera, px), finish)[3]
     return np.asarray(np.isfinite(length).all(axis=1))
@@ -91,8 +91,8 @@ class Oracle:
     obstacles
         Bodies that stand around the mirrors, if any.
     pupil
-        Pupil of the lens; corners are projected through its middle. A walk of the pupil moves corners, not the borders
-        of the visible region.
+        Pupil of the lens; corners are projected through its centre. Pupil walk moves corners, but not the borders of
+        the visible region.
     """
 
     def __init__(
@@ -108,7 +108,7 @@ class Oracle:
         self._windows = [sub_image(layout, index).buffer(-VISIBLE_MARGIN_PX) for index in range(len(layout.mirrors))]
         shapely.prepare(self._windows)
 
-    def by_mirrors(self, rig_from_board: FloatArray) -> tuple[FloatArray, BoolArray]:
+    def via_mirrors(self, rig_from_board: FloatArray) -> tuple[FloatArray, BoolArray]:
         """Project the corners of a board via each mirror.
 
         A corner is visible if it lies in front of the mirror and inside the sub-image and the sensor by
@@ -137,10 +137,10 @@ class Oracle:
             )
         return px, visible
 
-    def while_read(self, poses: FloatArray) -> tuple[FloatArray, BoolArray]:
-        """Project the corners via each mirror under a rolling shutter, for poses (3, 4, 4) as in `boards.poses_at`.
+    def during_readout(self, poses: FloatArray) -> tuple[FloatArray, BoolArray]:
+        """Project the corners via each mirror with a rolling shutter, for poses (3, 4, 4) as in `boards.poses_at`.
 
-        Each corner is projected with the pose at the readout of its image's row.
+        Each corner is projected at the board's pose while its row is read out.
         """
         corners = np.column_stack([self.target.corners_in_board_mm, np.ones(len(self.target.corners_in_board_mm))])
         px = np.empty((len(self.layout.mirrors), len(corners), 2))
@@ -148,8 +148,8 @@ class Oracle:
         for index, mirror in enumerate(self.layout.mirrors):
             px[index] = self._image(index, transform(poses[1], self.target.corners_in_board_mm))
             for _ in range(READOUT_STEPS):
-                parts = np.nan_to_num(px[index, :, 1] / (self.layout.camera.height_px - 1), nan=0.5)
-                points = (poses_at(poses, np.clip(parts, 0.0, 1.0)) @ corners[..., None])[:, :3, 0]
+                fractions = np.nan_to_num(px[index, :, 1] / (self.layout.camera.height_px - 1), nan=0.5)
+                points = (poses_at(poses, np.clip(fractions, 0.0, 1.0)) @ corners[..., None])[:, :3, 0]
                 px[index] = self._image(index, points)
             visible[index] = _faces(mirror.virtual_centre_in_rig_mm, poses[1]) & self._seen(index, points, px[index])
         return px, visible
@@ -159,21 +159,21 @@ class Oracle:
         return image_px(self.layout.camera, self.layout.mirrors[index], points, self._finishes[index], self._pupil)
 
     def _seen(self, index: int, points: FloatArray, px: FloatArray) -> BoolArray:
-        """Return the visibility of points (n, 3) in rig imaged at pixels (n, 2), for either side of the board."""
+        """Return the visibility of points (n, 3) in rig imaged at pixels (n, 2), whichever side the board shows."""
         mirror = self.layout.mirrors[index]
         seen = _on_sensor(self.layout.camera, px)
         seen &= points @ mirror.normal_in_rig + mirror.distance_mm > 0
         seen &= shapely.contains_xy(self._windows[index], *np.nan_to_num(px, nan=-1e9).T)
         finish = self._finishes[index]
         if mirror.is_second_surface or (finish is not None and not finish.flat):
-            seen[seen] = _through(self.layout.camera, mirror, px[seen], finish)
+            seen[seen] = _leaves_front(self.layout.camera, mirror, px[seen], finish)
         seen[seen] = _clear_of(self.layout, index, points[seen])
         if self._obstacles is not None:
             seen[seen] = self._free(self._obstacles, index, points[seen], px[seen])
         return seen
 
     def _free(self, obstacles: Obstacles, index: int, points: FloatArray, px: FloatArray) -> BoolArray:
-        """Return the mask of pixels (n, 2) without an obstacle between pupil, mirror and points (n, 3)."""
+        """Return the mask of pixels (n, 2) without an obstacle from the pupil via the mirror to points (n, 3)."""
         rays = _unit_rays_around(self.layout.camera, px)
         entry_mm, start, direction, _ = reflected(self.layout.mirrors[index], rays, self._finishes[index])
         free = obstacles.free_from_pupil_mm(rays) > entry_mm
@@ -186,16 +186,16 @@ class Oracle:
         px = image_px(self.layout.camera, None, points, pupil=self._pupil)
         return px, _on_sensor(self.layout.camera, px) & _faces(np.zeros(3), rig_from_board)
 
-    def all_by_mirrors(self, moments: Sequence[FloatArray]) -> tuple[FloatArray, BoolArray]:
-        """Stack the results of `by_mirrors` or `while_read` for frames of 1 or 3 poses (1 or 3, 4, 4).
+    def all_via_mirrors(self, readouts: Sequence[FloatArray]) -> tuple[FloatArray, BoolArray]:
+        """Stack the results of `via_mirrors` or `during_readout` for frames of 1 or 3 poses (1 or 3, 4, 4).
 
         The shapes are (frames, mirrors, corners, 2) and (frames, mirrors, corners).
         """
         corners = len(self.target.corners_in_board_mm)
-        px = np.empty((len(moments), len(self.layout.mirrors), corners, 2))
+        px = np.empty((len(readouts), len(self.layout.mirrors), corners, 2))
         visible = np.empty(px.shape[:3], dtype=np.bool_)
-        for frame, poses in enumerate(moments):
-            px[frame], visible[frame] = self.while_read(poses) if len(poses) == 3 else self.by_mirrors(poses[0])
+        for frame, poses in enumerate(readouts):
+            px[frame], visible[frame] = self.during_readout(poses) if len(poses) == 3 else self.via_mirrors(poses[0])
         return px, visible
 
     def all_direct(self, poses: Sequence[FloatArray]) -> tuple[FloatArray, BoolArray]:

@@ -73,7 +73,7 @@ def reflected(
     finish
         Its surface finish; without one it is flat.
     origin
-        Start points (..., 3) in the pupil, in rig, mm; by default its middle.
+        Start points (..., 3) in the pupil, in rig, mm; by default its centre.
 
     Returns
     -------
@@ -88,8 +88,8 @@ def reflected(
     """
     begin = np.zeros(3) if origin is None else origin
     if finish is not None and not finish.flat:
-        places, out = _followed(mirror, finish, rays, begin)
-        first, last = _in_rig(mirror, places[0]), _in_rig(mirror, places[-1])
+        points, out = _traced(mirror, finish, rays, begin)
+        first, last = _in_rig(mirror, points[0]), _in_rig(mirror, points[-1])
         along = out.direction @ mirror.rig_from_plane[:3, :3].T
         return _cut(mirror, first, np.linalg.norm(first - begin, axis=-1), last, along, out.path_mm)
     normal = mirror.normal_in_rig
@@ -109,17 +109,17 @@ def _cut(
     mirror: Mirror, entry: FloatArray, entry_mm: FloatArray, leaves: FloatArray, along: FloatArray, path_mm: FloatArray
 ) -> Reflected:
     """Mask rays that enter or leave the mirror, at points (..., 3), outside its outline."""
-    met = _on(mirror, entry)
-    through = met if leaves is entry else met & _on(mirror, leaves)
+    entered = _inside_outline(mirror, entry)
+    through = entered if leaves is entry else entered & _inside_outline(mirror, leaves)
     return (
-        np.where(met, entry_mm, np.inf),
+        np.where(entered, entry_mm, np.inf),
         np.where(through[..., None], leaves, np.nan),
         np.where(through[..., None], along, np.nan),
         np.where(through, path_mm, np.nan),
     )
 
 
-def _on(mirror: Mirror, points: FloatArray) -> NDArray[np.bool_]:
+def _inside_outline(mirror: Mirror, points: FloatArray) -> NDArray[np.bool_]:
     """Return the mask of points (..., 3) on a mirror's face that lie within its outline."""
     frame = mirror.rig_from_plane
     flat = (points - frame[:3, 3]) @ frame[:3, :2]
@@ -152,7 +152,7 @@ def image_px(
     """Project points (n, 3) in rig, mm, via a mirror, or directly, to pixels (n, 2); NaN without an image.
 
     Newton's method finds the pixel whose traced chief ray passes through the point. It starts at the image via a flat
-    mirror from the middle of the pupil on the axis.
+    mirror from the centre of the pupil on the axis.
     """
     px = camera.project(points_in_rig if mirror is None else mirror.image_of(points_in_rig))
     if (finish is None or finish.flat) and pupil.walk_mm == 0.0:
@@ -163,21 +163,21 @@ def image_px(
     def missed(at: FloatArray) -> FloatArray:
         """Return offsets (..., 2), mm, of rays from the points, perpendicular to the axis or parallel to the mirror."""
         start, unit = chief_rays(camera, pupil, at)
-        out = _Ray(start, unit, np.zeros(0)) if mirror is None else _followed(mirror, finish or FLAT, unit, start)[1]
+        out = _Ray(start, unit, np.zeros(0)) if mirror is None else _traced(mirror, finish or FLAT, unit, start)[1]
         along = (points[:, 2] - out.start[..., 2]) / out.direction[..., 2]
         return (out.start + along[..., None] * out.direction - points)[..., :2]
 
     for _ in range(IMAGE_STEPS):
-        here = missed(px)
-        columns: list[FloatArray] = [(missed(px + STEP_PX * np.eye(2)[axis]) - here) / STEP_PX for axis in range(2)]
+        offset = missed(px)
+        columns: list[FloatArray] = [(missed(px + STEP_PX * np.eye(2)[axis]) - offset) / STEP_PX for axis in range(2)]
         jacobian = np.stack(columns, axis=-1)
-        known = np.isfinite(jacobian.sum(axis=2) + here).all(axis=1)[:, None]
-        step = np.asarray(np.linalg.solve(np.where(known[..., None], jacobian, np.eye(2)), here[..., None])[..., 0])
+        known = np.isfinite(jacobian.sum(axis=2) + offset).all(axis=1)[:, None]
+        step = np.asarray(np.linalg.solve(np.where(known[..., None], jacobian, np.eye(2)), offset[..., None])[..., 0])
         px = np.asarray(np.where(known, px - step, np.nan), dtype=np.float64)
     return px
 
 
-def _followed(
+def _traced(
     mirror: Mirror, finish: MirrorFinish, rays: FloatArray, origin: FloatArray
 ) -> tuple[list[FloatArray], _Ray]:
     """Intersect unit rays (..., 3) from the pupil with each surface; also return the rays after the last one.
@@ -188,21 +188,21 @@ def _followed(
     pupil = (origin - frame[:3, 3]) @ frame[:3, :3]
     ray = _Ray(np.broadcast_to(pupil, rays.shape), rays @ frame[:3, :3], np.zeros(rays.shape[:-1]))
     if not mirror.is_second_surface:
-        ray, normal = _met(mirror, finish, ray, 0.0)
+        ray, normal = _advanced(mirror, finish, ray, 0.0)
         return [ray.start], _Ray(ray.start, _reflected(ray.direction, normal), ray.path_mm)
     thick, index = mirror.thickness_mm, mirror.refractive_index
-    ray, normal = _met(mirror, finish, ray, thick)
-    places = [ray.start]
+    ray, normal = _advanced(mirror, finish, ray, thick)
+    points = [ray.start]
     ray = _Ray(ray.start, _refracted(ray.direction, normal, 1.0 / index), ray.path_mm)
-    ray, normal = _met(mirror, finish, ray, 0.0)
-    places.append(ray.start)
+    ray, normal = _advanced(mirror, finish, ray, 0.0)
+    points.append(ray.start)
     ray = _Ray(ray.start, _reflected(ray.direction, normal), ray.path_mm)
-    ray, normal = _met(mirror, finish, ray, thick)
-    places.append(ray.start)
-    return places, _Ray(ray.start, _refracted(ray.direction, -normal, index), ray.path_mm)
+    ray, normal = _advanced(mirror, finish, ray, thick)
+    points.append(ray.start)
+    return points, _Ray(ray.start, _refracted(ray.direction, -normal, index), ray.path_mm)
 
 
-def _met(mirror: Mirror, finish: MirrorFinish, ray: _Ray, lift_mm: float) -> tuple[_Ray, FloatArray]:
+def _advanced(mirror: Mirror, finish: MirrorFinish, ray: _Ray, lift_mm: float) -> tuple[_Ray, FloatArray]:
     """Advance rays to a surface of the mirror; also return its unit normals (..., 3) there."""
     radius = radius_mm(mirror)
     length = (lift_mm - ray.start[..., 2]) / ray.direction[..., 2]

@@ -27,7 +27,7 @@ CHANNELS = ("mirror", "board.x", "board.y", "path")
 
 @dataclass(frozen=True)
 class PixelRays:
-    """Rays of all pixels (h, w) behind the mirrors, shared by all frames of one device.
+    """Rays of all pixels (h, w) after reflection at the mirrors, shared by all frames of one device.
 
     Attributes
     ----------
@@ -67,13 +67,13 @@ def pixel_rays(
     mirrors
         Whether rays go via the mirrors, or directly from the bare camera.
     step
-        Every `step`-th row and column.
+        Trace only every `step`-th row and column.
     finishes
         Surface finishes of the mirrors; without them the mirrors are flat.
     obstacles
         Bodies that stand around the mirrors, if any.
     pupil
-        Pupil of the lens; the rays start in its middle.
+        Pupil of the lens; the rays start at its centre.
     """
     origin, rays = _unit_rays(layout.camera, pupil, step)
     shape = rays.shape[:2]

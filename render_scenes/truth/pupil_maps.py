@@ -1,4 +1,4 @@
-"""Ground truth of the pupil: the part of it that is unvignetted via each mirror in every pixel, by tracing rays.
+"""Ground truth of the pupil, by ray tracing: its unvignetted part via each mirror in every pixel.
 
 It shares only the shape of mirrors with the renderers, and nothing with `optics.geometry.pupil`.
 """
@@ -19,13 +19,13 @@ from mirrorcam.render_scenes.truth.light_rays import Obstacles, reflected
 from mirrorcam.render_scenes.truth.pixel_maps import NO_MIRROR
 
 SAMPLES = 100
-"""Number of rays per pixel whose rays may meet more than one surface; in all other pixels one ray is enough."""
+"""Number of rays per pixel that may show more than one surface; all other pixels need one ray."""
 RIM = 12
-"""Number of rays from the rim of the pupil that find these pixels."""
+"""Number of rays from the rim of the pupil in the search for these pixels."""
 BLOCK_PX = 4
-"""Side lengths of the blocks of pixels in this search."""
+"""Side length of the blocks of pixels in this search."""
 GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
-CHANNELS = tuple(f"{place}.{name}" for place in ("first", "second") for name in ("mirror", "share", "x", "y"))
+CHANNELS = tuple(f"{rank}.{name}" for rank in ("first", "second") for name in ("mirror", "share", "x", "y"))
 
 
 @dataclass(frozen=True)
@@ -49,12 +49,14 @@ class PupilTracer:
     finishes: Sequence[MirrorFinish] = ()
     obstacles: Obstacles | None = None
 
-    def met(self, chief_rays: FloatArray, place: FloatArray, mirrors: Sequence[int]) -> NDArray[np.int64]:
+    def reflecting_mirrors(
+        self, chief_rays: FloatArray, pupil_point: FloatArray, mirrors: Sequence[int]
+    ) -> NDArray[np.int64]:
         """Return the index (n,) of the mirror that reflects each ray, or `NO_MIRROR` if none or an obstacle does.
 
-        The rays start at the point `place` (2,) of the pupil as a unit disc. Only `mirrors` are tested.
+        The rays start at `pupil_point` (2,), relative to the radius of the pupil. Only `mirrors` are tested.
         """
-        origin = self.pupil.radius_mm * np.array([*place, 0.0])
+        origin = self.pupil.radius_mm * np.array([*pupil_point, 0.0])
         along_mm = self.pupil.walk_mm * np.square(chief_rays[:, :2]).sum(axis=1, keepdims=True)
         origin = origin + along_mm * np.array([0.0, 0.0, 1.0])
         rays = self.pupil.focus_mm * chief_rays - origin
@@ -71,22 +73,22 @@ class PupilTracer:
         return index
 
     def shares(self, chief_rays: FloatArray, mirrors: Sequence[int]) -> tuple[FloatArray, ...]:
-        """Return the `CHANNELS` (n,) of chief rays (n, 3); see `met`."""
+        """Return the `CHANNELS` (n,) of chief rays (n, 3); see `reflecting_mirrors`."""
         # Rows for a second mirror even if there is none.
         sums = np.zeros((3, max(len(mirrors), 2), len(chief_rays)))
-        for place in sunflower(SAMPLES):
-            met = self.met(chief_rays, place, mirrors)
+        for pupil_point in sunflower(SAMPLES):
+            mirror_at = self.reflecting_mirrors(chief_rays, pupil_point, mirrors)
             for row, number in enumerate(mirrors):
-                hit = met == number
-                for total, amount in zip(sums, (1.0, *place), strict=True):
+                hit = mirror_at == number
+                for total, amount in zip(sums, (1.0, *pupil_point), strict=True):
                     total[row] += amount * hit
         count, *moments = sums
         numbers, columns = np.array([*mirrors, NO_MIRROR, NO_MIRROR]), np.arange(len(chief_rays))
         found: list[FloatArray] = []
         for row in np.argsort(-count, axis=0, kind="stable")[:2]:
             rays = count[row, columns]
-            met_any = np.where(rays > 0.0, rays, np.nan)
-            centroid = [self.pupil.radius_mm * moment[row, columns] / met_any for moment in moments]
+            divisor = np.where(rays > 0.0, rays, np.nan)
+            centroid = [self.pupil.radius_mm * moment[row, columns] / divisor for moment in moments]
             found += [np.where(rays > 0.0, numbers[row], NO_MIRROR), rays / SAMPLES, *centroid]
         return tuple(found)
 
@@ -102,7 +104,7 @@ def pupil_maps(tracer: PupilTracer) -> dict[str, FloatArray]:
     """Return maps (h, w) of the two mirrors with the largest pupil shares in each pixel, by the names of `CHANNELS`.
 
     Each of the two mirrors has its index (`NO_MIRROR` without one), its share of the pupil, 0 to 1, and the centroid
-    x, y of its part of the pupil, mm, from the pupil's middle (NaN without one).
+    x, y of its part of the pupil, mm, from the pupil's centre (NaN without one).
     """
     camera = tracer.layout.camera
     rows, columns = np.arange(camera.height_px), np.arange(camera.width_px)
@@ -111,19 +113,21 @@ def pupil_maps(tracer: PupilTracer) -> dict[str, FloatArray]:
     nodes = camera.unproject(np.stack(np.meshgrid(at[1], at[0]), axis=-1).reshape(-1, 2).astype(np.float64))
     angles = 2.0 * np.pi * np.arange(RIM) / RIM
     every = range(len(tracer.layout.mirrors))
-    met = np.stack([tracer.met(nodes, np.array([np.cos(a), np.sin(a)]), every) for a in angles])
-    met = met.reshape(RIM, len(at[0]), len(at[1]))
-    corners = np.concatenate([met[:, i : len(at[0]) - 1 + i, k : len(at[1]) - 1 + k] for i in (0, 1) for k in (0, 1)])
+    mirror_at = np.stack([tracer.reflecting_mirrors(nodes, np.array([np.cos(a), np.sin(a)]), every) for a in angles])
+    mirror_at = mirror_at.reshape(RIM, len(at[0]), len(at[1]))
+    corners = np.concatenate(
+        [mirror_at[:, i : len(at[0]) - 1 + i, k : len(at[1]) - 1 + k] for i in (0, 1) for k in (0, 1)]
+    )
     mixed = corners.min(axis=0) != corners.max(axis=0)
     block = np.ix_(
         np.minimum(rows // BLOCK_PX, mixed.shape[0] - 1), np.minimum(columns // BLOCK_PX, mixed.shape[1] - 1)
     )
     index = corners[0][block].astype(np.float64)
-    served = index != NO_MIRROR
-    middle, nothing = np.where(served, 0.0, np.nan), np.full(index.shape, np.nan)
+    reflects = index != NO_MIRROR
+    middle, nothing = np.where(reflects, 0.0, np.nan), np.full(index.shape, np.nan)
     single = (
         index,
-        served * 1.0,
+        reflects * 1.0,
         middle,
         middle,
         np.full(index.shape, float(NO_MIRROR)),

@@ -130,8 +130,8 @@ def _configuration(path: Path) -> list[Dict]:
     known = (*NAMES, "quiet", "verbose", "json")
     for key in tables:
         if key not in known:
-            meant = get_close_matches(key, known, n=1)
-            raise InputError(f"{path}: {key!r} is not a command" + (f", did you mean {meant[0]}?" if meant else ""))
+            close = get_close_matches(key, known, n=1)
+            raise InputError(f"{path}: {key!r} is not a command" + (f", did you mean {close[0]}?" if close else ""))
     return [Dict(tables, source=str(path))]
 
 

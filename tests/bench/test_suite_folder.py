@@ -131,7 +131,7 @@ def test_a_set_from_elsewhere_that_is_not_whole_leaves_nothing(suite_folder: Pat
         return whole | {MANIFEST: listed.model_dump_json(by_alias=True).encode()}
 
     faulty = {
-        "is not as its checksum says": whole | {picture: b"altered"},
+        "does not match its checksum": whole | {picture: b"altered"},
         "expected the files of a set alone": listing(**{"../out": "0" * 64}),
         "lacks frames/0001.jpg": whole
         | {

@@ -138,7 +138,7 @@ def test_hostile_and_damaged_sets_are_refused_and_leave_nothing(
         json.dumps(stated | {"files": {}}).encode(): "lacks frames/0000.jpg",
         json.dumps(
             stated | {"files": stated["files"] | {"frames/0000.jpg": "0" * 64}}
-        ).encode(): "as its checksum says",
+        ).encode(): "does not match its checksum",
     }
     for content, message in faults.items():
         change(stored, name, content)
@@ -159,7 +159,7 @@ def test_a_file_that_is_lost_or_large_is_named(
             fetch_set(stored, first.recipe, first.folder)
     files, root = fsspec.core.url_to_fs(stored.url)
     files.rm(f"{root}/sets/{first.folder.name}/frames/0001.jpg")
-    with pytest.raises(InputError, match=r"frames/0001\.jpg: is not there$"):
+    with pytest.raises(InputError, match=r"frames/0001\.jpg: does not exist$"):
         fetch_set(stored, first.recipe, first.folder)
     assert not first.folder.exists()
 

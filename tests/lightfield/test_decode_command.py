@@ -168,7 +168,7 @@ def test_bad_videos_are_refused_in_one_line_before_anything_is_written(
 def test_a_video_without_a_good_frame_is_refused(here: Path, capfd: pytest.CaptureFixture[str]) -> None:
     write_mjpeg(here / "bad.avi", pictures(1, 320, 192))
     damage(here / "bad.avi", 0)
-    assert "bad.avi: not one frame could be decoded" in refused("bad.avi --out out", capfd)
+    assert "bad.avi: no frame could be decoded" in refused("bad.avi --out out", capfd)
     assert not (here / "out").exists()
 
 
@@ -180,9 +180,9 @@ def test_a_video_without_a_good_frame_does_not_keep_others_from_being_decoded(
     assert cli.main(["decode", "bad.avi", "video.mp4", "--layout", "layout.json", "--out", "out"]) == 1
     said = capfd.readouterr().out
     assert "bad: skipped 1 of 1 frames, each is damaged: 0" in said
-    assert "bad.avi: not one frame could be decoded, expected at least one; skipped" in said
+    assert "bad.avi: no frame could be decoded, expected at least one; skipped" in said
     assert results(here / "out") == ["video.zarr", "video_drift.json", "video_views.png"]
-    assert "bad.avi: not one frame could be decoded" in refused("video.mp4 --out other --equalise bad.avi", capfd)
+    assert "bad.avi: no frame could be decoded" in refused("video.mp4 --out other --equalise bad.avi", capfd)
 
 
 def test_frames_of_another_layout_are_refused_by_their_manifest(

@@ -1,4 +1,4 @@
-"""What the rendering tests share."""
+"""Fixtures of the rendering tests."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ LENS = (0.08, -0.18, 0.001, -0.0005, 0.02)
 
 @pytest.fixture(scope="session")
 def distorted_layout(fold_90_layout: Layout) -> Layout:
-    """The layout of a fold of 90 deg before a lens with every kind of distortion."""
+    """The layout of a fold of 90 deg for a lens with every kind of distortion."""
     return fold_90_layout.replaced(camera=fold_90_layout.camera.replaced(distortion=LENS))
 
 
@@ -32,7 +32,7 @@ def plates(distorted_layout: Layout) -> Layout:
 
 @pytest.fixture(scope="session")
 def small_layout(fold_90_layout: Layout) -> Layout:
-    """The layout of a fold of 90 deg with a sensor of 480 x 270 pixels: the same mirrors, quick to render."""
+    """The layout of a fold of 90 deg with a sensor of 480 x 270 pixels: the same mirrors, fast to render."""
     full = fold_90_layout.camera
     camera = Camera(
         name="small",

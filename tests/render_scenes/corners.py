@@ -1,4 +1,4 @@
-"""Corners of a rendered board, found to a few ten-thousandths of a pixel, against where a float64 projection puts them.
+"""Corners of a rendered board, located to a few ten-thousandths of a pixel, against a projection in float64.
 
 The localiser knows nothing of the truth but where to start: it fits two curved edges, blurred, to the picture.
 """
@@ -42,7 +42,7 @@ def windows(layout: Layout) -> list[Crop]:
 
 
 def photographed(radiance: NDArray[np.float32], cut: int) -> FloatArray:
-    """The picture of radiance whose pixels are cut into `cut` x `cut`: blurred while still cut, then gathered."""
+    """The picture of radiance whose pixels are cut into `cut` x `cut`: blurred at subpixels, then averaged."""
     blurred = cv2.GaussianBlur(radiance.astype(np.float64), (0, 0), BLUR_PX * cut)
     height, width = (length // cut for length in radiance.shape)
     return np.asarray(blurred.reshape(height, cut, width, cut).mean(axis=(1, 3)))
@@ -51,7 +51,7 @@ def photographed(radiance: NDArray[np.float32], cut: int) -> FloatArray:
 def locate(
     picture: FloatArray, start: FloatArray, tangents: FloatArray, dark_first: bool, *, misfit_allowed: float = 0.02
 ) -> FloatArray:
-    """Where two blurred edges cross, to a few ten-thousandths of a pixel; faint ghosts beside them misfit.
+    """Where two blurred edges cross, to a few ten-thousandths of a pixel; faint ghosts next to them misfit.
 
     Fits point (2), directions (2), curvatures (2), mean, contrast and blur, from the directions of `tangents` (2, 2).
     """
@@ -87,11 +87,11 @@ def errors_by_mirror(
 ) -> dict[int, FloatArray]:
     """Located minus projected corners (n, 2) in each mirror's window, px."""
     oracle = Oracle(layout, TARGET, pupil=pupil)
-    px, visible = oracle.by_mirrors(rig_from_board)
+    px, visible = oracle.via_mirrors(rig_from_board)
     steps = []
     for axis in (0, 1):
         moved = rigid(np.eye(3), 0.1 * np.eye(3)[axis])
-        steps.append(oracle.by_mirrors(rig_from_board @ moved)[0] - px)
+        steps.append(oracle.via_mirrors(rig_from_board @ moved)[0] - px)
     random = np.random.default_rng(0)
     errors = {}
     for index, picture in pictures.items():

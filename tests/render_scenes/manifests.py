@@ -1,4 +1,4 @@
-"""Manifests of rendered sets, for what reads and shows them."""
+"""Manifests of rendered sets, for tests of their readers."""
 
 from __future__ import annotations
 

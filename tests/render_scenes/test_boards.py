@@ -85,7 +85,7 @@ def test_corners_of_an_aprilgrid_fall_on_texels(spacing: float, texels: int) -> 
     at = np.linalg.solve(board_from_page, np.column_stack([target.corners_in_board_mm[:, :2], np.ones(24)]).T)[:2]
     np.testing.assert_allclose(at, at.round(), atol=1e-9)
     x, y = at.round().astype(int)
-    # Black and white cross there.
+    # Black and white squares meet there.
     np.testing.assert_array_equal(page[y, x] == page[y - 1, x - 1], np.ones(24, dtype=bool))
     np.testing.assert_array_equal(page[y - 1, x] == page[y, x - 1], np.ones(24, dtype=bool))
     np.testing.assert_array_equal(page[y, x] == page[y - 1, x], np.zeros(24, dtype=bool))
@@ -141,7 +141,7 @@ def test_a_readout_passes_its_three_poses_and_is_rigid_between_them() -> None:
 
 
 def test_a_readout_is_as_good_as_the_motion_it_is_part_of() -> None:
-    # A webcam's 30 ms of a motion of two poses a second: what constant acceleration leaves is of the third order.
+    # A webcam's 30 ms of a motion of two poses a second: the error of constant acceleration is of the third order.
     keys = poses(4, seed=7)
     keys[:, :3, 3] *= 0.5
     middle, half = 1.37, 0.015 * 2.0
@@ -150,7 +150,7 @@ def test_a_readout_is_as_good_as_the_motion_it_is_part_of() -> None:
     found = poses_at(smooth_motion(keys, middle + np.array([-half, 0.0, half])), parts)
     assert np.abs(found - true)[:, :3, 3].max() < 5e-3
     assert np.abs(found - true)[:, :3, :3].max() < 5e-5
-    # And not trivially so: the board moves by millimetres meanwhile.
+    # The board moves by millimetres meanwhile, so the test is not trivial.
     assert np.linalg.norm(true[-1, :3, 3] - true[0, :3, 3]) > 3.0
 
 

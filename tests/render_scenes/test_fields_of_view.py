@@ -1,4 +1,4 @@
-"""Fields that mirrors show of a plane: against the projection of the layout, and where they have nothing in common."""
+"""Fields that mirrors show of a plane: against the projection of the layout, and where they do not overlap."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A camera off its model: waves of their size, there and back.
+"""A camera that deviates from its model by waves: amplitude, and projection and its inverse.
 
 Undistorted pixels between nodes are those of the camera.
 
@@ -76,7 +76,7 @@ def variances(sigmas_px: list[float], subpixels: int) -> list[float]:
     "sigmas_px", [[0.0, 0.5, 1.0, 1.5, 2.0], [0.0, 0.05, 0.1, 0.2], [0.04], [0.1], [0.3, 0.3], [1.0, 1.1], [3.0]]
 )
 def test_each_line_is_blurred_by_its_own_sigma(sigmas_px: list[float], subpixels: int) -> None:
-    """Also by less than a Gaussian that is sampled in each subpixel can have."""
+    """Blur smaller than the least sigma of a Gaussian sampled in each subpixel is exact, too."""
     expected = np.square(sigmas_px)
     np.testing.assert_allclose(variances(sigmas_px, subpixels), expected, rtol=0.02, atol=1e-4)
 

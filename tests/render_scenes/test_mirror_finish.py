@@ -1,4 +1,4 @@
-"""Mirrors that are not alike, not smooth, not flat: as drawn, as shown by both renderers, as stated in the truth."""
+"""Mirrors of unequal, rough and bent finish: as drawn by lot, in both renderers and in the ground truth."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ def test_mirrors_are_as_bright_as_drawn_by_both(small_layout: Layout, small_boar
 
 
 def edge_width(picture: NDArray[np.float32]) -> float:
-    """Mean change from a pixel to the next over the largest: what blur takes away."""
+    """Mean change from a pixel to the next over the largest, which blur reduces."""
     return float(np.abs(np.diff(picture, axis=1)).max())
 
 
@@ -183,7 +183,7 @@ def test_bent_mirrors_are_traced_where_rays_of_their_exact_shape_go(small_layout
 def traced_to_board(
     scene: BoardScene, px: Any, pose: FloatArray, lots: tuple[float, ...]
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Where light of pixels (2, n) left the board (n, 2), mm, by Mitsuba, with these lots at faces; and if it did."""
+    """Origins (n, 2) on the board, mm, of light at pixels (2, n), by Mitsuba with given random numbers; and a mask."""
     import mitsuba as mi
 
     hit = scene.scene.ray_intersect(mi.Ray3f(scene.sensor.ray_through(*(mi.Float(axis + 0.5) for axis in px))))
@@ -197,12 +197,12 @@ def traced_to_board(
 
 @pytest.mark.parametrize("surface", ["first", "second"])
 def test_corners_by_bent_mirrors_are_told_exactly(small_layout: Layout, surface: str) -> None:
-    """The pixel that is solved for, followed on, ends at the corner; a plane's is elsewhere."""
+    """The ray of the solved pixel ends at the corner; that of a plane mirror's pixel does not."""
     layout = bent_layout(small_layout, surface)
     pose, finishes = tilted_board(layout), (BENT.replaced(sag_mm=0.02),) * 9
-    px, visible = Oracle(layout, TARGET, finishes).by_mirrors(pose)
+    px, visible = Oracle(layout, TARGET, finishes).via_mirrors(pose)
     assert visible.sum() > 300
-    plane = Oracle(layout, TARGET).by_mirrors(pose)[0]
+    plane = Oracle(layout, TARGET).via_mirrors(pose)[0]
     assert 0.1 < np.linalg.norm(px[visible] - plane[visible], axis=-1).mean() < 5.0
     for index, mirror in enumerate(layout.mirrors):
         rays = layout.camera.unproject(px[index][visible[index]])
@@ -215,7 +215,7 @@ def test_corners_by_bent_mirrors_are_told_exactly(small_layout: Layout, surface:
 
 @pytest.mark.parametrize("surface", ["first", "second"])
 def test_a_bend_of_nothing_is_a_plane(small_layout: Layout, surface: str) -> None:
-    """Followed from surface to surface, a mirror that is all but flat does what the closed form says."""
+    """Traced from surface to surface, an almost flat mirror agrees with the closed form."""
     layout = bent_layout(small_layout, surface)
     rays = pixel_rays(layout, mirrors=False, step=9).direction
     for mirror in layout.mirrors[::4]:

@@ -1,4 +1,4 @@
-"""Settings of sets: presets, and what does not go together."""
+"""Settings of sets: presets, and refused combinations."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The variant is chosen without ever ending the process."""
+"""Choosing the variant never ends the process."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from mirrorcam.render_scenes import variant
 
 @pytest.fixture
 def afresh() -> Iterator[None]:
-    """Forget what this process has found out so far, before and after."""
+    """Clear the cached findings of this process, before and after."""
     for each in (True, False):
-        for found in (variant.usable_library, variant.choose_variant, variant._ready):
+        for found in (variant.usable_library, variant.choose_variant, variant._check_usable):
             found.cache_clear()
         if each:
             yield
@@ -57,7 +57,7 @@ def test_an_unusable_library_of_the_user_is_refused_in_one_line(tmp_path: Path) 
     broken = tmp_path / "libLLVM.so"
     broken.write_bytes(b"no library")
     done = run_python(RENDERS, **{variant.LIBRARY_VARIABLE: str(broken)})
-    if not variant.gpu_answers():
+    if not variant.has_gpu():
         assert done.returncode == 1
         assert done.stderr.startswith(f"refused: {variant.LIBRARY_VARIABLE}={broken}")
         assert done.stderr.count("\n") == 1
@@ -71,7 +71,7 @@ def test_an_llvm_that_aborts_never_aborts_us() -> None:
     assert not variant.renders(variant.LLVM, old[0])
     done = run_python(RENDERS, **{variant.LIBRARY_VARIABLE: str(old[0])})
     assert done.returncode in (0, 1), done.stderr
-    # Someone else imported Dr.Jit before us, and it took that LLVM.
+    # Another library imported Dr.Jit first, which loaded that LLVM.
     done = run_python("import drjit\n" + RENDERS, **{variant.LIBRARY_VARIABLE: str(old[0])})
     assert done.returncode in (0, 1), done.stderr
 
@@ -114,7 +114,7 @@ def test_a_missing_library_does_not_load(tmp_path: Path) -> None:
 def test_without_any_llvm_it_falls_back_and_says_so_once(
     afresh: None, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr(variant, "gpu_answers", lambda: False)
+    monkeypatch.setattr(variant, "has_gpu", lambda: False)
     monkeypatch.setattr(variant, "usable_library", lambda: None)
     with caplog.at_level(logging.WARNING):
         assert variant.choose_variant() == variant.SCALAR
@@ -145,6 +145,6 @@ def test_an_unknown_variant_is_refused() -> None:
 
 
 def test_cuda_is_refused_where_no_gpu_answers(afresh: None, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(variant, "gpu_answers", lambda: False)
+    monkeypatch.setattr(variant, "has_gpu", lambda: False)
     with pytest.raises(InputError, match="needs a GPU"):
         variant.use_variant(variant.CUDA)

@@ -14,7 +14,7 @@ from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.studio import design_work
 from mirrorcam.studio.design_values import DesignDrawing, RefusedDesign, SolvedDesign, SuggestedRequest
 from mirrorcam.studio.designer import Advisor, Designer
-from mirrorcam.studio.turns import Asker, Superseded
+from mirrorcam.studio.turns import PageRequest, Superseded
 
 SMALL = DesignSpec(rows=1, cols=2, depths_mm=(300.0,))
 LONG = DesignSpec(rows=5, cols=5)
@@ -65,7 +65,7 @@ def test_pages_get_their_designs_one_after_another(designer: Designer) -> None:
     found: dict[int, object] = {}
 
     def ask(number: int) -> None:
-        found[number] = designer.solve(specs[number], Asker(number))
+        found[number] = designer.solve(specs[number], PageRequest(number))
 
     threads = [threading.Thread(target=ask, args=(number,)) for number in range(4)]
     for thread in threads:
@@ -80,7 +80,7 @@ def test_pages_get_their_designs_one_after_another(designer: Designer) -> None:
 
 def test_a_page_that_leaves_frees_the_solver_for_the_others(designer: Designer) -> None:
     ended: list[str] = []
-    leaving = Asker("a")
+    leaving = PageRequest("a")
 
     def solve_long() -> None:
         try:
@@ -96,7 +96,7 @@ def test_a_page_that_leaves_frees_the_solver_for_the_others(designer: Designer) 
     designer.leave(leaving)
     waiting.join(5.0)
     assert ended == ["superseded"]
-    assert isinstance(designer.solve(SMALL, Asker("b")), SolvedDesign)
+    assert isinstance(designer.solve(SMALL, PageRequest("b")), SolvedDesign)
 
 
 @pytest.mark.slow
@@ -158,7 +158,7 @@ def refused(spec: DesignSpec) -> RefusedDesign:
 
 @pytest.mark.slow
 def test_each_can_be_met_and_says_what_differs(advisor: Advisor) -> None:
-    found = list(advisor.suggestions(NARROW, refused(NARROW), Asker()))
+    found = list(advisor.suggestions(NARROW, refused(NARROW), PageRequest()))
     assert found
     for each in found:
         spec = DesignSpec.model_validate(each.spec)
@@ -172,23 +172,23 @@ def test_each_can_be_met_and_says_what_differs(advisor: Advisor) -> None:
 def test_another_request_ends_a_search_and_the_next_one_works(advisor: Advisor) -> None:
     got: list[list[SuggestedRequest]] = []
     refusal = refused(MANY)
-    searching = threading.Thread(target=lambda: got.append(list(advisor.suggestions(MANY, refusal, Asker()))))
+    searching = threading.Thread(target=lambda: got.append(list(advisor.suggestions(MANY, refusal, PageRequest()))))
     searching.start()
     time.sleep(0.5)
-    advisor.end_search(Asker())
+    advisor.end_search(PageRequest())
     searching.join(60.0)
     assert got == [[]]
-    assert list(advisor.suggestions(NARROW, refused(NARROW), Asker()))
+    assert list(advisor.suggestions(NARROW, refused(NARROW), PageRequest()))
 
 
 @pytest.mark.slow
 def test_a_search_that_is_not_read_to_its_end_is_over(advisor: Advisor) -> None:
     refusal = refused(NARROW)
-    search = advisor.suggestions(NARROW, refusal, Asker())
+    search = advisor.suggestions(NARROW, refusal, PageRequest())
     first = next(search)
-    advisor.end_search(Asker())
+    advisor.end_search(PageRequest())
     assert list(search) == []
-    again = list(advisor.suggestions(NARROW, refusal, Asker()))
+    again = list(advisor.suggestions(NARROW, refusal, PageRequest()))
     assert again[0] == first
     assert len(again) > 1
 
@@ -198,7 +198,7 @@ def test_pages_that_search_at_the_same_time_find_all(advisor: Advisor) -> None:
     refusal, got = refused(NARROW), dict[str, list[SuggestedRequest]]()
 
     def search(page: str) -> None:
-        got[page] = list(advisor.suggestions(NARROW, refusal, Asker(page)))
+        got[page] = list(advisor.suggestions(NARROW, refusal, PageRequest(page)))
 
     threads = [threading.Thread(target=search, args=(page,)) for page in ("one", "two")]
     for thread in threads:
@@ -211,7 +211,7 @@ def test_pages_that_search_at_the_same_time_find_all(advisor: Advisor) -> None:
 @pytest.mark.slow
 def test_a_search_that_its_page_drops_frees_the_process(advisor: Advisor) -> None:
     refusal = refused(NARROW)
-    search = advisor.suggestions(NARROW, refusal, Asker("one"))
+    search = advisor.suggestions(NARROW, refusal, PageRequest("one"))
     first = next(search)
     del search
-    assert next(advisor.suggestions(NARROW, refusal, Asker("two"))) == first
+    assert next(advisor.suggestions(NARROW, refusal, PageRequest("two"))) == first

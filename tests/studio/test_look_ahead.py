@@ -55,7 +55,7 @@ def ahead() -> Iterator[Ahead]:
 
 def test_wishes_are_met_in_their_order_except_what_is_known(ahead: Ahead) -> None:
     ahead.known.add(TWO)
-    ahead.looking.wish([THREE, TWO, ONE])
+    ahead.looking.solve_next([THREE, TWO, ONE])
     assert [ahead.next(), ahead.next()] == [THREE, ONE]
 
 
@@ -63,7 +63,7 @@ def test_wishes_are_met_in_their_order_except_what_is_known(ahead: Ahead) -> Non
 def test_a_request_that_fails_is_logged_and_the_next_gone_on_with(
     ahead: Ahead, fails: DesignSpec, why: str, caplog: pytest.LogCaptureFixture
 ) -> None:
-    ahead.looking.wish([fails, ONE])
+    ahead.looking.solve_next([fails, ONE])
     assert ahead.next() == ONE
     assert [record.levelno for record in caplog.records] == [logging.ERROR]
     assert f"rows={fails.rows}" in caplog.text
@@ -80,7 +80,7 @@ def test_what_keeps_a_solution_may_fail_too(caplog: pytest.LogCaptureFixture) ->
 
     looking = LookAhead(set[DesignSpec]().__contains__, keep, answer)
     looking.start()
-    looking.wish([ONE, TWO])
+    looking.solve_next([ONE, TWO])
     assert kept.wait(60.0)
     assert "the previewer cannot work" in caplog.text
     looking.close()
@@ -88,16 +88,16 @@ def test_what_keeps_a_solution_may_fail_too(caplog: pytest.LogCaptureFixture) ->
 
 def test_nothing_is_begun_during_a_pause_nor_after_it_before_the_next_wish(ahead: Ahead) -> None:
     with ahead.looking.paused():
-        ahead.looking.wish([ONE])
+        ahead.looking.solve_next([ONE])
         time.sleep(0.3)
         assert ahead.kept.empty()
-    ahead.looking.wish([TWO])
+    ahead.looking.solve_next([TWO])
     assert ahead.next() == TWO
     assert ahead.kept.empty()
 
 
 def test_the_end_comes_at_once_and_is_no_error(ahead: Ahead, caplog: pytest.LogCaptureFixture) -> None:
-    ahead.looking.wish([ONE, LONG, TWO])
+    ahead.looking.solve_next([ONE, LONG, TWO])
     assert ahead.next() == ONE
     time.sleep(0.3)
     ahead.looking.close()

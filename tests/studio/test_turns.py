@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 import pytest
 
-from mirrorcam.studio.turns import Asker, Superseded, Turns
+from mirrorcam.studio.turns import PageRequest, Superseded, Turns
 
 LONG_S = 20.0
 
@@ -25,10 +25,10 @@ class Works:
         self._ended = threading.Event()
         self.at_work = 0
 
-    def ask(self, asker: Asker, subject: object) -> None:
+    def ask(self, page_request: PageRequest, subject: object) -> None:
         def run() -> None:
             try:
-                with self.turns.turn(asker, subject):
+                with self.turns.turn(page_request, subject):
                     self.at_work += 1
                     assert self.at_work == 1
                     while not (let_go := self._go.acquire(timeout=0.01)) and not self._ended.is_set():
@@ -45,7 +45,7 @@ class Works:
         thread = threading.Thread(target=run, daemon=True)
         self._threads.append(thread)
         thread.start()
-        until(lambda: asker.subject == subject)
+        until(lambda: page_request.subject == subject)
 
     def finish(self, count: int) -> None:
         self._go.release(count)
@@ -67,7 +67,7 @@ def until(done: Callable[[], bool]) -> None:
 def test_turns_are_in_the_order_of_requests() -> None:
     works = Works()
     for number in range(10):
-        works.ask(Asker(number), number)
+        works.ask(PageRequest(number), number)
     until(lambda: works.turns.working == 0)
     works.finish(10)
     assert works.done == list(range(10)) and works.given_up == [] and works.turns.working is None
@@ -75,52 +75,52 @@ def test_turns_are_in_the_order_of_requests() -> None:
 
 def test_the_newest_request_of_a_page_replaces_the_earlier_and_no_other_page_s() -> None:
     works = Works()
-    works.ask(Asker("a"), "a1")
-    works.ask(Asker("b"), "b1")
-    works.ask(Asker("c"), "c1")
-    works.ask(Asker("b"), "b2")
+    works.ask(PageRequest("a"), "a1")
+    works.ask(PageRequest("b"), "b1")
+    works.ask(PageRequest("c"), "c1")
+    works.ask(PageRequest("b"), "b2")
     until(lambda: works.given_up == ["b1"])
-    works.ask(Asker("a"), "a2")
+    works.ask(PageRequest("a"), "a2")
     until(lambda: works.given_up == ["b1", "a1"] and works.turns.working == "c1")
     works.finish(3)
     assert works.done == ["c1", "b2", "a2"]
 
 
 def test_the_newest_request_is_the_one_made_last_whichever_asks_for_its_turn_first() -> None:
-    works, earlier, later = Works(), Asker("a"), Asker("a")
+    works, earlier, later = Works(), PageRequest("a"), PageRequest("a")
     works.ask(later, "later")
     until(lambda: works.turns.working == "later")
     works.ask(earlier, "earlier")
     until(lambda: works.given_up == ["earlier"])
-    works.turns.give_up_earlier(earlier, "other")
+    works.turns.drop_earlier(earlier, "other")
     works.finish(1)
     assert works.done == ["later"]
 
 
 def test_work_on_the_same_subject_is_not_ended() -> None:
     works = Works()
-    works.ask(Asker("a"), "same")
-    works.ask(Asker("a"), "same")
+    works.ask(PageRequest("a"), "same")
+    works.ask(PageRequest("a"), "same")
     works.finish(2)
     assert works.done == ["same", "same"]
-    works.ask(Asker("a"), "other")
-    works.turns.give_up_earlier(Asker("a"), "other")
+    works.ask(PageRequest("a"), "other")
+    works.turns.drop_earlier(PageRequest("a"), "other")
     assert works.given_up == []
-    works.turns.give_up_earlier(Asker("a"), "new")
+    works.turns.drop_earlier(PageRequest("a"), "new")
     until(lambda: works.given_up == ["other"])
 
 
 def test_who_leaves_is_not_waited_for() -> None:
     works = Works()
-    askers = [Asker(number) for number in range(4)]
-    for number, asker in enumerate(askers):
-        works.ask(asker, number)
-    works.turns.leave(askers[2])
-    works.turns.leave(askers[0])
+    page_requests = [PageRequest(number) for number in range(4)]
+    for number, page_request in enumerate(page_requests):
+        works.ask(page_request, number)
+    works.turns.leave(page_requests[2])
+    works.turns.leave(page_requests[0])
     until(lambda: works.turns.working == 1 and sorted(map(str, works.given_up)) == ["0", "2"])
     works.finish(2)
     assert works.done == [1, 3]
-    gone = Asker("late")
+    gone = PageRequest("late")
     works.turns.leave(gone)
     with pytest.raises(Superseded), works.turns.turn(gone, 5):
         pytest.fail("it has no turn")
@@ -132,7 +132,7 @@ def test_each_page_gets_its_newest_whatever_the_order() -> None:
     for number in range(40):
         page = order.randrange(10)
         newest[page] = number
-        works.ask(Asker(page), number)
+        works.ask(PageRequest(page), number)
     works.finish(10)
     assert sorted(map(int, map(str, works.done))) == sorted(newest.values())
     assert len(works.done) + len(works.given_up) == 40

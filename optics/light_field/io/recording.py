@@ -187,7 +187,7 @@ class Recording:
         if not self.entries.numbers:
             shutil.rmtree(self._folder)
             name = self._about["source"].get("file", self.path.name)
-            raise NothingDecoded(f"{name}: not one frame could be decoded, expected at least one")
+            raise NothingDecoded(f"{name}: no frame could be decoded, expected at least one")
         with self._writing():
             self._sink.close(self._folder, self._about, self.entries)
             self._folder.rename(self.path)

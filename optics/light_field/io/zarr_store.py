@@ -102,7 +102,7 @@ def _frame_array(path: Path, name: str, kind: str) -> Any:
     array = ZarrArray(path, name)
     if len(array.shape) != 1 or array.dtype != kind or array.shape[0] > MOST_FRAMES:
         raise InputError(f"{path}: {name} is {array.dtype} of shape {array.shape[:8]}, expected {kind} (frame,)")
-    return array.whole()
+    return array.read()
 
 
 class StoredLightFields(StoredFrames):
@@ -126,10 +126,10 @@ class StoredLightFields(StoredFrames):
         self.numbers, self.times_s, self.lost = tuple(entries.numbers), tuple(entries.times_s), entries.lost
         self._samples, weights = ZarrArray(path, "samples"), ZarrArray(path, "weights")
         self._check_shapes(weights, is_cut_off=journal.exists())
-        self._is_weighted_in_full = weights.is_in_full
+        self._is_weighted_in_full = weights.is_complete
         views = self.about.get("views")
         empty = np.zeros(self._samples.shape[1:], dtype=self._samples.dtype)
-        given = {**(views if isinstance(views, dict) else {}), "samples": empty, "weights": weights.whole()}
+        given = {**(views if isinstance(views, dict) else {}), "samples": empty, "weights": weights.read()}
         self._empty = light_field_of_fields(given, str(path))
 
     def _check_shapes(self, weights: ZarrArray, *, is_cut_off: bool) -> None:

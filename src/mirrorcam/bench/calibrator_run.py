@@ -28,16 +28,16 @@ VIEWS = "views.json"
 
 
 class DescribedView(Value):
-    """A mirror as a camera of the flipped frame: its part of the frame, and its nominal camera.
+    """A mirror as a camera of the flipped frame: its sub-image, and its nominal camera.
 
     Attributes
     ----------
     x, y, width, height
-        The pixels of the flipped frame that hold the view.
+        Rectangle of the view in the flipped frame, px.
     outline_px
         Corners (n, 2) of the mirror's field, px of the flipped frame.
     camera_matrix
-        3 x 3, of the complete flipped frame.
+        3 x 3, for the complete flipped frame.
     """
 
     name: str
@@ -50,7 +50,7 @@ class DescribedView(Value):
 
     @classmethod
     def of(cls, view: VirtualCamera) -> DescribedView:
-        """The description of a mirror's camera."""
+        """Return the description of a mirror's camera."""
         part = view.sub_image
         return cls(
             name=view.name,
@@ -78,7 +78,7 @@ class DescribedViews(Value):
 
 
 def described_views(layout: Layout) -> DescribedViews:
-    """The views of a nominal layout."""
+    """Return the views of a nominal layout."""
     views = virtual_cameras(layout)
     return DescribedViews(
         width_px=layout.camera.width_px,
@@ -88,8 +88,8 @@ def described_views(layout: Layout) -> DescribedViews:
     )
 
 
-def write_blind_set(folder: Path, place: Path) -> None:
-    """Copy a set's pictures, nominal layout and board into a new folder, with `views.json`; no truth.
+def write_blind_set(folder: Path, target: Path) -> None:
+    """Copy a set's pictures, nominal layout and board, but no truth, into a new folder; add `views.json`.
 
     Raises InputError in one line if the set lacks a file.
     """
@@ -98,13 +98,13 @@ def write_blind_set(folder: Path, place: Path) -> None:
     for name in names:
         source = inside(folder, name)
         stored_bytes(source)
-        (place / name).parent.mkdir(parents=True, exist_ok=True)
-        shutil.copyfile(source, place / name)
-    write_text(place / VIEWS, described_views(Layout.load(folder / KNOWN[0])).model_dump_json(by_alias=True) + "\n")
+        (target / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(source, target / name)
+    write_text(target / VIEWS, described_views(Layout.load(folder / KNOWN[0])).model_dump_json(by_alias=True) + "\n")
 
 
 HEAD_BYTES, TAIL_BYTES = 1_000_000, 100_000
-"""Bytes from the beginning and from the end of a command's output that its log keeps."""
+"""Bytes of the beginning and of the end of a command's output in its log."""
 LAST_BYTES = 2000
 """Bytes at the end of a log that are searched for the error message."""
 SET, RESULT = "MIRRORCAM_SET", "MIRRORCAM_RESULT"
@@ -113,7 +113,7 @@ _SIGNALLED = 128
 
 @dataclass(frozen=True)
 class CalibratorRun:
-    """The end of a command: duration, reason of a failure (empty on success), and output."""
+    """The outcome of a command: duration, reason of a failure (empty on success), and output."""
 
     seconds: float
     failure: str
@@ -123,9 +123,9 @@ class CalibratorRun:
 def run_calibrator(command: str, seen: Path, result: Path, timeout_s: float) -> CalibratorRun:
     """Run a shell command on one set, with the folders of its inputs and result in its environment.
 
-    Both paths are absolute. Its descendants end with it, after `timeout_s` at the latest, and with this process.
+    Both paths are absolute. Its descendants end with it, at the latest after `timeout_s` or with this process.
     """
-    places = {SET: seen, RESULT: result}
+    folders = {SET: seen, RESULT: result}
     started = time.monotonic()
     with adopting_orphans() as end_orphans:
         process = subprocess.Popen(
@@ -133,7 +133,7 @@ def run_calibrator(command: str, seen: Path, result: Path, timeout_s: float) -> 
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
-            env=os.environ | {name: f"{path}" for name, path in places.items()},
+            env=os.environ | {name: f"{path}" for name, path in folders.items()},
             start_new_session=True,
         )
         printed = _Printed(process)
@@ -143,13 +143,13 @@ def run_calibrator(command: str, seen: Path, result: Path, timeout_s: float) -> 
             code = None
         finally:
             _end(process)
-            if process.returncode < 0:  # by a signal: the command killed its supervisor
+            if process.returncode < 0:  # a signal: the command killed its supervisor
                 end_orphans()
     seconds = time.monotonic() - started
     log = printed.log()
     if code is None:
         return CalibratorRun(seconds, f"the command took longer than {timeout_s:g} s", log)
-    return CalibratorRun(seconds, _failure(code, log, places) if code else "", log)
+    return CalibratorRun(seconds, _failure(code, log, folders) if code else "", log)
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:
@@ -165,9 +165,9 @@ def _end(process: subprocess.Popen[bytes]) -> None:
         process.wait()
 
 
-def _failure(code: int, log: bytes, places: Mapping[str, Path]) -> str:
+def _failure(code: int, log: bytes, folders: Mapping[str, Path]) -> str:
     message = _last_line(log)
-    for name, path in places.items():
+    for name, path in folders.items():
         message = message.replace(f"{path}", f"${name}")
     number = code - _SIGNALLED if code > 0 else -code
     if number in set(signal.Signals):
@@ -190,10 +190,10 @@ class _Printed:
         self._stream = process.stdout
         self._head, self._tail, self._count = bytearray(), bytearray(), 0
         self._lock = threading.Lock()
-        self._thread = threading.Thread(target=self._take, name="output of a command", daemon=True)
+        self._thread = threading.Thread(target=self._read, name="output of a command", daemon=True)
         self._thread.start()
 
-    def _take(self) -> None:
+    def _read(self) -> None:
         with self._stream:
             while block := os.read(self._stream.fileno(), 1 << 16):
                 with self._lock:
@@ -205,12 +205,12 @@ class _Printed:
                         del self._tail[:-TAIL_BYTES]
 
     def log(self) -> bytes:
-        """The output, or its beginning and end; without later output of processes that outlive the command."""
+        """Return the output, or its beginning and end, up to the end of the command."""
         self._thread.join(2.0)
         with self._lock:
             tail = bytes(self._tail[-TAIL_BYTES:])
-            left_out = self._count - len(self._head) - len(tail)
-            between = b"\n[%d bytes are left out here]\n" % left_out if left_out else b""
+            omitted = self._count - len(self._head) - len(tail)
+            between = b"\n[%d bytes are left out here]\n" % omitted if omitted else b""
             return bytes(self._head) + between + tail
 
 
@@ -221,7 +221,7 @@ MOST_FILES, MOST_BYTES, DEEPEST = 10_000, 1_000_000_000, 10
 """Limits on the files and folders of a result: count, size and nesting depth."""
 
 
-def take_result(result: Path, place: Path) -> None:
+def take_result(result: Path, target: Path) -> None:
     """Copy the files in a command's result folder into another, existing and empty folder.
 
     Raises InputError in one line, before anything is copied, for content that no calibration has: a link, a pipe, an
@@ -234,21 +234,21 @@ def take_result(result: Path, place: Path) -> None:
         except OSError as error:
             raise InputError(f"${RESULT}/{name}: cannot be read: {error.strerror}") from None
         with source:
-            (place / name).parent.mkdir(parents=True, exist_ok=True)
-            with (place / name).open("wb") as copy:
+            (target / name).parent.mkdir(parents=True, exist_ok=True)
+            with (target / name).open("wb") as copy:
                 shutil.copyfileobj(source, copy)
 
 
-def calibration_of(place: Path) -> Path:
-    """The single result file of a command, or the folder of several; raises InputError for none."""
-    names = [path for path in sorted(place.iterdir()) if path.name not in (LOG, COVARIANCE)]
+def calibration_of(folder: Path) -> Path:
+    """Return the single result file of a command, or the folder of several; raises InputError for none."""
+    names = [path for path in sorted(folder.iterdir()) if path.name not in (LOG, COVARIANCE)]
     if not names:
         raise InputError(f"the command left no file in ${RESULT}, expected its calibration there")
-    return names[0] if len(names) == 1 else place
+    return names[0] if len(names) == 1 else folder
 
 
 def _names(result: Path) -> list[str]:
-    """Paths of all files in a result folder; raises InputError for anything else in it."""
+    """Return the names of all files in a result folder; raises InputError for anything else in it."""
     if not os.path.lexists(result):
         raise InputError(f"the command removed ${RESULT}, expected its calibration there")
     if not stat.S_ISDIR(result.lstat().st_mode):

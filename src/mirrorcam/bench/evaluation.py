@@ -40,11 +40,11 @@ from mirrorcam.core.values import Value
 
 RESULTS = "results"
 READING_S = 10.0
-"""Least time to read and score a result, if the command leaves less of its time limit."""
+"""Minimum time limit to read and score a result."""
 RESERVED_BYTES, RESERVED_BYTES_PER_SET = 1_000_000, 200_000
 """Disk space reserved for the files of an evaluation, in case a command fills the disk."""
 WATCHED = "rms_px"
-"""The figure to compare with an earlier evaluation."""
+"""The figure that is compared with an earlier evaluation."""
 
 
 class Change(Value):
@@ -86,7 +86,7 @@ class Evaluation(Value):
         return {} if self.scores is None else {each.name: each for each in self.scores.sets}
 
     def text(self) -> str:
-        """The JSON."""
+        """Return the JSON."""
         return self.model_dump_json(indent=1, by_alias=True) + "\n"
 
 
@@ -96,7 +96,7 @@ class EvaluationStopped(InputError):
     Attributes
     ----------
     evaluation, scores
-        As `evaluate` returns them. Sets not reached are failures.
+        As returned by `evaluate`; sets not reached are failures.
     """
 
     def __init__(self, reason: str, evaluation: Evaluation, scores: dict[str, CalibrationScore]) -> None:
@@ -115,9 +115,9 @@ def evaluate(
 ) -> tuple[Evaluation, dict[str, CalibrationScore]]:
     """Run a command on each set of a suite, in temporary folders, and score its results.
 
-    `baseline` is the earlier evaluation that the request names. Logs and results go to `folder / RESULTS`. Returns the
-    evaluation, and the scores by the names of the sets. A command that fails, or whose result cannot be read, fails
-    the set, not the evaluation. Raises InputError for limits or views that cannot be read, and EvaluationStopped.
+    `baseline` is the earlier evaluation that the request names. Logs and results are written to `folder / RESULTS`.
+    Returns the evaluation, and the scores by the names of the sets. If the command fails, or its result is invalid,
+    only the set fails. Raises InputError for invalid limits or views, and EvaluationStopped.
     """
     views = None if reading.views is None else ViewsFile.load(reading.views)
     limits = NO_LIMITS if reading.limits is None else Limits.load(reading.limits)
@@ -134,23 +134,23 @@ def evaluate(
     progress(0, len(suite.folders))
     try:
         worker.start()
-        for done, (entry, place) in enumerate(zip(suite.manifest.sets, suite.folders, strict=True), start=1):
+        for done, (entry, set_folder) in enumerate(zip(suite.manifest.sets, suite.folders, strict=True), start=1):
             seconds, failure = 0.0, f"not run: {stopped}" if stopped else ""
-            kept = folder / RESULTS / entry.name
+            results = folder / RESULTS / entry.name
             try:
                 if not stopped:
-                    seconds, failure = _run(request, place, kept)
+                    seconds, failure = _run(request, set_folder, results)
                 if not failure:
-                    reads = _Reading(entry.name, place, kept, reading, views, limits)
+                    reads = _Reading(entry.name, set_folder, results, reading, views, limits)
                     of_set, score = _scored(worker, reads, max(READING_S, request.timeout_s - seconds))
                     scored.append(of_set)
                     scores[entry.name] = score
             except _NoScore as error:
                 failure = str(error)
             except OSError as error:
-                stopped = f"{error.filename or kept}: {error.strerror or error}"
+                stopped = f"{error.filename or results}: {error.strerror or error}"
                 failure = f"not kept: {stopped}"
-            tried.append(_tried(entry, seconds, failure))
+            tried.append(_tried_set(entry, seconds, failure))
             progress(done, len(suite.folders))
     finally:
         worker.close()
@@ -175,14 +175,14 @@ def evaluate(
 def changes_of(
     baseline: Evaluation | None, worse_by: float | None, suite: FinishedSuite, scored: Mapping[str, ScoredSet]
 ) -> tuple[Change, ...]:
-    """Changes of the watched figure of each set in the baseline, except for sets that differ from it."""
+    """Return the change of the watched figure for each set that the baseline has with the same checksum."""
     if baseline is None:
         return ()
     before = baseline.scored
-    the_same = {each.name: each.dataset_sha256 for each in baseline.tried}
+    checksums = {each.name: each.dataset_sha256 for each in baseline.tried}
     found = []
     for entry in suite.manifest.sets:
-        if entry.name not in scored or entry.name not in before or the_same.get(entry.name) != entry.dataset_sha256:
+        if entry.name not in scored or entry.name not in before or checksums.get(entry.name) != entry.dataset_sha256:
             continue
         watched = [each[entry.name].figures[WATCHED] for each in (scored, before)]
         if not all(figure.known for figure in watched):
@@ -193,7 +193,7 @@ def changes_of(
     return tuple(found)
 
 
-def _tried(entry: SuiteSet, seconds: float, failure: str) -> TriedSet:
+def _tried_set(entry: SuiteSet, seconds: float, failure: str) -> TriedSet:
     return TriedSet(
         name=entry.name,
         why=entry.why,
@@ -207,27 +207,27 @@ def _line(text: str) -> str:
     return shortened(" ".join("".join(char if char.isprintable() else " " for char in text).split()))
 
 
-def _run(request: EvaluationRequest, place: Path, kept: Path) -> tuple[float, str]:
-    """Run the command on one set, and keep its log and result; returns its duration and why it failed, if so.
+def _run(request: EvaluationRequest, set_folder: Path, results: Path) -> tuple[float, str]:
+    """Run the command on one set, and keep its log and result; return its duration, and why it failed or "".
 
     Raises OSError if files cannot be written.
     """
-    kept.mkdir(parents=True)
+    results.mkdir(parents=True)
     with work_folder() as work:
-        seen, result = work / "set", work / "result" / kept.name
+        seen, result = work / "set", work / "result" / results.name
         for each in (seen, result):
             each.mkdir(parents=True)
         try:
-            write_blind_set(place, seen)
+            write_blind_set(set_folder, seen)
         except InputError as error:
             return 0.0, str(error)
         ran = run_calibrator(request.command, seen, result, request.timeout_s)
         failure = ran.failure
         try:
-            take_result(result, kept)
+            take_result(result, results)
         except InputError as error:
             failure = failure or str(error)
-    (kept / LOG).write_bytes(ran.log)
+    (results / LOG).write_bytes(ran.log)
     return ran.seconds, failure
 
 
@@ -236,17 +236,17 @@ class _Reading:
     """Inputs of `score_set` for one set."""
 
     name: str
-    place: Path
-    kept: Path
+    set_folder: Path
+    results: Path
     reading: Reading
     views: ViewsFile | None
     limits: Limits
 
     def score(self) -> tuple[ScoredSet, CalibrationScore]:
-        covariance = self.kept / COVARIANCE
+        covariance = self.results / COVARIANCE
         return score_set(
-            self.place,
-            calibration_of(self.kept),
+            self.set_folder,
+            calibration_of(self.results),
             self.reading,
             name=self.name,
             covariance=covariance if covariance.exists() else None,
@@ -264,7 +264,7 @@ def _scored(worker: WorkerProcess, reads: _Reading, limit_s: float) -> tuple[Sco
 
     Another process reads it, which is killed after a time limit and may crash without harm to this one.
     """
-    worker.send(_Reading.score, reads)  # before the timer starts, so that it kills this process
+    worker.send(_Reading.score, reads)  # before the timer starts, which kills the process
     began = time.monotonic()
     timer = threading.Timer(limit_s, worker.kill)
     timer.start()
@@ -272,13 +272,13 @@ def _scored(worker: WorkerProcess, reads: _Reading, limit_s: float) -> tuple[Sco
         found: tuple[ScoredSet, CalibrationScore] = worker.answer()
         return found
     except InputError as error:
-        raise _NoScore(str(error).replace(f"{reads.kept}", f"${RESULT}")) from None
+        raise _NoScore(str(error).replace(f"{reads.results}", f"${RESULT}")) from None
     except WorkerDied as error:
         if time.monotonic() - began >= limit_s:
             raise _NoScore(f"to read and score its result took longer than {limit_s:.0f} s") from None
         raise _NoScore(f"the process that read its result ended {error}") from None
-    except RuntimeError as error:  # a bug of this program must not lose the other sets
-        with (reads.kept / LOG).open("a", encoding="utf-8") as log:
+    except RuntimeError as error:  # a bug of this program must not affect the other sets
+        with (reads.results / LOG).open("a", encoding="utf-8") as log:
             log.write(f"\n{error}")
         reason = str(error).strip().splitlines()[-1]
         raise _NoScore(f"its result could not be scored, as {LOG} explains: {reason}") from None
@@ -305,13 +305,13 @@ def read_evaluation(path: Path) -> Evaluation:
 
 
 def _name_of(table: Any) -> str:
-    """The name of a set in a table; empty if missing."""
+    """Return the name of a set in a table; empty if missing."""
     name = table.get("name") if isinstance(table, dict) else None
     return name if isinstance(name, str) else ""
 
 
 def _invalid(scored: dict[str, Any]) -> str:
-    """Why a score in a table is invalid; empty if it is valid, or the table has no figures."""
+    """Return why a score in a table is invalid; empty if it is valid, or the table has no figures."""
     figures = scored.get("figures")
     if not isinstance(figures, dict):
         return ""

@@ -1,4 +1,4 @@
-"""The files of an evaluation: JSON, the summary, JUnit's XML, and a picture of the errors of each set."""
+"""The files of an evaluation: JSON, a summary, JUnit XML, and a picture of the errors of each set."""
 
 from __future__ import annotations
 
@@ -50,17 +50,17 @@ PICTURES = "pictures"
 def summary_text(evaluation: Evaluation, *, pictures: tuple[str, ...] = ()) -> str:
     """The summary as Markdown: failures first, a row for each set, and collapsed details.
 
-    `pictures` are the names of sets that have one in the folder `pictures`, which a reader of the folder sees.
+    `pictures` names the sets that have a picture in the folder `pictures`; the summary includes them.
     """
     verdict, count = "passed" if evaluation.passed else "failed", len(evaluation.tried)
-    heads, *rows = set_rows(evaluation, COLUMNS)
+    header, *rows = set_rows(evaluation, COLUMNS)
     named = [[f"`{name}`", *cells] for name, *cells in rows]
     parts = [
         f"# Calibration on the suite {evaluation.suite}, version {evaluation.version}: {verdict}\n",
         f"{len(evaluation.scored)} of {count} sets scored, by `{evaluation.command.replace('`', '_')}`.\n",
         *(f"- {markdown_text(line)}" for line in failed_lines(evaluation)),
         "",
-        "\n".join(f"| {' | '.join(row)} |" for row in [heads, ["---"] * len(heads), *named]) + "\n",
+        "\n".join(f"| {' | '.join(row)} |" for row in [header, ["---"] * len(header), *named]) + "\n",
         _chart(evaluation),
         *(f"![Errors of {name} in every view]({PICTURES}/{name}.png)\n" for name in pictures),
     ]
@@ -71,7 +71,7 @@ def summary_text(evaluation: Evaluation, *, pictures: tuple[str, ...] = ()) -> s
 
 
 def set_rows(evaluation: Evaluation, columns: Mapping[str, str]) -> list[list[str]]:
-    """Heads of a table, and a row of texts for each set: its name first, then figures, time, and change."""
+    """Return the header of a table, and a row of texts for each set: name, figures, time, and change."""
     scored = evaluation.scored
     factors = {each.set: f"{each.factor:.2f} \N{MULTIPLICATION SIGN}" for each in evaluation.changes}
     rows = [["set", *columns.values(), "time s", *(["RMS / baseline"] if factors else [])]]
@@ -125,7 +125,7 @@ def _chart(evaluation: Evaluation) -> str:
 
 
 def junit_text(evaluation: Evaluation) -> str:
-    """JUnit's XML: the tests of the scores, one for each set without a score, and one for each change."""
+    """JUnit XML: the tests of the scores, one for each set without a score, and one for each change."""
     report = evaluation.scores
     if report is None:
         report = ScoreReport(sets=(), over_sets={}, checks_over_sets=(), passed=False)
@@ -137,10 +137,10 @@ def junit_text(evaluation: Evaluation) -> str:
         failed = sum(map(bool, others.values()))
         counts = {"tests": f"{len(others)}", "failures": f"{failed}", "errors": "0", "skipped": "0", "time": "0"}
         suite = SubElement(root, "testsuite", {"name": "evaluation", **counts})
-        for name, wrong in others.items():
+        for name, failure in others.items():
             case = SubElement(suite, "testcase", classname="mirrorcam.score", name=name, time="0")
-            if wrong:
-                SubElement(case, "failure", message=wrong, type="evaluation").text = wrong
+            if failure:
+                SubElement(case, "failure", message=failure, type="evaluation").text = failure
         root.set("tests", f"{int(root.get('tests', '0')) + len(others)}")
         root.set("failures", f"{int(root.get('failures', '0')) + failed}")
     indent(root)
@@ -167,7 +167,7 @@ def score_figure(score: CalibrationScore, truth: Layout, path: Path, *, title: s
 
 
 def view_errors(score: CalibrationScore) -> list[ViewDifference]:
-    """Pixels by the calibration minus those by the true device, for each view, at the working distance."""
+    """Pixels of the calibration minus those of the true device, for each view, at the working distance."""
     found = []
     for gauge in score.placed:
         points = gauge.points
@@ -192,11 +192,11 @@ FILES = (EVALUATION, SUMMARY, JUNIT, f"{PICTURES}/*.png", f"{RESULTS}/**/*")
 def write_evaluation(
     evaluation: Evaluation, scores: Mapping[str, CalibrationScore], suite: FinishedSuite, folder: Path
 ) -> None:
-    """Write the files of an evaluation into a folder, which already holds the command's results."""
+    """Write the files of an evaluation into the folder of the command's results."""
     write_text(folder / EVALUATION, evaluation.text())
     write_text(folder / SUMMARY, summary_text(evaluation, pictures=tuple(scores)))
     write_text(folder / JUNIT, junit_text(evaluation))
-    for entry, place in zip(suite.manifest.sets, suite.folders, strict=True):
+    for entry, set_folder in zip(suite.manifest.sets, suite.folders, strict=True):
         if entry.name in scores:
-            truth = true_layout(place)
+            truth = true_layout(set_folder)
             score_figure(scores[entry.name], truth, folder / PICTURES / f"{entry.name}.png", title=entry.name)

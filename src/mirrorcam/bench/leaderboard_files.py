@@ -38,9 +38,9 @@ MOST_CHARS = 500
 
 
 def read_leaderboard(evaluations: Sequence[str], not_run: Sequence[str] = ()) -> Leaderboard:
-    """The board of evaluations given as `NAME=FILE`, joined by name, and of calibrators not run, as `NAME=WHY`.
+    """Read a leaderboard of evaluations (`NAME=FILE`, joined by name) and of calibrators not run (`NAME=WHY`).
 
-    Raises InputError in one line for a file that is no evaluation, or results that do not fit together.
+    Raises InputError in one line for a file that is not an evaluation, or for inconsistent results.
     """
     attempts: dict[str, list[Attempt]] = {}
     commands: dict[str, list[str]] = {}
@@ -51,11 +51,11 @@ def read_leaderboard(evaluations: Sequence[str], not_run: Sequence[str] = ()) ->
         tried = commands.setdefault(name, [])
         if evaluation.command not in tried:
             tried.append(evaluation.command)
-    left_out = dict(_pair(given, "NAME=WHY") for given in not_run)
-    if both := sorted(left_out.keys() & attempts.keys()):
+    skipped = dict(_pair(given, "NAME=WHY") for given in not_run)
+    if both := sorted(skipped.keys() & attempts.keys()):
         raise InputError(f"--not-run: {both[0]} has an evaluation, expected none")
     lines = {name: shortened("; ".join(tried), MOST_CHARS - 10) for name, tried in commands.items()}
-    return leaderboard(attempts, lines, left_out)
+    return leaderboard(attempts, lines, skipped)
 
 
 def attempts_of(evaluation: Evaluation) -> list[Attempt]:
@@ -79,7 +79,7 @@ def _pair(given: str, form: str) -> tuple[str, str]:
 
 
 def write_leaderboard(board: Leaderboard, folder: Path) -> None:
-    """Write the files of a board into a folder, each atomically."""
+    """Write the files of a leaderboard into a folder, each atomically."""
     for name, content in zip(FILES, (leaderboard_page(board), markdown(board), board.text()), strict=True):
         write_text(folder / name, content)
 
@@ -114,8 +114,8 @@ def leaderboard_page(board: Leaderboard) -> str:
 
 
 def _split(rows: list[list[str]]) -> tuple[list[str], list[list[str]]]:
-    heads, *others = rows
-    return heads, others
+    header, *others = rows
+    return header, others
 
 
 def _tiles(board: Leaderboard) -> list[Tile]:
@@ -131,13 +131,13 @@ def _tiles(board: Leaderboard) -> list[Tile]:
 
 def _set_table(board: Leaderboard) -> Table:
     """RMS px of every set and calibrator, the best of a set in bold, and failures marked."""
-    heads, *_ = set_rows(board)
+    header, *_ = set_rows(board)
     rows: list[tuple[str | Markup, ...]] = []
     for each in board.sets:
         errors = [row.rms_px[each.name] for row in board.rows if each.name in row.rms_px]
         best = min(errors) if len(errors) > 1 else None
         rows.append((each.name, *(_cell(row, each.name, best) for row in board.rows)))
-    return Table(heads, rows, style="figures")
+    return Table(header, rows, style="figures")
 
 
 def _cell(row: BoardRow, name: str, best: float | None) -> str | Markup:

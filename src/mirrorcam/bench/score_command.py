@@ -146,8 +146,10 @@ def leaderboard(
         with output.staged(result="leaderboard.json") as folder:
             write_leaderboard(board, folder)
     heads, *rows = board_rows(board)
-    shown = [place for place, head in enumerate(heads) if head in ("calibrator", "sets scored", "NEES") or "px" in head]
-    print_table([heads[place] for place in shown], [[row[place] for place in shown] for row in rows])
+    shown = [
+        column for column, head in enumerate(heads) if head in ("calibrator", "sets scored", "NEES") or "px" in head
+    ]
+    print_table([heads[column] for column in shown], [[row[column] for column in shown] for row in rows])
     for calibrator, why, names in reasons(board):
         say("leaderboard", f"{calibrator} failed on {', '.join(names)}: {why}")
     say("leaderboard", f"{out / 'leaderboard.html'} written")

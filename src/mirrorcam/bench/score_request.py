@@ -1,4 +1,4 @@
-"""Requests for scores: how to read and judge calibrations, and the command that makes them."""
+"""Requests for scores: how to read and judge calibrations, and the command to evaluate."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Reading(Value):
         default=None, description="format of the calibrations. [default: as their content states]"
     )
     unit: Unit | None = Field(
-        default=None, description="unit of their poses; none: they have no scale. [default: as the format has it]"
+        default=None, description="unit of their poses; none: they have no scale. [default: that of the format]"
     )
     flip: Flip | None = Field(
         default=None,
@@ -47,7 +47,7 @@ class ScoreRequest(Value):
 
     calibration: Annotated[tuple[Path, ...], Parameter(metavar="FILE|FOLDER...")] = Field(
         min_length=1,
-        description="the calibration of each set; or one folder that holds one for each, by the name of the set",
+        description="the calibration of each set; or one folder with one for each, by the name of the set",
     )
     covariance: Annotated[tuple[Path, ...], Parameter(metavar="FILE...")] = Field(
         default=(),
@@ -66,7 +66,7 @@ class EvaluationRequest(Value):
         "calibration, and if it has one covariance.json, into the folder $MIRRORCAM_RESULT",
     )
     timeout_s: float = TIMEOUT_S.field(
-        600.0, "seconds that the command may take on one set, with those to read and score its result"
+        600.0, "most seconds for one set, including the time to read and score its result"
     )
     baseline: Annotated[Path | None, Parameter(metavar="FILE")] = Field(
         default=None, description="evaluation.json of an earlier run, to show the change against"

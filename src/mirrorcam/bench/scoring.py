@@ -28,12 +28,12 @@ from mirrorcam.render_scenes.sets.dataset import TRUE_LAYOUT, true_layout
 FILES = ("score.json", "score.md", "junit.xml")
 """Names of the files of a report."""
 SUSPECT_PX, FAR_BETTER = 5.0, 0.2
-"""A score worse than the first is repeated with other flips; an improvement by the second factor is reported."""
+"""Scores above the first are repeated with other flips; an improvement by the second factor is reported."""
 OTHERS: tuple[PictureFlip, ...] = ("left-right", "top-bottom", "as-is")
 
 
 def score(sets: Sequence[Path], request: ScoreRequest, reading: Reading) -> ScoreReport:
-    """Score the calibrations of sets, or of folders of sets; raises InputError in one line if one has no score."""
+    """Score the calibrations of sets, or of folders of sets; raises InputError in one line if one cannot be scored."""
     folders = sets_in(sets)
     calibrations = for_each(request.calibration, folders, "--calibration")
     stated = for_each(request.covariance, folders, "--covariance") if request.covariance else ()
@@ -115,7 +115,7 @@ def _score(
 def _better_pictures(
     rig: CameraRig, scored: Callable[[PictureFlip], CalibrationScore], rms_px: float
 ) -> tuple[str, ...]:
-    """A remark if another flip of the pictures makes a bad score a good one, unless the file states the flip."""
+    """A remark if another flip of the pictures improves a bad score much, unless the file states the flip."""
     if rig.pictures is not None or rms_px < SUSPECT_PX:
         return ()
     others = {}
@@ -129,7 +129,7 @@ def _better_pictures(
 
 
 def sets_in(paths: Sequence[Path]) -> tuple[Path, ...]:
-    """The sets in some folders, or these themselves; raises InputError if none has its truth."""
+    """The sets among folders and their subfolders; raises InputError for a folder without a rendered set."""
     found: list[Path] = []
     for path in paths:
         if not path.is_dir():
@@ -141,14 +141,14 @@ def sets_in(paths: Sequence[Path]) -> tuple[Path, ...]:
         )
         if not inner:
             raise InputError(
-                f"{path}: no {TRUE_LAYOUT} in it or in a folder of it, expected a rendered set with its truth"
+                f"{path}: no {TRUE_LAYOUT} in it or its subfolders, expected a rendered set with its truth"
             )
         found += inner
     return tuple(found)
 
 
 def for_each(given: Sequence[Path], folders: Sequence[Path], option: str) -> tuple[Path, ...]:
-    """A calibration for each set: listed in order, or found in one folder by the names of the sets."""
+    """The calibration of each set: listed in order, or found in one folder by the names of the sets."""
     if len(given) == len(folders):
         return tuple(given)
     if len(given) != 1 or not given[0].is_dir():
@@ -170,9 +170,9 @@ def _names(folders: Sequence[Path]) -> tuple[str, ...]:
     names = tuple(folder.resolve().name[:LONGEST] for folder in folders)
     if len(set(names)) < len(names):
         names = tuple("/".join(folder.resolve().parts[-2:])[-LONGEST:] for folder in folders)
-    wrong = next((name for name in names if not name.isprintable() or not name), None)
-    if wrong is not None:
-        raise InputError(f"set name {wrong[:40]!r}, expected 1 to {LONGEST} printable characters")
+    refused = next((name for name in names if not name.isprintable() or not name), None)
+    if refused is not None:
+        raise InputError(f"set name {refused[:40]!r}, expected 1 to {LONGEST} printable characters")
     if len(set(names)) < len(names):
         raise InputError("sets share a name, expected folders of different names")
     return names

@@ -1,4 +1,4 @@
-"""`mirrorcam suite`: a named list of rendered sets; lists the work beforehand and re-uses finished sets."""
+"""`mirrorcam suite`: render a named list of sets; list the work beforehand, and reuse finished sets."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ def suite(
     name: Annotated[
         str | None,
         Parameter(
-            name="NAME|FILE", help="smoke, standard, or a TOML file like theirs. [default: list the built-in suites]"
+            name="NAME|FILE", help="smoke, standard, or a TOML file like them. [default: list the built-in suites]"
         ),
     ] = None,
     /,
     *,
-    copies: Annotated[int, bounded(COPIES, "number of copies of each set, which differ in their seeds alone")] = 1,
+    copies: Annotated[int, bounded(COPIES, "number of copies of each set, which differ only in their seeds")] = 1,
     plan: Annotated[
-        bool, Parameter(help="render nothing; list the sets, which of them are there, and what the others take")
+        bool, Parameter(help="render nothing; list the sets, which are finished, and the cost of the others")
     ] = False,
     workers: Workers = None,
     scheduler: Scheduler = None,
@@ -48,7 +48,7 @@ def suite(
         Parameter(metavar="URL", help="copy sets from a folder, s3://bucket/prefix, ..., instead of rendering them"),
     ] = None,
     publish: Annotated[
-        str | None, Parameter(metavar="URL", help="copy the rendered suite there; sets that are there stay as they are")
+        str | None, Parameter(metavar="URL", help="copy the rendered suite there; existing sets are not replaced")
     ] = None,
     out: Annotated[
         Path, Parameter(help="folder that suites share, for their sets and manifests; an interrupted suite is resumed")
@@ -56,8 +56,7 @@ def suite(
 ) -> int:
     """Render the sets of a suite: many cameras, boards and hard cases.
 
-    Sets that are there are kept, each with its truth. Without a name, list the suites of the program. Exit code 1: a
-    set could not be rendered.
+    Finished sets are kept. Without a name, list the built-in suites. Exit code 1: a set could not be rendered.
 
     Examples:
         mirrorcam suite
@@ -86,15 +85,15 @@ def suite(
         say("suite", plan_text(found, count))
         return 0
     renderers = workers_here(count) if count is not None else workers_of(f"{scheduler}")
-    who = f"the workers of {scheduler}" if count is None else count_text(count, "worker")
+    workers_text = f"the workers of {scheduler}" if count is None else count_text(count, "worker")
     with output_folder(out, "suite") as output:
         found = planned(chosen, out, choose_variant(), source)
         say("suite", plan_text(found, count))
-        return render_planned(found, output, renderers, who, source, target)
+        return render_planned(found, output, renderers, workers_text, source, target)
 
 
 def render_planned(
-    plan: Plan, output: OutputFolder, workers: Renderers, who: str, source: Store | None, target: Store | None
+    plan: Plan, output: OutputFolder, workers: Renderers, workers_text: str, source: Store | None, target: Store | None
 ) -> int:
     """Fetch, design and render the missing sets, report outcomes, and publish them; returns 1 if a set is missing."""
     from mirrorcam.bench.suite_run import fetched, layouts_of, render_suite
@@ -105,10 +104,10 @@ def render_planned(
             plan = fetched(plan, source, advance)
     layouts = {}
     if plan.specs:
-        with long_work("design", f"{count_text(len(plan.specs), 'design')}, {who}", "designs") as advance:
+        with long_work("design", f"{count_text(len(plan.specs), 'design')}, {workers_text}", "designs") as advance:
             layouts = layouts_of(plan, output.path, workers.design, advance)
-    doing = long_work("render", f"{count_text(len(plan.unfinished), 'set')}, {who}", "sets")
-    with doing if plan.unfinished else nullcontext(no_progress) as advance:
+    progress = long_work("render", f"{count_text(len(plan.unfinished), 'set')}, {workers_text}", "sets")
+    with progress if plan.unfinished else nullcontext(no_progress) as advance:
         rendered = render_suite(plan, output, workers, layouts, advance)
     for name, failure in rendered.failures.items():
         say("suite", f"{name} is missing: {failure}")
@@ -132,7 +131,7 @@ def suite_of(name: str, copies: int) -> Suite:
 
 
 def show_suites() -> int:
-    """Print the suites that come with the program."""
+    """Print the built-in suites."""
     from mirrorcam.render_scenes.suites.suite import read_suite, suite_names
 
     suites = [read_suite(name) for name in suite_names()]

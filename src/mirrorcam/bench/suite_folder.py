@@ -1,4 +1,4 @@
-"""The folder of suites: rendered sets, named by content and shared by suites, and the manifest of each suite."""
+"""The folder of suites: rendered sets, named by their content and shared by suites, and a manifest per suite."""
 
 from __future__ import annotations
 
@@ -49,9 +49,9 @@ class SuiteManifest(Value):
     made_with : dict of str to str
         Digest of the code, and versions of the libraries, that made the sets.
     sets : tuple of SuiteSet
-        Those that are finished.
+        Finished sets.
     missing : tuple of str
-        Names of those that could not be rendered.
+        Names of sets that could not be rendered.
     """
 
     schema_id: Literal["mirrorcam.suite/1"] = Field(default="mirrorcam.suite/1", alias="schema")
@@ -80,7 +80,7 @@ class FinishedSuite:
 def read_finished(path: Path) -> FinishedSuite:
     """Read a suite's manifest by its path, or by a folder with only one.
 
-    Raises InputError in one line where there is none or several, and for a set that is not there or is another.
+    Raises InputError in one line for no or several manifests, and for a set that is missing or differs.
     """
     if path.is_dir():
         found = sorted(path.glob(f"*{SUFFIX}"))
@@ -123,7 +123,7 @@ def state_of(folder: Path) -> State:
 def put_set(folder: Path, dataset: Dataset, write: Callable[[Path], None]) -> None:
     """Move the files of a set that was rendered elsewhere into place; `write` writes them into an empty folder.
 
-    Raises InputError where the set is incomplete, a file differs from `dataset`, or the folder contains other files.
+    Raises InputError if the set is incomplete, a file differs from `dataset`, or the folder contains other files.
     """
     if other := sorted(dataset.files.keys() - set(dataset.planned_names)):
         raise InputError(f"{folder.name}: lists {other[0][:80]!r}, expected the files of a set alone")
@@ -131,21 +131,21 @@ def put_set(folder: Path, dataset: Dataset, write: Callable[[Path], None]) -> No
         raise InputError(f"{folder.name}: lacks {dataset.missing[0]}, expected a complete set")
 
     staged = folder.with_name(f"{TEMPORARY}{folder.name}")
-    discard(staged)  # of a run that was killed
+    discard(staged)  # left by a killed run
     staged.mkdir(parents=True)
     try:
         write(staged)
-        wrong = [name for name in dataset.files if not dataset.intact(staged, name)]
-        if wrong:
-            raise InputError(f"{folder.name}: {wrong[0]} is not as its checksum says, expected it as it was rendered")
+        damaged = [name for name in dataset.files if not dataset.intact(staged, name)]
+        if damaged:
+            raise InputError(f"{folder.name}: {damaged[0]} does not match its checksum, expected the rendered file")
         begun = dataset.replaced(files={}).continued(folder, dataset.planned_names)
-        begun.added(folder, lambda place: move_files(staged, place, dataset.files))
+        begun.added(folder, lambda staging: move_files(staged, staging, dataset.files))
     finally:
         discard(staged)
 
 
 def put_files(folder: Path, files: dict[str, bytes]) -> None:
-    """`put_set` for the files of a set, including its manifest, by name."""
+    """Call `put_set` with the files of a set, including its manifest, by name."""
     dataset = model_of(Dataset, Path(folder.name, MANIFEST), files[MANIFEST])
     others = {name: content for name, content in files.items() if name in dataset.files}
     put_set(folder, dataset, partial(write_files, files=others))

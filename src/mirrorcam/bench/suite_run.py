@@ -1,6 +1,6 @@
 """Render a suite: list finished and missing sets and their cost, then make the designs and the sets.
 
-A worker renders a complete set, as plans and truth take time, too, and no two processes share a folder.
+One worker renders a complete set: planning and ground truth take time, too, and no two processes share a folder.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ class Workers:
 
 
 def workers_here(count: int) -> Workers:
-    """Processes of this machine, each on one core."""
+    """Return runners in processes of this machine, each on one core."""
     return Workers(
         partial(design_here, workers=count),
         partial(run_local, workers=count, work=render_on_one_core),
@@ -69,7 +69,7 @@ def workers_here(count: int) -> Workers:
 
 
 def workers_of(address: str) -> Workers:
-    """Workers of the Dask scheduler at an address, which need no shared disk."""
+    """Return runners on the workers of a Dask scheduler, which need no shared disk."""
     return Workers(
         partial(design_on_cluster, address=address),
         partial(run_cluster, address=address, work=render_in_turn),
@@ -108,22 +108,22 @@ class Plan:
 
 
 def planned(suite: Suite, folder: Path, variant: str, store: Store | None = None) -> Plan:
-    """Look for the sets of a suite in a folder and, for missing ones, in a store.
+    """Look for the sets of a suite in a folder and, if missing, in a store.
 
-    Raises InputError if a set's folder holds something else, or a set that was changed since it was written.
+    Raises InputError if a set's folder contains something else, or a set that was changed since it was written.
     """
     sets = []
     for recipe in suite.sets:
-        place = folder / SETS / folder_name(recipe, variant)
-        state = state_of(place)
-        if store is not None and state != "finished" and is_stored(store, place):
+        path = folder / SETS / folder_name(recipe, variant)
+        state = state_of(path)
+        if store is not None and state != "finished" and is_stored(store, path):
             state = "stored"
-        sets.append(PlannedSet(recipe, place, state, set_cost(recipe)))
+        sets.append(PlannedSet(recipe, path, state, set_cost(recipe)))
     return Plan(suite, variant, tuple(sets))
 
 
 def fetched(plan: Plan, store: Store, progress: Progress = no_progress) -> Plan:
-    """Copy the sets of a plan that a store has into the folder, and return the plan with them finished."""
+    """Download the stored sets of a plan, and return the plan with these sets finished."""
     queued = [each for each in plan.sets if each.state == "stored"]
     for done, each in enumerate(queued):
         progress(done, len(queued))
@@ -135,7 +135,7 @@ def fetched(plan: Plan, store: Store, progress: Progress = no_progress) -> Plan:
 
 @dataclass(frozen=True)
 class Rendered:
-    """A suite's manifest and its file, the reasons for missing sets, and the seconds for the others, by name."""
+    """A suite's manifest, its file, and by name the reasons for missing sets and the seconds for the others."""
 
     manifest: SuiteManifest
     path: Path
@@ -144,7 +144,7 @@ class Rendered:
 
 
 def layouts_of(plan: Plan, folder: Path, run: Runner, progress: Progress = no_progress) -> dict[DesignSpec, Layout]:
-    """The layout of each design that the unfinished sets of a plan need, solved if missing in the folder.
+    """Return the layouts of the designs of a plan's unfinished sets; solve those missing in the folder.
 
     Raises InputError if a design has no solution.
     """
@@ -183,7 +183,7 @@ def render_suite(
     Raises
     ------
     InputError
-        Before any set is rendered, if one is too large to be sent, or the manifest would replace a file of others.
+        Before any set is rendered, if one is too large to be sent, or the manifest would replace a foreign file.
     """
     name = f"{plan.suite.name}{SUFFIX}"
     output.grouped(name).refuse_others(name)
@@ -215,7 +215,7 @@ def _rendered(
     workers: Workers,
     progress: Progress,
 ) -> tuple[dict[str, str], dict[str, float]]:
-    """Reasons of failures, and seconds for the other sets, by name."""
+    """Return reasons of failures, and seconds for the other sets, by name."""
     tasks = [
         SetTask(
             recipe=each.recipe,
@@ -228,25 +228,25 @@ def _rendered(
     failures: dict[str, str] = {}
     seconds: dict[str, float] = {}
     progress(0, len(queued))
-    for done, (number, got) in enumerate(workers.render(tasks), 1):
+    for done, (number, result) in enumerate(workers.render(tasks), 1):
         each = queued[number]
-        failure = got.reason if isinstance(got, Died) else got.failure
-        if isinstance(got, SetResult) and not failure:
-            failure = _kept(each, got)
-            seconds[each.recipe.name] = got.seconds
+        failure = result.reason if isinstance(result, Died) else result.failure
+        if isinstance(result, SetResult) and not failure:
+            failure = _store(each, result)
+            seconds[each.recipe.name] = result.seconds
         if failure:
             failures[each.recipe.name] = shortened(failure)
         progress(done, len(queued))
     return failures, seconds
 
 
-def _kept(each: PlannedSet, got: SetResult) -> str:
-    """Move the files of an answer into place; returns the reason of a failure, or an empty text."""
-    if other := differing(got.made_with, program_of(*CODE)):
+def _store(each: PlannedSet, result: SetResult) -> str:
+    """Move the files of a result into place; return the reason of a failure, or an empty string."""
+    if other := differing(result.made_with, program_of(*CODE)):
         return f"{other[0]} of a worker differs from this machine's, expected the same everywhere"
     try:
-        if got.files:
-            put_files(each.folder, dict(got.files))
+        if result.files:
+            put_files(each.folder, dict(result.files))
     except InputError as error:
         return str(error)
     return ""

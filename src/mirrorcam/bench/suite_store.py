@@ -1,8 +1,8 @@
-"""Suites in object storage, or any other file system of fsspec: copy sets there and back, and verify checksums.
+"""Suites in object storage, or any other file system of fsspec: upload and download sets, and verify checksums.
 
-A store is laid out as the folder of suites is: `sets/NAME-DIGEST/` and `NAME.suite.json`. A set is complete as soon as
-its `dataset.json` is there, which is written last; it never changes, as its name follows from its content. The manifest
-of a suite is replaced by the manifest of its next version. Nothing is deleted.
+A store has the layout of the folder of suites: `sets/NAME-DIGEST/` and `NAME.suite.json`. A set is complete once it has
+`dataset.json`, which is written last. It never changes, because its name follows from its content. A new version of a
+suite replaces the manifest. Nothing is deleted.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from fsspec import AbstractFileSystem
 
 LARGEST_STORED_BYTES = 2_000_000_000
-"""Largest file to fetch, in bytes: more than the maps of any camera."""
+"""Largest file to download, in bytes: more than the maps of any camera."""
 
 
 class Store:
@@ -35,12 +35,12 @@ class Store:
     Attributes
     ----------
     url : str
-        Its address, without a password, for people.
+        Its address without a password, for messages.
 
     Raises
     ------
     InputError
-        From every method, in one line, where the place does not answer or refuses.
+        From every method, in one line, if the store does not answer or refuses access.
     """
 
     def __init__(self, url: str) -> None:
@@ -102,7 +102,7 @@ class Store:
         try:
             yield
         except FileNotFoundError:
-            raise InputError(f"{what}is not there") from None
+            raise InputError(f"{what}does not exist") from None
         except ImportError as error:
             raise InputError(f"{what}{error}") from None
         except Exception as error:  # each backend has errors of its own
@@ -110,7 +110,7 @@ class Store:
 
 
 def is_stored(store: Store, folder: Path) -> bool:
-    """Whether the set of a folder is complete in a store."""
+    """Return whether the set of a folder is complete in a store."""
     return store.has(_dataset_name(folder))
 
 
@@ -120,21 +120,21 @@ def publish(manifest: SuiteManifest, folder: Path, store: Store, progress: Progr
     Parameters
     ----------
     manifest, folder
-        The manifest, and the folder that it is in.
+        The manifest, and its folder.
     store
-        Where they go to.
+        Target store.
     progress
-        Called with the numbers of sets that are there and of all.
+        Called with the number of stored sets, and their total.
 
     Returns
     -------
     int
-        How many sets were copied.
+        Number of copied sets.
 
     Raises
     ------
     InputError
-        Where another set, or anything else, is in the place of one.
+        If the store has something else under the name of the suite or of a set.
     """
     name = f"{manifest.name}{SUFFIX}"
     if store.has(name):
@@ -142,8 +142,7 @@ def publish(manifest: SuiteManifest, folder: Path, store: Store, progress: Progr
     copied = 0
     for done, each in enumerate(manifest.sets):
         progress(done, len(manifest.sets))
-        place = inside(folder, each.folder)
-        copied += _publish_set(place, store)
+        copied += _publish_set(inside(folder, each.folder), store)
     progress(len(manifest.sets), len(manifest.sets))
     if not manifest.missing:
         store.write(name, manifest.text.encode())
@@ -153,11 +152,11 @@ def publish(manifest: SuiteManifest, folder: Path, store: Store, progress: Progr
 def _refuse_other(store: Store, name: str, manifest: SuiteManifest) -> None:
     raw = store.read(name)
     try:
-        there = model_from(SuiteManifest, name, json_of(name, raw))
+        stored = model_from(SuiteManifest, name, json_of(name, raw))
     except InputError:
         raise InputError(f"{store.url}: {name} is no manifest of a suite, expected one, or nothing") from None
-    if there.name != manifest.name:
-        raise InputError(f"{store.url}: {name} is of the suite {there.name}, expected {manifest.name}")
+    if stored.name != manifest.name:
+        raise InputError(f"{store.url}: {name} is of the suite {stored.name}, expected {manifest.name}")
 
 
 def _publish_set(folder: Path, store: Store) -> bool:
@@ -175,13 +174,13 @@ def _publish_set(folder: Path, store: Store) -> bool:
 def fetch_set(store: Store, recipe: SetRecipe, folder: Path) -> None:
     """Copy the set of a recipe from a store into its folder.
 
-    Raises InputError where the stored set has another recipe, names files that a set does not have, or does not
-    match its checksums; the folder is left as it was then.
+    Raises InputError if the stored set has another recipe, unknown files or wrong checksums; the folder is then
+    unchanged.
     """
     name = _dataset_name(folder)
     where = f"{store.url}: {name}"
     dataset = model_from(Dataset, where, json_of(where, store.read(name)))
-    if other := differing(_asked(recipe), _told(dataset)):
+    if other := differing(_requested(recipe), _stated(dataset)):
         raise InputError(f"{store.url}: {name} has another {other[0]}, expected the one of the set {recipe.name}")
 
     def download(staging: Path) -> None:
@@ -191,8 +190,8 @@ def fetch_set(store: Store, recipe: SetRecipe, folder: Path) -> None:
     put_set(folder, dataset, download)
 
 
-def _asked(recipe: SetRecipe) -> dict[str, object]:
-    """Properties of a set, by its recipe and by its manifest."""
+def _requested(recipe: SetRecipe) -> dict[str, object]:
+    """Return the properties of a set that its manifest states, too."""
     camera = recipe.camera
     return {
         "frames": recipe.frames,
@@ -206,7 +205,7 @@ def _asked(recipe: SetRecipe) -> dict[str, object]:
     }
 
 
-def _told(dataset: Dataset) -> dict[str, object]:
+def _stated(dataset: Dataset) -> dict[str, object]:
     names = ("frames", "base_frames", "width_px", "height_px", "target", "tolerances", "settings", "rate_hz")
     return {name: getattr(dataset, name) for name in names}
 

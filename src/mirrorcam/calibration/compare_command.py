@@ -75,8 +75,8 @@ def _verdict(difference: CalibrationDifference, layout: Layout) -> str:
     view, ratio = difference.worst
     verdict = "more than noise:" if ratio > NOISE_RATIO else "within noise: at most"
     times = f"{ratio:.2f}" if ratio < 10.0 else f"{ratio:.0f}"
-    place = f"in {view_label(layout, view.view)} (limit {NOISE_RATIO:g})"
-    return f"the difference is {verdict} {times} times the predicted {SIGMA}, {place}"
+    location = f"in {view_label(layout, view.view)} (limit {NOISE_RATIO:g})"
+    return f"the difference is {verdict} {times} times the predicted {SIGMA}, {location}"
 
 
 def _print(difference: CalibrationDifference, layout: Layout) -> None:

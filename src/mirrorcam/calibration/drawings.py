@@ -131,9 +131,9 @@ def residual_histogram(calibration: Calibration) -> str:
         )
     )
     keys = (("steps x", "x"), ("steps y", "y"), ("normal", "normal"))
-    for place, (style, name) in enumerate(keys):
-        parts.append(line(x.end - 92, 26 + 18 * place, x.end - 68, 26 + 18 * place, style))
-        parts.append(text(x.end - 62, 30 + 18 * place, name, anchor="start", style="tick"))
+    for row, (style, name) in enumerate(keys):
+        parts.append(line(x.end - 92, 26 + 18 * row, x.end - 68, 26 + 18 * row, style))
+        parts.append(text(x.end - 62, 30 + 18 * row, name, anchor="start", style="tick"))
     return drawing(HALF, 308, "".join(parts), "Distribution of residuals against the normal distribution")
 
 
@@ -153,10 +153,10 @@ def coverage_map(layout: Layout, views: Sequence[ViewFigures]) -> str:
         for (left, top, right, bottom), count in zip(
             window(view.cells_px.reshape(-1, 2, 2)).reshape(-1, 4), view.cell_counts, strict=True
         ):
-            place = f'x="{coordinate(left)}" y="{coordinate(top)}"'
+            corner = f'x="{coordinate(left)}" y="{coordinate(top)}"'
             size = f'width="{coordinate(right - left)}" height="{coordinate(bottom - top)}"'
             shade = _corners_shade(int(count), most)
-            parts.append(f"<rect {place} {size} {shade}><title>{view.name}: {count} corners</title></rect>")
+            parts.append(f"<rect {corner} {size} {shade}><title>{view.name}: {count} corners</title></rect>")
         parts.append("</g>")
     parts.append(_outlines(mirrors, window))
     parts.append(_tags(mirrors, window, words=lambda view: f"{view.name}: {view.coverage:.0%}"))
@@ -223,8 +223,8 @@ def board_distances(views: Sequence[ViewFigures]) -> str:
     for value in x.ticks(5):
         parts.append(line(x(value), 10, x(value), bottom, "grid"))
         parts.append(text(x(value), bottom + 20, f"{value:g}", style="tick"))
-    for place, view in enumerate(views):
-        y = 10 + row * (place + 0.5)
+    for index, view in enumerate(views):
+        y = 10 + row * (index + 0.5)
         parts.append(text(76, y + 4, view.name, anchor="end", style="tick"))
         for distance, tilt in zip(view.distances_mm, view.tilts_deg, strict=True):
             at = f'cx="{coordinate(x(distance))}" cy="{coordinate(y)}" r="{min(5.0, row / 3):.1f}"'
@@ -284,10 +284,10 @@ def projection_sigmas(
         at = window(one.pixels)
         step = [float(np.diff(np.unique(at[:, axis].round(3))).max(initial=1.0)) for axis in (0, 1)]
         for (x, y), sigma in zip(at, sigmas, strict=True):
-            place = f'x="{coordinate(x - step[0] / 2)}" y="{coordinate(y - step[1] / 2)}"'
+            corner = f'x="{coordinate(x - step[0] / 2)}" y="{coordinate(y - step[1] / 2)}"'
             size = f'width="{coordinate(step[0])}" height="{coordinate(step[1])}"'
             shade = f'fill-opacity="{min(0.04 + 0.9 * sigma / most, 1.0):.2f}"'
-            parts.append(f'<rect {place} {size} class="shade" {shade}><title>{sigma:.2g} px</title></rect>')
+            parts.append(f'<rect {corner} {size} class="shade" {shade}><title>{sigma:.2g} px</title></rect>')
         parts.append("</g>")
     medians = {
         one.view: f"{np.median(sigmas):.2g}" if sigmas.max() > 1e-9 else "reference"
@@ -307,14 +307,14 @@ def depth_sigmas(depth: DepthUncertainty, range_mm: float) -> str:
     parts = [axes(x, y, "distance from the reference view, mm", f"{SIGMA} of depth, mm", x_ticks=9)]
     named = (("both", total), ("matching", depth.matching_mm[known]), ("calibration", depth.calibration_mm[known]))
     ends = sorted(((y(float(values[-1])), name) for name, values in named), reverse=True)
-    places: dict[str, float] = {}
+    label_y: dict[str, float] = {}
     for at, name in ends:  # from the bottom up, each label clear of the one below
-        places[name] = min([at, *(place - 16 for place in places.values())])
+        label_y[name] = min([at, *(y - 16 for y in label_y.values())])
     for name, values in named:
         curve = [(x(float(r)), y(float(value))) for r, value in zip(ranges, values, strict=True)]
         parts.append(f'<polyline points="{points(curve)}" class="curve {name}"/>')
         label = f"{name}, {depth.matching_px:g} px" if name == "matching" else name
-        parts.append(text(x.end + 8, places[name] + 4, label, anchor="start", style="tick"))
+        parts.append(text(x.end + 8, label_y[name] + 4, label, anchor="start", style="tick"))
     if x.low <= range_mm <= x.high:
         parts.append(line(x(range_mm), y.start, x(range_mm), y.end, "here"))
         parts.append(

@@ -1,4 +1,4 @@
-"""Detect mirrors that moved since the calibration from a recording; report the result in words and as files."""
+"""Detect mirrors that moved since the calibration from a recording; report the result as text and files."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ from mirrorcam.optics.light_field.frame_checks import check_frames
 DRIFT = "drift.json"
 TILT = "mount.tilt_deg"
 SURE = 3.5
-"""Number of standard deviations by which a common turn must exceed bending to raise an alarm."""
+"""Number of standard deviations by which a common turn must exceed bending for a warning."""
 FILES = (DRIFT, "layout.json")
 
 
 def drift_of(layout: Layout, frames: Sequence[Any], reference_depth_mm: float | None = None) -> Drift:
-    """Test the mirrors in frames of one recording; raises InputError if the views have no common field."""
+    """Test the mirrors in frames of one recording; raises InputError if the views do not overlap."""
     matcher = PointMatcher(layout, reference_depth_mm)
     return find_drift(layout, MatchedPoints.joined([matcher.match(frame) for frame in frames]))
 
@@ -41,7 +41,7 @@ def drift_of(layout: Layout, frames: Sequence[Any], reference_depth_mm: float | 
 class DriftReporter:
     """Reports for each decoded recording whether mirrors moved, in a line and in a file next to it.
 
-    `reference_depth_mm` is the decoder's; the line names `layout_path` in a command.
+    `reference_depth_mm` is the decoder's; the suggested command uses `layout_path`.
     """
 
     layout: Layout
@@ -52,7 +52,7 @@ class DriftReporter:
     file: str = DRIFT
 
     def report(self, frames: Sequence[Any], name: str, sources: str) -> None:
-        """Test some frames of a recording; `name` is the file's, `sources` are the arguments for `mirrorcam drift`."""
+        """Test frames of a recording; `name` is the output file, `sources` are the arguments for `mirrorcam drift`."""
         if not frames:
             return
         try:
@@ -85,8 +85,8 @@ def drift_line(layout: Layout, drift: Drift) -> str:
     names = layout.mirror_names
     if drift.moved:
         each = [f"{names[m.index]} by {m.size_deg:.3f}° ± {m.turn_sigma_deg:.3f}°" for m in drift.moved]
-        who = "a mirror has" if len(each) == 1 else f"{len(each)} mirrors have"
-        return f"{who} moved since the calibration: {', '.join(each[:4])}{', ...' if len(each) > 4 else ''}"
+        subject = "a mirror has" if len(each) == 1 else f"{len(each)} mirrors have"
+        return f"{subject} moved since the calibration: {', '.join(each[:4])}{', ...' if len(each) > 4 else ''}"
     if drift.undetermined and drift.mismatched:
         return (
             "the pictures have detail, but do not fit this layout: corners are not found in other views, or where no "
@@ -155,11 +155,11 @@ def mount_tilt(checks: Path | None) -> MountTilt:
     """
     if checks is None:
         return MountTilt(HARDWARE.mount.tilt_deg, "the limit that mounts are designed to")
-    found = read_json(checks, LARGEST_LAYOUT_BYTES)
-    entry = found.get(TILT) if isinstance(found, dict) else None
+    figures = read_json(checks, LARGEST_LAYOUT_BYTES)
+    entry = figures.get(TILT) if isinstance(figures, dict) else None
     value = entry.get("value") if isinstance(entry, dict) else None
     if not isinstance(value, int | float) or not 0.0 <= value <= 180.0:
-        raise InputError(f"{checks}: no angle {TILT} in it, expected checks.json of mirrorcam cad")
+        raise InputError(f"{checks}: no angle {TILT}, expected checks.json of mirrorcam cad")
     return MountTilt(float(value), str(checks))
 
 
@@ -167,8 +167,8 @@ def bending_line(drift: Drift, tilt: MountTilt) -> str:
     """State whether bending of the mount explains the common turn of all mirrors."""
     bound = f"gravity bends the mount by {tilt.deg:.2g}° at most ({tilt.source}), which turns all mirrors equally"
     turn, sigma = drift.common_turn_deg, drift.common_turn_sigma_deg
-    beyond = np.abs(turn) - SURE * sigma > tilt.deg
-    if beyond.any():
+    exceeds = np.abs(turn) - SURE * sigma > tilt.deg
+    if exceeds.any():
         axis = int(np.argmax(np.abs(turn) / sigma))
         return (
             f"all mirrors together have turned by {abs(turn[axis]):.2g}° ± {sigma[axis]:.2g}° about {'xyz'[axis]} of "
@@ -182,29 +182,29 @@ def find_drift_files(
 ) -> Drift:
     """Test the mirrors of a calibrated layout by pictures and videos of one recording.
 
-    A few evenly spread frames are used. `on_note` is called with remarks on videos and on pictures of 16 bits. Raises
-    InputError for a layout that is not calibrated, and for files that cannot be read, are damaged or have another size
-    than its camera's pictures.
+    A few evenly spread frames are used. `on_note` receives remarks on videos and on pictures of 16 bits. Raises
+    InputError for a layout that is not calibrated, and for files that are unreadable, damaged or of another size than
+    its camera's pictures.
     """
     if not shows_drift(layout):
         nominal = layout.kind == "nominal"
-        what = "is a nominal layout" if nominal else f"has {count_text(len(layout.mirrors), 'mirror')}"
-        raise InputError(f"{layout_path}: {what}, expected a calibrated one of {MIN_MIRRORS} mirrors or more")
+        state = "is a nominal layout" if nominal else f"has {count_text(len(layout.mirrors), 'mirror')}"
+        raise InputError(f"{layout_path}: {state}, expected a calibrated one of {MIN_MIRRORS} mirrors or more")
     check_frames(paths, layout, layout_path, on_note)
-    seen = SpreadFrames()
+    sample = SpreadFrames()
     for path in paths:
         if is_picture(path):
-            seen.add(read_image(path))
+            sample.add(read_image(path))
         else:
-            for item in WatchedSource(Video(path, on_note), seen).frames():
+            for item in WatchedSource(Video(path, on_note), sample).frames():
                 del item
-    if not seen.kept:
-        raise InputError(f"{paths[0]}: not one frame could be decoded, expected at least one")
-    return drift_of(layout, seen.kept)
+    if not sample.kept:
+        raise InputError(f"{paths[0]}: no frame could be decoded, expected at least one")
+    return drift_of(layout, sample.kept)
 
 
 def write_drift_files(layout: Layout, drift: Drift, tilt: MountTilt, sources: Sequence[str], folder: Path) -> None:
-    """Write drift.json, which includes the bending of the mount, and, if a mirror moved, the re-solved layout.json."""
+    """Write drift.json, with the bending of the mount, and, if a mirror moved, the re-solved layout.json."""
     bending = {"mount_tilt_deg": Metric(value=tilt.deg, unit="deg")}
     write_metrics(folder / DRIFT, drift_metrics(layout, drift) | bending)
     if drift.moved:

@@ -1,4 +1,4 @@
-"""Ranges of numbers, shared by options and by values in files. Cheap to import, as help texts state them."""
+"""Ranges of numbers, shared by options and by values in files. Cheap to import, because help texts state them."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Bounds:
-    """A closed range of numbers, which descriptions of fields state."""
+    """A closed range of numbers, stated in the descriptions of fields."""
 
     least: float
     most: float
@@ -19,7 +19,7 @@ class Bounds:
         return self.text or f"{_plain(self.least)} to {_plain(self.most)}"
 
     def field(self, default: Any = ..., description: str = "", unset: str = "") -> Any:
-        """Field for a number in this range, required without a default; `unset` describes the default None."""
+        """Return a field for a number in this range, required without a default; `unset` describes the default None."""
         from pydantic import Field
 
         stated = f"{description}, {self}" if description else str(self)
@@ -34,7 +34,7 @@ class Bounds:
         return Field(ge=self.least, le=self.most)
 
     def cut(self, least: float | None = None, most: float | None = None) -> Bounds:
-        """This range with another `least` or `most`."""
+        """Return this range with another `least` or `most`."""
         return Bounds(self.least if least is None else least, self.most if most is None else most)
 
 
@@ -61,7 +61,7 @@ SEED = Bounds(0, 2**63 - 1, "0 to 2^63 - 1")
 WORKERS = Bounds(1, 1024)
 SAMPLES_PER_PIXEL = Bounds(1, 65536)
 PICTURES = Bounds(0, 100_000)
-"""Pictures of a set; planning takes memory for each."""
+"""Pictures of a set; planning uses memory for each."""
 GRID = Bounds(1, 1000)
 """Rows or columns of views."""
 FOCAL_PX = Bounds(0.001, 1e7)

@@ -20,12 +20,12 @@ MODULES = {
 
 
 def missing_modules(extra: str) -> list[str]:
-    """The modules of an extra that cannot be imported."""
+    """Return the modules of an extra that are not installed."""
     return [module for module in MODULES[extra] if find_spec(module) is None]
 
 
 def require(*extras: str) -> None:
-    """Raise InputError if modules of extras are missing; the message has the command that installs them."""
+    """Raise InputError if modules of extras are missing; the message states the command that installs them."""
     missing = {extra: missing_modules(extra) for extra in extras}
     lacking = [extra for extra, modules in missing.items() if modules]
     if lacking:

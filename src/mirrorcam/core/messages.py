@@ -17,7 +17,7 @@ def shortened(text: str, most: int = LONGEST_MESSAGE) -> str:
 
 
 def _known_names(schema: Any) -> set[str]:
-    """The names of all fields in the JSON schema of a model."""
+    """Return the names of all fields in the JSON schema of a model."""
     if isinstance(schema, dict):
         own = set(schema["properties"]) if isinstance(schema.get("properties"), dict) else set()
         return own.union(*map(_known_names, schema.values()))
@@ -36,13 +36,13 @@ def one_line(error: ValidationError, model: type[BaseModel] | None = None) -> st
     if first["type"] == "extra_forbidden":
         names = _known_names(model.model_json_schema()) if model is not None else set()
         key = str(first["loc"][-1])
-        meant = get_close_matches(key, sorted(names), n=1) if key not in names else []
-        message = f"not known, did you mean {meant[0]}?" if meant else "not known"
+        close = get_close_matches(key, sorted(names), n=1) if key not in names else []
+        message = f"not known, did you mean {close[0]}?" if close else "not known"
     if first["type"] == "union_tag_not_found":
         message = f"{first['ctx']['discriminator']} is missing"
     if first["type"] == "union_tag_invalid":
-        given = first["ctx"]
-        message = f"{given['discriminator']} is {given['tag']!r}, expected one of {given['expected_tags']}"
+        context = first["ctx"]
+        message = f"{context['discriminator']} is {context['tag']!r}, expected one of {context['expected_tags']}"
     more = f" (and {len(details) - 1} more)" if len(details) > 1 else ""
     text = f"{where}: {message}{more}" if where else f"{message}{more}"
     return shortened(" ".join(text.split()))

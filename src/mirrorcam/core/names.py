@@ -38,12 +38,12 @@ Line = Annotated[str, Field(max_length=500), AfterValidator(_printable)]
 
 
 def markdown_text(text: str) -> str:
-    """Escape a text for Markdown, so that tags, links, emphasis and table cells have no effect."""
+    """Escape a text for Markdown, so that it contains no tags, links, emphasis or table cells."""
     return _MARKDOWN.sub(r"\\\g<0>", html.escape(text, quote=False))
 
 
 def spreadsheet_text(text: str) -> str:
-    """Escape a text for a CSV cell: ' precedes a text that spreadsheets would take for a formula."""
+    """Escape a text for a CSV cell: ' precedes a text that spreadsheets would evaluate as a formula."""
     return f"'{text}" if text.startswith(_FORMULA) else text
 
 
@@ -53,9 +53,9 @@ def word(text: str) -> str:
 
 
 def number(value: float) -> str:
-    """The shortest text that reads back exactly, with a decimal point, and without a negative zero.
+    """Return the shortest text that is parsed exactly, with a decimal point, and without a negative zero.
 
-    YAML 1.1 takes `1e-05` for a string: PyYAML, and Kalibr with it, would read it as one.
+    In YAML 1.1, and therefore in PyYAML and Kalibr, `1e-05` is a string.
     """
     text = repr(float(value) + 0.0)
     mantissa, exponent, power = text.partition("e")
@@ -63,7 +63,7 @@ def number(value: float) -> str:
 
 
 def numbers(values: Iterable[float] | FloatArray, separator: str = ", ") -> str:
-    """Several numbers in one line."""
+    """Return several numbers in one line."""
     return separator.join(number(value) for value in values)
 
 

@@ -1,4 +1,4 @@
-"""Progress reports from long work to what displays them."""
+"""Progress reports of long work."""
 
 from __future__ import annotations
 

@@ -152,8 +152,8 @@ def _finish(axes: Axes, title: str, x: str, y: str, handles: Sequence[Artist]) -
     axes.tick_params(labelsize=9)
     axes.locator_params(axis="x", nbins=6)
     # The legend's distance is counted in font sizes, so that it clears the axis label under panels of any height.
-    place: dict[str, Any] = {"loc": "upper center", "bbox_to_anchor": (0.5, 0.0), "borderaxespad": 4.0}
-    axes.legend(handles=handles, ncols=min(len(handles), LEGEND_COLUMNS), frameon=False, fontsize=9, **place)
+    position: dict[str, Any] = {"loc": "upper center", "bbox_to_anchor": (0.5, 0.0), "borderaxespad": 4.0}
+    axes.legend(handles=handles, ncols=min(len(handles), LEGEND_COLUMNS), frameon=False, fontsize=9, **position)
 
 
 def _sensor(axes: Axes, layout: Layout, depths_mm: Sequence[float]) -> None:

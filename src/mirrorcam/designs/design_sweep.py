@@ -45,11 +45,11 @@ def finished_designs(folder: Path) -> list[tuple[Outcome, Path]]:
     return found
 
 
-def outcome_of(spec: DesignSpec, got: Answer | Died) -> Outcome:
+def outcome_of(spec: DesignSpec, answer: Answer | Died) -> Outcome:
     """The outcome of a spec, from a worker's answer or the death of every worker that tried it."""
-    if isinstance(got, Died):
-        return Outcome(spec=spec, status="failed", finding=got.reason)
-    return Outcome.model_validate_json(got.outcome)
+    if isinstance(answer, Died):
+        return Outcome(spec=spec, status="failed", finding=answer.reason)
+    return Outcome.model_validate_json(answer.outcome)
 
 
 def _key(spec: DesignSpec) -> str:
@@ -69,8 +69,8 @@ def sweep(
     missing = [number for number in range(len(specs)) if number not in outcomes]
     progress(len(outcomes), len(specs))
     if missing:
-        for place, got in run([specs[number] for number in missing]):
-            outcomes[missing[place]] = _keep(specs[missing[place]], got, output)
+        for index, outcome in run([specs[number] for number in missing]):
+            outcomes[missing[index]] = _keep(specs[missing[index]], outcome, output)
             progress(len(outcomes), len(specs))
     return [outcomes[number] for number in range(len(specs))]
 
@@ -87,17 +87,17 @@ def _finished(spec: DesignSpec, output: OutputFolder) -> Outcome | None:
     return outcome
 
 
-def _keep(spec: DesignSpec, got: Answer | Died, output: OutputFolder) -> Outcome:
+def _keep(spec: DesignSpec, answer: Answer | Died, output: OutputFolder) -> Outcome:
     """Store an answer and write its layout; a failure is not stored, so that the next sweep tries again."""
-    outcome = outcome_of(spec, got)
-    if isinstance(got, Died):
-        got = Answer(file_text(outcome))
-    if other := differing(got.made_with, program_of(CODE)):
+    outcome = outcome_of(spec, answer)
+    if isinstance(answer, Died):
+        answer = Answer(file_text(outcome))
+    if other := differing(answer.made_with, program_of(CODE)):
         raise InputError(f"{other[0]} of a worker differs from this machine's, expected the same on all workers")
     if outcome.status != "failed":
-        contents = {_OUTCOME: got.outcome.encode(), _LAYOUT: got.layout.encode()}
+        contents = {_OUTCOME: answer.outcome.encode(), _LAYOUT: answer.layout.encode()}
         output.results.put(f"design-{_key(spec)}", program_of(CODE), contents)
-    _write_layout(spec, got.layout, output)  # last: the store restores a missing layout
+    _write_layout(spec, answer.layout, output)  # last: the store restores a missing layout
     return outcome
 
 

@@ -81,11 +81,11 @@ def pareto(outcomes: Sequence[Outcome], path: Path) -> None:
     width_in = WIDTH_IN - LEGEND_IN - LEGEND_COLUMN_IN * columns
     figure = Figure(figsize=(WIDTH_IN, HEIGHT_IN))
     above, below = HEIGHT_IN * 0.42, 0.0
-    for place, (x, y) in enumerate(((FIELD_OF_VIEW, DEPTH_OF_FIELD), (GRID_ERROR, EFFICIENCY))):
-        axes = _panel(figure, place * width_in / 2.0, above, width_in / 2.0, HEIGHT_IN - above)
+    for column, (x, y) in enumerate(((FIELD_OF_VIEW, DEPTH_OF_FIELD), (GRID_ERROR, EFFICIENCY))):
+        axes = _panel(figure, column * width_in / 2.0, above, width_in / 2.0, HEIGHT_IN - above)
         _trade(axes, solved, x, y, colours)
-    for place, axis in enumerate((FIELD_OF_VIEW, DEPTH_OF_FIELD, GRID_ERROR, EFFICIENCY)):
-        axes = _panel(figure, place * width_in / 4.0, below, width_in / 4.0, above)
+    for column, axis in enumerate((FIELD_OF_VIEW, DEPTH_OF_FIELD, GRID_ERROR, EFFICIENCY)):
+        axes = _panel(figure, column * width_in / 4.0, below, width_in / 4.0, above)
         _against_count(axes, solved, axis, colours)
     _legend(figure, colours, columns, endless=any(_endless(outcome) for outcome in solved))
     with atomic(path) as temporary:
@@ -144,19 +144,19 @@ def _trade(axes: Axes, solved: Sequence[Outcome], x: Axis, y: Axis, colours: dic
 def _against_count(axes: Axes, solved: Sequence[Outcome], axis: Axis, colours: dict[tuple[int, int], str]) -> None:
     """Plot one figure of merit of every design over its count, and a line through the best of each count."""
     best: list[tuple[float, float]] = []
-    for place, (count, colour) in enumerate(colours.items()):
+    for column, (count, colour) in enumerate(colours.items()):
         values = [axis.value(outcome) for outcome in solved if _count(outcome) == count]
         known = [value for value in values if value is not None]
         if not known:
             continue
         spread = np.linspace(-0.28, 0.28, len(known)) if len(known) > 1 else np.zeros(1)
-        axes.plot(place + spread, known, "o", color=colour, markersize=4.0, alpha=0.7, zorder=2)
+        axes.plot(column + spread, known, "o", color=colour, markersize=4.0, alpha=0.7, zorder=2)
         first = int(np.argmax(known) if axis.more_is_better else np.argmin(known))
-        best.append((place + float(spread[first]), known[first]))
+        best.append((column + float(spread[first]), known[first]))
     axes.plot(*np.array(best).reshape(-1, 2).T, color=BEST, linewidth=1.1, zorder=1)
     named = list(enumerate(colours))[:: -(-len(colours) // NAMED_COUNTS)]
     names = [f"{rows}x{cols}" for _, (rows, cols) in named]
-    axes.set_xticks([place for place, _ in named], names, rotation=90 if len(named) > LEVEL_NAMES else 0)
+    axes.set_xticks([column for column, _ in named], names, rotation=90 if len(named) > LEVEL_NAMES else 0)
     axes.set_xlim(-0.6, len(colours) - 0.4)
     _finish(axes, f"{axis.name.capitalize()} by count", "rows x columns of mirrors", f"{axis.name}, {axis.unit}")
 

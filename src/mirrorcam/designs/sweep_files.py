@@ -146,5 +146,5 @@ def design_on_cluster(
 ) -> Generator[tuple[int, Answer | Died], None, None]:
     """Yield index and answer of each spec as workers of the scheduler at `address` finish it."""
     order = [number for group in in_order(specs) for number in group]
-    for place, got in run_cluster([specs[number].model_dump_json() for number in order], address, work):
-        yield order[place], got
+    for index, outcome in run_cluster([specs[number].model_dump_json() for number in order], address, work):
+        yield order[index], outcome

@@ -153,15 +153,15 @@ def _over_accuracy(axes: Axes, study: Study, title: str, unit: str, names: Seque
 
 def _shares(axes: Axes, study: Study, figures: Sequence[str]) -> None:
     """Draw the share of each tolerance in the spread of figures, as bars of one length."""
-    places = np.arange(len(figures))
+    rows = np.arange(len(figures))
     start = np.zeros(len(figures))
     for cause, colour in zip(CAUSES, COLOURS, strict=True):
         if cause in study.shares:
             parts = np.array([study.shares[cause][name] for name in figures])
-            axes.barh(places, parts, left=start, color=colour, height=0.75, label=cause)
+            axes.barh(rows, parts, left=start, color=colour, height=0.75, label=cause)
             start += parts
     axes.set(xlim=(0.0, 1.0), ylim=(len(figures) - 0.4, -0.6))
-    axes.set_yticks(places, [_label(name) for name in figures], fontsize=9)
+    axes.set_yticks(rows, [_label(name) for name in figures], fontsize=9)
     axes.xaxis.set_major_formatter(PercentFormatter(1.0))
     axes.set_title("Share of each tolerance in the mean square deviation from the design, one at a time")
     if study.shares:

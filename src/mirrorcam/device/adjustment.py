@@ -116,8 +116,8 @@ def _covariance(index: int, layout: Layout) -> FloatArray:
     names = [f"mirror {index} {axis}_mm" for axis in "xyz"]
     if known is None or not set(names) <= set(known.parameters):
         return np.full((3, 3), np.nan)
-    places = [known.parameters.index(name) for name in names]
-    return np.asarray(known.covariance[np.ix_(places, places)])
+    indices = [known.parameters.index(name) for name in names]
+    return np.asarray(known.covariance[np.ix_(indices, indices)])
 
 
 def _seen_from_behind(points: FloatArray, holder: ScrewedHolderPlan, layout: Layout) -> FloatArray:

@@ -161,8 +161,8 @@ def _footer(axes: Axes, target: Target, name: str, left: float, top: float) -> N
         lines.append(f"gaps of {target.gap_mm:g} mm, family 36h11, tag 0 at the lower left")
     lines.append(f"printed at 100 %, its squares span {width:g} x {height:g} mm")
     for number, line in enumerate(lines):
-        place = left + RULER_MM + GAP_MM, top + 2.0 + number * LINE_MM
-        axes.text(*place, line, fontsize=POINTS, va="baseline", parse_math=False)
+        position = left + RULER_MM + GAP_MM, top + 2.0 + number * LINE_MM
+        axes.text(*position, line, fontsize=POINTS, va="baseline", parse_math=False)
 
 
 def _drawable(text: str) -> str:

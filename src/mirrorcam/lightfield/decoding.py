@@ -19,7 +19,7 @@ from mirrorcam.core.errors import InputError
 from mirrorcam.core.figures.figure_texts import count_text
 from mirrorcam.core.images.jpeg import DamagedPicture
 from mirrorcam.core.images.pictures import is_picture, read_image, write_image
-from mirrorcam.core.video.camera_addresses import camera, shown
+from mirrorcam.core.video.camera_addresses import camera, without_password
 from mirrorcam.core.video.frames import MOST, Frame
 from mirrorcam.core.video.stream_losses import Stream
 from mirrorcam.core.video.video import Video
@@ -81,7 +81,7 @@ def decode_files(
     ------
     InputError
         If an input is missing or has another size than the camera's pictures, if no picture can be decoded, and,
-        without `force`, if a file of others is in the place of a result.
+        without `force`, if a result would replace a file that this command did not write.
     """
     _check_sources(frames, request)
     with output_folder(folder, "decode", force=force) as output:
@@ -163,7 +163,7 @@ def _decode_files(
 def _refuse_blocked(
     frames: Sequence[Path], request: DecodeRequest, output: OutputFolder, check: RecordingCheck | None
 ) -> None:
-    """Raise InputError where files of others, or recordings, are in the place of results."""
+    """Raise InputError if results would replace recordings, or files that this command did not write."""
     images = [path for path in frames if is_picture(path)]
     endings = (".npz", "_views.png", *(("_epi.npz", "_epi.png") if request.epi else ()))
     output.refuse_others(*(f"{glob.escape(path.stem)}{ending}" for path in images for ending in endings))
@@ -233,8 +233,8 @@ def _decode_pictures(
 
 def spread(paths: Sequence[Path]) -> list[Path]:
     """Choose a few evenly spread pictures."""
-    places = np.unique(np.linspace(0, len(paths) - 1, min(len(paths), MOST)).round().astype(int))
-    return [paths[place] for place in places]
+    indices = np.unique(np.linspace(0, len(paths) - 1, min(len(paths), MOST)).round().astype(int))
+    return [paths[index] for index in indices]
 
 
 def readable(paths: Sequence[Path]) -> list[Any]:
@@ -290,7 +290,7 @@ def _sampled(paths: Sequence[Path], decoder: Decoder) -> Iterator[LightField]:
             frames = (item for item in Video(path).frames() if isinstance(item, Frame))
             first = next(frames, None)
             if first is None:
-                raise NothingDecoded(f"{path}: not one frame could be decoded, expected at least one")
+                raise NothingDecoded(f"{path}: no frame could be decoded, expected at least one")
             for frame in chain((first,), islice(frames, MEASURED_FRAMES - 1)):
                 yield decoder.decode(frame.pixels)
 
@@ -313,4 +313,4 @@ def _streams(
     if live is not None:
         size = layout.camera.width_px, layout.camera.height_px
         device = camera(live, *size, on_note=lambda line: reporter.note("decode", line))
-        yield device, _live_name(live), {"device": shown(live), "started": datetime.now(UTC).isoformat()}
+        yield device, _live_name(live), {"device": without_password(live), "started": datetime.now(UTC).isoformat()}

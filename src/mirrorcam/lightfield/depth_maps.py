@@ -55,7 +55,7 @@ def write_depths(
 ) -> list[DepthSummary]:
     """Estimate the depth of light fields; frames of a recording are first averaged in time, unless `frames_apart`.
 
-    Writes NAME_depth.npz, .pfm and .png into a folder; `force` also replaces files of others.
+    Writes NAME_depth.npz, .pfm and .png into a folder; `force` also replaces files that it did not write.
     """
     estimator: DepthEstimator | None = None
     recording = RecordingFilter()

@@ -99,17 +99,17 @@ def _bands(axes: Axes, shown: np.ndarray, positions_mm: FloatArray) -> None:
         axes.imshow(line[None], extent=(-0.5, len(line) - 0.5, high, low), aspect="auto", interpolation="nearest")
     axes.set_ylim(edges[-1], edges[0])
     axes.set_xlim(-0.5, shown.shape[1] - 0.5)
-    axes.set_yticks(positions_mm, [f"{place:.1f}" for place in positions_mm])
+    axes.set_yticks(positions_mm, [f"{position:.1f}" for position in positions_mm])
 
 
 def _fan(axes: Axes, light_field: LightField, found: Epi, depths_mm: tuple[float, float]) -> None:
     near, far = depths_mm
-    places = found.positions_mm[[0, -1]]
+    ends_mm = found.positions_mm[[0, -1]]
     for part, nearness in enumerate(np.linspace(1.0 / near, 1.0 / far, LINES)):
         depth = float(np.inf if nearness == 0 else 1.0 / nearness)
         middle = found.samples.shape[1] * (part + 0.5) / LINES
-        along = middle + found.slope_px_per_mm(light_field, depth) * places
-        axes.plot(along, places, color="white", linewidth=1.2)
+        along = middle + found.slope_px_per_mm(light_field, depth) * ends_mm
+        axes.plot(along, ends_mm, color="white", linewidth=1.2)
         text = "∞" if np.isinf(depth) else f"{depth:.0f}"
         box = {"facecolor": "black", "alpha": 0.6, "pad": 1.0, "edgecolor": "none"}
         axes.text(middle + 4.0, 0.0, text, color="white", fontsize=9, va="center", bbox=box, clip_on=True)

@@ -82,7 +82,7 @@ def write_features(
 ) -> list[FeaturesSummary]:
     """Find features in light fields, up to infinity unless the request or a file limits the depth.
 
-    Writes NAME_features.npz, .csv and .png into a folder; `force` also replaces files of others.
+    Writes NAME_features.npz, .csv and .png into a folder; `force` also replaces files that it did not write.
     """
     from mirrorcam.core.disk.output_folder import output_folder
     from mirrorcam.optics.light_field.features import FeatureFinder

@@ -72,7 +72,8 @@ def write_filtered(
 ) -> list[FilterSummary]:
     """Filter light fields, between the depths of the request or those that their files state.
 
-    Writes NAME_filtered.npz and NAME_filtered_views.png into a folder; `force` also replaces files of others.
+    Writes NAME_filtered.npz and NAME_filtered_views.png into a folder.
+    `force` also replaces files that it did not write.
     """
     from mirrorcam.core.disk.output_folder import output_folder
     from mirrorcam.core.images.pictures import write_image

@@ -79,7 +79,7 @@ class LightFieldInputs:
     def into(
         self, output: OutputFolder, endings: Sequence[str], progress: Progress = no_progress
     ) -> Iterator[NamedLightField]:
-        """Open the light fields as `each` does, unless a result NAME_ENDING would replace a file of others.
+        """Open the light fields as `each` does, unless a result NAME_ENDING would replace a file that it did not write.
 
         Raises InputError for it before the first light field is opened; for a folder, whose light fields are listed
         later, when one is opened.

@@ -79,7 +79,7 @@ def write_refocused(
     """Write the requested pictures and animations of every light field into a folder.
 
     Depth, if needed, is read from NAME_depth.npz in the folder if it was estimated in the same light field, else
-    estimated and kept there. `force` also replaces files of others.
+    estimated and kept there. `force` also replaces files that it did not write.
     """
     grey, used = [], []
     recording = RecordingFilter()
@@ -132,8 +132,8 @@ def _write(
         if hidden > SHOWN_GREY:
             grey.append(GreyPicture(f"{name}_{title}", hidden))
     if depths is not None and request.orbit is not None:
-        places = list(orbit(light_field, ORBIT_PICTURES))
-        pictures = [to_bytes(seen_from(light_field, depths, place)) for place in places]
+        viewpoints = list(orbit(light_field, ORBIT_PICTURES))
+        pictures = [to_bytes(seen_from(light_field, depths, at)) for at in viewpoints]
         write_loop(folder / f"{name}_orbit.{request.orbit}", pictures, ORBIT_HZ)
     if request.sweep is not None:
         dense = _dense(light_field, depths, request)

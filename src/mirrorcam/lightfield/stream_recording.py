@@ -121,12 +121,12 @@ class StreamRecorder:
 
 
 def refuse_streams(names: Iterable[str], to: StreamFormat, output: OutputFolder, check: RecordingCheck | None) -> None:
-    """Raise InputError if a recording, its picture or its check would replace a file of others."""
+    """Raise InputError if a recording, its picture or its check would replace a file that `decode` did not write."""
     for name in names:
         path = output.path / f"{name}{_sink(to)[1]}"
-        for place in (path, path.with_name(path.name + ".partial")):
-            if place.is_file():
-                raise InputError(f"{place}: is a file, expected a recording of this video, or no file")
+        for file in (path, path.with_name(path.name + ".partial")):
+            if file.is_file():
+                raise InputError(f"{file}: is a file, expected a recording of this video, or no file")
         if not path.exists():
             files = ["views.png", *([] if check is None else [check.file])]
             output.refuse_others(*(glob.escape(f"{name}_{file}") for file in files))

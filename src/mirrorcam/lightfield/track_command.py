@@ -74,8 +74,8 @@ class Trajectory:
     @property
     def path_mm(self) -> float:
         """Length of the path through the known poses."""
-        places = [pose.world_from_view[:3, 3] for pose in self.poses if not pose.is_lost]
-        return float(np.linalg.norm(np.diff(np.array(places), axis=0), axis=1).sum())
+        positions_mm = [pose.world_from_view[:3, 3] for pose in self.poses if not pose.is_lost]
+        return float(np.linalg.norm(np.diff(np.array(positions_mm), axis=0), axis=1).sum())
 
 
 def write_trajectory(
@@ -88,8 +88,8 @@ def write_trajectory(
 ) -> Trajectory:
     """Track the camera through light fields, in their order, and write trajectory.tum, .json and .png into a folder.
 
-    `force` also replaces files of others there. Raises InputError for fewer than two light fields, and for light fields
-    with different views.
+    `force` also replaces files that it did not write. Raises InputError for fewer than two light fields, and for light
+    fields with different views.
     """
     from mirrorcam.core.disk.output_folder import output_folder
     from mirrorcam.optics.light_field.motion import LightFieldTracker, save_json, save_tum
@@ -132,22 +132,22 @@ def draw_trajectory(path: Path, times_s: Sequence[float], poses: Sequence[Tracke
     from mirrorcam.core.disk.files import atomic
 
     world_from_view = np.array([pose.world_from_view for pose in poses])
-    places, ahead = world_from_view[:, :3, 3], world_from_view[:, :3, 2]
+    positions_mm, ahead = world_from_view[:, :3, 3], world_from_view[:, :3, 2]
     keys = np.array([pose.is_key for pose in poses])
-    known = np.isfinite(places).all(axis=1)
-    extent_mm = max(float(np.ptp(places[known], axis=0).max()), LEAST_MM) if known.any() else LEAST_MM
+    known = np.isfinite(positions_mm).all(axis=1)
+    extent_mm = max(float(np.ptp(positions_mm[known], axis=0).max()), LEAST_MM) if known.any() else LEAST_MM
     figure = Figure(figsize=SIZE_IN, dpi=100, layout="constrained")
     axes = figure.subplots(1, 3)
     names = ("right", "down", "ahead")
     for each, (across, up), title in zip(
         axes, ((0, 2), (0, 1)), ("from above", "as the first view looks"), strict=False
     ):
-        each.plot(places[:, across], places[:, up], color=COLOUR, linewidth=1.2)
-        ends = places + LENGTH * extent_mm * ahead
-        for start, end in zip(places[known], ends[known], strict=True):
+        each.plot(positions_mm[:, across], positions_mm[:, up], color=COLOUR, linewidth=1.2)
+        ends = positions_mm + LENGTH * extent_mm * ahead
+        for start, end in zip(positions_mm[known], ends[known], strict=True):
             each.plot([start[across], end[across]], [start[up], end[up]], color="0.7", linewidth=0.8, zorder=1)
-        each.scatter(places[~keys, across], places[~keys, up], s=9, color=COLOUR, zorder=2)
-        each.scatter(places[keys, across], places[keys, up], s=22, color=KEY, zorder=3)
+        each.scatter(positions_mm[~keys, across], positions_mm[~keys, up], s=9, color=COLOUR, zorder=2)
+        each.scatter(positions_mm[keys, across], positions_mm[keys, up], s=22, color=KEY, zorder=3)
         each.set_xlabel(f"{names[across]}, mm")
         each.set_ylabel(f"{names[up]}, mm")
         each.set_title(f"the camera's path {title}")

@@ -76,7 +76,7 @@ class BagRecorder:
             for line in losses(source, kept, lost, None if interrupted else expected):
                 self.reporter.note("decode", f"{name}: {line}")
             if not kept:
-                raise NothingDecoded(f"{name}: not one frame could be decoded, expected at least one")
+                raise NothingDecoded(f"{name}: no frame could be decoded, expected at least one")
         self.reporter.note("decode", f"{path} written: {count_text(kept, 'frame')}")
         if self.check is not None:
             self.check.report(watched.seen.kept, f"{name}_{self.check.file}", sources_text(source))

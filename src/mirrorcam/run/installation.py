@@ -91,8 +91,8 @@ def installation() -> Installation:
 def versions_tested() -> dict[str, str]:
     """Versions with which the tests passed, by normalised name of the distribution: `constraints.txt`."""
     folder = Path(mirrorcam.__file__).parent
-    places = (folder / CONSTRAINTS, folder.parents[1] / CONSTRAINTS)  # in a wheel, in a checkout
-    text = next(place for place in places if place.is_file()).read_text(encoding="utf-8")
+    files = (folder / CONSTRAINTS, folder.parents[1] / CONSTRAINTS)  # in a wheel, in a checkout
+    text = next(file for file in files if file.is_file()).read_text(encoding="utf-8")
     return {normalised(name): version for name, version in re.findall(r"^([\w.-]+)==(\S+)$", text, re.MULTILINE)}
 
 
@@ -117,6 +117,6 @@ def _version(distribution: str) -> str | None:
 def _program(name: str) -> Program:
     commands, purpose = PROGRAMS[name]
     # If Python was started by its path, the folder of its scripts may be missing from PATH.
-    places = os.pathsep.join((sysconfig.get_path("scripts"), os.environ.get("PATH", "")))
-    found = (path for command in commands if (path := shutil.which(command, path=places)))
+    search_path = os.pathsep.join((sysconfig.get_path("scripts"), os.environ.get("PATH", "")))
+    found = (path for command in commands if (path := shutil.which(command, path=search_path)))
     return Program(name=name, purpose=purpose, path=next(found, None))

@@ -37,7 +37,7 @@ PLANE_MM = 300.0
 
 
 class SelfTest(Value):
-    """The result of a test: the sentence it `said`, or why it failed, and its duration."""
+    """The result of a test: its finding or the reason of its failure (`said`), and its duration in s."""
 
     name: str
     passed: bool
@@ -56,21 +56,21 @@ def parts_to_test(found: Installation) -> tuple[str, ...]:
 
 def self_tests(names: tuple[str, ...]) -> Iterator[SelfTest]:
     """Run tests by their names in `TESTS`, one after the other, each in a process of its own."""
-    place = str(Path(mirrorcam.__file__).parents[1])  # so that this `mirrorcam` is tested, not another one
+    source = str(Path(mirrorcam.__file__).parents[1])  # so that this `mirrorcam` is tested, not another one
     inherited = [path for path in [os.environ.get("PYTHONPATH")] if path]
     # One thread per library: on a busy machine, their threads wait for each other.
     threads = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-    environment = os.environ | threads | {"PYTHONPATH": os.pathsep.join([place, *inherited])}
+    environment = os.environ | threads | {"PYTHONPATH": os.pathsep.join([source, *inherited])}
     for name in names:
         code = f"from mirrorcam.run.self_tests import report; report({name!r})"
         began = time.monotonic()
         try:
             done = run_program([sys.executable, "-P", "-c", code], timeout_s=LONGEST_S, environment=environment)
         except subprocess.TimeoutExpired:
-            passed, said = False, f"took longer than {LONGEST_S:g} s"
+            passed, finding = False, f"took longer than {LONGEST_S:g} s"
         else:
-            passed, said = done.returncode == 0, _finding(done)
-        yield SelfTest(name=name, passed=passed, said=said, seconds=time.monotonic() - began)
+            passed, finding = done.returncode == 0, _finding(done)
+        yield SelfTest(name=name, passed=passed, said=finding, seconds=time.monotonic() - began)
 
 
 def _finding(done: subprocess.CompletedProcess[bytes]) -> str:

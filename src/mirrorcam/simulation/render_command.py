@@ -54,10 +54,10 @@ def render(
 
     count = workers or cores()
     run_there = in_workers(count) if scheduler is None else on_cluster(scheduler)
-    who = count_text(count, "worker") if scheduler is None else f"the workers of {scheduler}"
+    workers_text = count_text(count, "worker") if scheduler is None else f"the workers of {scheduler}"
     with (
         output_folder(out, "render"),
-        long_work("render", f"{requested.settings.renderer}, {who}", "frames") as advance,
+        long_work("render", f"{requested.settings.renderer}, {workers_text}", "frames") as advance,
     ):
         dataset = render_set(requested, out, run=run_there, progress=advance)
     say("coverage", coverage_text(dataset, device.cols))

@@ -136,7 +136,7 @@ class RenderRequest(Value):
             raise InputError(error.reason) from None
         if settings.video is not None and self.rate_hz is None:
             raise InputError(f"video {settings.video}: a video shows a motion, expected --rate-hz with it")
-        given = None if self.poses is None else read_model(PosesFile, self.poses, LARGEST_FILE_BYTES)
+        poses_file = None if self.poses is None else read_model(PosesFile, self.poses, LARGEST_FILE_BYTES)
         return SetRequest(
             layout=layout,
             target=default_board() if self.board is None else load_board(self.board),
@@ -145,8 +145,8 @@ class RenderRequest(Value):
             seed=self.seed,
             tolerances=self.as_built,
             settings=settings,
-            poses=() if given is None else given.poses.tolist(),
-            poses_hz=1.0 if given is None else given.poses_hz,
+            poses=() if poses_file is None else poses_file.poses.tolist(),
+            poses_hz=1.0 if poses_file is None else poses_file.poses_hz,
             rate_hz=self.rate_hz,
             parts=self.parts,
         )

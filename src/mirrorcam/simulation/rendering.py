@@ -77,11 +77,11 @@ class SetCheck:
 def check_set(folder: Path) -> SetCheck:
     """Compare every file of a rendered set with its checksum."""
     dataset = Dataset.load(folder)
-    wrong = [name for name in dataset.files if not dataset.intact(folder, name)]
+    damaged = [name for name in dataset.files if not dataset.intact(folder, name)]
     return SetCheck(
         files=len(dataset.files),
-        altered=tuple(name for name in wrong if (folder / name).exists()),
-        lost=tuple(name for name in wrong if not (folder / name).exists()),
+        altered=tuple(name for name in damaged if (folder / name).exists()),
+        lost=tuple(name for name in damaged if not (folder / name).exists()),
         unfinished=tuple(dataset.missing),
     )
 

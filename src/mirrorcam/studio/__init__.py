@@ -1,1 +1,1 @@
-"""The studio: pages served on this machine alone, on which a designer changes a design and a camera is watched live."""
+"""The studio: pages for this machine only, to change a design and to watch a live camera."""

@@ -16,7 +16,7 @@ from mirrorcam.studio.design_values import DesignDrawing, RefusedDesign, SolvedD
 
 @dataclass(frozen=True)
 class AtlasGrid:
-    """The values of an atlas: every combination of them is designed."""
+    """The values of an atlas, which contains a design for every combination."""
 
     rows: tuple[int, ...] = (1, 2, 3, 4, 5)
     cols: tuple[int, ...] = (1, 2, 3, 4, 5)
@@ -24,7 +24,7 @@ class AtlasGrid:
     tradeoffs: tuple[float, ...] = (0.1, 0.3, 0.6)
 
     def specs(self, common: DesignSpec) -> list[DesignSpec]:
-        """The requests, without a single mirror."""
+        """Return the requests, except for a single mirror."""
         return [
             common.replaced(rows=rows, cols=cols, scale_mm=scale_mm, tradeoff=tradeoff)
             for rows, cols, scale_mm, tradeoff in product(self.rows, self.cols, self.scales_mm, self.tradeoffs)
@@ -43,15 +43,15 @@ class AtlasGrid:
 
 
 def key_of(spec: DesignSpec) -> str:
-    """The name of a request in an atlas."""
+    """Return the key of a request in an atlas."""
     return ",".join(f"{getattr(spec, name):g}" for name in AtlasGrid().axes)
 
 
 def atlas(common: DesignSpec, grid: AtlasGrid, *, workers: int, progress: Progress = no_progress) -> dict[str, Any]:
-    """The drawings of all designs of a grid by the names of their requests, as JSON can hold them.
+    """Return the drawings of all designs of a grid as JSON values, by the keys of their requests.
 
-    Everything but counts, scale and trade-off is as in `common`. The faceted parabola, which the trade-off does not
-    change, is held once. Raises RuntimeError where a process that solves dies.
+    All other fields are those of `common`. The faceted parabola, which does not depend on the trade-off, is stored
+    once. Raises RuntimeError if the processes that solve a design die.
     """
     specs = grid.specs(common)
     designs: dict[str, Any] = {}
@@ -72,14 +72,14 @@ def _shape(spec: DesignSpec) -> str:
 
 
 def _short(drawing: DesignDrawing) -> dict[str, Any]:
-    """A drawing without the request, which its name contains."""
+    """Return a drawing without the request, which its key contains."""
     return drawing.model_dump(mode="json", exclude={"spec"})
 
 
 def _solved(
     specs: Sequence[DesignSpec], workers: int, progress: Progress
 ) -> Iterator[tuple[int, SolvedDesign | RefusedDesign]]:
-    """The designs by the numbers of their requests, as they come."""
+    """Yield the designs by the numbers of their requests, as they are solved."""
     answers = run_local(specs, workers, design_work.solve, preload=design_work.PRELOAD)
     for done, (number, found) in enumerate(answers, 1):
         if isinstance(found, Died):

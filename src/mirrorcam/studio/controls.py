@@ -27,9 +27,9 @@ class CameraNumber(Value):
 
 
 class Control(Value):
-    """One control: the field of the request that it sets, and the range of its slider; a number may be beyond it.
+    """One control: the field of the request that it sets, and the range of its slider.
 
-    What a number may be is `allowed`, without an end where it is None.
+    A number may be entered beyond the slider, within the range `allowed` (None: unbounded).
 
     A slider with `values` snaps to them. `auto` is the text of a switch that leaves the value to the optimiser, and
     `preset` the value when it is switched off.
@@ -74,7 +74,7 @@ CAMERA_NUMBERS = (
 
 
 def control_groups(spec: DesignSpec) -> tuple[ControlGroup, ...]:
-    """All controls; a camera outside the library, as in an opened file, is offered in addition."""
+    """Return all controls; the request's camera is offered even if it is not in the library."""
     cameras = [Camera.c920(), *_others()]
     if spec.camera not in cameras:
         cameras.append(spec.camera)
@@ -118,7 +118,7 @@ def _preset(model: type[Value], name: str) -> float | None:
 
 @cache
 def _allowed(model: type[Value], name: str) -> tuple[float | None, float | None]:
-    """The least and greatest number that a field takes, or that each of its numbers may be."""
+    """Return the least and greatest number that a field, or each of its elements, accepts."""
     field = model.model_json_schema()["properties"][name]
     parts = (field, field.get("items", {}), *field.get("anyOf", ()))
     bounded: dict[str, float] = next((part for part in parts if "minimum" in part), {})
@@ -126,7 +126,7 @@ def _allowed(model: type[Value], name: str) -> tuple[float | None, float | None]
 
 
 def change_text(spec: DesignSpec, other: DesignSpec, parameter: str) -> str:
-    """Difference of two requests in a parameter, in words: "Scale 92 mm instead of 50 mm"."""
+    """Describe the difference of two requests in a parameter: "Scale 92 mm instead of 50 mm"."""
     if parameter in ("rows", "cols"):
         return f"{other.rows} x {other.cols} mirrors instead of {spec.rows} x {spec.cols}"
     control = next(each for group in control_groups(spec) for each in group.controls if each.name == parameter)
@@ -141,7 +141,7 @@ def _value_text(value: float | tuple[float, ...] | str, unit: str) -> str:
 
 
 def snapping_groups(axes: Mapping[str, Sequence[float]]) -> tuple[ControlGroup, ...]:
-    """The controls of the fields in `axes` alone, which snap to the values there."""
+    """Return only the controls of the fields in `axes`, which snap to the values there."""
     every = {control.name: control for control in (*_VIEWS, *_SCENE)}
     counts = every["rows"]
     kept = [

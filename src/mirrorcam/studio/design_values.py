@@ -9,7 +9,7 @@ from mirrorcam.core.values import Value
 from mirrorcam.optics.geometry.layout import Layout
 
 Kind = Literal["exact", "preview", "parabola"]
-"""How the mirrors of a drawing were found: by the optimiser, from designs nearby, or as facets of a paraboloid."""
+"""Source of a drawing's mirrors: the optimiser, interpolation of similar designs, or facets of a paraboloid."""
 
 
 class MirrorDrawing(Value):
@@ -32,7 +32,7 @@ class ViewRays(Value):
 
 
 class Curves(Value):
-    """Figures over depth; sigma is null where the views share nothing to be matched, and left out of a preview."""
+    """Figures over depth; sigma is null where the views have no common field, and empty in a preview."""
 
     depths_mm: list[float]
     usable: list[float]
@@ -68,7 +68,7 @@ class DesignDrawing(Value):
     mirrors: list[MirrorDrawing]
     rays: ViewRays
     common_px: list[list[list[list[float]]]]
-    """For each working depth, in each mirror, the outline (k, 2) of the region that all views share."""
+    """Outline (k, 2), px, of the common region in each mirror, for each working depth."""
     centres_mm: list[list[float]]
     grid_mm: list[list[float]]
     neighbours: list[tuple[int, int]]
@@ -81,7 +81,7 @@ class DesignDrawing(Value):
 
 @dataclass(frozen=True)
 class SolvedDesign:
-    """A design and, where its request has one, the faceted parabola, both with figures; and the drawings of the two."""
+    """A design and, if its request has one, the faceted parabola, both with figures and drawings."""
 
     layout: Layout
     drawing: DesignDrawing
@@ -92,8 +92,8 @@ class SolvedDesign:
 class ViolationDrawing(Value):
     """The mirrors that violate a request least, and where; lengths in view axes, mm.
 
-    `concerned` are the numbers of mirrors that violate the constraint, `places_mm` the ends (2, 3) of segments where
-    they do, worst first.
+    `concerned` are the indices of mirrors that violate the constraint, `places_mm` the segments (2, 3) where they do,
+    worst first.
     """
 
     sensor_px: tuple[int, int]

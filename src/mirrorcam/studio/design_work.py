@@ -1,4 +1,4 @@
-"""Work of the studio's processes on designs, which load slow modules in place of the server."""
+"""Work on designs in the studio's processes, so that the server need not load slow modules."""
 
 from __future__ import annotations
 
@@ -34,12 +34,12 @@ def _partner() -> WorkerProcess:
 
 
 def solve_in_two(spec: DesignSpec) -> SolvedDesign | RefusedDesign:
-    """The exact design of a request, or why it has none, solved in two processes."""
+    """Solve a request exactly in two processes; return the design, or why there is none."""
     return solve(spec, in_parallel(_partner()))
 
 
 def solve(spec: DesignSpec, calls: Calls = in_turn) -> SolvedDesign | RefusedDesign:
-    """The exact design of a request, or why it has none; `calls` as for `design`."""
+    """Solve a request exactly; return the design, or why there is none. `calls` as for `design`."""
     from mirrorcam.optics.design.optimise import design
 
     try:
@@ -55,7 +55,7 @@ def solve(spec: DesignSpec, calls: Calls = in_turn) -> SolvedDesign | RefusedDes
 
 
 def described(spec: DesignSpec, layout: Layout) -> SolvedDesign:
-    """A solved layout with its parabola, and their drawings."""
+    """Return a solved layout with its faceted parabola, and their drawings."""
     from mirrorcam.optics.design.optimise import assessed_parabola
     from mirrorcam.studio.drawing import design_drawing
 
@@ -77,7 +77,7 @@ def remember(layout: Layout) -> None:
 
 
 def preview(spec: DesignSpec) -> str | None:
-    """An approximate drawing of a request's design, as JSON: from designs nearby or, without, its faceted parabola."""
+    """Return an approximate drawing as JSON: interpolated from similar designs, or else of the faceted parabola."""
     from mirrorcam.optics.design.preview import preview as preview_layout
     from mirrorcam.optics.design.program.seeds import faceted_parabola
     from mirrorcam.studio.drawing import design_drawing
@@ -92,7 +92,7 @@ def preview(spec: DesignSpec) -> str | None:
 
 
 def report(layout: Layout, parabola: Layout | None) -> str:
-    """The report of a design as one HTML file, with a study of devices as built."""
+    """Render the report of a design as one HTML file, with a study of devices as built."""
     from mirrorcam.designs.design_report import design_pictures, design_report
     from mirrorcam.optics.design.assess.monte_carlo import study
 
@@ -122,12 +122,12 @@ def begin_suggestions(spec: DesignSpec, constraint: str, finding: str) -> None:
 
 
 def next_suggestion() -> SuggestedRequest | None:
-    """The next feasible request; None at the end, or without a search."""
+    """Return the next feasible request; None at the end, or without a search."""
     return next(_suggestions[0], None) if _suggestions else None
 
 
 def tolerance(layout: Layout) -> ToleranceBars:
-    """Expected figures of devices built by hand, computed at low priority."""
+    """Compute expected figures of devices built by hand, at low priority."""
     at_low_priority()
     from mirrorcam.studio.drawing import tolerance_bars
 

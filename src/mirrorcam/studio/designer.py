@@ -1,4 +1,4 @@
-"""Designs requested by pages: solved, stored, previewed, and feasible alternatives, each in worker processes."""
+"""Designs requested by pages: solutions, previews, studies and feasible alternatives, in worker processes."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from mirrorcam.studio import design_work, sight_work
 from mirrorcam.studio.design_values import Found, RefusedDesign, SolvedDesign, SuggestedRequest, ToleranceBars
 from mirrorcam.studio.look_ahead import LookAhead, nearby_requests
 from mirrorcam.studio.sight_work import Decoded, Frame, Subject
-from mirrorcam.studio.turns import Asker, Superseded, Turns
+from mirrorcam.studio.turns import PageRequest, Superseded, Turns
 
 
 class Advisor:
@@ -27,23 +27,25 @@ class Advisor:
         self._process = WorkerProcess(preload=design_work.PRELOAD)
         self._turns = Turns(self._process.kill)
 
-    def suggestions(self, spec: DesignSpec, refused: RefusedDesign, asker: Asker) -> Iterator[SuggestedRequest]:
-        """Yield feasible requests near a refused one until the search is ended."""
+    def suggestions(
+        self, spec: DesignSpec, refused: RefusedDesign, page_request: PageRequest
+    ) -> Iterator[SuggestedRequest]:
+        """Yield feasible requests near a refused one until the search ends."""
         try:
-            with self._turns.turn(asker, spec), self._searching():
+            with self._turns.turn(page_request, spec), self._searching():
                 self._process.call(design_work.begin_suggestions, spec, refused.constraint, refused.finding)
-                while not asker.gone and (found := self._process.call(design_work.next_suggestion)) is not None:
+                while not page_request.gone and (found := self._process.call(design_work.next_suggestion)) is not None:
                     yield found
         except (Superseded, WorkerDied):
             return  # the search was ended
 
-    def end_search(self, asker: Asker) -> None:
+    def end_search(self, page_request: PageRequest) -> None:
         """End the search of a page that has a new request."""
-        self._turns.give_up_earlier(asker, None)
+        self._turns.drop_earlier(page_request, None)
 
-    def leave(self, asker: Asker) -> None:
+    def leave(self, page_request: PageRequest) -> None:
         """End a search that its page cancelled."""
-        self._turns.leave(asker)
+        self._turns.leave(page_request)
 
     @contextmanager
     def _searching(self) -> Iterator[None]:
@@ -100,37 +102,37 @@ class Designer:
         """Add files of solved layouts, such as a sweep's; each is read when it is requested."""
         self._stored = dict(stored)
 
-    def solve(self, spec: DesignSpec, asker: Asker | None = None) -> Found:
-        """Solve a request exactly, when it is the turn of its page.
+    def solve(self, spec: DesignSpec, page_request: PageRequest | None = None) -> Found:
+        """Solve a request exactly when its page has its turn.
 
         A page's new request ends the solution of its earlier one, whose call raises Superseded. Raises InputError if
         the process that solves it dies.
         """
-        asker = asker or Asker()
+        page_request = page_request or PageRequest()
         if spec in self._stored and spec not in self._kept:
             self.keep(spec, Layout.load(self._stored[spec]))
-        self._advisor.end_search(asker)  # for an abandoned request
+        self._advisor.end_search(page_request)  # for an abandoned request
         found = self._kept.get(spec)
         if found is None:
-            with self._solutions.turn(asker, spec):
-                found = self._kept.get(spec) or self._solved_now(spec, asker)
+            with self._solutions.turn(page_request, spec):
+                found = self._kept.get(spec) or self._solved_now(spec, page_request)
         else:
-            self._solutions.give_up_earlier(asker, spec)
-        self._look_ahead.wish(nearby_requests(spec))
+            self._solutions.drop_earlier(page_request, spec)
+        self._look_ahead.solve_next(nearby_requests(spec))
         return found
 
-    def leave(self, asker: Asker) -> None:
+    def leave(self, page_request: PageRequest) -> None:
         """Cancel a request that its page abandoned."""
-        self._solutions.leave(asker)
-        self._studies.leave(asker)
-        self._advisor.leave(asker)
+        self._solutions.leave(page_request)
+        self._studies.leave(page_request)
+        self._advisor.leave(page_request)
 
-    def _solved_now(self, spec: DesignSpec, asker: Asker) -> Found:
+    def _solved_now(self, spec: DesignSpec, page_request: PageRequest) -> Found:
         try:
             with self._look_ahead.paused():
                 found: Found = self._solver.call(design_work.solve_in_two, spec)
         except WorkerDied as death:
-            if asker.gone or self._over:
+            if page_request.gone or self._over:
                 raise Superseded from None
             raise InputError(f"the process that solved it ended {death}: change something, or try again") from None
         self._keep(spec, found)
@@ -150,7 +152,7 @@ class Designer:
         if isinstance(found, SolvedDesign):
             return found.drawing.model_dump_json()
         drawing: str | None = self._previewer.call(design_work.preview, spec)
-        self._look_ahead.wish([spec])
+        self._look_ahead.solve_next([spec])
         return drawing
 
     def solved(self, spec: DesignSpec) -> SolvedDesign:
@@ -160,32 +162,32 @@ class Designer:
             raise InputError("this design is not solved, expected one that is")
         return found
 
-    def tolerance(self, spec: DesignSpec, asker: Asker | None = None) -> ToleranceBars:
+    def tolerance(self, spec: DesignSpec, page_request: PageRequest | None = None) -> ToleranceBars:
         """Expected figures of devices as built, for a solved design; takes seconds.
 
         Raises InputError for a design that is not solved, or cannot be built with these tolerances, and Superseded if
         the page has requested another design meanwhile.
         """
-        asker, layout = asker or Asker(), self.solved(spec).layout
-        with self._studies.turn(asker, spec):
-            bars: ToleranceBars = self._studied(asker, design_work.tolerance, layout)
+        page_request, layout = page_request or PageRequest(), self.solved(spec).layout
+        with self._studies.turn(page_request, spec):
+            bars: ToleranceBars = self._studied(page_request, design_work.tolerance, layout)
         return bars
 
     def report(self, spec: DesignSpec) -> str:
         """The report of a solved design. Raises InputError for one that is not."""
-        found, asker = self.solved(spec), Asker(object())
-        with self._studies.turn(asker, spec):
-            return str(self._studied(asker, design_work.report, found.layout, found.parabola))
+        found, page_request = self.solved(spec), PageRequest(object())
+        with self._studies.turn(page_request, spec):
+            return str(self._studied(page_request, design_work.report, found.layout, found.parabola))
 
-    def _studied(self, asker: Asker, work: Callable[..., Any], *arguments: Any) -> Any:
+    def _studied(self, page_request: PageRequest, work: Callable[..., Any], *arguments: Any) -> Any:
         try:
             return self._analyst.call(work, *arguments)
         except WorkerDied:
-            if asker.gone:
+            if page_request.gone:
                 raise Superseded from None
             raise
 
-    def suggestions(self, spec: DesignSpec, asker: Asker | None = None) -> Iterator[SuggestedRequest]:
+    def suggestions(self, spec: DesignSpec, page_request: PageRequest | None = None) -> Iterator[SuggestedRequest]:
         """Yield feasible requests near a refused one until its page has a new request.
 
         Raises InputError for a request that was not refused.
@@ -193,7 +195,7 @@ class Designer:
         refused = self._kept.get(spec)
         if not isinstance(refused, RefusedDesign) or not refused.constraint:
             raise InputError("this design was not refused, expected a refused one")
-        return self._advisor.suggestions(spec, refused, asker or Asker())
+        return self._advisor.suggestions(spec, refused, page_request or PageRequest())
 
     def frame(self, spec: DesignSpec, subject: Subject) -> Frame:
         """A simulated frame of a solved design. Raises InputError if there is no room for the subject."""

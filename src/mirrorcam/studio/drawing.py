@@ -1,4 +1,4 @@
-"""What the pages draw of a design: shapes, curves, figures and devices as built; the browser only draws them."""
+"""Compute everything that the pages draw of a design: shapes, curves, figures and devices as built."""
 
 from __future__ import annotations
 
@@ -40,19 +40,19 @@ GROUPS: Mapping[str, Sequence[str]] = {
     "Focus of the camera": ("circle", "best_focus"),
     "Mirrors": ("shortest", "longest", "smallest", "largest", "slab"),
 }
-"""Titles of the groups of figures, each with the beginnings of the names that belong there."""
+"""Titles of the groups of figures, with the prefixes of their figures' names."""
 
 CURVE_POINTS, COARSE_CURVE_POINTS = 33, 9
 BEYOND = 2.2
-"""How many times the farthest working depth the curves reach."""
+"""Largest depth of the curves, relative to the farthest working depth."""
 MM_DECIMALS, PX_DECIMALS, RAY_DECIMALS = 2, 1, 5
 
 
 def design_drawing(layout: Layout, spec: DesignSpec, kind: Kind) -> DesignDrawing:
-    """Everything that is drawn of a layout for a spec; figures are taken from the layout where it has them.
+    """Return the drawing of a layout for a spec, with the figures of the layout if it has them.
 
-    That of a preview, which is drawn while a slider moves, is without checks and has coarser curves. Raises InputError
-    where a working depth is nearer than the mirrors.
+    A preview, drawn while a slider moves, has no checks and coarser curves. Raises InputError if a working depth is
+    nearer than the mirrors.
     """
     depths_mm = sorted(spec.depths_mm)
     views = fields_of_view(layout, layout.camera.pupil)
@@ -84,7 +84,7 @@ def design_drawing(layout: Layout, spec: DesignSpec, kind: Kind) -> DesignDrawin
 
 
 def violation_drawing(spec: DesignSpec, where: LeastViolation) -> ViolationDrawing:
-    """What is drawn of a request that cannot be: mirrors, which may overlap as seen, and where they violate it."""
+    """Return the drawing of an infeasible request: its mirrors, whose sub-images may overlap, and the violations."""
     turn, camera = spec.view_from_rig.T, spec.camera
     beyond_mm = max(float(np.linalg.norm(mirror.outline_in_rig_mm.mean(axis=0))) for mirror in where.mirrors)
     body = np.zeros((0, 3)) if camera.body_mm is None else spec.kept_free_in_rig_mm
@@ -112,12 +112,12 @@ def _rounded(points: FloatArray, decimals: int) -> list[list[float]]:
 
 
 def _body(layout: Layout) -> FloatArray:
-    """Corners (8, 3) of the camera's body in rig; none where it is unknown."""
+    """Return corners (8, 3) of the camera's body in rig, mm; empty if unknown."""
     return np.zeros((0, 3)) if layout.camera.body_mm is None else box_corners(*layout.camera.body_mm)
 
 
 def _mirrors(views: FieldsOfView) -> list[MirrorDrawing]:
-    """Each mirror; its chief ray is as long beyond it as from the pupil to the farthest mirror."""
+    """Return the drawing of each mirror; its chief ray extends as far beyond it as the farthest mirror is away."""
     layout = views.layout
     turn = layout.view_from_rig.T
     beyond_mm = max(float(np.linalg.norm(mirror.outline_in_rig_mm.mean(axis=0))) for mirror in layout.mirrors)
@@ -142,7 +142,7 @@ def _outline_px(layout: Layout, index: int) -> FloatArray:
 
 
 def _chief(mirror: Mirror, beyond_mm: float) -> FloatArray:
-    """The chief ray (3, 3) in rig: the pupil, the mirror, and a point beyond it towards the scene."""
+    """Return the chief ray (3, 3) in rig, mm: the pupil, the mirror, and a point towards the scene."""
     seen = mirror.apparent
     met = seen.cut(seen.outline_normalized.mean(axis=0))
     leaving = met - seen.virtual_centre_in_rig_mm
@@ -164,7 +164,7 @@ def _common_px(layout: Layout, views: FieldsOfView, depth_mm: float) -> list[lis
     region, _ = views.common_region(depth_mm)
     if region.is_empty:
         return []
-    # Straight edges stay straight but for a lens that distorts: a few points on each show that.
+    # With a distorted lens, edges are curved: draw a few points on each.
     drawn = region if not layout.camera.is_undistorted else Polygon(vertices(region))
     return [_rounded(seen, PX_DECIMALS) for seen in layout.camera.project(images_in_rig(layout, drawn, depth_mm))]
 
@@ -204,7 +204,7 @@ def _figure(name: str, metric: Metric) -> FigureText:
 
 
 def _grouped(metrics: Mapping[str, Metric]) -> dict[str, list[FigureText]]:
-    """Figures by the titles of their groups, in the order of `GROUPS`."""
+    """Return figures by the titles of their groups, in the order of `GROUPS`."""
 
     def members(beginnings: Iterable[str]) -> list[FigureText]:
         return [_figure(n, m) for beginning in beginnings for n, m in metrics.items() if n.startswith(beginning)]
@@ -213,7 +213,7 @@ def _grouped(metrics: Mapping[str, Metric]) -> dict[str, list[FigureText]]:
 
 
 def tolerance_bars(layout: Layout) -> ToleranceBars:
-    """The figures of devices built by hand, at the depths of the layout's spec. Raises InputError as `study`."""
+    """Return figures of devices built by hand, at the depths of the layout's spec. Raises InputError as `study`."""
     if layout.spec is None:
         raise ValueError("a layout without a spec, expected one that was designed")
     tolerances = Tolerances.hobby()

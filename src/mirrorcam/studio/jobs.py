@@ -24,12 +24,12 @@ NAME = re.compile(r"[\w.-]{1,100}")
 
 
 def folder_name(layout: Layout) -> str:
-    """The name of a design's folder, which depends only on the design."""
+    """Return the name of a design's folder, which depends only on the design."""
     return f"{layout.arrangement.text.replace(' ', '')}-{layout.identity[:8]}"
 
 
 def write_folder(root: Path, layout: Layout) -> str:
-    """Write missing layout.json and design.toml of a design below `root`; returns the folder's name."""
+    """Write layout.json and design.toml of a design below `root` if missing; return the folder's name."""
     name = folder_name(layout)
     folder = root / name
     if layout.spec is None:
@@ -42,7 +42,7 @@ def write_folder(root: Path, layout: Layout) -> str:
 
 
 def zipped(root: Path, name: str) -> Path:
-    """A ZIP file of a folder below `root`, in the system's folder for temporary files.
+    """Write a folder below `root` as a temporary ZIP file.
 
     The same files give the same bytes. Raises InputError for a folder that does not exist or is outside `root`.
     """
@@ -54,7 +54,7 @@ def zipped(root: Path, name: str) -> Path:
     with tempfile.NamedTemporaryFile(suffix=".zip", delete=False) as file:
         path = Path(file.name)
     try:
-        write_zip(path, {f"{parts[0]}/{inside}": place for inside, place in files.items()})
+        write_zip(path, {f"{parts[0]}/{inside}": source for inside, source in files.items()})
     except BaseException:
         path.unlink()
         raise
@@ -79,15 +79,15 @@ class JobReport(Value):
     progress: float | None
     lines: list[str]
     page: str
-    """The result to open, below the address of files; empty without one."""
+    """Path of the result below the address of files; empty without one."""
     folder: str
     bytes: int
-    """Size of the files in it once the job has ended; 0 before."""
+    """Size of the files in `folder` once the job has ended; 0 before."""
 
 
 @dataclass(frozen=True)
 class Plan:
-    """A command of a job: its arguments, the folder that it writes, and the page or file of it to open."""
+    """The command of a job: arguments, output folder, and the page or file to open."""
 
     arguments: tuple[str, ...]
     folder: str
@@ -95,7 +95,7 @@ class Plan:
 
 
 def plans(folder: Path, adapter: Adapter = "none") -> dict[JobKind, Plan]:
-    """The jobs for a design in a folder with its layout.json and design.toml.
+    """Return the jobs for a design in a folder with its layout.json and design.toml.
 
     `adapter` is the kind of the device's back.
     """
@@ -148,7 +148,7 @@ class Jobs:
         return self._report(job)
 
     def reports(self) -> list[JobReport]:
-        """All jobs, the newest first."""
+        """Return all jobs, the newest first."""
         with self._lock:
             jobs = list(self._jobs.values())
         return [self._report(job) for job in reversed(jobs)]
@@ -177,7 +177,7 @@ class Jobs:
             number=job.number,
             kind=job.kind,
             design=job.design,
-            command=shown(job.plan.arguments),
+            command=command_line(job.plan.arguments),
             state=state,
             seconds=round(job.command.seconds, 1),
             progress=1.0 if state == "done" else share,
@@ -189,10 +189,10 @@ class Jobs:
 
 
 def bytes_of(folder: Path) -> int:
-    """Size of all files in a folder; 0 without one."""
+    """Return the size of all files in a folder; 0 without one."""
     return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
 
 
-def shown(arguments: Sequence[str]) -> str:
-    """The command as one would type it."""
+def command_line(arguments: Sequence[str]) -> str:
+    """Return the command as typed."""
     return shlex.join(["mirrorcam", *arguments])

@@ -1,4 +1,4 @@
-"""A server on the loopback address: access, refusals, served files, and shutdown."""
+"""A server on the loopback address: access control, error responses, static files, and shutdown."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ from mirrorcam.core.values import Value
 
 LOOPBACK = "127.0.0.1"
 ENDING_S = 2
-"""Time for pending answers at shutdown."""
+"""Time for pending responses at shutdown."""
 
 
 class _Protocol(H11Protocol):
-    """HTTP of one connection. Invalid HTTP closes it without a further answer, even during one.
+    """HTTP of one connection. Invalid HTTP during a response closes the connection without another response.
 
-    Without this, uvicorn answers 400 in the middle of another answer, or the application answers after the 400.
+    Otherwise, uvicorn would send a 400 within the other response, or the application would respond after the 400.
     """
 
     def send_400_response(self, msg: str) -> None:
@@ -49,7 +49,7 @@ class _Protocol(H11Protocol):
 
 
 class _Server(uvicorn.Server):
-    """A server that calls `end` before it waits for pending answers."""
+    """A server that calls `end` before it waits for pending responses."""
 
     def __init__(self, config: uvicorn.Config, end: Callable[[], None]) -> None:
         super().__init__(config)
@@ -61,8 +61,8 @@ class _Server(uvicorn.Server):
 
 
 def listening_socket(port: int) -> socket.socket:
-    """A socket on the loopback address; port 0 chooses a free one. Raises InputError for a port in use."""
-    # With the protocol stated, asyncio sends at once; else the body of an answer waits 40 ms for its head to arrive.
+    """Return a listening socket on the loopback address; port 0 is any free one. Raises InputError if it is in use."""
+    # asyncio disables Nagle's algorithm only if the protocol is stated; otherwise bodies are delayed by 40 ms.
     listening = socket.socket(socket.AF_INET, socket.SOCK_STREAM, socket.IPPROTO_TCP)
     listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
@@ -82,7 +82,7 @@ def run_server(
     on_note: Callable[[str], None],
     end: Callable[[], None],
 ) -> None:
-    """Serve until Ctrl-C; `end` is called after the last request, before the wait for pending answers."""
+    """Serve until Ctrl-C; `end` is called after the last request, before the wait for pending responses."""
     address = f"http://{LOOPBACK}:{listening.getsockname()[1]}/"
     config = uvicorn.Config(
         app, http=_Protocol, ws="none", log_level="error", timeout_graceful_shutdown=ENDING_S, server_header=False
@@ -92,25 +92,25 @@ def run_server(
         webbrowser.open(address)
     try:
         _Server(config, end).run(sockets=[listening])
-    except KeyboardInterrupt:  # from uvicorn, which has ended
+    except KeyboardInterrupt:  # raised by uvicorn after its shutdown
         on_note("ended")
 
 
 HOSTS = ("127.0.0.1", "localhost", "[::1]")
 LARGEST_BODY_BYTES = 2_000_000
 LONGEST_LENGTH = 20
-"""Most digits of a Content-Length that is parsed."""
+"""Largest number of digits of an accepted Content-Length."""
 FILES = "/files"
-"""Path of the pages of built devices, whose scripts and styles are inline."""
-_ALONE = "default-src 'none'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'; "
+"""Path of generated pages, whose scripts and styles are inline."""
+_DENY_OTHERS = "default-src 'none'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'; "
 
 
 class LocalAccess:
-    """Refuses requests for other hosts' names and from other sites' pages, and bodies that are too large.
+    """Refuses requests with another Host or from pages of other sites, and bodies that are too large.
 
-    Otherwise, a page of another site could reach this server: by a name that resolves to it (the Host is then that
-    name), or by a form or a script (the Origin is then that site). Answers forbid the browser to fetch from other
-    origins and to run scripts other than the page's.
+    Otherwise, another site's page could reach this server: by a name that resolves to it (the Host is then that name),
+    or by a form or script (the Origin is then that site). The content security policy of the responses permits only
+    this origin and the page's own scripts.
     """
 
     def __init__(self, app: ASGIApp, port: int) -> None:
@@ -128,7 +128,7 @@ class LocalAccess:
         nonce = secrets.token_urlsafe(16)
         scope["nonce"] = nonce
         inline = "'unsafe-inline'" if scope["path"].startswith(f"{FILES}/") else f"'nonce-{nonce}'"
-        policy = _ALONE + (
+        policy = _DENY_OTHERS + (
             f"script-src {inline}; style-src {inline}; img-src 'self' data: blob:; connect-src 'self' data: blob:"
         )
 
@@ -150,12 +150,12 @@ class LocalAccess:
             await self._app(scope, _limited(receive), with_policy)
         except ClientDisconnect:
             if not begun:
-                await PlainTextResponse("the request has ended before its end", status_code=400)(scope, receive, send)
+                await PlainTextResponse("the request was cut off", status_code=400)(scope, receive, send)
 
     def _refusal(self, headers: Headers, method: str, path: str) -> str:
-        """Why a request is refused, empty where it is not."""
+        """Return why a request is refused; empty if it is accepted."""
         if headers.get("host", "").lower() not in self._hosts:
-            return "this server answers to the loopback address alone"
+            return "this server accepts only the loopback address"
         origin = headers.get("origin")
         if origin is not None and not self._is_own(origin):
             return "the request comes from a page of another site"
@@ -166,7 +166,7 @@ class LocalAccess:
             return "expected application/json"
         length = headers.get("content-length", "0") or "0"
         if not (length.isascii() and length.isdigit()):
-            return "expected a number of bytes as its length"
+            return "Content-Length: expected a number of bytes"
         too_large = len(length) > LONGEST_LENGTH or int(length) > LARGEST_BODY_BYTES
         return "the request is too large" if too_large else ""
 
@@ -179,13 +179,13 @@ class BodyTooLarge(Exception):
 
 
 def _limited(receive: Receive) -> Receive:
-    taken = 0
+    received = 0
 
     async def limited() -> Message:
-        nonlocal taken
+        nonlocal received
         message = await receive()
-        taken += len(message.get("body", b""))
-        if taken > LARGEST_BODY_BYTES:
+        received += len(message.get("body", b""))
+        if received > LARGEST_BODY_BYTES:
             raise BodyTooLarge(f"the request is longer than {LARGEST_BODY_BYTES} bytes")
         return message
 
@@ -196,9 +196,9 @@ Body = TypeVar("Body", bound=Value)
 
 
 async def posted(model: type[Body], request: Request) -> Body:
-    """The value in the body of a request, as JSON. Raises InputError for another.
+    """Parse the JSON body of a request; raises InputError if it is invalid.
 
-    It is parsed in a thread, so that other requests are answered meanwhile; `LocalAccess` bounds the body's size.
+    It is parsed in a thread, so that other requests are not delayed; `LocalAccess` limits the size of the body.
     """
     return await run_in_threadpool(_value, model, await request.body())
 
@@ -216,11 +216,11 @@ async def _too_large(request: Request, error: Exception) -> Response:
 
 
 REFUSALS: dict[type[Exception], HTTPExceptionHandler] = {InputError: _refused, BodyTooLarge: _too_large}
-"""The answer of both servers to a bad request: one line of text."""
+"""Responses of both servers to a bad request: one line of text."""
 
 
 class ServedFiles(StaticFiles):
-    """The regular files below a folder, which need not be there yet; anything else is not found."""
+    """Serves the regular files below a folder, which need not exist yet; for anything else, the status is 404."""
 
     def __init__(self, folder: Path) -> None:
         super().__init__(directory=folder, check_dir=False)
@@ -229,10 +229,10 @@ class ServedFiles(StaticFiles):
         return
 
     async def get_response(self, path: str, scope: Scope) -> Response:
-        """The answer to a request; status 404 for what cannot be read."""
+        """Return the response to a request; status 404 for an unreadable file."""
         try:
             return await super().get_response(path, scope)
-        except OSError:  # such as a link to itself
+        except OSError:  # for example, a link to itself
             raise HTTPException(404) from None
 
     def file_response(
@@ -242,23 +242,23 @@ class ServedFiles(StaticFiles):
         scope: MutableMapping[str, Any],
         status_code: int = 200,
     ) -> Response:
-        """The answer that sends a file."""
+        """Return the response that sends a file."""
         try:
             with Path(full_path).open("rb"):
                 pass
         except OSError:
             raise HTTPException(404) from None
-        answer = super().file_response(full_path, stat_result, scope, status_code)
-        return _SentFile(full_path, status_code, stat_result=stat_result) if answer.status_code == 200 else answer
+        response = super().file_response(full_path, stat_result, scope, status_code)
+        return _SentFile(full_path, status_code, stat_result=stat_result) if response.status_code == 200 else response
 
 
 class _SentFile(FileResponse):
-    """A file as long as its answer has stated; where it is gone or shorter by now, the answer breaks off."""
+    """Sends as many bytes as Content-Length states; if the file has become shorter, the connection breaks."""
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         left, ended = 0, False
 
-        async def as_stated(message: Message) -> None:
+        async def send_stated(message: Message) -> None:
             nonlocal left, ended
             if message["type"] == "http.response.start":
                 left = int(Headers(raw=message["headers"]).get("content-length", "0"))
@@ -269,11 +269,11 @@ class _SentFile(FileResponse):
                 body = message["body"][:left]
                 left -= len(body)
                 if left and not message.get("more_body", False):
-                    raise OSError("the file is shorter than it was")
+                    raise OSError("the file has become shorter")
                 ended = not left
                 await send({**message, "body": body, "more_body": not ended})
 
         try:
-            await super().__call__(scope, receive, as_stated)
+            await super().__call__(scope, receive, send_stated)
         except OSError:
             return

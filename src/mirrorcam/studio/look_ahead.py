@@ -15,7 +15,7 @@ from mirrorcam.studio import design_work
 from mirrorcam.studio.design_values import Found
 
 MOST_MIRRORS = 25
-"""Designs of more mirrors take too long to solve speculatively."""
+"""Designs with more mirrors take too long to be solved speculatively."""
 
 Change = Callable[[DesignSpec], dict[str, Any]]
 
@@ -40,7 +40,7 @@ CHANGES: tuple[Change, ...] = (
 
 
 def nearby_requests(spec: DesignSpec) -> list[DesignSpec]:
-    """Requests one step from this one, likeliest first, for designs that solve in a few seconds."""
+    """Return requests one step from this one, likeliest first, for designs that solve in a few seconds."""
     found = []
     for change in CHANGES:
         fields = change(spec)
@@ -59,9 +59,9 @@ _log = logging.getLogger(__name__)
 
 
 class LookAhead:
-    """Solves wished-for requests in order; any thread may call.
+    """Solves requests speculatively, in order; thread-safe.
 
-    A request that fails is logged as an error, and the next one follows.
+    A request that fails is logged as an error.
 
     Parameters
     ----------
@@ -82,23 +82,23 @@ class LookAhead:
         self._known, self._keep, self._solve = known, keep, solve
         self._process = WorkerProcess(preload=design_work.PRELOAD)
         self._changed = threading.Condition()
-        self._wishes: list[DesignSpec] = []
+        self._pending: list[DesignSpec] = []
         self._pauses = 0
         self._over = False
 
     def start(self) -> None:
-        """Begin to wait for wishes."""
+        """Start the thread."""
         threading.Thread(target=self._work, daemon=True, name="look ahead").start()
 
-    def wish(self, specs: Sequence[DesignSpec]) -> None:
+    def solve_next(self, specs: Sequence[DesignSpec]) -> None:
         """Replace the requests to solve, in order; the one in progress is finished."""
         with self._changed:
-            self._wishes = list(specs)
+            self._pending = list(specs)
             self._changed.notify_all()
 
     @contextmanager
     def paused(self) -> Iterator[None]:
-        """Begin no request within the block, nor after it before the next wish."""
+        """Start no request within the block, nor afterwards until the next `solve_next`."""
         with self._changed:
             self._pauses += 1
         try:
@@ -124,11 +124,11 @@ class LookAhead:
                     _log.exception("this request is not solved ahead: %r", spec)
 
     def _next(self) -> DesignSpec | None:
-        """Wait for the first unsolved wish; None at the end."""
+        """Wait for the first unsolved request; None at the end."""
         with self._changed:
             while not self._over:
-                while self._wishes and not self._pauses:
-                    spec = self._wishes.pop(0)
+                while self._pending and not self._pauses:
+                    spec = self._pending.pop(0)
                     if not self._known(spec):
                         return spec
                 self._changed.wait()

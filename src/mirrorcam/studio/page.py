@@ -1,4 +1,4 @@
-"""The studio's page: one HTML file with its styles and scripts in itself."""
+"""The studio's page: one HTML file that contains its styles and scripts."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from mirrorcam.studio.controls import control_groups, snapping_groups
 
 
 class SweepPoint(Value):
-    """A solved design of a sweep: its request and the figures that it is compared by.
+    """A solved design of a sweep: its request and the compared figures.
 
     `best` names the plots, "field" and "grid", in which no other design is better in both figures.
     """
@@ -34,7 +34,7 @@ class SweepPoint(Value):
 
 
 def sweep_points(outcomes: Sequence[Outcome]) -> list[SweepPoint]:
-    """The points of solved designs, in their order; those without a figure, such as of a single depth, are left out."""
+    """Return the points of solved designs, in order; designs without a figure, as of a single depth, are omitted."""
     found = []
     for outcome in outcomes:
         figures = summary_figures(outcome)
@@ -83,14 +83,14 @@ SCRIPTS = (
 
 @dataclass(frozen=True)
 class PageStart:
-    """What the page begins with: a request, and the designs of a sweep to choose from."""
+    """Initial content of the page: a request, and the designs of a sweep."""
 
     spec: DesignSpec
     sweep: tuple[SweepPoint, ...] = ()
 
 
 def studio_page(begin: PageStart, folder: Path, *, nonce: str) -> str:
-    """The page that a server sends, which writes into a folder; only scripts and styles with the nonce run."""
+    """Render the page of a server that writes into a folder; browsers run only scripts and styles with the nonce."""
     start = {
         "spec": begin.spec.model_dump(mode="json"),
         "defaults": DesignSpec().model_dump(mode="json"),
@@ -111,7 +111,7 @@ def studio_page(begin: PageStart, folder: Path, *, nonce: str) -> str:
 
 
 def snapshot_page(spec: DesignSpec, atlas: dict[str, Any]) -> str:
-    """The page without a server: one file that shows the designs of an atlas, beginning with the nearest to `spec`."""
+    """Render the page without a server: one file with the designs of an atlas, initially the nearest to `spec`."""
     groups = snapping_groups(atlas["axes"])
     controls = [group.model_dump(mode="json") for group in groups]
     defaults = DesignSpec().model_dump(mode="json")
@@ -129,5 +129,5 @@ def snapshot_page(spec: DesignSpec, atlas: dict[str, Any]) -> str:
 
 
 def script_json(value: Any) -> Markup:
-    """JSON for a script element, which no text in it can end."""
+    """Return JSON that is safe inside a script element."""
     return Markup(json.dumps(value, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c"))

@@ -1,4 +1,4 @@
-"""Serving the studio's page on the loopback address until Ctrl-C."""
+"""Serve the studio's page on the loopback address until Ctrl-C."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from mirrorcam.studio.designer import Designer
 
 @dataclass(frozen=True)
 class Opening:
-    """What the page begins with: a request and, where it was solved before, its layout; and the designs of a sweep."""
+    """Initial content of the page: a request, its layout if it was solved before, and the designs of a sweep."""
 
     spec: DesignSpec
     layout: Layout | None = None
@@ -24,7 +24,7 @@ class Opening:
 
 
 def opened(path: Path | None) -> Opening:
-    """What a file or the folder of a sweep holds: a designed layout, a request alone, or many designs.
+    """Read a designed layout, a request, or the designs in the folder of a sweep.
 
     Raises InputError in one line.
     """
@@ -39,7 +39,7 @@ def opened(path: Path | None) -> Opening:
 
 
 def serve(opening: Opening, *, port: int, out: Path, browser: bool, on_note: Callable[[str], None]) -> int:
-    """Serve until Ctrl-C; returns 0. Raises InputError for a port that is taken."""
+    """Serve until Ctrl-C, and return 0. Raises InputError for a port in use."""
     designer = Designer()
     try:
         designer.start()
@@ -52,7 +52,7 @@ def serve(opening: Opening, *, port: int, out: Path, browser: bool, on_note: Cal
 def _serve(
     opening: Opening, designer: Designer, port: int, out: Path, *, browser: bool, on_note: Callable[[str], None]
 ) -> None:
-    # Loaded while the processes of the designer load what they need.
+    # Imported while the designer's processes load their modules.
     from mirrorcam.studio.jobs import Jobs
     from mirrorcam.studio.local_server import listening_socket, run_server
     from mirrorcam.studio.page import PageStart, sweep_points

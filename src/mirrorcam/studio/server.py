@@ -1,4 +1,4 @@
-"""The studio's server: its page, and the answers to the page's requests."""
+"""The studio's server: its page, and responses to the page's requests."""
 
 from __future__ import annotations
 
@@ -31,23 +31,23 @@ from mirrorcam.studio.jobs import JobKind, Jobs, write_folder, zipped
 from mirrorcam.studio.local_server import FILES, REFUSALS, LocalAccess, ServedFiles, posted
 from mirrorcam.studio.page import PageStart, studio_page
 from mirrorcam.studio.sight_work import Subject
-from mirrorcam.studio.turns import Asker, Superseded
+from mirrorcam.studio.turns import PageRequest, Superseded
 
 Result = TypeVar("Result")
 PAGE_HEADER = "x-page"
-"""Name that a page chooses, so that its newest request replaces its own earlier ones and no other page's."""
+"""Header with the name of a page: its newest request replaces only its own earlier ones."""
 LONGEST_NAME, LONGEST_NUMBER = 64, 16
 
 
 class Opened(Value):
-    """A file that the page read: its name and its text."""
+    """A file that the user opened on the page: name and text."""
 
     name: str = Field(max_length=300)
     text: str
 
 
 class JobRequest(Value):
-    """The files to make of a design, and the device's back."""
+    """The files to build or render for a design, and the device's back."""
 
     kind: JobKind
     adapter: Adapter = "none"
@@ -55,7 +55,7 @@ class JobRequest(Value):
 
 
 class SightRequest(Value):
-    """What a design is to look at, and the depth to focus on."""
+    """The subject of a simulated frame, and the depth to focus on."""
 
     spec: DesignSpec
     subject: Subject
@@ -63,7 +63,7 @@ class SightRequest(Value):
 
 
 class DesignAnswers:
-    """Answers about designs, and the files of them."""
+    """Responses about designs, and their files."""
 
     def __init__(self, designer: Designer) -> None:
         self._designer = designer
@@ -89,11 +89,11 @@ class DesignAnswers:
         )
 
     async def suggestions(self, request: Request) -> Response:
-        asker = _asker(request)
-        found = self._designer.suggestions(await posted(DesignSpec, request), asker)
+        page_request = _page_request(request)
+        found = self._designer.suggestions(await posted(DesignSpec, request), page_request)
 
         async def lines() -> AsyncIterator[str]:
-            async with self._attended(request, asker):
+            async with self._attended(request, page_request):
                 async for each in iterate_in_threadpool(found):
                     yield f"{each.model_dump_json()}\n"
 
@@ -104,18 +104,18 @@ class DesignAnswers:
         return _json(bars.model_dump(mode="json"))
 
     async def frame(self, request: Request) -> Response:
-        wanted = await posted(SightRequest, request)
-        picture = await run_in_threadpool(self._designer.frame, wanted.spec, wanted.subject)
+        message = await posted(SightRequest, request)
+        picture = await run_in_threadpool(self._designer.frame, message.spec, message.subject)
         return _json(picture.model_dump(mode="json"))
 
     async def decoded(self, request: Request) -> Response:
-        wanted = await posted(SightRequest, request)
-        pictures = await run_in_threadpool(self._designer.decoded, wanted.spec, wanted.subject)
+        message = await posted(SightRequest, request)
+        pictures = await run_in_threadpool(self._designer.decoded, message.spec, message.subject)
         return _json(pictures.model_dump(mode="json"))
 
     async def refocused(self, request: Request) -> Response:
-        wanted = await posted(SightRequest, request)
-        picture = await run_in_threadpool(self._designer.refocused, wanted.spec, wanted.subject, wanted.depth_mm)
+        message = await posted(SightRequest, request)
+        picture = await run_in_threadpool(self._designer.refocused, message.spec, message.subject, message.depth_mm)
         return _json(picture.model_dump(mode="json"))
 
     async def report(self, request: Request) -> Response:
@@ -132,21 +132,21 @@ class DesignAnswers:
         opened = await run_in_threadpool(request_of, Path(PurePath(file.name).name), file.text.encode())
         return _json(opened.spec.model_dump(mode="json"))
 
-    async def _solved(self, request: Request, work: Callable[[DesignSpec, Asker], Result]) -> Result:
-        """The result of work on the design of a request."""
-        asker = _asker(request)  # first, as a later request may be parsed sooner
+    async def _solved(self, request: Request, work: Callable[[DesignSpec, PageRequest], Result]) -> Result:
+        """Return the result of work on the design of a request."""
+        page_request = _page_request(request)  # first: a later request may be parsed sooner
         spec = await posted(DesignSpec, request)
-        async with self._attended(request, asker):
-            return await run_in_threadpool(work, spec, asker)
+        async with self._attended(request, page_request):
+            return await run_in_threadpool(work, spec, page_request)
 
     @asynccontextmanager
-    async def _attended(self, request: Request, asker: Asker) -> AsyncIterator[None]:
-        """Give up a request where its page ends it within the block."""
+    async def _attended(self, request: Request, page_request: PageRequest) -> AsyncIterator[None]:
+        """Cancel the request if its page disconnects within the block."""
 
         async def attend() -> None:
             while (await request.receive())["type"] != "http.disconnect":
                 continue
-            await run_in_threadpool(self._designer.leave, asker)
+            await run_in_threadpool(self._designer.leave, page_request)
 
         attending = asyncio.create_task(attend())
         try:
@@ -173,16 +173,16 @@ class DesignAnswers:
 
 
 class JobAnswers:
-    """Requests for files of designs."""
+    """Responses to requests for files of designs."""
 
     def __init__(self, designer: Designer, jobs: Jobs) -> None:
         self._designer, self._jobs = designer, jobs
 
     async def start(self, request: Request) -> Response:
-        wanted = await posted(JobRequest, request)
-        layout = self._designer.solved(wanted.spec).layout
+        message = await posted(JobRequest, request)
+        layout = self._designer.solved(message.spec).layout
         name = await run_in_threadpool(write_folder, self._jobs.root, layout)
-        return _json(self._jobs.start(wanted.kind, name, wanted.adapter).model_dump(mode="json"))
+        return _json(self._jobs.start(message.kind, name, message.adapter).model_dump(mode="json"))
 
     async def all(self, request: Request) -> Response:
         return _json([report.model_dump(mode="json") for report in self._jobs.reports()])
@@ -214,7 +214,7 @@ class JobAnswers:
 
 
 def studio_app(start: PageStart, designer: Designer, jobs: Jobs, port: int) -> Starlette:
-    """The application; `start` is what the page begins with."""
+    """Return the application; `start` is the initial content of the page."""
 
     async def page(request: Request) -> Response:
         return HTMLResponse(studio_page(start, jobs.root, nonce=request.scope["nonce"]))
@@ -222,19 +222,19 @@ def studio_app(start: PageStart, designer: Designer, jobs: Jobs, port: int) -> S
     return Starlette(
         routes=[Route("/", page), *DesignAnswers(designer).routes, *JobAnswers(designer, jobs).routes],
         middleware=[Middleware(LocalAccess, port=port)],
-        exception_handlers=REFUSALS | {WorkerDied: _gone, Superseded: _gone},
+        exception_handlers=REFUSALS | {WorkerDied: _superseded, Superseded: _superseded},
     )
 
 
-def _asker(request: Request) -> Asker:
-    """The page of a request, by the name that it states; a request without one is a page of its own."""
+def _page_request(request: Request) -> PageRequest:
+    """Return the page's request by the name in its header; without a name, each request counts as its own page."""
     name = request.headers.get(PAGE_HEADER)
-    return Asker(object() if name is None else name[:LONGEST_NAME])
+    return PageRequest(object() if name is None else name[:LONGEST_NAME])
 
 
 def _json(value: Any) -> Response:
     return Response(json.dumps(value, allow_nan=False), media_type="application/json")
 
 
-async def _gone(request: Request, error: Exception) -> Response:
+async def _superseded(request: Request, error: Exception) -> Response:
     return _json(None)  # superseded: the page shows another design by now

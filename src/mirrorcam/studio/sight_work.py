@@ -1,4 +1,4 @@
-"""What a design would see, rendered and decoded by a process of the studio, which keeps the last ones to focus on."""
+"""Simulated frames of a design, rendered and decoded in a process of the studio; the last are kept for refocusing."""
 
 from __future__ import annotations
 
@@ -30,10 +30,9 @@ class Frame(Value):
 
 
 class Decoded(Value):
-    """What is had of the frame: pictures as data URLs, depths in mm.
+    """Products of a frame: pictures as data URLs, depths in mm.
 
-    `focus_mm` is the depth that `refocused` is in focus at, `error_mm` the median error of the depth map; null where
-    nothing of it is known.
+    `focus_mm` is the depth of focus of `refocused`, `error_mm` the median error of the depth map, null if unknown.
     """
 
     views: str
@@ -48,7 +47,7 @@ class Decoded(Value):
 MOST_SEEN = 12
 _frame: tuple[str, PreviewFrame] | None = None
 _seen: OrderedDict[str, SeenBy] = OrderedDict()
-"""What was decoded lately, by its name: pages that are open at the same time look at different designs."""
+"""The last decoded frames by name: several open pages may show different designs."""
 
 
 def _name(layout: Layout, subject: Subject) -> str:
@@ -56,9 +55,9 @@ def _name(layout: Layout, subject: Subject) -> str:
 
 
 def frame(layout: Layout, subject: Subject) -> Frame:
-    """A frame of the tabletop or of a board, by this process at low priority.
+    """Render a frame of the tabletop or of a board, at low priority.
 
-    Raises InputError where there is no room for it.
+    Raises InputError if there is no room for the subject.
     """
     at_low_priority()
     from mirrorcam.render_scenes.preview.preview_frame import preview_frame
@@ -69,7 +68,7 @@ def frame(layout: Layout, subject: Subject) -> Frame:
 
 
 def decoded(layout: Layout, subject: Subject) -> Decoded:
-    """Views, a refocused picture and depth of such a frame. Raises InputError where views share nothing."""
+    """Return views, a refocused picture and depth of a frame. Raises InputError if the views have no common field."""
     from mirrorcam.render_scenes.preview.seen_by import seen_in
 
     name = _name(layout, subject)
@@ -96,7 +95,7 @@ def decoded(layout: Layout, subject: Subject) -> Decoded:
 
 
 def refocused(layout: Layout, subject: Subject, depth_mm: float) -> Frame:
-    """The picture of all views in focus at a depth. Raises InputError unless this design was decoded lately."""
+    """Return the picture refocused at a depth. Raises InputError unless this design was decoded recently."""
     seen = _seen.get(_name(layout, subject))
     if seen is None:
         raise InputError("this design is no longer decoded, expected one of the last few")

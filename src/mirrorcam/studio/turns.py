@@ -1,4 +1,4 @@
-"""A queue of pages for a process that makes one call at a time, in order of request."""
+"""A queue of page requests for a process that makes one call at a time."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ _ARRIVALS = count()
 
 
 class Superseded(Exception):
-    """A superseded request: its page has requested something else, or is closed."""
+    """The page has sent a newer request, or is closed."""
 
 
-class Asker:
+class PageRequest:
     """One request of a page, later than those made before it.
 
     Parameters
     ----------
     page
-        Name of the page; of its requests only the newest is worked on.
+        Name of the page; only its newest request is worked on.
     """
 
     def __init__(self, page: Hashable = "") -> None:
@@ -30,58 +30,60 @@ class Asker:
 
 
 class Turns:
-    """Gives turns in the order of requests, and each page one place; any thread may call.
+    """Gives turns in the order of requests, with one request of each page in the queue; thread-safe.
 
-    A page with a new request goes to the end of the queue, so that no page can keep the others waiting.
+    A page with a new request goes to the end of the queue: no page can block the others.
 
     Parameters
     ----------
     end
-        Ends the call that is being made.
+        Ends the current call.
     """
 
     def __init__(self, end: Callable[[], None]) -> None:
         self._end, self._changed = end, threading.Condition()
-        self._queue: list[Asker] = []
-        """Those who wait, after the one whose turn it is."""
-        self._at_work: Asker | None = None
+        self._queue: list[PageRequest] = []
+        """The request whose turn it is, then waiting ones."""
+        self._at_work: PageRequest | None = None
 
     @contextmanager
-    def turn(self, asker: Asker, subject: Hashable) -> Iterator[None]:
+    def turn(self, page_request: PageRequest, subject: Hashable) -> Iterator[None]:
         """Wait for the turn of a request, and take it within the block.
 
-        The page's earlier request is dropped, unless it has its turn and the same subject. Raises
-        Superseded where this one is dropped.
+        An earlier request of the page is dropped, unless it has its turn and the same subject. Raises Superseded if
+        this one is dropped.
         """
         with self._changed:
-            asker.subject = subject
-            self._give_up_earlier(asker)
-            asker.gone |= any(each.page == asker.page and each.arrival > asker.arrival for each in self._queue)
-            self._queue.append(asker)
-            self._changed.wait_for(lambda: asker.gone or self._queue[0] is asker)
-            if asker.gone:
-                self._queue.remove(asker)
+            page_request.subject = subject
+            self._drop_earlier(page_request)
+            page_request.gone |= any(
+                each.page == page_request.page and each.arrival > page_request.arrival for each in self._queue
+            )
+            self._queue.append(page_request)
+            self._changed.wait_for(lambda: page_request.gone or self._queue[0] is page_request)
+            if page_request.gone:
+                self._queue.remove(page_request)
                 self._changed.notify_all()
                 raise Superseded
-            self._at_work = asker
+            self._at_work = page_request
         try:
             yield
         finally:
             with self._changed:
                 self._at_work = None
-                self._queue.remove(asker)
+                self._queue.remove(page_request)
                 self._changed.notify_all()
 
-    def give_up_earlier(self, asker: Asker, subject: Hashable) -> None:
-        """Give up the earlier request of a page, as `turn` does, for a request that needs no turn."""
+    def drop_earlier(self, page_request: PageRequest, subject: Hashable) -> None:
+        """Drop the earlier request of a page, as `turn` does, for a request that needs no turn."""
         with self._changed:
-            asker.subject = subject
-            self._give_up_earlier(asker)
+            page_request.subject = subject
+            self._drop_earlier(page_request)
 
-    def leave(self, asker: Asker) -> None:
-        """Give up a request, whose page is closed, or has ended the request."""
+    def leave(self, page_request: PageRequest) -> None:
+        """Drop a request that its page has cancelled."""
         with self._changed:
-            self._give_up(asker)
+            self._drop(page_request)
 
     @property
     def working(self) -> Hashable | None:
@@ -89,16 +91,16 @@ class Turns:
         with self._changed:
             return None if self._at_work is None else self._at_work.subject
 
-    def _give_up_earlier(self, asker: Asker) -> None:
+    def _drop_earlier(self, page_request: PageRequest) -> None:
         for other in list(self._queue):
-            same_work = other is self._at_work and other.subject == asker.subject
-            if other.page == asker.page and other.arrival < asker.arrival and not same_work:
-                self._give_up(other)
+            same_work = other is self._at_work and other.subject == page_request.subject
+            if other.page == page_request.page and other.arrival < page_request.arrival and not same_work:
+                self._drop(other)
 
-    def _give_up(self, asker: Asker) -> None:
-        if asker.gone:
+    def _drop(self, page_request: PageRequest) -> None:
+        if page_request.gone:
             return
-        asker.gone = True
-        if self._at_work is asker:
+        page_request.gone = True
+        if self._at_work is page_request:
             self._end()
         self._changed.notify_all()

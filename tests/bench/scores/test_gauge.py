@@ -52,7 +52,7 @@ def test_a_factor_is_free_only_without_a_scale() -> None:
 def test_cameras_at_one_place_are_refused() -> None:
     rig = true_rig(device().truth)
     same = replace(rig, cameras=tuple(replace(camera, camera_from_rig=np.eye(4)) for camera in rig.cameras))
-    with pytest.raises(InputError, match="all cameras are at one place"):
+    with pytest.raises(InputError, match="all cameras are at one point"):
         placed(same)
 
 

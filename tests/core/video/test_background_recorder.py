@@ -190,7 +190,7 @@ def test_a_video_that_cannot_be_begun_is_told(tmp_path: Path) -> None:
     recorder = BackgroundRecorder(tmp_path / "a.mkv", *SIZE)
     recorder.give(noisy(0))
     assert finished(recorder) == RecordingCounts(given=1, not_written=1)
-    assert recorder.failed is not None and "is there already" in recorder.failed
+    assert recorder.failed is not None and "exists" in recorder.failed
     assert (tmp_path / "a.mkv").read_bytes() == b"mine"
 
 
@@ -230,7 +230,7 @@ def test_times_increase_even_where_frames_arrive_together(tmp_path: Path) -> Non
 
 def test_no_file_is_replaced_and_no_other_ending_taken(tmp_path: Path) -> None:
     (tmp_path / "a.mkv").write_bytes(b"mine")
-    with pytest.raises(InputError, match="is there already"):
+    with pytest.raises(InputError, match="exists"):
         FrameRecorder(tmp_path / "a.mkv", 160, 96)
     with pytest.raises(InputError, match=r"ends in \.mkv"):
         FrameRecorder(tmp_path / "a.mp4", 160, 96)

@@ -24,7 +24,7 @@ from benchmarks.robustness.native_opens import watched_opens
 from benchmarks.robustness.playlists import LISTS, sdp
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.video import camera_addresses
-from mirrorcam.core.video.camera_addresses import PATIENCE, camera, shown
+from mirrorcam.core.video.camera_addresses import MOST_MISSED, camera, without_password
 from mirrorcam.core.video.frames import Frame, Lost
 from mirrorcam.core.video.live_camera import LiveCamera
 from tests.core.video.rtsp_server import PAYLOAD, rtp_packets, rtsp_served
@@ -339,8 +339,8 @@ def test_sound_alone_is_no_camera(tmp_path: Path) -> None:
 
 
 def test_passwords_are_not_shown() -> None:
-    assert shown("rtsp://me:secret@host/path@1") == "rtsp://host/path@1"
-    assert shown("udp://host:5000") == "udp://host:5000"
+    assert without_password("rtsp://me:secret@host/path@1") == "rtsp://host/path@1"
+    assert without_password("udp://host:5000") == "udp://host:5000"
 
 
 class Camera:
@@ -372,7 +372,7 @@ def test_a_camera_by_its_number_is_gone_after_many_pictures_that_it_did_not_give
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     one, two = pictures(2)
-    misses: list[NDArray[np.uint8] | None] = [None] * (PATIENCE - 1)
+    misses: list[NDArray[np.uint8] | None] = [None] * (MOST_MISSED - 1)
     device = Camera([one[..., ::-1], *misses, two[..., ::-1]])
     monkeypatch.setattr(cv2, "VideoCapture", device)
     monkeypatch.setattr(camera_addresses, "LiveCamera", partial(LiveCamera, retry_s=30))

@@ -68,7 +68,7 @@ def test_frames_of_a_file_arrive_at_their_times() -> None:
     newest = NewestFrame(Frames(4), paced=True, every=True)
     moments = []
     while (taken := newest.take()) is not None:
-        moments.append(taken.moment)
+        moments.append(taken.arrived_s)
     assert all(step > 0.05 for step in np.diff(moments)) and len(moments) == 4
 
 

@@ -45,20 +45,20 @@ def test_frames_before_a_damaged_one_that_need_it_are_lost_with_it(tmp_path: Pat
     at = next(
         number
         for number, (packet, following) in enumerate(pairwise(order))
-        if number > 12 and following.moment < packet.moment
+        if number > 12 and following.timestamp < packet.timestamp
     )
     raw, data = bytearray(path.read_bytes()), order[at].data
     raw[data.pos + data.size // 2 : data.pos + data.size] = bytes(data.size - data.size // 2)
     path.write_bytes(raw)
     found = decoded(path)
-    times = sorted(packet.moment for packet in order)
+    times = sorted(packet.timestamp for packet in order)
     key = next(number for number, packet in enumerate(order) if number > at and packet.data.is_keyframe)
-    first = min(times.index(packet.moment) for packet in order[at:key])
-    assert first < times.index(order[at].moment)
+    first = min(times.index(packet.timestamp) for packet in order[at:key])
+    assert first < times.index(order[at].timestamp)
     assert shown(found)[first:20] == [None] * (20 - first)
     assert shown(found)[20:] == [*range(20, 30)]
     assert {each.reason for each in found if each.pixels is None} == {DAMAGED, DEPENDS}
-    assert [each.moment for each in found] == times
+    assert [each.timestamp for each in found] == times
 
 
 def test_every_key_frame_is_a_new_start(tmp_path: Path) -> None:
@@ -77,7 +77,7 @@ def test_every_key_frame_is_a_new_start(tmp_path: Path) -> None:
 def test_without_times_frames_come_as_the_decoder_orders_them(name: str, tmp_path: Path) -> None:
     found = decoded(write_h264(tmp_path / name, pictures(23), b_frames=2))
     assert shown(found) == list(range(23))
-    assert [each.moment for each in found] == list(range(23))
+    assert [each.timestamp for each in found] == list(range(23))
 
 
 def test_jpegs_of_a_camera_are_read_as_picture_files_unless_it_writes_its_own_way(tmp_path: Path) -> None:
@@ -96,7 +96,7 @@ def test_jpegs_of_a_camera_are_read_as_picture_files_unless_it_writes_its_own_wa
 
 
 def changed(packet: Packet, data: bytes) -> Packet:
-    return Packet(packet.number, packet.moment, packet.stated, av.Packet(data), packet.suspect)
+    return Packet(packet.number, packet.timestamp, packet.has_pts, av.Packet(data), packet.suspect)
 
 
 def test_a_jpeg_without_its_end_is_read_where_all_are_so_and_one_without_its_data_is_not(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Both arithmetics compute the same, operation by operation.
+"""Both array backends give the same result for each operation.
 
 The renderer by formula: against a float64 projection, against the reference, against rays through every pixel.
 """
@@ -82,7 +82,7 @@ def test_corners_agree_with_the_projection(distorted_layout: Layout) -> None:
 
 @pytest.mark.slow
 def test_it_agrees_with_the_reference(distorted_layout: Layout) -> None:
-    """The same window of the same board by both: corners, and flat areas."""
+    """One window of one board by both renderers: corners, and flat areas."""
     pose = tilted_board(distorted_layout)
     crops = {index: windows(distorted_layout)[index] for index in (0, 4, 7)}
     fast = FastScene(distorted_layout.camera, distorted_layout.mirrors, TARGET, SETTINGS)
@@ -111,8 +111,8 @@ def test_a_real_lens_moves_corners_as_traced_rays_do(distorted_layout: Layout, f
     settings = SETTINGS.replaced(sensor=SENSORS["ideal"].replaced(**flaw))
     real = distorted_layout.replaced(camera=true_camera(distorted_layout.camera, settings.sensor))
     pupil = settings.sensor.pupil
-    moved = Oracle(real, TARGET, pupil=pupil).by_mirrors(pose)[0]
-    assert np.sqrt(np.nanmean((moved - Oracle(distorted_layout, TARGET).by_mirrors(pose)[0]) ** 2)) > 0.7
+    moved = Oracle(real, TARGET, pupil=pupil).via_mirrors(pose)[0]
+    assert np.sqrt(np.nanmean((moved - Oracle(distorted_layout, TARGET).via_mirrors(pose)[0]) ** 2)) > 0.7
     fast = FastScene(real.camera, real.mirrors, TARGET, settings)
     reference = BoardScene(real.camera, real.mirrors, TARGET, settings)
     for scene in (fast, reference):
@@ -137,7 +137,7 @@ WHITE = Checkerboard(cols=6, rows=5, square_mm=300.0)
 def test_light_through_parts_of_the_pupil_agrees_with_the_reference(
     default_layout: Layout, ink: float, sensor: SensorName, limit: float
 ) -> None:
-    """Profiles across the edges of mirrors out of focus, before a white board and before ones with corners."""
+    """Profiles across the edges of mirrors out of focus, in front of a white board and of ones with corners."""
     settings = SETTINGS.replaced(sensor=SENSORS[sensor], paper=1.0, ink=ink, mirror_reflectance=1.0)
     board = WHITE if ink == 1.0 else Checkerboard(cols=30, rows=24, square_mm=15.0)
     turn = default_layout.view_from_rig.T
@@ -174,7 +174,7 @@ def test_numpy_renders_the_same(small_layout: Layout, small_board: Charuco) -> N
 
 
 def test_a_moving_board_is_sheared_by_a_rolling_shutter(small_layout: Layout, small_board: Charuco) -> None:
-    """Every row shows the board where it is when the row is read."""
+    """Every row shows the board at the pose of its readout time."""
     start = plan_frames(small_layout, small_board, 1, np.random.default_rng(1)).poses[0]
     poses = [start.copy() for _ in range(3)]
     for part, pose in enumerate(poses):

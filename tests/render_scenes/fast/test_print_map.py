@@ -63,7 +63,7 @@ def test_rays_of_the_pupil_meet_the_print_where_they_cut_its_plane(
 
 
 def test_out_of_focus_a_ray_is_the_middle_of_those_through_the_pupil(rig_from_board: FloatArray) -> None:
-    """The mean direction from the pupil's middle to where rays from all over it, 20 mm wide, meet the board."""
+    """Mean direction from the pupil's centre to the points on the board of rays from the whole pupil, 20 mm wide."""
     (view,), pupil = virtual_views(()), Pupil(20.0, 2000.0)
     whole = map_to_print(view, rig_from_board, TEXELS_FROM_BOARD, pupil)
     count = np.arange(400)

@@ -15,7 +15,7 @@ from mirrorcam.render_scenes.preview.first_hits import (
     first_hit,
     is_hidden,
     normal_at,
-    texture_place,
+    texture_uv,
 )
 from mirrorcam.render_scenes.preview.traced_scene import TracedScene
 from mirrorcam.render_scenes.preview.triangle_tree import NOTHING
@@ -77,7 +77,7 @@ def test_normals_and_texture_coordinates_are_those_of_mitsuba(kind: str) -> None
 
     thing = item(kind, texture=None if kind == "leaves" else "globe", texture_px=(64, 64), seed=3)
     if kind == "cylinder":
-        # Mitsuba's begin their texture where they like, and at x where the axis has no x.
+        # The texture origin of Mitsuba's shapes is arbitrary, and at x where the axis has no x.
         thing = thing.replaced(view_from_object=rigid(UPRIGHT, PLACE))
     scene = scene_of(thing)
     reference = mi.load_dict({"type": "scene"} | {f"s{k}": s for k, s in enumerate(shapes_of(thing, np.eye(3)))})
@@ -98,7 +98,7 @@ def test_normals_and_texture_coordinates_are_those_of_mitsuba(kind: str) -> None
         normal = _unit(np.array(normal_at(scene.objects, scene.triangles, 0, part, point)))
         assert abs(normal @ np.ravel(found.n)) == pytest.approx(1.0, abs=1e-3)
         if kind != "leaves":
-            place, _, _ = texture_place(scene.objects, 0, part, point, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+            place, _, _ = texture_uv(scene.objects, 0, part, point, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
             np.testing.assert_allclose(place, np.ravel(found.uv), atol=2e-3)
     assert met > 10
 
@@ -112,10 +112,10 @@ def test_texture_coordinates_change_as_differences_say(kind: str) -> None:
     point = start + length * direction
     normal = _unit(np.array(normal_at(scene.objects, scene.triangles, 0, part, tuple(point))))
     steps = [_unit(np.cross(normal, [1.0, 0.2, 0.3])), _unit(np.cross(normal, [0.1, 1.0, 0.3]))]
-    _, *changes = texture_place(scene.objects, 0, part, tuple(point), *(tuple(step) for step in steps))
+    _, *changes = texture_uv(scene.objects, 0, part, tuple(point), *(tuple(step) for step in steps))
     none = (0.0, 0.0, 0.0)
     for step, change in zip(steps, changes, strict=True):
-        ends = [texture_place(scene.objects, 0, part, tuple(point + h * step), none, none)[0] for h in (1e-4, -1e-4)]
+        ends = [texture_uv(scene.objects, 0, part, tuple(point + h * step), none, none)[0] for h in (1e-4, -1e-4)]
         np.testing.assert_allclose(change, (np.array(ends[0]) - ends[1]) / 2e-4, atol=1e-6)
 
 

@@ -12,10 +12,10 @@ from mirrorcam.render_scenes.preview.mirror_views import (
     LEAST_SHARE,
     WINDOW,
     mirror_views,
+    pupil_share,
+    reflectance_and_shift,
     scene_ray,
-    served_share,
-    transmitted,
-    turned_step,
+    scene_ray_step,
 )
 from mirrorcam.render_scenes.truth.light_rays import reflected
 
@@ -39,7 +39,7 @@ def test_shares_of_the_pupil_are_those_of_the_disc_that_edges_cut(
     for number, mirror in enumerate(views.table[:, INDEX].astype(int)):
         _, points = pixels_of(layout, mirror, pupil)
         exact = disc_part(clear_aperture(layout.mirrors[mirror], points, pupil.focus_mm), pupil.radius_mm).share
-        found = np.array([served_share(views, number, *point) for point in points])
+        found = np.array([pupil_share(views, number, *point) for point in points])
         # At corners, the share is the product of two.
         assert np.abs(found - exact).max() < 0.12
         assert np.abs(found - exact).mean() < 0.005
@@ -55,7 +55,7 @@ def test_no_pixel_outside_the_window_shows_the_mirror(distorted_layout: Layout) 
     for number in range(len(views.table)):
         top, bottom, left, right = views.table[number, WINDOW : WINDOW + 4]
         outside = (rows < top) | (rows >= bottom) | (columns < left) | (columns >= right)
-        assert max(served_share(views, number, *point) for point in points[outside]) < LEAST_SHARE
+        assert max(pupil_share(views, number, *point) for point in points[outside]) < LEAST_SHARE
 
 
 @pytest.mark.parametrize("name", ["distorted_layout", "plates"])
@@ -70,7 +70,7 @@ def test_rays_leave_the_mirror_as_the_truth_has_them(name: str, request: pytest.
         met = np.flatnonzero(np.isfinite(leaves[:, 0]))[:50]
         assert len(met) == 50
         for k in met:
-            _, slide = transmitted(views, number, *points[k])
+            _, slide = reflectance_and_shift(views, number, *points[k])
             start, direction, least = (np.array(part) for part in scene_ray(views, number, *points[k], slide))
             np.testing.assert_allclose(direction / np.linalg.norm(direction), turn @ out[k], atol=1e-9)
             to = turn @ leaves[k] - start
@@ -80,14 +80,16 @@ def test_rays_leave_the_mirror_as_the_truth_has_them(name: str, request: pytest.
 
 def test_a_plate_gives_the_light_of_all_its_passes(plates: Layout) -> None:
     views = mirror_views(plates, Pupil(1.8, 500.0), 0.9)
-    light, _ = transmitted(views, 4, 0.0, 0.0)
-    # Acrylic reflects 4 % and more; what it takes off the image comes back by itself and by more passes.
+    light, _ = reflectance_and_shift(views, 4, 0.0, 0.0)
+    # Acrylic reflects 4 % and more; the loss of the image returns as the front's ghost and by further passes.
     assert 0.9 < light < 0.92
-    plain, slide = transmitted(mirror_views(plates.with_surface("first"), Pupil(1.8, 500.0), 0.9), 4, 0.0, 0.0)
+    plain, slide = reflectance_and_shift(
+        mirror_views(plates.with_surface("first"), Pupil(1.8, 500.0), 0.9), 4, 0.0, 0.0
+    )
     assert (plain, slide) == (0.9, 0.0)
 
 
 def test_the_step_of_a_ray_is_the_difference_of_two(distorted_layout: Layout) -> None:
     views = mirror_views(distorted_layout, Pupil(1.8, 500.0), 0.9)
     ends = [np.array(scene_ray(views, 2, 0.1 + x, 0.05 + y, 0.0)[1]) for x, y in ((0.0, 0.0), (0.02, -0.01))]
-    np.testing.assert_allclose(turned_step(views, 2, 0.02, -0.01), ends[1] - ends[0], atol=1e-12)
+    np.testing.assert_allclose(scene_ray_step(views, 2, 0.02, -0.01), ends[1] - ends[0], atol=1e-12)

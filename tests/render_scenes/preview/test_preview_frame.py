@@ -1,4 +1,4 @@
-"""Subjects: the same objects as those of a scene, with textures that stay.
+"""Subjects: the objects of a scene, with textures that do not change between frames.
 
 Blur out of focus, against the circle of confusion.
 
@@ -87,7 +87,7 @@ def test_the_board_is_in_the_middle_of_the_field_and_before_the_mirrors(fold_90_
     np.testing.assert_allclose(middle[:2], common_bounds(fold_90_layout, middle[2]).mean(axis=0))
     corners = pose @ np.array([[x, y, 0.0, 1.0] for x in (0.0, board.size_mm[0]) for y in (0.0, board.size_mm[1])]).T
     assert corners[2].min() > nearest_mm(fold_90_layout)
-    # It shows its print: z of the board is into the paper.
+    # The printed side is visible: z of the board points into the paper.
     assert pose[2, 2] > 0.9
 
 
@@ -133,7 +133,7 @@ def test_each_pixel_shows_what_the_reference_meets_at_its_depth_and_about_its_co
     rays = pixel_rays(small, mirrors=True, pupil=PUPIL)
     hits = reference.hits(rays.start, rays.direction)
     shown = (hits.object_index != NOTHING) & (rays.mirror == found.mirror)
-    # Borders of mirrors are bands in which both are seen.
+    # Borders of mirrors are bands in which both are visible.
     assert shown.mean() > 0.85
     assert (hits.object_index == found.thing)[shown].mean() > 0.9999
     same = shown & (hits.object_index == found.thing)
@@ -163,7 +163,7 @@ def test_gaps_between_mirrors_are_black_and_nothing_is_at_infinity(small: Layout
     assert (found.thing[gap] == NOTHING).all()
     assert np.isinf(found.depth_mm[found.thing == NOTHING]).all()
     assert np.isfinite(found.depth_mm[found.thing != NOTHING]).all()
-    # Where two mirrors share the pupil, neither is as bright as alone, and both together no brighter.
+    # Where two mirrors share the pupil, each is darker than alone, and their sum is no brighter.
     assert np.isfinite(found.radiance).all()
 
 
@@ -191,7 +191,7 @@ def test_the_print_of_a_board_is_where_the_layout_projects_it(fold_90_layout: La
     board = default_board()
     frame = preview_frame(fold_90_layout, "board", width_px=960, sensor=SENSORS["ideal"])
     pose = view_from_board(frame.layout, board)
-    # Middles of squares: the top left one is black, and the others take turns; markers lie within the white ones.
+    # Centres of squares: the top left one is black, and colours alternate; markers lie within the white ones.
     columns, rows = np.meshgrid(np.arange(board.cols), np.arange(board.rows))
     black = (columns + rows) % 2 == 0
     middles = np.stack([(columns + 0.5) * board.square_mm, (rows + 0.5) * board.square_mm, 0.0 * rows], axis=-1)

@@ -1,4 +1,4 @@
-"""Light on surfaces: laws, and the shadow of an object against rays to the lamp.
+"""Shading of surfaces: physical laws, and the shadow of an object against rays to the lamp.
 
 What rays see: closed forms of glass and gloss in an even surrounding.
 """
@@ -14,9 +14,9 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.transforms import rigid
 from mirrorcam.render_scenes.preview.preview_frame import arranged_tabletop
 from mirrorcam.render_scenes.preview.ray_colour import (
-    FLOOR_PART,
+    FLOOR_SHARE,
     GLOSS,
-    WALL_PART,
+    WALL_SHARE,
     facing_normal,
     own_colour,
     ray_colour,
@@ -114,9 +114,9 @@ def test_a_floor_and_a_wall_stand_in_for_a_part_of_the_sky(small_layout: Layout)
         towards = tuple(-np.array(normal))
         seen[name] = np.array(scattered(alone, number, 0, place, normal, towards, ZERO, ZERO, False)) / colour
     sky = scene.around[SKY_LIGHT]
-    half = sky + 0.5 * WALL_PART * (scene.around[WALL_LIGHT] - sky)
-    down = sky + FLOOR_PART * (scene.around[FLOOR_LIGHT] - sky)
-    np.testing.assert_allclose(seen["down"], down + 0.5 * WALL_PART * (scene.around[WALL_LIGHT] - down))
+    half = sky + 0.5 * WALL_SHARE * (scene.around[WALL_LIGHT] - sky)
+    down = sky + FLOOR_SHARE * (scene.around[FLOOR_LIGHT] - sky)
+    np.testing.assert_allclose(seen["down"], down + 0.5 * WALL_SHARE * (scene.around[WALL_LIGHT] - down))
     lamp = lamp_light(scene.lamp, np.array(place), np.array(UP)) / np.pi
     np.testing.assert_allclose(seen["up"], half + lamp)
 
@@ -169,7 +169,7 @@ def test_glass_in_an_even_surrounding_keeps_what_both_its_surfaces_let_through(o
 
 
 def test_a_glass_ball_shows_what_is_behind_it_upside_down() -> None:
-    # Focus of a ball: n r / (2 (n - 1)) = 1.5 radii from its middle, that is 30 mm. Well behind, right shows left.
+    # Focus of a ball: n r / (2 (n - 1)) = 1.5 radii from its centre, so 30 mm. Well behind it, the image is inverted.
     things = (
         item("sphere", (-30.0, 0.0, 400.0), size_mm=np.array([40.0] * 3), colour=np.array([0.9, 0.0, 0.0])),
         item("sphere", (30.0, 0.0, 400.0), size_mm=np.array([40.0] * 3), colour=np.array([0.0, 0.9, 0.0])),
@@ -183,7 +183,7 @@ def test_a_glass_ball_shows_what_is_behind_it_upside_down() -> None:
 
 def test_a_glossy_ball_reflects_the_lamp_where_the_angles_are_equal() -> None:
     scene = scene_of(item("sphere", tuple(CENTRE), material="glossy", colour=np.array([0.2, 0.2, 0.2])))
-    # From the camera's place, the normal that halves the angle between the ways to it and to the lamp.
+    # The normal that bisects the angle between the directions to the camera and to the lamp.
     camera = np.zeros(3)
     normal = -CENTRE / 300.0
     for _ in range(50):
@@ -194,7 +194,7 @@ def test_a_glossy_ball_reflects_the_lamp_where_the_angles_are_equal() -> None:
     shine, _ = seen(scene, camera, CENTRE + 20.0 * normal)
     side, _ = seen(scene, camera, CENTRE + 20.0 * normal + [4.0, 0.0, 0.0])
     assert (shine > side + 0.035 * scene.lamp[RADIANCE]).all()
-    # Where it faces the camera: 4 % of the sky, and the rest of what a matte ball would have.
+    # Facing the camera: 4 % of the sky, and 96 % of the radiance of a matte ball.
     dark = without_lamp(scene)
     middle, _ = seen(dark, camera, (0.0, 0.0, 1.0))
     np.testing.assert_allclose(middle, dark.around[SKY_LIGHT] * (0.04 + GLOSS * 0.96 * 0.2), rtol=1e-6)
@@ -205,7 +205,7 @@ def test_a_lamp_is_seen_in_glass_from_the_side_that_shines_alone() -> None:
     lamp = scene.lamp
     for side, bright in ((1.0, True), (-1.0, False)):
         moved = lamp.copy()
-        # A lamp right behind the ball, which is seen through its middle.
+        # A lamp straight behind the ball, visible through its centre.
         moved[MIDDLE] = CENTRE + np.array([0.0, 0.0, 200.0])
         moved[FACING] = [0.0, 0.0, -side]
         moved[FIRST_SIDE], moved[FIRST_SIDE + 1] = [40.0, 0.0, 0.0], [0.0, 40.0, 0.0]

@@ -1,4 +1,4 @@
-"""What is decoded from a preview, focused and measured in it, against what the preview knows of its scene."""
+"""Light fields, refocused pictures and depths decoded from a preview, against the scene of the preview."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def test_depth_is_measured_in_views_that_show_the_same_scene(seen: SeenBy) -> No
     sure = error[seen.depth.confidence[shown & seen.depth.valid] > 0.8]
     assert np.median(error) == pytest.approx(seen.median_error_mm)
     assert seen.median_error_mm < 4.0
-    # What it is sure of is right.
+    # Depths of small sigma are correct.
     assert np.percentile(sure, 90.0) < 10.0
     assert len(sure) > 0.3 * len(error)
 
@@ -45,7 +45,7 @@ def test_the_depth_of_the_reference_view_is_that_of_its_rays(seen: SeenBy) -> No
     views = seen.light_field
     grid = views.pixel_grid()
     t, s = np.unravel_index(np.abs(views.positions_mm).sum(axis=2).argmin(), views.positions_mm.shape[:2])
-    # What pixels show at their true depths is where the frame shows it.
+    # Points of pixels at their true depths project to the frame where it shows them.
     px = grid[20:-20:7, 20:-20:7].reshape(-1, 2)
     checked = 0
     for place in px:
@@ -63,7 +63,7 @@ def test_the_depth_of_the_reference_view_is_that_of_its_rays(seen: SeenBy) -> No
 
 
 def test_a_picture_is_sharp_where_it_is_focused(seen: SeenBy) -> None:
-    # Of three depths, the page and the tin stand at the middle one.
+    # The page and the tin stand at the second of three depths.
     near, middle, far = default_depths_mm(seen.frame.layout)
     page = np.abs(seen.true_depth_mm - middle) < 12.0
 
@@ -84,7 +84,7 @@ def test_pictures_are_those_of_screens(seen: SeenBy) -> None:
     depth = seen.depth_picture()
     assert depth.dtype == np.uint8
     assert (depth[~seen.depth.valid] == 64).all()
-    # Nearer is redder, and what is not sure is darker.
+    # Nearer is redder, and less certain is darker.
     sure = seen.depth.confidence > 0.9
     _, middle, far = default_depths_mm(seen.frame.layout)
     nearest, farthest = (np.abs(seen.depth.depth_mm - z) < 15.0 for z in (middle, 1.2 * far))
@@ -114,7 +114,7 @@ def test_beside_a_small_board_there_is_nothing(fold_90_layout: Layout) -> None:
     board = Checkerboard(cols=7, rows=6, square_mm=8.0)
     seen = seen_in(preview_frame(fold_90_layout, "board", target=board))
     assert np.isinf(seen.true_depth_mm).mean() > 0.3
-    # 72 x 64 mm at the middle depth, a little turned.
+    # 72 x 64 mm at the middle depth, slightly turned.
     shown = (
         np.isfinite(seen.true_depth_mm).sum()
         / (seen.light_field.focal_px / seen.light_field.reference_distance_mm) ** 2

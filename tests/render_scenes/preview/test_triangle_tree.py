@@ -18,13 +18,13 @@ from mirrorcam.render_scenes.preview.triangle_tree import (
     at,
     cross,
     dot,
-    mapped,
+    mapped_normal,
+    mapped_point,
+    mapped_vector,
     minus,
     nearest_triangle,
     times,
     triangle_tree,
-    turned,
-    turned_back,
     unit,
 )
 
@@ -46,9 +46,9 @@ def test_sums_and_products_are_those_of_numpy() -> None:
 def test_maps_are_read_from_a_row_of_a_table() -> None:
     matrix = TABLE[1, 4:16].reshape(3, 4)
     np.testing.assert_allclose(at(TABLE, 1, 5), TABLE[1, 5:8])
-    np.testing.assert_allclose(mapped(TABLE, 1, 4, a), matrix @ [*A, 1.0])
-    np.testing.assert_allclose(turned(TABLE, 1, 4, a), matrix[:, :3] @ A)
-    np.testing.assert_allclose(turned_back(TABLE, 1, 4, a), matrix[:, :3].T @ A)
+    np.testing.assert_allclose(mapped_point(TABLE, 1, 4, a), matrix @ [*A, 1.0])
+    np.testing.assert_allclose(mapped_vector(TABLE, 1, 4, a), matrix[:, :3] @ A)
+    np.testing.assert_allclose(mapped_normal(TABLE, 1, 4, a), matrix[:, :3].T @ A)
 
 
 SURFACE = leaves(1.0, 3)

@@ -1,4 +1,4 @@
-"""Boards, mirrors and the black between them, as rendered."""
+"""Rendered boards, mirrors and the black between them."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ SETTINGS = RenderSettings(sensor=SENSORS["ideal"])
 
 
 def facing(layout: Layout, target: Target, depth_mm: float = 350.0) -> FloatArray:
-    """rig_from_board of a board square to the view axis, its middle before the central mirror."""
+    """rig_from_board of a board square to the view axis, its middle in front of the central mirror."""
     turn = layout.view_from_rig.T
     middle = turn @ np.array([0.0, -70.0, depth_mm])
     return rigid(turn, middle - turn @ np.array([*target.size_mm, 0.0]) / 2.0)
@@ -40,7 +40,7 @@ def ids_of(picture: NDArray[np.uint8], target: Charuco) -> set[int]:
 
 
 @pytest.fixture(scope="module")
-def by_mirrors(default_layout: Layout) -> NDArray[np.float32]:
+def via_mirrors(default_layout: Layout) -> NDArray[np.float32]:
     """A board of 24 mm squares via the nine mirrors, radiance (1080, 1920)."""
     target = Charuco(cols=10, rows=7, square_mm=24.0, marker_mm=18.0)
     scene = BoardScene(default_layout.camera, default_layout.mirrors, target, SETTINGS)
@@ -49,12 +49,12 @@ def by_mirrors(default_layout: Layout) -> NDArray[np.float32]:
 
 
 def test_markers_decode_by_way_of_a_mirror_only_when_flipped(
-    default_layout: Layout, by_mirrors: NDArray[np.float32], small_board: Charuco
+    default_layout: Layout, via_mirrors: NDArray[np.float32], small_board: Charuco
 ) -> None:
     for index in range(9):
-        only = np.zeros(by_mirrors.shape, dtype=np.uint8)
+        only = np.zeros(via_mirrors.shape, dtype=np.uint8)
         cv2.fillPoly(only, [default_layout.outline_px(index).round().astype(np.int32)], 1)
-        sub_image = grey(by_mirrors) * only
+        sub_image = grey(via_mirrors) * only
         assert len(ids_of(sub_image, small_board)) == 0, index
         assert len(ids_of(np.ascontiguousarray(sub_image[:, ::-1]), small_board)) >= 4, index
 
@@ -68,19 +68,19 @@ def test_markers_decode_as_they_are_before_the_bare_camera(default_layout: Layou
 
 
 def test_all_between_the_mirrors_is_black_and_nothing_is_clipped(
-    default_layout: Layout, by_mirrors: NDArray[np.float32]
+    default_layout: Layout, via_mirrors: NDArray[np.float32]
 ) -> None:
     y, x = np.mgrid[:1080, :1920]
-    near = np.zeros(by_mirrors.shape, dtype=np.bool_)
+    near = np.zeros(via_mirrors.shape, dtype=np.bool_)
     for index in range(9):
         outline = shapely.Polygon(default_layout.outline_px(index))
         near |= shapely.contains_xy(outline.buffer(1.5), x, y)
-        middle = by_mirrors[shapely.contains_xy(outline.buffer(-3.0), x, y)]
+        middle = via_mirrors[shapely.contains_xy(outline.buffer(-3.0), x, y)]
         assert middle.min() >= SETTINGS.ink * SETTINGS.mirror_reflectance - 1e-6, index
-    assert by_mirrors[~near].size > 70_000
-    assert by_mirrors[~near].max() == 0.0
-    assert by_mirrors.max() == pytest.approx(SETTINGS.paper * SETTINGS.mirror_reflectance, abs=1e-5)
-    assert by_mirrors.max() < 1.0
+    assert via_mirrors[~near].size > 70_000
+    assert via_mirrors[~near].max() == 0.0
+    assert via_mirrors.max() == pytest.approx(SETTINGS.paper * SETTINGS.mirror_reflectance, abs=1e-5)
+    assert via_mirrors.max() < 1.0
 
 
 def test_the_camera_sees_no_board_past_the_mirrors(default_layout: Layout, small_board: Charuco) -> None:
@@ -133,7 +133,7 @@ def test_the_same_seed_gives_the_same_bits_at_any_sample_count(small_layout: Lay
     for spp in (1, 5, 16):
         np.testing.assert_array_equal(scene.render(spp=spp, seed=3), scene.render(spp=spp, seed=3))
     assert (scene.render(spp=5, seed=3) != scene.render(spp=5, seed=4)).any()
-    # What a pixel collects does not depend on the window it is rendered in.
+    # The value of a pixel does not depend on the rendered window.
     np.testing.assert_array_equal(
         scene.render(spp=5, seed=3, crop=(200, 90, 40, 30)), scene.render(spp=5, seed=3)[90:120, 200:240]
     )

@@ -123,7 +123,7 @@ def test_rays_of_a_pupil_that_walks_start_where_it_is_and_meet_in_focus() -> Non
         length = (400.0 - start[:, 2]) / along[:, 2]
         np.testing.assert_allclose(start + length[:, None] * along, in_focus, atol=2e-4)
         starts.append(start + 0.5 * (x**2 + y**2)[:, None] / along[:, 2:] * along)
-    # In the plane of the pupil as it lies for each pixel, its middle is on the axis.
+    # In the plane of the pupil of each pixel, the centre is on the axis.
     np.testing.assert_allclose(starts[0][:, :2], 0.0, atol=1e-5)
     assert (np.linalg.norm(starts[1][:, :2], axis=1) <= 0.9).all()
     assert (np.linalg.norm(starts[1][:, :2], axis=1) > 0.3).all()

@@ -1,4 +1,4 @@
-"""The parts of a real device in a scene: where they are, what they hide and what they scatter.
+"""The parts of a real device in a scene: their poses, what they hide and what they scatter.
 
 What stops light around the mirrors: against closed forms, and against pictures.
 """
@@ -63,7 +63,7 @@ def test_how_the_camera_sits_in_its_holder_is_found_from_the_mirrors(default_lay
 def test_what_stands_before_a_mirror_hides_it(
     surface: str, small_layout: Layout, small_board: Charuco, pose: FloatArray
 ) -> None:
-    """And leaves everything else as it was; of a plate, the light of all branches together."""
+    """All other pixels are unchanged; for a plate, the sum over all branches."""
     mirrors = tuple(mirror.replaced(surface=surface, thickness_mm=2.0) for mirror in small_layout.mirrors)
     small_layout = small_layout.replaced(mirrors=mirrors, kind="as-built")
     alone, crop = scene_of(small_layout, small_board, pose), (200, 90, 80, 80)
@@ -76,7 +76,7 @@ def test_what_stands_before_a_mirror_hides_it(
         scene.render(spp=4, seed=1, crop=crop) for scene in (alone, scene_of(small_layout, small_board, pose, wall))
     )
     row, column = int(y) - crop[1], int(x) - crop[0]
-    # Under it there is nothing but the sky, and what a mirror throws at it of the board.
+    # Below it is only the sky, and the light of the board via a mirror.
     on_wall = hidden[row - 2 : row + 3, column - 2 : column + 3]
     np.testing.assert_allclose(on_wall, 0.2 * SETTINGS.surroundings, rtol=0.02)
     shown = (cv2.erode(free, np.ones((3, 3))) > 0.0) & (
@@ -87,12 +87,12 @@ def test_what_stands_before_a_mirror_hides_it(
 
 
 def test_a_board_lights_a_wall_as_much_as_a_formula_says(small_layout: Layout, small_board: Charuco) -> None:
-    """A matte wall beside a board, without other light: radiance = reflectance / pi * integral of L cos cos / r^2."""
+    """A matte wall next to a board, without other light: radiance = reflectance / pi * integral of L cos cos / r^2."""
     dark, wall = (
         RenderSettings(surroundings=0.0, sensor=SENSORS["ideal"]),
         box((-100.0, -100.0, 200.0), (100.0, 100.0, 210.0)),
     )
-    # The board stands on the left of what the camera sees and faces right.
+    # The board stands at the left of the field and faces right.
     turn = np.array([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])
     pose = rigid(turn, [-150.0, -small_board.size_mm[1] / 2.0, -100.0])
     scene = BoardScene(small_layout.camera, (), small_board, dark, bodies=(wall,))
@@ -116,7 +116,7 @@ def test_a_board_lights_a_wall_as_much_as_a_formula_says(small_layout: Layout, s
 def test_a_matte_wall_under_an_even_sky_is_as_bright_as_the_sky_times_its_reflectance(
     small_layout: Layout, small_board: Charuco
 ) -> None:
-    """Wherever a convex body faces; and nothing of it is left to chance."""
+    """In whichever direction a convex body faces, and without noise."""
     scene = BoardScene(
         small_layout.camera, (), small_board, SETTINGS, bodies=(box((-100.0, -100.0, 200.0), (100.0, 100.0, 210.0)),)
     )
@@ -156,7 +156,7 @@ def test_the_camera_does_not_hide_itself(small_layout: Layout, small_board: Char
 
 
 def test_the_scalar_variant_shows_parts_alike(small_layout: Layout, small_board: Charuco, pose: FloatArray) -> None:
-    """The same but for noise."""
+    """Equal except for noise."""
     wall, crop = box((-60.0, -60.0, 150.0), (60.0, 60.0, 160.0)), (220, 130, 12, 8)
     pictures = [
         scene_of(small_layout, small_board, pose, wall, variant=variant).render(spp=8, seed=1, crop=crop)
@@ -175,7 +175,7 @@ def test_the_files_of_a_device_are_read(tmp_path: Path, default_layout: Layout) 
     assert found.name == "wall"
     np.testing.assert_allclose(np.sort(found.points, axis=0), np.sort(wall.points, axis=0))
     assert len(found.faces) == 12
-    # The set that was begun with these parts is not continued with others.
+    # A set begun with these parts is not continued with others.
     parts = parts_of(tmp_path, default_layout, default_layout)
     assert len(bodies_around(parts)) == 1
     write_stl(tmp_path / "another.stl", wall)
@@ -219,18 +219,18 @@ def test_a_set_of_a_device_is_rendered_with_its_parts(
     hidden, seen = (read_image(tmp_path / name / "frames" / "0000.png", grey=True)[y, x] for name in ("set", "free"))
     assert hidden == pytest.approx(255.0 * PLASTIC_RGB[0] * request.settings.surroundings, abs=1.0)
     assert seen > 8
-    # The camera alone has no parts around it.
+    # The bare camera has no parts around it.
     for name in dataset.base_names:
         assert (tmp_path / "set" / name).read_bytes() == (tmp_path / "free" / name).read_bytes()
     fast = request.replaced(parts=tmp_path / "parts", settings=RenderSettings(renderer="fast"))
-    with pytest.raises(InputError, match="renderer fast: shows mirrors alone"):
+    with pytest.raises(InputError, match="renderer fast"):
         render_set(fast, tmp_path / "fast")
     assert not (tmp_path / "fast").exists()
 
 
 @pytest.mark.slow
 def test_workers_render_a_device_to_the_same_bytes(tmp_path: Path, small_layout: Layout, small_board: Charuco) -> None:
-    """Its parts, its rough and bent mirrors, and all that is drawn by lot."""
+    """Its parts, its rough and bent mirrors, and all random draws."""
     (tmp_path / "parts").mkdir()
     write_stl(tmp_path / "parts" / "wall.stl", box((-70.0, -80.0, -20.0), (70.0, -75.0, 150.0)))
     request = SetRequest(
@@ -277,10 +277,10 @@ def test_light_to_the_pupil_is_not_stopped_by_the_body_of_the_camera() -> None:
 
 
 def test_the_truth_knows_what_parts_hide(small_layout: Layout, small_board: Charuco, pose: FloatArray) -> None:
-    """A wall between camera and mirror, then one between mirror and board: maps and corners, against the picture."""
+    """A wall between camera and mirror, then one between mirror and board: maps and corners against the picture."""
     middle = small_layout.mirrors[4].outline_in_rig_mm.mean(axis=0)
     seen = board_maps(pixel_rays(small_layout, mirrors=True), small_board, pose)
-    px, before = Oracle(small_layout, small_board).by_mirrors(pose)
+    px, before = Oracle(small_layout, small_board).via_mirrors(pose)
     free = scene_of(small_layout, small_board, pose).render(spp=16, seed=1)
     walls = (0.6 * middle, [3.0, 3.0, 0.1]), (middle + 120.0 * small_layout.view_from_rig[2], [4.0, 0.1, 4.0])
     for kept, (at, half) in enumerate(walls):
@@ -298,7 +298,7 @@ def test_the_truth_knows_what_parts_hide(small_layout: Layout, small_board: Char
         plastic = 0.2 * SETTINGS.surroundings * (SETTINGS.mirror_reflectance if kept else 1.0)
         assert (np.abs(picture[inside] - plastic) < 0.3 * plastic).mean() > 0.95
         assert (np.abs(picture - free)[outside] < 1e-5).mean() > 0.999
-        after = Oracle(small_layout, small_board, (), obstacles).by_mirrors(pose)[1]
+        after = Oracle(small_layout, small_board, (), obstacles).via_mirrors(pose)[1]
         assert not (after & ~before).any()
         near = cv2.dilate(hidden.astype(np.uint8), np.ones((7, 7))) > 0
         lost = px[before & ~after].round().astype(int)

@@ -1,4 +1,4 @@
-"""Second-surface mirrors as the reference traces them, and the error of taking them for planes."""
+"""Second-surface mirrors traced by the reference, and the error of modelling them as planes."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def traced(plates: Layout, pose: FloatArray) -> Pictures:
 
 @pytest.fixture(scope="module")
 def computed(plates: Layout, pose: FloatArray) -> Pictures:
-    """The same by formula, each with a sensor that is no larger than the window."""
+    """The same by formula, each on a sensor of the window's size."""
     pictures = {}
     for index in SEEN:
         x, y, width, height = windows(plates)[index]
@@ -61,7 +61,7 @@ def computed(plates: Layout, pose: FloatArray) -> Pictures:
 def test_plates_look_the_same_by_both_renderers(
     plates: Layout, pose: FloatArray, traced: Pictures, computed: Pictures
 ) -> None:
-    """Refraction, Fresnel's losses and the ghosts: flat areas to .5 %, corners to .02 px."""
+    """Refraction, Fresnel's losses and the ghosts: flat areas to 0.5 %, corners to 0.02 px."""
     crops, errors = windows(plates), []
     for index in SEEN:
         window, kernel = computed[index], np.ones((3, 3))
@@ -102,9 +102,9 @@ def test_the_maps_tell_where_the_traced_light_left_the_board(plates: Layout, pos
 
 
 def test_corners_of_the_truth_lie_where_the_maps_see_them(plates: Layout, pose: FloatArray) -> None:
-    """A corner's pixel, followed by rays through the plate, ends at the corner: solved one way, traced the other."""
+    """The traced ray of a corner's solved pixel passes through the plate and ends at the corner."""
     oracle = Oracle(plates, TARGET)
-    px, visible = oracle.by_mirrors(pose)
+    px, visible = oracle.via_mirrors(pose)
     assert visible.sum() > 300
     board_from_rig = pose[:3, :3].T
     for index, mirror in enumerate(plates.mirrors):
@@ -113,9 +113,9 @@ def test_corners_of_the_truth_lie_where_the_maps_see_them(plates: Layout, pose: 
         start, direction = (start - pose[:3, 3]) @ board_from_rig.T, direction @ board_from_rig.T
         at = start[:, :2] - direction[:, :2] * (start[:, 2] / direction[:, 2])[:, None]
         np.testing.assert_allclose(at, TARGET.corners_in_board_mm[visible[index]][:, :2], atol=1e-5)
-    # The part of a plate that light enters but does not leave shows nothing.
+    # A part of a plate that light enters but does not leave is black.
     planes = plates.replaced(mirrors=tuple(mirror.apparent for mirror in plates.mirrors))
-    assert visible.sum() < Oracle(planes, TARGET).by_mirrors(pose)[1].sum()
+    assert visible.sum() < Oracle(planes, TARGET).via_mirrors(pose)[1].sum()
 
 
 def plane_residuals(layout: Layout, index: int, *depths_mm: float) -> FloatArray:
@@ -140,7 +140,7 @@ def plane_residuals(layout: Layout, index: int, *depths_mm: float) -> FloatArray
 
 
 def test_a_plane_is_not_a_plate(plates: Layout) -> None:
-    """What calibration with plane mirrors cannot take away of 2 mm of acrylic: a tenth of a pixel and more."""
+    """The residual of 2 mm of acrylic after calibration with plane mirrors: a tenth of a pixel and more."""
 
     def rms(layout: Layout, *depths_mm: float) -> list[float]:
         return [float(np.sqrt(np.mean(plane_residuals(layout, index, *depths_mm) ** 2))) for index in range(9)]
@@ -151,13 +151,13 @@ def test_a_plane_is_not_a_plate(plates: Layout) -> None:
     assert np.median(at_one) == pytest.approx(0.14, abs=0.02)
     assert min(at_two) > 0.08
     assert max(at_two) < 0.3
-    # It is the plate: thin ones are planes.
+    # The plate causes it: thin ones act as planes.
     thin = plates.replaced(mirrors=tuple(mirror.replaced(thickness_mm=0.02) for mirror in plates.mirrors))
     assert max(rms(thin, 300.0, 500.0)) < 0.004
 
 
 def test_corners_traced_through_a_sheet_are_not_a_planes(plates: Layout, pose: FloatArray, traced: Pictures) -> None:
-    """In rendered pictures: corners lie where the exact projection has them (ghosts pull a little), not the plane's."""
+    """Rendered corners are where the exact projection puts them (ghosts pull a little), not the plane's."""
     crops, found = windows(plates), {index: photographed(picture, CUT) for index, picture in traced.items()}
     planes = plates.replaced(mirrors=tuple(mirror.apparent for mirror in plates.mirrors))
     by_sheet, by_plane = (
@@ -187,7 +187,7 @@ def test_a_mesh_carries_the_places_of_its_corners_in_a_texture() -> None:
     corners = np.array([[0.0, 0.0, 0.0], [4.0, 0.0, 0.0], [0.0, 2.0, 0.0]])
     places = np.array([[0.5, 1.0], [2.5, 1.0], [0.5, 3.0]])
     grey = {"type": "diffuse"}
-    shape = mesh("sheet", corners, np.array([[0, 1, 2]]), grey, texture_places=places)
+    shape = mesh("sheet", corners, np.array([[0, 1, 2]]), grey, texture_uv=places)
     scene = mi.load_dict({"type": "scene", "shape": shape})
     hit = scene.ray_intersect(mi.Ray3f(mi.Point3f(1.0, 0.5, 9.0), mi.Vector3f(0.0, 0.0, -1.0)))
     np.testing.assert_allclose(np.array(hit.uv).ravel(), [1.0, 1.5], atol=1e-6)

@@ -1,4 +1,4 @@
-"""The picture of the device: from the front, its lens is seen in every mirror."""
+"""The picture of the device: from the front, the lens is visible in every mirror."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def test_the_lens_is_seen_in_every_mirror_from_the_front(default_layout: Layout)
         at = front.eye_in_rig_mm - way * height / slope
         frame = mirror.rig_from_plane
         x, y = (at - frame[:3, 3]) @ frame[:3, :2]
-        # With space for what makes it a lens: its pupil of 3 mm.
+        # With space for the pupil of 3 mm.
         assert shapely.contains_xy(shapely.Polygon(mirror.outline_in_plane_mm).buffer(-1.5), x, y)
     for view in (front, aside):
         np.testing.assert_allclose(view.axes @ view.axes.T, np.eye(3), atol=1e-12)
@@ -61,7 +61,7 @@ def test_the_picture_shows_the_device_whole_and_nine_lenses(tmp_path: Path, defa
         rim = np.concatenate([half[:4].reshape(-1, 3), half[-4:].reshape(-1, 3), half[:, :4].reshape(-1, 3)])
         assert np.percentile(rim.min(axis=1), 5) > 100  # paper all around
         assert (half[..., 2] > 1.4 * half[..., 0]).mean() > 0.1  # the blue device in the middle
-    # From the front, what is dark above the camera are its lenses in the mirrors.
+    # From the front, the dark spots above the camera are images of its lens in the mirrors.
     dark = cv2.morphologyEx((front[:150].max(axis=2) < 90).astype(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3)))
     _, _, stats, _ = cv2.connectedComponentsWithStats(dark)
     assert (stats[1:, cv2.CC_STAT_AREA] > 150).sum() == 9

@@ -92,7 +92,7 @@ sys.exit(any(name in sys.modules for name in ('mitsuba', 'drjit', 'casadi')))
 
 
 def make_set(folder: Path) -> Path:
-    """What the truth of a rendered set has of its device."""
+    """The ground truth of a rendered set about its device."""
     device().nominal.save(folder / "layout.json")
     device().truth.save(folder / TRUE_LAYOUT)
     return folder

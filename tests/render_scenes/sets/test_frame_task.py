@@ -1,4 +1,4 @@
-"""One frame as a worker makes it: from a task in text to files in bytes."""
+"""One frame made by a worker: from a task as text to files as bytes."""
 
 from __future__ import annotations
 
@@ -69,8 +69,8 @@ def test_a_frame_is_a_picture_and_its_maps(small_layout: Layout, small_board: Ch
     assert np.array(json.loads(header["rig_from_board"])).tolist() == task.poses.tolist()
     assert header["layout"] == small_layout.identity
     assert RenderSettings.model_validate_json(header["settings"]) == task.setup.settings
-    # At its corners the board is where the maps say.
-    px, visible = Oracle(small_layout, small_board).by_mirrors(task.poses[0])
+    # At its corners the board is at the points of the maps.
+    px, visible = Oracle(small_layout, small_board).via_mirrors(task.poses[0])
     assert visible.sum() > 100
     for mirror, corner in np.argwhere(visible):
         column, row = np.rint(px[mirror, corner]).astype(int)
@@ -92,8 +92,8 @@ def test_whoever_renders_it_a_frame_has_the_same_bytes(how: object, small_layout
 def test_a_worker_renders_by_the_variant_it_is_told_or_not_at_all(
     small_layout: Layout, small_board: Charuco, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    # Mixed variants would differ in their last bits.
-    monkeypatch.setattr("mirrorcam.render_scenes.variant.gpu_answers", lambda: False)
+    # Different variants differ in their last bits.
+    monkeypatch.setattr("mirrorcam.render_scenes.variant.has_gpu", lambda: False)
     task = task_of(small_layout, small_board, PLAIN, maps=False)
     elsewhere = task.replaced(setup=task.setup.replaced(variant=CUDA))
     with pytest.raises(InputError, match="variant cuda_ad_mono needs a GPU"):
@@ -147,7 +147,7 @@ def bare_camera(board: Checkerboard, renderer: RendererName, poses: FloatArray, 
 
 
 def edges_px(row: NDArray[np.uint8]) -> FloatArray:
-    """Where the brightness of a row of pixels passes the middle between black and white."""
+    """Column at which a row of pixels crosses the mean of black and white."""
     values = row.astype(np.float64) - (row.min() / 2.0 + row.max() / 2.0)
     at = np.flatnonzero(values[:-1] * values[1:] < 0.0)
     return np.asarray(at + values[at] / (values[at] - values[at + 1]))
@@ -178,7 +178,7 @@ def test_a_rolling_shutter_shears_what_moves_across_by_speed_times_readout(
 
 @pytest.mark.parametrize("renderer", RENDERERS)
 def test_a_rolling_shutter_stretches_what_moves_along_with_it(renderer: RendererName, default_layout: Layout) -> None:
-    # Lying stripes: row v shows what is at v - c = f (y + speed t) / z at its time t = readout (v - c) / (h - 1).
+    # Horizontal stripes: row v shows what is at v - c = f (y + speed t) / z at its time t = readout (v - c) / (h - 1).
     board = Checkerboard(cols=3, rows=21, square_mm=40.0)
     speed_mm_per_ms, readout_ms, distance = 2.0, 30.0, 500.0
     moved_mm = speed_mm_per_ms * readout_ms * np.array([-0.5, 0.0, 0.5])
@@ -196,7 +196,7 @@ def test_a_rolling_shutter_stretches_what_moves_along_with_it(renderer: Renderer
     nearest = after[np.abs(after[:, None] - expected).argmin(axis=0)]
     assert stretch > 1.2
     assert len(expected) >= 4
-    # The reference takes eight rows at a moment.
+    # The reference exposes eight rows at once.
     assert np.abs(nearest - expected).max() < (0.1 if renderer == "fast" else 4.0 * (stretch - 1.0) + 0.1)
 
 
@@ -217,11 +217,11 @@ def test_corners_of_a_moving_board_are_where_the_truth_says(default_layout: Layo
     scene.place_board(*poses)
     light = scene.render()
     oracle = Oracle(default_layout, TARGET)
-    (px, visible), (still, _) = oracle.while_read(poses), oracle.by_mirrors(poses[1])
+    (px, visible), (still, _) = oracle.during_readout(poses), oracle.via_mirrors(poses[1])
     steps = []
     for axis in (0, 1):
         moved = rigid(np.eye(3), 0.1 * np.eye(3)[axis])
-        steps.append(oracle.while_read(poses @ moved)[0] - px)
+        steps.append(oracle.during_readout(poses @ moved)[0] - px)
     errors, moves = [], []
     for mirror in (0, 4, 8):
         x, y, width, height = windows(default_layout)[mirror]
@@ -249,7 +249,7 @@ def test_maps_tell_what_each_row_shows_when_it_is_read(
     (tmp_path / "maps.exr").write_bytes(moving["truth/maps/frames/0000.exr"])
     with OpenEXR.File(str(tmp_path / "maps.exr"), separate_channels=True) as file:
         x, y = (file.channels()[name].pixels.copy() for name in ("board.x", "board.y"))
-    # Well inside what a mirror shows: at its edge the lens blurs the dark beside it in.
+    # Well inside the image of a mirror: at its edge the lens blurs in the dark around it.
     inside = cv2.erode((np.isfinite(x) & np.isfinite(y)).astype(np.uint8), np.ones((7, 7))).astype(bool)
     # Black and white, as the print at these places is, and as the picture shows away from edges.
     texels = 8

@@ -1,4 +1,4 @@
-"""The plan of where to hold the board covers what the mirrors and the camera see."""
+"""The planned poses of the board cover the fields of the mirrors and the camera."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def test_every_mirror_sees_the_board_over_all_its_sub_image(default_layout: Layo
     assert plan.poses.shape == (20, 4, 4)
     assert plan.coverage.shape == (9,)
     assert plan.coverage.min() > 0.95
-    _, visible = Oracle(default_layout, default_board()).all_by_mirrors(list(plan.poses[:, None]))
+    _, visible = Oracle(default_layout, default_board()).all_via_mirrors(list(plan.poses[:, None]))
     assert visible.sum(axis=2).min() >= 30
     np.testing.assert_array_equal(plan.corners, visible.sum(axis=2))
 

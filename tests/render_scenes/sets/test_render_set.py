@@ -1,4 +1,4 @@
-"""Files of the ground truth: as many as there is something to tell, and read back as they were.
+"""Files of the ground truth: written only where they apply, and read back unchanged.
 
 A whole set: the same request, the same bytes; whole files or none; the truth in its own folder.
 """
@@ -46,7 +46,7 @@ def test_the_truth_is_read_back_as_it_was(small_layout: Layout, small_board: Cha
     np.testing.assert_array_equal(poses["frames"], moments[:, 0])
     np.testing.assert_array_equal(poses["base"], base.poses)
     corners = np.load(truth / "corners.npz")
-    np.testing.assert_array_equal(corners["frames_px"][1], oracle.by_mirrors(moments[1, 0])[0])
+    np.testing.assert_array_equal(corners["frames_px"][1], oracle.via_mirrors(moments[1, 0])[0])
     assert Layout.load(truth / "layout.json") == small_layout
 
 
@@ -121,7 +121,7 @@ def test_the_truth_is_that_of_the_camera_as_built(finished: Path, small_layout: 
     assert corners["base_px"].shape == (BASE, 54, 2)
     oracle = Oracle(built, small_board)
     for frame in range(FRAMES):
-        px, visible = oracle.by_mirrors(np.array(poses["frames"][frame]))
+        px, visible = oracle.via_mirrors(np.array(poses["frames"][frame]))
         np.testing.assert_array_equal(corners["frames_px"][frame], px)
         np.testing.assert_array_equal(corners["frames_visible"][frame], visible)
     np.testing.assert_array_equal(corners["base_visible"][1], oracle.direct(np.array(poses["base"][1]))[1])
@@ -197,7 +197,7 @@ def test_whenever_it_is_killed_what_is_there_is_whole_and_the_rest_follows(
 
         def replace(temporary: Path, target: Path) -> Path:
             if next(writes) == write:
-                # What a killed process leaves, which cannot remove its temporary file.
+                # The temporary file that a killed process leaves.
                 (temporary.parent / f"{TEMPORARY}left{target.suffix}").write_bytes(temporary.read_bytes()[:99])
                 raise KeyboardInterrupt
             return put_in_place(temporary, target)
@@ -227,7 +227,7 @@ def test_whenever_it_is_killed_what_is_there_is_whole_and_the_rest_follows(
         if write % 4 == 0 or (out / "video.avi").exists():
             render(out, **small)
             assert contents(out) == whole
-    # The manifest each time that something else was written, and each file.
+    # The manifest after each other write, and each file.
     assert ended > len(whole) + 4
 
 
@@ -297,7 +297,7 @@ def test_a_checkerboard_and_frames_alone_are_rendered_too(render: Render, small_
     assert dataset.complete
     assert dataset.files["frames/0000.jpg"] == file_digest(tmp_path / "set" / "frames" / "0000.jpg")
     assert not (tmp_path / "set" / "truth" / "maps").exists()
-    # The camera as it is has the pupil that the pictures were taken with.
+    # The true camera has the pupil of the pictures.
     built = Layout.load(tmp_path / "set" / "truth" / "layout.json")
     assert built.camera == small_layout.camera.with_pupil(SENSORS["c920"].pupil)
 
@@ -338,7 +338,7 @@ def test_frames_of_a_motion_follow_each_other(render: Render, tmp_path: Path) ->
     slow = render(tmp_path / "set", **(MOVING | {"rate_hz": 100.0}))
     poses = np.array(json.loads((tmp_path / "set" / "truth" / "poses.json").read_text(encoding="utf-8"))["frames"])
     assert slow.rate_hz == 100.0
-    # 40 ms of a motion of one pose a second, which sets out from rest.
+    # 40 ms of a motion of one pose a second, which starts at rest.
     steps = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
     assert 0.0 < steps[0] < steps[-1] < 5.0
 
@@ -346,8 +346,8 @@ def test_frames_of_a_motion_follow_each_other(render: Render, tmp_path: Path) ->
 @pytest.mark.parametrize(
     ("changes", "complaint"),
     [
-        ({"rate_hz": None}, "video mp4: its frames are moments of a motion"),
-        ({"settings": RenderSettings(sensor=SENSORS["ideal"], video="avi")}, "video avi: holds the JPEG files"),
+        ({"rate_hz": None}, "video mp4"),
+        ({"settings": RenderSettings(sensor=SENSORS["ideal"], video="avi")}, "video avi"),
         ({"frames": 1}, "rate_hz: one pose is no motion"),
     ],
 )

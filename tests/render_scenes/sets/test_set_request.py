@@ -26,7 +26,7 @@ def poses(still: SetRequest) -> FloatArray:
 
 
 def given(poses: FloatArray) -> tuple[tuple[tuple[float, ...], ...], ...]:
-    """Poses as a request holds them."""
+    """Poses in the form of a request."""
     return tuple(tuple(map(tuple, pose.tolist())) for pose in poses)
 
 

@@ -1,4 +1,4 @@
-"""Videos: the same pictures, the same bytes; what H.264 loses.
+"""Videos: equal pictures give equal bytes; the loss of H.264.
 
 Which videos the frames of a set can make.
 """
@@ -132,7 +132,7 @@ def test_the_bytes_do_not_depend_on_what_lay_in_memory(tmp_path: Path) -> None:
         write_image(tmp_path / f"{number:02d}.jpg", image)
     found = []
     for fill in ("0", "85", "170"):
-        # glibc fills what it hands out with this byte; elsewhere this is three plain runs.
+        # glibc fills allocated memory with this byte; elsewhere these are three ordinary runs.
         done = subprocess.run(
             [sys.executable, "-c", ENCODE, str(tmp_path)],
             env=os.environ | {"MALLOC_PERTURB_": fill, "PYTHONPATH": str(ROOT)},
@@ -176,7 +176,7 @@ ODD = EVEN.replaced(width_px=1919)
 
 
 def refused(settings: RenderSettings, camera: Camera, rate_hz: float | None) -> str:
-    """The complaint about a video, empty where there is none."""
+    """The message about a video; empty if it is accepted."""
     try:
         check_video(settings, camera, rate_hz)
     except InputError as error:
@@ -187,8 +187,8 @@ def refused(settings: RenderSettings, camera: Camera, rate_hz: float | None) -> 
 @pytest.mark.parametrize(
     ("settings", "camera", "rate_hz", "complaint"),
     [
-        (RenderSettings(video="mp4"), EVEN, None, "video mp4: its frames are moments of a motion, expected a rate_hz"),
-        (RenderSettings(video="avi", sensor=SENSORS["ideal"]), EVEN, 30.0, "video avi: holds the JPEG files"),
+        (RenderSettings(video="mp4"), EVEN, None, "video mp4"),
+        (RenderSettings(video="avi", sensor=SENSORS["ideal"]), EVEN, 30.0, "video avi"),
         (RenderSettings(video="mp4"), ODD, 30.0, "H.264: a sensor of 1919 x 1080 pixels, expected even numbers"),
         (RenderSettings(sensor=SensorModel(h264_crf=20)), ODD, None, "H.264: a sensor of 1919 x 1080 pixels"),
     ],

@@ -1,4 +1,4 @@
-"""Recipes of sets: what they state in short, what they refuse, and the requests that follow."""
+"""Recipes of sets: their abbreviations, refused values, and the requests made from them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One set of a suite in a worker: its folder's name, its files, and what becomes of errors."""
+"""One set of a suite in a worker: the name of its folder, its files, and its errors."""
 
 from __future__ import annotations
 

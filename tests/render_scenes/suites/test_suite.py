@@ -1,4 +1,4 @@
-"""Suites: those of the program, and files of users.
+"""Suites: the built-in ones, and files of users.
 
 Costs that are said beforehand: laws here; `tests/bench/test_suite_command.py` compares them with real ones.
 """

@@ -17,9 +17,9 @@ from mirrorcam.render_scenes.tabletop.objects import (
     Kind,
     SceneObject,
     TextureName,
-    based,
     grain,
     lights,
+    mesh_on_base,
     shapes_of,
     texture,
 )
@@ -40,9 +40,9 @@ def test_a_texture_follows_from_its_seed_and_has_fine_detail(name: TextureName) 
 
 
 def test_noise_has_mean_zero_and_unit_deviation_at_every_fall() -> None:
-    for fall in (0.5, 1.0):
+    for gain in (0.5, 1.0):
         noise = np.stack(
-            [grain(64, 64, np.random.default_rng(seed), cell=(16.0, 16.0), fall=fall) for seed in range(20)]
+            [grain(64, 64, np.random.default_rng(seed), cell=(16.0, 16.0), gain=gain) for seed in range(20)]
         )
         assert abs(noise.mean()) < 0.1
         assert 0.6 < noise.std() < 1.2
@@ -107,7 +107,7 @@ def test_a_mesh_stands_with_the_middle_of_its_base_at_the_origin(tmp_path: Path)
         size_mm=np.zeros(3),
         file=tmp_path / "x.stl",
     )
-    points = based(item).points
+    points = mesh_on_base(item).points
     np.testing.assert_allclose(points.min(axis=0), [-2.0, -3.0, 0.0])
     np.testing.assert_allclose(points.max(axis=0), [2.0, 3.0, 5.0])
 

@@ -1,4 +1,4 @@
-"""Objects of the tabletop scene: at the depths asked for, where all views see it, in proportion to the camera."""
+"""Objects of the tabletop scene: at the requested depths, visible in all views, in proportion to the camera."""
 
 from __future__ import annotations
 

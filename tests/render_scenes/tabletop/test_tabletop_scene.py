@@ -1,4 +1,4 @@
-"""Light in a closed room against closed forms: sky, lamp, glass, mirrors, and how little of it is noise.
+"""Light in a closed room against closed forms: sky, lamp, glass, mirrors, and their noise.
 
 Intersections with the objects and rays of pinholes, against closed forms.
 """
@@ -55,7 +55,7 @@ def straight_on(height: float = 10.0, spread: float = 0.05) -> RayThrough:
 def rendered(scene: dict[str, Any], **how: Any) -> NDArray[np.float32]:
     import mitsuba as mi
 
-    usual: dict[str, Any] = {"size": SIZE, "subpixels": 1, "spp": 64, "seed": 3, "by_mirrors": False}
+    usual: dict[str, Any] = {"size": SIZE, "subpixels": 1, "spp": 64, "seed": 3, "via_mirrors": False}
     return render_lit(mi.load_dict({"type": "scene", **scene}), straight_on(), is_pinhole=True, **(usual | how))
 
 
@@ -157,15 +157,15 @@ def test_a_mirror_shows_the_lamp_and_takes_its_part() -> None:
         "emitter": {"type": "area", "radiance": rgb([2.0] * 3)},
     }
     mirror = {"type": "rectangle", "to_world": scaled(50.0), "bsdf": silver}
-    light = rendered({"mirror": mirror, "above": above}, by_mirrors=True, spp=4)
+    light = rendered({"mirror": mirror, "above": above}, via_mirrors=True, spp=4)
     assert np.abs(light - np.multiply(2.0, [0.9, 0.8, 0.7])).max() < 1e-5
 
 
 def test_by_mirrors_nothing_else_is_seen() -> None:
     floor = {"type": "rectangle", "to_world": scaled(50.0), "bsdf": matte(PAINT)}
     assert rendered(sky() | {"floor": floor}, spp=4).min() > 0.05
-    assert rendered(sky() | {"floor": floor}, spp=4, by_mirrors=True).max() == 0.0
-    assert rendered(sky(), spp=4, by_mirrors=True).max() == 0.0
+    assert rendered(sky() | {"floor": floor}, spp=4, via_mirrors=True).max() == 0.0
+    assert rendered(sky(), spp=4, via_mirrors=True).max() == 0.0
 
 
 def test_noise_falls_faster_than_by_chance_and_the_same_seed_gives_the_same() -> None:
@@ -176,7 +176,7 @@ def test_noise_falls_faster_than_by_chance_and_the_same_seed_gives_the_same() ->
     for spp in (16, 256):
         one, two = (rendered(scene, spp=spp, seed=seed) for seed in (1, 2))
         spread[spp] = float(np.sqrt(np.mean(np.square(one - two)) / 2.0) / one.mean())
-    # Sixteen times the samples: chance alone would leave a quarter.
+    # Sixteen times the samples: independent random ones would leave a quarter.
     assert spread[256] < 0.25 * spread[16]
     assert spread[256] < 0.01
     assert np.array_equal(rendered(scene, spp=16), rendered(scene, spp=16))

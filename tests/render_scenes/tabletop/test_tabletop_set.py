@@ -65,7 +65,7 @@ def test_maps_are_read_back_or_refused_in_one_line(tmp_path: Path) -> None:
 
 @pytest.fixture(scope="module")
 def asked(small_layout: Layout) -> TabletopRequest:
-    """A tabletop scene through the default mirrors, built by a hobbyist, before a sensor of 480 x 270 pixels."""
+    """A tabletop scene through the default mirrors, built by a hobbyist, with a sensor of 480 x 270 pixels."""
     if use_variant(colour=True) == SCALAR:
         pytest.skip("nothing compiles in colour")
     return TabletopRequest(
@@ -85,7 +85,7 @@ def built(finished: Path) -> Layout:
 
 @pytest.fixture(scope="module")
 def views(built: Layout) -> Views:
-    """The grid of decoding with the layout as built, which the true views must be on."""
+    """Grid of views decoded with the layout as built, to which the true views must conform."""
     return Decoder(built).views
 
 
@@ -109,7 +109,7 @@ def shift_px(found: FloatArray, expected: FloatArray, inside: NDArray[np.bool_])
 
 
 def compared(folder: Path, decoder: Decoder) -> tuple[list[float], list[float], list[float]]:
-    """Of every view, decoded against true: PSNR in dB, the same with the truth as soft as the decoded, shift in px."""
+    """Per view, decoded against true: PSNR in dB, PSNR with the truth blurred as the decoded view is, shift in px."""
     light_field = decoder.decode(read_image(folder / "frames/0000.png"))
     sharp: list[float] = []
     soft: list[float] = []
@@ -121,7 +121,7 @@ def compared(folder: Path, decoder: Decoder) -> tuple[list[float], list[float], 
         inside = cv2.erode(
             light_field.valid[t, s].astype(np.uint8), np.ones((7, 7)), borderType=cv2.BORDER_CONSTANT, borderValue=0
         ).astype(bool)
-        # The blur of the lens (.8 px) and of the pixels in between that decoding looks up.
+        # The blur of the lens (0.8 px) and of interpolation in decoding.
         blurred = np.asarray(cv2.GaussianBlur(true, (0, 0), 0.95))
         for errors, picture in ((sharp, true), (soft, blurred)):
             errors.append(20.0 * np.log10(255.0 / np.sqrt(np.mean(np.square(decoded - picture)[inside]))))
@@ -149,7 +149,7 @@ def test_a_decoded_frame_of_a_webcam_is_the_true_views(default_layout: Layout, t
 def test_decoding_as_designed_instead_of_as_built_is_noticed(
     finished: Path, asked: TabletopRequest, built: Layout
 ) -> None:
-    # The same grid but other mirrors: the pictures no longer come from where they should.
+    # The same grid but other mirrors: views no longer match.
     designed = built.replaced(mirrors=asked.layout.mirrors)
     width, height = Decoder(built).views.width_px, Decoder(built).views.height_px
     views = Decoder(designed).views
@@ -201,7 +201,7 @@ def test_depths_are_those_of_rays_in_double_precision(finished: Path, views: Vie
     for number in known:
         here = labels == number
         seen += int(here.sum() > 20)
-        # Past an edge that single precision puts elsewhere, the analytic ray misses: nowhere but on the rim.
+        # At an edge that single precision displaces, the analytic ray misses; this occurs on the rim only.
         missed = here & ~np.isfinite(expected[number])
         assert missed.sum() <= 2, objects[number - 1]["name"]
         error = np.abs(depth - expected[number])[here & ~missed]
@@ -209,7 +209,7 @@ def test_depths_are_those_of_rays_in_double_precision(finished: Path, views: Vie
         assert np.quantile(error, 0.99) < 2e-3, objects[number - 1]["name"]
         assert error.max() < 0.2, objects[number - 1]["name"]
     assert seen == 6  # wall, desk, page and three balls
-    # And nothing analytic is hidden behind what it is before.
+    # No analytic object is hidden by one behind it.
     nearest = np.min(list(expected.values()), axis=0)
     assert (depth <= nearest + 0.2).all()
 
@@ -237,7 +237,7 @@ def test_disparity_moves_things_from_view_to_view(finished: Path, views: Views) 
     across, down = views.positions_mm[1, :, 0], views.positions_mm[:, 1, 1]
     along_s = -(seen[1, 2, ..., 0] - seen[1, 0, ..., 0]) / (across[2] - across[0]) * views.step_mm("s")
     along_t = -(seen[2, 1, ..., 1] - seen[0, 1, ..., 1]) / (down[2] - down[0]) * views.step_mm("t")
-    # Views that lie a millimetre nearer or farther than the reference differ by that in hundreds.
+    # Depths of views a millimetre nearer or farther than the reference differ by 1 mm in some 100 mm.
     assert np.abs(disparity["s"] - along_s).max() < 0.15
     assert np.abs(disparity["t"] - along_t).max() < 0.3
     nearer = depth < views.reference_depth_mm
@@ -254,11 +254,11 @@ def test_pixels_of_the_frame_are_told_as_the_views_see_them(finished: Path, buil
     depth = exr(finished / "truth/depth/1_1.exr")["depth"]
     centre, ways = rays_of(views, 1, 1)
     points = (centre + ways * ((depth - centre[2]) / ways[..., 2])[..., None]) @ built.view_from_rig
-    # Where a pixel of the central view is seen by the camera: its mirror, its depth, and the way of its light.
+    # Frame pixel of a central view's pixel: its mirror, its depth, and the path of its light.
     at = built.project(points, 4)
     u, v = np.clip(np.rint(at), 0, [479, 269]).astype(int).reshape(-1, 2).T
     flat = depth.ravel()
-    # Away from edges, where half a pixel is another thing.
+    # Away from edges, where half a pixel shows another object.
     shown = Decoder(built).weights[1, 1].ravel() > 0
     assert (maps["mirror"][v, u][shown] == 4.0).all()
     plain = shown & (np.abs(maps["depth"][v, u] - flat) < 5.0)

@@ -1,4 +1,4 @@
-"""Obstacles by their two methods alone: maps and corners lose exactly what a screen of closed form hides.
+"""Obstacles: maps and corners lose exactly what a screen of closed form hides.
 
 Traced rays: against the laws of reflection and refraction in closed form.
 """
@@ -27,7 +27,7 @@ BOARD = Checkerboard(cols=14, rows=10, square_mm=16.0)
 
 
 class Screen:
-    """The half with x > 0 of the plane y = `at_mm`, which stands before the mirrors and out of the camera's sight."""
+    """The half with x > 0 of the plane y = `at_mm`, in front of the mirrors and outside the field of the camera."""
 
     def __init__(self, at_mm: float) -> None:
         self.at_mm = at_mm
@@ -42,22 +42,22 @@ class Screen:
 
 
 def facing(layout: Layout) -> FloatArray:
-    """The pose of the board upright before the device."""
+    """The pose of the board upright in front of the device."""
     turn = layout.view_from_rig.T
     return rigid(turn, turn @ np.array([0.0, -70.0, DEPTH_MM]) - turn @ np.array([*BOARD.size_mm, 0.0]) / 2.0)
 
 
 def maps_and_corners(layout: Layout, obstacles: Obstacles | None) -> tuple[BoolArray, BoolArray]:
-    """Where the board shows (h, w), and which of its corners are seen via each mirror."""
+    """Mask (h, w) of the board, and which of its corners are visible via each mirror."""
     maps = board_maps(pixel_rays(layout, mirrors=True, obstacles=obstacles), BOARD, facing(layout))
-    return np.isfinite(maps["board.x"]), Oracle(layout, BOARD, (), obstacles).by_mirrors(facing(layout))[1]
+    return np.isfinite(maps["board.x"]), Oracle(layout, BOARD, (), obstacles).via_mirrors(facing(layout))[1]
 
 
 def test_a_screen_before_the_board_hides_one_half_from_maps_and_corners(small_layout: Layout) -> None:
     shown, seen = maps_and_corners(small_layout, None)
     still_shown, still_seen = maps_and_corners(small_layout, Screen(DEPTH_MM - 1.0))
     maps = board_maps(pixel_rays(small_layout, mirrors=True), BOARD, facing(small_layout))
-    # A millimetre before the board, the shadow's edge lies where x = 0, to a small part of a square.
+    # A millimetre in front of the board, the edge of the shadow is at x = 0 to a small part of a square.
     x_of_board = maps["board.x"] - BOARD.size_mm[0] / 2.0
     clear = shown & (np.abs(x_of_board) > 1.0)
     assert clear.any()
@@ -168,7 +168,7 @@ def test_a_mirror_reflects_the_rays_of_a_walking_pupil(kind: dict[str, object]) 
 
 
 def test_a_pupil_that_walks_far_moves_images_by_the_parallax() -> None:
-    """Seen from 0.5 mm nearer, a point at 100 mm is 0.5 % farther from the axis; at the distance in focus, not."""
+    """Seen from 0.5 mm nearer, a point at 100 mm is 0.5 % farther from the axis; a point in focus stays."""
     pupil = Pupil(focus_mm=500.0, walk_mm=2.0)
     camera = Camera.c920()
     for depth, moved in ((500.0, 0.0), (100.0, 0.5 * (1 / 100.0 - 1 / 500.0))):
@@ -181,7 +181,7 @@ def test_a_pupil_that_walks_far_moves_images_by_the_parallax() -> None:
 def test_a_bent_mirror_of_a_layout_shows_what_its_finish_shows(
     bend: Literal["sphere", "cylinder"], surface: Literal["first", "second"]
 ) -> None:
-    """Within the model of a bent mirror, which scores take for the truth; without the bend it is off by pixels."""
+    """The model of a bent mirror, which scores use as the truth, fits; without the bend it is off by pixels."""
     camera, mirror = Camera.c920(), square_mirror(surface=surface, thickness_mm=2.0)
     finish = MirrorFinish(reflectance=(0.9,) * 3, bend=bend, sag_mm=0.02, sag_direction_deg=35.0)
     _, start, direction, _ = reflected(mirror, unit_rays())

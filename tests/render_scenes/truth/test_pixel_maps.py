@@ -1,4 +1,4 @@
-"""Ground-truth maps: closed forms before the bare camera, the nearer of two mirrors, and obstacles."""
+"""Ground-truth maps: closed forms in front of the bare camera, the nearer of two mirrors, and obstacles."""
 
 from __future__ import annotations
 

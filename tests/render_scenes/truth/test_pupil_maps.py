@@ -32,7 +32,7 @@ def test_shares_and_centroids_are_those_of_the_half_planes(small_layout: Layout)
             for axis, name in enumerate("xy"):
                 expected = PUPIL.radius_mm * part.centroid[chosen, axis]
                 assert np.abs((found[name] - expected) * found["share"]).max(initial=0.0) < 0.04
-        # Where the corners of four mirrors meet, two have more of the pupil.
+        # Where the corners of four mirrors meet, two fill more of the pupil.
         others = ~first & ~second
         assert (part.share[others] < maps["second.share"].ravel()[others] + 4.0 / SAMPLES).all()
         cut += int(((part.share > 0.0) & (part.share < 1.0)).sum())
@@ -51,7 +51,7 @@ def test_a_pinhole_sees_one_mirror_or_none(small_layout: Layout) -> None:
 @pytest.mark.slow
 def test_obstacles_take_their_part_of_the_pupil(small_layout: Layout) -> None:
     class Half(Curtain):
-        """Stops what leaves the right half of the pupil."""
+        """Stops rays from the right half of the pupil."""
 
         def free_mm(self, start: FloatArray, direction: FloatArray) -> FloatArray:
             return np.where(start[..., 0] > 0.0, 1.0, np.inf)

@@ -135,7 +135,7 @@ def test_a_calibration_picture_is_the_frame_itself(session: LiveSession, tmp_pat
     assert shown is not None and shown.taken == path
     first = next(iter(Video(Path(request_.source)).frames()))
     assert isinstance(first, Frame) and np.array_equal(read_image(path), first.pixels)
-    with pytest.raises(InputError, match="is there already"):
+    with pytest.raises(InputError, match="exists"):
         session.next(Orders(take=path))
 
 

@@ -19,35 +19,35 @@ from mirrorcam.optics.camera_files.write.virtual_cameras import view_name
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.transforms import transform
 
-MOST_STEPS, STEADY_MM = 50, 1e-10
+MOST_STEPS, CONVERGED_MM = 50, 1e-10
 MOST_POINTS = 400
 
 
 @dataclass(frozen=True, eq=False)
 class Triangulated:
-    """Points visible in all views: true ones (n, 3) in rig, mm, and triangulated ones, aligned to the true rig."""
+    """Points visible in all views: true and triangulated (n, 3), in the true rig, mm."""
 
     true: FloatArray
     found: FloatArray
 
     @property
     def error_mm(self) -> FloatArray:
-        """Found minus true (n, 3)."""
+        """Triangulated minus true points (n, 3)."""
         return self.found - self.true
 
     @property
     def scale_error(self) -> float:
-        """Relative scale error of the found points, by the best similarity."""
+        """Relative scale error of the triangulated points, by the best similarity."""
         true, found = self.true - self.true.mean(axis=0), self.found - self.found.mean(axis=0)
         sizes = np.linalg.svd(found.T @ true)[1]
         return float(sizes.sum() / np.sum(true**2) - 1.0)
 
 
 def triangulated(gauge: Gauge, truth: Layout) -> Triangulated | None:
-    """Points of the working volume visible in all views, and their triangulation by the calibration.
+    """Triangulate points of the working volume visible in all views by the calibration.
 
-    A point is where the sum of squares of its pixels' errors is least, as in a bundle adjustment. None where fewer than
-    four points are shown by all, or there is one view.
+    A triangulated point minimises the sum of squared pixel errors, as in bundle adjustment. Returns None for a single
+    view, or fewer than four common points.
     """
     numbers = [view.view for view in gauge.views]
     if len(numbers) < 2:
@@ -63,14 +63,14 @@ def triangulated(gauge: Gauge, truth: Layout) -> Triangulated | None:
         normal, right = np.zeros((len(points), 3, 3)), np.zeros((len(points), 3))
         for view, pixels in zip(gauge.views, seen, strict=True):
             shown, slopes = with_slopes(view.project_in_rig, points)
-            off = pixels - shown
-            lost = ~(np.isfinite(off).all(axis=1) & np.isfinite(slopes).all(axis=(1, 2)))
-            off[lost], slopes[lost] = 0.0, 0.0
+            residual = pixels - shown
+            lost = ~(np.isfinite(residual).all(axis=1) & np.isfinite(slopes).all(axis=(1, 2)))
+            residual[lost], slopes[lost] = 0.0, 0.0
             normal += np.einsum("nij,nik->njk", slopes, slopes)
-            right += np.einsum("nij,ni->nj", slopes, off)
+            right += np.einsum("nij,ni->nj", slopes, residual)
         step = np.einsum("nij,nj->ni", np.linalg.pinv(normal), right)
         points = points + step
-        if np.abs(step).max() < STEADY_MM:
+        if np.abs(step).max() < CONVERGED_MM:
             break
     return Triangulated(true, transform(gauge.true_from_rig, points))
 
@@ -91,23 +91,25 @@ class CalibrationScore:
     Attributes
     ----------
     figures
-        Of all views together, and of each view as `view_ROW_COLUMN_…`.
+        Figures over all views, and of each view as `view_ROW_COLUMN_…`.
     not_given
-        Figures that cannot be measured, each with the reason.
+        Reasons for figures that cannot be measured, by name.
     views
-        Names of the views that were scored, and of the camera of each.
+        Name of the camera of each scored view, by the view's name.
     missing
-        Names of the views that the calibration has no camera of.
+        Names of the views without a camera in the calibration.
     alignment
-        `rigid`, `similarity`, or `each view alone`; before it, the world was mirrored where `mirrored`.
+        `rigid`, `similarity`, or `each view alone`.
+    mirrored
+        Whether the calibration describes a mirrored world, which was reflected before the alignment.
     nees
-        The error in units of the covariance, where there is one.
+        Normalised estimation error squared; None without a covariance.
     distance_mm
         The working distance.
     notes
-        What was assumed of the calibration.
+        Assumptions about the calibration.
     placed
-        The views where the best motion has them, with the points that were compared.
+        The aligned views, with the points that were compared.
     """
 
     figures: dict[str, Metric]
@@ -140,16 +142,16 @@ def score_calibration(
     truth
         The layout as built.
     nominal
-        The layout that the calibrator knew, which says how pictures are flipped and cut.
+        The layout that the calibrator knew; it determines how pictures are flipped and cut.
     distance_mm
         Working distance from the virtual centre of each view.
     views, pictures
-        Which camera is which mirror, and how pictures came from frames, where names and sizes do not say it.
+        Mirror of each camera, and flip of the pictures, if names and sizes do not determine them.
 
     Raises
     ------
     InputError
-        In one line where cameras and mirrors do not fit together.
+        In one line if cameras and mirrors do not match.
     """
     sizes = [f"{each.camera.width_px}x{each.camera.height_px} px" for each in (truth, nominal)]
     if sizes[0] != sizes[1] or len(truth.mirrors) != len(nominal.mirrors):
@@ -202,7 +204,7 @@ class _Errors:
 
     @classmethod
     def of(cls, placed: Sequence[Gauge], view: int | None = None) -> _Errors:
-        """Of all views, or of one."""
+        """Return the errors of all views, or of one."""
         errors, mm, shown = [], [], []
         for gauge in placed:
             points = gauge.points
@@ -217,7 +219,7 @@ class _Errors:
         return cls(np.concatenate(errors), np.concatenate(mm), float(np.concatenate(shown).mean()))
 
     def figures(self, prefix: str = "") -> dict[str, Metric]:
-        """RMS, median, 95th percentile and maximum, in px and mm, bias, and the share of visible points."""
+        """Return RMS, median, 95th percentile, maximum and bias in px, RMS in mm, and the share of visible points."""
         length = np.linalg.norm(self.pixels, axis=1)
         bias = self.pixels.mean(axis=0)
         found = {
@@ -261,30 +263,30 @@ def _view_figures(placed: Sequence[Gauge]) -> dict[str, Metric]:
 
 
 def _focal_errors(gauge: Gauge) -> dict[int, float]:
-    """Relative error, %, of the scale of each view's picture: px per rotation of the ray to the sub-image's centre.
+    """Return the relative error, %, of each view's picture scale: px per radian at the centre of the sub-image.
 
-    Of a pinhole, that is in proportion to the focal length. It needs no lens model, and so compares any with the truth.
+    For a pinhole, the scale is proportional to the focal length. It can be compared for any lens model.
     """
     found = {}
     for view in gauge.views:
         of_view = np.flatnonzero((gauge.points.view == view.view) & gauge.points.at_distance)
         pixels = gauge.points.pixels[of_view]
-        middle = of_view[np.linalg.norm(pixels - pixels.mean(axis=0), axis=1).argmin()]
-        point = gauge.points.points_in_rig[[middle]]
+        central = of_view[np.linalg.norm(pixels - pixels.mean(axis=0), axis=1).argmin()]
+        point = gauge.points.points_in_rig[[central]]
         true_centre = view.mirror.apparent.virtual_centre_in_rig_mm
         own_pose = np.eye(4) if view.camera_from_rig is None else view.camera_from_rig
         own_centre = transform(gauge.true_from_rig, centre(own_pose))
         _, by_point = with_slopes(partial(view.truth.project, mirror_index=view.view), point)
         sizes = [
-            _picture_scale(slopes, point[0] - seen_from)
-            for slopes, seen_from in ((by_point[0], true_centre), (gauge.by_point[middle], own_centre))
+            _picture_scale(slopes, point[0] - origin)
+            for slopes, origin in ((by_point[0], true_centre), (gauge.by_point[central], own_centre))
         ]
         found[view.view] = 100.0 * (sizes[1] / sizes[0] - 1.0)
     return found
 
 
 def _picture_scale(slopes: FloatArray, along: FloatArray) -> float:
-    """Pixels for a turn of a ray (3,), the geometric mean over its directions, from derivatives (2, 3) by its end."""
+    """Return px per radian of a ray (3,), the geometric mean over directions, from derivatives (2, 3) by its end."""
     across = np.linalg.svd(along[None])[2][1:]
     return float(np.sqrt(abs(np.linalg.det(slopes @ across.T))) * np.linalg.norm(along))
 
@@ -297,7 +299,7 @@ TRIANGULATION = ("triangulation_rms_mm", "triangulation_median_mm", "triangulati
 
 
 def _geometry(gauge: Gauge | None) -> tuple[dict[str, Metric], dict[str, str]]:
-    """Errors of distances and of angles between the views, over all pairs."""
+    """Return the errors of distances and angles between views, over all pairs."""
     if gauge is None:
         return {}, dict.fromkeys(GEOMETRY, NO_POSES)
     poses = np.array([_pose(view) for view in gauge.views])
@@ -332,7 +334,7 @@ def _pose(view: MatchedView) -> FloatArray:
 
 
 def _triangulation(gauge: Gauge | None, truth: Layout, *, scaled: bool) -> tuple[dict[str, Metric], dict[str, str]]:
-    """Errors of points visible in all views, and of their scale."""
+    """Return the errors of triangulated points, and of their scale."""
     found = None if gauge is None else triangulated(gauge, truth)
     if found is None:
         return {}, dict.fromkeys(TRIANGULATION, NO_POSES if gauge is None else NOT_SEEN)

@@ -1,9 +1,8 @@
 """Normalised estimation error squared (NEES): whether the errors of a calibration match its covariance.
 
-After Bar-Shalom. The error is measured in pixels over the working volume, with the motion of the rig taken out of it as
-of what the covariance predicts, so that the gauge of a calibration does not matter. In the directions that the
-covariance moves, it is a sum of squares of r independent standard normal numbers, where the covariance is right: chi
-squared with r degrees of freedom.
+After Bar-Shalom. The error is measured in pixels over the working volume. The motion of the rig is removed from the
+error and from the predicted error, so that the gauge of a calibration does not matter. If the covariance is right, the
+NEES is chi-squared distributed, with the rank of the covariance as degrees of freedom.
 """
 
 from __future__ import annotations
@@ -44,23 +43,25 @@ class CovarianceFile(Uncertainty):
 
 
 def with_covariance(rig: CameraRig, path: Path) -> CameraRig:
-    """A calibration with the covariance of a file; raises InputError in one line for unknown names."""
+    """Return a calibration with the covariance of a file; raises InputError in one line for unknown names."""
     if rig.layout is not None:
         raise InputError(f"{path}: a layout.json contains its covariance, expected no other file for it")
-    given = read_model(CovarianceFile, path, LARGEST_LAYOUT_BYTES)
+    covariance_file = read_model(CovarianceFile, path, LARGEST_LAYOUT_BYTES)
     known = {name for camera in rig.cameras for name in (*lens_names(camera.lens), *POSE_NAMES)}
     cameras = {camera.name for camera in rig.cameras} | {SHARED}
-    for name in given.parameters:
+    for name in covariance_file.parameters:
         camera, _, parameter = name.rpartition(" ")
         if camera not in cameras or parameter not in known:
             raise InputError(f"{path}: parameter {name[:60]!r}, expected CAMERA NAME, such as '{SHARED} fx_px'")
-    if len(set(given.parameters)) < len(given.parameters):
+    if len(set(covariance_file.parameters)) < len(covariance_file.parameters):
         raise InputError(f"{path}: a parameter appears twice")
-    return replace(rig, uncertainty=Uncertainty(parameters=given.parameters, covariance=given.covariance))
+    return replace(
+        rig, uncertainty=Uncertainty(parameters=covariance_file.parameters, covariance=covariance_file.covariance)
+    )
 
 
 def checked_root(uncertainty: Uncertainty) -> FloatArray:
-    """A square root R (g, g) of the covariance R R^T; raises InputError for asymmetry or negative variances."""
+    """Return a square root R (g, g) of the covariance R R^T; raises InputError if it is not positive semidefinite."""
     covariance = uncertainty.covariance
     sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     if (np.diag(covariance) < 0.0).any() or np.abs(covariance - covariance.T).max(initial=0.0) > ASYMMETRY * max(
@@ -75,14 +76,14 @@ def checked_root(uncertainty: Uncertainty) -> FloatArray:
 
 
 def lens_names(lens: object) -> tuple[str, ...]:
-    """Names of a lens's parameters."""
+    """Return the names of a lens's parameters."""
     return lens.intrinsic_names if isinstance(lens, ParametricProjection) else ()
 
 
 def by_parameters(
     rig: CameraRig, views: tuple[MatchedView, ...], view: NDArray[np.int64], points_in_rig: FloatArray
 ) -> FloatArray:
-    """Derivatives (n, 2, g) of pixels of the frame of points (n, 3) in the calibration's rig, each by its view."""
+    """Return derivatives (n, 2, g) of the pixels of points (n, 3) in the calibration's rig, each in its view."""
     assert rig.uncertainty is not None
     if rig.layout is not None:
         return _by_layout_parameters(rig.layout, view, points_in_rig)
@@ -90,10 +91,10 @@ def by_parameters(
     found = np.zeros((len(view), 2, len(names)))
     for each in views:
         at = view == each.view
-        for place, name in enumerate(names):
+        for column, name in enumerate(names):
             camera, _, parameter = name.rpartition(" ")
             if camera in (SHARED, each.camera.name):
-                found[at, :, place] = _slope(each, parameter, points_in_rig[at])
+                found[at, :, column] = _slope(each, parameter, points_in_rig[at])
     return found
 
 
@@ -107,15 +108,15 @@ def _by_layout_parameters(layout: Layout, view: NDArray[np.int64], points_in_rig
 
 
 def _slope(view: MatchedView, parameter: str, points_in_rig: FloatArray) -> FloatArray:
-    """Derivatives (n, 2) of pixels by one parameter of one camera, by central differences."""
+    """Return derivatives (n, 2) of pixels by one parameter of one camera, by central differences."""
     lens = view.camera.lens
     if parameter in POSE_NAMES:
         step = SMALLEST_STEP if parameter.endswith("rad") else POSE_STEP_MM
         ahead, behind = (_moved(view, parameter, sign * step) for sign in (1.0, -1.0))
     elif isinstance(lens, ParametricProjection) and parameter in lens.intrinsic_names:
-        place = lens.intrinsic_names.index(parameter)
-        step = max(RELATIVE_STEP * abs(float(lens.intrinsics[place])), SMALLEST_STEP)
-        ahead, behind = (_with_lens(view, lens, sign * step * np.eye(len(lens.intrinsics))[place]) for sign in (1, -1))
+        index = lens.intrinsic_names.index(parameter)
+        step = max(RELATIVE_STEP * abs(float(lens.intrinsics[index])), SMALLEST_STEP)
+        ahead, behind = (_with_lens(view, lens, sign * step * np.eye(len(lens.intrinsics))[index]) for sign in (1, -1))
     else:
         return np.zeros((len(points_in_rig), 2))
     return (ahead.project_in_rig(points_in_rig) - behind.project_in_rig(points_in_rig)) / (2.0 * step)
@@ -133,7 +134,7 @@ def _with_lens(view: MatchedView, lens: ParametricProjection, change: FloatArray
 
 LEVEL = 0.95
 SMALLEST_SHARE = 1e-4
-"""Directions whose sigma is below this share of the largest are dominated by rounding and by the linearisation."""
+"""Directions with a sigma below this share of the largest are dominated by rounding and linearisation."""
 
 
 @dataclass(frozen=True)
@@ -156,7 +157,7 @@ class Nees:
 
 
 def nees(gauges: Sequence[Gauge], rig: CameraRig) -> Nees | None:
-    """The NEES of a calibration; None without a covariance, or if it predicts no error at all."""
+    """Return the NEES of a calibration; None without a covariance, or if it predicts no error."""
     if rig.uncertainty is None:
         return None
     root = checked_root(rig.uncertainty)
@@ -173,7 +174,7 @@ def nees(gauges: Sequence[Gauge], rig: CameraRig) -> Nees | None:
 
 
 def _of(predicted: FloatArray, error: FloatArray) -> Nees | None:
-    """The NEES of errors (2n,) with covariance P P^T, P (2n, g), in the range of P."""
+    """Return the NEES of errors (2n,) with covariance P P^T, P (2n, g), in the range of P."""
     along, sigmas, _ = np.linalg.svd(predicted, full_matrices=False)
     least = max(NEGLIGIBLE_PX * SMALLEST_SHARE * np.sqrt(len(error)), SMALLEST_SHARE * float(sigmas.max(initial=0.0)))
     kept = sigmas > least
@@ -184,7 +185,7 @@ def _of(predicted: FloatArray, error: FloatArray) -> Nees | None:
 
 
 def pooled(found: Sequence[Nees]) -> Nees | None:
-    """The NEES of several calibrations together."""
+    """Return the pooled NEES of several calibrations."""
     if not found:
         return None
     return Nees(sum(each.total for each in found), sum(each.freedom for each in found))

@@ -1,4 +1,4 @@
-"""The gauge of a calibration: the motion from the true rig to its rig, which no picture determines."""
+"""The gauge of a calibration: the motion from the true rig to its rig, which pictures do not determine."""
 
 from __future__ import annotations
 
@@ -29,15 +29,15 @@ class ScorePoints:
     Attributes
     ----------
     view
-        Mirror index (n,) of each.
+        Mirror index (n,) of each point.
     points_in_rig
         (n, 3), mm.
     pixels
-        Where the true device shows them (n, 2), px of the frame.
+        True pixels (n, 2) in the frame.
     by_point
         Derivatives (n, 2, 3) of the pixels by the points, px/mm.
     at_distance
-        Which of them (n,) are at the working distance itself.
+        Mask (n,) of the points at the working distance.
     """
 
     view: NDArray[np.int64]
@@ -47,16 +47,16 @@ class ScorePoints:
     at_distance: NDArray[np.bool_]
 
     def where(self, mask: NDArray[np.bool_]) -> ScorePoints:
-        """The points of a boolean mask (n,)."""
+        """Return the points of a mask (n,)."""
         return ScorePoints(
             self.view[mask], self.points_in_rig[mask], self.pixels[mask], self.by_point[mask], self.at_distance[mask]
         )
 
 
 def score_points(truth: Layout, views: Sequence[int], distance_mm: float) -> ScorePoints:
-    """A grid over the part of each sub-image that shows the scene, at three distances from the view's centre.
+    """Return a grid over the usable part of each sub-image, at three distances from the view's centre.
 
-    Raises InputError where a view shows nothing there.
+    Raises InputError if a view shows nothing at the working distance.
     """
     parts = []
     for view in views:
@@ -84,7 +84,7 @@ def _shown_on_sensor(truth: Layout, view: int, pixels: FloatArray) -> NDArray[np
 
 
 def shown_by_all(truth: Layout, views: Sequence[int], points_in_rig: FloatArray) -> NDArray[np.bool_]:
-    """Mask of points (n, 3) that are within the sub-images of all views."""
+    """Return the mask of points (n, 3) inside the sub-images of all views."""
     shown = np.ones(len(points_in_rig), dtype=bool)
     for view in views:
         pixels = truth.project(points_in_rig, view)
@@ -96,7 +96,7 @@ def shown_by_all(truth: Layout, views: Sequence[int], points_in_rig: FloatArray)
 def with_slopes(
     project: Callable[[FloatArray], FloatArray], points: FloatArray, step: float = STEP_MM
 ) -> tuple[FloatArray, FloatArray]:
-    """Pixels (n, 2) of points (n, 3), and their derivatives (n, 2, 3) by central differences."""
+    """Return pixels (n, 2) of points (n, 3), and their derivatives (n, 2, 3) by central differences."""
     slopes = np.empty((len(points), 2, 3))
     for axis, along in enumerate(step * np.eye(3)):
         slopes[:, :, axis] = (project(points + along) - project(points - along)) / (2.0 * step)
@@ -106,7 +106,7 @@ def with_slopes(
 def project_each(
     views: Sequence[MatchedView], view: NDArray[np.int64], points_in_rig: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Pixels (n, 2) of points (n, 3) in a calibration's rig, each by its view, and their derivatives (n, 2, 3)."""
+    """Return pixels (n, 2) of points (n, 3) in a calibration's rig, each in its view, and derivatives (n, 2, 3)."""
     pixels, slopes = np.full((len(view), 2), np.nan), np.full((len(view), 2, 3), np.nan)
     for each in views:
         at = view == each.view
@@ -115,7 +115,7 @@ def project_each(
 
 
 UNLIKELY_SCALE = 20.0
-"""Ratio of the cameras' distances to the true ones from which another unit is assumed."""
+"""Ratio of the cameras' distances to the true ones above which the unit must be wrong."""
 SHOWN = 0.5
 """Least share of visible points for a plausible calibration of a view."""
 
@@ -127,20 +127,20 @@ class Gauge:
     Attributes
     ----------
     views
-        The views: all, or one alone that has no pose.
+        All views, or a single view without a pose.
     rig_from_true
-        The motion (4, 4) from the true rig to the calibration's rig; with a factor where it has no scale, and a
-        reflection where it describes a mirrored world.
+        The motion (4, 4) from the true rig to the calibration's rig; with a scale factor if that has no scale, and a
+        reflection if it describes a mirrored world.
     scaled
-        Whether the factor was free.
+        Whether the scale factor was fitted.
     mirrored
         Whether the calibration's world is mirrored.
     points
         The points of its views.
     pixels
-        Where the calibration shows them (n, 2), px of the frame; NaN where it does not.
+        Pixels (n, 2) in the frame by the calibration; NaN where it has none.
     by_point
-        Derivatives (n, 2, 3) of these by the points in the true rig.
+        Derivatives (n, 2, 3) of `pixels` by the points in the true rig, px/mm.
     weights
         Weights (n,) of the points in the motion.
     """
@@ -156,7 +156,7 @@ class Gauge:
 
     @property
     def true_from_rig(self) -> FloatArray:
-        """The motion (4, 4) back to the true rig."""
+        """The inverse motion (4, 4)."""
         return np.asarray(np.linalg.inv(self.rig_from_true), dtype=np.float64)
 
     @property
@@ -166,16 +166,16 @@ class Gauge:
 
     @property
     def motion_columns(self) -> FloatArray:
-        """Derivatives (n, 2, 6 or 7) of visible points' pixels by the motion."""
-        middle = self.points.points_in_rig - self.points.points_in_rig.mean(axis=0)
-        lever_mm = float(np.linalg.norm(middle, axis=1).max())
+        """Derivatives (n, 2, 6 or 7) of the pixels by the motion."""
+        centred = self.points.points_in_rig - self.points.points_in_rig.mean(axis=0)
+        lever_mm = float(np.linalg.norm(centred, axis=1).max())
         return by_motion(self.by_point, self.points.points_in_rig, lever_mm, scaled=self.scaled)
 
 
 def gauges(views: Sequence[MatchedView], points: ScorePoints, *, scaled: bool) -> tuple[Gauge, ...]:
-    """The common gauge of all views that have poses, or a gauge for each view without a pose.
+    """Return the common gauge of all views with poses, or a gauge per view without poses.
 
-    Raises InputError where a calibration shows hardly anything of what a view does, or is in another unit.
+    Raises InputError if a calibration shows too few of a view's points, or has another unit.
     """
     if all(view.camera_from_rig is not None for view in views):
         return (_gauge(_in_mm(views) if scaled else tuple(views), points, scaled=scaled),)
@@ -185,7 +185,7 @@ def gauges(views: Sequence[MatchedView], points: ScorePoints, *, scaled: bool) -
 def _gauge(views: tuple[MatchedView, ...], points: ScorePoints, *, scaled: bool) -> Gauge:
     start = _start(views)
     mirrored = bool(np.linalg.det(start[:3, :3]) < 0.0)
-    # A mirrored world is a reflection of ours that is then moved.
+    # Reflect the points first, so that the motion is proper.
     mirror = np.diag([-1.0, 1.0, 1.0, 1.0]) if mirrored else np.eye(4)
     reflected = transform(mirror, points.points_in_rig)
 
@@ -209,7 +209,7 @@ def _gauge(views: tuple[MatchedView, ...], points: ScorePoints, *, scaled: bool)
 
 
 def _in_mm(views: Sequence[MatchedView]) -> tuple[MatchedView, ...]:
-    """Scale views of unknown scale to about the true distances."""
+    """Scale views of unknown scale approximately to the true distances."""
     factor = _factor(views)
     found = []
     for view in views:
@@ -220,7 +220,7 @@ def _in_mm(views: Sequence[MatchedView]) -> tuple[MatchedView, ...]:
 
 
 def _start(views: tuple[MatchedView, ...]) -> FloatArray:
-    """The motion that makes one view's pose exact, for the view that best fits the others."""
+    """Return the motion that makes one view's pose exact, for the view that best agrees with the others."""
     factor = _factor(views)
     if max(factor, 1.0 / factor) > UNLIKELY_SCALE:
         raise InputError(
@@ -234,18 +234,18 @@ def _start(views: tuple[MatchedView, ...]) -> FloatArray:
 
 
 def _poses(views: Sequence[MatchedView]) -> tuple[list[FloatArray], list[FloatArray]]:
-    """Poses of the calibration, the identity for a view without one, and true poses."""
+    """Return the poses of the calibration, the identity for a view without one, and the true poses."""
     own = [np.eye(4) if view.camera_from_rig is None else view.camera_from_rig for view in views]
     return own, [view.true_camera_from_rig for view in views]
 
 
 def centre(camera_from_rig: FloatArray) -> FloatArray:
-    """Centre of projection (3,) in the rig of an orthogonal transform (4, 4)."""
+    """Return the centre of projection (3,) in rig of a pose (4, 4), which may include a reflection."""
     return np.asarray(-camera_from_rig[:3, :3].T @ camera_from_rig[:3, 3])
 
 
 def _factor(views: Sequence[MatchedView]) -> float:
-    """Ratio of the distances between cameras to the true ones; 1 for a single camera."""
+    """Return the ratio of the distances between cameras to the true ones; 1 for a single camera."""
     lengths, true_lengths = (
         np.linalg.norm(centres[:, None] - centres[None], axis=2)[np.triu_indices(len(centres), 1)]
         for centres in (np.array([centre(pose) for pose in some]) for some in _poses(views))
@@ -254,7 +254,7 @@ def _factor(views: Sequence[MatchedView]) -> float:
         return 1.0
     factor = float(np.median(lengths / true_lengths))
     if not factor > 0.0:
-        raise InputError("all cameras are at one place, expected the poses of different mirrors")
+        raise InputError("all cameras are at one point, expected the poses of different mirrors")
     return factor
 
 

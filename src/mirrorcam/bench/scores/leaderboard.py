@@ -1,4 +1,4 @@
-"""Compare calibrators: the score of each on each set, and over the sets that all of them scored."""
+"""Compare calibrators by their scores on each set, and over the sets that all of them scored."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ class TriedSet(Value):
     Attributes
     ----------
     name, why
-        The set, and what it is for.
+        The set, and its purpose.
     dataset_sha256
-        Checksum of its manifest: sets are the same where it is.
+        Checksum of its manifest; equal for equal sets.
     seconds
-        How long the calibrator took.
+        Duration of the calibrator.
     failure
-        Why there is no score; empty where there is one.
+        Reason for a missing score; empty if there is one.
     """
 
     name: Name
@@ -70,15 +70,14 @@ class BoardRow(Value):
     Attributes
     ----------
     over_common, over_own
-        Figures over the sets that all calibrators scored, and over all that this one did: means of `MEANS`, the
-        largest of `WORST`, and NEES over all their degrees of freedom with its interval. A figure that one of these
-        scores lacks is left out.
+        Figures over the sets that all calibrators scored, and over those that this one scored: means of `MEANS`, the
+        maximum of `WORST`, and pooled NEES with its interval. A figure missing in one of the scores is omitted.
     seconds
-        Mean time of a set that it scored; None where it scored none.
+        Mean duration over scored sets; None without a score.
     rms_px
-        Of each set that it scored, by the set's name.
+        RMS error of each scored set, by the set's name.
     failures
-        Why it has no score of others that it was tried on.
+        Reasons for missing scores, by the set's name.
     """
 
     calibrator: Name
@@ -96,14 +95,14 @@ class BoardRow(Value):
 
 
 class Leaderboard(Value):
-    """Calibrators, best first: by the mean RMS error over common sets, then by that over their own.
+    """Calibrators, best first: by the mean RMS error over common sets, then over their own sets.
 
     Attributes
     ----------
     common
-        Names of the sets that every calibrator scored which scored any.
+        Names of the sets that were scored by all calibrators with any score.
     not_run
-        Why others could not be run, by their names.
+        Reasons why other calibrators could not be run, by name.
     """
 
     schema_id: Literal["mirrorcam.leaderboard/1"] = Field(default="mirrorcam.leaderboard/1", alias="schema")
@@ -113,14 +112,14 @@ class Leaderboard(Value):
     not_run: dict[Name, Line]
 
     def text(self) -> str:
-        """The JSON."""
+        """Return the JSON."""
         return self.model_dump_json(indent=1, by_alias=True) + "\n"
 
 
 def leaderboard(
     attempts: Mapping[str, Sequence[Attempt]], commands: Mapping[str, str], not_run: Mapping[str, str]
 ) -> Leaderboard:
-    """The board of calibrators by name; raises InputError in one line for inconsistent results."""
+    """Return the board of calibrators by name; raises InputError in one line for inconsistent results."""
     sets = _sets(attempts)
     names = {each.dataset_sha256: each.name for each in sets}
     by_set = {name: _checked(name, tries, names) for name, tries in attempts.items()}
@@ -145,14 +144,14 @@ def leaderboard(
 
 
 def _sets(attempts: Mapping[str, Sequence[Attempt]]) -> tuple[BoardSet, ...]:
-    """The distinct sets, in order of first appearance."""
+    """Return the distinct sets in order of first appearance."""
     found = {each.dataset_sha256: each for tries in attempts.values() for each in reversed(tries)}
     ordered = {each.dataset_sha256: found[each.dataset_sha256] for tries in attempts.values() for each in tries}
-    called = Counter(each.name for each in ordered.values())
+    counts = Counter(each.name for each in ordered.values())
     return tuple(
         BoardSet(
             name=each.name
-            if called[each.name] == 1
+            if counts[each.name] == 1
             else f"{each.name[: LONGEST - HASH_CHARS - 1]} {digest[:HASH_CHARS]}",
             why=each.why,
             dataset_sha256=digest,
@@ -162,7 +161,7 @@ def _sets(attempts: Mapping[str, Sequence[Attempt]]) -> tuple[BoardSet, ...]:
 
 
 def _checked(calibrator: str, tries: Sequence[Attempt], names: Mapping[str, str]) -> dict[str, Attempt]:
-    """A calibrator's attempts by the names of the sets on the board; raises InputError for an invalid one."""
+    """Return a calibrator's attempts by the names of the sets on the board; raises InputError for an invalid one."""
     found: dict[str, Attempt] = {}
     for attempt in tries:
         name = names[attempt.dataset_sha256]
@@ -182,18 +181,17 @@ def _checked(calibrator: str, tries: Sequence[Attempt], names: Mapping[str, str]
 
 
 def _over(scores: Sequence[Attempt]) -> dict[str, float]:
-    """The figures over some scores."""
+    """Return the figures over some scores."""
     over: dict[str, float] = {}
     for name in (*MEANS, WORST):
         values = [_value(each, name) for each in scores if name in each.figures]
         if values and len(values) == len(scores):
-            # Some are signed, but these are all sizes.
             over[name] = float(max(values) if name == WORST else np.mean(values))
     stated = [each for each in scores if each.figures.keys() >= {NEES, FREEDOM} and _value(each, FREEDOM) >= 1.0]
-    together = pooled([_nees(each) for each in stated]) if len(stated) == len(scores) else None
-    if together is not None:
-        low, high = together.interval
-        over |= {NEES: together.mean, LOW: low, HIGH: high, FREEDOM: float(together.freedom)}
+    joint = pooled([_nees(each) for each in stated]) if len(stated) == len(scores) else None
+    if joint is not None:
+        low, high = joint.interval
+        over |= {NEES: joint.mean, LOW: low, HIGH: high, FREEDOM: float(joint.freedom)}
     return over
 
 
@@ -225,7 +223,7 @@ HOW_TO_READ = (
 
 
 def board_rows(board: Leaderboard) -> list[list[str]]:
-    """Heads of the table of calibrators, and a row of texts for each."""
+    """Return the header of the table of calibrators, and a row for each."""
     heads = ["calibrator", "sets scored", "RMS px", "RMS px, own sets", *COLUMNS.values(), "NEES", "s a set"]
     return [heads, *(_row(row) for row in board.rows)]
 
@@ -247,7 +245,7 @@ def _row(row: BoardRow) -> list[str]:
 
 
 def set_rows(board: Leaderboard) -> list[list[str]]:
-    """Heads of the table of sets, and a row for each: its name, and RMS px of every calibrator, or that it failed."""
+    """Return the header of the table of sets, and a row for each: its name, and the result of every calibrator."""
     return [
         ["RMS px", *(row.calibrator for row in board.rows)],
         *([each.name, *(set_text(row, each.name) for row in board.rows)] for each in board.sets),
@@ -255,14 +253,14 @@ def set_rows(board: Leaderboard) -> list[list[str]]:
 
 
 def set_text(row: BoardRow, name: str) -> str:
-    """A calibrator's result on a set, as text."""
+    """Format a calibrator's result on a set."""
     if name in row.rms_px:
         return _text(row.rms_px[name])
     return FAILED if name in row.failures else NOT_TRIED
 
 
 def reasons(board: Leaderboard) -> list[tuple[str, str, tuple[str, ...]]]:
-    """Calibrator, reason, and the sets that failed for this reason, without duplicates."""
+    """Return calibrator, reason, and the sets that failed for this reason."""
     found: dict[tuple[str, str], list[str]] = {}
     for row in board.rows:
         for name, why in row.failures.items():
@@ -278,7 +276,7 @@ def common_text(board: Leaderboard) -> str:
 
 
 def markdown(board: Leaderboard) -> str:
-    """The board as Markdown: both tables, reasons, and commands."""
+    """Return the board as Markdown: both tables, reasons, and commands."""
     parts = [
         f"# Leaderboard: {count_text(len(board.rows), 'calibrator')} on {count_text(len(board.sets), 'set')}\n",
         _table(board_rows(board)),

@@ -1,8 +1,8 @@
 """Match the cameras of a calibration to mirrors, and their pictures to pixels of the frame.
 
 A mirror's picture is the frame, flipped: by default the flip that leaves views upright, which `mirrorcam camera export`
-states. It is the complete flipped frame, or a part of it with the size of the mirror's part in the nominal
-layout, as `mirrorcam camera export` cuts it, or one that a file of views places.
+states. It is the complete flipped frame, the sub-image that `mirrorcam camera export` cuts by the nominal layout, or a
+part that a views file positions.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from mirrorcam.optics.geometry.transforms import rigid, transform
 
 
 class Place(Value):
-    """Position of a camera's pictures in the frame, flipped as `pictures` states: their first pixel."""
+    """View of a camera, and position of its pictures' first pixel in the flipped frame."""
 
     view: str = Field(max_length=40)
     x: int = LINE_PX.field(0)
@@ -43,7 +43,7 @@ class Place(Value):
 
 
 class ViewsFile(Value):
-    """The content of a file of views, which maps cameras of a calibration to mirrors."""
+    """Content of a views file, which maps cameras of a calibration to mirrors."""
 
     cameras: dict[str, str | Place] = Field(default_factory=dict, max_length=10_000)
     pictures: PictureFlip | None = None
@@ -58,8 +58,8 @@ class ViewsFile(Value):
 class MatchedView:
     """A camera of a calibration and its mirror.
 
-    `flip` is how its pictures came from the frame (None: as it is), and `first_px` (2,) their first pixel in the
-    flipped frame. `camera_from_rig` is the camera's pose, in mm where the unit is known.
+    `flip` is the flip from the frame to its pictures (None: not flipped), and `first_px` (2,) their first pixel in the
+    flipped frame. `camera_from_rig` is the camera's pose, in mm if the unit is known.
     """
 
     view: int
@@ -70,7 +70,7 @@ class MatchedView:
     truth: Layout
 
     def project(self, points_in_camera: FloatArray) -> FloatArray:
-        """Pixels (n, 2) of the frame, as it is, of points (n, 3) in the frame of the camera."""
+        """Project points (n, 3) in camera coordinates to pixels (n, 2) of the unflipped frame."""
         pixels = self.camera.lens.project(points_in_camera) + self.first_px
         return pixels if self.flip is None else flipped_pixels(pixels, self.truth.camera, self.flip)
 
@@ -86,13 +86,13 @@ class MatchedView:
 
     @property
     def true_camera_from_rig(self) -> FloatArray:
-        """The orthogonal transform (4, 4), in mm and the true rig, of a perfect calibration of these pictures."""
+        """Pose (4, 4), mm, of a perfect calibration of these pictures in the true rig; it may include a reflection."""
         axes = np.eye(3) if self.flip is None else flip_axes(self.flip)
         apparent = self.mirror.apparent
         return rigid(axes @ apparent.reflection, axes @ apparent.virtual_centre_in_rig_mm)
 
     def project_in_rig(self, points_in_rig: FloatArray) -> FloatArray:
-        """Pixels (n, 2) of the frame of points (n, 3) in the calibration's rig; without a pose, in the camera's."""
+        """Project points (n, 3) in the calibration's rig (in camera without a pose) to pixels (n, 2) of the frame."""
         pose = self.camera_from_rig
         return self.project(points_in_rig if pose is None else transform(pose, points_in_rig))
 
@@ -109,21 +109,21 @@ def matched_views(
     truth, nominal
         The layout as built, and the one that the calibrator knew.
     views
-        What a file of views says.
+        Content of a views file.
     pictures
-        How pictures came from frames, where the user says so; else as the files say, else flipped upright.
+        Flip of the pictures if the user states it; otherwise from the files, or else upright.
 
     Raises
     ------
     InputError
-        In one line for a camera of no mirror, two of one, and pictures of another size.
+        In one line for a camera without a mirror, two cameras of one mirror, or pictures of another size.
     """
     stated = pictures or (views.pictures if views else None) or rig.pictures or "flipped"
     if pictures and rig.pictures and _flip(pictures, nominal) != _flip(rig.pictures, nominal):
         raise InputError(f"--flip {pictures}, but the calibration is of pictures {rig.pictures}")
     flip = _flip(stated, nominal)
-    places = {} if views is None else views.cameras
-    unknown = sorted(places.keys() - {camera.name for camera in rig.cameras})
+    listed = {} if views is None else views.cameras
+    unknown = sorted(listed.keys() - {camera.name for camera in rig.cameras})
     if unknown:
         names = ", ".join(camera.name[:30] for camera in rig.cameras[:6])
         raise InputError(
@@ -131,8 +131,8 @@ def matched_views(
         )
     found: dict[int, MatchedView] = {}
     for camera in rig.cameras:
-        place = places.get(camera.name)
-        if places and place is None:
+        place = listed.get(camera.name)
+        if listed and place is None:
             continue
         place = Place(view=place) if isinstance(place, str) else place
         view = view_of(camera.name if place is None else place.view, nominal)
@@ -161,7 +161,7 @@ def _flip(pictures: PictureFlip, nominal: Layout) -> Flip | None:
 
 
 def view_of(name: str, layout: Layout) -> int:
-    """The mirror in a camera's name: `view_ROW_COLUMN`, "ROW-COLUMN", or a number at its end, counted row by row."""
+    """Return the mirror of a camera's name: `view_ROW_COLUMN`, "ROW-COLUMN", or a final number, counted row by row."""
     count = len(layout.mirrors)
     named = re.findall(r"view_(\d{1,4})_(\d{1,4})", name)
     if len(named) == 1:
@@ -181,7 +181,7 @@ def view_of(name: str, layout: Layout) -> int:
 def _first_pixel(
     camera: RigCamera, view: int, flip: Flip | None, nominal: Layout, place: Place | None
 ) -> tuple[int, int]:
-    """The first pixel of a camera's pictures in the flipped frame."""
+    """Return the first pixel of a camera's pictures in the flipped frame."""
     width, height = nominal.camera.width_px, nominal.camera.height_px
     size = camera.size_px or (width, height)
     if place is not None and (place.x or place.y):
@@ -205,7 +205,7 @@ def _first_pixel(
 
 
 def _parts(nominal: Layout, view: int, flip: Flip | None) -> list[Rectangle]:
-    """The parts of the flipped frame that `mirrorcam camera export` cuts for a view: tight, and with a margin."""
+    """Return the rectangles of the flipped frame that `mirrorcam camera export` cuts for a view: tight, with margin."""
     views = virtual_cameras(nominal)
     name = views[view].name
     cuts = [views[view].sub_image, *(each.crop for each in pose_cameras(nominal, views) if each.name == name)]

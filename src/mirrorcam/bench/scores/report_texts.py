@@ -1,4 +1,4 @@
-"""A report for continuous integration: Markdown for its summary, and JUnit's XML for its list of tests."""
+"""A report for continuous integration: a summary in Markdown, and a list of tests in JUnit XML."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
 def rows_of(scored: ScoredSet) -> list[tuple[str, str, str, str]]:
-    """Figure, value, limit and result of each figure over all views, and of each view's figures with limits."""
+    """Return name, value, limit and result of each figure over all views, and of each view's figures with limits."""
     by_name = {check.figure: check for check in scored.checks}
     names = [name for name in FIGURES if name in scored.figures or name in scored.not_given]
     names += [name for name in by_name if name not in names]
@@ -49,12 +49,12 @@ def value_text(value: float, digits: int = 4) -> str:
 
 
 def limit_text(check: Check) -> str:
-    """The limit with its direction."""
+    """Format the limit with its direction."""
     return f"{'at least' if check.at_least else 'at most'} {check.limit:g}"
 
 
 def view_rows(scored: ScoredSet) -> list[tuple[str, ...]]:
-    """Name, camera, and figures of `VIEW_COLUMNS` of every view."""
+    """Return name, camera, and figures of `VIEW_COLUMNS` of every view."""
     rows = []
     for view, camera in scored.views.items():
         metrics = [scored.figures.get(f"{view}_{name}") for name in VIEW_COLUMNS]
@@ -64,7 +64,7 @@ def view_rows(scored: ScoredSet) -> list[tuple[str, ...]]:
 
 
 def summary(scored: ScoredSet) -> str:
-    """One line: format of the calibration, and its alignment."""
+    """Return the format of the calibration and its alignment in one line."""
     count, of_all = len(scored.views), len(scored.views) + len(scored.missing)
     aligned = {
         "rigid": "aligned by the best rigid motion",
@@ -76,7 +76,7 @@ def summary(scored: ScoredSet) -> str:
 
 
 def markdown(report: ScoreReport, title: str = "Calibration score", level: int = 1) -> str:
-    """The report as Markdown, under a heading of this level with a title and whether limits are kept."""
+    """Return the report as Markdown under a heading of this level, which states whether it passed."""
     parts = [f"{'#' * level} {title}: {'passed' if report.passed else 'failed'}\n"]
     below = "#" * (level + 1)
     for scored in report.sets:
@@ -118,7 +118,7 @@ def _table(heads: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> str:
 
 
 def junit(report: ScoreReport) -> str:
-    """The report as JUnit's XML: a suite for each set, in which every limit is a test, and figures are properties."""
+    """Return the report as JUnit XML: a suite per set, with limits as tests and figures as properties."""
     suites = [(scored.name, scored.checks, _properties(scored)) for scored in report.sets]
     if report.checks_over_sets:
         suites.append(("over sets", report.checks_over_sets, {}))
@@ -142,8 +142,8 @@ def junit(report: ScoreReport) -> str:
                 value = (
                     NOT_GIVEN if check.value is None else f"{check.value:.6g} {check.unit.removesuffix('1')}".rstrip()
                 )
-                broken = f"{check.figure} is {value}, expected {limit_text(check)}"
-                SubElement(case, "failure", message=_xml(broken), type="limit").text = _xml(check.reason or broken)
+                message = f"{check.figure} is {value}, expected {limit_text(check)}"
+                SubElement(case, "failure", message=_xml(message), type="limit").text = _xml(check.reason or message)
     root.set("tests", str(tests))
     root.set("failures", str(failures))
     root.set("errors", "0")
@@ -153,11 +153,11 @@ def junit(report: ScoreReport) -> str:
 
 
 def _properties(scored: ScoredSet) -> dict[str, str]:
-    given = {name: scored.figures[name] for name in FIGURES if name in scored.figures}
-    figures = {name: f"{metric.value:.9g}" if metric.known else NONE for name, metric in given.items()}
+    present = {name: scored.figures[name] for name in FIGURES if name in scored.figures}
+    figures = {name: f"{metric.value:.9g}" if metric.known else NONE for name, metric in present.items()}
     return figures | dict.fromkeys(scored.not_given, NOT_GIVEN)
 
 
 def _xml(text: str) -> str:
-    """A text without the characters that XML cannot hold."""
+    """Replace characters that XML cannot contain."""
     return _NOT_XML.sub("_", text)

@@ -1,4 +1,4 @@
-"""The scores of one or several sets as a value, and as JSON."""
+"""The scores of one or more sets, and their JSON file."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ OF_VIEWS = (
     *("rms_px", "median_px", "p95_px", "max_px", "rms_mm", "bias_x_px", "bias_y_px"),
     *("shown_share", "focal_error_percent"),
 )
-"""Figures of all views together, and of each as `view_ROW_COLUMN_NAME`."""
+"""Figures over all views, and of each view as `view_ROW_COLUMN_NAME`."""
 FIGURES = (
     *OF_VIEWS,
     *("worst_view_rms_px", "focal_error_rms_percent"),
@@ -31,7 +31,7 @@ FIGURES = (
     *("triangulation_rms_mm", "triangulation_median_mm", "triangulation_max_mm", "scale_error_percent"),
     *("nees", "nees_low", "nees_high", "nees_freedom"),
 )
-"""All figures of a score, in their order."""
+"""All figures of a score, in order."""
 AT_LEAST = frozenset({"shown_share"})
 """Figures with a lower limit; all others have an upper limit on their absolute value."""
 OVER_SETS = "over_sets"
@@ -46,7 +46,7 @@ class Limits(Value):
 
     @classmethod
     def load(cls, path: Path) -> Limits:
-        """Read a TOML file; raises InputError in one line for an unknown figure, or an invalid limit."""
+        """Read a TOML file; raises InputError in one line for an unknown figure or an invalid limit."""
         tables = toml_of(path, read_bytes(path, LARGEST_TEXT_BYTES))
         over = tables.pop(OVER_SETS, {})
         if not isinstance(over, dict):
@@ -55,7 +55,7 @@ class Limits(Value):
 
 
 class Check(Value):
-    """Whether a figure is within its limit; a missing figure is not, and `reason` says why."""
+    """Whether a figure is within its limit; a missing figure fails, with its `reason`."""
 
     figure: str
     value: float | None
@@ -70,8 +70,8 @@ def _checked(path: Path, tables: Mapping[str, object]) -> dict[str, float]:
     limits = {}
     for name, value in tables.items():
         if figure_of(name) not in FIGURES:
-            meant = get_close_matches(name, FIGURES, n=1)
-            hint = f"did you mean {meant[0]}?" if meant else "expected a figure of `mirrorcam score`, such as rms_px"
+            close = get_close_matches(name, FIGURES, n=1)
+            hint = f"did you mean {close[0]}?" if close else "expected a figure of `mirrorcam score`, such as rms_px"
             raise InputError(f"{path}: no figure {name[:40]!r}, {hint}")
         if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 <= float(value) < np.inf:
             raise InputError(f"{path}: {name}: {str(value)[:40]!r}, expected a limit of 0 or more")
@@ -80,7 +80,7 @@ def _checked(path: Path, tables: Mapping[str, object]) -> dict[str, float]:
 
 
 def figure_of(name: str) -> str:
-    """The figure in a name, without its view; an unknown figure keeps the view."""
+    """Return the figure in a name without its view; an unknown figure keeps the view."""
     found = _OF_VIEW.fullmatch(name)
     return found[1] if found and found[1] in OF_VIEWS else name
 
@@ -110,7 +110,7 @@ NO_LIMITS = Limits(each={}, over_sets={})
 
 
 class ScoredSet(Value):
-    """The score of one set: `CalibrationScore` in a file, and the checks of its limits."""
+    """The score of one set in a file: a `CalibrationScore` and the checks of its limits."""
 
     name: Name
     calibration: Line
@@ -146,14 +146,14 @@ class ScoreReport(Value):
     passed: bool
 
     def text(self) -> str:
-        """The JSON."""
+        """Return the JSON."""
         return self.model_dump_json(indent=1, by_alias=True) + "\n"
 
 
 def scored_set(
     score: CalibrationScore, *, name: str, calibration: str, format: str, layout: str, limits: Limits = NO_LIMITS
 ) -> ScoredSet:
-    """A score as a value of the report."""
+    """Convert a score to an entry of the report."""
     missing = {
         figure: f"no camera of {view}" for figure in limits.each for view in score.missing if figure.startswith(view)
     }
@@ -175,16 +175,16 @@ def scored_set(
 
 
 def report_of(sets: Sequence[ScoredSet], scores: Sequence[CalibrationScore], limits: Limits = NO_LIMITS) -> ScoreReport:
-    """The report of sets with their scores; raises ValueError for none."""
+    """Return the report of sets and their scores; raises ValueError for no set."""
     if not sets:
-        raise ValueError("no set, expected one at least")
+        raise ValueError("no set, expected at least one")
     over = {name: mean for name in FIGURES if (mean := _mean([each.figures.get(name) for each in sets])) is not None}
-    together = pooled([score.nees for score in scores if score.nees is not None])
+    joint = pooled([score.nees for score in scores if score.nees is not None])
     for name in ("nees", "nees_low", "nees_high", "nees_freedom"):
         over.pop(name, None)
-    if together is not None:
-        low, high = together.interval
-        values = {"nees": together.mean, "nees_low": low, "nees_high": high, "nees_freedom": together.freedom}
+    if joint is not None:
+        low, high = joint.interval
+        values = {"nees": joint.mean, "nees_low": low, "nees_high": high, "nees_freedom": joint.freedom}
         count = sum(score.nees is not None for score in scores)
         for name, value in values.items():
             over[name] = MeanFigure(mean=value, standard_error=None, unit="1", sets=count)
@@ -195,9 +195,9 @@ def report_of(sets: Sequence[ScoredSet], scores: Sequence[CalibrationScore], lim
 
 
 def _mean(metrics: Sequence[Metric | None]) -> MeanFigure | None:
-    given = [metric for metric in metrics if metric is not None and metric.known]
-    if not given:
+    known = [metric for metric in metrics if metric is not None and metric.known]
+    if not known:
         return None
-    values = np.array([metric.value for metric in given])
+    values = np.array([metric.value for metric in known])
     error = float(values.std(ddof=1) / np.sqrt(len(values))) if len(values) > 1 else None
-    return MeanFigure(mean=float(values.mean()), standard_error=error, unit=given[0].unit, sets=len(values))
+    return MeanFigure(mean=float(values.mean()), standard_error=error, unit=known[0].unit, sets=len(values))

@@ -17,9 +17,9 @@ def _integer(_: object, tokens: Sequence[Token]) -> int:
 
 
 def bounded(bounds: Bounds, text: str, unset: str = "") -> Parameter:
-    """A numeric option in a range, which its help states; `unset` describes a default of None.
+    """Return a numeric option whose help states its range; `unset` describes a default of None.
 
-    It takes integers where the bounds are integers.
+    It accepts only integers if the bounds are integers.
     """
 
     def check(_: object, value: object) -> None:
@@ -35,7 +35,7 @@ def bounded(bounds: Bounds, text: str, unset: str = "") -> Parameter:
 
 
 def check_place(workers: int | None, scheduler: str | None) -> None:
-    """Raise InputError if options request both processes of this machine and a cluster."""
+    """Raise InputError if options request both local processes and a cluster."""
     if workers is not None and scheduler is not None:
         raise InputError("--workers and --scheduler: expected one of the two")
 

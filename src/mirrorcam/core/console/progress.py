@@ -1,4 +1,4 @@
-"""One style for all long work: a bar on a terminal, plain lines in a log, both on standard output.
+"""Messages and progress on standard output: a bar in a terminal, plain lines in a log.
 
 Standard error is reserved for the one line of an error.
 """
@@ -35,7 +35,7 @@ def console() -> Console:
 
 
 def say(title: str, text: str) -> None:
-    """Report one message under the title of the work."""
+    """Print a message under the title of the work."""
     if session().json:
         session().message(title, text)
     if not session().prints:
@@ -98,8 +98,8 @@ def print_table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     if not session().prints:
         return
     table = Table(box=None, pad_edge=False, header_style="bold")
-    for place, head in enumerate(heads):
-        table.add_column(head, justify="right" if place else "left", no_wrap=not place)
+    for column, head in enumerate(heads):
+        table.add_column(head, justify="right" if column else "left", no_wrap=not column)
     for row in rows:
         table.add_row(*row)
     console().print(table)

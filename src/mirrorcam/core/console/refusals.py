@@ -58,11 +58,11 @@ def _reason(error: CycloptsError, commands: Sequence[str]) -> str:
         if isinstance(cause, InputError):
             return str(cause)
     if isinstance(error, UnknownCommandError):
-        given = next(iter(error.unused_tokens or ()), "")
+        unknown = next(iter(error.unused_tokens or ()), "")
         known = [name for name in error.app or () if not name.startswith("-")] if error.command_chain else commands
-        meant = get_close_matches(given, known, n=1)
+        close = get_close_matches(unknown, known, n=1)
         expected = f", expected {', '.join(known)}" if error.command_chain else ""
-        return f"unknown command {given!r}" + (f", did you mean {meant[0]}?" if meant else expected)
+        return f"unknown command {unknown!r}" + (f", did you mean {close[0]}?" if close else expected)
     if isinstance(error, MissingArgumentError) and error.argument is not None:
         name = error.argument.name
         return f"{name}: expected a value" if error.keyword else f"expected {name}"
@@ -104,8 +104,8 @@ def _invalid(error: PydanticError, argument: Argument | None) -> str:
     if first["type"] == "too_short":
         return f"{option}: expected at least one value"
     if first["type"] == "too_long":
-        given = first["ctx"]
-        return f"{option}: {given['actual_length']} values, expected {given['max_length']} or fewer"
+        context = first["ctx"]
+        return f"{option}: {context['actual_length']} values, expected {context['max_length']} or fewer"
     own = next((each for each in argument.children if each.name == option), None) if argument is not None else None
     value = first["input"]
     stated = _given(own, value) if own is not None else f"{option} {shortened(repr(value), LONGEST_VALUE)}"

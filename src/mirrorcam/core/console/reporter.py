@@ -14,7 +14,7 @@ class Reporter(Protocol):
     """Receives the progress of work in several steps: the start and progress of each step, and remarks."""
 
     def note(self, title: str, text: str) -> None:
-        """Take a remark about the step `title`."""
+        """Report a remark about the step `title`."""
 
     def work(self, title: str, doing: str, unit: str = "") -> AbstractContextManager[Progress]:
         """Report the start of a step; the context returns its `advance(done, total)` and ends with the step."""

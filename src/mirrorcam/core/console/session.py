@@ -26,15 +26,15 @@ class Session:
         return not (self.quiet or self.json)
 
     def message(self, title: str, text: str) -> None:
-        """Keep a message."""
+        """Record a message."""
         self.results.setdefault("messages", []).append({"title": title, "text": text})
 
     def table(self, heads: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-        """Keep a table of texts: its first column names the rows."""
+        """Record a table of texts whose first column names the rows."""
         self.results.setdefault("tables", []).append([dict(zip(heads, row, strict=True)) for row in rows])
 
     def figures(self, columns: Mapping[str, Mapping[str, Metric]]) -> None:
-        """Keep figures, by the name of their column and their own."""
+        """Record figures by the names of their column and their own."""
         kept = self.results.setdefault("figures", {})
         for column, metrics in columns.items():
             kept.setdefault(column, {}).update(
@@ -42,7 +42,7 @@ class Session:
             )
 
     def text(self, exit_code: int, error: str = "") -> str:
-        """The JSON object that `--json` prints at the end of a command; `error` is the message that ended it."""
+        """Return the JSON object that `--json` prints at the end of a command; `error` is the message that ended it."""
         return json.dumps({"exit_code": exit_code} | ({"error": error} if error else {}) | self.results, indent=1)
 
 
@@ -50,7 +50,7 @@ _session = Session()
 
 
 def session() -> Session:
-    """The session of the command that runs in this process."""
+    """Return the session of the current command."""
     return _session
 
 

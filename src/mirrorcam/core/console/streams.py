@@ -26,12 +26,12 @@ def _plain(error: UnicodeError) -> tuple[str | bytes, int]:
 
 
 def quieten_libraries() -> None:
-    """Keep remarks of libraries off standard error: matplotlib's on fonts and folders of settings."""
+    """Suppress messages of libraries on standard error: matplotlib's on fonts and configuration folders."""
     logging.getLogger("matplotlib").setLevel(logging.ERROR)
 
 
 def make_readable() -> None:
-    """Let both streams spell characters that they cannot show, in place of an error."""
+    """Make both streams replace characters that they cannot encode."""
     codecs.register_error(_ERRORS, _plain)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):

@@ -6,7 +6,7 @@ import re
 
 from mirrorcam.core.causes import causes
 
-# By glibc, and by musl.
+# Messages of glibc and of musl.
 _NOT_FOUND = re.compile(
     r"(lib[\w.+-]*\.so[\w.]*): cannot open shared object|loading shared library (lib[\w.+-]*\.so[\w.]*)"
 )
@@ -38,11 +38,11 @@ _PACKAGES = {
     "libvulkan.so.1": ("libvulkan1", "vulkan-loader"),
     "libz.so.1": ("zlib1g", "zlib"),
 }
-"""Packages of Debian and Ubuntu, and of Fedora, by the library that they hold."""
+"""Packages of Debian and Ubuntu, and of Fedora, by the library that they contain."""
 
 
 def missing_library(text: str) -> str | None:
-    """A sentence on the library that an error message says was not found, and its package; None for other messages."""
+    """Name the library that an error message reports as missing, and its package; None for other messages."""
     found = _NOT_FOUND.search(text)
     if found is None:
         return None
@@ -54,6 +54,6 @@ def missing_library(text: str) -> str | None:
 
 
 def missing_library_of(error: BaseException) -> str | None:
-    """As `missing_library`, of an error in importing or loading, or of what it came of."""
+    """Return `missing_library` for an error on import or loading, or for its causes."""
     loading = (each for each in causes(error) if isinstance(each, ImportError | OSError))
     return next((sentence for each in loading if (sentence := missing_library(str(each)))), None)

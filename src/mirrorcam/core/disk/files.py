@@ -36,12 +36,12 @@ _MOST_KNOWN = 1000
 """No value has as many fields: a larger table is keyed by names, or has unknown keys."""
 _LONGEST_NAME, _LONGEST_PATH = 255, 1000
 _POINTER, _LARGEST_POINTER_BYTES = b"version https://git-lfs.github.com/spec/", 1024
-"""Beginning of a Git LFS pointer, which replaces the file, and the size of the largest pointer."""
+"""First bytes of a Git LFS pointer, which replaces the file, and the size of the largest pointer."""
 
 
 @contextmanager
 def atomic(path: Path) -> Iterator[Path]:
-    """Yield a temporary path next to `path`, renamed to it when the block succeeds, else removed."""
+    """Yield a temporary path next to `path`; rename it to `path` when the block succeeds, otherwise remove it."""
     _refuse_to_replace(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -57,7 +57,7 @@ def atomic(path: Path) -> Iterator[Path]:
         temporary.chmod(0o666 & ~umask)
         temporary.replace(path)
     except OSError as error:
-        # A full disk's error names no file; an error that names another file concerns that one.
+        # Errors about another file pass; those of a full disk name no file.
         if error.filename not in (None, name):
             raise
         raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
@@ -110,14 +110,14 @@ def is_inside(folder: Path, name: str) -> bool:
 
 
 def inside(folder: Path, name: str) -> Path:
-    """Path of a file by its name in a manifest; raises InputError for a name that leads out of the folder."""
+    """Return the path of a file by its name in a manifest; raises InputError for a name that leads out of it."""
     if not is_inside(folder, name):
         raise InputError(f"{folder}: lists {name[:80]!r}, expected the name of a file in this folder")
     return folder / name
 
 
 def numbered(folder: Path, stem: str, suffix: str) -> Path:
-    """The first free path STEM_0001SUFFIX, STEM_0002SUFFIX, … in a folder, which need not exist."""
+    """Return the first unused path STEM_0001SUFFIX, STEM_0002SUFFIX, … in a folder, which need not exist."""
     number = 1
     while (path := folder / f"{stem}_{number:04d}{suffix}").exists():
         number += 1
@@ -125,17 +125,17 @@ def numbered(folder: Path, stem: str, suffix: str) -> Path:
 
 
 def linked(folder: Path) -> Path | None:
-    """The first link at any depth in a folder; None without one."""
-    for place, folders, files in os.walk(folder):
+    """Return the first link at any depth in a folder, or None."""
+    for parent, folders, files in os.walk(folder):
         for name in sorted((*folders, *files)):
-            if (path := Path(place, name)).is_symlink():
+            if (path := Path(parent, name)).is_symlink():
                 return path
     return None
 
 
 @contextmanager
 def readable(path: Path) -> Iterator[None]:
-    """Convert the system's errors about a path in the block to an InputError of one line."""
+    """Convert OSError and ValueError about a path to a one-line InputError."""
     try:
         yield
     except InputError:
@@ -147,9 +147,9 @@ def readable(path: Path) -> Iterator[None]:
 
 
 def stored_bytes(path: Path) -> int:
-    """Size of a regular file, or InputError in one line: opening anything else may never end.
+    """Return the size of a regular file; raises InputError in one line for anything else, which may block when opened.
 
-    A Git LFS pointer, which replaces a file until it is fetched, raises an error that says so.
+    The error for a Git LFS pointer, which replaces a file until it is fetched, names the command that fetches it.
     """
     with readable(path):
         status = path.stat()
@@ -169,17 +169,17 @@ def refuse_pointer(path: Path) -> None:
 
 
 def first_bytes(path: Path, count: int) -> bytes:
-    """The first bytes of a regular file, or all of a shorter one."""
+    """Return the first bytes of a regular file, or all of a shorter one."""
     with readable(path), path.open("rb") as stream:
         return stream.read(count)
 
 
 def read_bytes(path: Path, most: int = LARGEST_FILE_BYTES) -> bytes:
-    """The content of a regular file of at most `most` bytes, or InputError in one line."""
+    """Return the content of a regular file; raises InputError in one line above `most` bytes."""
     if (stored := stored_bytes(path)) <= most:
         with readable(path), path.open("rb") as stream:
             content = stream.read(stored + 1)
-            if len(content) > stored:  # it is growing, or the system does not know its size
+            if len(content) > stored:  # it is growing, or its size is unknown
                 content += stream.read(most + 1 - len(content))
         if len(content) <= most:
             return content
@@ -218,8 +218,8 @@ def toml_of(where: Path | str, raw: bytes) -> dict[str, Any]:
 def read_model(model: type[Model], path: Path, most: int = LARGEST_TEXT_BYTES) -> Model:
     """Read a JSON or (by its suffix) TOML file into a pydantic model, or raise InputError in one line.
 
-    Types are strict: a number as a text, or true for a number, is refused. So is a file of more than `most` bytes; the
-    default fits hand-written files.
+    Types are strict: a text or a boolean is not accepted for a number. Neither is a file of more than `most` bytes; the
+    default suits hand-written files.
     """
     return model_of(model, path, read_bytes(path, most))
 
@@ -249,7 +249,7 @@ def tables_of(path: Path, raw: bytes) -> Any:
 
 
 def keys_of(path: Path, raw: bytes) -> frozenset[str]:
-    """The outermost keys in the content of such a file; empty unless it is a table."""
+    """Return the outermost keys in the content of such a file; empty unless it is a table."""
     tables = tables_of(path, raw)
     return frozenset(tables) if isinstance(tables, dict) else frozenset()
 
@@ -277,7 +277,7 @@ def validated(model: type[Model], data: Any) -> Model:
 
 
 def _check_keys(model: type[Model], data: Any) -> None:
-    """Raise InvalidValue for unknown keys of large tables by a part of each: all findings would take gigabytes."""
+    """Raise InvalidValue for unknown keys, tested on a part of each large table: all findings would take gigabytes."""
     part = json.dumps(_shortened_tables(data))
     try:
         model.model_validate_json(part, strict=True)
@@ -289,7 +289,7 @@ def _check_keys(model: type[Model], data: Any) -> None:
 
 
 def _tables(data: Any) -> Iterator[dict[str, Any]]:
-    """All tables in plain values; lists of numbers, which may be long, hold none."""
+    """Yield all tables in plain values; lists of numbers, which may be long, are skipped."""
     pending = [data]
     while pending:
         each = pending.pop()
@@ -301,7 +301,7 @@ def _tables(data: Any) -> Iterator[dict[str, Any]]:
 
 
 def _shortened_tables(data: Any) -> Any:
-    """Plain values with the first keys of each table."""
+    """Return plain values with only the first keys of each table."""
     if isinstance(data, dict):
         return {key: _shortened_tables(each) for key, each in islice(data.items(), _MOST_KNOWN)}
     if isinstance(data, list) and data and isinstance(data[0], dict | list):
@@ -323,6 +323,6 @@ def write_files(folder: Path, files: Mapping[str, bytes]) -> None:
 
 def write_npz(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
     """Write arrays by name to a compressed .npz file, atomically; the same arrays give the same bytes."""
-    # An open file: NumPy would append .npz to another path and leave this one empty.
+    # NumPy would append .npz to a path.
     with atomic(path) as temporary, temporary.open("wb") as file:
         np.savez_compressed(file, **dict[str, Any](arrays))

@@ -12,7 +12,7 @@ from mirrorcam.core.disk.files import inside
 
 
 def digest(*parts: bytes | memoryview) -> str:
-    """Return the sha256 of byte strings, one after the other, in hexadecimal."""
+    """Return the sha256 of concatenated byte strings, in hexadecimal."""
     total = hashlib.sha256()
     for part in parts:
         total.update(part)
@@ -43,7 +43,7 @@ def file_digests(path: Path) -> dict[str, str]:
 
 
 def intact(folder: Path, files: Mapping[str, str]) -> dict[str, str]:
-    """Return the files, sha256 by name in the folder, that are still as they were written.
+    """Return those files (sha256 by name in the folder) that are unchanged.
 
     Raises InputError for a name that leads out of the folder.
     """
@@ -51,12 +51,12 @@ def intact(folder: Path, files: Mapping[str, str]) -> dict[str, str]:
 
 
 def is_intact(folder: Path, name: str, sha256: str) -> bool:
-    """Return whether a file of a folder is there as it was written; raises InputError for a name that leads out."""
+    """Return whether a file of a folder has its checksum; raises InputError for a name that leads out of the folder."""
     path = inside(folder, name)
     return path.is_file() and file_digest(path) == sha256
 
 
 def differing(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
-    """Return the sorted names under which two mappings hold different values, or only one holds any."""
+    """Return the sorted keys whose values differ between two mappings, or that only one of them has."""
     missing = object()
     return sorted(name for name in before.keys() | now.keys() if before.get(name, missing) != now.get(name, missing))

@@ -1,4 +1,4 @@
-"""Numeric arrays of HDF5 files, stored in the file itself."""
+"""Numeric arrays of HDF5 files, without external storage."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     import h5py
 
 FILTERS = {1: "deflate", 2: "shuffle", 3: "fletcher32"}
-"""Accepted filters, by their HDF5 numbers: others may be programs that HDF5 would look for and load."""
+"""Accepted filters by their HDF5 numbers; others may be plug-ins, which HDF5 would load."""
 _DEFLATE = 1
 _PIECE_BYTES = 1 << 20
 
@@ -30,8 +30,8 @@ def read_hdf5(path: Path, places: Mapping[str, str], what: str) -> dict[str, NDA
     Raises
     ------
     InputError
-        In one line for a file that is not `what`, and for one whose arrays lie behind links, in other files, under
-        filters that are not allowed, are incomplete, or take more memory than a file of this size may.
+        In one line for a file that is not `what`, and for arrays behind links, in other files, with other filters,
+        incomplete, or above the memory limit for a file of this size.
     """
     import h5py
 
@@ -48,18 +48,18 @@ def read_hdf5(path: Path, places: Mapping[str, str], what: str) -> dict[str, NDA
 
 
 def _dataset(file: h5py.File, place: str, path: Path) -> h5py.Dataset | None:
-    """The dataset at a path, or None; every link on the path must stay within the file."""
+    """Return the dataset at a path, or None; every link on the path must stay within the file."""
     import h5py
 
-    here: Any = file
+    node: Any = file
     for name in place.split("/"):
-        link = here.get(name, getlink=True) if isinstance(here, h5py.Group) else None
+        link = node.get(name, getlink=True) if isinstance(node, h5py.Group) else None
         if link is None:
             return None
         if not isinstance(link, h5py.HardLink):
             raise InputError(f"{path}: {place} is a link, expected an array in the file itself")
-        here = here[name]
-    return here if isinstance(here, h5py.Dataset) else None
+        node = node[name]
+    return node if isinstance(node, h5py.Dataset) else None
 
 
 def _check_storage(dataset: h5py.Dataset, path: Path, stored: int) -> None:

@@ -1,7 +1,7 @@
-"""Variables of .mat files of MATLAB 5 to 7: numbers, text and structs of them, whose tags are checked before reading.
+"""Variables of MATLAB 5 to 7 .mat files: numbers, text and structs; tags are checked before reading.
 
 The layout follows MathWorks' "MAT-File Format". Each element is a tag (type and size) and its content: a variable is
-one of type miMATRIX, or, from MATLAB 7 on, one of type miCOMPRESSED, whose content is such an element under deflate.
+one of type miMATRIX or, since MATLAB 7, one of type miCOMPRESSED, a deflated miMATRIX element.
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ Parts = Iterator[tuple[int, memoryview]]
 def read_mat5(path: Path, names: Collection[str], what: str) -> dict[str, Any]:
     """Read variables by name: arrays, texts, and structs as dicts; None for other classes.
 
-    Raises InputError in one line for a file that is not `what`, and for one that states more than it may. Damage to
-    compressed variables is noticed: they have checksums.
+    Raises InputError in one line for a file that is not `what`, and for arrays above the memory limit. Checksums reveal
+    damage to compressed variables.
     """
     stored, wanted = stored_bytes(path), 0
     raw, found = read_bytes(path, LARGEST_FILE_BYTES), dict[str, Any]()
@@ -69,7 +69,7 @@ def _order(raw: bytes) -> Order:
 
 
 def _inflated(inflate: zlib._Decompress, size: int) -> memoryview:
-    """The rest of a compressed variable, of a given size with optional padding."""
+    """Return the rest of a compressed variable of a given size, without its optional padding."""
     inflated = inflate.decompress(inflate.unconsumed_tail, size + 8)
     if not inflate.eof or len(inflated) < size:
         raise ValueError("a compressed variable is cut short or too large")
@@ -77,7 +77,7 @@ def _inflated(inflate: zlib._Decompress, size: int) -> memoryview:
 
 
 def _elements(content: memoryview, order: Order) -> Parts:
-    """Type and content of each element; small ones have both in one word of eight bytes."""
+    """Yield type and content of each element; a small element has both in eight bytes."""
     at = 0
     while at < len(content):
         if len(content) - at < 8:
@@ -110,7 +110,7 @@ class _Matrix:
         self._order, self._path, self._stored = order, path, stored
 
     def read(self, content: memoryview, names: Collection[str]) -> tuple[str, Any]:
-        """Name and value of a variable; the value is read only if the name is requested."""
+        """Return name and value of a variable; the value is read only if the name is requested."""
         flags, shape, name, parts = self._begin(content)
         return name, self._value(flags, shape, parts, 0) if name in names else None
 

@@ -14,11 +14,11 @@ from mirrorcam.core.errors import InputError
 DEEPEST = 32
 """Nesting depth of lists and tables, and parts of a dotted TOML key."""
 MOST_VALUES, MOST_TABLES = 5_000_000, 1_000_000
-"""Number of values, lists, tables and keys in one text: more take seconds and gigabytes."""
+"""Largest numbers of values, and of lists, tables and keys, in one text: more take seconds and gigabytes."""
 MOST_KEYS = 500_000
-"""Keys of one table of JSON: several files for each of the most pictures of a set."""
+"""Keys of one JSON table: enough for several files per picture of the largest set."""
 LARGEST_TOML_BYTES = 250_000
-"""TOML is written by hand; its parser takes up to a second for this much."""
+"""TOML files are written by hand; parsing this much takes up to a second."""
 LONGEST_INTEGER = 300
 """Digits of an integer, so that it converts to a finite float."""
 PARSER_ERRORS = (ValueError, TypeError, LookupError, AttributeError, ArithmeticError, RecursionError)
@@ -42,9 +42,9 @@ _SURROGATE = re.compile(r"\\u[dD][89a-fA-F]")
 
 
 def json_value(raw: bytes) -> Any:
-    """The value of a JSON text (UTF-8); raises InputError in one line: also for a key that appears twice.
+    """Parse a JSON text (UTF-8); raises InputError in one line, also for a duplicate key.
 
-    NaN and Infinity are read as numbers, so that a later check for finite ones can name the place.
+    NaN and Infinity are read as numbers: a later check for finite values can name the field.
     """
     text = _decoded(raw, "JSON")
     if raw.count(b"[") + raw.count(b"{") > DEEPEST or raw.count(b",") > MOST_VALUES:
@@ -63,7 +63,7 @@ def json_value(raw: bytes) -> Any:
 
 
 def toml_value(raw: bytes) -> dict[str, Any]:
-    """The tables of a TOML text; raises InputError in one line."""
+    """Parse a TOML text; raises InputError in one line."""
     if len(raw) > LARGEST_TOML_BYTES:
         raise InputError(f"is larger than {LARGEST_TOML_BYTES / 1e6:g} MB, expected a smaller file of TOML")
     text, outline = _decoded(raw, "TOML"), _TOML_STRING.sub(b"s", raw)
@@ -80,20 +80,20 @@ def toml_value(raw: bytes) -> dict[str, Any]:
 
 
 def reason_of(error: BaseException) -> str:
-    """A parser's error message, in one line."""
+    """Return a parser's error message in one line."""
     reason = " ".join(str(error).split()) or type(error).__name__
     return f"an integer of more than {LONGEST_INTEGER} digits" if reason.startswith("Exceeds the limit") else reason
 
 
 def integer_of(digits: str) -> int:
-    """An integer from its digits; raises ValueError for one beyond the range of floats."""
+    """Convert digits to an integer; raises ValueError beyond the range of floats."""
     if len(digits) > LONGEST_INTEGER:
         raise ValueError(f"an integer of {len(digits)} digits, expected {LONGEST_INTEGER} or fewer")
     return int(digits)
 
 
 def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """The keys and values of a JSON object; raises ValueError for a key that appears twice, and for too many."""
+    """Return a JSON object as a dict; raises ValueError for a duplicate key, and for too many keys."""
     if len(pairs) > MOST_KEYS:
         raise ValueError(f"{len(pairs)} keys in one table, expected {MOST_KEYS} or fewer")
     found: dict[str, Any] = {}
@@ -127,10 +127,10 @@ def _check_outline(outline: bytes, language: str) -> None:
 
 
 def _check_integers(value: Any) -> None:
-    """Refuse integers beyond the range of floats: TOML has other bases, too."""
-    left = [value]
-    while left:
-        each = left.pop()
+    """Refuse integers beyond the range of floats, also in other bases."""
+    pending = [value]
+    while pending:
+        each = pending.pop()
         if isinstance(each, int) and abs(each) >= 10**LONGEST_INTEGER:
             raise InputError(f"not valid TOML: an integer of more than {LONGEST_INTEGER} digits")
-        left += each.values() if isinstance(each, dict) else each if isinstance(each, list) else ()
+        pending += each.values() if isinstance(each, dict) else each if isinstance(each, list) else ()

@@ -1,7 +1,7 @@
 """Output folders of commands: one command at a time, without loss of the user's files.
 
-The hidden folder `.mirrorcam` in an output folder holds the record of files that commands wrote, the store of re-usable
-results and, while a command works, its lock and unfinished files.
+The hidden folder `.mirrorcam` in an output folder contains the record of the files that commands wrote, the store of
+reusable results and, while a command runs, its lock and unfinished files.
 """
 
 from __future__ import annotations
@@ -44,21 +44,20 @@ class Holder(Value):
 
 @dataclass(frozen=True)
 class OutputFolder:
-    """A folder that a command writes into while it holds its lock: get one from `output_folder`.
+    """A folder that a command has locked to write into; created by `output_folder`.
 
     Attributes
     ----------
     root
-        The folder that is locked.
+        The locked folder.
     record
         The files that commands wrote.
     command
-        Name of the command; it replaces only files that it wrote. The record of a shared folder lists its author's
-        files with their checksums, never files that the user adds.
+        Name of the command; it replaces only files that it wrote itself, by their checksums in the record.
     part
         Subfolder to write, with a record of its own; empty for the root.
     group
-        Name of a group of files that are replaced together, with a record of its own; empty for other files.
+        Name of a group of files that are replaced together, with a record of its own; empty for all other files.
     force
         Whether any file may be replaced; None if the command has no such option.
     """
@@ -91,14 +90,14 @@ class OutputFolder:
 
     @property
     def unfinished(self) -> Path:
-        """Folder for unfinished files, which may hold files of a killed run."""
+        """Folder for unfinished files; it may contain files of a killed run."""
         return self.root / HIDDEN / UNFINISHED / (self.part or self.group or "files")
 
     def refuse_others(self, *patterns: str) -> None:
         """Raise InputError if a file of these names was not written by this command, or was changed since.
 
         Call it before long work, so that the user does not wait for results that cannot be written. `patterns` are
-        those of `Path.glob`; a folder with the name of a file is refused even with `force`.
+        glob patterns; a folder with the name of a file is refused even with `force`.
         """
         refuse_blocked(self.path, (pattern for pattern in patterns if not has_magic(pattern)))
         if not self.force:
@@ -111,7 +110,7 @@ class OutputFolder:
         return name in self.record.of(self._key)
 
     def refuse_unknown(self) -> None:
-        """Raise InputError if the folder holds files, but none written by this command."""
+        """Raise InputError if the folder contains files, but none written by this command."""
         if not self.force and not self.record.of(self._key) and _has_files(self.path):
             raise InputError(
                 f"{self.path}: holds files that this command did not write, expected a new folder, or --force"
@@ -151,7 +150,7 @@ class OutputFolder:
             self.unfinished.parent.rmdir()
 
     def adopt(self, staging: Path, *, complete: bool = True) -> None:
-        """Move the files of a folder in `unfinished` into place, see `FolderRecord.adopt`."""
+        """Move the files of a staging folder into place, see `FolderRecord.adopt`."""
         self.record.adopt(self._key, staging, self.path, complete=complete, force=self.force)
 
     def _refuse(self, names: Iterable[str]) -> None:
@@ -172,8 +171,8 @@ def results_folder(folder: Path) -> Path:
 def output_folder(path: Path, command: str, *, force: bool | None = None) -> Iterator[OutputFolder]:
     """Lock a folder for a command, and create it if missing.
 
-    Raises InputError if another process holds the lock, or if the folder cannot be written. A folder that was created
-    here and stays empty is removed.
+    Raises InputError if another process has locked it, or if it cannot be written. A folder that was created here and
+    stays empty is removed.
     """
     hidden = path / HIDDEN
     if path.exists() and not path.is_dir():
@@ -198,7 +197,7 @@ def output_folder(path: Path, command: str, *, force: bool | None = None) -> Ite
         write_text(hidden / HOLDER, _this_process(command).model_dump_json() + "\n")
         yield OutputFolder(path, FolderRecord(hidden / RECORD), command, force=force)
     finally:
-        # Removed while locked: a process that has just opened them notices it and creates new ones.
+        # Removed while locked: a process that has just opened the lock file notices and creates a new one.
         for name in (HOLDER, LOCK):
             with suppress(OSError):
                 (hidden / name).unlink()

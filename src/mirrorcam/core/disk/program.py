@@ -1,6 +1,6 @@
 """The code and libraries that a result depends on: modules with all their imports.
 
-Code is found by parsing sources: nothing is imported. Comments, docstrings and imports for type checkers do not count.
+Sources are parsed, not imported. Comments, docstrings and imports for type checkers do not count.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ OURS = "mirrorcam"
 NOT_INSTALLED = "not installed"
 _REQUIREMENT = re.compile(r"([\w.-]+)\s*(?:\[([^\]]*)\])?[^;]*(?:;(.*))?")
 _PARSING = threading.Lock()
-"""Python before 3.11.8 raises SystemError where two threads build syntax trees at once (python/cpython#106905)."""
+"""Python before 3.11.8 raises SystemError if two threads build syntax trees at once (python/cpython#106905)."""
 _EXTRA = re.compile(r"""extra\s*==\s*['"]([^'"]+)['"]""")
 
 
 def program_of(*modules: str) -> dict[str, str]:
     """Return the dependencies of modules' results: the digest of their `code`, and versions of libraries by name.
 
-    The libraries are those that this code imports, and the compiled ones that these require, as they can change the
+    The libraries are those that this code imports, and the compiled ones that these require: they can change the
     results of an unchanged library.
     """
     return {"code": code_digest(*modules)} | _versions(*modules)
@@ -39,15 +39,15 @@ def program_of(*modules: str) -> dict[str, str]:
 def code_digest(*modules: str) -> str:
     """Return the sha256 over modules and all modules of the same package that they import, directly or not.
 
-    An import counts anywhere, also in a function, and so does a string with the name of a module, as in
-    `import_module("mirrorcam.cad.build")`. Data files count where a module reads them, see `_data_files`. Raises
+    Imports count anywhere, also in functions, and so do strings with the name of a module, as in
+    `import_module("mirrorcam.cad.build")`. Data files that a module reads count, see `_data_files`. Raises
     ModuleNotFoundError for a missing module.
     """
     return digest(*(f"{name} {source.sha256}\n".encode() for name, source in sorted(_closure(modules).items())))
 
 
 def modules_of(*modules: str) -> frozenset[str]:
-    """Return the names of the modules that `code_digest` is over."""
+    """Return the names of the modules that `code_digest` covers."""
     return frozenset(_closure(modules))
 
 
@@ -87,8 +87,8 @@ def _source(module: str) -> _Source:
     top = module.partition(".")[0]
     ours = {name for name in imported | texts if name.startswith(f"{top}.")}
     if "iter_modules" in variables:  # it imports all modules of its folder
-        ours |= {f"{module.rpartition('.')[0]}.{beside.stem}" for beside in path.parent.glob("*.py")}
-    # Packages run before the modules in them; the top one only names what it offers.
+        ours |= {f"{module.rpartition('.')[0]}.{sibling.stem}" for sibling in path.parent.glob("*.py")}
+    # Importing a module runs its parent packages; the top one only names its public modules.
     names = {
         ".".join(parts[:count]) for parts in (name.split(".") for name in ours) for count in range(2, len(parts) + 1)
     }
@@ -102,7 +102,7 @@ def _source(module: str) -> _Source:
 
 
 def _effective(body: list[ast.stmt]) -> list[ast.stmt]:
-    """Statements without docstrings and blocks for type checkers."""
+    """Return statements without docstrings and blocks for type checkers."""
     kept: list[ast.stmt] = []
     for statement in body:
         if isinstance(statement, ast.Expr) and isinstance(statement.value, ast.Constant):
@@ -119,7 +119,7 @@ def _effective(body: list[ast.stmt]) -> list[ast.stmt]:
 
 
 def _imported(nodes: list[ast.AST], package: str) -> Iterator[str]:
-    """Names that import statements may load; for `from a import b`, both `a` and `a.b`."""
+    """Yield names that import statements may load; for `from a import b`, both `a` and `a.b`."""
     for node in nodes:
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
@@ -131,19 +131,19 @@ def _imported(nodes: list[ast.AST], package: str) -> Iterator[str]:
 
 
 def _data_files(folders: list[Path], texts: set[str]) -> list[Path]:
-    """Data files of a module that uses `__file__`: files in its folder, and files and folders named in its strings."""
+    """Return the data files of a module that uses `__file__`: those in its folder, and those that its strings name."""
     names = [text for text in texts if re.fullmatch(r"\w[\w.]*", text)]
-    named = [place for folder in folders for name in names for place in [folder / name, *(folder / name).rglob("*")]]
+    named = [found for folder in folders for name in names for found in [folder / name, *(folder / name).rglob("*")]]
     return sorted({each for each in (*folders[0].iterdir(), *named) if each.is_file() and each.suffix[:3] != ".py"})
 
 
 @cache
 def _path_of(module: str) -> Path | None:
-    """Path of a module's source; None if there is none."""
+    """Return the path of a module's source, or None."""
     top, *inner = module.split(".")
     folders = (spec.submodule_search_locations or ()) if (spec := find_spec(top)) else ()
-    for place in (Path(folder, *inner) for folder in folders):
-        for path in (place / "__init__.py", place.with_name(f"{place.name}.py")):
+    for base in (Path(folder, *inner) for folder in folders):
+        for path in (base / "__init__.py", base.with_name(f"{base.name}.py")):
             if path.is_file():
                 return path
     return None
@@ -162,7 +162,7 @@ def _versions(*modules: str) -> dict[str, str]:
 
 @cache
 def _distributions_of(library: str) -> tuple[str, ...]:
-    """The distributions that a library to import comes from; its own name where none is installed."""
+    """Return the distributions that provide an importable library; its own name if none is installed."""
     if version(library) != NOT_INSTALLED:
         return (normalised(library),)
     return tuple(map(normalised, _packages().get(library, [library])))
@@ -174,7 +174,7 @@ def _packages() -> Mapping[str, list[str]]:
 
 
 def version(distribution: str) -> str:
-    """The installed version of a distribution, or `NOT_INSTALLED`."""
+    """Return the installed version of a distribution, or `NOT_INSTALLED`."""
     try:
         return metadata.version(distribution)
     except metadata.PackageNotFoundError:
@@ -182,7 +182,7 @@ def version(distribution: str) -> str:
 
 
 def required(distribution: str, extras: frozenset[str]) -> set[str]:
-    """Return what a distribution requires with some of its extras; conditions on the platform count as met."""
+    """Return the requirements of a distribution with some of its extras; platform conditions count as met."""
     try:
         lines = metadata.requires(distribution) or []
     except metadata.PackageNotFoundError:
@@ -203,7 +203,7 @@ def required(distribution: str, extras: frozenset[str]) -> set[str]:
 
 
 def normalised(name: str) -> str:
-    """The one spelling of a distribution's name, for comparisons."""
+    """Return the canonical spelling of a distribution's name."""
     return re.sub(r"[-_.]+", "-", name).lower()
 
 

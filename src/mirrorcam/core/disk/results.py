@@ -1,4 +1,4 @@
-"""A store of results, re-used for equal inputs, options, code and libraries."""
+"""A store of results, reused for equal inputs, options, code and libraries."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _LONGEST_VERSION = 40
 
 
 class _Header(Value):
-    """The first line of a result's file: its inputs, and length and sha256 of each content that follows."""
+    """The first line of a result's file: its inputs, and length and sha256 of the contents that follow."""
 
     schema_id: Literal["mirrorcam.result/1"] = Field(default="mirrorcam.result/1", alias="schema")
     made_of: dict[str, str]
@@ -80,7 +80,7 @@ class Results:
         return ""
 
     def _read(self, name: str) -> tuple[_Header | None, dict[str, bytes]]:
-        """The header and contents of a file, or nothing unless it is a complete result."""
+        """Return the header and contents of a file; None and {} unless it is a complete result."""
         path, contents = inside(self._folder, name), {}
         try:
             raw = read_bytes(path)

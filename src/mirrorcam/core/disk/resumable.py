@@ -1,4 +1,4 @@
-"""Folders that are written file by file, with a manifest of the files written: intact files are kept."""
+"""Folders that an interrupted run resumes: a manifest lists the files written so far, and intact files are kept."""
 
 from __future__ import annotations
 
@@ -20,24 +20,24 @@ UNFINISHED = f"{TEMPORARY}unfinished"
 
 
 class FolderManifest(Value):
-    """The manifest of a folder whose contents follow from a request, and which an interrupted run resumes.
+    """The manifest of a folder whose contents a request determines, so that an interrupted run can be resumed.
 
-    A subclass has the fields `request`, a digest of everything that determines the contents, and `files`, the sha256 of
-    each file written so far by its name; all other fields describe the request.
+    A subclass has the fields `request`, a digest of everything that determines the contents, and `files`, the sha256 by
+    name of the files written so far. All other fields describe the request.
     """
 
     FILE: ClassVar[str]
-    """The manifest's own file."""
+    """Name of the manifest file."""
     WHAT: ClassVar[str]
-    """The contents of the folder, as named in messages."""
+    """Noun for the contents of the folder in messages."""
     FILES: ClassVar[tuple[str, ...]] = ()
-    """Other files in the manifest's folder."""
+    """Other files that the folder may contain."""
     FOLDERS: ClassVar[tuple[str, ...]] = ()
-    """Folders in the manifest's folder."""
+    """Subfolders that the folder may contain."""
     FOLLOWS: ClassVar[frozenset[str]] = frozenset()
-    """Fields derived from others, which are not part of the request."""
+    """Fields derived from others, which do not describe the request."""
 
-    if TYPE_CHECKING:  # fields of the subclasses, which determine their order
+    if TYPE_CHECKING:  # subclasses declare these fields, in the order of their file
         request: str
         files: dict[str, str]
 
@@ -46,7 +46,7 @@ class FolderManifest(Value):
         unfinished = folder / UNFINISHED
         write_text(unfinished / self.FILE, self.model_dump_json(indent=1, by_alias=True) + "\n")
         (unfinished / self.FILE).replace(folder / self.FILE)
-        with suppress(OSError):  # it may hold files still to be moved
+        with suppress(OSError):  # it may contain files that are still to be moved
             unfinished.rmdir()
 
     @classmethod
@@ -59,10 +59,10 @@ class FolderManifest(Value):
         return name in self.files and is_intact(folder, name, self.files[name])
 
     def continued(self, folder: Path, planned: Collection[str]) -> Self:
-        """Return the manifest to continue: that of an interrupted run of the same request, without missing files.
+        """Return the manifest of an interrupted run of the same request, without missing files, or else this one.
 
-        `planned` are the names of all files to write. Raises InputError if the folder holds something else, a changed
-        file, or a file of these names that the manifest does not list.
+        `planned` are the names of all files to write. Raises InputError if the folder contains something else, a
+        changed file, or a planned file that the manifest does not list.
         """
         if folder.exists() and not folder.is_dir():
             raise InputError(f"{folder}: is a file, expected a folder for the {self.WHAT}")
@@ -101,10 +101,10 @@ class FolderManifest(Value):
                 raise InputError(f"{folder / name}: is not listed in {self.FILE}, {expected}")
 
     def added(self, folder: Path, write: Callable[[Path], None]) -> Self:
-        """Move files that `write` writes into an empty folder into place, and return the manifest with them.
+        """Call `write` with an empty staging folder, move its files into place, and return the manifest with them.
 
-        The manifest is saved first, so that it lists every file of its own. Raises InputError if another file would be
-        replaced.
+        The manifest is saved before the move, so that it lists every file that was moved. Raises InputError if another
+        file would be replaced.
         """
         staging = folder / UNFINISHED
         discard(staging)
@@ -114,7 +114,7 @@ class FolderManifest(Value):
             new = file_digests(staging)
             refuse_blocked(folder, new)
             self._refuse_others(folder, new, new)
-            # Sorted, as the order in which workers finish varies.
+            # Sorted, because the order in which workers finish varies.
             manifest = self.replaced(files=dict(sorted((self.files | new).items())))
             with deferred():
                 manifest.save(folder)

@@ -1,6 +1,6 @@
 """Stages: steps of work that are repeated only when their inputs have changed.
 
-A stage owns one subfolder of the run's folder. It works in a hidden folder, whose files are moved into place when the
+A stage owns one subfolder of the run's folder. It works in a hidden folder, whose files are moved into target when the
 work succeeds. The store of results then keeps their checksums and inputs: parameters, contents of the files read, the
 code of the stage, and versions of libraries. Interrupted work leaves nothing that could be mistaken for a result.
 """
@@ -23,7 +23,7 @@ from mirrorcam.core.progress import Progress, no_progress
 
 @dataclass(frozen=True)
 class Stage:
-    """One step of the pipeline; `work` writes its files into the (empty) folder it is given, and reports its progress.
+    """One step of the pipeline; `work` writes its files into an empty folder, and reports its progress.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ class Stage:
     doing, unit
         Description of the work in progress, and the unit of its progress.
     parameters
-        Values that determine the result, as JSON can hold them.
+        JSON values that determine the result.
     reads
         Files or folders that it reads.
     programs
@@ -60,19 +60,19 @@ def made_of(stage: Stage, root: Path) -> dict[str, str]:
     """Return the current inputs of a stage."""
     reads: dict[str, str] = {}
     for path in stage.reads:
-        place = path.relative_to(root).as_posix() if path.is_relative_to(root) else str(path)
-        inside = file_digests(path)
-        reads |= {place if path.is_file() else f"{place}/{name}": value for name, value in inside.items()}
+        name = path.relative_to(root).as_posix() if path.is_relative_to(root) else str(path)
+        digests = file_digests(path)
+        reads |= {name if path.is_file() else f"{name}/{inner}": value for inner, value in digests.items()}
     program = program_of(stage.code) if stage.code else {}
     return {"parameters": value_digest(stage.parameters)} | reads | program | dict(stage.programs)
 
 
 def staleness(stage: Stage, root: Path) -> str:
-    """State in a few words why a stage has to be done (again); empty if its folder holds a valid result."""
+    """Return why a stage must be done (again), in a few words; empty if its folder contains a valid result."""
     results, now = Results(results_folder(root)), made_of(stage, root)
-    contents = results.get(_kept_as(stage), now)
+    contents = results.get(_result_name(stage), now)
     if contents is None:
-        return results.changed(_kept_as(stage), now)
+        return results.changed(_result_name(stage), now)
     folder, files = root / stage.name, {name: sha256.decode(errors="replace") for name, sha256 in contents.items()}
     altered = sorted(files.keys() - intact(folder, files).keys())
     if not altered:
@@ -81,38 +81,38 @@ def staleness(stage: Stage, root: Path) -> str:
 
 
 def refuse_foreign(stages: Iterable[Stage], output: OutputFolder) -> None:
-    """Raise InputError if the folder of a stage holds files that no stage wrote, or that were changed since."""
+    """Raise InputError if the folder of a stage contains files that no stage wrote, or that were changed since."""
     for stage in stages:
-        place = output.subfolder(stage.name)
-        place.refuse_unknown()
-        place.refuse_changed()
+        subfolder = output.subfolder(stage.name)
+        subfolder.refuse_unknown()
+        subfolder.refuse_changed()
 
 
 def perform(stage: Stage, output: OutputFolder, progress: Progress = no_progress) -> None:
     """Do the work of a stage, and replace an earlier result in its subfolder.
 
-    Raises InputError, before any work, if the subfolder holds files that no stage wrote, or that were changed since.
+    Raises InputError, before any work, if the subfolder contains files that no stage wrote, or that were changed since.
     """
     begun = made_of(stage, output.root)
     refuse_foreign([stage], output)
-    place, keep = output.subfolder(stage.name), False
+    target, keep = output.subfolder(stage.name), False
     # Resume an interrupted run with the same inputs; remove other unfinished files.
-    folder = place.unfinished / value_digest(begun)
+    folder = target.unfinished / value_digest(begun)
     if not (stage.resumes and folder.is_dir() and is_inside(output.root, folder.relative_to(output.root).as_posix())):
-        place.discard()
+        target.discard()
     folder.mkdir(parents=True, exist_ok=True)
     try:
         stage.work(folder, progress)
         files = {name: sha256.encode() for name, sha256 in file_digests(folder).items()}
-        place.adopt(folder)
-        output.results.put(_kept_as(stage), begun, files)
+        target.adopt(folder)
+        output.results.put(_result_name(stage), begun, files)
     except BaseException as error:
         keep = stage.resumes and interruption.ended(error)
         raise
     finally:
         if not keep:
-            place.discard()
+            target.discard()
 
 
-def _kept_as(stage: Stage) -> str:
+def _result_name(stage: Stage) -> str:
     return f"stage-{stage.name}"

@@ -1,4 +1,4 @@
-"""Temporary folders for other programs: removed whatever they hold, by the next run if this one is killed."""
+"""Temporary folders for other programs: always removed, by the next run if this one is killed."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from filelock import FileLock, Timeout
 
 PREFIX = "mirrorcam-work-"
 LOCK = "lock"
-"""A file in each folder, locked by the process that created it until that ends."""
+"""Name of the file in each folder that the creating process locks until it ends."""
 
 
 @contextmanager
 def work_folder() -> Iterator[Path]:
     """Yield a new temporary folder, and remove it afterwards with its contents; links are not followed.
 
-    What cannot be removed, such as a file that the system protects, stays for `remove_stale` of a later run.
+    Files that cannot be removed, such as those that the system protects, stay for `remove_stale` of a later run.
     """
     folder = Path(tempfile.mkdtemp(prefix=PREFIX)).resolve()
     lock = FileLock(folder / LOCK, timeout=0)
@@ -37,7 +37,7 @@ def work_folder() -> Iterator[Path]:
 def remove_stale() -> None:
     """Remove the folders of `work_folder` that killed runs of this user left.
 
-    A folder is left alone where a process holds its lock, or where it has none.
+    A folder is kept if a process has locked it, or if it has no lock file.
     """
     for folder in Path(tempfile.gettempdir()).resolve().glob(f"{PREFIX}*"):
         with suppress(OSError, Timeout):  # another run removes or uses it
@@ -52,7 +52,7 @@ def _is_ours(folder: Path) -> bool:
 
 
 def remove_tree(path: Path) -> None:
-    """Remove a folder and its content, a link, or a file: also folders without read permission or nested too deep.
+    """Remove a file, a link, or a folder with its content, even without read permission or nested too deep.
 
     No link is followed. Raises OSError for the first file that cannot be removed.
     """
@@ -69,7 +69,7 @@ def remove_tree(path: Path) -> None:
             within = [(Path(entry.path), entry.is_dir(follow_symlinks=False)) for entry in entries]
         for each, is_folder in within:
             if is_folder:
-                # Moved to the top before it is emptied, so that no path is too long for the system.
+                # Moved to the top before it is emptied: no path becomes too long for the system.
                 each.chmod(0o700)
                 waiting.append(each.rename(path / f".{token}-{lifted}"))
                 lifted += 1

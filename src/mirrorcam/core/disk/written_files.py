@@ -18,11 +18,11 @@ from mirrorcam.core.values import Value
 
 FORCE_ADVICE = "expected another --out, or --force to replace it"
 ADVICE = "expected it removed, or another --out"
-"""Advice on a file of others for commands without --force."""
+"""Advice on a file that blocks a command without --force."""
 
 
 def is_written(folder: Path, name: str, checksums: Collection[str]) -> bool:
-    """Return whether a folder has a file of this name, not a link, with one of several checksums (sha256)."""
+    """Return whether a regular file of this name in a folder has one of the checksums (sha256)."""
     path = folder / name
     return bool(checksums) and is_inside(folder, name) and _is_file(path) and file_digest(path) in checksums
 
@@ -38,13 +38,13 @@ def refuse_blocked(folder: Path, names: Iterable[str]) -> None:
         if path.is_dir() and not path.is_symlink():
             raise InputError(f"{path}: is a folder, expected a file to write")
         for parent in path.relative_to(folder).parents[:-1]:
-            place = folder / parent
-            if os.path.lexists(place) and not (place.is_dir() and is_inside(folder, parent.as_posix())):
-                raise InputError(f"{place}: is a file or a link out of {folder}, expected a folder")
+            above = folder / parent
+            if os.path.lexists(above) and not (above.is_dir() and is_inside(folder, parent.as_posix())):
+                raise InputError(f"{above}: is a file or a link out of {folder}, expected a folder")
 
 
 def move_files(staging: Path, folder: Path, names: Iterable[str]) -> None:
-    """Move files of a folder to the same names in another on the same file system."""
+    """Move files from a staging folder to the same names in another folder on the same file system."""
     for name in names:
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (staging / name).replace(folder / name)
@@ -59,9 +59,9 @@ def discard(unfinished: Path) -> None:
 
 
 class _Line(Value):
-    """A line of a record: the checksums that files of a command may have from now on, by name.
+    """A line of a record: the checksums, by file name, that files of a command may have from now on.
 
-    A file that is being replaced has two, as an interruption may leave either; a deleted file has none.
+    A file that is being replaced has two, because an interruption may leave either; a deleted file has none.
     """
 
     schema_id: Literal["mirrorcam.written/2"] = Field(default="mirrorcam.written/2", alias="schema")
@@ -70,7 +70,7 @@ class _Line(Value):
 
 
 class FolderRecord:
-    """The files that commands wrote into a folder, by command, in a file that grows line by line."""
+    """The files that each command wrote into a folder, as an append-only file of JSON lines."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -80,7 +80,7 @@ class FolderRecord:
             try:
                 self._note(model_from(_Line, path, json_of(path, line)))
             except InputError:
-                continue  # incomplete, or not written by this program: its files do not count as ours
+                continue  # incomplete or foreign: its files do not count as written
         if len(lines) > len(self._written):
             every = (_Line(command=name, files=files) for name, files in self._written.items())
             write_text(path, "".join(map(_text, every)))
@@ -92,7 +92,7 @@ class FolderRecord:
     def refuse_others(
         self, command: str, folder: Path, names: Iterable[str], new: Mapping[str, str] | None = None, *, advice: str
     ) -> None:
-        """Raise InputError for the first file that exists, but not as a command wrote it.
+        """Raise InputError for the first file that exists and is not as the command wrote it.
 
         A file that already has its `new` checksum is accepted. The message ends with `advice`.
         """
@@ -105,7 +105,7 @@ class FolderRecord:
                 raise InputError(f"{folder / name}: {what}, {advice}")
 
     def adopt(self, command: str, staging: Path, folder: Path, *, complete: bool, force: bool | None) -> None:
-        """Move every file of a folder into another, and record them as files of a command.
+        """Move every file of a staging folder into another, and record them as files of a command.
 
         Parameters
         ----------
@@ -114,10 +114,10 @@ class FolderRecord:
         staging
             Folder on the same file system; its files are moved.
         folder
-            Target folder; other files in it stay.
+            Target folder; its other files stay.
         complete
-            Whether to delete all earlier files of the command that are not among these; otherwise, only those in
-            rewritten subfolders. A file that was changed since stays.
+            Whether to delete all earlier files of the command that are not staged again; otherwise, only those in
+            rewritten subfolders. A file that was changed since is kept.
         force
             Whether to replace files that the command did not write, or that were changed since; None if the command
             has no such option.
@@ -126,7 +126,7 @@ class FolderRecord:
         ------
         InputError
             If such a file would be replaced without `force`, or a folder or a link out of the folder has the name of a
-            file; nothing is moved then.
+            file. Nothing is moved in this case.
         """
         staged, written = file_digests(staging), self.of(command)
         refuse_blocked(folder, staged)
@@ -168,7 +168,7 @@ def _text(line: _Line) -> str:
 
 
 def _remove_empty(path: Path, root: Path) -> None:
-    """Remove a folder if it is empty, and then those it is in, up to a root that stays."""
+    """Remove a folder if it is empty, and then its parents, up to a root that stays."""
     while path != root and path.is_dir() and not any(path.iterdir()):
         path.rmdir()
         path = path.parent

@@ -1,8 +1,8 @@
-"""Arrays of Zarr version 3 in recordings, read without Zarr: metadata are checked before anything is decoded.
+"""Zarr version 3 arrays in recordings, read without Zarr: metadata is checked before anything is decoded.
 
-Metadata follows the Zarr core specification. The supported extensions are regular grids of chunks, the default
-encoding of their keys, bytes of little end first, and one compressor that states how much it holds, Blosc or
-Zstandard. What is not known is refused.
+Metadata follows the Zarr core specification. The supported extensions are regular chunk grids, the default chunk key
+encoding, little-endian bytes, and one compressor that states the decoded size: Blosc or Zstandard. Anything else is
+refused.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from mirrorcam.core.values import Value
 
 METADATA = "zarr.json"
 MOST_CHUNKS = 100_000
-"""Largest number of chunks of an array that is read at once."""
+"""Largest number of chunks of an array that is read completely."""
 _SLACK_BYTES = 4096
 _ZSTD = b"\x28\xb5\x2f\xfd"
 
@@ -92,18 +92,18 @@ def read_attributes(folder: Path) -> dict[str, Any]:
 
 
 class ZarrArray:
-    """An array of a group, by its name: read chunk by chunk, or at once.
+    """A named array of a group, read by chunk or completely.
 
-    Raises InputError in one line for metadata of anything that is not known, and for links that lead out of the group.
+    Raises InputError in one line for unsupported metadata, and for links that lead out of the group.
 
     Attributes
     ----------
     shape, chunk_shape
-        Lengths of the array and of its chunks.
+        Shapes of the array and of its chunks.
     chunk_bytes
-        Bytes of the numbers of a chunk.
+        Decoded size of a chunk.
     dtype
-        Type of its numbers.
+        Data type of the array.
     """
 
     def __init__(self, group: Path, name: str) -> None:
@@ -116,7 +116,7 @@ class ZarrArray:
         check_bytes(path, self.chunk_bytes, 0)
 
     def key(self, index: tuple[int, ...]) -> str:
-        """Name of the file of a chunk in the group."""
+        """Return the name of a chunk's file in the group."""
         return "/".join((self._name, "c", *map(str, index)))
 
     def has(self, index: tuple[int, ...]) -> bool:
@@ -124,7 +124,7 @@ class ZarrArray:
         return (self._group / self.key(index)).exists()
 
     def chunk(self, index: tuple[int, ...]) -> NDArray[Any]:
-        """Read a chunk by its index; raises InputError in one line if it is damaged."""
+        """Read the chunk at an index; raises InputError in one line if it is damaged."""
         path, size = inside(self._group, self.key(index)), self.chunk_bytes
         with refusing(path, "a chunk that can be read"):
             stored = stored_bytes(path)
@@ -132,26 +132,26 @@ class ZarrArray:
                 raise ValueError(f"has more bytes than the {size} of its numbers")
             raw = read_bytes(path, stored)
             codec = self._metadata.codecs[-1].name
-            if _stated(raw, codec) != size:
-                raise ValueError(f"holds {_stated(raw, codec)} bytes of numbers, expected {size}")
+            if _stated_bytes(raw, codec) != size:
+                raise ValueError(f"holds {_stated_bytes(raw, codec)} bytes of numbers, expected {size}")
             return _decoded(raw, codec, size).view(self.dtype).reshape(self.chunk_shape)
 
     @property
-    def is_in_full(self) -> bool:
+    def is_complete(self) -> bool:
         """Whether all chunks have files; Zarr writes no file for a chunk of zeros."""
-        return all(map(self.has, self._places()))
+        return all(map(self.has, self._chunk_indices()))
 
-    def whole(self) -> NDArray[Any]:
+    def read(self) -> NDArray[Any]:
         """Read the complete array; chunks without a file are zero."""
         check_bytes(self._group / self._name / METADATA, self._bytes_of(self.shape), 0)
         values = np.zeros(self.shape, self.dtype)
-        for index in filter(self.has, self._places()):
-            begins = [place * length for place, length in zip(index, self.chunk_shape, strict=True)]
+        for index in filter(self.has, self._chunk_indices()):
+            begins = [number * length for number, length in zip(index, self.chunk_shape, strict=True)]
             part = values[tuple(slice(begin, begin + n) for begin, n in zip(begins, self.chunk_shape, strict=True))]
             part[...] = self.chunk(index)[tuple(map(slice, part.shape))]
         return values
 
-    def _places(self) -> Iterator[tuple[int, ...]]:
+    def _chunk_indices(self) -> Iterator[tuple[int, ...]]:
         counts = [-(-length // chunk) for length, chunk in zip(self.shape, self.chunk_shape, strict=True)]
         if math.prod(counts) > MOST_CHUNKS:
             path = self._group / self._name / METADATA
@@ -167,14 +167,14 @@ def _decoded(raw: bytes, codec: str, size: int) -> NDArray[np.uint8]:
         return np.frombuffer(raw, np.uint8)
     from numcodecs import Blosc, Zstd
 
-    # Into a buffer of that size: the first of several Zstandard frames states only its own size.
+    # The buffer limits the output: a Zstandard chunk may have more frames than the one that stated the size.
     values = np.empty(size, np.uint8)
     (Blosc() if codec == "blosc" else Zstd()).decode(raw, values)
     return values
 
 
-def _stated(raw: bytes, codec: str) -> int:
-    """Number of bytes stated in the header of a compressed chunk, which decoders allocate."""
+def _stated_bytes(raw: bytes, codec: str) -> int:
+    """Return the decoded size that the header of a chunk states, which decoders allocate."""
     if codec == "bytes":
         return len(raw)
     if codec == "blosc":
@@ -183,7 +183,7 @@ def _stated(raw: bytes, codec: str) -> int:
             raise ValueError(f"{len(raw)} bytes, expected {compressed}")
         return int(size)
     if raw[:4] != _ZSTD or len(raw) < 6:
-        raise ValueError("not of Zstandard")
+        raise ValueError("not Zstandard data")
     flags = raw[4]
     is_single = flags >> 5 & 1
     begin = 5 + (0 if is_single else 1) + (0, 1, 2, 4)[flags & 3]

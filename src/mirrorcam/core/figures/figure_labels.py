@@ -1,8 +1,8 @@
-"""Labels of figures, on pages and in a terminal: the only table of them.
+"""Labels of figures on pages and in the terminal.
 
-Keys are names of metrics without what they are of ("mount.") and without a depth ("_300mm"); files keep the names.
-Labels of a device are read after that ("Mirrors: without a seat"), and with it fit a terminal of 80 columns.
-Names whose words say enough ("grid_error", "pixel_efficiency") need no label.
+Keys are names of metrics without their object ("mount.") and depth ("_300mm"); files keep the names. Labels of a device
+follow the object ("Mirrors: without a seat"), and together fit a terminal of 80 columns. Self-explanatory names
+("grid_error", "pixel_efficiency") need no label.
 """
 
 from __future__ import annotations

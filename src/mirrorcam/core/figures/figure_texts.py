@@ -1,4 +1,4 @@
-"""Measured figures as people read them: values, units, limits and names, the same on pages and in a terminal."""
+"""Format metrics for people: values, units, limits and names, alike on pages and in the terminal."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ NONE = "none"
 MOST_FURTHER_DIGITS = 9
 ROUNDING = 1e-9
 TINY, UNLIKE = 1e-3, 100.0
-"""Size of the largest, and largest ratio, of adjacent values that are written with the same decimals."""
+"""Values are written with equal decimals if the largest is at least `TINY` and their ratio at most `UNLIKE`."""
 UNIT_ENDINGS = ("mm", "mm2", "mm3", "cm3", "um", "px", "deg", "g")
 SYMBOLS = {"1": "", "deg": "°"}
-"""Units that stand at their value without a space."""
+"""Units that follow their value without a space."""
 SIGNS = {
     "1": "",
     "um": "\N{MICRO SIGN}m",
     **{f"{length}2": f"{length}\N{SUPERSCRIPT TWO}" for length in ("mm", "cm")},
     **{f"{length}3": f"{length}\N{SUPERSCRIPT THREE}" for length in ("mm", "cm")},
 }
-"""Units of files as they are printed for people."""
+"""Printed forms of the units in files."""
 WORDS = {
     **{"fov": "field of view", "iou": "", "rms": "RMS", "p95": "95 % quantile"},
     **{"bom": "parts list", "stl": "STL", "step": "STEP", "3mf": "3MF", "dxf": "DXF"},
@@ -37,12 +37,12 @@ NUMBER_WORDS = ("no", "one", "two", "three", "four", "five", "six", "seven", "ei
 
 
 def count_text(count: int, thing: str) -> str:
-    """A count with its noun: "1 frame", "2 frames"."""
+    """Return a count with its noun: "1 frame", "2 frames"."""
     return f"{count} {thing}{'' if count == 1 else 's'}"
 
 
 def names_together(names: Iterable[str]) -> str:
-    """Names of pictures in one line, frames of one video together: "a.jpg, clip.mp4 frames 7, 9"."""
+    """List names of pictures in one line, grouping frames of a video: "a.jpg, clip.mp4 frames 7, 9"."""
     parts = []
     for video, group in groupby((_FRAME.fullmatch(name) or name for name in names), key=_video):
         members = list(group)
@@ -59,12 +59,12 @@ def _video(name: re.Match[str] | str) -> str | None:
 
 
 def number_word(count: int) -> str:
-    """A small number as a word, as in a sentence; a larger one in digits."""
+    """Return a small number as a word, a larger one in digits."""
     return NUMBER_WORDS[count] if count < len(NUMBER_WORDS) else str(count)
 
 
 def figure_text(value: float, digits: int = 4) -> str:
-    """A value in a few significant digits: two where it is tiny, all of thousands; NaN is none."""
+    """Format a value with a few significant digits: two if it is tiny, all if above 1000; NaN is "none"."""
     if math.isnan(value):
         return NONE
     if abs(value) >= 1000:
@@ -73,9 +73,9 @@ def figure_text(value: float, digits: int = 4) -> str:
 
 
 def figures_alike(values: Sequence[float], digits: int = 4) -> list[str]:
-    """Values of one figure side by side, with as many decimals as the largest needs for its significant digits."""
+    """Format values of one figure with equal decimals: as many as the largest needs for its significant digits."""
     sizes = [abs(value) for value in values if value != 0 and not math.isnan(value)]
-    # Values that differ by more keep their own digits, and so do tiny and infinite ones.
+    # Tiny, infinite or very different values are formatted separately.
     if not sizes or max(sizes) < TINY or not max(sizes) <= UNLIKE * min(sizes) < math.inf:
         return [figure_text(value, digits) for value in values]
     decimals = max(0, digits - 1 - math.floor(math.log10(float(f"{max(sizes):.{digits - 1}e}"))))
@@ -87,7 +87,7 @@ def figures_alike(values: Sequence[float], digits: int = 4) -> list[str]:
 
 
 def sigma_text(sigma: float) -> str:
-    """A standard deviation in two significant digits, also where that is a zero: 0.0020; a rounding error is 0."""
+    """Format a standard deviation with two significant digits, also 0.0020; a rounding error is 0."""
     if abs(sigma) < ROUNDING:
         return "0"
     decimals = sigma_decimals(sigma)
@@ -95,21 +95,21 @@ def sigma_text(sigma: float) -> str:
 
 
 def sigma_decimals(sigma: float) -> int | None:
-    """Number of decimals of a standard deviation in two significant digits; None for 0, NaN and the tiniest."""
+    """Return the decimals of a standard deviation with two significant digits; None for 0, NaN and tiny values."""
     if not 1e-4 <= sigma < float("inf"):
         return None
     return max(0, 1 - math.floor(math.log10(float(f"{sigma:.1e}"))))
 
 
 def unit_text(unit: str) -> str:
-    """A unit as people write it: mm² for the mm2 of files."""
+    """Return the printed form of a unit: mm² for mm2."""
     return SIGNS.get(unit, unit)
 
 
 def value_text(metric: Metric, value: float | None = None, digits: int = 4) -> str:
-    """The value of a metric, or another in its unit, with the unit; a share as a percentage.
+    """Format a metric's value, or another value in its unit, with the unit; a share as a percentage.
 
-    A value just past its limit gets as many digits as it takes to differ from it. A figure that is none says why.
+    A value just past its limit gets enough digits to differ from it. For an unknown value, return the reason.
     """
     if value is None and not metric.known:
         return f"{NONE}: {metric.reason}"
@@ -121,7 +121,7 @@ def value_text(metric: Metric, value: float | None = None, digits: int = 4) -> s
 
 
 def digits_past_limit(metric: Metric, digits: int) -> int:
-    """The digits in which a metric past its limit reads so; as given for all others."""
+    """Return enough digits to distinguish a metric from a limit that it exceeds; otherwise `digits`."""
     if metric.limit is None or metric.passed:
         return digits
     share = metric.unit.startswith("of the ")
@@ -136,7 +136,7 @@ def digits_past_limit(metric: Metric, digits: int) -> int:
 
 
 def values_text(metrics: Sequence[Metric]) -> list[str]:
-    """Values of one figure side by side, as `value_text` writes them, with the same decimals."""
+    """Format values of one figure as `value_text` does, with equal decimals."""
     units = {metric.unit for metric in metrics}
     if len(units) != 1 or min(units).startswith("of the ") or not all(metric.known for metric in metrics):
         return [value_text(metric) for metric in metrics]
@@ -148,12 +148,12 @@ def _with_unit(text: str, unit: str) -> str:
 
 
 def limit_sign(metric: Metric) -> str:
-    """Sign for a metric that passes at or below its limit, or at or above it."""
+    """Return the sign between a metric and its limit if it passes."""
     return "\N{LESS-THAN OR EQUAL TO}" if metric.lower_is_better else "\N{GREATER-THAN OR EQUAL TO}"
 
 
 def limit_text(metric: Metric, *, with_unit: bool = True) -> str:
-    """The limit of a metric with its direction, or nothing where there is none."""
+    """Format the limit of a metric with its sign; empty without a limit."""
     if metric.limit is None:
         return ""
     shown = value_text(metric, metric.limit) if with_unit else figure_text(metric.limit, digits_past_limit(metric, 4))
@@ -161,10 +161,9 @@ def limit_text(metric: Metric, *, with_unit: bool = True) -> str:
 
 
 def label_text(name: str, labels: Mapping[str, str] = LABELS) -> str:
-    """What people call a metric, without the unit, which stands at the value.
+    """Return the label of a metric, without its unit.
 
-    The label of `labels`, or else the words of the name; what the metric is of stands before it ("mount: "), its depth
-    behind it.
+    It is taken from `labels`, or else from the words of the name. The object comes first ("mount: "), the depth last.
     """
     if name in labels:
         return labels[name]
@@ -176,7 +175,7 @@ def label_text(name: str, labels: Mapping[str, str] = LABELS) -> str:
 
 
 def _words(name: str) -> str:
-    """A name in words, less the unit at its end."""
+    """Return the words of a name, without the unit at its end."""
     words = name.split("_")
     if len(words) > 1 and words[-1] in UNIT_ENDINGS:
         words = words[:-1]
@@ -184,15 +183,15 @@ def _words(name: str) -> str:
 
 
 def sentence_case(text: str) -> str:
-    """A text with a capital first letter; one that begins with the name of a file is left as it is."""
+    """Capitalise the first letter of a text, unless it begins with the name of a file."""
     return text if _FILE_FIRST.match(text) else text[:1].upper() + text[1:]
 
 
 def share_of_limit(metric: Metric) -> float:
-    """Share of what its limit allows that a metric uses: at most 1 where it passes, infinite where it is none."""
+    """Return the used share of a metric's limit: at most 1 if it passes, infinite if the metric is unknown."""
     if metric.limit is None:
-        raise ValueError("a metric without a limit uses no share of one")
+        raise ValueError("metric without a limit")
     if not metric.known:
         return math.inf
-    part, whole = (metric.value, metric.limit) if metric.lower_is_better else (metric.limit, metric.value)
-    return abs(part / whole) if whole else (0.0 if part == whole else float("inf"))
+    used, allowed = (metric.value, metric.limit) if metric.lower_is_better else (metric.limit, metric.value)
+    return abs(used / allowed) if allowed else (0.0 if used == allowed else float("inf"))

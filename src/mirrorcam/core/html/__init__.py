@@ -1,1 +1,1 @@
-"""The kit of all HTML pages: a base template, one style sheet and macros; `templates.render` fills a page in."""
+"""Kit of all HTML pages: a base template, a style sheet and macros, rendered by `templates.render`."""

@@ -1,4 +1,4 @@
-"""SVG drawings inside a page, in the colours of its style sheet, so that they are legible in the dark mode, too."""
+"""SVG drawings in a page, coloured by its style sheet, and therefore legible in dark mode, too."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from mirrorcam.core.values import FloatArray
 
 @dataclass(frozen=True)
 class Scale:
-    """A linear map of values low .. high to a drawing's coordinates start .. end."""
+    """A linear map of values from low to high to a drawing's coordinates from start to end."""
 
     low: float
     high: float
@@ -25,32 +25,32 @@ class Scale:
         return self.start + (value - self.low) / (self.high - self.low) * (self.end - self.start)
 
     def ticks(self, about: int = 5) -> list[float]:
-        """Round values (1, 2 or 5 of a power of ten apart) within the scale, about `about` of them."""
+        """Return about `about` ticks within the scale, 1, 2 or 5 times a power of ten apart."""
         rough = (self.high - self.low) / about
         power = 10.0 ** np.floor(np.log10(rough))
         step = power * min((1.0, 2.0, 5.0, 10.0), key=lambda times: abs(times * power - rough))
         first, last = np.ceil(self.low / step - 1e-9), np.floor(self.high / step + 1e-9)
-        return [float(step * place) for place in np.arange(first, last + 1)]
+        return [float(step * number) for number in np.arange(first, last + 1)]
 
 
 def coordinate(value: float) -> str:
-    """A coordinate to a hundredth, without trailing zeros."""
+    """Format a coordinate with two decimals, without trailing zeros."""
     return f"{value:.2f}".rstrip("0").rstrip(".") or "0"
 
 
 def points(pairs: Iterable[Sequence[float] | FloatArray]) -> str:
-    """The `points` of a polygon or polyline."""
+    """Return the `points` attribute of a polygon or polyline."""
     return " ".join(f"{coordinate(float(x))},{coordinate(float(y))}" for x, y in pairs)
 
 
 def drawing(width: float, height: float, body: str, label: str) -> Markup:
-    """A drawing of a largest width, which shrinks with the page; `label` describes it."""
+    """Return a drawing of at most its width, which shrinks with the page; `label` describes it."""
     size = f'viewBox="0 0 {coordinate(width)} {coordinate(height)}" style="max-width:{coordinate(width)}px"'
     return Markup(f'<svg {size} role="img" aria-label="{escape(label)}">{body}</svg>')
 
 
 def text(x: float, y: float, words: str, *, anchor: str = "middle", style: str = "", turn: bool = False) -> str:
-    """A text at a position; `turn` writes it upwards."""
+    """Return a text at a position; `turn` rotates it upwards."""
     where = f'x="{coordinate(x)}" y="{coordinate(y)}"'
     turned = f' transform="rotate(-90 {coordinate(x)} {coordinate(y)})"' if turn else ""
     kind = f' class="{style}"' if style else ""
@@ -58,19 +58,19 @@ def text(x: float, y: float, words: str, *, anchor: str = "middle", style: str =
 
 
 def line(x1: float, y1: float, x2: float, y2: float, style: str) -> str:
-    """A straight line of a class."""
+    """Return a straight line with a class of the style sheet."""
     ends = zip(("x1", "y1", "x2", "y2"), (x1, y1, x2, y2), strict=True)
     where = " ".join(f'{name}="{coordinate(value)}"' for name, value in ends)
     return f'<line {where} class="{style}"/>'
 
 
 def tick_text(value: float) -> str:
-    """A tick's number, without a rounding error's digits."""
+    """Format the value of a tick without rounding errors."""
     return f"{round(value, 10) + 0.0:g}".replace("-", "\N{MINUS SIGN}")
 
 
 def axes(x: Scale, y: Scale, x_label: str, y_label: str, *, x_ticks: int = 6, y_ticks: int = 5) -> str:
-    """Grid lines, numbers and names of both axes; the scales' ends are the corners of the plot (y grows upwards)."""
+    """Return grid lines, ticks and labels of both axes; the ends of the scales are the corners of the plot."""
     parts = []
     for value in y.ticks(y_ticks):
         parts.append(line(x.start, y(value), x.end, y(value), "grid"))

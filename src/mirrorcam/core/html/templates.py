@@ -1,4 +1,4 @@
-"""Fills in the templates of pages, each one file that works from disk and offline.
+"""Render templates of pages; each page is one file that works offline.
 
 Every value is escaped unless it is Markup. Templates extend `base.html` and take tables, pictures and cards from
 `kit.html`.
@@ -22,7 +22,7 @@ KIT = Path(__file__).parent
 
 @dataclass(frozen=True)
 class PagePicture:
-    """A picture of the page: its file, the file that a click opens, its size in px, and its description."""
+    """A picture: its file, the file that a click opens, its size in px, and its description."""
 
     path: str
     opens: str
@@ -32,7 +32,7 @@ class PagePicture:
 
 @dataclass(frozen=True)
 class PageFile:
-    """A file that the page offers: where it is, and what it is for."""
+    """A file that the page links: its path and purpose."""
 
     path: str
     purpose: str
@@ -40,7 +40,7 @@ class PageFile:
 
 @dataclass(frozen=True)
 class Tile:
-    """A figure in large type, and what it is."""
+    """A figure in large type, and its description."""
 
     value: str
     text: str
@@ -57,7 +57,7 @@ class Table:
 
 @dataclass(frozen=True)
 class FigureRow:
-    """A metric as a table shows it; `share` is the part of its limit that it uses, from 0 to 1."""
+    """Row of a metric; `share` is the used share of its limit, 0 to 1."""
 
     label: str
     value: str
@@ -68,14 +68,14 @@ class FigureRow:
 
 @dataclass(frozen=True)
 class FigureTable:
-    """Metrics against their limits, worst first, and those without a limit."""
+    """Metrics with a limit, worst first, and those without one."""
 
     limited: tuple[FigureRow, ...]
     others: tuple[FigureRow, ...]
 
     @classmethod
     def of(cls, metrics: Mapping[str, Metric], labels: Mapping[str, str] = LABELS) -> FigureTable:
-        """The table of metrics by name; `labels` says what they are called."""
+        """Return the table of metrics by name; `labels` are their labels by name."""
         with_limit = [(name, metric) for name, metric in metrics.items() if metric.limit is not None]
         with_limit.sort(key=lambda item: (item[1].passed, -share_of_limit(item[1])))
         others = [(name, metric) for name, metric in metrics.items() if metric.limit is None]
@@ -91,14 +91,14 @@ class FigureTable:
 
 
 def figure_row(name: str, metric: Metric, labels: Mapping[str, str] = LABELS) -> FigureRow:
-    """A metric with its name, value and limit as text."""
+    """Format label, value and limit of a metric."""
     share = 0.0 if metric.limit is None else min(share_of_limit(metric), 1.0)
     label = sentence_case(label_text(name, labels))
     return FigureRow(label, value_text(metric), limit_text(metric), share, metric.passed)
 
 
 def full_stop(text: str) -> str:
-    """A text as a sentence: with a capital first letter and a full stop."""
+    """Return a text as a sentence with a capital first letter and a full stop."""
     return sentence_case(text) + ("" if text.endswith((".", "!", "?")) else ".")
 
 

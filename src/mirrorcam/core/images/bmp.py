@@ -1,4 +1,4 @@
-"""BMP data without compression, by their header."""
+"""Decode uncompressed BMP data."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ _BLUE_GREEN_RED = struct.pack("<III", 0xFF0000, 0xFF00, 0xFF)
 
 @dataclass(frozen=True)
 class Bmp:
-    """The header of a BMP: size in px, bits of a pixel, whether the top line is first, and begin of pixels and palette.
+    """The header of a BMP: size in px, bits per pixel, whether the top line is first, and offset of the pixels.
 
-    `colours` is the begin of the palette and the number of its colours; of pixels with more than 8 bits, nothing.
+    `colours` is the offset of the palette and the number of its colours, 0 for pixels with more than 8 bits.
     """
 
     size: tuple[int, int]
@@ -34,7 +34,7 @@ class Bmp:
 
     @classmethod
     def of(cls, raw: bytes, name: str) -> Bmp:
-        """Read the header; raises DamagedPicture where it is damaged, and InputError for another kind of BMP."""
+        """Read the header; raises DamagedPicture if it is damaged, and InputError for an unsupported kind of BMP."""
         if len(raw) < _FILE_BYTES + _HEADER_BYTES:
             raise DamagedPicture(f"{name}: image is truncated")
         pixels, header, width, height, planes, depth, method = struct.unpack_from("<IIiiHHI", raw, 10)
@@ -59,7 +59,7 @@ class Bmp:
 
 
 def decode_bmp(raw: bytes, bmp: Bmp, name: str) -> NDArray[np.uint8]:
-    """Decode BMP data (h, w, 3) in RGB; raises DamagedPicture for data that are cut short."""
+    """Decode BMP data (h, w, 3) in RGB; raises DamagedPicture for truncated data."""
     width, height = bmp.size
     begin, count = bmp.colours
     if bmp.pixels + bmp.line_bytes * height > len(raw) or begin + 4 * count > len(raw):

@@ -1,4 +1,4 @@
-"""JPEG data of a picture file or of one frame of a video: complete, or refused."""
+"""Decode JPEG data of a picture file or of a video frame; incomplete data is refused."""
 
 from __future__ import annotations
 
@@ -14,32 +14,32 @@ from numpy.typing import NDArray
 from mirrorcam.core.errors import InputError
 
 JPEG_BEGIN, JPEG_END = b"\xff\xd8", b"\xff\xd9"
-# Starts a segment with a length; padding, escaped bytes and restarts in the data of a scan have none.
+# Marker of a segment with a length; padding, escaped bytes and restarts within a scan have no length.
 _MARKER = re.compile(rb"\xff[^\x00\xd0-\xd7\xff]")
 _RESTART = re.compile(rb"\xff[\xd0-\xd7]")
-# Bytes of zeros, or of ones (0xff, which 0x00 follows in a scan), and the marker after them, where there is one: they
-# are padding before it. Possessive, so that each byte is looked at once.
+# Bytes of zeros, or of ones (0xff, followed by 0x00 in a scan), and any marker that follows: before it, they are
+# padding. Possessive, to match in linear time.
 _PADDING = re.compile(rb"(?:\xff?+\x00)++(\xff++[\xd0-\xd7\xd9])?+")
 _FRAME_HEADERS = {*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC}
 _TABLES, _SCAN, _END, _RESTARTS = 0xC4, 0xDA, 0xD9, 0xDD
 _END_OF_BLOCK = 0x00
-# A run that no compressed picture holds, but a lost block of a disk does.
+# A run that occurs in a lost block of a disk, but in no compressed picture.
 _ZEROS = bytes(256)
 _MOST_SEGMENTS, _MOST_SCANS = 10_000, 100
-"""Of one picture: a decoder goes through all of its blocks for each scan, and encoders write at most about ten."""
+"""Limits per picture: a decoder visits all blocks for each scan, and encoders write about ten scans at most."""
 EXTRANEOUS = "extraneous bytes before marker 0xd"
-"""What libjpeg says of bytes between the end of the data and the marker that follows."""
+"""libjpeg's warning about bytes between the end of the data and the next marker."""
 
 
 class DamagedPicture(InputError):
-    """A picture whose file exists but is damaged: the message names the file and the damage."""
+    """A picture file is damaged: the message names the file and the damage."""
 
 
 @dataclass(frozen=True)
 class Jpeg:
-    """Marker, start and end of the content of each segment of a JPEG, and where its end marker is, if it has one.
+    """Marker, and start and end of the content, of each segment of a JPEG, and offset of its end marker, if any.
 
-    The end of a thumbnail, inside a segment, does not count, and appended data are ignored.
+    The end marker of a thumbnail, which is inside a segment, does not count. Appended data is ignored.
     """
 
     segments: tuple[tuple[int, int, int], ...]
@@ -59,7 +59,7 @@ class Jpeg:
         return cls(tuple(found), None)
 
     def size(self, raw: bytes) -> tuple[int, int]:
-        """Width and height in px; zeros where no header states them."""
+        """Return width and height in px; zeros if no header states them."""
         for kind, begin, end in self.segments:
             if kind in _FRAME_HEADERS and end - begin >= 5 and len(raw) >= end:
                 height, width = struct.unpack(">HH", raw[begin + 1 : begin + 5])
@@ -73,21 +73,21 @@ class Jpeg:
         return len(self.segments) >= _MOST_SEGMENTS or scans > _MOST_SCANS
 
     def scan(self, raw: bytes) -> int:
-        """Where the first compressed data begin; the length of the data without any."""
+        """Return the offset of the first compressed data; the length of the data without any."""
         return next((end for kind, _, end in self.segments if kind == _SCAN), len(raw))
 
     def is_partly_zero(self, raw: bytes) -> bool:
-        """Return whether the compressed data contain a long run of zeros that no encoder can have written.
+        """Return whether the compressed data contains a long run of zeros that no encoder can have written.
 
-        Zeros are the first code of a Huffman table, again and again. Unless that code ends a block of a uniform colour,
-        they stand for blocks of nothing but the highest frequencies.
+        Zeros repeat the first code of a Huffman table. Unless that code ends a block of uniform colour, they represent
+        blocks of only the highest frequencies.
         """
         if raw.find(_ZEROS, self.scan(raw), self.end) < 0:
             return False
         return _END_OF_BLOCK not in {symbol for segment in self.segments for symbol in _first_symbols(raw, *segment)}
 
     def is_padded(self, raw: bytes) -> bool:
-        """Return whether the data before the first restart marker are padded, as some webcams do."""
+        """Return whether there is padding before the first restart marker, as some webcams write it."""
         if not any(kind == _RESTARTS for kind, _, _ in self.segments):
             return False
         restart = _RESTART.search(raw, self.scan(raw), len(raw) if self.end is None else self.end)
@@ -95,7 +95,7 @@ class Jpeg:
 
 
 def _first_symbols(raw: bytes, kind: int, at: int, end: int) -> list[int]:
-    """The symbols that zeros stand for in the Huffman tables of AC coefficients of a segment."""
+    """Return the symbols that zeros encode in the AC Huffman tables of a segment."""
     symbols = []
     while kind == _TABLES and at + 17 < min(end, len(raw)):
         if raw[at] >> 4 == 1:
@@ -107,7 +107,7 @@ def _first_symbols(raw: bytes, kind: int, at: int, end: int) -> list[int]:
 def decode_jpeg(raw: bytes, jpeg: Jpeg, name: str, *, grey: bool = False) -> NDArray[np.uint8]:
     """Decode JPEG data (h, w, 3) in RGB, or (h, w) in grey.
 
-    Padding before a restart or the end, which webcams write, is no damage: without it, the data must be complete.
+    Padding before a restart or the end, as webcams write it, is no damage if the data is complete without it.
 
     Parameters
     ----------
@@ -116,14 +116,14 @@ def decode_jpeg(raw: bytes, jpeg: Jpeg, name: str, *, grey: bool = False) -> NDA
     jpeg
         Its segments.
     name
-        What the message of an error starts with.
+        Name of the file in error messages.
     grey
         Convert to grey.
 
     Raises
     ------
     DamagedPicture
-        For data of which libjpeg warns, that have a block of zeros, or more parts than any encoder writes.
+        For a warning of libjpeg, a block of zeros, or more parts than any encoder writes.
     """
     if jpeg.is_overlong:
         raise DamagedPicture(overlong(name))
@@ -143,7 +143,7 @@ def decode_jpeg(raw: bytes, jpeg: Jpeg, name: str, *, grey: bool = False) -> NDA
 
 
 def overlong(name: str) -> str:
-    """The message about a picture that `Jpeg.is_overlong`."""
+    """Return the message for a picture that `Jpeg.is_overlong`."""
     return f"{name}: damaged, has more parts than any JPEG: over {_MOST_SEGMENTS} segments or {_MOST_SCANS} scans"
 
 

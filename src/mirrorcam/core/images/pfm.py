@@ -18,13 +18,13 @@ _LONGEST_HEADER = 4096
 
 
 def write_pfm(path: Path, values: NDArray[np.float32]) -> None:
-    """Write a map (v, u) to a .pfm file, atomically; rows go from the bottom up, bytes little end first."""
+    """Write a map (v, u) to a .pfm file, atomically; rows from the bottom up, little-endian."""
     height, width = values.shape
     write_bytes(path, f"Pf\n{width} {height}\n-1\n".encode() + values[::-1].astype("<f4").tobytes())
 
 
 def read_pfm(path: Path) -> NDArray[np.float32]:
-    """The map (v, u) of a .pfm file of one channel, row 0 at the top; NaN and infinities are kept.
+    """Read the map (v, u) of a one-channel .pfm file, row 0 at the top; NaN and infinities are kept.
 
     Raises InputError in one line for a file of another format, or a truncated one.
     """

@@ -28,15 +28,15 @@ class PictureData:
     Attributes
     ----------
     name
-        What messages start with.
+        Name of the file in messages.
     raw
         The content of its file.
     header
-        What the data state.
+        Parsed header.
     size
         Width and height in px.
     depth
-        Bits of a sample: 8, 16, or fewer than 8.
+        Bits per sample: 8, 16, or fewer than 8.
     """
 
     name: str
@@ -47,16 +47,16 @@ class PictureData:
 
     @classmethod
     def of(cls, path: Path, raw: bytes) -> PictureData:
-        """Judge the content of a file.
+        """Check the content of a file.
 
-        Raises DamagedPicture for data that are no picture or are cut short, and InputError for a picture that would
-        take more memory than any camera's.
+        Raises DamagedPicture for data that is not a picture or is truncated, and InputError for a picture larger than
+        any camera's.
         """
         name = str(path)
         if raw.startswith(PNG_BEGIN):
             png = Png.of(raw, name)
             found, channels = cls(name, raw, png, png.size, png.depth), png.channels
-            complete = raw.rfind(PNG_END) >= 0  # found at once: it is the end
+            complete = raw.rfind(PNG_END) >= 0  # fast: it is at the end
         elif raw.startswith(JPEG_BEGIN):
             jpeg = Jpeg.of(raw)
             if jpeg.is_overlong:
@@ -91,13 +91,13 @@ class PictureData:
 
     @property
     def significant_bits(self) -> int | None:
-        """Number of significant bits of a sample, if the data state it; else None."""
+        """Stated number of significant bits per sample, or None."""
         return significant_bits(self.raw) if isinstance(self.header, Png) else None
 
     def decoded(self, *, grey: bool = False, opacity: bool = False) -> NDArray[Any]:
-        """Decode the data: (h, w) in grey or (h, w, 3) in RGB, or with opacity (h, w, 4) where there is one.
+        """Decode the data: (h, w) grey, (h, w, 3) RGB, or (h, w, 4) with opacity if requested and present.
 
-        Samples have 8 or 16 bits, as stored. In grey, colours of 16 bits stay. Raises DamagedPicture.
+        Samples have 8 or 16 bits, as stored. `grey` does not convert 16-bit colours. Raises DamagedPicture.
         """
         header = self.header
         if isinstance(header, Jpeg):
@@ -124,6 +124,6 @@ class PictureData:
 
 
 def as_grey(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """A picture (h, w) or (h, w, 3) in grey (h, w)."""
+    """Convert a picture (h, w) or (h, w, 3) to grey (h, w)."""
     grey = image if image.ndim == 2 else cv2.cvtColor(np.ascontiguousarray(image), cv2.COLOR_RGB2GRAY)
     return np.asarray(grey, dtype=np.uint8)

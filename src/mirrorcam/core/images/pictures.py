@@ -138,7 +138,7 @@ def read_image(path: AnyPath, *, grey: bool = False) -> NDArray[np.uint8]:
     InputError
         If the file is missing or larger than any camera's picture.
     DamagedPicture
-        If it is no picture, cut short, or its data are not what was written.
+        If it is not a picture, truncated or damaged.
     """
     path = path_of("path", path)
     data = _data(path)
@@ -164,7 +164,7 @@ def read_opacity(path: Path) -> NDArray[np.uint8] | None:
 
 
 def _bits(path: Path, data: PictureData, image: NDArray[np.uint16]) -> int:
-    """Number of used bits of a picture, common to its set."""
+    """Return the number of used bits of a picture, common to its set."""
     agreed = _agreed.get(_key(path))
     return (SampleBits.of(image, data.significant_bits) if agreed is None else agreed).used
 
@@ -174,12 +174,12 @@ def _data(path: Path) -> PictureData:
 
 
 def picture_size(path: Path) -> tuple[int, int]:
-    """Width and height of a picture in px, by its header; raises as `read_image`, but not for later damage."""
+    """Return width and height of a picture in px from its header; raises as `read_image`, but ignores later damage."""
     return _data(path).size
 
 
 def orientation(path: Path) -> int:
-    """EXIF orientation of a picture, 1 to 8: 1, also where the file states none, is as on the sensor."""
+    """Return the EXIF orientation of a picture, 1 to 8; 1, also if the file states none, is as on the sensor."""
     from PIL import Image, UnidentifiedImageError
 
     try:
@@ -201,7 +201,7 @@ def check_size(path: Path, size: tuple[int, int], expected: tuple[int, int], who
 
 
 def encoded_image(image: NDArray[np.uint8], suffix: str, jpeg_quality: int = 95) -> bytes:
-    """The bytes of the file of an RGB (h, w, 3) or grey (h, w) 8-bit image, in the format of the suffix."""
+    """Encode an RGB (h, w, 3) or grey (h, w) 8-bit image in the format of the suffix."""
     options = [cv2.IMWRITE_JPEG_QUALITY, jpeg_quality] if suffix in JPEG_ENDINGS else []
     encoded, buffer = cv2.imencode(suffix, image if image.ndim == 2 else image[..., ::-1], options)
     if not encoded:

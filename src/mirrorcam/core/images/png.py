@@ -1,4 +1,4 @@
-"""PNG data: judged by their header, inflated within its size and decoded, or refused; the decoder prints nothing."""
+"""Decode PNG data within the limits of its header; the decoder prints nothing on standard error."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ PNG_BEGIN, PNG_END = b"\x89PNG\r\n\x1a\n", b"IEND\xaeB`\x82"
 _CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
 _DEPTHS = {0: (1, 2, 4, 8, 16), 2: (8, 16), 3: (1, 2, 4, 8), 4: (8, 16), 6: (8, 16)}
 _GREY, _COLOURS, _PALETTE = 0, 2, 3
-# First column and row of each pass of an interlaced picture, and its steps between columns and rows.
+# First column and row of each pass of an interlaced picture, and its column and row steps.
 _PASSES = ((0, 0, 8, 8), (4, 0, 8, 8), (0, 4, 4, 8), (2, 0, 4, 4), (0, 2, 2, 4), (1, 0, 2, 2), (0, 1, 1, 2))
 _LARGEST_FILTER = 4
 _STORED_BYTES = 65_535
 """Bytes of the largest stored block of deflate."""
 _MOST_CHUNKS = 200_000
-"""Parts of the largest picture, of 8 kB each as encoders write them, and some."""
+"""More chunks than the largest picture has, at 8 kB each as encoders write them."""
 _LARGE_BYTES = 1 << 26
-"""Bytes of lines that memory should not hold twice."""
+"""Size of lines above which they should not be in memory twice."""
 
 
 @dataclass(frozen=True)
 class Png:
-    """The header of a PNG: width and height in px, bits of a sample, type of colour, and whether it is interlaced."""
+    """The header of a PNG: width and height in px, bits per sample, colour type, and whether it is interlaced."""
 
     size: tuple[int, int]
     depth: int
@@ -40,7 +40,7 @@ class Png:
 
     @classmethod
     def of(cls, raw: bytes, name: str) -> Png:
-        """Read the header of PNG data; raises DamagedPicture for one that no PNG can have."""
+        """Read the header of PNG data; raises DamagedPicture for an invalid one."""
         if raw[8:16] != b"\x00\x00\x00\rIHDR" or len(raw) < 29:
             raise DamagedPicture(f"{name}: damaged, its header states no size")
         width, height, depth, colour, method, filters, interlaced = struct.unpack(">IIBBBBB", raw[16:29])
@@ -50,17 +50,17 @@ class Png:
 
     @property
     def channels(self) -> int:
-        """Channels of the pixels that are decoded."""
+        """Channels of the decoded pixels."""
         return 4 if self.colour == _PALETTE else _CHANNELS[self.colour]
 
     @property
     def is_coloured(self) -> bool:
-        """Whether pixels have colours, rather than grey values."""
+        """Whether pixels are coloured rather than grey."""
         return bool(self.colour & 2)
 
     @property
     def _row_bytes(self) -> Iterator[tuple[int, int]]:
-        """Rows of each pass, and the bytes of each row with its filter byte."""
+        """Number of rows of each pass, and bytes per row with its filter byte."""
         width, height = self.size
         for column, row, across, down in _PASSES if self.interlaced else ((0, 0, 1, 1),):
             cols, rows = -(-(width - column) // across), -(-(height - row) // down)
@@ -69,7 +69,7 @@ class Png:
 
 
 def significant_bits(raw: bytes) -> int | None:
-    """The bits of a sample that a PNG states to be significant (sBIT), the most of any colour; None where it does not.
+    """Return the significant bits (sBIT) that a PNG states, the most of any colour; None if it states none.
 
     Opacity does not count.
     """
@@ -86,7 +86,7 @@ def significant_bits(raw: bytes) -> int | None:
 def decode_png(raw: bytes, png: Png, name: str, flags: int, *, opacity: bool = False) -> NDArray[Any]:
     """Decode PNG data by OpenCV's flags.
 
-    The decoder gets the critical chunks alone, whose data were found complete: of anything else it would write to
+    The decoder gets only the critical chunks, after a check of their data: it prints warnings about anything else on
     standard error.
 
     Parameters
@@ -96,22 +96,22 @@ def decode_png(raw: bytes, png: Png, name: str, flags: int, *, opacity: bool = F
     png
         Their header.
     name
-        What the message of an error starts with.
+        Name of the file in error messages.
     flags
-        Of `cv2.imdecode`.
+        Flags of `cv2.imdecode`.
     opacity
         Whether the opacity of colours (tRNS) is read.
 
     Raises
     ------
     DamagedPicture
-        For data whose checksums, order or length are wrong, or that cannot be inflated.
+        For a wrong checksum, order or length, or data that cannot be inflated.
     """
     parts = _parts(raw, png, name)
     lines = _lines(parts[b"IDAT"], png, name)
     pieces: list[bytes | memoryview] = [PNG_BEGIN, *_chunk(raw[12:29])]
     if png.colour == _PALETTE:
-        # Filled up: of an index beyond the palette, too, the decoder writes.
+        # Padded, because the decoder prints a warning for an index beyond the palette.
         pieces += _chunk(b"PLTE", parts[b"PLTE"].ljust(3 << png.depth, b"\x00"))
     if opacity and _is_valid_opacity(png, parts):
         pieces += _chunk(b"tRNS", parts[b"tRNS"])
@@ -128,7 +128,7 @@ def decode_png(raw: bytes, png: Png, name: str, flags: int, *, opacity: bool = F
 
 
 def _chunks(raw: bytes) -> Iterator[tuple[int, int]]:
-    """Begin and end of the name and content of each chunk of a PNG that is there in full, up to its last."""
+    """Yield begin and end of name and content of each complete chunk, up to IEND."""
     at = len(PNG_BEGIN)
     while (end := at + 8 + int.from_bytes(raw[at : at + 4])) + 4 <= len(raw):
         yield at + 4, end
@@ -138,7 +138,7 @@ def _chunks(raw: bytes) -> Iterator[tuple[int, int]]:
 
 
 def _parts(raw: bytes, png: Png, name: str) -> dict[bytes, bytes]:
-    """The content of the chunks that make the picture, by their names; all checksums are checked."""
+    """Return the contents of the chunks that determine the picture, by name; check all checksums."""
     content, last = memoryview(raw), b""
     data: list[memoryview] = []
     parts: dict[bytes, bytes] = {}
@@ -170,7 +170,7 @@ def _parts(raw: bytes, png: Png, name: str) -> dict[bytes, bytes]:
 
 
 def _is_valid_opacity(png: Png, parts: dict[bytes, bytes]) -> bool:
-    """Return whether there is an opacity of colours that fits; others are left out, as all programs do."""
+    """Return whether there is a valid tRNS chunk; all programs ignore an invalid one."""
     stated = parts.get(b"tRNS")
     if stated is None:
         return False
@@ -182,31 +182,31 @@ def _is_valid_opacity(png: Png, parts: dict[bytes, bytes]) -> bool:
 
 
 def _lines(data: bytes, png: Png, name: str) -> list[bytes | memoryview]:
-    """Pieces of a stream of zlib that holds the filtered lines of a picture: as many bytes as its header says.
+    """Return pieces of a zlib stream with the filtered lines of a picture, of the size that its header states.
 
-    Those of a small picture need not be inflated again.
+    For a small picture, the stream is uncompressed, so that it is not inflated twice.
     """
     layout = list(png._row_bytes)
-    wanted = sum(rows * row_bytes for rows, row_bytes in layout)
+    total_bytes = sum(rows * row_bytes for rows, row_bytes in layout)
     stream = zlib.decompressobj()
     try:
-        lines = stream.decompress(data, wanted + 1)
+        lines = stream.decompress(data, total_bytes + 1)
     except zlib.error:
         raise DamagedPicture(f"{name}: damaged, its data cannot be decoded") from None
-    if len(lines) < wanted:
+    if len(lines) < total_bytes:
         raise DamagedPicture(f"{name}: damaged, a part of it is missing")
     at, filters = 0, np.frombuffer(lines, np.uint8)
     for rows, row_bytes in layout:
         if (filters[at : at + rows * row_bytes : row_bytes] > _LARGEST_FILTER).any():
             raise DamagedPicture(f"{name}: damaged, its data cannot be decoded")
         at += rows * row_bytes
-    if wanted > _LARGE_BYTES and len(lines) == wanted and stream.eof and not stream.unused_data:
+    if total_bytes > _LARGE_BYTES and len(lines) == total_bytes and stream.eof and not stream.unused_data:
         return [data]
-    return _stored(memoryview(lines)[:wanted])
+    return _stored(memoryview(lines)[:total_bytes])
 
 
 def _stored(lines: memoryview) -> list[bytes | memoryview]:
-    """Pieces of a stream of zlib that holds data without compression."""
+    """Return pieces of an uncompressed zlib stream."""
     blocks: list[bytes | memoryview] = [b"\x78\x01"]
     for at in range(0, len(lines), _STORED_BYTES):
         piece = lines[at : at + _STORED_BYTES]
@@ -216,7 +216,7 @@ def _stored(lines: memoryview) -> list[bytes | memoryview]:
 
 
 def _chunk(*pieces: bytes | memoryview) -> list[bytes | memoryview]:
-    """Pieces of a chunk of a PNG, by its name and the pieces of its content."""
+    """Return pieces of a chunk from its name and the pieces of its content."""
     checksum = 0
     for piece in pieces:
         checksum = zlib.crc32(piece, checksum)

@@ -1,4 +1,4 @@
-"""The number of used bits in 16-bit samples: cameras of 10, 12 or 14 bits store them as the lowest."""
+"""The number of used bits in 16-bit samples: cameras of 10, 12 or 14 bits store them in the lowest bits."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ _LINES = 256
 
 @dataclass(frozen=True)
 class SampleBits:
-    """The largest of some samples, which of their bits are set in any, and how many the file states to be significant.
+    """The largest of some samples, the bits set in any of them, and the number of significant bits that a file states.
 
-    Without statement, as many bits are used as hold the largest sample. A statement (as sBIT of PNG) should mean the
-    highest bits; of those who write it, some mean the lowest, which the samples tell.
+    Without a stated number, the largest sample determines the used bits. A stated number (as sBIT of PNG) should refer
+    to the highest bits, but some programs mean the lowest, which the samples show.
     """
 
     largest: int = 0
@@ -30,12 +30,12 @@ class SampleBits:
 
     @classmethod
     def of(cls, samples: NDArray[Any], stated: int | None = None) -> SampleBits:
-        """Bits of some 16-bit samples."""
+        """Return the bits of some 16-bit samples."""
         return cls(int(samples.max(initial=0)), int(np.bitwise_or.reduce(samples, axis=None)), stated)
 
     @classmethod
     def together(cls, some: Iterable[SampleBits]) -> SampleBits:
-        """The bits of all pictures or frames of a set, which share one scale."""
+        """Return the bits of all pictures or frames of a set, which share one scale."""
         found = list(some)
         stated = {each.stated for each in found}
         return cls(
@@ -46,7 +46,7 @@ class SampleBits:
 
     @property
     def used(self) -> int:
-        """How many bits are used: 8, 10, 12, 14 or 16, or as many as are stated."""
+        """Number of used bits: 8, 10, 12, 14 or 16, or the stated number."""
         if self.stated is not None and self.stated >= 8:
             are_lowest = self.largest < 1 << self.stated and self.set_bits & ((1 << (ALL - self.stated)) - 1)
             return self.stated if are_lowest else ALL
@@ -61,9 +61,9 @@ class SampleBits:
 
 
 def to_8_bits(samples: NDArray[Any], bits: int) -> NDArray[np.uint8]:
-    """Samples of 16 bits, of which the lowest `bits` are used, with 8 bits."""
+    """Convert 16-bit samples, of which the lowest `bits` are used, to 8 bits."""
     scaled = np.empty(samples.shape, np.uint8)
-    for begin in range(0, len(samples), _LINES):  # so that a large picture is in memory once
+    for begin in range(0, len(samples), _LINES):  # in blocks, because a large picture should not be in memory twice
         lines = slice(begin, begin + _LINES)
         scaled[lines] = np.minimum(samples[lines] >> (bits - 8), 255)
     return scaled

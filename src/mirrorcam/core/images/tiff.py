@@ -1,4 +1,4 @@
-"""TIFF data of one picture: judged by its tags, and decoded with nothing else than these, or refused."""
+"""Decode TIFF data of one picture, after a check of its tags."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _TYPES = {1: "B", 3: "H", 4: "I"}
 _REDUCED = 1
 _MOST_PAGES = 16
 _MOST_VALUES = 1 << 20
-"""Values of a tag: strips have at least a line."""
+"""Most values of a tag: strips have at least one line."""
 _KNOWN = frozenset(
     (_WIDTH, _HEIGHT, _OFFSETS, _ROWS, _BYTES, _COLOURS, _TILE_WIDTH, _PHOTOMETRIC, *_DEFAULTS)
 )  # fmt: skip
@@ -41,11 +41,11 @@ class Tiff:
     size
         Width and height in px.
     depth
-        Bits of a sample.
+        Bits per sample.
     samples
-        Samples of a pixel as stored.
+        Stored samples per pixel.
     order
-        "<" or ">": which byte of a number is first.
+        Byte order: "<" or ">".
     """
 
     size: tuple[int, int]
@@ -62,7 +62,7 @@ class Tiff:
 
     @classmethod
     def of(cls, raw: bytes, name: str) -> Tiff:
-        """Read the tags; raises DamagedPicture where they are damaged, and InputError for another kind of TIFF."""
+        """Read the tags; raises DamagedPicture if they are damaged, and InputError for an unsupported TIFF."""
         order = "<" if raw[:2] == b"II" else ">"
         try:
             tags, following = _tags(raw, order, struct.unpack_from(f"{order}I", raw, 4)[0], _KNOWN)
@@ -107,21 +107,21 @@ class Tiff:
 
     @property
     def channels(self) -> int:
-        """Channels of the pixels that are decoded."""
+        """Channels of the decoded pixels."""
         return 3 if self.photometric == _PALETTE else self.samples
 
 
 def _tags(raw: bytes, order: str, at: int, known: Set[int]) -> tuple[dict[int, tuple[int, ...]], int]:
-    """The known tags of a directory, and where the next directory is; raises struct.error where they leave the file."""
+    """Return the known tags of a directory, and the offset of the next; raises struct.error beyond the file."""
     (count,) = struct.unpack_from(f"{order}H", raw, at)
     found: dict[int, tuple[int, ...]] = {}
     for number in range(count):
-        place = at + 2 + 12 * number
-        tag, kind, length = struct.unpack_from(f"{order}HHI", raw, place)
+        entry = at + 2 + 12 * number
+        tag, kind, length = struct.unpack_from(f"{order}HHI", raw, entry)
         if tag in known and kind in _TYPES and 0 < length <= _MOST_VALUES and tag not in found:
             text = f"{order}{length}{_TYPES[kind]}"
             inside = struct.calcsize(text) <= 4
-            begin = place + 8 if inside else struct.unpack_from(f"{order}I", raw, place + 8)[0]
+            begin = entry + 8 if inside else struct.unpack_from(f"{order}I", raw, entry + 8)[0]
             found[tag] = struct.unpack_from(text, raw, begin)
     return found, struct.unpack_from(f"{order}I", raw, at + 2 + 12 * count)[0]
 
@@ -129,7 +129,7 @@ def _tags(raw: bytes, order: str, at: int, known: Set[int]) -> tuple[dict[int, t
 def decode_tiff(raw: bytes, tiff: Tiff, name: str) -> NDArray[Any]:
     """Decode TIFF data: grey (h, w), RGB (h, w, 3), or RGB with opacity (h, w, 4), of 8 or 16 bits.
 
-    Raises DamagedPicture for data that are cut short or cannot be decompressed.
+    Raises DamagedPicture for data that is truncated or cannot be decompressed.
     """
     import av
 
@@ -142,7 +142,7 @@ def decode_tiff(raw: bytes, tiff: Tiff, name: str) -> NDArray[Any]:
         if size < least:
             raise DamagedPicture(f"{name}: damaged, a part of it is missing")
     decoder: Any = av.CodecContext.create("tiff", "r")
-    decoder.options = {"err_detect": "explode"}  # else lines that cannot be decoded stay black
+    decoder.options = {"err_detect": "explode"}  # otherwise, undecodable lines stay black
     decoder.thread_count = 1
     try:
         frames = decoder.decode(av.Packet(_with_own_tags(raw, tiff)))
@@ -157,7 +157,7 @@ def decode_tiff(raw: bytes, tiff: Tiff, name: str) -> NDArray[Any]:
 
 
 def _colours(tiff: Tiff, name: str) -> NDArray[np.uint8]:
-    """The colours (256, 3) of a palette."""
+    """Return the colours (256, 3) of a palette."""
     if len(tiff.colours) != 3 * 256:
         raise DamagedPicture(f"{name}: damaged, its palette is missing or of a wrong length")
     colours = np.reshape(tiff.colours, (3, 256)).T
@@ -165,7 +165,7 @@ def _colours(tiff: Tiff, name: str) -> NDArray[np.uint8]:
 
 
 def _with_own_tags(raw: bytes, tiff: Tiff) -> bytes:
-    """TIFF data with a directory of those tags alone that the pixels depend on: others upset the decoder."""
+    """Return TIFF data with only the tags that determine the pixels: the decoder fails on some others."""
     photometric = _RGB if tiff.photometric == _RGB else _BLACK_IS_ZERO
     shorts: dict[int, Sequence[int]] = {
         _BITS: (tiff.depth,) * tiff.samples,

@@ -1,4 +1,4 @@
-"""Independent calls of functions: one after the other, or some of them in another process at the same time."""
+"""Independent function calls: in sequence, or partly in another process at the same time."""
 
 from __future__ import annotations
 
@@ -22,38 +22,38 @@ def in_turn(calls: Sequence[Call]) -> Generator[Any, None, None]:
 
 
 def in_parallel(worker: WorkerProcess) -> Calls:
-    """Make calls here from the first on, and at the same time in a worker from the last on.
+    """Make calls in this process from the first on, and at the same time in a worker from the last on.
 
-    A single call is made here, and so is a call that kills the worker. An error is raised when its result is taken.
-    The worker is killed once its result is no longer needed.
+    A single call is made in this process, and so is a call that kills the worker. An error is raised when its result is
+    requested. The worker is killed once its result is no longer needed.
     """
 
     def make(calls: Sequence[Call]) -> Generator[Any, None, None]:
         waiting, answers = deque(range(len(calls))), dict[int, Any]()
-        there: int | None = None
+        in_worker: int | None = None
         try:
             for number in range(len(calls)):
                 while number not in answers:
-                    if there is not None and (not waiting or worker.connection.poll()):
-                        answers[there] = _answer(worker, calls[there])
-                        there = None
+                    if in_worker is not None and (not waiting or worker.connection.poll()):
+                        answers[in_worker] = _answer(worker, calls[in_worker])
+                        in_worker = None
                         continue
-                    if there is None and len(waiting) > 1:
-                        there = waiting.pop()
-                        worker.send(calls[there][0], *calls[there][1])
-                    here = waiting.popleft()
-                    function, arguments = calls[here]
-                    answers[here] = function(*arguments)
+                    if in_worker is None and len(waiting) > 1:
+                        in_worker = waiting.pop()
+                        worker.send(calls[in_worker][0], *calls[in_worker][1])
+                    own = waiting.popleft()
+                    function, arguments = calls[own]
+                    answers[own] = function(*arguments)
                 yield answers.pop(number)
         finally:
-            if there is not None:
+            if in_worker is not None:
                 worker.kill()
 
     return make
 
 
 def _answer(worker: WorkerProcess, call: Call) -> Any:
-    """The worker's answer; if it dies, the function's result in this process."""
+    """Return the worker's answer; if it dies, call the function in this process."""
     function, arguments = call
     try:
         return worker.answer()

@@ -1,4 +1,4 @@
-"""A `mirrorcam` command in a process of its own, started by a page: its output, its end, and its cancellation."""
+"""A `mirrorcam` command in its own process, started by a page: output, exit code, and cancellation."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from mirrorcam.core.processes.child_program import NEW_GROUP, supervised
 
 LINES_KEPT = 40
 ENDING_S = 10.0
-"""Time for a command to finish its file when it is cancelled, or this process ends; it is then killed."""
+"""Time for a command to finish its file when it is cancelled or this process ends, before it is killed."""
 
 
 class ChildCommand:
     """A started command; any thread may poll or cancel it.
 
-    It ends with this process, as by Ctrl-C, also if that is killed. A Ctrl-C of the terminal is not for it.
+    It is interrupted, as by Ctrl-C, when this process ends, even if killed. Ctrl-C in the terminal does not reach it.
 
     Parameters
     ----------
     arguments
-        What follows `mirrorcam` on the command line.
+        Arguments after `mirrorcam` on the command line.
     """
 
     def __init__(self, arguments: Sequence[str]) -> None:
@@ -49,13 +49,13 @@ class ChildCommand:
 
     @property
     def lines(self) -> tuple[str, ...]:
-        """The last lines printed to either stream; complete once it has ended."""
+        """The last lines of both streams; complete once it has ended."""
         with self._lock:
             return tuple(self._lines)
 
     @property
     def returncode(self) -> int | None:
-        """Exit code once it has ended and all its lines are read; 128 plus the number of a signal that ended it."""
+        """Exit code once it has ended and all its output is read; 128 plus the signal that ended it."""
         return None if self._follower.is_alive() else self._process.returncode
 
     @property
@@ -64,7 +64,7 @@ class ChildCommand:
         return time.monotonic() - self._began if self._follower.is_alive() else self._seconds
 
     def wait(self, timeout_s: float | None = None) -> int | None:
-        """Wait for its exit code; None after a time."""
+        """Wait for its exit code; None after `timeout_s`."""
         self._follower.join(timeout_s)
         return self.returncode
 

@@ -27,17 +27,17 @@ if sys.platform == "win32":
     _INTERRUPT, NEW_GROUP = signal.CTRL_BREAK_EVENT, subprocess.CREATE_NEW_PROCESS_GROUP
 else:
     _INTERRUPT, NEW_GROUP = signal.SIGINT, 0
-"""Signal that interrupts a program, and flag that creates one in a process group of its own."""
+"""Signal that interrupts a program, and flag that starts one in its own process group."""
 TREE_ENDING_S = 10.0
 """Time limit for ending the processes of a tree."""
 _PR_SET_PDEATHSIG, _PR_SET_CHILD_SUBREAPER = 1, 36
 
 
 def supervised(command: Sequence[str] | str, *, ending_s: float = 0.0, tree: bool = False) -> list[str]:
-    """The command line of the supervisor, which runs a program and ends it when its own standard input closes.
+    """Return the command line of the supervisor, which runs a program and ends it when its own standard input closes.
 
-    A str is a line for the shell. With `ending_s`, the program is first interrupted, as by Ctrl-C, and then killed
-    after that time. With `tree`, the program runs in a session of its own, and its descendants end with it. The
+    A str is a shell command. With `ending_s`, the program is first interrupted, as by Ctrl-C, and then killed
+    after that time. With `tree`, the program runs in its own session, and its descendants end with it. The
     exit code is the program's, or 128 plus the number of the signal that ended it.
     """
     shell, words = (True, [command]) if isinstance(command, str) else (False, list(command))
@@ -49,7 +49,7 @@ def run_program(
 ) -> subprocess.CompletedProcess[bytes]:
     """Run a program to its end, without standard input, and return its output.
 
-    An exception here, such as KeyboardInterrupt, ends it too. Raises subprocess.TimeoutExpired.
+    An exception such as KeyboardInterrupt ends the program, too. Raises subprocess.TimeoutExpired.
     """
     theirs, ours = os.pipe()
     try:
@@ -132,7 +132,7 @@ def adopting_orphans() -> Iterator[Callable[[], None]]:
 
 
 def _adopting() -> Callable[[], object] | None:
-    """On Linux, adopt orphaned descendants; returns the function that has a child killed with this process."""
+    """On Linux, adopt orphaned descendants; return a function by which a child is killed with this process."""
     if sys.platform != "linux":
         return None
     from ctypes import CDLL
@@ -145,14 +145,14 @@ def _adopting() -> Callable[[], object] | None:
 if sys.platform != "win32":
 
     def _reaped(pid: int) -> int:
-        """Wait for a child, reaping all others; returns its exit code, or minus the signal."""
+        """Wait for a child, reaping all others; return its exit code, or minus the signal."""
         while True:
             found, status = os.waitpid(-1, 0)
             if found == pid:
                 return os.waitstatus_to_exitcode(status)
 
     def _end_tree(pid: int) -> None:
-        """Kill the remaining tree of a child, and wait for its end, for a limited time."""
+        """Kill the remaining tree of a child, and wait for its end up to a time limit."""
         deadline = time.monotonic() + TREE_ENDING_S
         with suppress(ChildProcessError):  # no process is left
             while time.monotonic() < deadline:
@@ -168,7 +168,7 @@ if sys.platform != "win32":
         _kill_all(_descendants)
 
     def _kill_all(found: Callable[[], set[int]]) -> set[int]:
-        """Kill all processes that `found` lists, also new ones; returns their numbers."""
+        """Kill all processes that `found` lists, even new ones; return their IDs."""
         # Stop them first: a running process could start others faster than they are killed.
         stopped: set[int] = set()
         while new := found() - stopped:
@@ -178,7 +178,7 @@ if sys.platform != "win32":
         return stopped
 
     def _end_orphans(before: set[int]) -> None:
-        """Kill descendants of this process in other sessions that are new; wait for them for a limited time."""
+        """Kill new descendants of this process in other sessions; wait for their end up to a time limit."""
         deadline, left = time.monotonic() + TREE_ENDING_S, _kill_all(lambda: _of_other_sessions() - before)
         while left and time.monotonic() < deadline:
             for each in left.copy():
@@ -201,10 +201,10 @@ if sys.platform != "win32":
                 os.kill(each, number)
 
     def _descendants() -> set[int]:
-        """Numbers of all processes below this one, on Linux; none elsewhere."""
+        """Return the IDs of all descendants of this process on Linux; an empty set elsewhere."""
         children: dict[int, list[int]] = {}
         try:
-            numbers = [int(place.name) for place in Path("/proc").iterdir() if place.name.isdigit()]
+            numbers = [int(entry.name) for entry in Path("/proc").iterdir() if entry.name.isdigit()]
         except FileNotFoundError:
             return set()
         for number in numbers:

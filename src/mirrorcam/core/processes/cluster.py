@@ -15,8 +15,8 @@ SECONDS_TO_CONNECT = 10
 def run_cluster(tasks: Sequence[str], address: str, work: Work[str, Answer]) -> Iterator[tuple[int, Answer | Died]]:
     """Yield index and answer of each task as workers of the scheduler at `address` finish it.
 
-    Tasks start in their order. Workers may join and leave. Raises InputError where no scheduler answers, or where the
-    connection to it is lost.
+    Tasks start in order. Workers may join and leave. Raises InputError if no scheduler answers, or if the connection is
+    lost.
     """
     require("cluster")
     from distributed import Client, Future, KilledWorker, as_completed
@@ -38,12 +38,12 @@ def run_cluster(tasks: Sequence[str], address: str, work: Work[str, Answer]) -> 
                 if future.cancelled():
                     raise lost
                 try:
-                    got: Answer | Died = future.result()
+                    answer: Answer | Died = future.result()
                 except KilledWorker as killed:
-                    got = Died(f"{killed.allowed_failures + 1} workers died of it")
+                    answer = Died(f"{killed.allowed_failures + 1} workers died of it")
                 except CommClosedError:
                     raise lost from None
-                yield futures[future], got
+                yield futures[future], answer
                 future.release()
         finally:
             client.cancel(list(futures))

@@ -19,17 +19,17 @@ SECONDS_OF_ONE = 1.0
 """Signals within this time count as one: `timeout`, for example, signals the process and its group."""
 
 _remembering = False
-_asked: signal.Signals | None = None
+_requested: signal.Signals | None = None
 _raised_s = float("-inf")
 _deferrals = 0
-_held_back = False
+_is_pending = False
 
 
 def _on_signal(number: int, frame: FrameType | None) -> None:
-    global _asked, _held_back
-    _asked = _asked or signal.Signals(number)
+    global _requested, _is_pending
+    _requested = _requested or signal.Signals(number)
     if _deferrals:
-        _held_back = True
+        _is_pending = True
     else:
         _interrupt()
 
@@ -46,11 +46,11 @@ def _interrupt() -> None:
 def remembered() -> Iterator[None]:
     """Record Ctrl-C and SIGTERM within the block, and raise KeyboardInterrupt for either.
 
-    A signal that the process ignores, as jobs in the background of a script do with Ctrl-C, stays ignored, and one with
-    another handler is left to that. Only for the main thread.
+    A signal that the process ignores, as background jobs of a script ignore Ctrl-C, stays ignored, and a signal with
+    another handler keeps it. Only for the main thread.
     """
-    global _remembering, _asked, _raised_s, _held_back
-    _remembering, _asked, _raised_s, _held_back = True, None, float("-inf"), False
+    global _remembering, _requested, _raised_s, _is_pending
+    _remembering, _requested, _raised_s, _is_pending = True, None, float("-inf"), False
     unset = (signal.SIG_DFL, signal.default_int_handler)
     before = {number: signal.getsignal(number) for number in SIGNALS}
     ours = [number for number in SIGNALS if before[number] in unset]
@@ -67,35 +67,35 @@ def remembered() -> Iterator[None]:
 @contextmanager
 def deferred() -> Iterator[None]:
     """Defer a `remembered` interruption until the block ends: for short, indivisible work."""
-    global _deferrals, _held_back
+    global _deferrals, _is_pending
     _deferrals += 1
     try:
         yield
     finally:
         _deferrals -= 1
-    if _held_back and not _deferrals:
-        _held_back = False
+    if _is_pending and not _deferrals:
+        _is_pending = False
         _interrupt()
 
 
 def requested() -> signal.Signals | None:
     """Return the first signal that requested an end since `remembered` was entered; None without one."""
-    return _asked
+    return _requested
 
 
 def check() -> None:
     """Raise KeyboardInterrupt if a signal requested an end, even if a library swallowed it.
 
-    That is only so within `remembered`.
+    Has no effect outside `remembered`.
     """
-    if _remembering and _asked:
+    if _remembering and _requested:
         raise KeyboardInterrupt
 
 
 def ended(error: BaseException) -> bool:
     """Return whether an interruption caused this error.
 
-    What a library makes of one within `remembered`, such as the ImportError of a module that was being loaded, is one.
+    Within `remembered`, this includes errors that a library raises instead, such as ImportError while a module loads.
     """
     return isinstance(error, KeyboardInterrupt) or (
         requested() is not None and any(isinstance(cause, KeyboardInterrupt) for cause in causes(error))

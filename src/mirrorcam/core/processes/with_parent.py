@@ -1,7 +1,7 @@
-"""Import this in a process to have it killed when the process that started it ends, on Linux.
+"""On Linux, a process that imports this module is killed when its parent ends.
 
-The fork server of `worker_process` imports it first: it loads slow libraries next, and watches for the end of its
-parent only after that.
+The fork server of `worker_process` imports it first, because it watches for the end of its parent only after it has
+loaded slow libraries.
 """
 
 import ctypes

@@ -21,7 +21,7 @@ ATTEMPTS = 3
 
 @dataclass(frozen=True)
 class Died:
-    """A task whose every worker died."""
+    """A task whose workers all died."""
 
     reason: str
 
@@ -47,27 +47,33 @@ def run_local(
 ) -> Generator[tuple[int, Answer | Died], None, None]:
     """Yield index and answer of each task as it is finished, from at most `workers` processes.
 
-    A worker that dies loses what it was doing, and only that: another takes its place and tries it again, until
-    ATTEMPTS have died of it. Ends all workers when closed.
+    A worker that dies loses only its current task. A new worker repeats the task, until it has killed `ATTEMPTS`
+    workers. Closing the generator ends all workers.
 
     Parameters
     ----------
-    groups : numbers of tasks that go to one worker as far as that leaves none idle, as what it has made for one serves
-        the next; without, tasks are given out in their order
-    preload : modules that are slow to load; where the system can, they are loaded once, in a process that the workers
-        are copies of
+    tasks, work
+        The tasks, and the module-level function for each.
+    workers
+        Largest number of processes.
+    groups
+        Numbers of tasks that one worker should do, because they share data, unless others are idle; by default, tasks
+        start in order.
+    preload
+        Modules that are slow to load. If the system supports it, they are loaded once, in a process from which workers
+        are forked.
 
     Raises
     ------
     InputError
-        as the work has raised it.
+        As raised by the work.
     RuntimeError
-        with its traceback where the work raised anything else: then no worker can do it.
+        With the traceback of any other exception of the work.
     """
     pool = _Pool(tasks, work, _Queue([range(len(tasks))] if groups is None else groups), preload)
     try:
-        for place in range(min(workers, len(tasks))):
-            pool.start(place)
+        for slot in range(min(workers, len(tasks))):
+            pool.start(slot)
         while pool.busy:
             yield from pool.answers()
     finally:
@@ -79,12 +85,12 @@ def call_all(
 ) -> list[Any]:
     """Return the results of function calls, in order; `done` is called after each.
 
-    With one worker, this process makes the calls; else they are `run_local`. The first error is raised, and a call of
-    which its workers die is a RuntimeError.
+    With one worker, this process makes the calls; otherwise `run_local` does. The first error is raised; a call that
+    kills its workers raises RuntimeError.
     """
     answers: dict[int, Any] = {}
-    here = ((number, _call(call)) for number, call in enumerate(calls))
-    with closing(here if workers == 1 else run_local(calls, workers, _call, preload=preload)) as numbered:
+    in_this_process = ((number, _call(call)) for number, call in enumerate(calls))
+    with closing(in_this_process if workers == 1 else run_local(calls, workers, _call, preload=preload)) as numbered:
         for number, answer in numbered:
             if isinstance(answer, Died):
                 raise RuntimeError(answer.reason)
@@ -112,14 +118,14 @@ def _call(call: Call) -> Any:
 
 
 class _Queue:
-    """Order of tasks: a worker stays with its group; an idle one takes a new group, then half of another worker's."""
+    """Order of tasks: a worker finishes its group; an idle one takes a new group, or else half of another worker's."""
 
     def __init__(self, groups: Sequence[Sequence[int]]) -> None:
         self._waiting = [list(group) for group in groups]
         self._own: dict[int, list[int]] = {}
 
-    def next(self, place: int) -> int | None:
-        own = self._own.setdefault(place, [])
+    def next(self, slot: int) -> int | None:
+        own = self._own.setdefault(slot, [])
         if not own and self._waiting:
             own += self._waiting.pop(0)
         if not own:
@@ -129,8 +135,8 @@ class _Queue:
             del most[left:]
         return own.pop(0) if own else None
 
-    def again(self, place: int, task: int) -> None:
-        self._own[place].insert(0, task)
+    def again(self, slot: int, task: int) -> None:
+        self._own[slot].insert(0, task)
 
 
 class _Pool(Generic[Task, Answer]):
@@ -141,44 +147,44 @@ class _Pool(Generic[Task, Answer]):
         self._deaths = [0] * len(tasks)
         self.busy: dict[int, _Busy] = {}
 
-    def start(self, place: int) -> None:
+    def start(self, slot: int) -> None:
         """Start a worker on the next task, if any."""
-        task = self._queue.next(place)
+        task = self._queue.next(slot)
         if task is not None:
-            self.busy[place] = _Busy(WorkerProcess(preload=self._preload), task)
-            self._give(self.busy[place])
+            self.busy[slot] = _Busy(WorkerProcess(preload=self._preload), task)
+            self._send(self.busy[slot])
 
     def answers(self) -> Iterator[tuple[int, Answer | Died]]:
         """Wait for workers, take the answers of the ready ones, and send them their next tasks."""
         ready = wait([busy.worker.connection for busy in self.busy.values()])
-        for place, busy in [(p, b) for p, b in self.busy.items() if b.worker.connection in ready]:
+        for slot, busy in [(p, b) for p, b in self.busy.items() if b.worker.connection in ready]:
             task = busy.task
             try:
                 answer = busy.worker.answer()
             except WorkerDied as death:
-                if self._given_up(place):
+                if self._replace(slot):
                     yield task, Died(f"{ATTEMPTS} workers died of it, the last {death}")
                 continue
-            following = self._queue.next(place)
+            following = self._queue.next(slot)
             if following is None:
-                del self.busy[place]
+                del self.busy[slot]
                 busy.worker.end()
             else:
                 busy.task = following
-                self._give(busy)
+                self._send(busy)
             yield task, answer
 
-    def _given_up(self, place: int) -> bool:
-        """Replace a worker that died; return whether its task is abandoned."""
-        task = self.busy.pop(place).task
+    def _replace(self, slot: int) -> bool:
+        """Replace a worker that died; return whether its task is given up."""
+        task = self.busy.pop(slot).task
         self._deaths[task] += 1
         given_up = self._deaths[task] >= ATTEMPTS
         if not given_up:
-            self._queue.again(place, task)
-        self.start(place)
+            self._queue.again(slot, task)
+        self.start(slot)
         return given_up
 
-    def _give(self, busy: _Busy) -> None:
+    def _send(self, busy: _Busy) -> None:
         busy.worker.send(self._work, self._tasks[busy.task])
 
     def kill(self) -> None:

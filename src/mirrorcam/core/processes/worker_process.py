@@ -1,4 +1,4 @@
-"""A single-threaded process that makes one call at a time, and may be killed during a call and restarted."""
+"""A single-threaded worker process that makes one call at a time, and may be killed during a call and restarted."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class _Running:
     ending: threading.Lock = field(default_factory=threading.Lock)
 
     def ended(self) -> str:
-        """Wait for the end of the process, and state how it ended; any thread may call."""
+        """Wait for the end of the process, and describe it; thread-safe."""
         with self.ending:
             self.process.join()
             self.lifeline.close()
@@ -71,8 +71,8 @@ class _Running:
 class WorkerProcess:
     """A process that makes calls, one at a time, until it is ended.
 
-    It ends with this process, even if that is killed, and ignores Ctrl-C. It may have workers of its own. Any thread
-    may call and kill; `send` and `answer` are for one thread.
+    It ends with this process, even if that is killed, and ignores Ctrl-C. It may have its own workers. Any thread may
+    call and kill; `send` and `answer` must be used by one thread.
 
     Parameters
     ----------
@@ -129,15 +129,15 @@ class WorkerProcess:
         if running is None:
             raise ValueError("no call was sent, expected one to answer")
         try:
-            got = running.connection.recv()
+            reply = running.connection.recv()
         except (EOFError, OSError):
             self._forget(running)
             raise WorkerDied(running.ended()) from None
-        if isinstance(got, InputError):
-            raise got
-        if isinstance(got, str):
-            raise RuntimeError(f"a worker cannot work: {got}")
-        return got.answer
+        if isinstance(reply, InputError):
+            raise reply
+        if isinstance(reply, str):
+            raise RuntimeError(f"a worker cannot work: {reply}")
+        return reply.answer
 
     def end(self) -> None:
         """End the idle process."""
@@ -220,7 +220,7 @@ def _serve(connection: Connection, lifeline: Connection) -> None:
 
 
 def _answer(connection: Connection) -> _Done | InputError | str:
-    """The reply to the next call; raises EOFError or OSError if the connection closes."""
+    """Return the reply to the next call; raises EOFError or OSError if the connection closes."""
     message = connection.recv_bytes()
     try:
         function, arguments = ForkingPickler.loads(message)
@@ -232,7 +232,7 @@ def _answer(connection: Connection) -> _Done | InputError | str:
 
 
 def _kill_when_closed(process: BaseProcess, lifeline: Connection) -> None:
-    """Have the system kill a worker when the other end of its pipe closes, on Linux.
+    """On Linux, make the system kill a worker when the other end of its pipe closes.
 
     A thread of the worker also notices it, but does not run while libraries load or native code holds the GIL.
     """
@@ -250,10 +250,10 @@ def _end_with(lifeline: Connection) -> None:
 
 @contextmanager
 def _for_children() -> Iterator[None]:
-    """Give processes started within the block one thread each, and block Ctrl-C, which is for their parent."""
+    """Start processes within the block with one thread each and with Ctrl-C blocked, which their parent handles."""
     with _STARTING:
         if sys.platform != "win32":
-            resource_tracker.ensure_running()  # if the first process started it, it would unblock Ctrl-C
+            resource_tracker.ensure_running()  # started by the first process, it would unblock Ctrl-C
         before = {name: os.environ.get(name) for name in ONE_THREAD}
         os.environ.update(ONE_THREAD)
         held = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT}) if sys.platform != "win32" else set()

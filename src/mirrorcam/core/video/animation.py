@@ -1,4 +1,4 @@
-"""Videos and loops of pictures as files people play: GIF, and MP4 by FFmpeg's x264."""
+"""Loops of pictures as GIF files, or as MP4 files by FFmpeg's x264."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from numpy.typing import NDArray
 from mirrorcam.core.disk.files import atomic
 from mirrorcam.core.errors import InputError
 
-# Frames that lean on later ones come out differently from run to run.
+# B-frames would make the output differ from run to run.
 _X264 = {"crf": "18", "preset": "medium", "tune": "zerolatency", "flags": "+bitexact"}
 PALETTE_PICTURES = 8
 X264: Final = "libx264"
 
 
 def write_loop(path: Path, pictures: Sequence[NDArray[np.uint8]], pictures_hz: float) -> None:
-    """Write RGB pictures (h, w, 3) as a .gif, which repeats, or an .mp4 (H.264); atomically, the same bytes each time.
+    """Write RGB pictures (h, w, 3) atomically as a repeating .gif or an .mp4 (H.264), with reproducible bytes.
 
-    GIF has 256 colours and hundredths of a second; an MP4 of odd size loses its last row or column.
+    A GIF has 256 colours and durations in 1/100 s; an MP4 of odd size loses its last row or column.
     """
     with atomic(path) as temporary:
         if path.suffix.lower() == ".gif":
@@ -34,7 +34,7 @@ def write_loop(path: Path, pictures: Sequence[NDArray[np.uint8]], pictures_hz: f
 
 
 def _write_gif(path: Path, pictures: Sequence[NDArray[np.uint8]], pictures_hz: float) -> None:
-    # OpenCV's own encoder of GIF has one palette for all that is ever shown.
+    # OpenCV's GIF encoder uses one fixed palette for all files.
     from PIL import Image
 
     # One palette for the complete loop, so that static parts do not flicker.
@@ -61,7 +61,7 @@ def _write_mp4(path: Path, pictures: Sequence[NDArray[np.uint8]], pictures_hz: f
 
 
 def require_x264() -> None:
-    """Raise InputError where the FFmpeg of PyAV is built without x264."""
+    """Raise InputError if PyAV's FFmpeg was built without x264."""
     import av
 
     if X264 not in av.codecs_available:
@@ -72,5 +72,5 @@ def require_x264() -> None:
 
 
 def file_address(path: Path) -> str:
-    """The address by which FFmpeg writes a file, whatever its name looks like."""
+    """Return the address by which FFmpeg writes a file, whatever its name."""
     return f"file:{path}"

@@ -1,4 +1,4 @@
-"""Recording of every frame of a source in the background; frames that are lost are counted."""
+"""Record every frame of a source in the background; lost frames are counted."""
 
 from __future__ import annotations
 
@@ -22,20 +22,20 @@ from mirrorcam.core.video.frames import Frame, Lost
 
 SCHEMA = "mirrorcam.live_recording/1"
 WAITING_BYTES = 256_000_000
-"""Bytes of the frames that may wait to be written."""
+"""Bytes of frames that may wait to be written."""
 FINISHING_S = 3.0
-"""Time that frames which still wait at the end have to be written."""
+"""Time at the end to write waiting frames."""
 QUALITY = 95
 BUFFER_BYTES = 4_000_000
-"""FFmpeg's buffer: a frame is one write then, which waits for Python's lock once."""
+"""FFmpeg's buffer: large enough for one write per frame, which waits for the GIL only once."""
 TICKS_HZ = 1000
-"""Times in a Matroska file are in milliseconds."""
+"""Matroska timestamps are in milliseconds."""
 
 
 class _Output:
-    """The file that FFmpeg writes to. Once the disk refuses a write, no later one changes the file.
+    """The file that FFmpeg writes to. After the first error, writes have no effect.
 
-    FFmpeg is not shown the error: it would leave the file open, and a cluster of frames half written.
+    The error is hidden from FFmpeg, which would otherwise not close the file.
     """
 
     def __init__(self, path: Path) -> None:
@@ -44,7 +44,7 @@ class _Output:
         self.error: OSError | None = None
 
     def write(self, data: bytes) -> int:
-        """Write at the current place."""
+        """Write at the current position."""
         rest = memoryview(data)
         try:
             if self.error is None:
@@ -58,37 +58,37 @@ class _Output:
         return len(data)
 
     def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
-        """Move the place of the next write."""
+        """Move the position of the next write."""
         self._at = offset + {os.SEEK_SET: 0, os.SEEK_CUR: self._at, os.SEEK_END: self.size}[whence]
         return self._at
 
     def tell(self) -> int:
-        """The place of the next write."""
+        """Return the position of the next write."""
         return self._at
 
     def cut(self, size: int) -> None:
-        """Drop the oldest beyond a size."""
+        """Truncate the file."""
         self._raw.truncate(size)
 
     def close(self) -> None:
-        """Let go of the file."""
+        """Close the file."""
         self._raw.close()
 
 
 class FrameRecorder:
-    """Writes frames into a Matroska file, which gets its name when it is closed.
+    """Writes frames to a Matroska file, which gets its name when it is closed.
 
-    Where the disk refuses to take more, the file keeps the frames that were complete by then, and can be played.
+    If the disk fails or is full, the file keeps the complete frames and remains playable.
 
     Attributes
     ----------
     frames
-        Number of frames in the file, as far as is known before it is closed.
+        Number of frames in the file; final when it is closed.
 
     Raises
     ------
     InputError
-        Where a file is in its place, or its name has another ending.
+        If the file exists, or its suffix is not .mkv.
     """
 
     def __init__(self, path: Path, width_px: int, height_px: int) -> None:
@@ -97,13 +97,13 @@ class FrameRecorder:
         if path.suffix.lower() != ".mkv":
             raise InputError(f"{path}: expected a name that ends in .mkv")
         if path.exists():
-            raise InputError(f"{path}: is there already, expected a new name")
+            raise InputError(f"{path}: exists, expected a new name")
         self.path, self.frames = path, 0
         self._stack, self._started, self._last = ExitStack(), 0.0, -1
         temporary = self._stack.enter_context(atomic(path))
         self._output = self._stack.enter_context(closing(_Output(temporary)))
         self._stack.callback(self._keep_complete)
-        # Flushed after each packet, a cluster of frames is in the file once the next one begins.
+        # With a flush after each packet, a cluster is complete in the file when the next begins.
         self._container: Any = av.open(
             self._output, "w", format="matroska", options={"flush_packets": "1"}, buffer_size=BUFFER_BYTES
         )
@@ -114,12 +114,12 @@ class FrameRecorder:
 
     @property
     def failed(self) -> str | None:
-        """Why the disk takes no more, in one line; None where it does."""
+        """Error of the disk in one line, or None."""
         error = self._output.error
         return None if error is None else f"{self.path}: cannot be written: {error.strerror or error}"
 
     def add(self, frame: Frame) -> None:
-        """Add a frame (h, w, 3) in RGB; times must increase. Nothing happens where the disk takes no more."""
+        """Add a frame (h, w, 3) in RGB; times must increase. After an error of the disk, do nothing."""
         import av
 
         if self.failed is not None:
@@ -140,14 +140,14 @@ class FrameRecorder:
         self.frames += 1
 
     def close(self) -> None:
-        """Finish the file, and name it; a file without a frame is removed. Raises InputError where that fails."""
+        """Finish and rename the file, or remove it if it has no frame; raises InputError if that fails."""
         self._container.close()
         self._stack.close()
         if not self.frames:
             self.path.unlink()
 
     def _keep_complete(self) -> None:
-        """Leave out what the disk has taken in part."""
+        """Remove incompletely written frames."""
         if self.failed is not None:
             self.frames = self._complete_frames
             self._output.cut(self._complete_bytes)
@@ -160,15 +160,15 @@ class RecordingCounts:
     Attributes
     ----------
     given
-        Frames that the source gave.
+        Frames that the source delivered.
     recorded
         Frames in the video.
     waiting
         Frames that wait to be written; 0 at the end.
     too_slow
-        Frames for which there was no room, as they came faster than they could be written.
+        Frames for which there was no room: they came faster than they could be written.
     not_written
-        Frames that the disk did not take: it was full, or too slow to take them at the end.
+        Frames that the disk did not store: it was full, or too slow at the end.
     damaged
         Frames that could not be read.
     skipped
@@ -185,15 +185,15 @@ class RecordingCounts:
 
     @property
     def lost(self) -> int:
-        """Frames that are not in the video, and will not be."""
+        """Number of frames that are not in the video, and will not be."""
         return self.given - self.recorded - self.waiting
 
     @property
     def reasons(self) -> str:
-        """Why frames are lost, with their numbers."""
+        """Reasons for losses, with the number of frames."""
         found = {
             "came faster than they could be written": self.too_slow,
-            "were not taken by the disk": self.not_written,
+            "were not stored by the disk": self.not_written,
             "were damaged": self.damaged,
             "were skipped": self.skipped,
         }
@@ -214,9 +214,9 @@ class BackgroundRecorder:
     waiting_bytes
         Bytes of the frames that may wait; those that come while there is no room are lost.
     finishing_s
-        Time that frames which still wait at the end have to be written.
+        Time at the end to write waiting frames.
     recorder
-        What writes the video.
+        Writer of the video.
     """
 
     def __init__(
@@ -244,7 +244,7 @@ class BackgroundRecorder:
         self._thread.start()
 
     def give(self, item: Frame | Lost) -> None:
-        """Take the next frame of the source; after `finish`, none."""
+        """Record the next frame of the source; ignored after `finish`."""
         with self._changed:
             if self._ends_s is not None:
                 return
@@ -262,26 +262,26 @@ class BackgroundRecorder:
                     self._changed.notify_all()
 
     def finish(self) -> None:
-        """Take no more frames; what waits is written, and the files are finished, in the background."""
+        """Accept no more frames; write the waiting ones and finish the files in the background."""
         with self._changed:
             if self._ends_s is None:
                 self._ends_s = time.monotonic() + self._finishing_s
             self._changed.notify_all()
 
     def finished(self, timeout_s: float = 0.0) -> bool:
-        """Whether all is written, at the latest after a time; `finish` it first."""
+        """Wait up to `timeout_s` after `finish`, and return whether everything is written."""
         self._thread.join(timeout_s)
         return not self._thread.is_alive()
 
     @property
     def failed(self) -> str | None:
-        """Why nothing more can be written, in one line; None where it can."""
+        """Error that prevents further writing, in one line, or None."""
         with self._changed:
             return self._failed
 
     @property
     def counts(self) -> RecordingCounts:
-        """What has become of the frames so far."""
+        """Counts of the frames so far."""
         with self._changed:
             pending = self._taken - self._recorded
             waiting = 0 if self._failed is not None or self._over else pending
@@ -323,7 +323,7 @@ class BackgroundRecorder:
             self._fail(str(error))
 
     def _next(self) -> Frame | None:
-        """The next frame to write; None at the end, where the disk takes no more, and where time is over."""
+        """Return the next frame to write; None at the end, after an error, or when time is over."""
         with self._changed:
             self._changed.wait_for(lambda: bool(self._waiting) or self._ends_s is not None)
             late = self._ends_s is not None and time.monotonic() > self._ends_s
@@ -343,14 +343,14 @@ class BackgroundRecorder:
 
 
 def stated(path: Path, counts: RecordingCounts, failed: str | None) -> dict[str, object]:
-    """The content of the JSON file of a video."""
+    """Return the content of a video's JSON file."""
     return {"schema": SCHEMA, "video": path.name, "failed": failed} | asdict(counts)
 
 
 def new_recording(folder: Path) -> Path:
-    """A new name recording_NNNN.mkv in a folder, which its JSON file reserves.
+    """Return a new path recording_NNNN.mkv in a folder, reserved by its JSON file.
 
-    Raises InputError where the folder cannot be written.
+    Raises InputError if the folder cannot be written.
     """
     number = 1
     while True:

@@ -1,8 +1,8 @@
 """Cameras by number, through OpenCV, and by address, through FFmpeg: v4l2, RTSP, HTTP, UDP and others.
 
-FFmpeg may read each kind of address by the protocols and as the formats that it needs; no playlist is among them, so
-that what a server sends cannot lead to files of this machine or to other servers. A web server may redirect to another
-page by HTTP or HTTPS, which may be of another server. An existing file goes before an address.
+FFmpeg may use only the protocols and formats that each kind of address needs. Playlists are excluded, so that a server
+cannot refer to local files or to other servers; only HTTP(S) redirects may lead to another server. An existing file
+takes precedence over an address.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ from mirrorcam.core.video.media_files import FORMATS, MediaFile, opened
 from mirrorcam.core.video.video import frame_remarks
 from mirrorcam.core.video.video_pictures import has_16_bits, rgb_of, rgb_of_samples, samples_of_16_bits
 
-PATIENCE = 30
-"""Pictures in a row that a camera may fail to give before it counts as gone."""
+MOST_MISSED = 30
+"""Number of consecutive failed reads after which a camera counts as disconnected."""
 OPENING_S, READING_S = 10.0, 5.0
-"""Time without an answer or a packet after which a server counts as gone."""
+"""Timeouts for the connection to a server, and for each packet."""
 _V4L2 = re.compile(r"(v4l2://)?(?P<device>/dev/(video|v4l/)\S+)")
 _RTMP = "flv,live_flv"
 _WEB = "http,https,httpproxy,tls,tcp"
@@ -46,7 +46,7 @@ _SCHEMES = {
     "rtp": ("rtp", "rtp,udp"),
     "tcp": (FORMATS, "tcp"),
 }
-"""FFmpeg's formats of what an address may give, and the protocols by which that is read."""
+"""FFmpeg's formats and protocols for each kind of address."""
 _INTRA = 1
 """FFmpeg's type of a picture that depends on no other (AV_PICTURE_TYPE_I)."""
 
@@ -60,7 +60,7 @@ def camera(
 ) -> LiveCamera:
     """Open a camera by number or address, and request a picture size; `on_note` and `waiting` as for `LiveCamera`.
 
-    Raises InputError in one line for one that cannot be opened. Messages leave out passwords in an address.
+    Raises InputError in one line if it cannot be opened. Messages omit passwords in an address.
     """
     number = address.isascii() and address.isdigit()
     if not number and _local_file(address) is None and re.search(r"\s!\s", address):
@@ -68,21 +68,21 @@ def camera(
             "a GStreamer pipeline cannot be read, expected an address: end it with `! mpegtsmux ! udpsink "
             "host=127.0.0.1 port=5000` and give udp://127.0.0.1:5000, or with `! v4l2sink device=/dev/videoN`"
         )
-    # A camera that comes back is opened again, and remarked on once.
-    name, connect = shown(address), partial(_addressed, address, width_px, height_px, cache(on_note))
+    # The camera is opened again after an outage: `cache` keeps remarks from being repeated.
+    name, connect = without_password(address), partial(_addressed, address, width_px, height_px, cache(on_note))
     if number:
         name, connect = f"camera {address}", partial(_numbered, int(address), width_px, height_px)
     return LiveCamera(name, connect, width_px, height_px, on_note=on_note, waiting=waiting)
 
 
-def shown(address: str) -> str:
-    """An address without name and password of a user."""
+def without_password(address: str) -> str:
+    """Return an address without user name and password."""
     return re.sub(r"(?<=://)[^/@]*@", "", address)
 
 
 def _numbered(number: int, width_px: int, height_px: int) -> Connection:
-    """A camera of this machine by its number."""
-    # OpenCV would print its attempts on standard error; the failure is reported here.
+    """Open a camera of this machine by its number."""
+    # Silence OpenCV, which prints its attempts on standard error; a failure is reported below.
     level = cv2.utils.logging.getLogLevel()
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     try:
@@ -91,7 +91,7 @@ def _numbered(number: int, width_px: int, height_px: int) -> Connection:
         cv2.utils.logging.setLogLevel(level)
     if not capture.isOpened():
         raise InputError(f"camera {number} cannot be opened, expected one on this machine (/dev/video{number})")
-    # Uncompressed pictures of this size do not fit through USB 2 at a camera's rate.
+    # USB 2 is too slow for uncompressed pictures of this size.
     capture.set(cv2.CAP_PROP_FOURCC, cv2.VideoWriter.fourcc(*"MJPG"))
     capture.set(cv2.CAP_PROP_FRAME_WIDTH, width_px)
     capture.set(cv2.CAP_PROP_FRAME_HEIGHT, height_px)
@@ -101,24 +101,24 @@ def _numbered(number: int, width_px: int, height_px: int) -> Connection:
 def _captured(capture: Any) -> Generator[Seen]:
     missed = 0
     try:
-        while missed < PATIENCE:
-            given, bgr = capture.read()
-            missed = 0 if given else missed + 1
-            if given:
+        while missed < MOST_MISSED:
+            succeeded, bgr = capture.read()
+            missed = 0 if succeeded else missed + 1
+            if succeeded:
                 yield Seen(np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), dtype=np.uint8))
     finally:
         capture.release()
 
 
 def existing(text: str) -> Path | None:
-    """The path of a text at which there is something, also where it looks like an address; None without."""
-    with suppress(OSError):  # of an address that is too long for a path
+    """Return the path that a text names if it exists, even if the text looks like an address; otherwise None."""
+    with suppress(OSError):  # too long for a path
         return Path(text) if Path(text).exists() else None
     return None
 
 
 def _local_file(address: str) -> Path | None:
-    """The file that an address names: an existing one of that name, or one by `file:`; None for another address."""
+    """Return the file that an address names: an existing one, or one after `file:`; None for other addresses."""
     path = existing(address)
     if path is not None and path.is_file():
         return path
@@ -127,10 +127,10 @@ def _local_file(address: str) -> Path | None:
 
 
 def _addressed(address: str, width_px: int, height_px: int, on_note: Callable[[str], None]) -> Connection:
-    """A camera or server by an address that FFmpeg reads."""
+    """Open a camera or server by an address for FFmpeg."""
     import av
 
-    v4l2, name, path = _V4L2.fullmatch(address), shortened(shown(address), 80), _local_file(address)
+    v4l2, name, path = _V4L2.fullmatch(address), shortened(without_password(address), 80), _local_file(address)
     with ExitStack() as stack:
         try:
             if path is not None:
@@ -160,13 +160,13 @@ def _addressed(address: str, width_px: int, height_px: int, on_note: Callable[[s
 
 
 def is_sdp(path: Path) -> bool:
-    """Whether a file is named like the description of a stream of RTP."""
+    """Return whether a file has the suffix of an SDP description of an RTP stream."""
     return path.suffix.lower() == ".sdp"
 
 
 @contextmanager
 def _opened_sdp(path: Path) -> Iterator[Any]:
-    """A container of a stream of RTP by its description (SDP): the file is read, and no other."""
+    """Open an RTP stream by its description (SDP) as an FFmpeg container; no other file is read."""
     stored_bytes(path)
     options = {"protocol_whitelist": "rtp,udp"}
     with MediaFile(path) as file, _opened(file, format="sdp", options=options) as container:
@@ -174,19 +174,19 @@ def _opened_sdp(path: Path) -> Iterator[Any]:
 
 
 def _opened_stream(address: str) -> Any:
-    """The container that a server sends; ValueError for an address of a scheme outside `_SCHEMES`."""
+    """Open the stream of a server as an FFmpeg container; raises ValueError for a scheme outside `_SCHEMES`."""
     scheme = address.partition("://")[0] if "://" in address else ""
     if scheme not in _SCHEMES:
         raise ValueError("neither a file nor an address of a kind that is read")
     formats, protocols = _SCHEMES[scheme]
     options = {"format_whitelist": formats, "protocol_whitelist": protocols}
     if formats.startswith("rtsp"):
-        options["rtsp_transport"] = "tcp"  # by UDP, packets are lost and pictures damaged
+        options["rtsp_transport"] = "tcp"  # UDP loses packets, which damages pictures
     return _opened(address, options=options)
 
 
 def _opened_v4l2(device: str, size: str) -> Any:
-    """A container of the pictures of a device of v4l2: JPEG where supported, else the default format."""
+    """Open a v4l2 device as an FFmpeg container, with JPEG if supported, else the default format."""
     import av
 
     options = {"video_size": size}
@@ -205,23 +205,23 @@ def _opened(address: Any, **settings: Any) -> Any:
 
 
 def _decoded(container: Any, stack: ExitStack, name: str, on_note: Callable[[str], None]) -> Generator[Seen]:
-    """The pictures of a container until it ends or fails; `stack` closes it, `on_note` gets remarks on the first.
+    """Yield the pictures of a container until it ends or fails; `stack` closes it, `on_note` gets remarks.
 
-    Those after a damaged one wait for the next key frame.
+    After damage, pictures are lost until the next key frame.
     """
     import av
 
     stream = container.streams.video[0]
-    # Else an error in the data is concealed from its surroundings, and the frame passes for a complete one.
+    # Otherwise, FFmpeg conceals errors in the data, and the frame seems complete.
     stream.codec_context.options = {"err_detect": "crccheck+explode"}
-    stream.thread_type = "SLICE"  # threads for frames would give each some frames late
+    stream.thread_type = "SLICE"  # frame threads would delay each picture by some frames
     begun, complete, bits = False, False, SampleBits()
 
     def pixels(frame: Any) -> NDArray[np.uint8]:
         nonlocal bits
         if not has_16_bits(frame):
             return rgb_of(frame)
-        # Of those seen so far: how many bits a camera uses shows in its first bright picture.
+        # From all pictures so far: a dark one does not show how many bits the camera uses.
         samples = samples_of_16_bits(frame)
         before, bits = bits, SampleBits.together((bits, SampleBits.of(samples)))
         if bits.used != before.used:
@@ -246,6 +246,6 @@ def _decoded(container: Any, stack: ExitStack, name: str, on_note: Callable[[str
                 if begun:
                     yield Seen(pixels(frame) if complete else None, frame.time)
     except (av.FFmpegError, OSError):
-        return  # gone, as a camera that is unplugged
+        return  # disconnected
     finally:
         stack.close()

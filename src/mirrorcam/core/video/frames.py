@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 
 T = TypeVar("T")
 AHEAD = 4
-"""Frames that wait between reading and decoding: enough to even out slow ones, 25 MB of 1920 x 1080."""
+"""Frames buffered between reading and decoding, which evens out slow ones: 25 MB at 1920 x 1080."""
 MOST = 8
 
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """One picture (h, w, 3) in RGB, its number in the source from 0, and its time in s from the source's start."""
+    """A picture (h, w, 3) in RGB, its number in the source from 0, and its time since the source's start, s."""
 
     number: int
     time_s: float
@@ -28,7 +28,7 @@ class Frame:
 
 @dataclass(frozen=True)
 class Lost:
-    """A frame that was there, but cannot be used: its number in the source, and why."""
+    """A frame that cannot be used: its number in the source, and the reason."""
 
     number: int
     reason: str
@@ -38,10 +38,10 @@ class Source(Protocol):
     """Source of frames: `Video`, `LiveCamera`."""
 
     def frames(self, after: int = -1) -> Iterator[Frame | Lost]:
-        """The frames after a number, in order."""
+        """Yield the frames after a number, in order."""
 
     def stop(self) -> None:
-        """End `frames`, also where it waits for one."""
+        """End `frames`, even while it waits for a frame."""
 
 
 @dataclass(frozen=True)
@@ -50,10 +50,10 @@ class _Failed:
 
 
 def read_ahead(items: Iterator[T], count: int = AHEAD, stop: Callable[[], None] = lambda: None) -> Generator[T]:
-    """The same items, of which a thread gets at most `count` before they are asked for; errors arrive in their place.
+    """Yield the same items, which a thread reads ahead by at most `count`; an error is raised in its place.
 
-    The thread ends with the items, or when the iterator that this returns is closed. `stop` is called then: it must end
-    items that wait for what may never come.
+    The thread ends with the items, or when the returned iterator is closed. Then `stop` is called, which must end items
+    that would wait forever.
     """
     waiting: queue.Queue[Any] = queue.Queue(maxsize=count)
     over, end = threading.Event(), object()
@@ -73,7 +73,7 @@ def read_ahead(items: Iterator[T], count: int = AHEAD, stop: Callable[[], None] 
                 if over.is_set():
                     return
             put(end)
-        except BaseException as error:  # raised again where the items are asked for
+        except BaseException as error:  # raised again in the consumer
             put(_Failed(error))
         finally:
             close = getattr(items, "close", None)
@@ -94,14 +94,14 @@ def read_ahead(items: Iterator[T], count: int = AHEAD, stop: Callable[[], None] 
 
 
 class SpreadFrames:
-    """Keeps every first, second, fourth, ... frame of those that are added: at most 8, and 5 or more of 9 or more."""
+    """Keeps a spread of the added frames, every 1st, then 2nd, 4th, ...: at most 8, and at least 5 of 9 or more."""
 
     def __init__(self) -> None:
         self.kept: list[NDArray[np.uint8]] = []
         self._added, self._stride = 0, 1
 
     def add(self, frame: NDArray[np.uint8]) -> None:
-        """Take the next frame, which is not copied."""
+        """Add the next frame, without a copy."""
         if self._added % self._stride == 0:
             self.kept.append(frame)
             if len(self.kept) > MOST:
@@ -111,18 +111,18 @@ class SpreadFrames:
 
 @dataclass(frozen=True)
 class WatchedSource:
-    """A source of frames of which a few, spread evenly, are kept as they pass."""
+    """A source of frames that keeps a few evenly spread ones."""
 
     source: Source
     seen: SpreadFrames = field(default_factory=SpreadFrames)
 
     def frames(self, after: int = -1) -> Iterator[Frame | Lost]:
-        """The frames of the source."""
+        """Yield the frames of the source."""
         for item in self.source.frames(after):
             if isinstance(item, Frame):
                 self.seen.add(item.pixels)
             yield item
 
     def stop(self) -> None:
-        """End the frames, also where they wait for one."""
+        """End the frames, even while the source waits for one."""
         self.source.stop()

@@ -1,4 +1,4 @@
-"""Frames of a camera that runs on, faster than they are used perhaps, and that may be unplugged and come back."""
+"""Frames of a live camera, which may be faster than their consumer, and may be unplugged and reconnected."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from mirrorcam.core.errors import InputError
 from mirrorcam.core.video.frames import AHEAD, Frame, Lost
 
 RETRY_S = 1.0
-"""Time between two attempts to open a camera that has gone."""
+"""Time between attempts to reopen a camera."""
 MOST_AHEAD_S = 1.0
-"""A camera's clock may gain this much on ours from one frame to the next; one that gains more has started anew."""
+"""Largest advance of a camera's clock over ours between frames; a larger one means that its clock was reset."""
 ENDING_S = 1.0
-"""Time that a silent camera has to close; afterwards it closes in the background."""
+"""Time to wait for a silent camera to close; afterwards it closes in the background."""
 LEAST_STEP_S = 1e-6
-"""Times of frames increase by this much at least."""
+"""Smallest step between times of frames."""
 
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """A picture (h, w, 3) in RGB, None where it is damaged, and its time in s by the camera's clock, if it has one."""
+    """A picture (h, w, 3) in RGB, or None if damaged, and its time by the camera's clock, s, if it has one."""
 
     pixels: NDArray[np.uint8] | None
     time_s: float | None = None
@@ -35,7 +35,7 @@ class Seen:
 
 @dataclass(frozen=True)
 class Connection:
-    """A camera that was opened: its pictures until it goes, and whether they are a recording, which ends."""
+    """An open camera: its pictures until it disconnects, and whether they are a recording, which ends."""
 
     pictures: Generator[Seen]
     ends: bool = False
@@ -44,34 +44,34 @@ class Connection:
 class LiveCamera:
     """A camera: its newest frames, in order.
 
-    Where frames arrive faster than they are used, the oldest are left out. A camera that goes is looked for until it is
-    back. Memory does not grow with time. Of a recording that a server plays, all frames are returned.
+    If frames arrive faster than they are used, the oldest are dropped. A camera that disconnects is reopened as soon as
+    it is back. Of a recording that a server plays, no frame is dropped.
 
     Parameters
     ----------
     name
-        What messages call the camera.
+        Name of the camera in messages.
     connect
-        Opens the camera, or raises InputError where it is not there.
+        Opens the camera; raises InputError if that fails.
     width_px, height_px
         Size that its pictures must have.
     on_note
-        Takes a line when the camera goes and when it is back.
+        Called with a line when the camera disconnects and when it is back.
     clock
         Time in s.
     retry_s
-        Time between two attempts to open a camera that has gone.
+        Time between attempts to reopen the camera.
     waiting
-        Number of frames that may wait to be used: with 1, the newest frame is always the next.
+        Number of buffered frames; with 1, the next frame is always the newest.
 
     Attributes
     ----------
     started_ns
-        Time of the start, since 1970; frames' times count from there. 0 for a recording.
+        Start of the frames' times, ns since 1970; 0 for a recording.
     dropped
-        Number of frames that were left out so far; the numbers of frames skip them.
+        Number of dropped frames so far; frame numbers skip them.
     outages
-        How often the camera went and came back.
+        Number of disconnections.
 
     Raises
     ------
@@ -101,13 +101,13 @@ class LiveCamera:
         self._started, self._times = clock(), _Times(follows=not self.ends)
 
     def frames(self, after: int = -1) -> Generator[Frame | Lost]:
-        """Frames from now on, numbered from `after` on: until `stop`, or the end of a recording."""
+        """Yield frames from now on, numbered from `after` + 1, until `stop` or the end of a recording."""
         if self.ends:
             return self._recorded(after)
         return self._newest(after)
 
     def stop(self) -> None:
-        """End `frames`, also while it waits for one; the camera is let go of."""
+        """End `frames`, even while it waits for a frame, and release the camera."""
         with self._changed:
             self._over.set()
             self._changed.notify_all()
@@ -150,7 +150,7 @@ class LiveCamera:
             thread.join(ENDING_S)
 
     def _watch(self, number: int, put: Callable[[Frame | Lost | BaseException], None]) -> None:
-        """Pass on what the camera shows, for as long as it is wanted, and connect again where it goes."""
+        """Pass on the frames of the camera until `stop`, and reconnect after an outage."""
         connection = self._connection
         try:
             while True:
@@ -168,13 +168,13 @@ class LiveCamera:
                     return
                 self.outages += 1
                 self._on_note(f"{self.name} is back after {self._clock() - gone:.1f} s")
-        except BaseException as error:  # raised again where the frames are asked for
+        except BaseException as error:  # raised again in the consumer
             put(error)
         finally:
             connection.pictures.close()
 
     def _reconnected(self) -> Connection:
-        """The camera opened again, as soon as that works; the old connection once no one waits for it."""
+        """Reopen the camera as soon as possible; return the old connection after `stop`."""
         while not self._over.wait(self._retry_s):
             try:
                 return self._connect()
@@ -190,36 +190,35 @@ class LiveCamera:
             expected = f"{self._size[0]}x{self._size[1]} of the layout's camera"
             raise InputError(f"{self.name} gives {width}x{height} px, expected {expected}")
         arrived = self._clock() - self._started
-        return Frame(number, self._times.moment(arrived, seen.time_s), seen.pixels)
+        return Frame(number, self._times.time_s(arrived, seen.time_s), seen.pixels)
 
 
 class _Times:
-    """Times of frames, which increase always: as far apart as the camera's clock says.
+    """Strictly increasing times of frames, with the intervals of the camera's clock.
 
-    A camera's clock starts anew where it goes back, or jumps ahead of the times of arrival: these are followed there.
-    Frames delayed in transit arrive late and many at once; their times stay. Times of a recording begin
-    at 0.
+    A clock that goes back, or jumps ahead of the arrival, was reset: times then continue from the arrival. Frames that
+    were delayed in transit and arrive together keep their times. Times of a recording begin at 0.
     """
 
     def __init__(self, follows: bool) -> None:
         self._follows = follows
         self._before: tuple[float, float] | None = None
-        """When the last frame with a time arrived, and that time."""
+        """Arrival and camera time of the last frame that has one, s."""
         self._offset = 0.0
         self._last = -LEAST_STEP_S
 
-    def moment(self, arrived: float, stated: float | None) -> float:
-        """The time of a frame that arrived at a time, and is of another by the camera's clock, if that has one."""
-        moment = arrived
+    def time_s(self, arrived: float, stated: float | None) -> float:
+        """Return the time of a frame from its arrival and its camera time, if any; all in s."""
+        found = arrived
         if stated is not None:
-            if self._before is None or (self._follows and self._is_anew(arrived, stated, *self._before)):
+            if self._before is None or (self._follows and self._was_reset(arrived, stated, *self._before)):
                 self._offset = (arrived if self._follows else 0.0) - stated
             self._before = arrived, stated
-            moment = stated + self._offset
-        self._last = max(moment, self._last + LEAST_STEP_S)
+            found = stated + self._offset
+        self._last = max(found, self._last + LEAST_STEP_S)
         return self._last
 
     @staticmethod
-    def _is_anew(arrived: float, stated: float, arrived_before: float, stated_before: float) -> bool:
+    def _was_reset(arrived: float, stated: float, arrived_before: float, stated_before: float) -> bool:
         step = stated - stated_before
         return step < 0 or step > arrived - arrived_before + MOST_AHEAD_S

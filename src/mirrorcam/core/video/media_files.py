@@ -1,7 +1,7 @@
-"""Local media files: FFmpeg gets the bytes of the one file that was named, and can open no other.
+"""Local media files: FFmpeg reads the bytes of the named file, and cannot open any other.
 
-FFmpeg finds the format of a file by its content, whatever its name is, and several formats are lists of other files:
-playlists, `ffconcat`, DASH, SDP. Names can be protocols, too (`concat:other.mkv`).
+FFmpeg detects the format of a file by its content, and several formats are lists of other files: playlists, `ffconcat`,
+DASH, SDP. A name can be a protocol, too (`concat:other.mkv`).
 """
 
 from __future__ import annotations
@@ -19,18 +19,18 @@ _CONTAINERS = "mov matroska avi mpegts mpeg flv live_flv asf ogg nut mxf gxf dv 
 _PLAIN = "h264 hevc vvc m4v mpegvideo h261 h263 vc1 av1 obu ivf dirac dnxhd mjpeg mjpeg_2000 yuv4mpegpipe gif apng"
 _PICTURES = "bmp_pipe jpeg_pipe png_pipe tiff_pipe webp_pipe ppm_pipe pgm_pipe pbm_pipe pam_pipe dpx_pipe"
 _SOUND = "wav mp3 aac flac"
-"""Opened for the message that there are no pictures."""
+"""Opened to report that they contain no pictures."""
 FORMATS = ",".join(f"{_CONTAINERS} {_PLAIN} {_PICTURES} {_SOUND}".split())
-"""FFmpeg's names of the formats that are read: those that hold all of their data and name no other file."""
+"""FFmpeg's names of the accepted formats: those that contain all of their data and refer to no other file."""
 NO_PROTOCOL = "none"
-"""A list of the protocols that FFmpeg may use, with none among them."""
+"""Protocol whitelist without any valid protocol."""
 
 
 class MediaFile(FileIO):
-    """An open file as FFmpeg reads it, by which a place that no file has is answered rather than raised."""
+    """An open file for FFmpeg, which expects an error code rather than an exception for an invalid seek."""
 
     def seek(self, offset: int, whence: int = 0) -> int:
-        """The new place, or a negative number for one that is not there, as in a damaged file."""
+        """Return the new position, or a negative error code for an invalid one, as damaged files state."""
         try:
             return super().seek(offset, whence)
         except OSError as error:
@@ -39,9 +39,9 @@ class MediaFile(FileIO):
 
 @contextmanager
 def opened(path: Path) -> Iterator[Any]:
-    """An FFmpeg container of a local video of one of `FORMATS`; nothing but this file is opened.
+    """Open a local video of one of `FORMATS` as an FFmpeg container; no other file is opened.
 
-    Raises InputError for a path that is no regular file, and for one that FFmpeg cannot read as such a format.
+    Raises InputError for a path that is no regular file, or that FFmpeg cannot read.
     """
     import av
 
@@ -56,7 +56,7 @@ def opened(path: Path) -> Iterator[Any]:
     options = {"format_whitelist": FORMATS, "protocol_whitelist": NO_PROTOCOL}
     with file:
         try:
-            # Names and remarks in the file are of no use here, and need not be text.
+            # Metadata is not used, and may be invalid text.
             container = av.open(file, options=options, metadata_errors="replace")
         except av.error.ArgumentError:
             raise InputError(

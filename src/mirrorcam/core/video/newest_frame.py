@@ -14,10 +14,10 @@ ENDING_S = 2.0
 
 @dataclass(frozen=True)
 class Arrived:
-    """A frame, and its time of arrival, s, by the clock of `NewestFrame`."""
+    """A frame, and its time of arrival by the clock of `NewestFrame`, s."""
 
     frame: Frame
-    moment: float
+    arrived_s: float
 
 
 class NewestFrame:
@@ -32,7 +32,7 @@ class NewestFrame:
     every
         Whether to wait until each frame is taken, so that none is dropped.
     arriving
-        Called in the reading thread with each frame and each lost one, on arrival.
+        Called in the reading thread with each frame and each lost frame on arrival.
     clock
         Time in s.
 
@@ -62,7 +62,7 @@ class NewestFrame:
         self._thread.start()
 
     def take(self, timeout_s: float | None = None) -> Arrived | None:
-        """Wait for a frame that was not taken yet and return it; None at the end of the source, or after `timeout_s`.
+        """Wait for a frame that was not taken yet; None at the end of the source, or after `timeout_s`.
 
         Reraises an exception of the source.
         """

@@ -1,4 +1,4 @@
-"""Frames of a video or a camera that could not be used, in words."""
+"""Describe frames of a video or a camera that could not be used."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ Stream = Video | LiveCamera
 
 
 def expected_frames(source: Stream, limit: int | None) -> int | None:
-    """Number of frames that a stream should give; None where it is not known."""
+    """Return the expected number of frames of a stream; None if unknown."""
     count = source.count if isinstance(source, Video) else None
     return limit if count is None or (limit or count) < count else count
 
 
 def sources_text(source: Stream) -> str:
-    """The arguments of `mirrorcam drift` for a stream."""
+    """Return the arguments of `mirrorcam drift` for a stream."""
     return str(source.path) if isinstance(source, Video) else "FRAMES"
 
 
 def losses(source: Stream, kept: int, lost: Mapping[int, str], expected: int | None) -> list[str]:
-    """Report frames that could not be used, a line for each reason, and whether the file ends before it should.
+    """Return a line per reason for unused frames, and one if the file ends early.
 
-    Of a camera, how many frames were left out because they came too fast.
+    For a camera, also report dropped frames and outages.
     """
     seen = kept + len(lost)
     lines = []
@@ -44,6 +44,6 @@ def losses(source: Stream, kept: int, lost: Mapping[int, str], expected: int | N
 
 
 def spans(numbers: Sequence[int]) -> str:
-    """Ascending numbers as text, with runs of neighbours joined: 3, 7 to 12."""
+    """Return ascending numbers as text, with consecutive ones joined: 3, 7 to 12."""
     runs = [[number for _, number in run] for _, run in groupby(enumerate(numbers), key=lambda each: each[1] - each[0])]
     return ", ".join(str(run[0]) if len(run) == 1 else f"{run[0]} to {run[-1]}" for run in runs)

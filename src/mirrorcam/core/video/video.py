@@ -1,4 +1,4 @@
-"""Frames of a video file, one after another; a damaged frame is reported, never made up."""
+"""Frames of a video file in order; a damaged frame is reported, never concealed."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ from mirrorcam.core.video.video_pictures import (
 
 MISSING, WRONG_TIME = "is missing", "has a wrong time"
 _NEAR = 16
-"""Pictures after a damage at which others may be missing: as many as a codec reorders."""
+"""Number of pictures after damage among which others may be missing: as many as a codec reorders."""
 _REMEMBERED = 4096
-"""Times in the past that are known again."""
+"""Number of past timestamps that are recognised when they repeat."""
 _SAMPLED_FRAMES, _SAMPLED_PACKETS = 8, 32
 _FIELD_ORDERS = range(2, 6)
 """FFmpeg's orders of fields, without "unknown" and "progressive" (AV_FIELD_TT to AV_FIELD_BT)."""
@@ -48,21 +48,21 @@ class Video:
     Parameters
     ----------
     path
-        The file: a path, also where its name looks like an address.
+        The file; a name that looks like an address is a path, too.
     on_note
-        Called with a line on what the user should know of it: that it is interlaced, or turned by players.
+        Called with remarks for the user: the video is interlaced, or players rotate it.
 
     Attributes
     ----------
     width_px, height_px, rate_hz
         Size and frame rate that the file states.
     count
-        Number of frames that the file states; None where it states none.
+        Number of frames that the file states; None if it states none.
 
     Raises
     ------
     InputError
-        For a file that is not a video, or one that is cut off before the index that it cannot be read without.
+        For a file that is not a video, or is cut off before an index that it needs.
     """
 
     def __init__(self, path: Path, on_note: Callable[[str], None] | None = None) -> None:
@@ -82,7 +82,7 @@ class Video:
     def _stream(self, container: Any) -> Any:
         from av.stream import Disposition
 
-        # The picture on the cover of a piece of music is no video.
+        # Cover pictures of music files are no video.
         streams = [each for each in container.streams.video if not each.disposition & Disposition.attached_pic]
         if not streams:
             raise InputError(f"{self.path}: has no pictures, expected a video")
@@ -94,10 +94,10 @@ class Video:
         return stream
 
     def frames(self, after: int = -1) -> Iterator[Frame | Lost]:
-        """Frames that follow number `after`, in order of time.
+        """Yield the frames after number `after`, in presentation order.
 
-        Of a codec whose frames depend on others, all frames between a damaged one and the next key frame are lost: they
-        decode, but to something that nobody has seen.
+        If frames depend on each other, all frames between a damaged one and the next key frame are lost: they would
+        decode to wrong pictures.
         """
         with opened(self.path) as container:
             stream = self._stream(container)
@@ -109,10 +109,10 @@ class Video:
                     yield _frame(number, picture, start, stream.time_base)
 
     def stop(self) -> None:
-        """Do nothing: no frame of a file is waited for."""
+        """Do nothing: reading a file never waits."""
 
     def _most(self, container: Any) -> int:
-        """Number of frames that fit into the length that the file states."""
+        """Return the number of frames that fit into the stated duration."""
         return round(self.rate_hz * (container.duration or 0) / 1e6)
 
     def _pictures(self, container: Any, stream: Any) -> Iterator[Picture]:
@@ -131,7 +131,7 @@ class Video:
 
     @cached_property
     def sample_bits(self) -> SampleBits:
-        """What all frames of 16 bits, which are decoded for it, have in common; nothing in a video of other samples."""
+        """Used bits of all 16-bit frames, which are decoded for it; empty for a video of other samples."""
         found = SampleBits()
         with opened(self.path) as container:
             stream = self._stream(container)
@@ -147,7 +147,7 @@ class Video:
 
 
 def _count(container: Any, stream: Any) -> int | None:
-    """Number of frames that a file states; AVI also counts the times at which no frame was taken."""
+    """Return the stated number of frames, without the empty frames that AVI counts, too."""
     stated, index = int(stream.frames), stream.index_entries
     if container.format.name == "avi" and len(index) and index[-1].timestamp + 1 == stated:
         return sum(entry.size > 0 for entry in index)
@@ -158,17 +158,17 @@ def _frame(number: int, picture: Picture, start: int, time_base: Any) -> Frame |
     if picture.pixels is None:
         return Lost(number, picture.reason)
     try:
-        return Frame(number, float((picture.moment - start) * time_base), picture.pixels())
+        return Frame(number, float((picture.timestamp - start) * time_base), picture.pixels())
     except DamagedPicture:
         return Lost(number, DAMAGED)
 
 
 def with_missing(pictures: Iterable[Picture], period: float, most: int) -> Iterator[Picture]:
-    """The pictures, and those that a damaged file has lost without a trace, as its times tell.
+    """Yield the pictures, and lost ones for gaps in the timestamps of a damaged file.
 
-    The times of a video of a constant rate are `period` apart; where they are irregular from the start, None.
-    A gap of more than `most` is no gap. A picture whose time is not between those before and after it is lost, but one
-    of a time that was there before is a copy of data, and none.
+    Only a constant frame rate, with timestamps `period` apart (0 if unknown), shows gaps; a gap above `most` frames
+    does not count. A picture with a timestamp not between its neighbours' is lost, but one with a repeated timestamp
+    is a copy, and is left out.
     """
     last: int | None = None
     even, steady, near = period > 0, 0, 0
@@ -176,39 +176,39 @@ def with_missing(pictures: Iterable[Picture], period: float, most: int) -> Itera
     for picture, following in pairwise(chain(pictures, (None,))):
         assert picture is not None
         near = _NEAR if any(_may_miss(each, steady) for each in (picture, following)) else near - 1
-        moment, missing = picture.moment, picture.skipped
-        if last is not None and moment <= last and moment in seen:
+        timestamp, missing = picture.timestamp, picture.skipped
+        if last is not None and timestamp <= last and timestamp in seen:
             continue
-        steps = round((moment - last) / period) if even and last is not None else 0
-        on_grid = last is not None and abs(moment - last - steps * period) <= 1 + period / 20
-        too_late = following is not None and last is not None and last < following.moment <= moment
-        if last is not None and (moment <= last or (too_late and not (steps == 1 and on_grid))):
-            yield Picture(moment, None, WRONG_TIME)
+        steps = round((timestamp - last) / period) if even and last is not None else 0
+        on_grid = last is not None and abs(timestamp - last - steps * period) <= 1 + period / 20
+        too_late = following is not None and last is not None and last < following.timestamp <= timestamp
+        if last is not None and (timestamp <= last or (too_late and not (steps == 1 and on_grid))):
+            yield Picture(timestamp, None, WRONG_TIME)
             last = round(last + period) if even else last
             continue
         if even and last is not None:
             even = on_grid and (steps == 1 or near > 0)
             missing = max(missing, steps - 1) if even and steps <= most else missing
             steady += even
-        yield from (Picture(moment, None, MISSING) for _ in range(missing))
-        last = moment
-        seen.append(moment)
+        yield from (Picture(timestamp, None, MISSING) for _ in range(missing))
+        last = timestamp
+        seen.append(timestamp)
         yield picture
 
 
 def _may_miss(picture: Picture | None, steady: int) -> bool:
-    """Return whether pictures next to a picture may be missing, after some pictures at even times."""
+    """Return whether pictures next to this one may be missing, after `steady` pictures at even times."""
     return picture is not None and (picture.broken or (picture.reason == DAMAGED and steady > _NEAR))
 
 
 def remarks(name: str, container: Any, stream: Any) -> list[str]:
-    """Lines about the video of this name, from its header and its first frames, which are read."""
+    """Return remarks on a video from its header and its first frames, which are read."""
     frames = list(islice(_frames(container, stream), _SAMPLED_FRAMES))
     return frame_remarks(name, frames, interlaced=stream.codec_context.field_order in _FIELD_ORDERS)
 
 
 def frame_remarks(name: str, frames: Sequence[Any], *, interlaced: bool = False) -> list[str]:
-    """Lines about the video or camera of this name, from some of its frames, and whether its header says interlaced."""
+    """Return remarks on a video or camera from some frames; `interlaced` is the flag of its header."""
     found = []
     if interlaced or any(frame.interlaced_frame for frame in frames):
         found.append(
@@ -226,7 +226,7 @@ def frame_remarks(name: str, frames: Sequence[Any], *, interlaced: bool = False)
 
 
 def _frames(container: Any, stream: Any) -> Iterator[Any]:
-    """The first frames, without those that are damaged: they are reported when their turn comes."""
+    """Yield the first frames, without damaged ones, which `frames` reports."""
     import av
 
     packets = container.demux(stream)
@@ -242,7 +242,7 @@ def _frames(container: Any, stream: Any) -> Iterator[Any]:
 
 
 def _turned(frame: Any) -> str | None:
-    """How a player turns a frame, by its display matrix; None where it does not."""
+    """Describe how players turn a frame by its display matrix; None if they do not."""
     data = next((bytes(each) for each in frame.side_data if each.type.name == "DISPLAYMATRIX"), b"")
     if len(data) != _MATRIX.size:
         return None

@@ -1,4 +1,4 @@
-"""Packets of a video file as they are stored, and which of them may be missing or damaged."""
+"""Packets of a video file in stored order, and which of them may be missing or damaged."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from pathlib import Path
 from typing import Any
 
 _LARGEST_GAP = 64
-"""Bytes between two packets of a Matroska file with one stream: headers of a block and of a cluster."""
-_NAME = b"idx1"
+"""Most bytes between two packets of a Matroska file with one stream: headers of a block and a cluster."""
+_INDEX_NAME = b"idx1"
 _ENTRY = struct.Struct("<4s4xII")
-# What the names of chunks with a frame end in, after the number of the stream.
-_FRAMES = (b"dc", b"db")
-_LONGEST_BYTES = 4 << 20
-"""Bytes at the end of a file searched for its index: enough for 250,000 frames."""
+# Chunk names of frames, after the number of the stream.
+_FRAME_CHUNKS = (b"dc", b"db")
+_TAIL_BYTES = 4 << 20
+"""Bytes at the end of a file in which its index is searched: enough for 250,000 frames."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,24 +26,24 @@ class Packet:
     Attributes
     ----------
     number
-        Its number in the file, from 0.
-    moment
-        When its frame is shown, in the stream's own time; where that is not stated, when it is decoded.
-    stated
-        Whether the moment is that at which it is shown.
+        Index in the file, from 0.
+    timestamp
+        Presentation timestamp (PTS) in the stream's time base; the decoding timestamp if the packet has none.
+    has_pts
+        Whether `timestamp` is a PTS.
     data
-        The packet.
+        FFmpeg's packet.
     suspect
         Whether its data may be incomplete.
     gap
         Whether packets before it may be missing.
     skipped
-        Number of packets between the last one and this that the file's index knows, and that are not there.
+        Number of packets missing before it according to the file's index.
     """
 
     number: int
-    moment: int
-    stated: bool
+    timestamp: int
+    has_pts: bool
     data: Any
     suspect: bool = False
     gap: bool = False
@@ -51,10 +51,10 @@ class Packet:
 
 
 def packets_of(container: Any, stream: Any) -> Iterator[Packet]:
-    """The packets of a stream, also where the file breaks off in the middle of one."""
+    """Yield the packets of a stream, also if the file is cut off within one."""
     import av
 
-    # AVI has no times, but counts what it stores, and its reader counts only what it finds.
+    # AVI has no timestamps: its index numbers all frames, but FFmpeg numbers only those that it finds.
     index = AviIndex(Path(container.name)) if container.format.name == "avi" else None
     alone = "matroska" in container.format.name and len(container.streams) == 1
     number, last, corrupt = 0, None, False
@@ -63,18 +63,18 @@ def packets_of(container: Any, stream: Any) -> Iterator[Packet]:
             if not data.size:
                 continue
             times = (data.dts, number) if index else (data.pts, data.dts, number)
-            moment, skipped = int(next(each for each in times if each is not None)), 0
+            timestamp, skipped = int(next(time for time in times if time is not None)), 0
             if index:
-                moment, skipped = index.find(data.pos, data.size, moment)
+                timestamp, skipped = index.find(data.pos, data.size, timestamp)
             gap = False
             if last is not None:
                 gap = alone and not 0 <= data.pos - last.data.pos - last.data.size <= _LARGEST_GAP
-                # What cannot be read begins where the last packet ends, or before.
+                # Unreadable data before this packet may include the end of the last one.
                 yield replace(last, suspect=last.suspect or gap)
-            stated = not index and data.pts is not None
-            # A transport stream marks the packet before the one that arrived incomplete.
+            has_pts = not index and data.pts is not None
+            # In a transport stream, the mark refers to the next packet.
             suspect, corrupt = corrupt or data.is_corrupt, data.is_corrupt
-            last = Packet(number, moment, stated, data, suspect, gap or suspect or skipped > 0, skipped)
+            last = Packet(number, timestamp, has_pts, data, suspect, gap or suspect or skipped > 0, skipped)
             number += 1
     except (av.FFmpegError, OSError):
         # The rest cannot be read; the frames before are complete.
@@ -84,7 +84,7 @@ def packets_of(container: Any, stream: Any) -> Iterator[Packet]:
 
 
 class AviIndex:
-    """Finds packets in the index of an AVI file with one stream; without an index, they are counted.
+    """Numbers packets by the index of an AVI file with one stream; without an index, counts them.
 
     Parameters
     ----------
@@ -95,34 +95,34 @@ class AviIndex:
     def __init__(self, path: Path) -> None:
         self._path = path
         entries = _entries(path)
-        stored = [(moment, offset, size) for moment, (offset, size) in enumerate(entries) if size]
-        self._moments = [moment for moment, _, _ in stored]
+        stored = [(timestamp, offset, size) for timestamp, (offset, size) in enumerate(entries) if size]
+        self._timestamps = [timestamp for timestamp, _, _ in stored]
         self._offsets = {offset: number for number, (_, offset, _) in enumerate(stored)}
         self._sizes = [size for _, _, size in stored]
         self._base: int | None = None
         self._next = 0
 
-    def find(self, position: int | None, size: int, moment: int) -> tuple[int, int]:
+    def find(self, position: int | None, size: int, timestamp: int) -> tuple[int, int]:
         """Find the next packet of a file.
 
         Parameters
         ----------
         position, size
-            Where its data start in the file, and their length.
-        moment
-            When it is shown, for a packet that the index does not know.
+            Offset of its data in the file, and their length.
+        timestamp
+            Its number for a packet that is not in the index.
 
         Returns
         -------
         tuple of int
-            When it is shown, in frames. A packet repeated from before is not after the last one.
-            And the number of packets of the index between the last one and this.
+            Number of its frame, which does not increase for a repeated packet, and number of packets in the index
+            between the last one and this.
         """
         number = self._number(position, size)
         if number < self._next:
-            return self._moments[number], 0
+            return self._timestamps[number], 0
         skipped, self._next = number - self._next, number + 1
-        return self._moments[number] if number < len(self._moments) else moment, skipped
+        return self._timestamps[number] if number < len(self._timestamps) else timestamp, skipped
 
     def _number(self, position: int | None, size: int) -> int:
         count, following = len(self._sizes), self._next
@@ -137,27 +137,27 @@ class AviIndex:
         order = (*range(following, count), *range(min(following, count)))
         same = [number for number in order if self._sizes[number] == size]
         after = (size, self._size_after(position + size)) if len(same) > 1 else ()
-        sure = (number for number in same if (*self._sizes[number : number + 2],) == after)
-        return next(sure, next(iter(same), following))
+        certain = (number for number in same if (*self._sizes[number : number + 2],) == after)
+        return next(certain, next(iter(same), following))
 
     def _size_after(self, end: int) -> int:
-        """Size of the data after those that end at a position, by their header there."""
+        """Return the size of the next chunk, from its header at the end of a chunk."""
         with self._path.open("rb") as file:
             file.seek(end + end % 2)
             return int.from_bytes(file.read(8)[4:], "little")
 
 
 def _entries(path: Path) -> list[tuple[int, int]]:
-    """Offset and size of each frame by the index at the end of a file; none where there is no index of one stream."""
+    """Return offset and size of each frame by the index at the end of a file; empty without an index of one stream."""
     with path.open("rb") as file:
-        file.seek(max(os.fstat(file.fileno()).st_size - _LONGEST_BYTES, 0))
+        file.seek(max(os.fstat(file.fileno()).st_size - _TAIL_BYTES, 0))
         tail = file.read()
-    at = tail.rfind(_NAME)
+    at = tail.rfind(_INDEX_NAME)
     content = tail[at + 8 :] if at >= 0 else b""
     length = int.from_bytes(tail[at + 4 : at + 8], "little") if at >= 0 else 0
     if not length or length % _ENTRY.size or length > len(content):
         return []
     entries = list(_ENTRY.iter_unpack(content[:length]))
-    if len({name for name, _, _ in entries}) > 1 or entries[0][0][2:] not in _FRAMES:
+    if len({name for name, _, _ in entries}) > 1 or entries[0][0][2:] not in _FRAME_CHUNKS:
         return []
     return [(offset, size) for _, offset, size in entries]

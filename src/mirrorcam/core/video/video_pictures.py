@@ -1,4 +1,4 @@
-"""Pictures of the packets of a video, in order of time: each complete, or lost with a reason."""
+"""Pictures decoded from the packets of a video, in presentation order: each complete, or lost with a reason."""
 
 from __future__ import annotations
 
@@ -18,25 +18,25 @@ from mirrorcam.core.video.video_packets import Packet
 
 DAMAGED, DEPENDS = "is damaged", "depends on a damaged one"
 SAMPLED = 8
-"""Number of packets at the start of a video that tell how its camera writes JPEG."""
+"""Number of packets at the start of a video that show how its camera writes JPEG."""
 
 _INTRA = 1
 """FFmpeg's type of a picture that depends on no other (AV_PICTURE_TYPE_I)."""
 _MOST_AHEAD = 64
-"""Packets after which one that gave no frame will give none: more than a decoder reorders or decodes at once."""
-# States that samples are in the limited range of television, which libjpeg does not know of.
+"""Packets after which a missing frame is given up: more than a decoder reorders or decodes at once."""
+# Comment of a JPEG with samples in limited (television) range, which libjpeg ignores.
 _LIMITED_RANGE = b"CS=ITU601"
 
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """What is shown at a moment: a function that makes the pixels (h, w, 3), or the reason why there is no picture.
+    """A picture at a timestamp: a function that returns its pixels (h, w, 3), or the reason why it is lost.
 
-    `pixels` raises `DamagedPicture` for damaged data. A picture is `broken` where packets of the file may
-    be missing, and `skipped` as many are known to be missing before it.
+    `pixels` raises `DamagedPicture` for damaged data. `broken` states that packets next to it may be missing, `skipped`
+    the number known to be missing before it.
     """
 
-    moment: int
+    timestamp: int
     pixels: Callable[[], NDArray[Any]] | None
     reason: str = ""
     broken: bool = False
@@ -44,11 +44,11 @@ class Picture:
 
 
 def are_plain_jpegs(packets: Sequence[Packet], height_px: int) -> bool:
-    """Return whether JPEG packets are like picture files: complete frames, in full range.
+    """Return whether JPEG packets are like picture files: complete frames, not fields, in full range.
 
-    Damaged ones are, too. Where libjpeg warns of bytes between data and marker in all of them, the camera writes so.
+    Damaged packets count as such, unless libjpeg warns of bytes before a marker in all of them: their camera writes so.
     """
-    strange = 0
+    extraneous = 0
     for packet in packets:
         raw = bytes(packet.data)
         try:
@@ -58,17 +58,17 @@ def are_plain_jpegs(packets: Sequence[Packet], height_px: int) -> bool:
             decode_jpeg(_ended(raw, jpeg), jpeg, "frame")
             return True
         except DamagedPicture as error:
-            strange += EXTRANEOUS in str(error)
-    return strange < len(packets)
+            extraneous += EXTRANEOUS in str(error)
+    return extraneous < len(packets)
 
 
 def have_ends(packets: Sequence[Packet]) -> bool:
-    """Return whether any of some JPEG packets has an end marker."""
+    """Return whether any of these JPEG packets has an end marker."""
     return any(Jpeg.of(bytes(packet.data)).end is not None for packet in packets)
 
 
 def jpeg_pictures(packets: Iterable[Packet], size: tuple[int, int], with_ends: bool = True) -> Iterator[Picture]:
-    """The pictures of JPEG packets, each decoded as a picture's file is; some cameras write no end markers."""
+    """Yield the pictures of JPEG packets, decoded like picture files; some cameras write no end markers."""
     for packet in packets:
         yield _jpeg_picture(packet, size, with_ends)
 
@@ -80,14 +80,14 @@ def _jpeg_picture(packet: Packet, size: tuple[int, int], with_ends: bool) -> Pic
         if with_ends and jpeg.end is None:
             raise DamagedPicture("frame: image is truncated")
     except DamagedPicture:
-        return Picture(packet.moment, None, DAMAGED, packet.gap, packet.skipped)
+        return Picture(packet.timestamp, None, DAMAGED, packet.gap, packet.skipped)
     if jpeg.size(raw) != size:
-        return Picture(packet.moment, None, other_size(jpeg.size(raw), size), packet.gap, packet.skipped)
+        return Picture(packet.timestamp, None, other_size(jpeg.size(raw), size), packet.gap, packet.skipped)
 
     def pixels() -> NDArray[np.uint8]:
         return decode_jpeg(_ended(raw, jpeg), jpeg, "frame")
 
-    return Picture(packet.moment, pixels, "", packet.gap, packet.skipped)
+    return Picture(packet.timestamp, pixels, "", packet.gap, packet.skipped)
 
 
 def _jpeg_of(raw: bytes) -> Jpeg:
@@ -98,22 +98,22 @@ def _jpeg_of(raw: bytes) -> Jpeg:
 
 
 def _ended(raw: bytes, jpeg: Jpeg) -> bytes:
-    """JPEG data with their end marker."""
+    """Return JPEG data with an end marker."""
     return raw if jpeg.end is not None else raw + JPEG_END
 
 
 def other_size(size: tuple[int, int], expected: tuple[int, int]) -> str:
-    """Why a picture of another size than the video's is lost."""
+    """Return the reason why a picture of another size than the video's is lost."""
     return f"is {size[0]}x{size[1]} px, others {expected[0]}x{expected[1]}"
 
 
 @dataclass(frozen=True, eq=False)
 class _Shown:
-    """A packet at its turn: the frame that it gave or None, when it is shown, and the key frame that it depends on."""
+    """A packet in presentation order: its frame or None, timestamp, and number of the key frame that it depends on."""
 
     packet: Packet
     frame: Any
-    moment: int
+    timestamp: int
     key: int
 
 
@@ -124,38 +124,38 @@ def _is_key(frame: Any) -> bool:
 class _Order:
     """Decides which frames are complete: none between a damaged one and the next key frame, in packet order.
 
-    A frame is judged once all packets from its key frame up to its own are decoded or lost.
+    A frame is decided once all packets from its key frame up to its own are decoded or lost.
     """
 
     def __init__(self, alone: bool) -> None:
         self._alone = alone
         self._sent: dict[int, Packet] = {}
-        self._moments: list[int] = []
+        self._timestamps: list[int] = []
         self._shown: deque[_Shown] = deque()
         self._key = 0
         self._damaged: set[float] = set()
 
-    def send(self, packet: Packet) -> None:
+    def add_packet(self, packet: Packet) -> None:
         self._sent[packet.number] = packet
-        if not packet.stated:
-            heapq.heappush(self._moments, packet.moment)
+        if not packet.has_pts:
+            heapq.heappush(self._timestamps, packet.timestamp)
         if packet.gap:
-            # Between the last packet and this one, which depends on it unless it is a key frame.
+            # A missing packet before this one, which depends on it unless it is a key frame.
             self._damaged.add(packet.number - 0.5)
         if packet.suspect:
             self._damaged.add(packet.number)
 
-    def give(self, number: int, frame: Any, reorders: bool) -> None:
-        """Take a frame in, and note those that it has overtaken: they will not come."""
+    def add_frame(self, number: int, frame: Any, reorders: bool) -> None:
+        """Add a decoded frame, and count frames that it has overtaken as lost."""
         packet = self._sent.pop(number, None)
         if packet is None:
-            return  # counted as missing before, by a wrong time
+            return  # its timestamp is wrong: it was counted as lost before
         if frame.is_corrupt:
             self._damaged.add(number)
         key = _is_key(frame)
-        for each in sorted(self._sent.values(), key=lambda each: each.moment):
+        for each in sorted(self._sent.values(), key=lambda each: each.timestamp):
             by_number = each.number < number and (key or not reorders)
-            overtaken = each.moment < packet.moment if packet.stated else by_number
+            overtaken = each.timestamp < packet.timestamp if packet.has_pts else by_number
             if overtaken or each.number < number - _MOST_AHEAD:
                 self._miss(each)
         if key and number not in self._damaged:
@@ -163,8 +163,8 @@ class _Order:
         self._show(packet, frame)
 
     def end(self) -> None:
-        """Note that no more frames of the packets so far will come."""
-        for each in sorted(self._sent.values(), key=lambda each: each.moment):
+        """Count all frames still expected as lost."""
+        for each in sorted(self._sent.values(), key=lambda each: each.timestamp):
             self._miss(each)
 
     def _miss(self, packet: Packet) -> None:
@@ -173,11 +173,11 @@ class _Order:
         self._show(packet, None)
 
     def _show(self, packet: Packet, frame: Any) -> None:
-        moment = packet.moment if packet.stated else heapq.heappop(self._moments)
-        self._shown.append(_Shown(packet, frame, moment, self._key))
+        timestamp = packet.timestamp if packet.has_pts else heapq.heappop(self._timestamps)
+        self._shown.append(_Shown(packet, frame, timestamp, self._key))
 
-    def judged(self) -> Iterator[tuple[_Shown, str]]:
-        """The frames that can be judged, in the order of time, each with the reason why it is lost, or none."""
+    def decided(self) -> Iterator[tuple[_Shown, str]]:
+        """Yield the frames that can be decided, in presentation order, each with the reason of its loss, or empty."""
         while self._shown:
             shown = self._shown[0]
             number = shown.packet.number
@@ -191,9 +191,9 @@ class _Order:
 
 
 def has_16_bits(shown: Any) -> bool:
-    """Return whether a frame, or a decoder's output, is grey or RGB of 16 bits, of which cameras may use the lowest.
+    """Return whether a frame, or a decoder's output, is 16-bit grey or RGB, of which a camera may use only some bits.
 
-    Samples of 10, 12 or 14 bits are stored as such, and need no guess.
+    Formats of 10, 12 or 14 bits state their depth.
     """
     return shown.format is not None and shown.format.name.startswith(
         ("gray16", "ya16", "rgb48", "rgba64", "bgr48", "bgra64", "gbrp16", "gbrap16")
@@ -201,18 +201,18 @@ def has_16_bits(shown: Any) -> bool:
 
 
 def samples_of_16_bits(frame: Any) -> NDArray[Any]:
-    """Samples of a frame as stored: (h, w), or (h, w, 3) in RGB."""
-    wanted = "gray16le" if frame.format.name.startswith(("gray", "ya")) else "rgb48le"
-    return np.asarray(frame.reformat(format=wanted, threads=1).to_ndarray())
+    """Return the 16-bit samples of a frame: (h, w), or (h, w, 3) in RGB."""
+    target = "gray16le" if frame.format.name.startswith(("gray", "ya")) else "rgb48le"
+    return np.asarray(frame.reformat(format=target, threads=1).to_ndarray())
 
 
 def rgb_of(frame: Any) -> NDArray[np.uint8]:
-    """A frame (h, w, 3) in RGB with 8 bits."""
+    """Convert a frame to 8-bit RGB (h, w, 3)."""
     return np.asarray(frame.reformat(format="rgb24", threads=1).to_ndarray(), dtype=np.uint8)
 
 
 def rgb_of_samples(samples: NDArray[Any], bits: int) -> NDArray[np.uint8]:
-    """The result of `rgb_of` for samples of 16 bits of which the lowest `bits` are used."""
+    """Convert 16-bit samples, of which the lowest `bits` are used, to 8-bit RGB (h, w, 3)."""
     image = to_8_bits(samples, bits)
     return np.repeat(image[..., None], 3, axis=2) if image.ndim == 2 else image
 
@@ -223,12 +223,12 @@ def decoded_pictures(
     size: tuple[int, int],
     convert: Callable[[Any], NDArray[Any]] = rgb_of,
 ) -> Iterator[Picture]:
-    """The pictures that FFmpeg's decoder makes of packets, in order of time; `convert` makes their pixels."""
+    """Yield the pictures of packets by FFmpeg's decoder, in presentation order; `convert` returns their pixels."""
     from av.codec.context import Flags
 
     decoder.thread_type = "AUTO"
     decoder.flags |= Flags.copy_opaque
-    # Else an error in the data is concealed from its surroundings, and the frame passes for a complete one.
+    # Otherwise, FFmpeg conceals errors in the data, and the frame seems complete.
     decoder.options = {"err_detect": "crccheck+explode"}
     order = _Order(bool(decoder.codec.intra_only))
 
@@ -236,39 +236,39 @@ def decoded_pictures(
         def pixels() -> NDArray[Any]:
             return convert(shown.frame)
 
-        # Frames that are shown before the last, but are decoded after it, may be cut off.
+        # At the end of the file, frames that are decoded after the last one shown may be cut off.
         broken, skipped = shown.packet.gap or (at_end and bool(decoder.has_b_frames)), shown.packet.skipped
         if not reason and (shown.frame.width, shown.frame.height) != size:
             reason = other_size((shown.frame.width, shown.frame.height), size)
-        return Picture(shown.moment, None if reason else pixels, reason, broken, skipped)
+        return Picture(shown.timestamp, None if reason else pixels, reason, broken, skipped)
 
     failed = False
     for packet in packets:
         if failed and packet.data.is_keyframe:
-            # Threads that met damaged data may fail at undamaged ones too, until all restart.
+            # After damaged data, decoding threads may fail on undamaged packets, too, until all restart.
             _decode(decoder, None, order)
             order.end()
             decoder.flush_buffers()
             failed = False
-        order.send(packet)
+        order.add_packet(packet)
         packet.data.opaque = packet.number
         failed |= not _decode(decoder, packet.data, order)
-        yield from starmap(picture, order.judged())
+        yield from starmap(picture, order.decided())
     _decode(decoder, None, order)
     order.end()
-    for shown, reason in order.judged():
+    for shown, reason in order.decided():
         yield picture(shown, reason, at_end=True)
 
 
 def _decode(decoder: Any, data: Any, order: _Order) -> bool:
-    """Decode a packet, or what the decoder still holds; return whether it raised no error."""
+    """Decode a packet, or flush the decoder (None); return whether that succeeded."""
     import av
 
     try:
         frames = decoder.decode(data)
     except av.FFmpegError:
-        # Its frame will be missing among those that come.
+        # `_Order` notices that its frame is missing.
         return False
     for frame in frames:
-        order.give(frame.opaque, frame, bool(decoder.has_b_frames))
+        order.add_frame(frame.opaque, frame, bool(decoder.has_b_frames))
     return True

@@ -1,4 +1,4 @@
-"""Depth of a live session, in a process of its own, as fast as it goes: it never delays the views."""
+"""Depth of a live session, in its own process at its own rate, so that it never delays the views."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from mirrorcam.optics.light_field.light_field import LightField
 
 JPEG_QUALITY = 85
 SURE = 0.5
-"""Least confidence of depth that is shown in colour."""
+"""Smallest confidence of depth that is shown in colour."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,11 +29,11 @@ class DepthPicture:
     Attributes
     ----------
     jpeg
-        In colours, from near (red) to far (blue), evenly in 1 / depth; grey where it is not known.
+        Colours from near (red) to far (blue), linear in 1 / depth; grey where unknown.
     depth_mm
-        Depth (v, u), rounded; 0 where it is not known.
+        Depth (v, u), rounded; 0 where unknown.
     median_mm
-        Of the middle of the picture; NaN where that is not known.
+        Median depth in the middle of the picture; NaN if unknown.
     """
 
     jpeg: bytes
@@ -53,7 +53,7 @@ class LiveDepth:
         self._video = VideoDepth(self._estimator)
 
     def measure(self, samples: NDArray[np.uint8]) -> DepthPicture:
-        """Depth of the next samples (t, s, v, u, 3) of the session."""
+        """Estimate depth in the next samples (t, s, v, u, 3) of the session."""
         depth = self._video.estimate(self._light_field(samples))
         return self._picture(depth)
 
@@ -81,10 +81,10 @@ _DEPTHS: list[LiveDepth] = []
 
 
 def open_depth(layout: Path, width_px: int) -> None:
-    """Prepare this process to measure depth. Raises InputError where views share no field."""
+    """Prepare this process to measure depth. Raises InputError if the views have no common field."""
     _DEPTHS[:] = [LiveDepth(layout, width_px)]
 
 
 def measure_depth(samples: NDArray[np.uint8]) -> DepthPicture:
-    """Depth of the next samples."""
+    """Estimate depth in the next samples."""
     return _DEPTHS[0].measure(samples)

@@ -1,4 +1,4 @@
-"""The server of `mirrorcam live`: its page, the newest pictures, and the orders of the page."""
+"""The server of `mirrorcam live`: its page, the newest pictures, and orders from the page."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ SCRIPTS = ("dom.js", "server.js", "live_pictures.js", "live_meters.js", "live.js
 
 
 def live_page(engine: LiveEngine, *, nonce: str) -> str:
-    """The page that a server sends; only scripts and styles with the nonce run."""
+    """Render the page; the browser runs only scripts and styles with the nonce."""
     start = {
         "about": asdict(engine.about),
         "outlines": engine.outlines_px(),
@@ -65,7 +65,7 @@ Action = Literal["play_again", "focus", "align", "reset_focus", "record", "stop_
 
 
 class LiveOrder(Value):
-    """What the page wants to happen; `depth_mm` goes with focus, and `on` with align."""
+    """An order of the page; `depth_mm` belongs to focus, and `on` to align."""
 
     action: Action
     depth_mm: float = Field(default=math.nan, ge=0.0)
@@ -73,7 +73,7 @@ class LiveOrder(Value):
 
 
 class LiveAnswers:
-    """Answers about a live session."""
+    """Responses about a live session."""
 
     def __init__(self, engine: LiveEngine) -> None:
         self._engine = engine
@@ -82,7 +82,7 @@ class LiveAnswers:
         return HTMLResponse(live_page(self._engine, nonce=request.scope["nonce"]))
 
     async def picture(self, request: Request) -> Response:
-        """The newest picture beyond a serial number, once there is one; status 204 where there is none for a while."""
+        """Wait for a picture with a higher serial number; status 204 if none arrives in time."""
         kind, after = request.path_params["kind"], request.query_params.get("after", "0")
         if kind not in get_args(PictureKind) or not (after.isascii() and after.isdigit() and len(after) < 16):
             return PlainTextResponse("not found", status_code=404)
@@ -94,10 +94,10 @@ class LiveAnswers:
         return Response(found.jpeg, media_type="image/jpeg", headers=headers)
 
     async def depth(self, request: Request) -> Response:
-        """The depth at a place of the reference view, mm, at parts of its width and height; null where not known."""
-        found, place = self._engine.latest("depth"), request.query_params
+        """Return the depth, mm, at fractions of the reference view's width and height; null if unknown."""
+        found, query = self._engine.latest("depth"), request.query_params
         try:
-            right, down = float(place["right"]), float(place["down"])
+            right, down = float(query["right"]), float(query["down"])
         except (KeyError, ValueError):
             return PlainTextResponse("expected right and down, from 0 to 1", status_code=422)
         if found is None or found.depth_mm is None or not (0.0 <= right <= 1.0 and 0.0 <= down <= 1.0):
@@ -134,12 +134,12 @@ class LiveAnswers:
 
 
 def as_json(value: Any) -> Response:
-    """An answer of JSON: paths are text, and numbers that are none are null."""
+    """Return a JSON response: paths as text, NaN and infinity as null."""
     return Response(json.dumps(plain(value), allow_nan=False), media_type="application/json")
 
 
 def plain(value: Any) -> Any:
-    """A value of what JSON knows."""
+    """Convert a value to JSON types."""
     if isinstance(value, dict):
         return {key: plain(each) for key, each in value.items()}
     if isinstance(value, (list, tuple)):
@@ -150,7 +150,7 @@ def plain(value: Any) -> Any:
 
 
 def live_app(engine: LiveEngine, port: int) -> Starlette:
-    """The application of one session."""
+    """Return the application of one session."""
     answers = LiveAnswers(engine)
     return Starlette(
         routes=[
@@ -175,9 +175,9 @@ def serve_live(
     browser: bool,
     on_note: Callable[[str], None],
 ) -> int:
-    """Serve a session until Ctrl-C; returns 0. A source that ends begins when a page first asks for pictures.
+    """Serve a session until Ctrl-C, and return 0. A finite source starts when a page first requests pictures.
 
-    Raises InputError where something cannot be opened.
+    Raises InputError if something cannot be opened.
     """
     listening = listening_socket(port)
     with listening, LiveEngine(request, out=out, board=board, idle_s=IDLE_S, hold=True, on_note=on_note) as engine:

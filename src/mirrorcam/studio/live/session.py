@@ -1,6 +1,6 @@
-"""A live session, in a process of its own: frames become pictures that a page can show.
+"""A live session in its own process: converts frames to pictures for a page.
 
-The functions at the end are what the process is called with; the session is the process's own.
+The functions at the end are called in the process, which has one session.
 """
 
 from __future__ import annotations
@@ -35,13 +35,13 @@ from mirrorcam.studio.live.values import Answer, LiveRequest, Orders, PictureKin
 
 JPEG_QUALITY = 82
 METER_S = 0.2
-"""Time between two measurements of focus and exposure."""
+"""Time between measurements of focus and exposure."""
 KEPT_FRAMES, KEPT_S = 6, 0.5
-"""Frames that are kept for the alignment, and the time between them."""
+"""Number of frames kept for the alignment, and time between them."""
 
 
 class ViewsPicture:
-    """Makes pictures of all views side by side, as `tiles` does, for light fields of one geometry."""
+    """Draws all views side by side, as `tiled_views` does, for light fields of one geometry."""
 
     def __init__(self, light_field: LightField) -> None:
         self._grid = light_field.is_grid
@@ -56,7 +56,7 @@ class ViewsPicture:
             self.size_px = (shown.shape[1], shown.shape[0])
 
     def of(self, light_field: LightField) -> NDArray[np.uint8]:
-        """The picture (h, w, 3); it is used again for the next one."""
+        """Return the picture (h, w, 3), whose memory is reused for the next one."""
         if not self._grid:
             return tiled_views(light_field)
         samples: Any = light_field.samples
@@ -69,9 +69,9 @@ class ViewsPicture:
 
 
 class LiveSession:
-    """Decodes the newest frames of a source into pictures; one that ends is not read before orders say so.
+    """Decodes the newest frames of a source into pictures; a finite source waits for an order.
 
-    Raises InputError where the layout or the source cannot be opened, or views share no field.
+    Raises InputError if the layout or the source cannot be opened, or the views have no common field.
     """
 
     def __init__(self, request: LiveRequest) -> None:
@@ -101,7 +101,7 @@ class LiveSession:
 
     @property
     def about(self) -> SessionAbout:
-        """What the session shows."""
+        """Properties of the session."""
         views, small = self._decoder.views, self._small.views
         sizes: dict[PictureKind, tuple[int, int]] = {
             "frame": self._frame_px,
@@ -125,7 +125,7 @@ class LiveSession:
         )
 
     def next(self, orders: Orders) -> Answer:
-        """The pictures of the next frame, as ordered. Raises InputError as the source does."""
+        """Return the ordered pictures of the next frame. Raises InputError as the source does."""
         if orders.reset_focus:
             self._meter.reset()
         self._recording.order(orders.record)
@@ -138,9 +138,9 @@ class LiveSession:
         shown = None
         if arrived is not None:
             self._last, self._made = arrived, {}
-            shown = self._shown(arrived, orders)
+            shown = self._results(arrived, orders)
         elif over and self._last is not None:
-            shown = self._shown_again(self._last, orders)
+            shown = self._reordered(self._last, orders)
         recorded = self._recording.counts
         source = self.opened.source
         live = source if isinstance(source, LiveCamera) else None
@@ -155,21 +155,21 @@ class LiveSession:
             recorded=recorded.recorded,
             not_recorded=recorded.lost,
             memory_mb=resident_mb(),
-            lines=self._told(),
+            lines=self._messages(),
         )
 
     def close(self) -> tuple[str, ...]:
-        """Finish the recording, let go of the source, and return the last messages."""
+        """Finish the recording, release the source, and return the last messages."""
         self._recording.order(None)
         if self._newest is None:
             self.opened.source.stop()
         else:
             self._newest.stop()
         self._recording.close()
-        return self._told()
+        return self._messages()
 
     def _read(self) -> None:
-        """Read the source, from its start where it ends."""
+        """Read the source; a finite one from its start."""
         if self._newest is not None:
             self._dropped += self._newest.dropped
             self._lost += self._newest.lost
@@ -180,8 +180,8 @@ class LiveSession:
             arriving=self._recording.give,
         )
 
-    def _shown_again(self, last: Arrived, orders: Orders) -> Shown | None:
-        """What is ordered and the last frame has not become yet: of other kinds, in another focus, for depth."""
+    def _reordered(self, last: Arrived, orders: Orders) -> Shown | None:
+        """Return newly ordered results of the last frame: other kinds, another focus, or depth."""
         kinds = tuple(
             kind
             for kind in orders.kinds
@@ -190,10 +190,10 @@ class LiveSession:
         depth = orders.depth and "depth" not in self._made
         if not kinds and not depth:
             return None
-        wanted = replace(orders, kinds=kinds, depth=depth, frames=False, take=None)
-        return replace(self._shown(replace(last, moment=time.monotonic()), wanted), again=True)
+        remaining = replace(orders, kinds=kinds, depth=depth, frames=False, take=None)
+        return replace(self._results(replace(last, arrived_s=time.monotonic()), remaining), again=True)
 
-    def _shown(self, arrived: Arrived, orders: Orders) -> Shown:
+    def _results(self, arrived: Arrived, orders: Orders) -> Shown:
         frame, jpegs = arrived.frame, dict[PictureKind, bytes]()
         if "frame" in orders.kinds:
             jpegs["frame"] = _jpeg(cv2.resize(frame.pixels, self._frame_px, interpolation=cv2.INTER_AREA))
@@ -220,39 +220,39 @@ class LiveSession:
         return Shown(
             number=frame.number,
             time_s=frame.time_s,
-            arrived_s=arrived.moment,
+            arrived_s=arrived.arrived_s,
             done_s=done,
             jpegs=jpegs,
             sharpness=sharp,
             exposure=exposure,
             samples=None if samples is None else np.asarray(samples, np.uint8),
             frames=tuple(self._kept) if orders.frames else (),
-            taken=self._taken(frame, orders.take),
+            taken=self._save_picture(frame, orders.take),
         )
 
-    def _taken(self, frame: Frame, path: Path | None) -> Path | None:
+    def _save_picture(self, frame: Frame, path: Path | None) -> Path | None:
         if path is None:
             return None
         if path.exists():
-            raise InputError(f"{path}: is there already, expected a new name")
+            raise InputError(f"{path}: exists, expected a new name")
         path.parent.mkdir(parents=True, exist_ok=True)
         write_image(path, frame.pixels)
         return path
 
-    def _told(self) -> tuple[str, ...]:
+    def _messages(self) -> tuple[str, ...]:
         lines = tuple(self._lines)
         self._lines.clear()
         return lines
 
 
 def _jpeg(picture: Any) -> bytes:
-    """A picture (h, w, 3) in RGB as JPEG."""
+    """Encode an RGB picture (h, w, 3) as JPEG."""
     encoded: bytes = simplejpeg.encode_jpeg(np.ascontiguousarray(picture), JPEG_QUALITY, colorsubsampling="420")
     return encoded
 
 
 def resident_mb() -> float:
-    """Memory that this process holds, MB; NaN where the system is not Linux."""
+    """Return the resident memory of this process, MB; NaN except on Linux."""
     if sys.platform != "linux":
         return float("nan")
     pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
@@ -270,10 +270,10 @@ def open_session(request: LiveRequest) -> SessionAbout:
 
 
 def next_pictures(orders: Orders) -> Answer:
-    """The next pictures of this process's session."""
+    """Return the next pictures of this process's session."""
     return _SESSIONS[0].next(orders)
 
 
 def close_session() -> tuple[str, ...]:
-    """Close this process's session, if it has one, and return its last messages."""
+    """Close this process's session, if any, and return its last messages."""
     return _SESSIONS.pop().close() if _SESSIONS else ()

@@ -1,4 +1,4 @@
-"""Alignment of mirrors and hints for calibration pictures of a live session, in a process of its own."""
+"""Alignment of mirrors and hints for calibration pictures of a live session, in its own process."""
 
 from __future__ import annotations
 

@@ -44,15 +44,15 @@ class CalibrationState:
 
 
 class CalibrationRun:
-    """A calibration that has been started."""
+    """A running or finished calibration."""
 
     def __init__(self, pictures: Path, board: Path, layout: Path, out: Path) -> None:
         self.out = out
-        given = [str(pictures), "--board", str(board), "--layout", str(layout), "--out", str(out)]
-        self._command = ChildCommand(["calibrate", *given])
+        arguments = [str(pictures), "--board", str(board), "--layout", str(layout), "--out", str(out)]
+        self._command = ChildCommand(["calibrate", *arguments])
 
     def state(self) -> CalibrationState:
-        """Its state."""
+        """Return its state."""
         command, code = self._command, self._command.returncode
         state: State = "running" if code is None else "cancelled" if command.cancelled else _STATES.get(code, "failed")
         written = state in ("done", "alarm")
@@ -64,7 +64,7 @@ class CalibrationRun:
         )
 
     def wait(self, timeout_s: float | None = None) -> CalibrationState:
-        """Wait for its end, or a time; returns its state."""
+        """Wait for its end, at most `timeout_s`, and return its state."""
         self._command.wait(timeout_s)
         return self.state()
 
@@ -91,7 +91,7 @@ class LiveStatus:
     rate_hz, depth_hz
         Pictures per second, over the last RECENT_S.
     latency_ms, latency_p95_ms
-        From the arrival of a frame to its encoded pictures: median and 95th percentile. None before the first frame.
+        Time from the arrival of a frame to its encoded pictures: median and 95th percentile; None before the first.
     depth_latency_ms
         Median latency of depth.
     dropped, lost, outages
@@ -156,7 +156,7 @@ class LiveStatus:
 
 
 class LiveMeters:
-    """Counts, rates and messages of a session, reported by its processes; any thread may write and read.
+    """Counts, rates and messages of a session, reported by its processes; thread-safe.
 
     `on_note` is called with each message.
     """
@@ -178,12 +178,12 @@ class LiveMeters:
 
     @property
     def ended(self) -> bool:
-        """Whether no more frames come."""
+        """Whether the source or the session has ended."""
         with self._lock:
             return self._failed is not None or (self._answer is not None and self._answer.over)
 
     def note(self, answer: Answer) -> None:
-        """Count what the process that decodes has answered."""
+        """Count an answer of the decoding process."""
         for line in answer.lines:
             self.say(line)
         with self._lock:
@@ -201,7 +201,7 @@ class LiveMeters:
                 self._pictures, self._taken = self._pictures + 1, shown.taken
 
     def note_depth(self, shown: Shown, median_mm: float) -> None:
-        """Count that depth of a frame has been measured now; the median is NaN where it is not known."""
+        """Count a depth estimate of a frame; the median is NaN if unknown."""
         done_s = time.monotonic()
         with self._lock:
             self._depths.append((done_s, 1e3 * (done_s - shown.arrived_s)))
@@ -214,7 +214,7 @@ class LiveMeters:
             self._lines.append(line)
 
     def fail(self, reason: str) -> None:
-        """Say why the session has ended before its source."""
+        """Report why the session has ended before its source."""
         self.say(reason)
         with self._lock:
             self._failed = reason
@@ -235,7 +235,7 @@ class LiveMeters:
         recording: Path | None,
         calibration: CalibrationState | None,
     ) -> LiveStatus:
-        """How the session goes, with what others know: `recording` is the file that frames go to."""
+        """Return the state of the session; `recording` is the file of the recording."""
         now = time.monotonic()
         with self._lock:
             answer, latencies = self._answer, sorted(self._latencies)
@@ -270,11 +270,11 @@ class LiveMeters:
             )
 
 
-def rate(moments: Sequence[float]) -> float:
-    """Events in a second, of the times of some in order; 0 where there are none, or one."""
-    return (len(moments) - 1) / (moments[-1] - moments[0]) if len(moments) > 1 and moments[-1] > moments[0] else 0.0
+def rate(times_s: Sequence[float]) -> float:
+    """Return the rate of events at ascending times; 0 for fewer than two."""
+    return (len(times_s) - 1) / (times_s[-1] - times_s[0]) if len(times_s) > 1 and times_s[-1] > times_s[0] else 0.0
 
 
-def quantile(ordered: Sequence[float], part: float) -> float | None:
-    """The value that a part of ordered ones is below; None of none."""
-    return ordered[min(int(part * len(ordered)), len(ordered) - 1)] if ordered else None
+def quantile(ordered: Sequence[float], fraction: float) -> float | None:
+    """Return a quantile of ascending values; None without values."""
+    return ordered[min(int(fraction * len(ordered)), len(ordered) - 1)] if ordered else None

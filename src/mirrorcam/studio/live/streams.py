@@ -1,4 +1,4 @@
-"""The streams of a live session: the source that frames come from, and the recording that they go to."""
+"""The streams of a live session: the source of frames, and their recording."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.jpeg import DamagedPicture
 from mirrorcam.core.images.pictures import check_size, picture_size, pictures_in, read_image
 from mirrorcam.core.video.background_recorder import FINISHING_S, BackgroundRecorder, RecordingCounts
-from mirrorcam.core.video.camera_addresses import camera, existing, is_sdp, shown
+from mirrorcam.core.video.camera_addresses import camera, existing, is_sdp, without_password
 from mirrorcam.core.video.frames import Frame, Lost, Source
 from mirrorcam.core.video.video import Video
 from mirrorcam.optics.geometry.camera import Camera
 
 FOLDER_HZ = 5.0
-"""Pictures of a folder in a second."""
+"""Frame rate of a folder of pictures."""
 
 Kind = Literal["camera", "video", "folder"]
 
 
 class PictureFolder:
-    """The pictures of a folder as frames, by name, FOLDER_HZ a second; `on_note` takes a line about its other files.
+    """The pictures of a folder as frames, sorted by name; `on_note` is called about its other files.
 
-    Raises InputError for a folder without pictures, and for a first one of another size than the layout's camera's.
+    Raises InputError for a folder without pictures, or if the first has another size than the layout's camera.
     """
 
     def __init__(self, folder: Path, size: tuple[int, int], on_note: Callable[[str], None] = lambda line: None) -> None:
@@ -34,7 +34,7 @@ class PictureFolder:
         check_size(self._paths[0], picture_size(self._paths[0]), size, "the layout's camera")
 
     def frames(self, after: int = -1) -> Iterator[Frame | Lost]:
-        """The pictures that follow number `after`; raises InputError for one of another size."""
+        """Yield the pictures after number `after`; raises InputError for one of another size."""
         for number, path in enumerate(self._paths):
             if number <= after:
                 continue
@@ -55,7 +55,7 @@ class PictureFolder:
 
 @dataclass(frozen=True)
 class LiveSource:
-    """A source, what it is called, what it is, and whether its frames wait for their times."""
+    """A source of frames, with its name and kind."""
 
     source: Source
     name: str
@@ -63,32 +63,31 @@ class LiveSource:
 
     @property
     def ends(self) -> bool:
-        """Whether it ends, and may then be read again from its start: files do, cameras do not."""
+        """Whether it is finite, and can be read again from its start; a camera is not."""
         return self.kind != "camera"
 
     @property
     def paced(self) -> bool:
-        """Whether frames of a file are to be shown when their times say."""
+        """Whether frames are shown at their stated times."""
         return self.ends
 
 
 def open_source(text: str, wanted: Camera, on_note: Callable[[str], None] = lambda line: None) -> LiveSource:
-    """The source that a text names: a folder, a video file, or the number or address of a camera.
+    """Open a source by name: a folder, a video file, or the number or address of a camera.
 
     Parameters
     ----------
     text
-        Text that names the source.
+        Name of the source.
     wanted
-        The camera whose size frames must have.
+        Camera whose picture size the frames must have.
     on_note
-        Takes a line when a camera goes and when it is back, remarks on a video, and about files of a folder that are
-        not shown.
+        Called with lines about outages of a camera, a video, and ignored files of a folder.
 
     Raises
     ------
     InputError
-        For a source that cannot be opened, or is of another size.
+        If the source cannot be opened, or has another size.
     """
     size = wanted.width_px, wanted.height_px
     is_number = text.isascii() and text.isdigit()
@@ -103,47 +102,47 @@ def open_source(text: str, wanted: Camera, on_note: Callable[[str], None] = lamb
         raise InputError(
             f"{text}: no such file, expected a video, a folder of pictures, or a camera's number or address"
         )
-    return LiveSource(camera(text, *size, on_note=on_note), shown(text), "camera")
+    return LiveSource(camera(text, *size, on_note=on_note), without_password(text), "camera")
 
 
 WRITING_S = 1.0
-"""Time that a write which has begun has to end, when the session is closed."""
+"""Time for a pending write to end when the session is closed."""
 
 
 class LiveRecording:
-    """Records to one file after another, as ordered.
+    """Records frames to one file after another, as ordered.
 
     Parameters
     ----------
     camera
-        The camera whose size frames have.
+        Camera whose picture size the frames have.
     on_note
-        Takes a line when frames are lost, and when a file is finished.
+        Called with a line when frames are lost, and when a file is finished.
     """
 
     def __init__(self, camera: Camera, on_note: Callable[[str], None]) -> None:
         self._camera, self._on_note = camera, on_note
         self._recorder: BackgroundRecorder | None = None
         self._finishing: list[BackgroundRecorder] = []
-        self._told_lost = False
+        self._reported_loss = False
 
     @property
     def counts(self) -> RecordingCounts:
-        """What has become of the frames of the recording that runs."""
+        """Counts of the current recording."""
         return RecordingCounts() if self._recorder is None else self._recorder.counts
 
     def give(self, item: Frame | Lost) -> None:
-        """Record what arrives, in the thread that reads the source."""
+        """Record a frame; called in the thread that reads the source."""
         recorder = self._recorder
         if recorder is not None:
             recorder.give(item)
 
     def order(self, path: Path | None) -> None:
-        """Record into a file from now on; None: into none.
+        """Record to a file from now on, or stop (None).
 
-        Raises InputError, once, where its disk takes no more.
+        Raises InputError, once, if the disk fails.
         """
-        self._tell_finished()
+        self._report_finished()
         recorder = self._recorder
         if recorder is not None and recorder.path != path:
             self._stop(recorder)
@@ -151,30 +150,30 @@ class LiveRecording:
         if path is None:
             return
         if recorder is None:
-            self._told_lost = False
+            self._reported_loss = False
             self._recorder = BackgroundRecorder(path, self._camera.width_px, self._camera.height_px)
         elif recorder.failed is not None:
             self._recorder = None
             recorder.finish()
             recorder.finished(WRITING_S)
             raise InputError(str(recorder))
-        elif recorder.counts.too_slow and not self._told_lost:
-            self._told_lost = True
-            self._on_note(f"{path}: frames are lost, as they come faster than they can be written")
+        elif recorder.counts.too_slow and not self._reported_loss:
+            self._reported_loss = True
+            self._on_note(f"{path}: frames are lost: they come faster than they can be written")
 
     def close(self) -> None:
         """Finish all files."""
         if self._recorder is not None:
             self._stop(self._recorder)
-        self._tell_finished(FINISHING_S + WRITING_S)
+        self._report_finished(FINISHING_S + WRITING_S)
 
     def _stop(self, recorder: BackgroundRecorder) -> None:
         self._recorder = None
         recorder.finish()
         self._finishing.append(recorder)
 
-    def _tell_finished(self, timeout_s: float = 0.0) -> None:
-        """Report finished files, waiting at most for a time."""
+    def _report_finished(self, timeout_s: float = 0.0) -> None:
+        """Report finished files, and wait for each at most `timeout_s`."""
         for recorder in list(self._finishing):
             if recorder.finished(timeout_s):
                 self._finishing.remove(recorder)

@@ -30,29 +30,29 @@ from mirrorcam.studio.live.status import LiveMeters
 from mirrorcam.studio.live.values import Answer, LivePictures, LiveRequest, Orders, SessionAbout, Shown
 
 ENDING_S = 5.0
-"""Time that work has to end by itself."""
+"""Time for work to end by itself."""
 
 
 class LiveWorker:
-    """A worker process that a thread attends to; close it.
+    """A worker process and the thread that calls it; must be closed.
 
     Parameters
     ----------
     what
-        What it is for, as messages name it.
+        Purpose, for messages.
     work
-        What the thread does, by calls of `process`, until `ending` is set.
+        Function of the thread: calls `process` until `ending` is set.
     fail
-        Called with one line where `work` fails before it is to end.
+        Called with one line if `work` fails before `ending` is set.
 
     Attributes
     ----------
     process : WorkerProcess
         The process.
     changed : threading.Condition
-        What `work` waits on for more to do, or for its end.
+        Condition on which `work` waits for input or its end.
     ending : threading.Event
-        Set when `work` is to return.
+        Set when `work` must return.
     """
 
     def __init__(self, what: str, work: Callable[[], None], fail: Callable[[str], None]) -> None:
@@ -65,7 +65,7 @@ class LiveWorker:
         self._thread.start()
 
     def close(self, *, at_once: bool = False) -> None:
-        """End the thread and the process: after what `work` still does within ENDING_S, or in the middle of a call."""
+        """End the thread and the process: when `work` returns, after ENDING_S at the latest, or even during a call."""
         with self.changed:
             self.ending.set()
             self.changed.notify_all()
@@ -85,16 +85,16 @@ class LiveWorker:
 
 
 class DepthThread:
-    """Publishes pictures of depth; a newer input replaces the one that waits.
+    """Publishes pictures of depth; a newer input replaces a waiting one.
 
     Parameters
     ----------
     layout
         layout.json.
     width_px
-        Width of the views that depth is measured in.
+        Width of the views in which depth is estimated.
     pictures, meters
-        Where pictures go, and what counts them.
+        Receive pictures, and count them.
     """
 
     def __init__(self, layout: Path, width_px: int, pictures: LivePictures, meters: LiveMeters) -> None:
@@ -106,7 +106,7 @@ class DepthThread:
 
     @property
     def wants_samples(self) -> bool:
-        """Whether samples of the next frame would be measured."""
+        """Whether depth needs the samples of the next frame."""
         with self._worker.changed:
             return self._on and self._input is None and self._pictures.wanted("depth")
 
@@ -118,7 +118,7 @@ class DepthThread:
                 self._input = None
 
     def give(self, shown: Shown, samples: NDArray[np.uint8]) -> None:
-        """Have depth measured in the samples (t, s, v, u, 3) of a frame next."""
+        """Estimate depth in the samples (t, s, v, u, 3) of a frame next."""
         with self._worker.changed:
             self._input = (shown, samples)
             self._worker.changed.notify_all()
@@ -143,7 +143,7 @@ class DepthThread:
                     self._pictures.put("depth", shown, found.jpeg, found.depth_mm)
 
     def _next(self) -> tuple[Shown, NDArray[np.uint8]] | None:
-        """The newest input, once there is one; None at the end."""
+        """Wait for the newest input; None at the end."""
         with self._worker.changed:
             self._worker.changed.wait_for(lambda: self._input is not None or self._worker.ending.is_set())
             given, self._input = self._input, None
@@ -151,14 +151,14 @@ class DepthThread:
 
 
 class SetupThread:
-    """Keeps the newest report of the mirrors and the newest hint; pictures go before frames.
+    """Keeps the newest report of the mirrors and the newest hint; pictures take precedence over frames.
 
     Parameters
     ----------
     layout
         layout.json.
     board
-        board.toml; None where no calibration pictures are taken.
+        board.toml; None if no calibration pictures are taken.
     meters
         Receive the message of a failure.
     """
@@ -174,7 +174,7 @@ class SetupThread:
 
     @property
     def report(self) -> AlignmentReport | None:
-        """Alignment by the last frames; None before the first result since it was switched on."""
+        """Alignment from the last frames; None before the first result since it was switched on."""
         return self._report
 
     @property
@@ -185,30 +185,30 @@ class SetupThread:
 
     @property
     def hint(self) -> PoseHint | None:
-        """What the last calibration picture showed."""
+        """Hint after the last calibration picture."""
         return self._hint
 
     @property
     def wants_frames(self) -> bool:
-        """Whether mirrors are to be compared in some of the last frames."""
+        """Whether the alignment needs some of the last frames."""
         with self._worker.changed:
             return self._aligning and not self._frames
 
     def align(self, on: bool) -> None:
-        """Compare the mirrors with the layout, again and again; switched on, from the start."""
+        """Switch the repeated comparison of mirrors with the layout on, from the start, or off."""
         with self._worker.changed:
             self._aligning, self._anew, self._frames = on, True, ()
             if on:
                 self._switched, self._report = self._switched + 1, None
 
     def give_frames(self, frames: tuple[NDArray[np.uint8], ...]) -> None:
-        """Have mirrors compared in frames (h, w), grey."""
+        """Compare mirrors in grey frames (h, w) next."""
         with self._worker.changed:
             self._frames = frames
             self._worker.changed.notify_all()
 
     def give_picture(self, path: Path) -> None:
-        """Have the board found in a calibration picture."""
+        """Find the board in a calibration picture next."""
         with self._worker.changed:
             self._pictures.append(path)
             self._worker.changed.notify_all()
@@ -247,18 +247,18 @@ OVER_S = 0.2
 
 
 class DecodingThread:
-    """Publishes pictures of frames, and passes frames to depth and setup as they need them.
+    """Publishes pictures of frames, and passes frames to depth and setup when needed.
 
     Parameters
     ----------
     request
-        What is shown.
+        Request of the session.
     pictures, meters
-        Where pictures go, and what counts them.
+        Receive pictures, and count them.
     depth, setup
-        What is given samples, frames and calibration pictures.
+        Receive samples, frames and calibration pictures.
     hold
-        Whether a source that ends waits for `play`.
+        Whether a finite source waits for `play`.
     """
 
     def __init__(
@@ -278,11 +278,11 @@ class DecodingThread:
 
     @property
     def recording(self) -> Path | None:
-        """The video that frames go to."""
+        """The video to which frames are recorded."""
         return self._orders.record
 
     def open(self) -> SessionAbout:
-        """Open the source. Raises InputError where that cannot be."""
+        """Open the source. Raises InputError if that fails."""
         about: SessionAbout = self._worker.process.call(open_session, self._request)
         self._ends = about.kind != "camera"
         return about
@@ -297,14 +297,14 @@ class DecodingThread:
             self._orders = replace(self._orders, **changes)
 
     def play(self, *, again: bool) -> None:
-        """Let a source that waits begin; `again`: let one that has ended play from its start."""
+        """Start a waiting source; with `again`, restart one that has ended."""
         with self._worker.changed:
             if self._orders.plays == 0 or again:
                 self._orders = replace(self._orders, plays=self._orders.plays + 1)
                 self._worker.changed.notify_all()
 
     def take(self, folder: Path) -> Path:
-        """Have the next frame written below a folder, and return its path."""
+        """Write the next frame into a folder, and return its path."""
         with self._worker.changed:
             path = self._orders.take or numbered(folder, "picture", ".png")
             self._orders = replace(self._orders, take=path)
@@ -325,7 +325,7 @@ class DecodingThread:
             except InputError as error:
                 if orders.take is None and orders.record is None:
                     raise
-                # A file that cannot be written ends what it was for, not the session.
+                # A write error ends the recording or picture, not the session.
                 self._meters.say(str(error))
                 self.order(take=None, record=None)
                 continue
@@ -339,10 +339,10 @@ class DecodingThread:
             self._meters.say(str(error))
 
     def _rest(self, plays: int) -> None:
-        """After the end of a source that has played a number of times: wait for more to do."""
+        """Wait after the source has ended for the `plays`-th time."""
         with self._worker.changed:
             if self._orders.plays == plays:
-                # What frames went to ends with them: played again, they begin anew.
+                # Recording and picture end with the source.
                 if self._orders.take is not None:
                     self._meters.say("the source has ended before the calibration picture was taken")
                 self._orders = replace(self._orders, record=None, take=None)
@@ -350,7 +350,7 @@ class DecodingThread:
             self._worker.changed.wait_for(lambda: ending.is_set() or self._orders.plays > plays, timeout=OVER_S)
 
     def _ordered(self) -> Orders:
-        """The orders, without unwatched pictures, and with the needs of depth and setup."""
+        """Return the orders without unwatched pictures, but with the needs of depth and setup."""
         with self._worker.changed:
             orders = self._orders
         return replace(
@@ -361,7 +361,7 @@ class DecodingThread:
         )
 
     def _hand_on(self, answer: Answer, orders: Orders) -> None:
-        """Pass on what a frame has become, then count it; orders that have been carried out are orders no more."""
+        """Distribute the results of a frame, count it, and remove completed orders."""
         shown = answer.shown
         with self._worker.changed:
             if orders.reset_focus:

@@ -88,7 +88,7 @@ class Orders:
         Requested number of starts of a finite source: 0 waits; one more than so far restarts a source that has ended.
         A camera always plays.
     timeout_s
-        How long to wait for a frame.
+        Time to wait for a frame.
     """
 
     focus_mm: float | None = None
@@ -111,7 +111,7 @@ class Shown:
     number, time_s
         Number and time of the frame in its source.
     arrived_s, done_s
-        When it arrived, and when its pictures were encoded, by the clock `time.monotonic`.
+        Times of its arrival and of its encoded pictures, by `time.monotonic`.
     jpegs
         The pictures.
     sharpness

@@ -1,5 +1,5 @@
 "use strict";
-// Designs that were pinned, beside each other and the current one: pictures, figures, and what was asked for differently.
+// Compares pinned designs with each other and the current one: pictures, figures, and differences of their requests.
 (() => {
   const { element } = Studio;
   const MOST = 4;
@@ -43,14 +43,14 @@
       });
       const columns = designs.map((drawing) => [drawing === current ? `${drawing.title} (now)` : drawing.title, drawing]);
       const names = Object.keys(designs[0].spec).filter((name) => new Set(designs.map((d) => JSON.stringify(d.spec[name]))).size > 1);
-      const asked = names.map((name) =>
+      const requestRows = names.map((name) =>
         element("tr", {}, element("th", { scope: "row" }, NAMES[name] ?? this.labels[name] ?? name), ...designs.map((d) => element("td", { class: "differs" }, this.text(d.spec[name])))),
       );
       const table = element("div", { class: "wide-table", tabindex: 0, role: "region", "aria-label": "Figures of the designs" });
       Studio.drawFigures(table, columns, { title: true });
-      if (asked.length) {
+      if (requestRows.length) {
         const heading = element("tr", { class: "title" }, element("th", { scope: "rowgroup", colspan: designs.length + 1 }, "Asked for differently"));
-        table.querySelector("tbody").prepend(heading, ...asked);
+        table.querySelector("tbody").prepend(heading, ...requestRows);
       }
       const note = "Marks are against the last column.";
       host.replaceChildren(element("h2", {}, "Compare"), element("div", { class: "cards" }, ...cards), table, element("p", { class: "key" }, note));

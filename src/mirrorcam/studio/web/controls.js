@@ -1,9 +1,9 @@
 "use strict";
-// The controls of a request, made of the list that the server gives: each with its unit, its range and what it buys.
+// The controls of a request, from the server's list: each with its unit, range and effect.
 (() => {
   const { element } = Studio;
 
-  // A slider that snaps stands at the place of its value among those there are.
+  // The position of a snapping slider is the index of its value.
   const closest = (values, value) => values.reduce((best, each, i) => (Math.abs(each - value) < Math.abs(values[best] - value) ? i : best), 0);
   const toSlider = (control, value) => {
     if (control.values.length) return closest(control.values, value);
@@ -98,7 +98,7 @@
     depths(control, history) {
       const near = (spec) => Math.min(...spec.depths_mm);
       const far = (spec) => Math.max(...spec.depths_mm);
-      // The handles do not pass each other; depths between them keep their places.
+      // The handles do not pass each other; depths between them keep their relative positions.
       const inner = (spec, low, high) => spec.depths_mm.filter((d) => d > low && d < high && d !== near(spec) && d !== far(spec));
       const unique = (depths) => [...new Set(depths)].sort((a, b) => a - b);
       const writeNear = (value) => {
@@ -174,7 +174,7 @@
     },
   };
 
-  // All controls into a host; returns what sets them to a request.
+  // Add all controls to a host; return the function that sets them to a request.
   Studio.makeControls = (host, groups, history) => {
     const refreshes = [];
     for (const { title, open, controls } of groups) {

@@ -1,5 +1,5 @@
 "use strict";
-// Elements, polygons and numbers: what all panels share.
+// Elements, polygons and numbers for all panels.
 const Studio = {};
 
 Studio.element = (name, attributes = {}, ...children) => {
@@ -56,7 +56,7 @@ Studio.intersection = (polygons) => {
   }, polygons[0]);
 };
 
-// What each view of a drawing sees of the plane at a depth, by mirror; none for a plane nearer than the mirrors.
+// The footprint of each view on the plane at a depth, by mirror; empty for a plane nearer than the mirrors.
 Studio.footprints = (drawing, depth) => {
   const { mirror, points_mm: points, directions, reach_mm: reach } = drawing.rays;
   const seen = drawing.mirrors.map(() => []);

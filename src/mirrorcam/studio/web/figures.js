@@ -20,7 +20,7 @@
       const found = all(drawing).filter((figure) => figure.name.startsWith(start));
       const short = (number) => Studio.number(+number);
       const texts = found.map((figure) => figure.text.replace(/\d+\.\d+/, short).replace(" grid spacings", " spacings"));
-      // Of several depths: the nearest and the farthest.
+      // With several depths, show the nearest and the farthest.
       const unit = / \S+$/;
       const first = texts.length > 1 && texts[0].match(unit)?.[0] === texts.at(-1).match(unit)?.[0] ? texts[0].replace(unit, "") : texts[0];
       const text = texts.length > 1 ? `${first} \u2026 ${texts.at(-1)}` : (first ?? "none");
@@ -30,7 +30,7 @@
     host.replaceChildren(...tiles);
   };
 
-  // Better, worse or alike, in a sign and in words; figures that are neither have none.
+  // A sign for better or worse, with a title; nothing for equal or unknown figures.
   const change = (figure, other) => {
     if (!other || figure.text === other.text || figure.value === null || other.value === null) return null;
     const less = figure.value < other.value;
@@ -38,10 +38,10 @@
     return element("span", { class: better ? "better" : "worse", title: `${better ? "better" : "worse"} than the first column: ${other.text}` }, `${less ? "\u25bc" : "\u25b2"}`);
   };
 
-  // The text of a figure; one that is none says why.
+  // The text of a figure, with the reason if it is unknown.
   const textOf = (figure) => (figure.reason ? [`${figure.text}: `, element("span", { class: "why" }, figure.reason)] : [figure.text]);
 
-  // A table of figures: rows by name, a column for each drawing; changes are against the last column.
+  // A table of figures: a row per name, a column per drawing; changes are relative to the last column.
   Studio.drawFigures = (host, columns, { title = true } = {}) => {
     const [, first] = columns[0];
     const reference = columns.length > 1 ? columns.at(-1)[1] : null;

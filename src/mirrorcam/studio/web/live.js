@@ -1,6 +1,6 @@
 "use strict";
-// The live page: pictures follow the camera, controls order, and the status is shown four times a second; less often once
-// the source has ended.
+// The live page: shows pictures of the camera, sends orders, and polls the status four times a second, less often after
+// the end of the source.
 (() => {
   const BINS = 32;
   const POLL_MS = 250;
@@ -17,11 +17,11 @@
   const pictures = new Studio.Pictures(about);
   let wakeStatus = () => {};
 
-  const told = (error) => {
+  const showError = (error) => {
     at("recorded").textContent = error.message;
   };
   const order = (action, fields) => {
-    const ordered = Studio.order(action, fields).catch(told);
+    const ordered = Studio.order(action, fields).catch(showError);
     ordered.then(() => {
       pictures.wake();
       wakeStatus();
@@ -36,7 +36,7 @@
   };
   const fileName = (path) => path.split(/[\\/]/).pop();
 
-  // The slider is even in 1 / depth, as focus is.
+  // The slider is linear in 1 / depth.
   const [nearest, farthest] = [Math.max(about.near_mm, about.least_focus_mm + 1), about.far_mm * 2];
   const depthOf = (value) => 1 / (1 / nearest + (value / 1000) * (1 / farthest - 1 / nearest));
   const valueOf = (depth) => (1000 * (1 / depth - 1 / nearest)) / (1 / farthest - 1 / nearest);
@@ -85,7 +85,7 @@
   };
 
   at("outlines").addEventListener("change", (event) => overlay.show(event.target.checked));
-  // What the server answers about the time before a tick is not shown after it.
+  // A status from before a click on the checkbox is not shown after it.
   let ticks = 0;
   let ticking = false;
   at("align").addEventListener("change", async (event) => {
@@ -105,7 +105,7 @@
     taking = at("hint").textContent;
     at("hint").textContent = "Taking the next frame …";
     Studio.order("take_picture").catch((error) => {
-      told(error);
+      showError(error);
       at("hint").textContent = taking;
       taking = null;
     });
@@ -124,7 +124,7 @@
     at("advice").textContent = `exposure: ${status.exposure.advice}`;
   };
 
-  // A picture that is saved is told at once; what it shows, when that has been found.
+  // Report a saved picture at once, and the board in it when it has been found.
   const showHint = (status) => {
     if (taking !== null) {
       if (status.pictures === taken && !status.over) return;
@@ -209,7 +209,7 @@
     return status.over ? middle : `${status.depth_hz.toFixed(1)} a second, ${middle}`;
   };
 
-  // Rest after the end of the source, or of the server, until something is ordered or pointed at.
+  // Poll less often after the end of the source or server, until the user acts.
   const rest = (resting) => new Promise((resolve) => {
     setTimeout(resolve, resting ? RESTING_MS : POLL_MS);
     if (resting) wakeStatus = resolve;

@@ -1,5 +1,5 @@
 "use strict";
-// What the status says: meters, and the mirrors against the layout.
+// Displays of the status: meters, and the alignment of the mirrors.
 (() => {
   const { element, svg, path } = Studio;
   const LARGER = 5;
@@ -23,7 +23,7 @@
       new ResizeObserver(() => this.fit(about.camera_px[0] / Math.max(host.clientWidth, 1))).observe(host);
     }
 
-    // Names have one size on the screen, however large the frame is drawn, and a plate; both fit into their sub-images.
+    // Names have a constant size on the screen and a background, and fit into their sub-images.
     fit(scale) {
       for (const { x, y, width, letters, plate, text } of this.labels) {
         const size = Math.min(LETTER_PX * scale, (0.9 * width) / (0.6 * letters + 0.8));

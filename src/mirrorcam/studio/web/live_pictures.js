@@ -1,9 +1,9 @@
 "use strict";
-// The newest pictures of each kind, drawn as they come; a page that is hidden asks for none, and none are made for it.
-// After the end of the source it asks for what is still to come, such as another focus, and then for nothing.
+// Draws the newest pictures of each kind. A hidden page requests none, so that none are computed for it. After the end of
+// the source, the page requests only pending ones, such as another focus.
 (() => {
   const KINDS = ["frame", "views", "refocus", "depth"];
-  const FRUITLESS_MS = 1000; // least time between two requests of which the first gave no picture
+  const FRUITLESS_MS = 1000; // shortest time between requests if the first gave no picture
   const STILL_TO_COME_MS = 4000;
 
   Studio.order = (action, fields = {}) => Studio.post("/order", { action, ...fields });
@@ -26,7 +26,7 @@
       });
     }
 
-    // Take from a status whether the source has ended, or was played again.
+    // Note from the status whether the source has ended, or was restarted.
     note({ over, failed, frames }) {
       const [ended, dead] = [over || failed !== null, failed !== null];
       if (ended === this.ended && dead === this.failed && !(ended && frames !== this.frames)) return;
@@ -34,19 +34,19 @@
       this.wake();
     }
 
-    // Whether the source has ended, and no more pictures are expected.
+    // Whether the source has ended and no more pictures are expected.
     get rest() {
       return this.ended && performance.now() > this.until;
     }
 
-    // Ask again, as other pictures are to come.
+    // Resume requests, because new pictures are expected.
     wake() {
       this.until = performance.now() + STILL_TO_COME_MS;
       this.woken?.();
       this.waking = new Promise((resolve) => { this.woken = resolve; });
     }
 
-    asks(serial) {
+    requests(serial) {
       if (!this.seen) return false;
       return !this.rest || (serial === 0 && !this.failed);
     }
@@ -55,15 +55,15 @@
       const drawing = canvas.getContext("2d");
       let serial = 0;
       for (;;) {
-        if (!this.asks(serial)) {
+        if (!this.requests(serial)) {
           await this.waking;
           continue;
         }
-        const asked = performance.now();
+        const requestedAt = performance.now();
         try {
           const answer = await fetch(`/picture/${kind}?after=${serial}`);
           if (answer.status !== 200) {
-            await pause(asked + FRUITLESS_MS - performance.now());
+            await pause(requestedAt + FRUITLESS_MS - performance.now());
             continue;
           }
           const picture = await createImageBitmap(await answer.blob());

@@ -1,5 +1,5 @@
 "use strict";
-// The studio's page: what a request changes, and what is drawn when an answer comes.
+// The studio's page: sends changed requests, and draws their responses.
 (() => {
   const { element } = Studio;
   const byId = (id) => document.getElementById(id);
@@ -29,11 +29,11 @@
   const pins = new Studio.Pins(byId("compare"), labels, (spec) => history.settle(spec), canPin);
 
   // ---- drawing -------------------------------------------------------------------------------------------------
-  const beside = () => (byId("beside").checked ? state.parabola : null);
+  const comparison = () => (byId("beside").checked ? state.parabola : null);
 
   const drawCurves = () => {
     const { drawing } = state;
-    const other = beside();
+    const other = comparison();
     const both = (name) => [
       ...(other ? [{ values: other.curves[name], depths: other.curves.depths_mm, name: "ghost" }] : []),
       { values: drawing.curves[name], name },
@@ -47,7 +47,7 @@
 
   const drawDepth = () => {
     const { drawing } = state;
-    const shared = Studio.drawCoverage(byId("coverage"), drawing, state.depth, beside());
+    const shared = Studio.drawCoverage(byId("coverage"), drawing, state.depth, comparison());
     const size = shared ? `all views see ${Studio.number(shared[2] - shared[0])} x ${Studio.number(shared[3] - shared[1])} mm` : "no part is seen by all views";
     byId("depth-text").textContent = `${Studio.number(state.depth)} mm: ${size}`;
     view?.light(drawing, state.depth);
@@ -69,9 +69,9 @@
   const draw = () => {
     const { drawing } = state;
     placeDepth();
-    view?.show(drawing, beside(), state.depth);
-    Studio.drawSensor(byId("sensor"), drawing, beside());
-    Studio.drawCameras(byId("cameras"), drawing, beside());
+    view?.show(drawing, comparison(), state.depth);
+    Studio.drawSensor(byId("sensor"), drawing, comparison());
+    Studio.drawCameras(byId("cameras"), drawing, comparison());
     drawCurves();
     drawDepth();
     Studio.drawTiles(byId("tiles"), drawing);
@@ -90,21 +90,21 @@
     pill.textContent = text;
   };
 
-  // ---- asking --------------------------------------------------------------------------------------------------
-  const asking = { exact: 0, drawn: 0, busy: false, next: null };
+  // ---- requests ------------------------------------------------------------------------------------------------
+  const requests = { exact: 0, drawn: 0, busy: false, next: null };
 
-  // One preview is under way at a time; of those asked for meanwhile only the newest follows. One that comes after an
+  // Previews are requested one at a time; of those waiting only the newest follows. A preview that arrives after an
   // exact design is not drawn.
   const preview = async (spec, touchedAt) => {
-    if (asking.busy) {
-      asking.next = [spec, touchedAt];
+    if (requests.busy) {
+      requests.next = [spec, touchedAt];
       return;
     }
-    asking.busy = true;
-    const before = asking.drawn;
+    requests.busy = true;
+    const before = requests.drawn;
     try {
       const answer = await source.preview(spec);
-      if (answer?.drawing && asking.drawn === before) {
+      if (answer?.drawing && requests.drawn === before) {
         state.drawing = answer.drawing;
         draw();
         const texts = { parabola: "Preview: the faceted parabola", preview: "Preview" };
@@ -115,15 +115,15 @@
     } catch (error) {
       if (!error.refused) lost(error); // the exact design says why
     } finally {
-      asking.busy = false;
-      const next = asking.next;
-      asking.next = null;
+      requests.busy = false;
+      const next = requests.next;
+      requests.next = null;
       if (next) preview(...next);
     }
   };
 
   const lost = (error) => {
-    if (error.name !== "AbortError") say("failed", `The studio does not answer: ${error.message}`);
+    if (error.name !== "AbortError") say("failed", `No answer from the studio: ${error.message}`);
   };
 
   const passed = (drawing) => {
@@ -132,7 +132,7 @@
   };
 
   const solve = async (spec) => {
-    const mine = (asking.exact += 1);
+    const mine = (requests.exact += 1);
     const began = performance.now();
     say("solving", "Solving \u2026");
     byId("infeasible").hidden = true;
@@ -140,10 +140,10 @@
     try {
       answer = await source.design(spec);
     } catch (error) {
-      if (mine === asking.exact) lost(error);
+      if (mine === requests.exact) lost(error);
       return;
     }
-    if (mine !== asking.exact) return;
+    if (mine !== requests.exact) return;
     if (answer.status === "superseded") {
       lost(new Error("another request of this page came first"));
       return;
@@ -151,7 +151,7 @@
     performance.measure("solve", { start: began, end: performance.now() });
     if (answer.status === "solved") {
       Object.assign(state, { drawing: answer.drawing, parabola: answer.parabola });
-      asking.drawn += 1;
+      requests.drawn += 1;
       draw();
       say("exact", passed(answer.drawing));
       after(spec, mine);
@@ -159,7 +159,7 @@
     document.dispatchEvent(new CustomEvent("settled", { detail: answer }));
   };
 
-  // What takes longer follows once the design is there.
+  // Slow results follow after the design.
   const after = async (spec, mine) => {
     if (state.device !== state.drawing.identity) view?.replace("device", null);
     byId("built-option").hidden = state.device !== state.drawing.identity;
@@ -167,13 +167,13 @@
     sight.look();
     byId("tolerance").classList.add("old");
     const study = await source.tolerance(spec).catch((error) => ({ reason: error.message }));
-    if (mine !== asking.exact || !study) return;
+    if (mine !== requests.exact || !study) return;
     byId("tolerance").classList.remove("old");
     Studio.drawTolerance(byId("tolerance"), study);
   };
 
   const refuse = async (answer, spec, mine) => {
-    asking.drawn += 1;
+    requests.drawn += 1;
     say("failed", answer.constraint ? "Cannot be" : "Not a request");
     const note = byId("infeasible");
     note.hidden = false;
@@ -190,18 +190,18 @@
     if (!answer.constraint) return;
     byId("looking").hidden = false;
     const take = ({ text, spec: other }) => {
-      if (mine !== asking.exact) return;
+      if (mine !== requests.exact) return;
       const button = element("button", { type: "button" }, text);
       button.addEventListener("click", () => history.settle(other));
       list.append(element("li", {}, button));
     };
     await source.suggestions(spec, take).catch(lost);
-    if (mine !== asking.exact) return;
+    if (mine !== requests.exact) return;
     byId("looking").hidden = true;
     if (!list.children.length) list.append(element("li", {}, "No single change was found that makes it possible."));
   };
 
-  // ---- the request ---------------------------------------------------------------------------------------------
+  // ---- design request ------------------------------------------------------------------------------------------
   let refresh = () => {};
   const address = () => window.history.replaceState(null, "", `#${Studio.toAddress(history.spec, start.defaults)}`);
   const history = new Studio.History(start.spec, Studio.fromAddress(location.hash, start.defaults, start.spec), (settled) => {

@@ -1,5 +1,5 @@
 "use strict";
-// What is made of a design: files to keep, parts, a calibration set, everything.
+// Files, parts and calibration sets generated from a design.
 (() => {
   const { element } = Studio;
   const TITLES = { parts: "Parts", set: "Calibration set", run: "Everything" };

@@ -9,10 +9,10 @@
     host.replaceChildren(root);
     return root;
   };
-  // Sizes that stay the same on the screen whatever the units of the drawing are.
+  // Sizes on the screen, independent of the units of the drawing.
   const unit = (width) => width / 100;
 
-  // A ruler of a round length at the lower left of a drawing in mm.
+  // A ruler of a round length at the lower left of a drawing, mm.
   const ruler = (root, [left, top, width, height]) => {
     const u = unit(width);
     const length = ticks(0, width / 3, 2).at(-1) || width / 5;
@@ -23,7 +23,7 @@
     root.append(text);
   };
 
-  Studio.drawSensor = (host, drawing, beside) => {
+  Studio.drawSensor = (host, drawing, compared) => {
     const [width, height] = drawing.sensor_px;
     const margin = width * 0.012;
     const root = frame(host, `Sensor of ${width} x ${height} px with ${drawing.mirrors.length} sub-images`, [
@@ -34,7 +34,7 @@
     ]);
     const u = unit(width);
     root.append(svg("rect", { x: -0.5, y: -0.5, width, height, class: "sensor", "stroke-width": u * 0.3 }));
-    for (const mirror of beside?.mirrors ?? []) {
+    for (const mirror of compared?.mirrors ?? []) {
       root.append(svg("path", { d: path(mirror.outline_px), class: "ghost", "stroke-width": u * 0.25 }));
     }
     drawing.mirrors.forEach(({ outline_px: outline, usable_px: usable }, k) => {
@@ -56,11 +56,11 @@
     }
   };
 
-  Studio.drawCoverage = (host, drawing, depth, beside) => {
+  Studio.drawCoverage = (host, drawing, depth, compared) => {
     const seen = Studio.footprints(drawing, depth).filter((polygon) => polygon.length > 2);
-    const whole = seen.length === drawing.mirrors.length;
-    const common = whole ? Studio.intersection(seen) : [];
-    // The scale is that of the farthest depth, so that the field is seen to grow as the depth does.
+    const seenByAll = seen.length === drawing.mirrors.length;
+    const common = seenByAll ? Studio.intersection(seen) : [];
+    // The scale is fixed by the farthest depth, so that the field visibly grows with depth.
     const far = 1.25 * drawing.depths_mm.at(-1);
     const all = [...Studio.footprints(drawing, far).flat(), ...seen.flat()];
     const [left, top, right, bottom] = all.length ? bounds(all) : [-1, -1, 1, 1];
@@ -71,9 +71,9 @@
     for (const polygon of seen) {
       root.append(svg("path", { d: path(polygon), class: "footprint", "stroke-width": u * 0.25 }));
     }
-    if (beside) {
-      const theirs = Studio.footprints(beside, depth).filter((polygon) => polygon.length > 2);
-      const shared = theirs.length === beside.mirrors.length ? Studio.intersection(theirs) : [];
+    if (compared) {
+      const theirs = Studio.footprints(compared, depth).filter((polygon) => polygon.length > 2);
+      const shared = theirs.length === compared.mirrors.length ? Studio.intersection(theirs) : [];
       root.append(svg("path", { d: path(shared), class: "ghost", "stroke-width": u * 0.5 }));
     }
     root.append(svg("path", { d: path(common), class: "common solid", "stroke-width": u * 0.5 }));
@@ -81,10 +81,10 @@
     return common.length ? bounds(common) : null;
   };
 
-  Studio.drawCameras = (host, drawing, beside) => {
+  Studio.drawCameras = (host, drawing, compared) => {
     const flat = ([x, y]) => [x, y];
     const [centres, grid] = [drawing.centres_mm.map(flat), drawing.grid_mm.map(flat)];
-    const [left, top, right, bottom] = bounds([...centres, ...grid, ...(beside?.centres_mm ?? []).map(flat)]);
+    const [left, top, right, bottom] = bounds([...centres, ...grid, ...(compared?.centres_mm ?? []).map(flat)]);
     const side = Math.max(right - left, (bottom - top) * 1.5, 1) * 1.25;
     const box = [(left + right - side) / 2, (top + bottom - side / 1.5) / 2, side, side / 1.5];
     const root = frame(host, "Virtual cameras, seen along the views, on the grid that fits them best", box);
@@ -92,7 +92,7 @@
     for (const [i, j] of drawing.neighbours) {
       root.append(svg("path", { d: path([grid[i], grid[j]], false), class: "grid", "stroke-width": u * 0.3 }));
     }
-    for (const [x, y] of (beside?.centres_mm ?? []).map(flat)) {
+    for (const [x, y] of (compared?.centres_mm ?? []).map(flat)) {
       root.append(svg("circle", { cx: x, cy: y, r: u * 1.1, class: "ghost", "stroke-width": u * 0.35 }));
     }
     centres.forEach((centre, k) => {
@@ -103,7 +103,7 @@
     ruler(root, box);
   };
 
-  // Curves over depth: `lines` are {values, class}; the axis of depth is logarithmic, the other starts at 0.
+  // Curves over depth: `lines` are {values, name}; the depth axis is logarithmic, the other starts at 0.
   Studio.drawCurves = (host, label, drawing, lines, { at, format = number, scale = "linear" } = {}) => {
     const [width, height, left, bottom, top, right] = [300, 150, 40, 22, 8, 8];
     const depths = drawing.curves.depths_mm;
@@ -124,7 +124,7 @@
       root.append(text);
     }
     const inside = [20, 50, 100, 200, 300, 500, 700, 1000, 2000, 5000, 10000].filter((d) => d >= depths[0] && d <= depths.at(-1));
-    // From the last on, which has the unit; those without room before the next are left out.
+    // From the last tick, which has the unit; ticks without room before the next are omitted.
     const round = inside.reduceRight((kept, d) => (kept.length && x(kept[0]) - x(d) < (kept.length === 1 ? 44 : 26) ? kept : [d, ...kept]), []);
     round.forEach((depth, i) => {
       const last = i === round.length - 1;

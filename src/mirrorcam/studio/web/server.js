@@ -1,7 +1,7 @@
 "use strict";
-// Answers of the studio's server.
+// Requests to the studio's server.
 (() => {
-  // Pages that are open at the same time have names, by which the server tells their requests apart.
+  // The server distinguishes simultaneously open pages by their names.
   const page = crypto.randomUUID();
   const post = async (address, body, kind = "json", signal = undefined) => {
     const answer = await fetch(address, {
@@ -13,8 +13,8 @@
     }
     return kind === "body" ? answer.body : answer[kind]();
   };
-  // Gives up the earlier request of the same address, which fails with AbortError: browsers keep few connections open,
-  // and what is slow and no longer wanted would hold them while previews wait.
+  // Abort the previous request to the same address (AbortError): browsers open few connections, and slow outdated
+  // requests would block previews.
   const underWay = {};
   const postNewest = (address, body, kind = "json") => {
     underWay[address]?.abort();
@@ -25,7 +25,7 @@
   Studio.source = {
     preview: (spec) => post("/preview", spec),
     design: (spec) => postNewest("/design", spec),
-    // As they are found: one a line.
+    // Streamed, one per line.
     async suggestions(spec, take) {
       const lines = (await postNewest("/suggestions", spec, "body")).pipeThrough(new TextDecoderStream()).getReader();
       let rest = "";

@@ -1,9 +1,9 @@
 "use strict";
-// What the design would see: a frame, its views, a picture in focus at a depth, and the depth that is measured in it.
+// Simulated pictures of the design: a frame, its views, a refocused picture, and the depth estimated from them.
 (() => {
   Studio.Sight = class {
     constructor(byId, spec) {
-      Object.assign(this, { byId, spec, asked: 0, focusing: false, next: null });
+      Object.assign(this, { byId, spec, latest: 0, focusing: false, next: null });
       byId("subject").addEventListener("change", () => this.look());
       byId("focus").addEventListener("input", () => this.focus());
     }
@@ -22,20 +22,20 @@
       this.byId("sight-note").textContent = text;
     }
 
-    // The frame comes first, what is decoded from it follows; an answer that is no longer asked for is not shown.
+    // First the frame, then what is decoded from it; outdated responses are not shown.
     async look() {
-      const mine = (this.asked += 1);
-      const wanted = { spec: this.spec(), subject: this.subject };
+      const mine = (this.latest += 1);
+      const body = { spec: this.spec(), subject: this.subject };
       for (const id of ["frame", "views", "refocused", "measured"]) this.byId(id).classList.add("old");
       this.byId("focus").disabled = true;
       try {
         const began = performance.now();
-        const frame = await Studio.postNewest("/frame", wanted);
-        if (mine !== this.asked || !frame) return;
+        const frame = await Studio.postNewest("/frame", body);
+        if (mine !== this.latest || !frame) return;
         this.set("frame", frame.picture);
         performance.measure("frame", { start: began, end: performance.now() });
-        const decoded = await Studio.postNewest("/decoded", wanted);
-        if (mine !== this.asked || !decoded) return;
+        const decoded = await Studio.postNewest("/decoded", body);
+        if (mine !== this.latest || !decoded) return;
         this.set("views", decoded.views);
         this.set("refocused", decoded.refocused);
         this.set("measured", decoded.depth);
@@ -45,32 +45,32 @@
         slider.step = (slider.max - slider.min) / 200;
         slider.value = Math.log(decoded.focus_mm);
         slider.disabled = false;
-        this.tell(decoded.focus_mm);
+        this.showDepth(decoded.focus_mm);
         const error = decoded.error_mm === null ? "" : `, median error ${Studio.number(decoded.error_mm, 2)} mm`;
         this.say(`Depth from ${Studio.number(decoded.near_mm)} mm (red) to ${Studio.number(decoded.far_mm)} mm (blue), darker where it is less sure${error}.`);
       } catch (error) {
-        if (mine === this.asked) this.say(error.message);
+        if (mine === this.latest) this.say(error.message);
       }
     }
 
-    tell(depth) {
+    showDepth(depth) {
       this.byId("focus-text").textContent = `${Studio.number(depth)} mm`;
     }
 
     async focus() {
       const depth = Math.exp(this.byId("focus").valueAsNumber);
-      this.tell(depth);
+      this.showDepth(depth);
       if (this.focusing) {
         this.next = depth;
         return;
       }
       this.focusing = true;
-      const mine = this.asked;
+      const mine = this.latest;
       try {
         const { picture } = await Studio.post("/refocused", { spec: this.spec(), subject: this.subject, depth_mm: depth });
-        if (mine === this.asked) this.set("refocused", picture);
+        if (mine === this.latest) this.set("refocused", picture);
       } catch (error) {
-        if (mine === this.asked) this.say(error.message);
+        if (mine === this.latest) this.say(error.message);
       } finally {
         this.focusing = false;
         const waiting = this.next !== null;

@@ -1,5 +1,5 @@
 "use strict";
-// Answers of an atlas of solved designs that the page carries with it: no server is asked.
+// Responses from the atlas of solved designs in the page, without a server.
 (() => {
   const { axes, designs, parabolas } = JSON.parse(document.getElementById("atlas").textContent);
   const nearest = (values, value) => values.reduce((best, each) => (Math.abs(each - value) < Math.abs(best - value) ? each : best));

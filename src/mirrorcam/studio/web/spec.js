@@ -1,5 +1,5 @@
 "use strict";
-// The request for a design: the current one, its history, and its form in the address.
+// The design request: current value, history, and encoding in the address.
 (() => {
   const same = (a, b) => JSON.stringify(a) === JSON.stringify(b);
 
@@ -7,7 +7,7 @@
     constructor(start, first, changed) {
       Object.assign(this, { start, changed, past: [], future: [], spec: first });
     }
-    // A settled change is a step that undo goes back by; one while a slider moves is not.
+    // A settled change is an undo step; a change while a slider moves is not.
     set(change, settled = true) {
       const next = { ...this.spec, ...change };
       if (settled) this.settle(next);
@@ -46,7 +46,7 @@
   }
   Studio.History = History;
 
-  // What differs from the defaults, so that the address stays short and leads to the same design in any studio:
+  // Encode differences from the defaults, so that the address is short and gives the same design in any studio:
   // #rows=2&scale_mm=60&depths_mm=200,400
   Studio.toAddress = (spec, defaults) => {
     const parts = new URLSearchParams();
@@ -57,7 +57,7 @@
     return parts.toString().replaceAll("%2C", ",") || "default";
   };
 
-  // The request of an address; `start` without one.
+  // Decode the request of an address; `start` without one.
   Studio.fromAddress = (hash, defaults, start) => {
     if (hash.length < 2) return { ...start };
     const spec = { ...defaults };

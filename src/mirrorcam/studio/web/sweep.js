@@ -1,5 +1,5 @@
 "use strict";
-// The designs of a sweep as points; a click on one, or Enter, goes to that design.
+// The designs of a sweep as points; a click or Enter selects one.
 (() => {
   const { element, svg, path, ticks, number } = Studio;
   const PLOTS = [
@@ -11,7 +11,7 @@
   const plot = (points, { name, x: [across, xLabel], y: [upwards, yLabel] }, go) => {
     const [width, height, left, bottom, top, right] = [460, 300, 46, 42, 26, 12];
     const values = (key) => points.map((point) => point[key]);
-    // Axes begin at 0, unless that left the points in less than half of the plot.
+    // Axes start at 0, unless the points would fill less than half of the plot.
     const range = (key) => {
       const [low, high] = [Math.min(...values(key)), Math.max(...values(key))];
       const spread = high - low || high;

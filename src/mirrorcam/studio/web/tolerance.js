@@ -1,5 +1,5 @@
 "use strict";
-// What devices as built reach: a bar for 90 % of them, their median and the design.
+// Figures of devices as built: a bar for 90 % of them, their median and the design.
 (() => {
   const { element, svg } = Studio;
 

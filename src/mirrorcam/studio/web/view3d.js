@@ -1,12 +1,12 @@
 "use strict";
-// Mirrors, chief rays, light and the device in 3-D. Drawings are in view axes: here y is up and the scene lies along -z.
+// Mirrors, chief rays, light and the device in 3-D. Drawings are in view axes; in three.js, y is up and the scene at -z.
 (() => {
   const place = ([x, y, z]) => [x, -y, -z];
   const HOME = [0.8, 0.25, -0.55];
 
   class View3D {
     constructor(stage, colours) {
-      Object.assign(this, { stage, colours, layers: new Map(), shown: { rays: true, light: false, beside: true, device: true } });
+      Object.assign(this, { stage, colours, layers: new Map(), shown: { rays: true, light: false, compared: true, device: true } });
       this.renderer = new THREE.WebGLRenderer({ antialias: true, alpha: true });
       this.scene = new THREE.Scene();
       this.camera = new THREE.PerspectiveCamera(30, 1, 0.1, 20000);
@@ -100,11 +100,11 @@
       return [[x - size, y, z], [x + size, y, z], [x, y - size, z], [x, y + size, z], [x, y, z - size], [x, y, z + size]];
     }
 
-    // Mirrors, chief rays and the camera: what a design has, and what one that cannot be has too.
+    // Mirrors, chief rays and the camera, also of an infeasible design.
     bodies({ mirrors: drawn, body_mm: box }, concerned = []) {
       const { colours } = this;
       const mirrors = new THREE.Group();
-      // Double sided without normals: flat shading finds them for each face.
+      // Double-sided, without normals: flat shading computes them for each face.
       const glass = (colour) =>
         new THREE.MeshStandardMaterial({
           color: colour, flatShading: true, side: THREE.DoubleSide, metalness: 0.1, roughness: 0.35, emissive: colour, emissiveIntensity: 0.35,
@@ -130,10 +130,10 @@
       this.replace("body", body);
     }
 
-    // The mirrors that violate a request least; where they do, a thick mark.
+    // The mirrors that violate a request least, with thick marks where they do.
     showViolation(drawing) {
       this.bodies(drawing, drawing.concerned);
-      for (const name of ["cameras", "beside", "light", "device"]) this.replace(name, null);
+      for (const name of ["cameras", "compared", "light", "device"]) this.replace(name, null);
       const marks = new THREE.Group();
       const size = this.size(drawing) * 0.02;
       for (const [from, to] of drawing.places_mm) {
@@ -144,7 +144,7 @@
       this.visible();
     }
 
-    show(drawing, beside, depth) {
+    show(drawing, compared, depth) {
       const { colours } = this;
       const line = (colour, opacity = 1) => this.ink(colour, opacity);
       this.bodies(drawing);
@@ -158,8 +158,8 @@
       this.replace("cameras", cameras);
 
       const ghost = new THREE.Group();
-      if (beside) ghost.add(this.lines(beside.mirrors.flatMap(({ solid_mm: s }) => this.edges(s)), line(colours.soft, 0.55)));
-      this.replace("beside", ghost);
+      if (compared) ghost.add(this.lines(compared.mirrors.flatMap(({ solid_mm: s }) => this.edges(s)), line(colours.soft, 0.55)));
+      this.replace("compared", ghost);
 
       this.light(drawing, depth);
       this.measure(drawing);
@@ -198,7 +198,7 @@
       return Math.max(...[0, 1, 2].map((axis) => Math.max(...all.map((p) => p[axis])) - Math.min(...all.map((p) => p[axis]))));
     }
 
-    // The whole is framed anew where it has become much larger or smaller, so that a drag does not shake the picture.
+    // Reframe only when the device has become much larger or smaller, so that the picture is steady during a drag.
     measure(drawing) {
       const box = new THREE.Box3();
       const points = drawing.mirrors.flatMap(({ solid_mm: s, chief_mm: c }) => [...s, ...c]);
@@ -217,7 +217,7 @@
       this.look(direction);
     }
 
-    // The device as it was built, from its GLB file, which is in the frame of the rig below its one root.
+    // The parts of the device from its GLB file, which is in the rig's frame below its root.
     device(address, viewFromRig) {
       new THREE.GLTFLoader().load(address, ({ scene }) => {
         const [a, b, c] = viewFromRig;
@@ -233,7 +233,7 @@
     }
 
     visible() {
-      for (const name of ["rays", "light", "beside", "device"]) {
+      for (const name of ["rays", "light", "compared", "device"]) {
         const layer = this.layers.get(name);
         if (layer) layer.visible = this.shown[name];
       }
