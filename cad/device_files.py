@@ -36,7 +36,7 @@ from mirrorcam.core.values import Metric
 def write_files(
     device: Device, out: Path, results: Results | None, workers: int, progress: Progress, *, elastic: bool = False
 ) -> dict[str, Metric]:
-    """Write all files into `out`, and store each part in `results`.
+    """Write all files into `out`, and store each part in `results`; with `elastic`, report elastic deformation too.
 
     Returns the figures, each named after its object: `mount.wall_mm`, `device.rays_blocked`.
     """
@@ -44,6 +44,7 @@ def write_files(
     part_calls: list[Call] = [
         (make_part, (plan, device.hardware.printer, out, results, device.hardware.screw)) for plan in plans
     ]
+    # Besides parts and pictures: sheets, checks, plates, assembly, live view, assembly drawing.
     done, total = 0, len(part_calls) + 6 + len(PICTURES) + elastic
 
     def step() -> None:

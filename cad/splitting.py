@@ -34,9 +34,9 @@ from shapely import get_coordinates
 from shapely.geometry.base import BaseGeometry
 
 from mirrorcam.cad.plan.cuts import (
-    BEYOND_MM,
     FAR_MM,
-    PINS_APART,
+    PAST_PART_MM,
+    PIN_SPACING,
     Cell,
     Cuts,
     Joint,
@@ -63,8 +63,8 @@ from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.transforms import rigid, transform
 
-# Number of places tried for each cut.
-TRIED = 9
+# Number of tried positions of each cut.
+TRIED_CUTS = 9
 # Spacing of the sections tested along a pin.
 SLICE_MM = 1.0
 MESH_MM = 0.05
@@ -86,10 +86,10 @@ def triangles_of(body: Manifold) -> FloatArray:
     return triangles
 
 
-def falls_apart(body: Manifold, axis: int, place_mm: float, crumb_mm: float) -> bool:
+def falls_apart(body: Manifold, axis: int, cut_mm: float, crumb_mm: float) -> bool:
     """Return whether a cut across an axis leaves more than two pieces larger than a cube of side `crumb_mm`."""
     normal = np.eye(3)[axis]
-    return any(len(fragments(half, crumb_mm)) != 1 for half in body.split_by_plane(normal, place_mm))
+    return any(len(fragments(half, crumb_mm)) != 1 for half in body.split_by_plane(normal, cut_mm))
 
 
 def fragments(body: Manifold, crumb_mm: float) -> list[Manifold]:
@@ -104,34 +104,34 @@ def inside(body: Manifold, spans: tuple[Span, Span]) -> Manifold:
     return body
 
 
-def best_places_mm(body: Manifold, axis: int, span: Span, bed_mm: float, hardware: Hardware) -> tuple[float, ...]:
-    """Places of the cuts that divide a body, over a span along an axis, into nearly equal pieces that fit the bed.
+def best_cuts_mm(body: Manifold, axis: int, span: Span, bed_mm: float, hardware: Hardware) -> tuple[float, ...]:
+    """Coordinates of the cuts that divide a body, over a span along an axis, into nearly equal pieces that fit the bed.
 
-    Each cut may shift by the slack of the pieces on the bed, and goes where it leaves the most space for pins.
+    Each cut may shift by the slack of the pieces on the bed, to where it leaves the most space for pins.
     """
     start, end = span
     count = int(np.ceil((end - start) / bed_mm))
     slack = cut_slack_mm(end - start, count, bed_mm)
-    places = []
+    cuts = []
     for i in range(1, count):
         middle = start + (end - start) * i / count
-        tried = np.linspace(middle - slack, middle + slack, TRIED)
-        areas = [area_for_pins(body, axis, float(place), (-FAR_MM, FAR_MM), hardware).area for place in tried]
-        # Among equally good places, the one nearest to the middle.
-        best = max(range(TRIED), key=lambda k: (round(areas[k], 3), -abs(tried[k] - middle)))
-        places.append(float(tried[best]))
-    return tuple(places)
+        candidates = np.linspace(middle - slack, middle + slack, TRIED_CUTS)
+        areas = [area_for_pins(body, axis, float(cut), (-FAR_MM, FAR_MM), hardware).area for cut in candidates]
+        # Among equally good cuts, the one nearest to the middle.
+        best = max(range(TRIED_CUTS), key=lambda k: (round(areas[k], 3), -abs(candidates[k] - middle)))
+        cuts.append(float(candidates[best]))
+    return tuple(cuts)
 
 
-def area_for_pins(body: Manifold, axis: int, place_mm: float, span: Span, hardware: Hardware) -> BaseGeometry:
-    """Area of a cut where a pin's axis may lie, with the thinnest wall all along the pin and beyond its ends.
+def area_for_pins(body: Manifold, axis: int, cut_mm: float, span: Span, hardware: Hardware) -> BaseGeometry:
+    """Area of a cut for the axis of a pin, with at least the thinnest wall along the pin and beyond its ends.
 
     Parameters
     ----------
     body : Manifold
-        The part as it lies on the bed.
-    axis, place_mm : int, float
-        Axis of the bed across which the cut runs (0 or 1), and its place along that axis.
+        The part in print orientation.
+    axis, cut_mm : int, float
+        Axis of the bed that is normal to the cut (0 or 1), and the cut's coordinate along that axis.
     span : (float, float)
         Range for pins along the bed's other axis.
     hardware : Hardware
@@ -143,18 +143,18 @@ def area_for_pins(body: Manifold, axis: int, place_mm: float, span: Span, hardwa
         An area with x along the bed's other axis and y up.
     """
     # Axes of the section: the bed's other axis, up, and the normal of the cut.
-    turned = body.transform(np.column_stack([np.eye(3)[[1 - axis, 2, axis]], np.zeros(3)]))
-    half = reach_of_pin_mm(hardware)
-    levels = np.linspace(place_mm - half, place_mm + half, int(np.ceil(2.0 * half / SLICE_MM)) + 1)
-    solid = shapely.intersection_all([_section(turned, float(level)) for level in levels])
-    around = clearance_round_pin_mm(hardware)
-    return solid.buffer(-around).intersection(shapely.box(span[0] + around, -FAR_MM, span[1] - around, FAR_MM))
+    section_frame = body.transform(np.column_stack([np.eye(3)[[1 - axis, 2, axis]], np.zeros(3)]))
+    reach = reach_of_pin_mm(hardware)
+    levels = np.linspace(cut_mm - reach, cut_mm + reach, int(np.ceil(2.0 * reach / SLICE_MM)) + 1)
+    solid = shapely.intersection_all([_section(section_frame, float(level)) for level in levels])
+    clearance = clearance_round_pin_mm(hardware)
+    return solid.buffer(-clearance).intersection(shapely.box(span[0] + clearance, -FAR_MM, span[1] - clearance, FAR_MM))
 
 
 def _section(body: Manifold, level: float) -> BaseGeometry:
     """Section of a body across z; loops inside loops are holes."""
     loops = (shapely.Polygon(loop) for loop in body.slice(level).to_polygons())
-    return reduce(lambda one, other: one.symmetric_difference(other), loops, shapely.Polygon())
+    return reduce(lambda a, b: a.symmetric_difference(b), loops, shapely.Polygon())
 
 
 @dataclass(frozen=True)
@@ -204,10 +204,10 @@ def _plane(frame: FloatArray) -> Plane:
 
 
 def _roof(radius_mm: float) -> tuple[tuple[float, float], ...]:
-    """The triangle on a circle whose upper sides are tangents, `ROOF_DEG` from upright."""
-    steep = np.radians(ROOF_DEG)
-    side, height = radius_mm * np.cos(steep), radius_mm * np.sin(steep)
-    return (-side, height), (side, height), (0.0, radius_mm / np.sin(steep))
+    """The triangle on a circle with tangents as its upper sides, `ROOF_DEG` from upright."""
+    angle = np.radians(ROOF_DEG)
+    side, height = radius_mm * np.cos(angle), radius_mm * np.sin(angle)
+    return (-side, height), (side, height), (0.0, radius_mm / np.sin(angle))
 
 
 EXPLODE_MM = 25.0
@@ -223,14 +223,14 @@ class Pieces:
 
 @dataclass(frozen=True)
 class _Pin:
-    """A pin between two pieces; `rig_from_holes` (2, 4, 4) are the frames of its hole in either."""
+    """A pin between two pieces; `rig_from_holes` (2, 4, 4) are the frames of its holes in them."""
 
     cells: tuple[Cell, Cell]
     rig_from_holes: FloatArray
 
 
 def split(part: PartPlan, corners_in_rig: FloatArray, hardware: Hardware, cuts_mm: Cuts | None = None) -> Pieces:
-    """Split a part that does not fit the printer's bed; return any other as it is.
+    """Split a part that does not fit the printer's bed; return any other part unchanged.
 
     Parameters
     ----------
@@ -241,7 +241,7 @@ def split(part: PartPlan, corners_in_rig: FloatArray, hardware: Hardware, cuts_m
     hardware : Hardware
         The printer's bed and thinnest wall, fits and pins.
     cuts_mm : pair of tuples of float, optional
-        Places of cuts along the bed's x and y, which may shift by up to `plan.cuts.MOVED_MM`. Default: the places with
+        Coordinates of cuts along the bed's x and y, which may shift by up to `plan.cuts.MOVED_MM`. Default: those with
         the most space for pins.
 
     Returns
@@ -265,10 +265,7 @@ def split(part: PartPlan, corners_in_rig: FloatArray, hardware: Hardware, cuts_m
     body = mesh_of(uncut_part(part.plan, part.make)).transform(part.print_from_rig[:3])
     if cuts_mm is None:
         spans = [(float(low[axis]), float(high[axis])) for axis in (0, 1)]
-        cuts_mm = (
-            best_places_mm(body, 0, spans[0], bed[0], hardware),
-            best_places_mm(body, 1, spans[1], bed[1], hardware),
-        )
+        cuts_mm = (best_cuts_mm(body, 0, spans[0], bed[0], hardware), best_cuts_mm(body, 1, spans[1], bed[1], hardware))
     triangles, wall = triangles_of(body), hardware.printer.wall_mm
     cuts_mm = (off_corners(triangles, 0, cuts_mm[0], wall), off_corners(triangles, 1, cuts_mm[1], wall))
     return _pieces(part, body, (low, high), cuts_mm, bed, hardware)
@@ -294,26 +291,31 @@ def _pieces(
     pieces = {}
     for number, (cell, spans) in enumerate(cells.items(), start=1):
         bounds = _bounds_of_piece(part, number, inside(body, spans), bed_mm, hardware)
-        holes = [hole for pin in pins for at, hole in zip(pin.cells, pin.rig_from_holes, strict=True) if at == cell]
+        holes = [
+            hole
+            for pin in pins
+            for cell_of_hole, hole in zip(pin.cells, pin.rig_from_holes, strict=True)
+            if cell_of_hole == cell
+        ]
         plan = PiecePlan(
             whole=part.plan,
             make=part.make,
             rig_from_bed=rig_from_bed,
-            low_mm=(spans[0][0], spans[1][0], float(low[2]) - BEYOND_MM),
-            high_mm=(spans[0][1], spans[1][1], float(high[2]) + BEYOND_MM),
+            low_mm=(spans[0][0], spans[1][0], float(low[2]) - PAST_PART_MM),
+            high_mm=(spans[0][1], spans[1][1], float(high[2]) + PAST_PART_MM),
             rig_from_pins=np.array(holes).reshape(-1, 4, 4),
             hole_mm=(hole_mm(hardware), hole_depth_mm(hardware)),
             crumb_mm=hardware.printer.wall_mm,
         )
         piece = _piece(part, number, plan, bounds, bounds.mean(axis=0) - (low + high) / 2.0)
         pieces[cell] = turned_onto_bed(piece, float(bounds[1, 0] - bounds[0, 0]), bed_mm[0], hardware)
-    return Pieces(tuple(pieces.values()), tuple(_bought(pin, pieces, hardware) for pin in pins))
+    return Pieces(tuple(pieces.values()), tuple(_pin_item(pin, pieces, hardware) for pin in pins))
 
 
-def _piece(part: PartPlan, number: int, plan: PiecePlan, bounds: FloatArray, off_middle: FloatArray) -> PartPlan:
+def _piece(part: PartPlan, number: int, plan: PiecePlan, bounds: FloatArray, offset: FloatArray) -> PartPlan:
     """Plan a piece as a part, from its bounds (2, 3) on the bed and the offset (3,) from the uncut part's middle."""
     lowered = rigid(np.eye(3), [0.0, 0.0, -bounds[0, 2]])
-    apart = plan.rig_from_bed[:3, :3] @ (off_middle * [1.0, 1.0, 0.0])
+    displacement = plan.rig_from_bed[:3, :3] @ (offset * [1.0, 1.0, 0.0])
     return replace(
         part,
         name=f"{part.name}_{number}",
@@ -322,12 +324,12 @@ def _piece(part: PartPlan, number: int, plan: PiecePlan, bounds: FloatArray, off
         plan=plan,
         make=make_piece,
         print_from_rig=lowered @ part.print_from_rig,
-        explode_mm=part.explode_mm + EXPLODE_MM * apart / max(float(np.linalg.norm(apart)), 1e-9),
+        explode_mm=part.explode_mm + EXPLODE_MM * displacement / max(float(np.linalg.norm(displacement)), 1e-9),
     )
 
 
-def _bought(pin: _Pin, pieces: dict[Cell, PartPlan], hardware: Hardware) -> BoughtItem:
-    """A pin as a bought item, half in either piece."""
+def _pin_item(pin: _Pin, pieces: dict[Cell, PartPlan], hardware: Hardware) -> BoughtItem:
+    """A pin as a bought item, half of it in each piece."""
     diameter, length = hardware.holder.pin_mm
     first, second = (pieces[cell] for cell in pin.cells)
     return BoughtItem(
@@ -344,12 +346,12 @@ def _two_pins(part: PartPlan, body: Manifold, joint: Joint, rig_from_bed: FloatA
     """The two pins of a joint, as far apart as the cut allows."""
     axis, cut = joint.axis, joint.at_mm
     area = area_for_pins(body, axis, cut, joint.span_mm, hardware)
-    corners, apart = farthest_pair(get_coordinates(area))
-    needed = PINS_APART * hardware.holder.pin_mm[0]
-    if apart < needed:
+    corners, distance = farthest_pair(get_coordinates(area))
+    needed = PIN_SPACING * hardware.holder.pin_mm[0]
+    if distance < needed:
         raise InputError(
             f"{part.title.lower()} is larger than the printer's bed, and a cut at {'xy'[axis]} = {cut:.1f} mm has "
-            f"space for two pins {apart:.1f} mm apart, expected {needed:g} mm"
+            f"space for two pins {distance:.1f} mm apart, expected {needed:g} mm"
         )
     pins = []
     for corner in corners:
@@ -363,10 +365,10 @@ def _two_pins(part: PartPlan, body: Manifold, joint: Joint, rig_from_bed: FloatA
 def _bounds_of_piece(part: PartPlan, number: int, body: Manifold, bed_mm: Span, hardware: Hardware) -> FloatArray:
     """Bounds (2, 3) of a piece on the bed; raises InputError if it falls apart or does not fit the bed."""
     title = f"piece {number} of the {part.title.lower()}"
-    found = fragments(body, hardware.printer.wall_mm)
-    if len(found) != 1:
-        raise InputError(f"{title} falls apart into {len(found)}, expected one")
-    bounds: FloatArray = np.array(found[0].bounding_box()).reshape(2, 3)
+    pieces = fragments(body, hardware.printer.wall_mm)
+    if len(pieces) != 1:
+        raise InputError(f"{title} falls apart into {len(pieces)}, expected one")
+    bounds: FloatArray = np.array(pieces[0].bounding_box()).reshape(2, 3)
     for length, longest in zip(np.ptp(bounds, axis=0), bed_mm, strict=False):
         if length > longest + 1e-6:
             raise InputError(f"{title} is {length:.1f} mm along the bed, expected at most {longest:g} mm")

@@ -61,7 +61,7 @@ def with_camera(
     pieces : iterable of str
         Names of all pieces of the assembled device except fasteners; "mount_1" is a piece of a split part.
     fastened : mapping of str to tuple of str
-        Names of fasteners, each with the parts that it joins; it is present as soon as these are.
+        Names of fasteners, each with the parts that it joins; a fastener is present as soon as its parts are.
 
     Returns
     -------
@@ -81,7 +81,7 @@ def with_camera(
 def parts_when_joined(joins: Iterable[str], pieces: Iterable[str], steps: Iterable[Step] = STEPS) -> set[str]:
     """The pieces present when parts are screwed together: all that are connected to them after that step.
 
-    The step is the one that joins both parts, else the first by which each has been joined to something, else the last.
+    This is the step that joins both parts, else the first after which each is joined to something, else the last.
 
     Parameters
     ----------
@@ -100,10 +100,10 @@ def parts_when_joined(joins: Iterable[str], pieces: Iterable[str], steps: Iterab
     parts, order, names = tuple(joins), tuple(steps), set(pieces)
     last = next((step for step in order if any(_matches(pair, parts) for pair in step.joins)), None)
     if last is None:
-        seen: list[str] = []
+        joined_kinds: list[str] = []
         for step in order:
-            seen += [kind for pair in step.joins for kind in pair]
-            if all(any(is_piece_of(part, kind) for kind in seen) for part in parts):
+            joined_kinds += [kind for pair in step.joins for kind in pair]
+            if all(any(is_piece_of(part, kind) for kind in joined_kinds) for part in parts):
                 last = step
                 break
     started = {name for name in names if any(is_piece_of(name, part) for part in parts)}
@@ -132,15 +132,15 @@ def _connected(start: set[str], names: set[str], joins: list[tuple[str, str]]) -
         name
         for name in names - connected
         for pair in joins
-        for mine, other in (pair, pair[::-1])
-        if is_piece_of(name, mine) and any(is_piece_of(piece, other) for piece in connected)
+        for own, other in (pair, pair[::-1])
+        if is_piece_of(name, own) and any(is_piece_of(piece, other) for piece in connected)
     }:
         connected |= added
     return connected
 
 
 def is_piece_of(name: str, kind: str) -> bool:
-    """Return whether a piece is a part of a name pattern, or a piece of it: "mount" and "mount_1" are of "mount"."""
+    """Return whether a name matches a pattern of a part or is a piece of it: "mount" and "mount_1" match "mount"."""
     return re.fullmatch(rf"(?:{kind})(?:_\d+)?", name) is not None
 
 
@@ -162,31 +162,31 @@ class Tool:
 def tools_of(device: Device, items: Sequence[BoughtItem]) -> tuple[Tool, ...]:
     """All hand tools for a device with these bought items, in the order of the guide's steps, without machines."""
     glass = device.hardware.cutting.material == "glass"
-    found = [
+    tools = [
         Tool("calipers", "to measure camera, mirrors and board"),
         Tool("kitchen scale", "to weigh the camera"),
         Tool("steel ruler", "to find the entrance pupil; to cut along"),
         Tool("blade", "to clean pads and seats"),
     ]
     if glass:
-        found += [
+        tools += [
             Tool("goggles and cut-resistant gloves", "to break glass"),
             Tool("paint marker", "to name the mirrors"),
         ]
     if any(item.kind == "insert" for item in items):
-        found.append(Tool("soldering iron with a tip for M3 inserts", "at about 220 °C in PLA"))
+        tools.append(Tool("soldering iron with a tip for M3 inserts", "at about 220 °C in PLA"))
     if any((item.kind, item.size) == ("nut", "M3") for item in items):
-        found.append(Tool("tweezers", "to place nuts"))
-    found += [
+        tools.append(Tool("tweezers", "to place nuts"))
+    tools += [
         Tool("syringe of 5 ml", "to lay beads of glue"),
         Tool("cotton gloves", "to touch mirrors with"),
         *_keys(items),
     ]
     if any(standard_of(item_title(item)).startswith("for plastics") for item in items if item.kind == "screw"):
-        found.append(Tool("small screwdriver", "for the screws of the camera's board"))
+        tools.append(Tool("small screwdriver", "for the screws of the camera's board"))
     if not isinstance(device.holder, ScrewedHolderPlan):
-        found.append(Tool("dental floss", "to take out a mirror again"))
-    return tuple(found)
+        tools.append(Tool("dental floss", "to take out a mirror again"))
+    return tuple(tools)
 
 
 def also_needed(device: Device) -> tuple[Tool, ...]:

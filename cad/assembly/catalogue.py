@@ -19,7 +19,7 @@ from mirrorcam.cad.backs.plan_backs import MAKERS
 from mirrorcam.cad.holder.adjuster import SCREW, SUNK_MM, UNDER_NUT_MM
 from mirrorcam.cad.holder.holder_solid import make_holder, make_screwed_holder
 from mirrorcam.cad.holder.screwed_holder import ScrewedHolderPlan
-from mirrorcam.cad.parts.mount import turn
+from mirrorcam.cad.parts.mount import rotation_2d
 from mirrorcam.cad.parts.part_solids import make_carrier, make_clip, make_coupon, make_cover, make_mount
 from mirrorcam.cad.parts.truss import foot_plate_mm
 from mirrorcam.cad.plan.device_names import CLIP, COUPON, COVER, HOLDER, MOUNT, carrier_name
@@ -39,7 +39,7 @@ Z_UP = np.eye(3)
 SCENE = np.array([0.0, 1.0, 0.0])
 
 # Distance of carriers from the holder in an exploded view.
-CARRIER_OUT_MM = 25.0
+CARRIER_EXPLODE_MM = 25.0
 
 EXPLODE = {
     HOLDER: (0.0, 30.0, 60.0),
@@ -79,7 +79,7 @@ def _on_bed(device: Device) -> Pieces:
 
 
 def _uncut(device: Device) -> Iterator[PartPlan]:
-    """The parts to print before any is split, in the order of their numbers."""
+    """The parts to print before they are split, in the order of their numbers."""
     moves = explode_of(device)
 
     def part(
@@ -89,24 +89,24 @@ def _uncut(device: Device) -> Iterator[PartPlan]:
 
     holder, mount, clip, coupon, cover = device.holder, device.mount, device.clip, device.coupon, device.cover
     make = make_screwed_holder if device.mirror_carriers else make_holder
-    yield part(1, HOLDER, "Mirror holder", holder, make, lying_on(holder.rig_from_mount), (0.36, 0.39, 0.44))
-    on_end = turned(standing(X_UP, -mount.half_width_mm), mount.bed_turn_deg)
+    yield part(1, HOLDER, "Mirror holder", holder, make, face_down(holder.rig_from_mount), (0.36, 0.39, 0.44))
+    on_end = rotated_on_bed(with_base_at(X_UP, -mount.half_width_mm), mount.bed_turn_deg)
     yield part(2, MOUNT, "Mount", mount, make_mount, on_end, (0.16, 0.46, 0.62))
-    yield part(3, CLIP, "Camera clip", clip, make_clip, standing(Y_UP, clip.slide_y_mm), (0.93, 0.55, 0.20))
+    yield part(3, CLIP, "Camera clip", clip, make_clip, with_base_at(Y_UP, clip.slide_y_mm), (0.93, 0.55, 0.20))
     for number, back in enumerate(device.back.parts, start=4):
-        low = float((back.plan.corners @ back.bed_from_rig[2]).min())
-        upright = standing(back.bed_from_rig, low)
-        yield part(number, back.name, back.title, back.plan, MAKERS[type(back.plan)], upright, back.rgb)
-    yield part(6, COUPON, "Fit coupon", coupon, make_coupon, standing(Z_UP, coupon.centre[2]), (0.72, 0.66, 0.82))
+        base_z = float((back.plan.corners @ back.bed_from_rig[2]).min())
+        pose = with_base_at(back.bed_from_rig, base_z)
+        yield part(number, back.name, back.title, back.plan, MAKERS[type(back.plan)], pose, back.rgb)
+    yield part(6, COUPON, "Fit coupon", coupon, make_coupon, with_base_at(Z_UP, coupon.centre[2]), (0.72, 0.66, 0.82))
     if cover:
-        yield part(7, COVER, "Dust cover", cover, make_cover, lying_on(cover.rig_from_front), (0.80, 0.76, 0.62))
+        yield part(7, COVER, "Dust cover", cover, make_cover, face_down(cover.rig_from_front), (0.80, 0.76, 0.62))
     for number, carrier in enumerate(device.mirror_carriers, start=8):
-        title, on_back = f"Mirror carrier {carrier.name}", lying_on(carrier.rig_from_back)
+        title, on_back = f"Mirror carrier {carrier.name}", face_down(carrier.rig_from_back)
         yield part(number, carrier_name(carrier.name), title, carrier, make_carrier, on_back, (0.46, 0.49, 0.54))
 
 
 def bought_items(device: Device) -> tuple[BoughtItem, ...]:
-    """Screws, inserts, nuts and pins of the device, in their places."""
+    """Screws, inserts, nuts and pins of the device, in place."""
     mount, clip, back = device.mount, device.clip, device.back
     head_z = -mount.rig_from_head[:3, 2]
     holes = np.column_stack([mount.holes_in_head_mm, np.full(4, -mount.head.grip_mm)])
@@ -143,10 +143,10 @@ def _of_joint(device: Device, joint: BackJoint) -> Iterator[BoughtItem]:
 
 def explode_of(device: Device) -> dict[str, FloatArray]:
     """Displacements (3,) of the printed parts in an exploded view, by name."""
-    own = {name: np.array(move) for name, move in EXPLODE.items()}
-    off = EXPLODE[HOLDER] - CARRIER_OUT_MM * device.holder.rig_from_mount[:3, 2]
-    carriers = {carrier_name(each.name): off for each in device.mirror_carriers}
-    return own | {part.name: part.explode_mm for part in device.back.parts} | carriers
+    moves = {name: np.array(move) for name, move in EXPLODE.items()}
+    carrier_move = EXPLODE[HOLDER] - CARRIER_EXPLODE_MM * device.holder.rig_from_mount[:3, 2]
+    carriers = {carrier_name(each.name): carrier_move for each in device.mirror_carriers}
+    return moves | {part.name: part.explode_mm for part in device.back.parts} | carriers
 
 
 def _screws(
@@ -159,10 +159,10 @@ def _screws(
     corners: FloatArray = ACROSS,
     size: str = "M3",
 ) -> Iterator[BoughtItem]:
-    """Screws with their heads, or the washers under these, at points (n, 3), and their inserts or nuts.
+    """Screws with their heads, or the washers under them, at points (n, 3), and their inserts or nuts.
 
     `out` (3,) points from the tip to the head. Nuts have a corner in the direction `corners`, (3,) or (n, 3), and leave
-    their seats by `nut_exits_mm`.
+    their seats by the moves `nut_exits_mm`.
     """
     screw = device.hardware.screw
     outer, inner = (explode_of(device)[name] for name in joins)
@@ -184,32 +184,36 @@ def _screws(
 
 
 def _thread(
-    device: Device, rig_from_item: FloatArray, apart: FloatArray, joins: tuple[str, ...], exit_moves_mm: FloatArray
+    device: Device, rig_from_item: FloatArray, part_move: FloatArray, joins: tuple[str, ...], exit_moves_mm: FloatArray
 ) -> BoughtItem:
-    """An insert or a nut; in an exploded view it is at the end of its exit moves, beyond the part's move `apart`."""
+    """An insert or a nut; in an exploded view it is at the end of its exit moves, after the part's move."""
     screw = device.hardware.screw
     length = screw.insert_mm if screw.kind == "insert" else screw.nut_height_mm
-    return BoughtItem(screw.kind, "M3", length, rig_from_item, apart + exit_moves_mm.sum(axis=0), joins, exit_moves_mm)
+    return BoughtItem(
+        screw.kind, "M3", length, rig_from_item, part_move + exit_moves_mm.sum(axis=0), joins, exit_moves_mm
+    )
 
 
 def _camera_screws(device: Device) -> Iterator[BoughtItem]:
     """The fasteners of the camera in its clip: sprung screws on a body, or a board's own screws."""
     clip, hardware = device.clip, device.hardware
     above = np.array([0.0, 0.0, 1.0])
-    apart = np.array(EXPLODE[CLIP])
+    clip_move = np.array(EXPLODE[CLIP])
     held_by = hardware.camera.held_by
     if not isinstance(held_by, Lips):
         for head in clip.board_screws:
             size = f"M{held_by.screw_mm:g}{FORMING}"
-            yield BoughtItem("screw", size, held_by.screw_length_mm, along(head, above), apart + 20.0 * above, (CLIP,))
+            yield BoughtItem(
+                "screw", size, held_by.screw_length_mm, along(head, above), clip_move + 20.0 * above, (CLIP,)
+            )
     for sprung in clip.nest.screws if clip.nest else ():
         out = -sprung.axis
-        yield BoughtItem("screw", "M3", sprung.length_mm, along(sprung.head, out), apart + 25.0 * out, (CLIP,))
+        yield BoughtItem("screw", "M3", sprung.length_mm, along(sprung.head, out), clip_move + 25.0 * out, (CLIP,))
         seat = sprung.tip + (sprung.mouth_mm - sprung.thread_mm) * out
         insert = hardware.screw.kind == "insert"
         moves = insert_exit_mm(out) if insert else sprung.nut_way_mm
-        across = ACROSS if insert else SCENE - (SCENE @ out) * out
-        yield _thread(device, along(seat, out, across), apart, (CLIP,), moves)
+        corner_direction = ACROSS if insert else SCENE - (SCENE @ out) * out
+        yield _thread(device, along(seat, out, corner_direction), clip_move, (CLIP,), moves)
 
 
 def _carrier_items(device: Device) -> Iterator[BoughtItem]:
@@ -217,44 +221,54 @@ def _carrier_items(device: Device) -> Iterator[BoughtItem]:
     holder, screw = device.holder, device.hardware.screw
     if not isinstance(holder, ScrewedHolderPlan):
         return
-    adjuster, away, across = holder.adjuster, holder.rig_from_mount[:3, 2], holder.rig_from_mount[:3, 0]
+    adjuster, outward, across = holder.adjuster, holder.rig_from_mount[:3, 2], holder.rig_from_mount[:3, 0]
     moves = explode_of(device)
-    base = moves[HOLDER]
+    holder_move = moves[HOLDER]
     for carrier, heads in zip(holder.carriers, holder.heads.reshape(-1, 3, 3), strict=True):
         name = carrier_name(carrier.name)
-        joins, apart = (HOLDER, name), moves[name]
+        joins, carrier_move = (HOLDER, name), moves[name]
         for head in heads:
-            top = head - SUNK_MM * away
+            top = head - SUNK_MM * outward
             yield BoughtItem(
-                "screw", f"{SCREW}{COUNTERSUNK}", adjuster.length_mm, along(top, away), base + 25.0 * away, joins
+                "screw",
+                f"{SCREW}{COUNTERSUNK}",
+                adjuster.length_mm,
+                along(top, outward),
+                holder_move + 25.0 * outward,
+                joins,
             )
-            recess = head - (adjuster.plate_mm - adjuster.recess_mm) * away
+            recess = head - (adjuster.plate_mm - adjuster.recess_mm) * outward
             size = device.hardware.holder.spring.size
             yield BoughtItem(
-                "spring", size, adjuster.spring_mm, along(recess, away), base - 0.6 * CARRIER_OUT_MM * away, joins
+                "spring",
+                size,
+                adjuster.spring_mm,
+                along(recess, outward),
+                holder_move - 0.6 * CARRIER_EXPLODE_MM * outward,
+                joins,
             )
-            mouth = head - (adjuster.plate_mm + adjuster.gap_mm) * away
+            mouth = head - (adjuster.plate_mm + adjuster.gap_mm) * outward
             if screw.kind == "insert":
-                yield _thread(device, along(mouth, away), apart, (name,), insert_exit_mm(away))
+                yield _thread(device, along(mouth, outward), carrier_move, (name,), insert_exit_mm(outward))
             else:
-                seat = mouth - UNDER_NUT_MM * away
-                exit_mm = beyond(corners_of((carrier.body,)), seat, -away)[None]
-                yield _thread(device, along(seat, away, across), apart, (name,), exit_mm)
+                seat = mouth - UNDER_NUT_MM * outward
+                exit_mm = beyond(corners_of((carrier.body,)), seat, -outward)[None]
+                yield _thread(device, along(seat, outward, across), carrier_move, (name,), exit_mm)
 
 
-def standing(bed_from_rig: FloatArray, low_mm: float) -> FloatArray:
-    """The transform (4, 4) of a part to the bed by a rotation (3, 3), with its lowest point at `low_mm` after that."""
+def with_base_at(bed_from_rig: FloatArray, low_mm: float) -> FloatArray:
+    """The transform (4, 4) of a part to the bed: a rotation (3, 3), after which its lowest point is at `low_mm`."""
     return rigid(bed_from_rig, [0.0, 0.0, -low_mm])
 
 
-def turned(bed_from_rig: FloatArray, degrees: float) -> FloatArray:
-    """A transform (4, 4) to the bed, followed by a turn about the bed's normal."""
+def rotated_on_bed(bed_from_rig: FloatArray, degrees: float) -> FloatArray:
+    """A transform (4, 4) to the bed, followed by a rotation about the bed's normal."""
     about_z = np.eye(4)
-    about_z[:2, :2] = turn(degrees)
+    about_z[:2, :2] = rotation_2d(degrees)
     return np.asarray(about_z @ bed_from_rig)
 
 
-def lying_on(rig_from_face: FloatArray) -> FloatArray:
+def face_down(rig_from_face: FloatArray) -> FloatArray:
     """The transform (4, 4) of a part to the bed with a flat face down; the face's frame has z out of the part."""
     bed_from_face = np.diag([1.0, -1.0, -1.0, 1.0])
     face_from_rig = np.linalg.inv(rig_from_face)
@@ -288,12 +302,12 @@ def named_faces(device: Device, part: str) -> tuple[NamedFace, ...]:
 SIDE = np.array([1.0, 0.0, 0.0])
 ABOVE = np.array([0.0, 0.0, 1.0])
 # Distance of an insert from its hole in an exploded view.
-INSERT_OUT_MM = 17.0
+INSERT_EXPLODE_MM = 17.0
 
 
 def insert_exit_mm(out: FloatArray) -> FloatArray:
     """The exit move (1, 3) of an insert in the face that the screw enters, along a unit vector `out` (3,)."""
-    return INSERT_OUT_MM * out[None]
+    return INSERT_EXPLODE_MM * out[None]
 
 
 def holder_nut_exits_mm(device: Device, seats: FloatArray) -> FloatArray:

@@ -84,8 +84,8 @@ def plan_device(layout: Layout, hardware: Hardware) -> Device:
     # The camera's cones end in the pupil, inside the camera.
     beams = [[pocket, beam] for pocket, _, beam in light]
     require_dark("camera", camera_boxes(hardware), layout, beams)
-    require_dark("camera clip", slid(clip.pieces, clip.travel_mm), layout, light)
-    # The holder takes longest, a minute for large layouts, so that other checks come first.
+    require_dark("camera clip", over_travel(clip.pieces, clip.travel_mm), layout, light)
+    # The holder is planned last among these, since it takes longest: a minute for large layouts.
     screwed = hardware.holder.mirrors == "screws"
     holder = plan_screwed_holder(layout, hardware) if screwed else plan_holder(layout, hardware)
     mount = plan_mount(layout, holder, clip, hardware)
@@ -93,8 +93,8 @@ def plan_device(layout: Layout, hardware: Hardware) -> Device:
     for part in back.parts:
         low, high = part.plan.corners.min(axis=0), part.plan.corners.max(axis=0)
         require_dark(part.title.lower(), (box(tuple(low), tuple(high)),), layout, light)
-    for carrier in back.carriers:
-        require_dark(carrier.name, carrier.solids, layout, light)
+    for support in back.supports:
+        require_dark(support.name, support.solids, layout, light)
     return Device(
         layout=layout,
         hardware=hardware,
@@ -121,15 +121,15 @@ def _require_known_screws(hardware: Hardware) -> None:
 def _cover(
     layout: Layout, holder: HolderPlan, mount: MountPlan, camera: tuple[Frustum, ...], hardware: Hardware
 ) -> CoverPlan | None:
-    """The dust cover, if it is requested, fits the bed, and its moves clear the camera in its clip (`camera`)."""
+    """The dust cover, if it is requested, fits the bed, and clears the camera in its clip (`camera`) when removed."""
     cover = plan_cover(layout, holder, mount, hardware) if hardware.holder.dust_cover else None
     if cover is None:
         return None
     shares = np.linspace(0.0, 1.0, COVER_STEPS + 1)[:, None]
-    places = np.vstack([shares * cover.way_mm[0], cover.way_mm[0] + shares * cover.way_mm[1]])
+    shifts = np.vstack([shares * cover.way_mm[0], cover.way_mm[0] + shares * cover.way_mm[1]])
     clashes = (
-        overlap_mm(moved(cover.outer, place), solid) > 0.0
-        for place in places
+        overlap_mm(moved(cover.outer, shift), solid) > 0.0
+        for shift in shifts
         for solid in (*camera, *lens_boxes(hardware))
     )
     return None if any(clashes) else cover
@@ -156,7 +156,7 @@ def lens_boxes(hardware: Hardware) -> tuple[Frustum, ...]:
     return (box((-half, -half, front), (half, half, front + camera.lens_protrusion_mm)),)
 
 
-def slid(solids: tuple[Frustum, ...], travel_mm: float) -> tuple[Frustum, ...]:
+def over_travel(solids: tuple[Frustum, ...], travel_mm: float) -> tuple[Frustum, ...]:
     """Solids at both ends and the middle of their travel along z."""
     return tuple(moved(solid, np.array([0.0, 0.0, by])) for by in (-travel_mm, 0.0, travel_mm) for solid in solids)
 

@@ -63,9 +63,9 @@ STANDARDS = {
 }
 # Densities in g/cm3: acrylic (PMMA, 1.18 to 1.19 in data sheets), float glass (EN 572-1), brass CuZn39Pb3, steel.
 MIRRORS, BRASS, STEEL = {"acrylic": 1.19, "glass": 2.5}, 8.47, 7.85
-MIRROR_OUT_MM = 35.0
-CAMERA_OUT_MM = 15.0
-BOARD_OUT_MM = 40.0
+MIRROR_EXPLODE_MM = 35.0
+CAMERA_EXPLODE_MM = 15.0
+BOARD_EXPLODE_MM = 40.0
 
 TOLERANCE_MM = 0.05
 ANGLE_RAD = 0.35
@@ -123,7 +123,7 @@ def mirror_pieces(device: Device, printed: Sequence[Piece]) -> tuple[Piece, ...]
                 number=f"M{name}",
                 title=f"Mirror {name}",
                 rgb=MIRROR_RGB,
-                explode_mm=nearest.explode_mm + MIRROR_OUT_MM * mirror.normal_in_rig,
+                explode_mm=nearest.explode_mm + MIRROR_EXPLODE_MM * mirror.normal_in_rig,
                 mesh=mesh,
                 mass=mass_of(mesh, MIRRORS[device.hardware.cutting.material]),
             )
@@ -144,12 +144,12 @@ def camera_piece(device: Device, clip: Piece) -> Piece:
     mesh = tessellated(camera_solid(camera))
     mass = mass_of(mesh, camera.mass_g / (mesh.volume / 1000.0))
     to_scene = camera.held_by.kind == "lips"
-    out = (0.0, camera.height_mm + CAMERA_OUT_MM, 0.0) if to_scene else (0.0, 0.0, BOARD_OUT_MM)
-    return Piece("camera", "camera", "", camera.name, CAMERA_RGB, clip.explode_mm + out, mesh, mass)
+    move = (0.0, camera.height_mm + CAMERA_EXPLODE_MM, 0.0) if to_scene else (0.0, 0.0, BOARD_EXPLODE_MM)
+    return Piece("camera", "camera", "", camera.name, CAMERA_RGB, clip.explode_mm + move, mesh, mass)
 
 
 def item_pieces(items: Sequence[BoughtItem]) -> tuple[Piece, ...]:
-    """The fasteners in their places."""
+    """The fasteners in place."""
     meshes: dict[tuple[str, str, float], trimesh.Trimesh] = {}
     pieces = []
     for name, item in zip(item_names(items), items, strict=True):
@@ -176,12 +176,12 @@ def item_pieces(items: Sequence[BoughtItem]) -> tuple[Piece, ...]:
 
 def item_names(items: Sequence[BoughtItem]) -> tuple[str, ...]:
     """Names of fasteners, numbered by kind: "screw_01"; "screw_forming_13" for a thread-forming screw."""
-    counted: Counter[str] = Counter()
+    counts: Counter[str] = Counter()
     names = []
     for item in items:
-        counted[item.kind] += 1
+        counts[item.kind] += 1
         form = "forming_" if item.size.endswith(FORMING) else ""
-        names.append(f"{item.kind}_{form}{counted[item.kind]:02d}")
+        names.append(f"{item.kind}_{form}{counts[item.kind]:02d}")
     return tuple(names)
 
 
@@ -234,7 +234,7 @@ def mass_of(mesh: trimesh.Trimesh, density_g_per_cm3: float) -> MassProperties:
     )
 
 
-def composed(bodies: Sequence[MassProperties]) -> MassProperties:
+def combined(bodies: Sequence[MassProperties]) -> MassProperties:
     """Several bodies as one, by the parallel axis theorem.
 
     I = sum of I_k + m_k (|d_k|^2 1 - d_k d_k^T), with d_k from the common centre to the centre of body k.
@@ -242,8 +242,8 @@ def composed(bodies: Sequence[MassProperties]) -> MassProperties:
     masses = np.array([body.mass_g for body in bodies])
     centres = np.array([body.centre_in_rig_mm for body in bodies])
     centre = masses @ centres / masses.sum()
-    away = centres - centre
-    squared = (away**2).sum(axis=1)[:, None, None] * np.eye(3) - away[:, :, None] * away[:, None, :]
+    offsets = centres - centre
+    squared = (offsets**2).sum(axis=1)[:, None, None] * np.eye(3) - offsets[:, :, None] * offsets[:, None, :]
     inertia = sum(body.inertia_g_mm2 for body in bodies) + (masses[:, None, None] * squared).sum(axis=0)
     return MassProperties(
         volume_mm3=sum(body.volume_mm3 for body in bodies),
@@ -283,9 +283,9 @@ def camera_solid(camera: CameraBody) -> Part:
             with Locations((middle[0], middle[1] + camera.height_mm / 2.0, low)):
                 Cylinder(HINGE_MM / 2.0, camera.hinge_mm, rotation=(0.0, 90.0, 0.0))
         if camera.foot_mm is not None:
-            wide, high, deep = camera.foot_mm
-            with Locations((middle[0], middle[1] + (camera.height_mm + high) / 2.0, front - camera.depth_mm)):
-                Box(wide, high, min(deep, camera.depth_mm), align=ABOVE)
+            width, height, depth = camera.foot_mm
+            with Locations((middle[0], middle[1] + (camera.height_mm + height) / 2.0, front - camera.depth_mm)):
+                Box(width, height, min(depth, camera.depth_mm), align=ABOVE)
         if camera.has_cable:
             with Locations((camera.cable_x_mm, middle[1] + camera.cable_y_mm, front - camera.depth_mm)):
                 if camera.cable_thick_mm > 0.0:
@@ -340,10 +340,10 @@ def item_solid(item: BoughtItem) -> Part:
 def _sleeve(spring: BoughtItem) -> Part:
     """A spring as a sleeve of its mean diameter and its wire's volume, including the inactive coils."""
     wire, mean, _ = (float(number) for number in spring.size.split(" x "))
-    thick = min(np.pi * wire**2 * SLEEVE_COILS / (4.0 * spring.length_mm), wire)
+    thickness = min(np.pi * wire**2 * SLEEVE_COILS / (4.0 * spring.length_mm), wire)
     with BuildPart() as body:
-        Cylinder((mean + thick) / 2.0, spring.length_mm, align=BELOW)
-        Cylinder((mean - thick) / 2.0, spring.length_mm, align=BELOW, mode=Mode.SUBTRACT)
+        Cylinder((mean + thickness) / 2.0, spring.length_mm, align=BELOW)
+        Cylinder((mean - thickness) / 2.0, spring.length_mm, align=BELOW, mode=Mode.SUBTRACT)
     return _solid(body)
 
 

@@ -69,7 +69,7 @@ class BackJoint:
 
 
 @dataclass(frozen=True)
-class Carrier:
+class Support:
     """The support of a back, as convex solids in rig, mm, for clearances and light; not part of the device."""
 
     name: str
@@ -78,7 +78,7 @@ class Carrier:
 
 @dataclass(frozen=True)
 class Neck:
-    """A weak section of a back that bears the load: a rectangle about a point (3,), with a unit normal `across` (3,).
+    """A weak section of a back that bears the load: a rectangle about a point (3,), with a unit `normal` (3,).
 
     `sides_mm` are its lengths along `along` (3,), in its plane, and normal to that. With `arm_mm`, the section only
     bends about `along`, under forces at that lever arm, such as a force on the edge of a foot.
@@ -86,7 +86,7 @@ class Neck:
 
     name: str
     at: FloatArray
-    across: FloatArray
+    normal: FloatArray
     along: FloatArray
     sides_mm: tuple[float, float]
     arm_mm: float | None = None
@@ -101,11 +101,11 @@ class Neck:
         if self.arm_mm is not None:
             return force_n * (1.0 / (a * b) + self.arm_mm / (a * b**2 / 6.0))
         lever = at - self.at
-        normal = np.cross(self.across, self.along)
-        arms = (float(np.linalg.norm(lever - (lever @ axis) * axis)) for axis in (self.along, normal, self.across))
-        about_along, about_normal, about_across = arms
-        bending = about_along / (a * b**2 / 6.0) + about_normal / (b * a**2 / 6.0)
-        torsion = about_across / (max(a, b) * min(a, b) ** 2 / 5.0)
+        second = np.cross(self.normal, self.along)
+        arms = (float(np.linalg.norm(lever - (lever @ axis) * axis)) for axis in (self.along, second, self.normal))
+        about_along, about_second, about_normal = arms
+        bending = about_along / (a * b**2 / 6.0) + about_second / (b * a**2 / 6.0)
+        torsion = about_normal / (max(a, b) * min(a, b) ** 2 / 5.0)
         return force_n * (1.0 / (a * b) + bending + torsion)
 
 
@@ -150,7 +150,7 @@ class Back:
     joints: tuple[BackJoint, ...] = ()
     items: tuple[BoughtItem, ...] = ()
     connections: tuple[Connection, ...] = ()
-    carriers: tuple[Carrier, ...] = ()
+    supports: tuple[Support, ...] = ()
     necks: tuple[Neck, ...] = ()
     robot: RobotLink | None = None
     stand: Stand | None = None
@@ -178,15 +178,15 @@ def carried(mount: MountPlan, clip: ClipPlan, hardware: Hardware) -> Load:
     body = body_box(hardware.camera)
     masses = [
         (mount.load_g, mount.load_at),
-        _weighed(mount.pieces, hardware),
-        _weighed(clip.pieces, hardware),
+        _mass_of(mount.pieces, hardware),
+        _mass_of(clip.pieces, hardware),
         (hardware.camera.mass_g, (body.low + body.high) / 2.0),
     ]
     mass = sum(grams for grams, _ in masses)
     return Load(mass, np.asarray(sum(grams * at for grams, at in masses) / mass))
 
 
-def _weighed(pieces: tuple[Frustum, ...], hardware: Hardware) -> tuple[float, FloatArray]:
+def _mass_of(pieces: tuple[Frustum, ...], hardware: Hardware) -> tuple[float, FloatArray]:
     """Mass in g, and centre (3,), of pieces of plastic."""
     volumes = np.array([abs(volume_mm3(piece)) for piece in pieces])
     middles = np.array([np.vstack([piece.base, piece.top]).mean(axis=0) for piece in pieces])

@@ -31,13 +31,13 @@ from mirrorcam.core.values import FloatArray
 
 # The facets of a printed cone overhang slightly more than the cone, and slicers round by a degree or two: with 44 deg,
 # three of nine plates got support.
-STEEP = np.radians(ROOF_DEG)
-# Radial clearance of a countersink for the facets of its round: less than the tolerance of the clash check.
+CONE_RAD = np.radians(ROOF_DEG)
+# Radial clearance of a countersink for the facets of its mesh: less than the tolerance of the clash check.
 HEAD_FIT_MM = 0.05
 # A countersink widens at most this far below the head, so that walls remain between holes 9.5 mm apart and at edges.
 FLARE_MM = 0.3
 # Slots that are vertical in print have round ends and no roofs.
-ROUND_DEG = 89.0
+NO_ROOF_DEG = 89.0
 # Number of corners of a faceted disc.
 CORNERS = 96
 TRIPOD = "1/4-20 UNC"
@@ -84,11 +84,11 @@ def countersunk_hole(
     below the head.
     """
     thread = thread_of(size)
-    half, wide = thread.clearance_mm / 2.0, SUNK_HEAD * thread.diameter_mm / 2.0 + HEAD_FIT_MM
+    half, head_radius = thread.clearance_mm / 2.0, SUNK_HEAD * thread.diameter_mm / 2.0 + HEAD_FIT_MM
     flare = min(sink_mm, flare_mm) + OUTSIDE_MM
-    # Slightly steeper than the head, which therefore rests on its rim.
-    mouth = wide + flare * np.tan(STEEP)
-    cone = Countersink(head - flare * ABOVE, ABOVE, mouth, half, (mouth - half) / np.tan(STEEP))
+    # Slightly steeper than the head, so that the head rests on its rim.
+    mouth = head_radius + flare * np.tan(CONE_RAD)
+    cone = Countersink(head - flare * ABOVE, ABOVE, mouth, half, (mouth - half) / np.tan(CONE_RAD))
     bore = Bore(head, ABOVE, half, grip_mm + OUTSIDE_MM)
     if sink_mm <= flare_mm:
         return bore, cone
@@ -105,11 +105,11 @@ def countersunk_slot(top: FloatArray, size: str, deep_mm: float, travel_mm: floa
     Its middle is a point (3,) of that face, on which the part is printed.
     """
     thread = thread_of(size)
-    half, wide = thread.clearance_mm / 2.0, SUNK_HEAD * thread.diameter_mm / 2.0 + HEAD_FIT_MM
-    mouth, widest = top + OUTSIDE_MM * ABOVE, wide + OUTSIDE_MM * np.tan(STEEP)
+    half, head_radius = thread.clearance_mm / 2.0, SUNK_HEAD * thread.diameter_mm / 2.0 + HEAD_FIT_MM
+    mouth, mouth_radius = top + OUTSIDE_MM * ABOVE, head_radius + OUTSIDE_MM * np.tan(CONE_RAD)
     return (
-        Bore(mouth, -ABOVE, half, deep_mm + 2.0 * OUTSIDE_MM, ALONG_X, travel_mm, roof_deg=ROUND_DEG, flat=True),
-        Countersink(mouth, -ABOVE, widest, half, (widest - half) / np.tan(STEEP), ALONG_X, travel_mm),
+        Bore(mouth, -ABOVE, half, deep_mm + 2.0 * OUTSIDE_MM, ALONG_X, travel_mm, roof_deg=NO_ROOF_DEG, flat=True),
+        Countersink(mouth, -ABOVE, mouth_radius, half, (mouth_radius - half) / np.tan(CONE_RAD), ALONG_X, travel_mm),
     )
 
 
@@ -126,20 +126,20 @@ def head_cuts(heads: FloatArray, grip_mm: float, up: FloatArray | None, hardware
 
 def faceted(disc: Disc) -> Frustum:
     """A disc as an inscribed prism."""
-    turn = 2.0 * np.pi / CORNERS * np.arange(CORNERS)
-    base = disc.middle + disc.radius_mm * np.column_stack([np.cos(turn), np.zeros(CORNERS), np.sin(turn)])
+    angles = 2.0 * np.pi / CORNERS * np.arange(CORNERS)
+    base = disc.middle + disc.radius_mm * np.column_stack([np.cos(angles), np.zeros(CORNERS), np.sin(angles)])
     return Frustum(base, base + disc.thick_mm * ALONG_Y)
 
 
 def ring(middle: FloatArray, radii_mm: tuple[float, float], thick_mm: float) -> tuple[Frustum, ...]:
     """A ring between two radii about an axis along y, as convex sectors inside it."""
-    turn = 2.0 * np.pi / CORNERS * np.arange(CORNERS + 1)
+    angles = 2.0 * np.pi / CORNERS * np.arange(CORNERS + 1)
     inner, outer = radii_mm
     sectors = []
-    for start, end in pairwise(turn):
-        # The chord of the inner circle lies inside it, so its corners are moved out.
-        near = inner / np.cos(np.pi / CORNERS)
-        loop = [(near, start), (outer, start), (outer, end), (near, end)]
+    for start, end in pairwise(angles):
+        # Chords of the inner circle are inside it, so that their corners are moved out.
+        inner_corner = inner / np.cos(np.pi / CORNERS)
+        loop = [(inner_corner, start), (outer, start), (outer, end), (inner_corner, end)]
         base = np.array([middle + np.array([r * np.cos(t), 0.0, r * np.sin(t)]) for r, t in loop])
         sectors.append(Frustum(base, base + np.array([0.0, thick_mm, 0.0])))
     return tuple(sectors)

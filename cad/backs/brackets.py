@@ -1,11 +1,11 @@
 """Backs on a bracket: arms with a flange across their axis, and stands for monitors.
 
-The bracket has an upright plate behind the mount's foot, a shelf and two ribs; it prints on its back.
+The bracket has a vertical plate behind the mount's foot, a shelf and two ribs; it prints on its back.
 
 Arms, with the views along their axis: ISO 9409-1-50-4-M6, and Kinova's Gen3. The Gen3 was measured in sections of
 `bracelet_no_vision_link.STL` of ros2_kortex, kortex_description/arms/gen3/7dof/meshes, commit 1fdbef34 (Kinova inc.,
-BSD-3-Clause). Its face, with `end_effector_link`, lies 61.525 mm before the link's origin. It has four core holes of
-4.2 mm at (+-27, +-16) mm, a hole of 4 mm at (30.5, 0) mm, and a rim from 35.4 to 37.5 mm that stands out by 2.9 mm.
+BSD-3-Clause). Its face, with `end_effector_link`, is 61.525 mm in front of the link's origin. It has four core holes of
+4.2 mm at (+-27, +-16) mm, a hole of 4 mm at (30.5, 0) mm, and a rim from 35.4 to 37.5 mm that protrudes by 2.9 mm.
 
 Stands and arms for monitors (VESA MIS-D): four M4 nuts in the front of the bracket's plate.
 """
@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mirrorcam.cad.backs.back import BACK_DOWN, RGB, SECOND_RGB, Back, BackPart, Carrier, Load, Neck, RobotLink
+from mirrorcam.cad.backs.back import BACK_DOWN, RGB, SECOND_RGB, Back, BackPart, Load, Neck, RobotLink, Support
 from mirrorcam.cad.backs.blocks import ALONG_X, ALONG_Y, BlocksPlan, Disc, faceted, ring
 from mirrorcam.cad.parts.camera_box import ABOVE
 from mirrorcam.cad.parts.mount import MountPlan
@@ -61,14 +61,14 @@ def plan_bracket(
 ) -> Bracket:
     """Lay out a bracket whose plate has its middle `below_mm` under the mount's foot.
 
-    `sides_mm` are the plate's half width, its extent below its middle, and its thickness. The ribs stand from
+    `sides_mm` are the plate's half width, its extent below its middle, and its thickness. The ribs extend from
     `rib_x_mm` outwards on both sides. The origin of the plate's `cuts`, and of the `ends` (3,) of further dimensions,
     is the middle of its back. The shelf is `grip_mm` thick, with the screws' heads under it.
     """
-    half, down, thick = sides_mm
+    half, down, thickness = sides_mm
     foot_z, slide = mount.foot_z_mm, float(mount.slide[1])
     front = slide - FOOT_DEPTH_MM
-    back, middle_z = front - thick, foot_z - below_mm
+    back, middle_z = front - thickness, foot_z - below_mm
     middle, reach = np.array([0.0, back, middle_z]), rib_x_mm + RIB_MM
     heads = mount.foot - grip_mm * ABOVE
     rib = np.array(
@@ -81,31 +81,35 @@ def plan_bracket(
         *(along_x(rib, low, low + RIB_MM) for low in (-reach, rib_x_mm)),
     ]
     clearance = hardware.screw.clearance_hole_mm / 2.0
-    own = [_moved(cut, middle) for cut in cuts]
-    own += [Bore(head - OUTSIDE_MM * ABOVE, ABOVE, clearance, grip_mm + 2.0 * OUTSIDE_MM, ALONG_Y) for head in heads]
-    root = np.array([-reach, slide, foot_z])
+    drilled = [_translated(cut, middle) for cut in cuts]
+    drilled += [
+        Bore(head - OUTSIDE_MM * ABOVE, ABOVE, clearance, grip_mm + 2.0 * OUTSIDE_MM, ALONG_Y) for head in heads
+    ]
+    shelf = np.array([-reach, slide, foot_z])
     lengths = [
         length(np.array([-half, back, foot_z]), np.array([-half, front, foot_z])),
-        length(root, root - grip_mm * ABOVE),
-        length(root, root + RIB_MM * ALONG_X),
+        length(shelf, shelf - grip_mm * ABOVE),
+        length(shelf, shelf + RIB_MM * ALONG_X),
         length(np.array([-reach, front, foot_z]), np.array([-reach, front, middle_z - down / 2.0])),
     ]
     if reach < half:
-        lengths.append(length(root, root + 2.0 * reach * ALONG_X))
-    # The ribs alone, without the shelf, at its root.
-    deep = below_mm + down / 2.0
-    neck = Neck("ribs at the plate", np.array([0.0, front, foot_z - deep / 2.0]), ALONG_Y, ABOVE, (deep, 2.0 * RIB_MM))
+        lengths.append(length(shelf, shelf + 2.0 * reach * ALONG_X))
+    # The section of the ribs alone, at the root of the shelf.
+    height = below_mm + down / 2.0
+    neck = Neck(
+        "ribs at the plate", np.array([0.0, front, foot_z - height / 2.0]), ALONG_Y, ABOVE, (height, 2.0 * RIB_MM)
+    )
     lengths += [length(start + middle, end + middle) for start, end in ends]
-    return Bracket(BlocksPlan(name, tuple(pieces), tuple(own), tuple(lengths)), middle, front, heads, neck)
+    return Bracket(BlocksPlan(name, tuple(pieces), tuple(drilled), tuple(lengths)), middle, front, heads, neck)
 
 
 def plate_neck(bracket: Bracket, width_mm: float, thick_mm: float, up_mm: float) -> Neck:
-    """The section of the plate at `up_mm` over its middle, above its screws."""
-    at = bracket.middle + np.array([0.0, thick_mm / 2.0, up_mm])
-    return Neck("plate over its screws", at, ABOVE, ALONG_X, (width_mm, thick_mm))
+    """The section of the plate `up_mm` above its middle, above its screws."""
+    middle = bracket.middle + np.array([0.0, thick_mm / 2.0, up_mm])
+    return Neck("plate over its screws", middle, ABOVE, ALONG_X, (width_mm, thick_mm))
 
 
-def _moved(cut: Frustum | Bore | Hexagon, by: FloatArray) -> Frustum | Bore | Hexagon:
+def _translated(cut: Frustum | Bore | Hexagon, by: FloatArray) -> Frustum | Bore | Hexagon:
     if isinstance(cut, Bore):
         return Bore(cut.mouth + by, cut.axis, cut.radius_mm, cut.depth_mm, cut.up)
     if isinstance(cut, Hexagon):
@@ -115,38 +119,38 @@ def _moved(cut: Frustum | Bore | Hexagon, by: FloatArray) -> Frustum | Bore | He
 
 BRACKET, CENTRING = Iso9409Back.parts
 _, SPACER = Gen3Back.parts
-# Clearance of the centring ring on each side in the plate and in the flange, so that it is mounted by hand.
-LOOSE_MM = 0.2
+# Clearance of the centring ring on each side in the plate and in the flange, for mounting by hand.
+RING_GAP_MM = 0.2
 RING_WALL_MM = 4.0
 EXPLODE = np.array([0.0, -60.0, -45.0])
-INNER = np.array([0.0, -110.0, -45.0])
+SECOND_EXPLODE = np.array([0.0, -110.0, -45.0])
 
 
 def plan_iso9409(table: Iso9409Back, mount: MountPlan, load: Load, hardware: Hardware) -> Back:
     """Lay out the bracket for a flange ISO 9409-1-50-4-M6, and a ring that centres it."""
-    at = table.circle_mm / 2.0 / np.sqrt(2.0)
-    spots = np.array([(x, z) for x in (-at, at) for z in (-at, at)])
-    centre, thick = table.centre_mm / 2.0, table.plate_mm
+    offset = table.circle_mm / 2.0 / np.sqrt(2.0)
+    spots = np.array([(x, z) for x in (-offset, offset) for z in (-offset, offset)])
+    centre, thickness = table.centre_mm / 2.0, table.plate_mm
     cuts = (
-        *_holes(spots, thread_of("M6").clearance_mm / 2.0, thick),
-        *_holes(np.zeros((1, 2)), centre, thick),
-        *_holes(np.array([[table.circle_mm / 2.0, 0.0]]), table.pin_mm / 2.0 + hardware.fit.press_mm, thick),
+        *_holes(spots, thread_of("M6").clearance_mm / 2.0, thickness),
+        *_holes(np.zeros((1, 2)), centre, thickness),
+        *_holes(np.array([[table.circle_mm / 2.0, 0.0]]), table.pin_mm / 2.0 + hardware.fit.press_mm, thickness),
     )
     half = table.flange_mm / 2.0 + 2.0
     bracket = plan_bracket(
-        BRACKET, table.below_mm, (half, half, thick), half - 5.0, cuts, table.grip_mm, mount, hardware
+        BRACKET, table.below_mm, (half, half, thickness), half - 5.0, cuts, table.grip_mm, mount, hardware
     )
     face = bracket.middle
-    radius, deep = centre - LOOSE_MM, table.centre_deep_mm
-    low = face - deep * ALONG_Y
-    hole = Bore(low - OUTSIDE_MM * ALONG_Y, ALONG_Y, radius - RING_WALL_MM, deep + thick + 2.0 * OUTSIDE_MM)
-    centring = BlocksPlan(CENTRING, (), (hole,), discs=(Disc(low, radius, deep + thick),))
+    radius, ring_depth = centre - RING_GAP_MM, table.centre_deep_mm
+    low = face - ring_depth * ALONG_Y
+    hole = Bore(low - OUTSIDE_MM * ALONG_Y, ALONG_Y, radius - RING_WALL_MM, ring_depth + thickness + 2.0 * OUTSIDE_MM)
+    centring = BlocksPlan(CENTRING, (), (hole,), discs=(Disc(low, radius, ring_depth + thickness),))
     flange = ring(face - 6.0 * ALONG_Y, (centre, table.flange_mm / 2.0), 6.0)
     arm = faceted(Disc(face - 46.0 * ALONG_Y, table.arm_mm / 2.0, 40.0))
-    back = _back_of(table, bracket, centring, "Centring ring", spots, "M6", hardware)
+    back = _flange_back(table, bracket, centring, "Centring ring", spots, "M6", hardware)
     return replace(
         back,
-        carriers=(Carrier("flange", (*flange, arm)),),
+        supports=(Support("flange", (*flange, arm)),),
         robot=RobotLink(
             parent=table.link,
             xyz_mm=(0.0, 0.0, 0.0),
@@ -161,24 +165,24 @@ def plan_gen3(table: Gen3Back, mount: MountPlan, load: Load, hardware: Hardware)
     """Lay out the bracket for a Kinova Gen3, and a spacer disc inside the rim round its face."""
     x, z = table.holes_mm
     spots = np.array([(a, b) for a in (-x, x) for b in (-z, z)])
-    thick, (disc_radius, disc_thick) = table.plate_mm, table.spacer_mm
+    thickness, (disc_radius, disc_thickness) = table.plate_mm, table.spacer_mm
     clearance = thread_of("M5").clearance_mm / 2.0
     half = x + 11.0
-    cuts = _holes(spots, clearance, thick)
+    cuts = _holes(spots, clearance, thickness)
     bracket = plan_bracket(
-        BRACKET, table.below_mm, (half, 36.0, thick), half - 5.0, cuts, table.grip_mm, mount, hardware
+        BRACKET, table.below_mm, (half, 36.0, thickness), half - 5.0, cuts, table.grip_mm, mount, hardware
     )
-    face = bracket.middle - disc_thick * ALONG_Y
-    holes = (replace(hole, mouth=hole.mouth + face) for hole in _holes(spots, clearance, disc_thick))
-    # There is no space for a wall between a hole and the rim, so that each hole is a slot, open to the edge.
-    slots = (_slot(spot, clearance, disc_thick, face) for spot in spots)
-    spacer = BlocksPlan(SPACER, (), (*holes, *slots), discs=(Disc(face, disc_radius, disc_thick),))
-    inner, outer, high = table.rim_mm
+    face = bracket.middle - disc_thickness * ALONG_Y
+    holes = (replace(hole, mouth=hole.mouth + face) for hole in _holes(spots, clearance, disc_thickness))
+    # Without space for a wall between a hole and the rim, each hole is a slot, open to the edge.
+    slots = (_slot(spot, clearance, disc_thickness, face) for spot in spots)
+    spacer = BlocksPlan(SPACER, (), (*holes, *slots), discs=(Disc(face, disc_radius, disc_thickness),))
+    inner, outer, rim_height = table.rim_mm
     module = faceted(Disc(face - 40.0 * ALONG_Y, outer, 40.0))
-    back = _back_of(table, bracket, spacer, "Spacer", spots, "M5", hardware)
+    back = _flange_back(table, bracket, spacer, "Spacer", spots, "M5", hardware)
     return replace(
         back,
-        carriers=(Carrier("arm", (*ring(face, (inner, outer), high), module)),),
+        supports=(Support("arm", (*ring(face, (inner, outer), rim_height), module)),),
         # Away from the vision module, which is on the side of the link's y.
         robot=RobotLink(
             parent=table.link,
@@ -190,7 +194,7 @@ def plan_gen3(table: Gen3Back, mount: MountPlan, load: Load, hardware: Hardware)
     )
 
 
-def _back_of(
+def _flange_back(
     table: Iso9409Back | Gen3Back,
     bracket: Bracket,
     behind: BlocksPlan,
@@ -201,34 +205,34 @@ def _back_of(
 ) -> Back:
     """A back with a bracket, a part behind its plate, and screws of a size at spots (n, 2; x and z) in its front.
 
-    The caller adds the carrier.
+    The caller adds the support.
     """
-    middle, front, thick = bracket.middle, bracket.front_mm, table.plate_mm
-    places = [np.array([x, front, middle[2] + z]) for x, z in spots]
-    out = EXPLODE + 40.0 * ALONG_Y
+    middle, front, thickness = bracket.middle, bracket.front_mm, table.plate_mm
+    heads = [np.array([x, front, middle[2] + z]) for x, z in spots]
+    screw_explode = EXPLODE + 40.0 * ALONG_Y
     width = float(np.ptp(bracket.plan.corners[:, 0]))
     joint = rigid(np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]), middle)
     return Back(
         table=table,
         parts=(
             BackPart(BRACKET, "Flange bracket", bracket.plan, BACK_DOWN, EXPLODE, RGB),
-            BackPart(behind.name, title, behind, BACK_DOWN, INNER, SECOND_RGB),
+            BackPart(behind.name, title, behind, BACK_DOWN, SECOND_EXPLODE, SECOND_RGB),
         ),
         foot=foot_stack(table.grip_mm, hardware),
         foot_heads=bracket.heads,
         items=tuple(
-            BoughtItem("screw", size, table.screw_mm, along(place, ALONG_Y), out, (BRACKET,)) for place in places
+            BoughtItem("screw", size, table.screw_mm, along(head, ALONG_Y), screw_explode, (BRACKET,)) for head in heads
         ),
         connections=(Connection(behind.name.removeprefix("adapter_"), BRACKET, behind.name, joint, joint),),
-        necks=(bracket.neck, plate_neck(bracket, width, thick, float(spots[:, 1].max()) + 5.0)),
+        necks=(bracket.neck, plate_neck(bracket, width, thickness, float(spots[:, 1].max()) + 5.0)),
     )
 
 
 def _slot(spot: FloatArray, radius_mm: float, thick_mm: float, face: FloatArray) -> Frustum:
-    """The cut that opens a hole at a spot (2,; x and z) outwards, in a disc on a face about a point (3,)."""
-    out = spot / np.linalg.norm(spot)
-    side = radius_mm * np.array([-out[1], out[0]])
-    corners = np.array([spot - side, spot + side, spot + side + 20.0 * out, spot - side + 20.0 * out])
+    """The cut that opens a hole at a spot (2,; x and z) outwards, in a disc with the middle of its face at (3,)."""
+    outward = spot / np.linalg.norm(spot)
+    side = radius_mm * np.array([-outward[1], outward[0]])
+    corners = np.array([spot - side, spot + side, spot + side + 20.0 * outward, spot - side + 20.0 * outward])
     base = face + np.column_stack([corners[:, 0], np.full(4, -1.0), corners[:, 1]])
     return Frustum(base, base + (thick_mm + 2.0) * ALONG_Y)
 
@@ -239,39 +243,47 @@ def _holes(spots: FloatArray, radius_mm: float, thick_mm: float) -> tuple[Bore, 
 
 
 (NAME,) = VesaBack.parts
-# Distances from a screw to the plate's edge, from the shelf to the upper screws, and from the middle to the ribs.
-EDGE_MM, UNDER_MM, RIB_X_MM = 8.0, 14.0, 26.0
+# Distances of a screw from the plate's edge, of the upper screws from the shelf, and of the ribs from the middle.
+EDGE_MM, SHELF_GAP_MM, RIB_X_MM = 8.0, 14.0, 26.0
 
 
 def plan_vesa(table: VesaBack, mount: MountPlan, load: Load, hardware: Hardware) -> Back:
     """Lay out the bracket for VESA, with a window in its plate."""
-    m4, at, thick = thread_of("M4"), table.square_mm / 2.0, table.plate_mm
-    spots = [(x, z) for x in (-at, at) for z in (-at, at)]
-    deep = m4.nut_height_mm + NUT_FIT_MM
+    m4, offset, thickness = thread_of("M4"), table.square_mm / 2.0, table.plate_mm
+    spots = [(x, z) for x in (-offset, offset) for z in (-offset, offset)]
+    depth = m4.nut_height_mm + NUT_FIT_MM
     cuts: list[Frustum | Bore | Hexagon] = []
     for x, z in spots:
-        mouth = np.array([x, thick + OUTSIDE_MM, z])
-        cuts.append(Bore(mouth, -ALONG_Y, m4.clearance_mm / 2.0, thick + 2.0 * OUTSIDE_MM))
-        cuts.append(Hexagon(mouth, -ALONG_Y, None, m4.nut_flats_mm + NUT_FIT_MM, deep + OUTSIDE_MM))
-    window, low, high = RIB_X_MM - 6.0, -at + 4.0, at - 12.0
-    cuts.append(box((-window, -1.0, low), (window, thick + 1.0, high)))
-    corner, upper = np.array([-window, thick, low]), np.array([-window, thick, high])
+        mouth = np.array([x, thickness + OUTSIDE_MM, z])
+        cuts.append(Bore(mouth, -ALONG_Y, m4.clearance_mm / 2.0, thickness + 2.0 * OUTSIDE_MM))
+        cuts.append(Hexagon(mouth, -ALONG_Y, None, m4.nut_flats_mm + NUT_FIT_MM, depth + OUTSIDE_MM))
+    window, low, high = RIB_X_MM - 6.0, -offset + 4.0, offset - 12.0
+    cuts.append(box((-window, -1.0, low), (window, thickness + 1.0, high)))
+    corner, upper = np.array([-window, thickness, low]), np.array([-window, thickness, high])
     ends = (
         (corner, corner + 2.0 * window * ALONG_X),
         (corner, upper),
-        (upper, np.array([-window, thick, at + UNDER_MM])),
+        (upper, np.array([-window, thickness, offset + SHELF_GAP_MM])),
     )
-    half = at + EDGE_MM
+    half = offset + EDGE_MM
     bracket = plan_bracket(
-        NAME, at + UNDER_MM, (half, half, thick), RIB_X_MM, tuple(cuts), table.grip_mm, mount, hardware, ends
+        NAME,
+        offset + SHELF_GAP_MM,
+        (half, half, thickness),
+        RIB_X_MM,
+        tuple(cuts),
+        table.grip_mm,
+        mount,
+        hardware,
+        ends,
     )
     middle, items = bracket.middle, []
     for x, z in spots:
-        place = middle + np.array([x, -table.arm_mm, z])
+        head = middle + np.array([x, -table.arm_mm, z])
         items.append(
-            BoughtItem("screw", "M4", table.screw_mm, along(place, -ALONG_Y), EXPLODE - 30.0 * ALONG_Y, (NAME,))
+            BoughtItem("screw", "M4", table.screw_mm, along(head, -ALONG_Y), EXPLODE - 30.0 * ALONG_Y, (NAME,))
         )
-        frame, exit_mm = along(middle + np.array([x, thick - deep, z]), -ALONG_Y), 25.0 * ALONG_Y
+        frame, exit_mm = along(middle + np.array([x, thickness - depth, z]), -ALONG_Y), 25.0 * ALONG_Y
         items.append(BoughtItem("nut", "M4", m4.nut_height_mm, frame, EXPLODE + exit_mm, (NAME,), exit_mm[None]))
     arm = box(
         (-half, float(middle[1]) - table.arm_mm, float(middle[2]) - half),
@@ -283,6 +295,6 @@ def plan_vesa(table: VesaBack, mount: MountPlan, load: Load, hardware: Hardware)
         foot=foot_stack(table.grip_mm, hardware),
         foot_heads=bracket.heads,
         items=tuple(items),
-        carriers=(Carrier("arm", (arm,)),),
-        necks=(bracket.neck, plate_neck(bracket, 2.0 * half, thick, at + 5.0)),
+        supports=(Support("arm", (arm,)),),
+        necks=(bracket.neck, plate_neck(bracket, 2.0 * half, thickness, offset + 5.0)),
     )

@@ -19,10 +19,10 @@ from mirrorcam.cad.backs.back import (
     Back,
     BackJoint,
     BackPart,
-    Carrier,
     Load,
     Neck,
     RobotLink,
+    Support,
 )
 from mirrorcam.cad.backs.blocks import ALONG_X
 from mirrorcam.cad.parts.camera_box import ABOVE, SCENE
@@ -52,7 +52,7 @@ from mirrorcam.optics.geometry.transforms import rigid
 SADDLE, CAP = Gen2Back.parts
 UP = np.array([0.0, -1.0, 0.0])
 CAP_EAR_MM = 5.0
-EAR_OFF_MM = 0.3
+EAR_OFFSET_MM = 0.3
 
 ARMS = "MICO and JACO with two fingers: m1n4s200, m1n6s200, j2n6s200, j2s6s200 of kinova-ros"
 # SHELL_MM: distance from the link's origin towards the fingers, smallest and largest radius of the last shell with two
@@ -72,7 +72,7 @@ SHELL_DIAMETER_MM = 63.0
 JOINT_RING_MM = (34.05, 9.75)
 # Distance up to which the shell is round to 0.12 mm.
 ROUND_TO_MM = 18.0
-# Sagitta of the facets of round solids, whose corners lie on the circle.
+# Sagitta of the facets of round solids, with corners on the circle.
 SAGITTA_MM = 0.02
 
 
@@ -102,11 +102,11 @@ class RingPlan:
         across, along = np.array([self.radius_mm, 0.0, 0.0]), np.array([0.0, np.ptp(self.band_mm), 0.0])
         ear = np.array([self.ears[:, 0].min(), self.band_mm[1], self.ears[0, 2]])
         outer = self.radius_mm + self.ring_mm
-        thick = float(np.ptp(corners_of(self.pieces[-1:])[:, 2]))
+        thickness = float(np.ptp(corners_of(self.pieces[-1:])[:, 2]))
         return (
             length(middle - across, middle + across, f"bore, ring Ø{2.0 * outer:g}", before="Ø"),
             length(ear - along, ear, "band"),
-            length(ear, ear + (1.0 if self.above else -1.0) * thick * ABOVE, "ear"),
+            length(ear, ear + (1.0 if self.above else -1.0) * thickness * ABOVE, "ear"),
             *holes(self.cuts),
         )
 
@@ -131,7 +131,7 @@ class RingPlan:
 
 @dataclass(frozen=True)
 class ClampPlan:
-    """Both halves, the stacks of the clamp's and the foot's screws, and the places (n, 3) of their heads."""
+    """Both halves, the stacks of the clamp's and the foot's screws, and the positions (n, 3) of their heads."""
 
     saddle: RingPlan
     cap: RingPlan
@@ -153,7 +153,7 @@ def plan_gen2(wrist: Gen2Back, mount: MountPlan, load: Load, hardware: Hardware)
     split = rigid(downwards, saddle.ears.mean(axis=0))
     cap_split = rigid(downwards, cap.ears.mean(axis=0) + cap.gap_mm * ABOVE)
     ring_top = saddle.axis_z_mm + saddle.radius_mm + saddle.ring_mm
-    saddle_half = FOOT_X_MM + _around_mm(hardware) + 1.0
+    saddle_half = FOOT_X_MM + _boss_radius_mm(hardware) + 1.0
     return Back(
         table=wrist,
         parts=(
@@ -174,7 +174,7 @@ def plan_gen2(wrist: Gen2Back, mount: MountPlan, load: Load, hardware: Hardware)
             ),
         ),
         connections=(Connection("clamp", SADDLE, CAP, split, cap_split),),
-        carriers=(Carrier("wrist", _wrist(wrist, middle, saddle.axis_z_mm)),),
+        supports=(Support("wrist", _wrist(wrist, middle, saddle.axis_z_mm)),),
         necks=(
             Neck(
                 "saddle over the ring",
@@ -198,24 +198,24 @@ def plan_gen2(wrist: Gen2Back, mount: MountPlan, load: Load, hardware: Hardware)
 def _wrist(wrist: Gen2Back, middle_mm: float, axis_z_mm: float) -> tuple[Frustum, ...]:
     """The joint's ring and the last shell as measured, with the clamp's middle at the table's distance along it.
 
-    Another diameter scales the same form. The shell has its mean radius in the clamp, and its largest beyond.
+    Another diameter scales the same shape. The shell has its mean radius in the clamp, and its largest outside.
     """
     scale, origin = wrist.diameter_mm / SHELL_DIAMETER_MM, middle_mm - wrist.along_mm
-    along, least, most = SHELL_MM.T
-    radii = scale * np.where(along <= ROUND_TO_MM, (least + most) / 2.0, most)
+    distances, smallest, largest = SHELL_MM.T
+    radii = scale * np.where(distances <= ROUND_TO_MM, (smallest + largest) / 2.0, largest)
     ring, reach = scale * JOINT_RING_MM[0], JOINT_RING_MM[1]
-    turned = [_round_solid((ring, ring), (origin - reach, origin + reach), axis_z_mm)]
-    for (start, first), (end, last) in pairwise(zip(along, radii, strict=True)):
-        turned.append(_round_solid((first, last), (origin + start, origin + end), axis_z_mm))
-    return tuple(turned)
+    solids = [_round_solid((ring, ring), (origin - reach, origin + reach), axis_z_mm)]
+    for (start, first), (end, last) in pairwise(zip(distances, radii, strict=True)):
+        solids.append(_round_solid((first, last), (origin + start, origin + end), axis_z_mm))
+    return tuple(solids)
 
 
 def _round_solid(radii_mm: tuple[float, float], y_mm: tuple[float, float], axis_z_mm: float) -> Frustum:
     """A faceted cone or cylinder along y, by its two radii and ends."""
     count = int(np.ceil(np.pi / np.arccos(1.0 - SAGITTA_MM / max(radii_mm))))
-    turn = 2.0 * np.pi / count * np.arange(count)
+    angles = 2.0 * np.pi / count * np.arange(count)
     ends = [
-        np.column_stack([radius * np.cos(turn), np.full(count, y), axis_z_mm + radius * np.sin(turn)])
+        np.column_stack([radius * np.cos(angles), np.full(count, y), axis_z_mm + radius * np.sin(angles)])
         for radius, y in zip(radii_mm, y_mm, strict=True)
     ]
     return Frustum(*ends)
@@ -228,11 +228,11 @@ def plan_clamp(wrist: Gen2Back, mount: MountPlan, hardware: Hardware) -> ClampPl
     spans, ear_at = _ears(wrist, place, hardware)
     heads = mount.foot - wrist.grip_mm * ABOVE
     clamp_heads = ear_at - (CAP_EAR_MM + wrist.gap_mm) * ABOVE
-    (back, front), face, half = place.band_mm, wrist.gap_mm / 2.0, FOOT_X_MM + place.around_mm + 1.0
+    (back, front), face, half = place.band_mm, wrist.gap_mm / 2.0, FOOT_X_MM + place.boss_radius_mm + 1.0
     saddle_z, cap_z = place.axis_z_mm + face, place.axis_z_mm - face
     saddle_pieces = (
         box((-half, back, place.axis_z_mm + 0.6 * place.radius_mm), (half, front, place.foot_z_mm)),
-        box((-half, float(mount.slide[1]) - FOOT_DEPTH_MM, place.under_mm), (half, front, place.foot_z_mm)),
+        box((-half, float(mount.slide[1]) - FOOT_DEPTH_MM, place.plate_z_mm), (half, front, place.foot_z_mm)),
         *(box((low, back, saddle_z), (high, front, saddle_z + clamp.wall_mm)) for low, high in spans),
     )
     cap_pieces = tuple(box((low, back, cap_z - CAP_EAR_MM), (high, front, cap_z)) for low, high in spans)
@@ -252,20 +252,20 @@ def plan_clamp(wrist: Gen2Back, mount: MountPlan, hardware: Hardware) -> ClampPl
 
 @dataclass(frozen=True)
 class _Place:
-    """The clamp's place in rig, mm: the wrist's radius and axis, and the clamp's band (2,) along y.
+    """The clamp's position in rig, mm: the wrist's radius and axis, and the clamp's band (2,) along y.
 
-    Its plate reaches from z = `under_mm` to the mount's foot; `around_mm` is the radius of the wall round a screw.
+    Its plate is between z = `plate_z_mm` and the mount's foot; `boss_radius_mm` is that of the wall round a screw.
     """
 
     radius_mm: float
     axis_z_mm: float
     band_mm: FloatArray
-    under_mm: float
+    plate_z_mm: float
     foot_z_mm: float
-    around_mm: float
+    boss_radius_mm: float
 
 
-def _around_mm(hardware: Hardware) -> float:
+def _boss_radius_mm(hardware: Hardware) -> float:
     """Radius of the wall round a screw."""
     return hardware.screw.insert_hole_mm / 2.0 + hardware.screw.insert_wall_mm
 
@@ -276,24 +276,24 @@ def _place(wrist: Gen2Back, mount: MountPlan, hardware: Hardware) -> _Place:
     foot_z = mount.foot_z_mm
     radius = wrist.diameter_mm / 2.0
     axis_z = foot_z - wrist.riser_mm - radius
-    under = axis_z + radius + wrist.joint_mm
+    plate_z = axis_z + radius + wrist.joint_mm
     needed = wrist.grip_mm + screw.head_height_mm + hardware.printer.wall_mm
-    if (thick := foot_z - under) < needed:
+    if (thickness := foot_z - plate_z) < needed:
         raise InputError(
-            f"adapter's plate is {thick:.1f} mm thick, expected {needed:.1f} mm for its screws: raise riser_mm"
+            f"adapter's plate is {thickness:.1f} mm thick, expected {needed:.1f} mm for its screws: raise riser_mm"
         )
     band = float(mount.slide[1]) + np.array([0.0, wrist.band_mm])
-    return _Place(radius, axis_z, band, under, foot_z, _around_mm(hardware))
+    return _Place(radius, axis_z, band, plate_z, foot_z, _boss_radius_mm(hardware))
 
 
 def _ears(wrist: Gen2Back, place: _Place, hardware: Hardware) -> tuple[list[tuple[float, float]], FloatArray]:
     """The spans of both ears along x, and the points (2, 3) where their screws pass through the saddle's face."""
     screw, radius = hardware.screw, place.radius_mm
-    x = radius + wrist.ring_mm + place.around_mm
-    end = x + max(place.around_mm, (screw.nut_flats_mm + NUT_FIT_MM) / 2.0 + 1.2 * hardware.printer.wall_mm)
+    x = radius + wrist.ring_mm + place.boss_radius_mm
+    end = x + max(place.boss_radius_mm, (screw.nut_flats_mm + NUT_FIT_MM) / 2.0 + 1.2 * hardware.printer.wall_mm)
     spans = [(-end, -radius - 0.5 * wrist.ring_mm), (radius + 0.5 * wrist.ring_mm, end)]
-    # The holes' roofs are higher than the holes, so that they are off the middle to leave a wall on both sides.
-    y, z = float(place.band_mm.mean()) + EAR_OFF_MM, place.axis_z_mm + wrist.gap_mm / 2.0
+    # The roofs of the holes are higher than the holes, which are therefore off the middle for a wall on both sides.
+    y, z = float(place.band_mm.mean()) + EAR_OFFSET_MM, place.axis_z_mm + wrist.gap_mm / 2.0
     return spans, np.array([(-x, y, z), (x, y, z)])
 
 
@@ -314,11 +314,11 @@ def _ear_cuts(
     An ear is too narrow for a closed pocket, so that a channel through it holds the nut by two sides.
     """
     screw = hardware.screw
-    flat = (screw.nut_flats_mm + NUT_FIT_MM) / 2.0
+    half_flats = (screw.nut_flats_mm + NUT_FIT_MM) / 2.0
     for ear in ears:
         hole, *pocket = thread(ear, ABOVE, UP, clamp, clamp.wall_mm, screw)
         yield hole
         if pocket:
             top = ear[2] + clamp.wall_mm
-            low = (ear[0] - flat, band_mm[0] - 1.0, top - screw.nut_height_mm - NUT_FIT_MM)
-            yield box(low, (ear[0] + flat, band_mm[1] + 1.0, top + 1.0))
+            low = (ear[0] - half_flats, band_mm[0] - 1.0, top - screw.nut_height_mm - NUT_FIT_MM)
+            yield box(low, (ear[0] + half_flats, band_mm[1] + 1.0, top + 1.0))

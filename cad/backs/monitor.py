@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mirrorcam.cad.backs.back import RGB, SECOND_RGB, TOP_DOWN, Back, BackPart, Carrier, Load, Neck
+from mirrorcam.cad.backs.back import RGB, SECOND_RGB, TOP_DOWN, Back, BackPart, Load, Neck, Support
 from mirrorcam.cad.backs.blocks import ALONG_X, ALONG_Y, BlocksPlan, countersunk_slot, head_cuts
 from mirrorcam.cad.parts.camera_box import ABOVE
 from mirrorcam.cad.parts.mount import MountPlan
@@ -34,10 +34,10 @@ SCREW = f"M4{COUNTERSUNK}"
 # to the jaw's screws, and from these to the end of the tab.
 HOOK_MM, PAD_MM, LEG_MM, TO_SCREW_MM, TAB_MM = 5.0, 7.0, 8.0, 8.0, 7.0
 # Distances from the mount to the jaw's screws, from these to the side of the plate, and from the load to the screen.
-BESIDE_MM, SIDE_MM, BEFORE_MM = 9.0, 8.0, 12.0
+MOUNT_GAP_MM, SCREW_TO_SIDE_MM, LOAD_TO_SCREEN_MM = 9.0, 8.0, 12.0
 SHOWN_MM = (150.0, 80.0)
-HOOK_OUT, JAW_OUT = np.array([0.0, 0.0, -45.0]), np.array([0.0, -30.0, -95.0])
-SCREW_MM, TAB_WIDE_MM = 16.0, 15.5
+HOOK_EXPLODE, JAW_EXPLODE = np.array([0.0, 0.0, -45.0]), np.array([0.0, -30.0, -95.0])
+SCREW_MM, TAB_WIDTH_MM = 16.0, 15.5
 
 
 def plan_monitor(table: MonitorBack, mount: MountPlan, load: Load, hardware: Hardware) -> Back:
@@ -47,9 +47,9 @@ def plan_monitor(table: MonitorBack, mount: MountPlan, load: Load, hardware: Har
         raise InputError(f"monitor is {table.thick_mm:g} mm thick, expected {thinnest:g} to {thickest:g} mm")
     foot_z, m4 = mount.foot_z_mm, thread_of("M4")
     low_z = foot_z - table.plate_mm
-    pad_z, x = low_z - PAD_MM, mount.half_width_mm + BESIDE_MM
-    half = x + SIDE_MM
-    screen_y = float(load.at[1]) + BEFORE_MM
+    pad_z, x = low_z - PAD_MM, mount.half_width_mm + MOUNT_GAP_MM
+    half = x + SCREW_TO_SIDE_MM
+    screen_y = float(load.at[1]) + LOAD_TO_SCREEN_MM
     first, last = (screen_y - thick - LEG_MM - TO_SCREW_MM for thick in (thinnest, thickest))
     back_y = min(last - TAB_MM, float(mount.slide[1]) - mount.section.depth_mm)
     heads = mount.foot - table.grip_mm * ABOVE
@@ -77,7 +77,7 @@ def plan_monitor(table: MonitorBack, mount: MountPlan, load: Load, hardware: Har
         # Two tabs, with access to the hook's screws between them.
         *(
             box((low, screw_y - TAB_MM, pad_z), (high, jaw_y, low_z))
-            for low, high in ((-half, -half + TAB_WIDE_MM), (half - TAB_WIDE_MM, half))
+            for low, high in ((-half, -half + TAB_WIDTH_MM), (half - TAB_WIDTH_MM, half))
         ),
         box((-half, jaw_y - LEG_MM, pad_z - table.jaw_mm), (half, jaw_y, low_z)),
     )
@@ -85,22 +85,22 @@ def plan_monitor(table: MonitorBack, mount: MountPlan, load: Load, hardware: Har
     jaw_lengths = (
         length(jaw_top, jaw_top - LEG_MM * ALONG_Y),
         length(jaw_top - LEG_MM * ALONG_Y, np.array([-half, jaw_y - LEG_MM, pad_z])),
-        length(np.array([-half, screw_y - TAB_MM, low_z]), np.array([TAB_WIDE_MM - half, screw_y - TAB_MM, low_z])),
+        length(np.array([-half, screw_y - TAB_MM, low_z]), np.array([TAB_WIDTH_MM - half, screw_y - TAB_MM, low_z])),
     )
     jaw_cuts: list[Bore | Hexagon] = []
     items = []
-    deep = m4.nut_height_mm + NUT_FIT_MM
+    depth = m4.nut_height_mm + NUT_FIT_MM
     for side in (-x, x):
         mouth = np.array([side, screw_y, pad_z - OUTSIDE_MM])
         jaw_cuts.append(Bore(mouth, ABOVE, clearance, PAD_MM + 2.0 * OUTSIDE_MM))
-        jaw_cuts.append(Hexagon(mouth, ABOVE, None, m4.nut_flats_mm + NUT_FIT_MM, deep + OUTSIDE_MM))
-        head, seat, down = np.array([side, screw_y, foot_z]), np.array([side, screw_y, pad_z + deep]), -60.0 * ABOVE
-        items.append(BoughtItem("screw", SCREW, SCREW_MM, along(head, ABOVE), HOOK_OUT + 30.0 * ABOVE, (HOOK, JAW)))
+        jaw_cuts.append(Hexagon(mouth, ABOVE, None, m4.nut_flats_mm + NUT_FIT_MM, depth + OUTSIDE_MM))
+        head, seat, down = (np.array([side, screw_y, foot_z]), np.array([side, screw_y, pad_z + depth]), -60.0 * ABOVE)
+        items.append(BoughtItem("screw", SCREW, SCREW_MM, along(head, ABOVE), HOOK_EXPLODE + 30.0 * ABOVE, (HOOK, JAW)))
         items.append(
-            BoughtItem("nut", "M4", m4.nut_height_mm, along(seat, ABOVE), JAW_OUT + down / 2.0, (JAW,), down[None])
+            BoughtItem("nut", "M4", m4.nut_height_mm, along(seat, ABOVE), JAW_EXPLODE + down / 2.0, (JAW,), down[None])
         )
-    wide, tall = SHOWN_MM
-    monitor = box((-wide, jaw_y, pad_z - tall), (wide, screen_y, pad_z))
+    half_width, height = SHOWN_MM
+    monitor = box((-half_width, jaw_y, pad_z - height), (half_width, screen_y, pad_z))
     slide = rigid(np.diag([1.0, -1.0, -1.0]), [0.0, screw_y, low_z])
     width = 2.0 * half
     hook = BlocksPlan(HOOK, hook_pieces, tuple(hook_cuts), hook_lengths)
@@ -108,14 +108,14 @@ def plan_monitor(table: MonitorBack, mount: MountPlan, load: Load, hardware: Har
     return Back(
         table=table,
         parts=(
-            BackPart(HOOK, "Monitor hook", hook, TOP_DOWN, HOOK_OUT, RGB),
-            BackPart(JAW, "Monitor jaw", jaw, TOP_DOWN, JAW_OUT, SECOND_RGB),
+            BackPart(HOOK, "Monitor hook", hook, TOP_DOWN, HOOK_EXPLODE, RGB),
+            BackPart(JAW, "Monitor jaw", jaw, TOP_DOWN, JAW_EXPLODE, SECOND_RGB),
         ),
         foot=foot_stack(table.grip_mm, hardware),
         foot_heads=heads,
         items=tuple(items),
         connections=(Connection("jaw", HOOK, JAW, slide, slide),),
-        carriers=(Carrier("monitor", (monitor,)),),
+        supports=(Support("monitor", (monitor,)),),
         necks=(
             Neck(
                 "plate before the mount",

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mirrorcam.cad.backs.back import AS_IT_STANDS, ON_ITS_SIDE, RGB, Back, BackPart, Carrier, Load, Neck, Stand
+from mirrorcam.cad.backs.back import AS_IT_STANDS, ON_ITS_SIDE, RGB, Back, BackPart, Load, Neck, Stand, Support
 from mirrorcam.cad.backs.blocks import (
     ALONG_X,
     ALONG_Y,
@@ -35,7 +35,7 @@ from mirrorcam.cad.plan.seats import Frustum
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
 
-BEHIND_MM = 2.0
+REAR_MM = 2.0
 """Extent of a plate behind the mount: the wall of the nut's pocket."""
 
 EXPLODE = np.array([0.0, 0.0, -45.0])
@@ -43,7 +43,7 @@ EXPLODE = np.array([0.0, 0.0, -45.0])
 
 @dataclass(frozen=True)
 class FootPlate:
-    """The place of a plate under the mount's foot, in rig, mm.
+    """The position of a plate under the mount's foot, in rig, mm.
 
     Its faces are at `low_z_mm` and `thick_mm` higher, and its screws' heads at points (4, 3). `nut_at` (3,) is the
     middle of its nut's pocket in the upper face: between the rear screws, where the mount's foot covers the nut.
@@ -58,9 +58,9 @@ class FootPlate:
 def foot_plate(table: DeskBack | TripodBack, mount: MountPlan, hardware: Hardware) -> FootPlate:
     """A plate thick enough for the nut and for the countersunk heads of the foot's screws."""
     foot_z = mount.foot_z_mm
-    thick = max(tripod_depth_mm(table.nut), table.grip_mm + hardware.fit.free_mm)
+    thickness = max(tripod_depth_mm(table.nut), table.grip_mm + hardware.fit.free_mm)
     heads = mount.foot - table.grip_mm * ABOVE
-    return FootPlate(foot_z - thick, thick, heads, np.array([0.0, float(heads[:, 1].min()), foot_z]))
+    return FootPlate(foot_z - thickness, thickness, heads, np.array([0.0, float(heads[:, 1].min()), foot_z]))
 
 
 def back_of_plate(
@@ -72,7 +72,7 @@ def back_of_plate(
     hardware: Hardware,
     lengths: tuple[Length, ...] = (),
 ) -> Back:
-    """A back of one plate with an outline (n, 2; x and y); the caller adds necks, and stand or carrier."""
+    """A back of one plate with an outline (n, 2; x and y); the caller adds necks, and stand or support."""
     base = np.column_stack([outline, np.full(len(outline), plate.low_z_mm)])
     sink = plate.thick_mm - table.grip_mm
     cuts = (
@@ -94,7 +94,7 @@ def back_of_plate(
 
 
 def plan_desk(table: DeskBack, mount: MountPlan, load: Load, hardware: Hardware) -> Back:
-    """Lay out a plate so large that the device does not fall over at a tilt of `tip_deg` + `spare_deg`."""
+    """Lay out a plate on which the device does not fall over at a tilt of `tip_deg` + `spare_deg`."""
     plate = foot_plate(table, mount, hardware)
     outline = _outline(table, mount, load, plate.low_z_mm)
     left, back = outline.min(axis=0)
@@ -107,43 +107,43 @@ def plan_desk(table: DeskBack, mount: MountPlan, load: Load, hardware: Hardware)
     )
 
 
-def _before_mount(slide_y: float, outline: FloatArray, z: float, thick: float) -> Neck:
+def _before_mount(slide_y: float, outline: FloatArray, z: float, thickness: float) -> Neck:
     """The plate's section at the front of the mount, which bends when the device leans on the plate's front edge."""
     width, arm = float(np.ptp(outline[:, 0])), float(outline[:, 1].max()) - slide_y
-    return Neck("plate before the mount", np.array([0.0, slide_y, z]), ALONG_Y, ALONG_X, (width, thick), arm)
+    return Neck("plate before the mount", np.array([0.0, slide_y, z]), ALONG_Y, ALONG_X, (width, thickness), arm)
 
 
 def _outline(table: DeskBack, mount: MountPlan, load: Load, low_z: float) -> FloatArray:
     """The plate's outline (n, 2; x and y): under all of the mount's foot, and round the load for the required tilt."""
     reach = float((load.at[2] - low_z) * np.tan(np.radians(table.tip_deg + table.spare_deg)))
-    # The chamfers are no nearer to the load than the sides.
-    cut = table.corner_mm
+    # No chamfer is nearer to the load than the sides.
+    chamfer = table.corner_mm
     half = max(mount.half_width_mm, abs(float(load.at[0])) + reach)
-    back = min(float(mount.slide[1]) - mount.section.depth_mm - BEHIND_MM, float(load.at[1]) - reach)
+    back = min(float(mount.slide[1]) - mount.section.depth_mm - REAR_MM, float(load.at[1]) - reach)
     front = max(float(mount.slide[1]), float(load.at[1]) + reach)
     corners = []
     for (x, y), first in (((half, front), 0), ((-half, front), 1), ((-half, back), 0), ((half, back), 1)):
-        ends = [(x, y - np.sign(y - (front + back) / 2.0) * cut), (x - np.sign(x) * cut, y)]
+        ends = [(x, y - np.sign(y - (front + back) / 2.0) * chamfer), (x - np.sign(x) * chamfer, y)]
         corners += ends if first == 0 else ends[::-1]
     return np.array(corners)
 
 
 (TRIPOD,) = TripodBack.parts
-# Side and height of the space for the tripod's head, as of a common ball head.
+# Side and height of the space for the tripod's head: a common ball head.
 HEAD_MM = (50.0, 20.0)
 # Extent of the plate in front of the mount: the wall of the countersinks.
-BEFORE_MM = 1.0
+FRONT_MM = 1.0
 
 
 def plan_tripod(table: TripodBack, mount: MountPlan, load: Load, hardware: Hardware) -> Back:
     """Lay out a plate under all of the mount's foot."""
     plate = foot_plate(table, mount, hardware)
-    half, front = mount.half_width_mm, float(mount.slide[1]) + BEFORE_MM
-    back = float(mount.slide[1]) - mount.section.depth_mm - BEHIND_MM
+    half, front = mount.half_width_mm, float(mount.slide[1]) + FRONT_MM
+    back = float(mount.slide[1]) - mount.section.depth_mm - REAR_MM
     outline = np.array([(half, back), (half, front), (-half, front), (-half, back)])
     low_z, y = plate.low_z_mm, float(plate.nut_at[1])
-    side, high = HEAD_MM[0] / 2.0, HEAD_MM[1]
-    head = box((-side, y - side, low_z - high), (side, y + side, low_z))
+    side, height = HEAD_MM[0] / 2.0, HEAD_MM[1]
+    head = box((-side, y - side, low_z - height), (side, y + side, low_z))
     # A force over the edge of the tripod's head bends the plate across the nut's pocket.
     neck = Neck(
         "plate beside the nut",
@@ -155,7 +155,7 @@ def plan_tripod(table: TripodBack, mount: MountPlan, load: Load, hardware: Hardw
     )
     return replace(
         back_of_plate(table, TRIPOD, "Tripod plate", plate, outline, hardware),
-        carriers=(Carrier("tripod", (head,)),),
+        supports=(Support("tripod", (head,)),),
         necks=(neck,),
     )
 
@@ -166,30 +166,30 @@ def plan_tripod(table: TripodBack, mount: MountPlan, load: Load, hardware: Hardw
 def plan_arca(table: ArcaBack, mount: MountPlan, load: Load, hardware: Hardware) -> Back:
     """Lay out the dovetail; raises InputError if its slope does not end between its lip and its top."""
     half, foot_z = mount.half_width_mm, mount.foot_z_mm
-    wide, neck = table.width_mm / 2.0 - table.fit_mm, table.neck_mm / 2.0
+    wide_x, neck = table.width_mm / 2.0 - table.fit_mm, table.neck_mm / 2.0
     heads = mount.foot - table.grip_mm * ABOVE
     # The dovetail is under the middle of the screws.
     y, low = float(heads[:, 1].mean()), foot_z - table.height_mm
     edge = low + table.lip_mm
-    over = edge + wide - neck
-    if not edge < over < foot_z:
+    top = edge + wide_x - neck
+    if not edge < top < foot_z:
         raise InputError(
-            f"dovetail's slope ends {over - low:.1f} mm over its lower face, expected less than its height, "
+            f"dovetail's slope ends {top - low:.1f} mm over its lower face, expected less than its height, "
             f"{table.height_mm:g} mm, and more than its lip, {table.lip_mm:g} mm"
         )
-    tail = np.array([(-wide, low), (wide, low), (wide, edge), (neck, over), (-neck, over), (-wide, edge)])
+    tail = np.array([(-wide_x, low), (wide_x, low), (wide_x, edge), (neck, top), (-neck, top), (-wide_x, edge)])
     stem = np.array([(-neck, edge), (neck, edge), (neck, foot_z), (-neck, foot_z)])
     pieces = tuple(along_x(outline + np.array([y, 0.0]), -half, half) for outline in (tail, stem))
-    lip = np.array([[half, y - wide, low], [half, y + wide, low]])
+    lip = np.array([[half, y - wide_x, low], [half, y + wide_x, low]])
     plan = BlocksPlan(
         DOVETAIL,
         pieces,
         tuple(head_cuts(heads, table.grip_mm, ALONG_X, hardware)),
         (
             length(lip[0], lip[1], "dovetail"),
-            length(np.array([half, y - neck, over]), np.array([half, y + neck, over])),
-            length(lip[1], np.array([half, y + wide, edge])),
-            length(lip[1], np.array([half, y + neck, over]), "", ABOVE),
+            length(np.array([half, y - neck, top]), np.array([half, y + neck, top])),
+            length(lip[1], np.array([half, y + wide_x, edge])),
+            length(lip[1], np.array([half, y + neck, top]), "", ABOVE),
         ),
     )
     return Back(
@@ -197,7 +197,7 @@ def plan_arca(table: ArcaBack, mount: MountPlan, load: Load, hardware: Hardware)
         parts=(BackPart(DOVETAIL, "Dovetail", plan, ON_ITS_SIDE, np.array([0.0, 0.0, -45.0]), RGB),),
         foot=foot_stack(table.grip_mm, hardware),
         foot_heads=heads,
-        necks=(Neck("over the slope", np.array([0.0, y, over]), ABOVE, ALONG_X, (2.0 * half, 2.0 * neck)),),
+        necks=(Neck("over the slope", np.array([0.0, y, top]), ABOVE, ALONG_X, (2.0 * half, 2.0 * neck)),),
     )
 
 
@@ -205,9 +205,9 @@ def plan_arca(table: ArcaBack, mount: MountPlan, load: Load, hardware: Hardware)
 T_NUT = "M5 T-slot"
 # Distances from the mount to a screw's axis, from there to the end of the plate, and from the mount to the plate's
 # front and rear edges.
-BESIDE_MM, BEYOND_MM, OVER_MM = 9.0, 8.0, 3.0
+SCREW_GAP_MM, SCREW_TO_END_MM, EDGE_MM = 9.0, 8.0, 3.0
 SHOWN_MM = 120.0
-# The heads lie deep below the face, so that wider holes still leave a wall between them.
+# The heads are deep below the face, so that wider holes still leave a wall between them.
 FLARE_MM = 0.6
 
 
@@ -216,8 +216,8 @@ def plan_profile(table: ProfileBack, mount: MountPlan, load: Load, hardware: Har
     foot_z, m5 = mount.foot_z_mm, thread_of("M5")
     low_z, front = foot_z - table.plate_mm, float(mount.slide[1])
     heads = mount.foot - table.grip_mm * ABOVE
-    y, x = float(heads[:, 1].min()), mount.half_width_mm + BESIDE_MM
-    end, back = x + BEYOND_MM, front - mount.section.depth_mm
+    y, x = float(heads[:, 1].min()), mount.half_width_mm + SCREW_GAP_MM
+    end, back = x + SCREW_TO_END_MM, front - mount.section.depth_mm
     sink = table.plate_mm - table.grip_mm
     cuts = [cut for head in heads for cut in countersunk_hole(head, table.grip_mm, sink, "M3", FLARE_MM)]
     grip = table.plate_mm - table.sunk_mm
@@ -238,10 +238,10 @@ def plan_profile(table: ProfileBack, mount: MountPlan, load: Load, hardware: Har
         nut = np.array([side, y, low_z - table.lip_mm])
         down = -30.0 * ABOVE
         items.append(BoughtItem("nut", T_NUT, table.nut_mm, along(nut, ABOVE), explode + down, (PROFILE,), down[None]))
-    plan = BlocksPlan(PROFILE, (box((-end, back - OVER_MM, low_z), (end, front + OVER_MM, foot_z)),), tuple(cuts))
+    plan = BlocksPlan(PROFILE, (box((-end, back - EDGE_MM, low_z), (end, front + EDGE_MM, foot_z)),), tuple(cuts))
     half = table.profile_mm / 2.0
     profile = box((-SHOWN_MM, y - half, low_z - table.profile_mm), (SHOWN_MM, y + half, low_z))
-    depth = front - back + 2.0 * OVER_MM
+    depth = front - back + 2.0 * EDGE_MM
     # Both sides of the mount share the load.
     neck = Neck(
         "plate beside the mount",
@@ -257,6 +257,6 @@ def plan_profile(table: ProfileBack, mount: MountPlan, load: Load, hardware: Har
         foot_heads=heads,
         foot_size=f"M3{COUNTERSUNK}",
         items=tuple(items),
-        carriers=(Carrier("profile", (profile,)),),
+        supports=(Support("profile", (profile,)),),
         necks=(neck,),
     )

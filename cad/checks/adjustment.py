@@ -29,7 +29,7 @@ NEAR_MM = 5.0
 
 
 def check_adjustment(
-    device: Device, solids: Mapping[str, manifold3d.Manifold], carriers: Mapping[str, manifold3d.Manifold]
+    device: Device, solids: Mapping[str, manifold3d.Manifold], supports: Mapping[str, manifold3d.Manifold]
 ) -> dict[str, Metric]:
     """Check that every mirror can be adjusted; {} if the mirrors are glued to the holder.
 
@@ -39,7 +39,7 @@ def check_adjustment(
         The plans of its parts.
     solids : mapping of str to Manifold
         The solids of the assembled device by name, in rig, mm.
-    carriers : mapping of str to Manifold
+    supports : mapping of str to Manifold
         Solids that support the device and may block a driver.
 
     Returns
@@ -62,7 +62,7 @@ def check_adjustment(
             value=round(holder.adjuster.least_n, 2), unit="N", limit=round(shaken, 3), lower_is_better=False
         ),
         "mirrors.adjust_tool_clash_mm3": Metric(
-            value=_driver_clash(holder, {**solids, **carriers}), unit="mm3", limit=0.0
+            value=_driver_clash(holder, {**solids, **supports}), unit="mm3", limit=0.0
         ),
         "mirrors.turn_least_deg": Metric(value=round(min(degrees), 2), unit="deg"),
         "mirrors.turn_most_deg": Metric(value=round(max(degrees), 2), unit="deg"),
@@ -72,12 +72,14 @@ def check_adjustment(
 def poses(carrier: CarrierPlan, tilt_deg: float, shift_mm: float) -> Iterator[FloatArray]:
     """Motions (4, 4) in rig that take a carrier to the ends of its travel."""
     frame, back = carrier.rig_from_back, np.linalg.inv(carrier.rig_from_back)
-    for turn in 2.0 * np.pi / DIRECTIONS * np.arange(DIRECTIONS):
+    for azimuth in 2.0 * np.pi / DIRECTIONS * np.arange(DIRECTIONS):
         for shift in (-shift_mm, shift_mm):
-            moved = np.eye(4)
-            moved[:3, :3] = rotation_about(np.array([np.cos(turn), np.sin(turn), 0.0]), float(np.radians(tilt_deg)))
-            moved[2, 3] = shift
-            yield frame @ moved @ back
+            motion = np.eye(4)
+            motion[:3, :3] = rotation_about(
+                np.array([np.cos(azimuth), np.sin(azimuth), 0.0]), float(np.radians(tilt_deg))
+            )
+            motion[2, 3] = shift
+            yield frame @ motion @ back
 
 
 def _tilted(
@@ -96,11 +98,11 @@ def _tilted(
             for name, solid in solids.items()
             if name not in own and not name.startswith(FASTENERS) and moving.min_gap(solid, NEAR_MM) < NEAR_MM
         ]
-        around = manifold3d.Manifold.compose(others)
+        obstacle = manifold3d.Manifold.compose(others)
         for pose in poses(carrier, dimensions.adjust_deg, dimensions.adjust_mm):
-            placed = moving.transform(pose[:3])
-            common += common_mm3(placed, around)
-            gap = min(gap, placed.min_gap(around, NEAR_MM))
+            tilted = moving.transform(pose[:3])
+            common += common_mm3(tilted, obstacle)
+            gap = min(gap, tilted.min_gap(obstacle, NEAR_MM))
     return common, gap
 
 
@@ -120,14 +122,14 @@ def _heaviest_g(device: Device, solids: Mapping[str, manifold3d.Manifold]) -> fl
 
 def _driver_clash(holder: ScrewedHolderPlan, solids: Mapping[str, manifold3d.Manifold]) -> float:
     """Largest volume that a driver at a screw shares with the assembled device and its support."""
-    around = manifold3d.Manifold.compose([solid for name, solid in solids.items() if not name.startswith(FASTENERS)])
-    wide = SUNK_HEAD * thread_of("M3").diameter_mm / 2.0
+    obstacle = manifold3d.Manifold.compose([solid for name, solid in solids.items() if not name.startswith(FASTENERS)])
+    head_radius = SUNK_HEAD * thread_of("M3").diameter_mm / 2.0
     blade = manifold3d.Manifold.cylinder(BLADE_MM, DRIVER_MM / 2.0, circular_segments=32)
     handle = manifold3d.Manifold.cylinder(HANDLE_MM[1], HANDLE_MM[0] / 2.0, circular_segments=32)
-    driver = blade.translate((0.0, 0.0, -wide / 4.0)) + handle.translate((0.0, 0.0, BLADE_MM))
+    driver = blade.translate((0.0, 0.0, -head_radius / 4.0)) + handle.translate((0.0, 0.0, BLADE_MM))
     frame = np.array(holder.rig_from_mount)
     clash = 0.0
     for head in holder.heads:
         frame[:3, 3] = head
-        clash = max(clash, common_mm3(around, driver.transform(frame[:3])))
+        clash = max(clash, common_mm3(obstacle, driver.transform(frame[:3])))
     return clash

@@ -18,10 +18,10 @@ ROUNDING_MM = 1e-4
 # Largest overlap, and largest gap of a contact, of round shapes with one diameter, whose meshes have different corners.
 PRESSED_MM = 0.1
 TOUCH_MM = 0.08
-# A pin is glued into slightly wider holes in two parts: it counts as fastened across a gap of this width.
+# A pin is glued into slightly wider holes in two parts, and counts as fastened across a gap of this width.
 PINNED_MM = 0.2
-# Larger distances of solids are not measured.
-NEAR_MM = 10.0
+# Gaps between solids are measured up to this one.
+MEASURED_MM = 10.0
 # Prefixes of the names of fasteners, and of the threads that hold screws.
 FASTENERS = ("screw", "washer", "spring", "insert", "nut", "pin")
 THREADS = ("insert", "nut")
@@ -46,20 +46,20 @@ class Meeting:
 
 
 def meetings(solids: Mapping[str, manifold3d.Manifold]) -> list[Meeting]:
-    """Pairs of solids nearer to each other than `NEAR_MM`."""
+    """Pairs of solids nearer to each other than `MEASURED_MM`."""
     boxes = {name: np.array(solid.bounding_box()).reshape(2, 3) for name, solid in solids.items()}
-    found = []
+    near = []
     for pair in combinations(solids, 2):
         (first_low, first_high), (second_low, second_high) = (boxes[name] for name in pair)
-        apart = float(np.maximum(first_low - second_high, second_low - first_high).max())
-        if apart >= NEAR_MM:
+        box_gap = float(np.maximum(first_low - second_high, second_low - first_high).max())
+        if box_gap >= MEASURED_MM:
             continue
         first, second = (solids[name] for name in pair)
-        gap = first.min_gap(second, NEAR_MM)
+        gap = first.min_gap(second, MEASURED_MM)
         depth = FORMED_MM if _forms(*pair) else PRESSED_MM if _pressed(*pair) else ROUNDING_MM
-        if gap < NEAR_MM:
-            found.append(Meeting(pair, common_mm3(first, second, depth) if apart <= 0.0 else 0.0, gap))
-    return found
+        if gap < MEASURED_MM:
+            near.append(Meeting(pair, common_mm3(first, second, depth) if box_gap <= 0.0 else 0.0, gap))
+    return near
 
 
 def common_mm3(first: manifold3d.Manifold, second: manifold3d.Manifold, depth_mm: float = ROUNDING_MM) -> float:
@@ -72,19 +72,19 @@ def common_mm3(first: manifold3d.Manifold, second: manifold3d.Manifold, depth_mm
 
 
 def check_clashes(
-    solids: Mapping[str, manifold3d.Manifold], least_mm: float, carriers: Collection[str] = ()
+    solids: Mapping[str, manifold3d.Manifold], least_mm: float, supports: Collection[str] = ()
 ) -> dict[str, Metric]:
     """Check volumes that two solids share, gaps between solids that do not touch, and fasteners without contact.
 
-    Reports each part, the camera and each carrier, and each mirror and fastener that clashes. A gap of less than
+    Reports each part, the camera and each support, and each mirror and fastener that clashes. A gap of less than
     `least_mm` is neither a contact nor a clearance. The fits of fasteners in their holes are not checked. Solids named
-    in `carriers`, which support the device, have their own threads.
+    in `supports`, outside the device, have their own threads.
     """
     met = meetings(solids)
     fasteners = [name for name in solids if name.startswith(FASTENERS)]
     others = [name for name in solids if name not in fasteners]
     common = dict.fromkeys(solids, 0.0)
-    gaps = dict.fromkeys(others, NEAR_MM)
+    gaps = dict.fromkeys(others, MEASURED_MM)
     touched: dict[str, set[str]] = {name: set() for name in solids}
     for meeting in met:
         for name, other in (meeting.names, meeting.names[::-1]):
@@ -98,13 +98,13 @@ def check_clashes(
         name
         for name in fasteners
         if name.startswith("screw")
-        and not any(_forms(name, other) or other.startswith(THREADS) or other in carriers for other in touched[name])
+        and not any(_forms(name, other) or other.startswith(THREADS) or other in supports for other in touched[name])
     ]
     # A pin touches both parts that it joins.
     loose = [len(touched[name]) < (2 if name.startswith("pin") else 1) for name in fasteners]
     return {
         "device.clash_mm3": Metric(value=sum(meeting.common_mm3 for meeting in met), unit="mm3", limit=0.0),
-        "device.clearance_mm": _gap(min(gaps.values(), default=NEAR_MM), least_mm),
+        "device.clearance_mm": _gap(min(gaps.values(), default=MEASURED_MM), least_mm),
         "device.mirrors_off_their_seats": Metric(
             value=sum(not any(n.startswith((HOLDER, CARRIER)) for n in touched[name]) for name in mirrors),
             unit="",
@@ -155,8 +155,8 @@ def _pressed(first: str, second: str) -> bool:
 
 # Step along the moves of the cover.
 STEP_MM = 4.0
-# Catches deflect by less than this as they pass the flange.
-GIVES_MM = 0.3
+# Upper bound of the deflection of catches as they pass the flange.
+DEFLECTION_MM = 0.3
 
 
 def check_cover(
@@ -170,17 +170,19 @@ def check_cover(
         Volume that the cover shares with other solids in its place, and the largest at steps along its moves off.
     """
     others = manifold3d.Manifold.compose(list(solids.values()))
-    moved = [common_mm3(cover.translate(tuple(shift.tolist())), others, GIVES_MM) for shift in _places(plan.way_mm)]
+    common = [
+        common_mm3(cover.translate(tuple(shift.tolist())), others, DEFLECTION_MM) for shift in _places(plan.way_mm)
+    ]
     return {
         "dust_cover.clash_mm3": Metric(value=common_mm3(cover, others, ROUNDING_MM), unit="mm3", limit=0.0),
-        "dust_cover.way_clash_mm3": Metric(value=max(moved), unit="mm3", limit=0.0),
+        "dust_cover.way_clash_mm3": Metric(value=max(common), unit="mm3", limit=0.0),
     }
 
 
 def _places(moves_mm: FloatArray) -> Iterator[FloatArray]:
     """Shifts (3,) from the seat along successive moves (n, 3)."""
-    done = np.zeros(3)
+    start = np.zeros(3)
     for move in moves_mm:
         steps = max(int(np.ceil(np.linalg.norm(move) / STEP_MM)), 1)
-        yield from (done + move * share for share in np.arange(1, steps + 1) / steps)
-        done = done + move
+        yield from (start + move * share for share in np.arange(1, steps + 1) / steps)
+        start = start + move

@@ -1,7 +1,7 @@
 """Mirrors as cut, read back from the laser's files and measured against the layout.
 
 This check uses only the files' layers CUT and ENGRAVE and their groups `mirror_ROW-COLUMN`. Mirrors are drawn from the
-back, larger by half the kerf than they become, anywhere on the stock sheet and rotated, but never flipped.
+back, larger than finished by half the kerf, anywhere on the stock sheet and rotated, but never flipped.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class OutlineFit:
     """A rigid fit of a polygon onto another: corners (n, 2) in the other's order, rotation (2, 2) and error."""
 
     corners: FloatArray
-    turn: FloatArray
+    rotation: FloatArray
     error_mm: float
 
 
@@ -63,20 +63,22 @@ def fits(polygon: FloatArray, expected: FloatArray) -> list[OutlineFit]:
     """
     if len(polygon) != len(expected):
         return []
-    found = []
+    fits_by_order = []
     middle = expected.mean(axis=0)
     centred = expected - middle
     for corners in (polygon, polygon[::-1]):
         for start in range(len(corners)):
-            moved = np.roll(corners, start, axis=0)
-            moved = moved - moved.mean(axis=0)
+            source = np.roll(corners, start, axis=0)
+            source = source - source.mean(axis=0)
             # Closed form of the best rotation in the plane.
-            across = (moved[:, 0] * centred[:, 1] - moved[:, 1] * centred[:, 0]).sum()
-            angle = np.arctan2(across, (moved * centred).sum())
-            turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-            turned = moved @ turn.T
-            found.append(OutlineFit(turned + middle, turn, float(np.linalg.norm(turned - centred, axis=1).max())))
-    return found
+            sine_sum = (source[:, 0] * centred[:, 1] - source[:, 1] * centred[:, 0]).sum()
+            angle = np.arctan2(sine_sum, (source * centred).sum())
+            rotation = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+            rotated = source @ rotation.T
+            fits_by_order.append(
+                OutlineFit(rotated + middle, rotation, float(np.linalg.norm(rotated - centred, axis=1).max()))
+            )
+    return fits_by_order
 
 
 def read_cuts(paths: Sequence[Path]) -> tuple[dict[str, MirrorCut], dict[str, int]]:
@@ -85,60 +87,60 @@ def read_cuts(paths: Sequence[Path]) -> tuple[dict[str, MirrorCut], dict[str, in
     Errors are lines on CUT that are not the closed outline of a named mirror, duplicate names, and files not in mm.
     """
     cuts: dict[str, MirrorCut] = {}
-    wrong = {"stray_cuts": 0, "names_twice": 0, "files_not_in_mm": 0}
+    errors = {"stray_cuts": 0, "names_twice": 0, "files_not_in_mm": 0}
     for sheet, path in enumerate(paths):
         drawing = readfile(path)
-        wrong["files_not_in_mm"] += drawing.units != MM
-        wrong["stray_cuts"] += sum(entity.dxf.layer == "CUT" for entity in drawing.modelspace())
+        errors["files_not_in_mm"] += drawing.units != MM
+        errors["stray_cuts"] += sum(entity.dxf.layer == "CUT" for entity in drawing.modelspace())
         for group_name, group in drawing.groups:
             name = group_name.removeprefix("mirror_")
             # Groups are read as unordered sets; handles preserve the order of drawing.
-            drawn = sorted(group, key=lambda entity: int(entity.dxf.handle, 16))
-            lines = [line for line in drawn if isinstance(line, LWPolyline)]
+            entities = sorted(group, key=lambda entity: int(entity.dxf.handle, 16))
+            lines = [line for line in entities if isinstance(line, LWPolyline)]
             closed = [line for line in lines if line.dxf.layer == "CUT" and line.closed]
             if name == group_name or len(closed) != 1:
                 continue
-            wrong["stray_cuts"] -= 1
-            wrong["names_twice"] += name in cuts
+            errors["stray_cuts"] -= 1
+            errors["names_twice"] += name in cuts
             strokes = tuple(np.array(line.get_points("xy")) for line in lines if line.dxf.layer == "ENGRAVE")
             cuts[name] = MirrorCut(sheet, np.array(closed[0].get_points("xy")), strokes)
-    return cuts, wrong
+    return cuts, errors
 
 
 def mirror_fits(cuts: Mapping[str, MirrorCut], layout: Layout, cutting: Cutting) -> dict[str, OutlineFit]:
     """The fit of every finished outline in the files onto its mirror in the layout, both seen from the back."""
-    placed = {}
+    best_fits = {}
     for name, mirror in zip(layout.mirror_names, layout.mirrors, strict=True):
         if name not in cuts:
             continue
-        found = fits(cuts[name].finished(cutting), _from_back(mirror))
-        best = min((fit.error_mm for fit in found), default=0.0)
-        alike = [fit for fit in found if fit.error_mm <= best + SAME_FIT_MM]
-        if alike:
-            placed[name] = min(alike, key=lambda fit: _arrow_error_deg(cuts[name], fit))
-    return placed
+        candidates = fits(cuts[name].finished(cutting), _from_back(mirror))
+        least = min((fit.error_mm for fit in candidates), default=0.0)
+        equal = [fit for fit in candidates if fit.error_mm <= least + SAME_FIT_MM]
+        if equal:
+            best_fits[name] = min(equal, key=lambda fit: _arrow_error_deg(cuts[name], fit))
+    return best_fits
 
 
 def check_cuts(paths: Sequence[Path], layout: Layout, cutting: Cutting) -> dict[str, Metric]:
-    """Check that every mirror occurs once, in its shape, on its stock sheet, apart from others, its mark upright."""
+    """Check that every mirror occurs once, in shape, on its stock sheet, apart from others, with its mark upright."""
     cuts, errors = read_cuts(paths)
-    placed = mirror_fits(cuts, layout, cutting)
+    best_fits = mirror_fits(cuts, layout, cutting)
     outlines = [(cut.sheet, Polygon(cut.path)) for cut in cuts.values()]
     tree = STRtree([outline for _, outline in outlines])
     gaps = [
         outline.distance(outlines[other][1])
-        for place, (sheet, outline) in enumerate(outlines)
+        for index, (sheet, outline) in enumerate(outlines)
         for other in tree.query(outline.buffer(GAP_SEARCH_MM))
-        if other != place and outlines[other][0] == sheet
+        if other != index and outlines[other][0] == sheet
     ]
     stock = box(0.0, 0.0, *cutting.sheet_mm)
-    arrows = [_arrow_error_deg(cuts[name], fit) for name, fit in placed.items()]
+    arrows = [_arrow_error_deg(cuts[name], fit) for name, fit in best_fits.items()]
     return {
-        "outlines_missing": Metric(value=len(set(layout.mirror_names) - set(placed)), unit="", limit=0),
+        "outlines_missing": Metric(value=len(set(layout.mirror_names) - set(best_fits)), unit="", limit=0),
         "outlines_too_many": Metric(value=len(set(cuts) - set(layout.mirror_names)), unit="", limit=0),
         **{name: Metric(value=count, unit="", limit=0) for name, count in errors.items()},
         "outline_error_um": Metric(
-            value=max((fit.error_mm for fit in placed.values()), default=0.0) * 1000.0, unit="um", limit=1.0
+            value=max((fit.error_mm for fit in best_fits.values()), default=0.0) * 1000.0, unit="um", limit=1.0
         ),
         "outline_gap_mm": Metric(
             value=min(gaps, default=GAP_SEARCH_MM), unit="mm", limit=LINE_GAP_MM, lower_is_better=False
@@ -161,7 +163,7 @@ def check_cuts(paths: Sequence[Path], layout: Layout, cutting: Cutting) -> dict[
 
 
 def mirrors_as_cut(placed: Mapping[str, OutlineFit], layout: Layout) -> dict[str, manifold3d.Manifold]:
-    """The finished mirrors in their places in rig: right prisms from back to front, by row and column."""
+    """The finished mirrors in place in rig: right prisms from back to front, by row and column."""
     solids = {}
     for name, mirror in zip(layout.mirror_names, layout.mirrors, strict=True):
         if name in placed:
@@ -181,7 +183,7 @@ def _arrow_error_deg(cut: MirrorCut, fit: OutlineFit) -> float:
     """Angle of the engraved arrow from up, with the mirror oriented as in the device; 180 if there is no arrow."""
     if not cut.strokes or len(cut.strokes[0]) != 2:
         return 180.0
-    x, y = fit.turn @ (cut.strokes[0][1] - cut.strokes[0][0])
+    x, y = fit.rotation @ (cut.strokes[0][1] - cut.strokes[0][0])
     return float(np.degrees(abs(np.arctan2(x, y))))
 
 

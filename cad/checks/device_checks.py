@@ -18,7 +18,7 @@ from shapely import Polygon
 
 from mirrorcam.cad.assembly.catalogue import bought_items
 from mirrorcam.cad.assembly.device_plan import Device
-from mirrorcam.cad.assembly.pieces import BRASS, MIRRORS, STEEL, composed, item_names, mass_of
+from mirrorcam.cad.assembly.pieces import BRASS, MIRRORS, STEEL, combined, item_names, mass_of
 from mirrorcam.cad.checks.adjustment import check_adjustment
 from mirrorcam.cad.checks.clashes import FASTENERS, FORMING, check_clashes, check_cover, common_mm3, is_mirror
 from mirrorcam.cad.checks.cut_outlines import OutlineFit, check_cuts, mirror_fits, mirrors_as_cut, prism, read_cuts
@@ -40,7 +40,7 @@ CAMERA = "camera"
 # levels if they are five times as bright as the scene, and the lens scatters 3 % of the light over the picture (ISO
 # 9358).
 STRAY_LIGHT = 1.0 / 255.0 / (5.0 * 0.03)
-# Height over its seat from which a mirror is lowered, in thicknesses.
+# Height above its seat from which a mirror is lowered, in thicknesses.
 DROP_OF_THICKNESS = 4.0
 # Reduction of the tested clearance around a mirror, so that walls exactly at the clearance do not clash.
 ROUNDING_MM = 1e-3
@@ -108,8 +108,8 @@ def check_device(device: Device, parts: Sequence[BuiltPart], folder: Path) -> di
         camera and fasteners as in the assembly, and the device's support as in the plan of the back.
     """
     made, hardware = DeviceAsMade.read(device, parts, folder), device.hardware
-    items, total = bought_items(device), weighed(hardware, made.assembly)
-    carriers = carriers_of(device, {name: made.valid[name] for name in item_names(items) if name in made.valid})
+    items, total = bought_items(device), assembly_mass(hardware, made.assembly)
+    supports = supports_of(device, {name: made.valid[name] for name in item_names(items) if name in made.valid})
     return {
         **_check_pieces(made, parts),
         **check_mass(total),
@@ -118,21 +118,21 @@ def check_device(device: Device, parts: Sequence[BuiltPart], folder: Path) -> di
         **check_nest(device.clip, device.layout, hardware),
         **check_rest(made.valid.get(CLIP), made.valid.get(CAMERA), hardware),
         **{f"mirrors.{name}": check for name, check in _check_mirrors(made).items()},
-        **check_light(device.layout, hardware, made.valid_parts | carriers, made.mirrors, made.valid.get(CAMERA)),
+        **check_light(device.layout, hardware, made.valid_parts | supports, made.mirrors, made.valid.get(CAMERA)),
         **_check_stray_light(made),
         **_check_cover(made, parts),
         **check_surrounding_light(device.layout, made.valid),
-        **check_clashes(made.valid | carriers, hardware.fit.press_mm, carriers),
+        **check_clashes(made.valid | supports, hardware.fit.press_mm, supports),
         **check_insertion(items, made.valid),
         **check_tool_reach(items, made.valid),
-        **check_adjustment(device, made.valid, carriers),
+        **check_adjustment(device, made.valid, supports),
         **check_step_views(device.layout, items, made.valid),
     }
 
 
 def _check_pieces(made: DeviceAsMade, parts: Sequence[BuiltPart]) -> dict[str, Metric]:
     """Check that the assembly has exactly the expected pieces, as valid meshes, and count the sliced parts."""
-    expected = _names_expected(made.device, made.printed)
+    expected = _expected_names(made.device, made.printed)
     return {
         "device.pieces_amiss": Metric(value=len(expected ^ set(made.assembly)), unit="", limit=0),
         "device.parts_sliced": Metric(value=sum("slices" in part.checks for part in parts), unit=f"of {len(parts)}"),
@@ -141,7 +141,7 @@ def _check_pieces(made: DeviceAsMade, parts: Sequence[BuiltPart]) -> dict[str, M
 
 
 def _check_stiffness(device: Device) -> dict[str, Metric]:
-    """Largest rotation and displacement of the mirrors by gravity, which bends the mount, from the plan."""
+    """Largest rotation and displacement of the mirrors when gravity bends the mount, from the plan."""
     mount, limit = device.mount, device.hardware.mount.tilt_deg
     return {
         "mount.tilt_deg": Metric(value=round(mount.tilt_deg, 4), unit="deg", limit=limit),
@@ -150,7 +150,7 @@ def _check_stiffness(device: Device) -> dict[str, Metric]:
 
 
 def _check_mirrors(made: DeviceAsMade) -> dict[str, Metric]:
-    """Check the mirrors as cut, their seats, and their paths into these."""
+    """Check the mirrors as cut, their seats, and their paths to the seats."""
     layout, hardware = made.device.layout, made.device.hardware
     seated = CARRIER if made.device.mirror_carriers else HOLDER
     holders = (part for part in made.printed if part.name.startswith(seated))
@@ -175,33 +175,33 @@ def _check_cover(made: DeviceAsMade, parts: Sequence[BuiltPart]) -> dict[str, Me
     return check_cover(plan, covers[0], made.valid) if plan and covers else {}
 
 
-def carriers_of(
+def supports_of(
     device: Device, fasteners: Mapping[str, manifold3d.Manifold] = MappingProxyType({})
 ) -> dict[str, manifold3d.Manifold]:
-    """Solids that support the back, by name, in rig, with holes for its fasteners; they are not part of the device."""
-    inside = manifold3d.Manifold.compose(list(fasteners.values()))
+    """Solids outside the device to which its back is fastened, by name, in rig, with holes for the fasteners."""
+    holes_for = manifold3d.Manifold.compose(list(fasteners.values()))
     return {
-        carrier.name: manifold3d.Manifold.batch_boolean(
-            [manifold3d.Manifold.hull_points(np.vstack([solid.base, solid.top])) for solid in carrier.solids],
+        support.name: manifold3d.Manifold.batch_boolean(
+            [manifold3d.Manifold.hull_points(np.vstack([solid.base, solid.top])) for solid in support.solids],
             manifold3d.OpType.Add,
         )
-        - inside
-        for carrier in device.back.carriers
+        - holes_for
+        for support in device.back.supports
     }
 
 
-def _names_expected(device: Device, printed: Sequence[BuiltPart]) -> set[str]:
+def _expected_names(device: Device, printed: Sequence[BuiltPart]) -> set[str]:
     """The expected names of the assembly's pieces."""
-    counted: Counter[str] = Counter()
+    counts: Counter[str] = Counter()
     names = {*(part.name for part in printed), *(f"mirror_{name}" for name in device.layout.mirror_names), CAMERA}
     for item in bought_items(device):
-        counted[item.kind] += 1
+        counts[item.kind] += 1
         kind = FORMING if item.size.endswith(" thread-forming") else item.kind
-        names.add(f"{kind}_{counted[item.kind]:02d}")
+        names.add(f"{kind}_{counts[item.kind]:02d}")
     return names
 
 
-def weighed(hardware: Hardware, assembly: Mapping[str, trimesh.Trimesh]) -> MassProperties:
+def assembly_mass(hardware: Hardware, assembly: Mapping[str, trimesh.Trimesh]) -> MassProperties:
     """Mass properties of the assembly as one body, with solid plastic."""
     bodies = []
     density: float
@@ -215,11 +215,11 @@ def weighed(hardware: Hardware, assembly: Mapping[str, trimesh.Trimesh]) -> Mass
         else:
             density = hardware.printer.plastic_g_per_cm3
         bodies.append(mass_of(mesh, density))
-    return composed(bodies)
+    return combined(bodies)
 
 
 def check_mass(total: MassProperties) -> dict[str, Metric]:
-    """Mass and centre in rig of the assembly."""
+    """Mass of the assembly, and its centre of mass in rig."""
     return {
         "device.mass_g": Metric(value=round(total.mass_g, 2), unit="g"),
         **{
@@ -230,7 +230,7 @@ def check_mass(total: MassProperties) -> dict[str, Metric]:
 
 
 def read_glb(path: Path) -> dict[str, trimesh.Trimesh]:
-    """The pieces of a GLB file by name, in rig, mm: in the frame of the node `device`, for any units of the file."""
+    """The pieces of a GLB file by name, in rig, mm: the frame of its node `device`, whatever the file's unit."""
     scene = trimesh.load_scene(path)
     rig_from_file = np.linalg.inv(scene.graph.get("device")[0])
     meshes = {}
@@ -244,24 +244,24 @@ def read_glb(path: Path) -> dict[str, trimesh.Trimesh]:
 
 
 def check_drop(
-    outlines: Mapping[str, OutlineFit], layout: Layout, parts: Sequence[manifold3d.Manifold], fit_mm: float
+    outlines: Mapping[str, OutlineFit], layout: Layout, parts: Sequence[manifold3d.Manifold], clearance_mm: float
 ) -> dict[str, Metric]:
     """Check that the mirrors, as cut, reach their seats along the normal with the stated clearance around them.
 
-    Reports the volumes that parts share with the mirrors' paths, and with the mirrors grown sideways by the clearance.
+    Reports the volumes that parts share with the mirrors' paths, and with the mirrors enlarged by the clearance.
     """
-    together = manifold3d.Manifold.compose(list(parts))
+    printed = manifold3d.Manifold.compose(list(parts))
     in_path = in_clearance = 0.0
     for name, mirror in zip(layout.mirror_names, layout.mirrors, strict=True):
         if name not in outlines:
             continue
         corners, thickness = outlines[name].corners, mirror.thickness_mm
-        low = mirror.back_mm + ROUNDING_MM
-        grown = np.array(Polygon(corners).buffer(fit_mm - ROUNDING_MM).exterior.coords)
-        in_path += common_mm3(together, prism(mirror, corners, low, low + DROP_OF_THICKNESS * thickness))
-        in_clearance += common_mm3(together, prism(mirror, grown, low, low + thickness))
+        seat_mm = mirror.back_mm + ROUNDING_MM
+        grown = np.array(Polygon(corners).buffer(clearance_mm - ROUNDING_MM).exterior.coords)
+        in_path += common_mm3(printed, prism(mirror, corners, seat_mm, seat_mm + DROP_OF_THICKNESS * thickness))
+        in_clearance += common_mm3(printed, prism(mirror, grown, seat_mm, seat_mm + thickness))
     return {
         "drop_clash_mm3": Metric(value=in_path, unit="mm3", limit=0.0),
         "room_clash_mm3": Metric(value=in_clearance, unit="mm3", limit=0.0),
-        "room_mm": Metric(value=fit_mm, unit="mm"),
+        "room_mm": Metric(value=clearance_mm, unit="mm"),
     }

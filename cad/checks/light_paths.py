@@ -1,11 +1,11 @@
 """Ray casts of the layout's light against meshes: an independent proof that nothing blocks it.
 
-Light is traced from the pupil over the mirrors, including refraction in second-surface mirrors, by the code that
-assesses layouts. The cones and beams with which parts are cut are not used. All coordinates are in rig, mm.
+Light is traced from the pupil via the mirrors, including refraction in second-surface mirrors, by the code that
+assesses layouts, not by the cones and beams with which parts are cut. All coordinates are in rig, mm.
 
-Two more checks use such rays. The first tests the camera's view in calibration pictures against the pieces built by
+Two more checks cast rays. The first tests the camera's view in calibration pictures against the pieces assembled by
 then: pictures of the bare camera need a free view, and pictures through the mirrors need every mirror's part of the
-frame. The second measures how much light of the surroundings reaches the mirrors, past a hood that also keeps off dust.
+frame. The second measures how much light from the surroundings reaches the mirrors past a hood.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ from mirrorcam.optics.design.assess.chief_rays import sampled_light, traced
 from mirrorcam.optics.geometry.layout import MAX_HIDDEN, Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 
-# Rays start this far from the mirror: the rounding of the STL's 32-bit numbers is 1e-5 mm.
+# Distance from the mirror at which rays start, above the rounding of 1e-5 mm in an STL file.
 SURFACE_MM = 1e-3
-# Step of the grid of rays; a small mirror has a finer grid with this number of points.
+# Step of the grid of rays, which is finer on a mirror too small for `RAYS_PER_MIRROR` points at this step.
 RAY_STEP_MM = 1.0
-RAYS_OF_MIRROR = 200
-# Larger clearances are not measured.
+RAYS_PER_MIRROR = 200
+# Clearances are measured up to this one.
 NEAR_MM = 10.0
 # Number of pixels along an edge of a sub-image for rays through the rim of the pupil.
 RIM_STEPS = 12
@@ -59,22 +59,22 @@ class MirrorLight:
 
 
 def light_of(layout: Layout, index: int, hardware: Hardware) -> MirrorLight:
-    """Exact light from the middle of the pupil over the usable part of a mirror; empty if it has none."""
+    """Exact light from the middle of the pupil via the usable part of a mirror; empty if there is none."""
     mirror = layout.mirrors[index]
     flat, inner = _grid(mirror, RAY_STEP_MM)
     if len(flat) == 0:
         return MirrorLight(np.zeros((2, 0, 2, 3)), 0)
     points = _on_apparent(mirror, flat)
-    met, leaving, directions = traced(mirror, points[:, :2] / points[:, 2:])
-    return MirrorLight(_segments(layout, hardware, met, np.zeros_like(met), leaving, directions), inner)
+    entries, exits, directions = traced(mirror, points[:, :2] / points[:, 2:])
+    return MirrorLight(_segments(layout, hardware, entries, np.zeros_like(entries), exits, directions), inner)
 
 
 def light_of_rim(layout: Layout, index: int, hardware: Hardware) -> FloatArray:
     """Segments (2, n, 2, 3) as in `light_of`, but from the full pupil, for unvignetted pixels."""
     mirror = layout.mirrors[index]
-    starts, rays = sampled_light(mirror, layout.camera.pupil, RIM_STEPS)
-    met, leaving, directions = traced(mirror, rays, starts)
-    return _segments(layout, hardware, met, starts, leaving, directions)
+    pupil, rays = sampled_light(mirror, layout.camera.pupil, RIM_STEPS)
+    entries, exits, directions = traced(mirror, rays, pupil)
+    return _segments(layout, hardware, entries, pupil, exits, directions)
 
 
 def _grid(mirror: Mirror, step_mm: float) -> tuple[FloatArray, int]:
@@ -84,7 +84,7 @@ def _grid(mirror: Mirror, step_mm: float) -> tuple[FloatArray, int]:
     apparent = mirror.apparent
     frame = apparent.rig_from_plane
     area = Polygon((apparent.cut(mirror.usable_normalized) - frame[:3, 3]) @ frame[:3, :2])
-    step = min(step_mm, float(np.sqrt(area.area / RAYS_OF_MIRROR)))
+    step = min(step_mm, float(np.sqrt(area.area / RAYS_PER_MIRROR)))
     left, bottom, right, top = area.bounds
     grid = np.stack(np.meshgrid(np.arange(left, right, step), np.arange(bottom, top, step)), axis=-1).reshape(-1, 2)
     grid = grid[contains_xy(area, grid[:, 0], grid[:, 1])]
@@ -92,6 +92,7 @@ def _grid(mirror: Mirror, step_mm: float) -> tuple[FloatArray, int]:
 
 
 def _on_apparent(mirror: Mirror, flat: FloatArray) -> FloatArray:
+    """Points (n, 3) in rig from points (n, 2) in the frame of the apparent mirror."""
     frame = mirror.apparent.rig_from_plane
     return np.asarray(flat @ frame[:3, :2].T + frame[:3, 3])
 
@@ -99,15 +100,15 @@ def _on_apparent(mirror: Mirror, flat: FloatArray) -> FloatArray:
 def _segments(
     layout: Layout,
     hardware: Hardware,
-    met: FloatArray,
+    entries: FloatArray,
     pupil: FloatArray,
-    leaving: FloatArray,
+    exits: FloatArray,
     directions: FloatArray,
 ) -> FloatArray:
-    """Segments (2, n, 2, 3), mirror first, that start `SURFACE_MM` from it."""
+    """Segments (2, n, 2, 3) from `SURFACE_MM` outside the mirror to points (n, 3) in the pupil, and to the scene."""
     forward = layout.view_from_rig[2]
-    reach = (working_distance_mm(layout, hardware) - leaving @ forward) / (directions @ forward)
-    near, far = np.stack([met, leaving]), np.stack([pupil, leaving + reach[:, None] * directions])
+    reach = (working_distance_mm(layout, hardware) - exits @ forward) / (directions @ forward)
+    near, far = np.stack([entries, exits]), np.stack([pupil, exits + reach[:, None] * directions])
     towards = (far - near) / np.linalg.norm(far - near, axis=-1, keepdims=True)
     return np.stack([near + SURFACE_MM * towards, far], axis=-2)
 
@@ -141,15 +142,15 @@ def check_light(
         meshes; the light that mirrors block for each other, with the limit for a layout as built.
     """
     lights = [light_of(layout, index, hardware) for index in range(len(layout.mirrors))]
-    together = manifold3d.Manifold.compose(list(parts.values()))
-    cast, blocked = _cast(lights, together, camera)
-    least = 2 * RAYS_OF_MIRROR * len(lights)
+    blockers = manifold3d.Manifold.compose(list(parts.values()))
+    cast, blocked = _cast(lights, blockers, camera)
+    least = 2 * RAYS_PER_MIRROR * len(lights)
     return {
         "device.rays_cast": Metric(value=cast, unit="", limit=least, lower_is_better=False),
         "device.rays_blocked": Metric(value=blocked, unit="", limit=0),
         "device.mirrors_without_light": Metric(value=sum(light.inner == 0 for light in lights), unit="", limit=0),
         "device.rim_light_stopped": Metric(
-            value=_rim_light_stopped(layout, together, hardware), unit="of the light", limit=0.0
+            value=_rim_light_stopped(layout, blockers, hardware), unit="of the light", limit=0.0
         ),
         "device.shade_of_sheets": Metric(
             value=shade_of_mirrors(lights, mirrors), unit="of the light", limit=MAX_HIDDEN
@@ -161,7 +162,7 @@ def check_light(
 def _cast(
     lights: Sequence[MirrorLight], parts: manifold3d.Manifold, camera: manifold3d.Manifold | None
 ) -> tuple[int, int]:
-    """Number of rays cast, and number of those that the parts, or on the way to the scene the camera, block."""
+    """Number of rays cast, and number blocked by the parts or, between mirror and scene, by the camera."""
     rays = np.concatenate([light.rays.reshape(-1, 2, 3) for light in lights])
     blocked = hits(parts, rays)
     if camera is not None:
@@ -192,14 +193,14 @@ def shade_of_mirrors(lights: Sequence[MirrorLight], mirrors: Sequence[manifold3d
     """Largest share of a mirror's light that the other mirrors' solids block: the cost of thick mirrors."""
     worst = 0.0
     for index, light in enumerate(lights):
-        others = manifold3d.Manifold.compose([solid for place, solid in enumerate(mirrors) if solid and place != index])
+        others = manifold3d.Manifold.compose([solid for other, solid in enumerate(mirrors) if solid and other != index])
         legs = light.rays[:, : light.inner]
-        shaded = [bool(others.ray_cast(*a)) or bool(others.ray_cast(*b)) for a, b in zip(*legs, strict=True)]
+        shaded = [any(others.ray_cast(*segment) for segment in pair) for pair in zip(*legs, strict=True)]
         worst = max(worst, float(np.mean(shaded)) if shaded else 0.0)
     return worst
 
 
-# Length of rays, beyond the device.
+# Length of viewing rays along the optical axis, beyond the device.
 FAR_MM = 1000.0
 
 
@@ -265,9 +266,9 @@ def _hidden_before_mirrors(
         if own is None:
             count += len(usable)
             continue
-        rest = manifold3d.Manifold.compose([others, *(solid for other, solid in mirrors.items() if solid is not own)])
-        at_own = _first_hit_mm(usable, own)
-        count += int((~np.isfinite(at_own) | (_first_hit_mm(usable, rest) < at_own)).sum())
+        rest = manifold3d.Manifold.compose([others, *(solid for solid in mirrors.values() if solid is not own)])
+        depths = _first_hit_mm(usable, own)
+        count += int((~np.isfinite(depths) | (_first_hit_mm(usable, rest) < depths)).sum())
     return count
 
 
@@ -275,36 +276,37 @@ def _first_hit_mm(rays: FloatArray, solid: manifold3d.Manifold) -> FloatArray:
     """z in mm (n,) of the first hits of viewing rays (n, 2), normalized, on a solid; infinite for rays that miss."""
     depths = np.full(len(rays), np.inf)
     for index, ray in enumerate(rays):
-        hits = solid.ray_cast(np.zeros(3), np.array([*ray, 1.0]) * FAR_MM)
-        if hits:
-            depths[index] = min(float(hit.position[2]) for hit in hits)
+        found = solid.ray_cast(np.zeros(3), np.array([*ray, 1.0]) * FAR_MM)
+        if found:
+            depths[index] = min(float(hit.position[2]) for hit in found)
     return depths
 
 
-RAYS = 400
+# Number of rays of a mirror towards the surroundings, and their length.
+COSINE_RAYS = 400
 SURROUNDINGS_MM = 400.0
 # Distance in front of a mirror at which rays start.
 BEFORE_MM = 0.5
-GOLDEN = np.pi * (3.0 - np.sqrt(5.0))
+GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
 
 
 def check_surrounding_light(layout: Layout, solids: Mapping[str, manifold3d.Manifold]) -> dict[str, Metric]:
     """The share of light from uniformly bright surroundings that reaches the middles of the mirrors.
 
-    It is a cosine-weighted share of each mirror's half-space that the device's solids (in rig, mm) leave free; 1 for
+    It is the cosine-weighted share of the mirrors' half-spaces that the device's solids (in rig, mm) leave free; 1 for
     bare mirrors.
     """
-    together = manifold3d.Manifold.compose(list(solids.values()))
-    rays = np.concatenate([_rays(mirror) for mirror in layout.mirrors])
-    share = 1.0 - hits(together, rays) / len(rays)
+    device = manifold3d.Manifold.compose(list(solids.values()))
+    rays = np.concatenate([_cosine_rays(mirror) for mirror in layout.mirrors])
+    share = 1.0 - hits(device, rays) / len(rays)
     return {"device.surroundings_on_mirrors": Metric(value=round(share, 4), unit="of the half-space")}
 
 
-def _rays(mirror: Mirror) -> FloatArray:
-    """Segments (n, 2, 3) in rig from the middle of a mirror, with cosine-weighted directions (a spiral on a disc)."""
-    place = np.arange(RAYS) + 0.5
-    radius, turn = np.sqrt(place / RAYS), GOLDEN * place
-    flat = np.column_stack([radius * np.cos(turn), radius * np.sin(turn)])
+def _cosine_rays(mirror: Mirror) -> FloatArray:
+    """Segments (n, 2, 3) in rig from the middle of a mirror, in cosine-weighted directions by a spiral on a disc."""
+    index = np.arange(COSINE_RAYS) + 0.5
+    radius, angle = np.sqrt(index / COSINE_RAYS), GOLDEN_ANGLE * index
+    flat = np.column_stack([radius * np.cos(angle), radius * np.sin(angle)])
     directions = np.column_stack([flat, np.sqrt(np.maximum(1.0 - radius**2, 0.0))]) @ mirror.rig_from_plane[:3, :3].T
     start = mirror.outline_in_rig_mm.mean(axis=0) + (mirror.front_mm + BEFORE_MM) * mirror.normal_in_rig
     return np.stack([np.broadcast_to(start, directions.shape), start + SURROUNDINGS_MM * directions], axis=1)

@@ -25,8 +25,8 @@ from mirrorcam.core.values import FloatArray, Metric
 from mirrorcam.optics.geometry.camera_body import BoardHoles
 from mirrorcam.optics.geometry.layout import Layout
 
-# Larger gaps are not measured.
-NEAR_MM = 5.0
+# Gaps are measured up to this one.
+MEASURED_MM = 5.0
 
 
 def check_nest(clip: ClipPlan, layout: Layout, hardware: Hardware) -> dict[str, Metric]:
@@ -89,17 +89,17 @@ def check_rest(
     Returns
     -------
     dict of str to Metric
-        The gap between clip and barrel above the board; `NEAR_MM` if a solid is invalid.
+        The gap between clip and barrel above the board; `MEASURED_MM` if a solid is invalid.
     """
     body = hardware.camera
     if body.rest_mm is None or not isinstance(body.held_by, BoardHoles):
         return {}
     # Posts and board end below the rest.
-    over = body.pupil_behind_front_mm + body.rest_mm[0] / 2.0
-    gap = NEAR_MM
+    level = body.pupil_behind_front_mm + body.rest_mm[0] / 2.0
+    gap = MEASURED_MM
     if clip is not None and camera is not None:
-        upper = [solid.trim_by_plane((0.0, 0.0, 1.0), over) for solid in (clip, camera)]
-        gap = min(float(upper[0].min_gap(upper[1], NEAR_MM)), NEAR_MM)
+        upper = [solid.trim_by_plane((0.0, 0.0, 1.0), level) for solid in (clip, camera)]
+        gap = min(float(upper[0].min_gap(upper[1], MEASURED_MM)), MEASURED_MM)
     return {f"{CLIP}.rest_gap_mm": Metric(value=round(gap, 3), unit="mm", limit=round(body.held_by.play_mm, 3))}
 
 
@@ -167,6 +167,6 @@ def tripod_turns(screw_mm: float, nut: manifold3d.Manifold | None, part: manifol
     """Turns of a tripod's screw, `screw_mm` long, in the nut over a part's lower face; 0 if nut or part is missing."""
     if nut is None or part is None:
         return 0.0
-    under = nut.bounding_box()[2] - part.bounding_box()[2]
+    thread_start = nut.bounding_box()[2] - part.bounding_box()[2]
     thread = thread_of(TRIPOD)
-    return max(0.0, min(screw_mm - under, thread.nut_height_mm)) / thread.pitch_mm
+    return max(0.0, min(screw_mm - thread_start, thread.nut_height_mm)) / thread.pitch_mm

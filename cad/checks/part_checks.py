@@ -38,18 +38,18 @@ from mirrorcam.core.values import FloatArray, Metric
 # Two faces form a wall if they are parallel to within 15 deg; the edge of a wedge is not a wall.
 WALL_COSINE = np.cos(np.radians(15.0))
 WALL_SAMPLE_MM2 = 1.0
-WALL_DOT_MM2 = 0.5
-# Thicker walls are reported as this thick.
+LEAST_WALL_MM2 = 0.5
+# Walls are measured up to this thickness.
 THICK_MM = 12.0
-# Rays start this far inside: the rounding of the STL's 32-bit numbers is 1e-5 mm.
+# Depth below the surface at which rays start, above the rounding of 1e-5 mm in an STL file.
 SURFACE_MM = 1e-3
 
 
 def thinnest_wall_mm(mesh: trimesh.Trimesh, body: manifold3d.Manifold, up: FloatArray | None = None) -> float:
     """Smallest distance, along the inward normal, of two faces that are parallel to within 15 deg; at most `THICK_MM`.
 
-    The thinnest spots are ignored if their total area is less than `WALL_DOT_MM2`, which no nozzle prints. With `up`
-    (3,), a unit vector, faces that are level to within 15 deg are left to `thinnest_floor_mm`.
+    The thinnest spots are ignored up to a total area of `LEAST_WALL_MM2`, which no nozzle prints. With `up` (3,), a
+    unit vector, faces that are level to within 15 deg are left to `thinnest_floor_mm`.
     """
     return _thinnest_mm(mesh, body, np.full(len(mesh.faces), True) if up is None else ~_level(mesh, up))
 
@@ -64,6 +64,7 @@ def _level(mesh: trimesh.Trimesh, up: FloatArray) -> NDArray[np.bool_]:
 
 
 def _thinnest_mm(mesh: trimesh.Trimesh, body: manifold3d.Manifold, faces: NDArray[np.bool_]) -> float:
+    """Least thickness of `body` under the selected faces (m,) of its mesh."""
     points, normals, areas = _samples(np.array(mesh.triangles)[faces], np.array(mesh.face_normals)[faces])
     walls = np.full(len(points), THICK_MM)
     for index, (point, normal) in enumerate(zip(points, normals, strict=True)):
@@ -71,8 +72,8 @@ def _thinnest_mm(mesh: trimesh.Trimesh, body: manifold3d.Manifold, faces: NDArra
         if hits and -np.dot(hits[0].normal, normal) >= WALL_COSINE:
             walls[index] = SURFACE_MM + hits[0].distance * (THICK_MM - SURFACE_MM)
     thinnest_first = np.argsort(walls, kind="stable")
-    counted = np.cumsum(areas[thinnest_first]) > WALL_DOT_MM2
-    return float(walls[thinnest_first][np.argmax(counted)]) if counted.any() else THICK_MM
+    large_enough = np.cumsum(areas[thinnest_first]) > LEAST_WALL_MM2
+    return float(walls[thinnest_first][np.argmax(large_enough)]) if large_enough.any() else THICK_MM
 
 
 def _samples(triangles: FloatArray, normals: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -80,33 +81,33 @@ def _samples(triangles: FloatArray, normals: FloatArray) -> tuple[FloatArray, Fl
     sizes = np.linalg.norm(np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]), axis=1) / 2
     if not (sizes > 0.0).any():
         return np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0)
-    points, owners, areas = [], [], []
+    points, faces, areas = [], [], []
     for index in np.flatnonzero(sizes > 0.0):
         n = int(np.ceil(np.sqrt(sizes[index] / WALL_SAMPLE_MM2)))
         i, j = np.meshgrid(np.arange(n), np.arange(n), indexing="ij")
         upright = np.stack([i, j], axis=-1)[i + j < n] + 1.0 / 3.0
         inverted = np.stack([i, j], axis=-1)[i + j < n - 1] + 2.0 / 3.0
-        share = np.concatenate([upright, inverted]) / n
+        barycentric = np.concatenate([upright, inverted]) / n
         a, b, c = triangles[index]
-        points.append(a + share[:, :1] * (b - a) + share[:, 1:] * (c - a))
-        owners.append(np.full(len(share), index))
-        areas.append(np.full(len(share), sizes[index] / len(share)))
-    return np.concatenate(points), normals[np.concatenate(owners)], np.concatenate(areas)
+        points.append(a + barycentric[:, :1] * (b - a) + barycentric[:, 1:] * (c - a))
+        faces.append(np.full(len(barycentric), index))
+        areas.append(np.full(len(barycentric), sizes[index] / len(barycentric)))
+    return np.concatenate(points), normals[np.concatenate(faces)], np.concatenate(areas)
 
 
 LAYER_MM = 0.2
 # Tolerance of angles in a mesh, which has facets and rounded numbers.
 ANGLE_DEG = 0.5
-# A region at most this wide, seen from above, needs no support: it protrudes no further than one layer of a face at the
-# overhang limit, which the layer below supports.
+# A region at most this wide in plan needs no support: it overhangs the layer below no further than a layer of a face at
+# the overhang limit.
 STRIP_MM = 0.2
 # Largest angle of a flat ceiling, and largest horizontal gap between a bridge's end and the material below it.
 FLAT_DEG = 1.0
 TOUCH_MM = 0.05
 ON_BED_MM = 0.01
-# Spacing of the lines of a bridge, and the directions that are tried.
+# Spacing of the lines of a bridge, their tested directions, and the least supported share of their total length.
 BRIDGE_STEP_MM = 0.2
-BRIDGE_TURNS_DEG = np.arange(0.0, 180.0, 5.0)
+BRIDGE_ANGLES_DEG = np.arange(0.0, 180.0, 5.0)
 BRIDGE_SHARE = 0.99
 
 
@@ -149,47 +150,47 @@ def overhangs(mesh: trimesh.Trimesh, solid: manifold3d.Manifold, printer: Printe
     return hanging, bridged, longest
 
 
-def _regions(mesh: trimesh.Trimesh, chosen: NDArray[np.bool_]) -> list[NDArray[np.int64]]:
-    """Indices (m,) of the chosen faces of each region, connected by edges."""
-    places = np.flatnonzero(chosen)
-    number = np.full(len(chosen), -1)
-    number[places] = np.arange(len(places))
-    pairs = number[mesh.face_adjacency]
+def _regions(mesh: trimesh.Trimesh, selected: NDArray[np.bool_]) -> list[NDArray[np.int64]]:
+    """Indices (m,) of the faces of each region of selected faces, which are connected by edges."""
+    indices = np.flatnonzero(selected)
+    index_of = np.full(len(selected), -1)
+    index_of[indices] = np.arange(len(indices))
+    pairs = index_of[mesh.face_adjacency]
     first, second = pairs[(pairs >= 0).all(axis=1)].T
-    joined = coo_array((np.ones(len(first)), (first, second)), shape=(len(places), len(places)))
-    count, labels = connected_components(joined, directed=False)
-    return [places[labels == label] for label in range(count)]
+    graph = coo_array((np.ones(len(first)), (first, second)), shape=(len(indices), len(indices)))
+    count, labels = connected_components(graph, directed=False)
+    return [indices[labels == label] for label in range(count)]
 
 
-def bridge_mm(ceiling: Polygon, below: MultiPolygon, most_mm: float) -> float | None:
-    """The longest line over a flat ceiling, in the direction where that is shortest; None if it does not bridge.
+def bridge_mm(ceiling: Polygon, below: MultiPolygon, limit_mm: float) -> float | None:
+    """The longest line across a flat ceiling in the best direction for a bridge; None if it does not bridge.
 
-    Lines must be at most `most_mm` long and end on `below`, the section of the material right under the ceiling.
+    Lines must be at most `limit_mm` long and end on `below`, the section of the material right under the ceiling.
     """
-    bearing = below.buffer(LAYER_MM / 2.0 + TOUCH_MM)
-    prepare(bearing)
-    lengths_of_turns = []
-    for turn in BRIDGE_TURNS_DEG:
-        ends = _spans(ceiling, float(turn))
+    supports = below.buffer(LAYER_MM / 2.0 + TOUCH_MM)
+    prepare(supports)
+    longest = []
+    for angle_deg in BRIDGE_ANGLES_DEG:
+        ends = _spans(ceiling, float(angle_deg))
         lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
-        supported = intersects_xy(bearing, ends[..., 0], ends[..., 1]).all(axis=1) & (lengths <= most_mm)
-        if lengths[supported].sum() >= BRIDGE_SHARE * lengths.sum() > 0.0:
-            lengths_of_turns.append(float(lengths[supported].max()))
-    return min(lengths_of_turns, default=None)
+        bridging = intersects_xy(supports, ends[..., 0], ends[..., 1]).all(axis=1) & (lengths <= limit_mm)
+        if lengths[bridging].sum() >= BRIDGE_SHARE * lengths.sum() > 0.0:
+            longest.append(float(lengths[bridging].max()))
+    return min(longest, default=None)
 
 
-def _spans(area: Polygon, turn_deg: float) -> FloatArray:
-    """Ends (n, 2, 2) of parallel lines over an area, `BRIDGE_STEP_MM` apart, at an angle to x."""
-    turn = np.radians(turn_deg)
-    along, across = np.array([np.cos(turn), np.sin(turn)]), np.array([-np.sin(turn), np.cos(turn)])
+def _spans(area: Polygon, angle_deg: float) -> FloatArray:
+    """Ends (n, 2, 2) of parallel lines across an area, `BRIDGE_STEP_MM` apart, at an angle to x."""
+    angle = np.radians(angle_deg)
+    along, across = np.array([np.cos(angle), np.sin(angle)]), np.array([-np.sin(angle), np.cos(angle)])
     corners = get_coordinates(area)
     low, high = (corners @ across).min(), (corners @ across).max()
     count = max(1, int(np.ceil((high - low) / BRIDGE_STEP_MM)))
     levels = low + (np.arange(count) + 0.5) * (high - low) / count
     reach = np.array([(corners @ along).min() - 1.0, (corners @ along).max() + 1.0])
     lines = linestrings(levels[:, None, None] * across + reach[None, :, None] * along)
-    pieces = get_parts(intersection(lines, area))
-    return np.array([line_ends.coords[:] for line_ends in pieces if line_ends.length > 0.0]).reshape(-1, 2, 2)
+    chords = get_parts(intersection(lines, area))
+    return np.array([chord.coords[:] for chord in chords if chord.length > 0.0]).reshape(-1, 2, 2)
 
 
 def polygons(section: manifold3d.CrossSection) -> MultiPolygon:
@@ -202,17 +203,17 @@ def floating_mm2(solid: manifold3d.Manifold, overhang_deg: float) -> float:
     """The area of the largest piece of a layer that is not supported down to the bed."""
     _, _, bed_mm, _, _, top_mm = solid.bounding_box()
     reach = LAYER_MM * np.tan(np.radians(overhang_deg))
-    borne: manifold3d.CrossSection | None = None
+    supported_below: manifold3d.CrossSection | None = None
     largest = 0.0
     for height in np.arange(bed_mm + LAYER_MM / 2.0, top_mm, LAYER_MM):
         pieces = solid.slice(height).decompose()
-        if borne is None:
-            standing = pieces
+        if supported_below is None:
+            supported = pieces
         else:
-            grown = borne.offset(reach, manifold3d.JoinType.Round)
-            standing = [piece for piece in pieces if not (piece ^ grown).is_empty()]
-            largest = max([largest, *(piece.area() for piece in pieces if (piece ^ grown).is_empty())])
-        borne = manifold3d.CrossSection.compose(standing)
+            reachable = supported_below.offset(reach, manifold3d.JoinType.Round)
+            supported = [piece for piece in pieces if not (piece ^ reachable).is_empty()]
+            largest = max([largest, *(piece.area() for piece in pieces if (piece ^ reachable).is_empty())])
+        supported_below = manifold3d.CrossSection.compose(supported)
     return largest
 
 
@@ -244,11 +245,11 @@ def check_part(part: PartPlan, folder: Path, printer: Printer) -> dict[str, Metr
     shape = import_step(folder / f"{part.name}.step")
     solids = shape.solids()
     volume = sum(solid.volume for solid in solids)
-    # A mesh deviates from curved faces by at most its tolerance, and is exact for flat ones.
+    # A mesh deviates from curved faces by at most its tolerance; flat ones are exact.
     curved = sum(face.area for face in shape.faces() if face.geom_type != GeomType.PLANE)
     volume_limit = STL_TOLERANCE_MM * curved + SAME_VOLUME * volume + ROUNDED_MM * shape.area
     mesh, printed = read_stl(folder / f"{part.name}.stl"), read_3mf(folder / f"{part.name}.3mf")
-    body, lying = solid_of(mesh), solid_of(printed)
+    body, printed_solid = solid_of(mesh), solid_of(printed)
     up, valid = part.print_from_rig[2, :3], is_manifold(body)
     wall, floor = (thinnest_wall_mm(mesh, body, up), thinnest_floor_mm(mesh, body, up)) if valid else (0.0, 0.0)
     return {
@@ -262,8 +263,8 @@ def check_part(part: PartPlan, folder: Path, printer: Printer) -> dict[str, Metr
         "floor_mm": Metric(value=round(floor, 3), unit="mm", limit=printer.floor_mm, lower_is_better=False),
         **check_bed(mesh, printed, part, printer),
         **(
-            check_overhangs(printed, lying, printer)
-            if is_manifold(lying)
+            check_overhangs(printed, printed_solid, printer)
+            if is_manifold(printed_solid)
             else {"overhang_mm2": Metric(value=float(printed.area), unit="mm2", limit=0.0)}
         ),
         **check_slicing(folder / f"{part.name}.3mf", printer),
@@ -273,11 +274,10 @@ def check_part(part: PartPlan, folder: Path, printer: Printer) -> dict[str, Metr
 def check_bed(mesh: trimesh.Trimesh, printed: trimesh.Trimesh, part: PartPlan, printer: Printer) -> dict[str, Metric]:
     """Check that the part in the 3MF file is on the bed, fits it, and has the planned orientation.
 
-    `lie_error_um` is the largest difference between the heights of its corners and those of the STL file in the planned
-    orientation.
+    `lie_error_um` is the largest difference in height from the corners of the STL file in the planned orientation.
     """
     low, high = printed.bounds
-    beyond = np.maximum(np.maximum(-low, high - np.array(printer.bed_mm)), 0.0).max()
+    overrun = np.maximum(np.maximum(-low, high - np.array(printer.bed_mm)), 0.0).max()
     bed = (*sorted(printer.bed_mm[:2], reverse=True), printer.bed_mm[2])
     size = (*sorted((high - low)[:2], reverse=True), (high - low)[2])
     planned = np.sort(np.array(mesh.vertices) @ part.print_from_rig[2, :3] + part.print_from_rig[2, 3])
@@ -288,7 +288,7 @@ def check_bed(mesh: trimesh.Trimesh, printed: trimesh.Trimesh, part: PartPlan, p
             f"print_{name}_mm": Metric(value=round(float(length), 3), unit="mm", limit=limit)
             for name, length, limit in zip(("length", "width", "height"), size, bed, strict=True)
         },
-        "off_bed_um": Metric(value=round(float(beyond) * 1000.0, 2), unit="um", limit=SAME_MESH_UM),
+        "off_bed_um": Metric(value=round(float(overrun) * 1000.0, 2), unit="um", limit=SAME_MESH_UM),
         "above_bed_um": Metric(value=round(max(float(low[2]), 0.0) * 1000.0, 2), unit="um", limit=SAME_MESH_UM),
         "lie_error_um": Metric(value=round(float(error) * 1000.0, 2), unit="um", limit=SAME_MESH_UM),
     }

@@ -3,7 +3,7 @@
 - An insert is pressed into its single part by a soldering iron.
 - A screw enters along its axis and is turned by a straight driver or, if that does not reach, by a hex key, which
   swings by a sixth of a turn before it is repositioned (ISO 2936).
-- A nut is pushed along its path by a rod as thick as closed tweezers, from 40 mm beyond the end of the path.
+- A nut is pushed along its path by a rod as thick as closed tweezers, which starts 40 mm beyond the end of the path.
 
 Inserts and nuts are swept through the meshes of their parts along the moves in the pictures.
 """
@@ -26,12 +26,12 @@ from mirrorcam.core.values import FloatArray, Metric
 
 def swept(solid: manifold3d.Manifold, moves_mm: np.ndarray) -> manifold3d.Manifold:
     """The volume that the convex hull of a solid sweeps by successive moves (n, 3)."""
-    place, legs = solid.hull(), []
+    current, hulls = solid.hull(), []
     for move in moves_mm:
-        moved = place.translate(tuple(float(by) for by in move))
-        legs.append(manifold3d.Manifold.batch_hull([place, moved]))
-        place = moved
-    return manifold3d.Manifold.batch_boolean(legs, manifold3d.OpType.Add)
+        next_place = current.translate(tuple(float(shift) for shift in move))
+        hulls.append(manifold3d.Manifold.batch_hull([current, next_place]))
+        current = next_place
+    return manifold3d.Manifold.batch_boolean(hulls, manifold3d.OpType.Add)
 
 
 def check_insertion(items: Sequence[BoughtItem], solids: Mapping[str, manifold3d.Manifold]) -> dict[str, Metric]:
@@ -47,25 +47,25 @@ def check_insertion(items: Sequence[BoughtItem], solids: Mapping[str, manifold3d
     Returns
     -------
     dict of str to Metric
-        Volume that the paths to the seats share with the part of the seat, and the number of inserts and nuts whose
+        Volume that the paths to the seats share with the parts of the seats, and the number of inserts and nuts whose
         path does not start outside the hull of that part.
     """
-    common, inside = 0.0, 0
+    common, blocked = 0.0, 0
     for name, item in zip(item_names(items), items, strict=True):
         if item.kind not in ("insert", "nut"):
             continue
-        home = [solid for part, solid in solids.items() if re.fullmatch(rf"{item.joins[-1]}(_\d+)?", part)]
-        if not home or not len(item.exit_moves_mm) or name not in solids:
-            inside += 1
+        seat_solids = [solid for part, solid in solids.items() if re.fullmatch(rf"{item.joins[-1]}(_\d+)?", part)]
+        if not seat_solids or not len(item.exit_moves_mm) or name not in solids:
+            blocked += 1
             continue
-        part = manifold3d.Manifold.compose(home)
-        pressed = PRESSED_MM if item.kind == "insert" else ROUNDING_MM
-        common += common_mm3(part, swept(solids[name], item.exit_moves_mm), pressed)
-        outside = solids[name].translate(tuple(float(by) for by in item.exit_moves_mm.sum(axis=0)))
-        inside += not (part.hull() ^ outside).is_empty()
+        part = manifold3d.Manifold.compose(seat_solids)
+        depth = PRESSED_MM if item.kind == "insert" else ROUNDING_MM
+        common += common_mm3(part, swept(solids[name], item.exit_moves_mm), depth)
+        outside = solids[name].translate(tuple(float(shift) for shift in item.exit_moves_mm.sum(axis=0)))
+        blocked += not (part.hull() ^ outside).is_empty()
     return {
         "device.insertion_clash_mm3": Metric(value=common, unit="mm3", limit=0.0),
-        "device.threads_that_cannot_enter": Metric(value=inside, unit="", limit=0),
+        "device.threads_that_cannot_enter": Metric(value=blocked, unit="", limit=0),
     }
 
 
@@ -81,8 +81,8 @@ SUNK_KEYS_MM = {3.0: (2.3, 16.0, 50.0), 4.0: (2.9, 18.0, 56.0)}
 KEY_SWINGS_DEG = 60.0
 KEY_TURNS = 12
 ROD_MM = (2.5, 40.0)
-# Clearance of a tool, such as of an iron over the part's face.
-OFF_MM = 0.05
+# Clearance of a tool, such as a soldering iron over the part's face.
+CLEARANCE_MM = 0.05
 SEGMENTS = 48
 
 
@@ -99,8 +99,8 @@ def check_tool_reach(items: Sequence[BoughtItem], solids: Mapping[str, manifold3
     Returns
     -------
     dict of str to Metric
-        The largest volume that a fastener's tool shares with the parts present, and the volume of each tool that
-        clashes.
+        The largest volume that a fastener's tool shares with the parts present, and the shared volume of each tool
+        that clashes.
     """
     others = {name: solid for name, solid in solids.items() if not name.startswith(FASTENERS)}
     clashes = {
@@ -126,48 +126,50 @@ def tool_clash_mm3(item: BoughtItem, solids: Mapping[str, manifold3d.Manifold]) 
         present = [solid for name, solid in solids.items() if is_piece_of(name, item.joins[-1])]
     else:
         present = [solids[name] for name in sorted(parts_when_joined(item.joins, solids))]
-    around = manifold3d.Manifold.compose(present)
-    return min(common_mm3(around, tool, PRESSED_MM) for tool in _tools(item))
+    obstacle = manifold3d.Manifold.compose(present)
+    return min(common_mm3(obstacle, tool, PRESSED_MM) for tool in _tools(item))
 
 
 def _tools(item: BoughtItem) -> Iterator[manifold3d.Manifold]:
     """The volume that each possible tool for a fastener occupies, in rig."""
     frame = item.rig_from_item
     if item.kind == "insert":
-        yield _placed(_cylinder(*IRON_MM, OFF_MM), frame)
+        yield _placed(_cylinder(*IRON_MM, CLEARANCE_MM), frame)
         return
     if item.kind == "nut":
         yield _rod_sweep(item)
         return
     diameter = diameter_mm(item.size)
-    sunk = item.size.endswith(COUNTERSUNK)
-    head_mm = (SUNK_HEAD * diameter, 0.0) if sunk else (1.9 * diameter, diameter)
-    head = _cylinder(head_mm[0], item.length_mm + head_mm[1], OFF_MM)
-    blade, reach = BLADES_MM.get(diameter, OTHER_BLADE_MM)
-    top = OFF_MM + head_mm[1]
-    driver = _cylinder(blade, reach, top) + _cylinder(*HANDLE_MM, top + reach)
+    countersunk = item.size.endswith(COUNTERSUNK)
+    head_mm = (SUNK_HEAD * diameter, 0.0) if countersunk else (1.9 * diameter, diameter)
+    head = _cylinder(head_mm[0], item.length_mm + head_mm[1], CLEARANCE_MM)
+    blade, blade_length = BLADES_MM.get(diameter, OTHER_BLADE_MM)
+    top = CLEARANCE_MM + head_mm[1]
+    driver = _cylinder(blade, blade_length, top) + _cylinder(*HANDLE_MM, top + blade_length)
     yield _placed(head + driver, frame)
-    keys = SUNK_KEYS_MM if sunk else KEYS_MM
-    across, short, long = keys.get(diameter, KEYS_MM[5.0])
-    arm = _cylinder(across, short, top)
+    keys = SUNK_KEYS_MM if countersunk else KEYS_MM
+    across, short_arm, long_arm = keys.get(diameter, KEYS_MM[5.0])
+    arm = _cylinder(across, short_arm, top)
     swings = np.radians(np.linspace(0.0, KEY_SWINGS_DEG, 7))
-    for turn in np.linspace(0.0, 2.0 * np.pi, KEY_TURNS, endpoint=False):
-        ends = np.array([(long * np.cos(turn + swing), long * np.sin(turn + swing)) for swing in swings])
+    for angle in np.linspace(0.0, 2.0 * np.pi, KEY_TURNS, endpoint=False):
+        ends = np.array([(long_arm * np.cos(angle + swing), long_arm * np.sin(angle + swing)) for swing in swings])
         fan = manifold3d.Manifold.hull_points(
-            np.vstack([[(0.0, 0.0, z), *((x, y, z) for x, y in ends)] for z in (top + short - across, top + short)])
+            np.vstack(
+                [[(0.0, 0.0, z), *((x, y, z) for x, y in ends)] for z in (top + short_arm - across, top + short_arm)]
+            )
         )
         yield _placed(head + arm + fan, frame)
 
 
 def _rod_sweep(item: BoughtItem) -> manifold3d.Manifold:
     """The sweep of a rod along all legs of a nut's path, and beyond its end."""
-    places = item.rig_from_item[:3, 3] + np.concatenate([np.zeros((1, 3)), np.cumsum(item.exit_moves_mm, axis=0)])
-    if len(places) > 1:
-        last = item.exit_moves_mm[-1] / np.linalg.norm(item.exit_moves_mm[-1])
-        places[-1] = places[-1] + ROD_MM[1] * last
+    path = item.rig_from_item[:3, 3] + np.concatenate([np.zeros((1, 3)), np.cumsum(item.exit_moves_mm, axis=0)])
+    if len(path) > 1:
+        direction = item.exit_moves_mm[-1] / np.linalg.norm(item.exit_moves_mm[-1])
+        path[-1] = path[-1] + ROD_MM[1] * direction
     middle = -item.length_mm / 2.0 * item.rig_from_item[:3, 2]
-    ball = manifold3d.Manifold.sphere(ROD_MM[0] / 2.0, 24).translate(tuple(places[0] + middle))
-    return swept(ball, np.diff(places, axis=0)) if len(places) > 1 else ball
+    ball = manifold3d.Manifold.sphere(ROD_MM[0] / 2.0, 24).translate(tuple(path[0] + middle))
+    return swept(ball, np.diff(path, axis=0)) if len(path) > 1 else ball
 
 
 def _cylinder(diameter_mm: float, length_mm: float, from_mm: float) -> manifold3d.Manifold:

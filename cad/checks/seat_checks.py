@@ -21,12 +21,12 @@ from mirrorcam.core.values import FloatArray, Metric
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 
-# Tolerances within which a face is a seat or its pads, and not a face behind the seat.
+# Tolerances within which a face belongs to a seat or its pads, not to what is behind the seat.
 SEAT_SEARCH_MM = 0.25
 SEAT_SEARCH_DEG = 0.5
 # Tolerance of a seat's cover against its plan, since lines of a plan and of a file are rounded.
 COVER_ROUNDING = 1e-3
-# Tolerances within which a wall belongs to a pocket: to its planned place, and in parallelism to an edge of the mirror.
+# Tolerances within which a wall belongs to a pocket: distance from the planned wall, and angle to the mirror's edge.
 WALL_SEARCH_MM = 0.1
 WALL_SEARCH_DEG = 0.1
 CURVE_POINTS = 17
@@ -50,7 +50,7 @@ class FlatFace:
     def seen_from(self, frame: FloatArray) -> BaseGeometry:
         """Its area, projected to x and y of a frame (4, 4).
 
-        Borders that touch in the solid may cross by rounding, which is repaired.
+        Repairs borders that touch in the solid and cross by rounding.
         """
         outer, *holes = ((loop - frame[:3, 3]) @ frame[:3, :2] for loop in self.loops)
         return make_valid(Polygon(outer, holes), method="structure", keep_collapsed=False)
@@ -78,20 +78,20 @@ def _loop(wire: Wire) -> FloatArray:
     remaining = []
     for edge in wire.edges():
         count = 1 if edge.geom_type == GeomType.LINE else CURVE_POINTS
-        remaining.append(np.array([tuple(edge @ (place / count)) for place in range(count + 1)]))
+        remaining.append(np.array([tuple(edge @ (index / count)) for index in range(count + 1)]))
     points = [remaining.pop(0)]
     while remaining:
         ends = np.array([(line[0], line[-1]) for line in remaining])
-        place, turned = divmod(int(np.linalg.norm(ends - points[-1][-1], axis=2).argmin()), 2)
-        line = remaining.pop(place)
-        points.append(line[::-1] if turned else line)
+        index, is_reversed = divmod(int(np.linalg.norm(ends - points[-1][-1], axis=2).argmin()), 2)
+        line = remaining.pop(index)
+        points.append(line[::-1] if is_reversed else line)
     return np.concatenate([line[:-1] for line in points])
 
 
 def _facing(faces: Sequence[FlatFace], direction: FloatArray, within_deg: float) -> list[FlatFace]:
     """The faces whose normals are within an angle of a unit vector (3,)."""
     normals = np.array([face.normal for face in faces]).reshape(-1, 3)
-    return [faces[place] for place in np.flatnonzero(normals @ direction > np.cos(np.radians(within_deg))).tolist()]
+    return [faces[index] for index in np.flatnonzero(normals @ direction > np.cos(np.radians(within_deg))).tolist()]
 
 
 @dataclass(frozen=True)
@@ -129,7 +129,7 @@ def find_seat(faces: Sequence[FlatFace], mirror: Mirror, bond_mm: float) -> Seat
     """
     outline = Polygon(mirror.outline_in_plane_mm)
     corners = {depth: outline_at(mirror, mirror.back_mm - depth) for depth in (0.0, bond_mm)}
-    found: dict[float, list[tuple[FlatFace, BaseGeometry]]] = {depth: [] for depth in corners}
+    candidates: dict[float, list[tuple[FlatFace, BaseGeometry]]] = {depth: [] for depth in corners}
     for face in _facing(faces, mirror.normal_in_rig, SEAT_SEARCH_DEG):
         depths = mirror.back_mm - mirror.distance_mm - face.loops[0] @ mirror.normal_in_rig
         depth = min(corners, key=lambda each: abs(float(depths.mean()) - each))
@@ -137,8 +137,8 @@ def find_seat(faces: Sequence[FlatFace], mirror: Mirror, bond_mm: float) -> Seat
             continue
         area = face.seen_from(mirror.rig_from_plane).intersection(outline)
         if area.area > DOT_MM2:
-            found[depth].append((face, area))
-    pads, floors = found.values()
+            candidates[depth].append((face, area))
+    pads, floors = candidates.values()
     if not floors:
         return None
     floor = unary_union([area for _, area in floors])
@@ -146,9 +146,9 @@ def find_seat(faces: Sequence[FlatFace], mirror: Mirror, bond_mm: float) -> Seat
     free = [area for area in get_parts(outline.difference(unary_union([floor, *pad_areas]))) if area.area > DOT_MM2]
     errors = {
         depth: max(
-            (float(np.abs((corners[depth] - face.loops[0][0]) @ face.normal).max()) for face, _ in bearing), default=0.0
+            (float(np.abs((corners[depth] - face.loops[0][0]) @ face.normal).max()) for face, _ in members), default=0.0
         )
-        for depth, bearing in found.items()
+        for depth, members in candidates.items()
     }
     return Seat(
         offset_mm=errors[0.0],
@@ -171,14 +171,14 @@ def pocket_gaps_mm(faces: Sequence[FlatFace], mirror: Mirror, fit_mm: float) -> 
         outward = np.array([along[1], -along[0]])
         for face in _facing(faces, -frame[:3, :2] @ outward, WALL_SEARCH_DEG):
             local = (face.loops[0] - frame[:3, 3]) @ frame[:3, :3]
-            away = (local[:, :2] - start) @ outward
-            if np.abs(away - fit_mm).max() > WALL_SEARCH_MM:
+            distances = (local[:, :2] - start) @ outward
+            if np.abs(distances - fit_mm).max() > WALL_SEARCH_MM:
                 continue
-            reach = (local[:, :2] - start) @ along
+            positions = (local[:, :2] - start) @ along
             # Exclude walls of adjacent pockets that are collinear with this edge.
-            within = reach.max() > 0.0 and reach.min() < length
-            if within and local[:, 2].max() > back + SEAT_SEARCH_MM and local[:, 2].min() < back + mirror.thickness_mm:
-                gaps += [float(away.min()), float(away.max())]
+            inside = positions.max() > 0.0 and positions.min() < length
+            if inside and local[:, 2].max() > back + SEAT_SEARCH_MM and local[:, 2].min() < back + mirror.thickness_mm:
+                gaps += [float(distances.min()), float(distances.max())]
     return gaps
 
 

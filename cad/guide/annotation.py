@@ -15,8 +15,8 @@ import numpy as np
 from shapely import LineString, MultiLineString, MultiPoint, Polygon
 
 from mirrorcam.cad.guide.dimension_lines import (
-    BESIDE_MM,
     FIRST_TIER_MM,
+    GAP_MM,
     LINE_MM,
     TEXT_MM,
     TIERS_MM,
@@ -30,7 +30,7 @@ from mirrorcam.cad.guide.hole_callouts import (
     AXIS_MM,
     CENTRE_DASHES_MM,
     DEPTH,
-    MOST_PLACES,
+    MOST_COORDINATES,
     PARALLEL,
     draw_numbers,
     draw_oblique,
@@ -45,14 +45,14 @@ from mirrorcam.cad.plan.dimension import Hole, Length
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.tolerances import Tolerances
 
-FIRST_WORDS_MM, WORDS_PITCH_MM, WORDS_MM = 5.0, 5.0, 26.0
+FIRST_NOTE_MM, NOTE_PITCH_MM, NOTES_MM = 5.0, 5.0, 26.0
 # Slope of leaders, so that they differ from edges of the part.
 LEAN = 0.27
 # Share of its area by which a symmetric outline may differ from its mirror image.
 ASYMMETRY = 0.01
 # Shortest straight edge from which dimensions are measured.
 STRAIGHT_MM = 1.0
-# Tried places of an aligned dimension's text along it, the middle first.
+# Tried positions of an aligned dimension's text along it, the middle first.
 ALONG = (0.5, 0.47, 0.53, 0.44, 0.56, 0.41, 0.59, 0.35, 0.65, 0.2, 0.8)
 
 
@@ -62,7 +62,7 @@ class Note:
 
     point: FloatArray
     radius: float
-    words: str
+    text: str
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ class AlignedDimension:
     """An aligned dimension, parallel to the measured distance: both ends (2, 2) on paper, and its text."""
 
     ends: FloatArray
-    words: str
+    text: str
 
 
 @dataclass
@@ -90,28 +90,28 @@ def annotate(
     free_mm: tuple[float, float] = (TIERS_MM, TIERS_MM),
     traces: Sequence[tuple[int, int, float]] = (),
 ) -> None:
-    """Draw overall dimensions and the plan's, each in the view that shows it best.
+    """Draw the overall dimensions and those of the plan, each in the view that shows it best.
 
-    `free_mm` is the free space left of the views and below them. `traces` are possible traces of a section: the index
-    of the view, the coordinate, x (0) or y (1), that is constant along the trace, and its value on paper.
+    `free_mm` is the free space left of and below the views. `traces` are possible traces of a section: the index of the
+    view, the coordinate, x (0) or y (1), that is constant along the trace, and its value on paper.
     """
-    jobs = [Annotations([], [], [], []) for _ in placed]
-    _overall(placed, jobs)
+    per_view = [Annotations([], [], [], []) for _ in placed]
+    _overall(placed, per_view)
     offered = tuple(dimensions)
     lengths = [each for each in offered if isinstance(each, Length)]
     for dimension in lengths:
-        _length(placed, jobs, dimension)
+        _length(placed, per_view, dimension)
     views = [view.view for view in placed]
     groups = hole_groups(views, offered)
-    for (index, words), group in groups.items():
-        _holes(sheet, placed[index], jobs[index], words, group)
+    for (index, text), group in groups.items():
+        _holes(sheet, placed[index], per_view[index], text, group)
     for index, hole in oblique_holes(groups, views, lengths):
         for tier, linear in zip(
-            (jobs[index].below, jobs[index].left), oblique_lengths(placed[index], hole), strict=True
+            (per_view[index].below, per_view[index].left), oblique_lengths(placed[index], hole), strict=True
         ):
             _add(tier, linear)
         draw_oblique(sheet, placed[index], hole)
-    for index, (view, job) in enumerate(zip(placed, jobs, strict=True)):
+    for index, (view, job) in enumerate(zip(placed, per_view, strict=True)):
         upright_at, level_at = ([at for where, across, at in traces if (where, across) == (index, k)] for k in (0, 1))
         draw_tiers(sheet, view.box, job.below, free_mm[1], upright=False, traces=upright_at)
         draw_tiers(sheet, view.box, job.left, free_mm[0], upright=True, traces=level_at)
@@ -120,55 +120,57 @@ def annotate(
         _draw_notes(sheet, view.box, job.notes)
 
 
-def _overall(placed: Sequence[PlacedView], jobs: Sequence[Annotations]) -> None:
+def _overall(placed: Sequence[PlacedView], per_view: Sequence[Annotations]) -> None:
     _, front, right = placed
     for index, view, coordinate in ((1, front, 0), (1, front, 1), (2, right, 0)):
         box = view.box
-        words = number(float(np.ptp(view.view.box[:, coordinate])))
+        text = number(float(np.ptp(view.view.box[:, coordinate])))
         across = np.full(2, box[0, 1 - coordinate])
-        (jobs[index].below, jobs[index].left)[coordinate].append(LinearDimension(box[:, coordinate], across, words))
+        (per_view[index].below, per_view[index].left)[coordinate].append(
+            LinearDimension(box[:, coordinate], across, text)
+        )
 
 
-def _length(placed: Sequence[PlacedView], jobs: Sequence[Annotations], dimension: Length) -> None:
+def _length(placed: Sequence[PlacedView], per_view: Sequence[Annotations], dimension: Length) -> None:
     """Place a length in the first view that shows its true length, as an aligned dimension if it is oblique there."""
     span = dimension.span_in_rig
     true_length = float(np.linalg.norm(span))
-    words = f"{dimension.before}{number(true_length)} {dimension.text}".strip()
+    text = f"{dimension.before}{number(true_length)} {dimension.text}".strip()
     depths = [abs(float(view.view.axes_in_rig[2] @ span)) for view in placed]
     index = int(np.argmin(np.round(depths, 3)))
-    view, job = placed[index], jobs[index]
+    view, job = placed[index], per_view[index]
     points = view.paper(dimension.points_in_rig)
     across = np.abs(view.view.axes_in_rig[:2] @ span)
     if across[1] <= PARALLEL * true_length:
-        _add(job.below, LinearDimension(points[:, 0], points[:, 1], words))
+        _add(job.below, LinearDimension(points[:, 0], points[:, 1], text))
     elif across[0] <= PARALLEL * true_length:
-        _add(job.left, LinearDimension(points[:, 1], points[:, 0], words))
+        _add(job.left, LinearDimension(points[:, 1], points[:, 0], text))
     else:
         start = dimension.points_in_rig[0]
-        job.aligned.append(AlignedDimension(view.paper(np.array([start, start + span])), words))
+        job.aligned.append(AlignedDimension(view.paper(np.array([start, start + span])), text))
 
 
 def _add(tier: list[LinearDimension], new: LinearDimension) -> None:
-    """Add a dimension to a tier; of two equal ones, only that with the longer text stays."""
-    for place, old in enumerate(tier):
-        if np.abs(np.sort(old.along) - np.sort(new.along)).max() < 1e-3:
-            tier[place] = max(old, new, key=lambda linear: len(linear.words))
+    """Add a dimension to a tier; of two equal ones, the one with the longer text stays."""
+    for index, present in enumerate(tier):
+        if np.abs(np.sort(present.along) - np.sort(new.along)).max() < 1e-3:
+            tier[index] = max(present, new, key=lambda linear: len(linear.text))
             return
     tier.append(new)
 
 
-def _holes(sheet: DrawingSheet, placed: PlacedView, job: Annotations, words: str, group: Sequence[Hole]) -> None:
+def _holes(sheet: DrawingSheet, placed: PlacedView, job: Annotations, text: str, group: Sequence[Hole]) -> None:
     """Draw centre marks, one note for all equal holes, and dimensions from the part's edge and between holes."""
     centres = placed.paper(np.array([hole.centre_in_rig for hole in group]))
     radius = group[0].diameter_mm / 2.0 * placed.scale
     arms = np.array([(-1.0, 0.0), (1.0, 0.0)]) * (radius + 1.8)
-    marks = [centre + turned for centre in centres for turned in (arms, arms[:, ::-1])]
+    marks = [centre + arm for centre in centres for arm in (arms, arms[:, ::-1])]
     sheet.lines(marks, AXIS_MM, INK, CENTRE_DASHES_MM)
     count = f"{len(group)}x " if len(group) > 1 else ""
     # The note points to the hole with the shortest leader.
-    job.notes.append(Note(centres[np.lexsort((centres[:, 0], -centres[:, 1]))[0]], radius, count + words))
+    job.notes.append(Note(centres[np.lexsort((centres[:, 0], -centres[:, 1]))[0]], radius, count + text))
     axis = group[0].axis_in_rig / np.linalg.norm(group[0].axis_in_rig)
-    low, origin = placed.box[0], placed.box[0]
+    corner, origin = placed.box[0], placed.box[0]
     if group[0].datum is not None:
         origin = placed.paper(group[0].datum.at_in_rig)
     if in_table(group, placed.view):
@@ -178,24 +180,24 @@ def _holes(sheet: DrawingSheet, placed: PlacedView, job: Annotations, words: str
         if abs(float(placed.view.axes_in_rig[coordinate] @ axis)) > PARALLEL:
             # Distances are foreshortened in an oblique view.
             continue
-        places = np.unique(np.round(centres[:, coordinate], 3))
-        if len(places) > MOST_PLACES:
+        coordinates = np.unique(np.round(centres[:, coordinate], 3))
+        if len(coordinates) > MOST_COORDINATES:
             continue
         middle = float(placed.box[:, coordinate].mean())
-        edge = float(places[0] - origin[coordinate])
+        edge = float(coordinates[0] - origin[coordinate])
         if (
-            abs(places.mean() - middle) < 1e-2
+            abs(coordinates.mean() - middle) < 1e-2
             and _symmetric(placed, coordinate)
             and not (text_fits(edge, number(edge / placed.scale)) and _ends_straight(placed, coordinate))
         ):
-            # Symmetric, as the axis shows: dimension only the distances between the holes.
+            # The axis shows the symmetry: dimension only the distances between the holes.
             _axis(sheet, placed.box, coordinate, middle)
-            stops = []
+            starts = []
         else:
-            stops = [(float(origin[coordinate]), float(low[1 - coordinate]))]
-        nearest = [centres[np.abs(centres[:, coordinate] - at) < 1e-2, 1 - coordinate].min() for at in places]
-        stops += [(float(at), float(start)) for at, start in zip(places, nearest, strict=True)]
-        for (here, from_here), (there, from_there) in pairwise(sorted(stops)):
+            starts = [(float(origin[coordinate]), float(corner[1 - coordinate]))]
+        nearest = [centres[np.abs(centres[:, coordinate] - at) < 1e-2, 1 - coordinate].min() for at in coordinates]
+        starts += [(float(at), float(start)) for at, start in zip(coordinates, nearest, strict=True)]
+        for (here, from_here), (there, from_there) in pairwise(sorted(starts)):
             if there - here < 1e-3:
                 continue
             ends = np.array([here, there])
@@ -219,7 +221,7 @@ def _ends_straight(placed: PlacedView, coordinate: int) -> bool:
 
 
 def _axis(sheet: DrawingSheet, box: FloatArray, coordinate: int, at: float) -> None:
-    """Draw the axis of symmetry of a view, across x or y."""
+    """Draw the axis of symmetry of a view across x or y, at that coordinate."""
     ends = np.array([[at, box[0, 1] - 3.0], [at, box[1, 1] + 3.0]])
     if coordinate:
         ends = np.array([[box[0, 0] - 3.0, at], [box[1, 0] + 3.0, at]])
@@ -234,45 +236,45 @@ def _draw_aligned(sheet: DrawingSheet, placed: PlacedView, aligned: AlignedDimen
     edges = MultiLineString([line * placed.scale + placed.shift for line in placed.view.visible])
 
     def crossed_mm(side: float) -> float:
-        band = [side * (FIRST_TIER_MM + 2.0 * TEXT_MM) * normal, side * BESIDE_MM * normal]
+        band = [side * (FIRST_TIER_MM + 2.0 * TEXT_MM) * normal, side * GAP_MM * normal]
         return float(
             Polygon([start + band[0], end + band[0], end + band[1], start + band[1]]).intersection(edges).length
         )
 
     side = min((1.0, -1.0), key=crossed_mm)
-    out, gap = side * FIRST_TIER_MM * normal, side * BESIDE_MM * normal
-    ends = np.array([start + out, end + out])
-    over = side * 1.5 * normal
-    sheet.lines([ends, *(np.array([at + gap, at + out + over]) for at in (start, end))], LINE_MM)
+    offset, gap = side * FIRST_TIER_MM * normal, side * GAP_MM * normal
+    ends = np.array([start + offset, end + offset])
+    overshoot = side * 1.5 * normal
+    sheet.lines([ends, *(np.array([at + gap, at + offset + overshoot]) for at in (start, end))], LINE_MM)
     sheet.arrow_head(ends[0], -along)
     sheet.arrow_head(ends[1], along)
     angle = float(np.degrees(np.arctan2(along[1], along[0])))
-    half = text_width_mm(aligned.words, TEXT_MM) / 2.0 * along
-    drawn = [line for line, _ in sheet.drawn]
+    half = text_width_mm(aligned.text, TEXT_MM) / 2.0 * along
+    lines = [line for line, _ in sheet.drawn]
 
     def crossings(middle: FloatArray) -> int:
         box = Polygon(
             [middle - half, middle + half, middle + half + TEXT_MM * normal, middle - half + TEXT_MM * normal]
         )
-        return sum(box.intersects(LineString(line)) for line in drawn)
+        return sum(box.intersects(LineString(line)) for line in lines)
 
-    middles = [start + out + share * (end - start) + 0.9 * normal for share in ALONG]
-    sheet.text(min(middles, key=crossings), aligned.words, TEXT_MM, align="center", turn_deg=angle)
+    candidates = [start + offset + share * (end - start) + 0.9 * normal for share in ALONG]
+    sheet.text(min(candidates, key=crossings), aligned.text, TEXT_MM, align="center", turn_deg=angle)
 
 
 def _draw_notes(sheet: DrawingSheet, box: FloatArray, notes: Sequence[Note]) -> None:
     """Draw notes above the view, the rightmost lowest, so that no leader crosses text or another leader."""
-    pitch = min(WORDS_PITCH_MM, (WORDS_MM - FIRST_WORDS_MM - TEXT_MM - 1.5) / max(len(notes) - 1, 1))
-    ordered = sorted(notes, key=lambda note: (-(note.point[0] - LEAN * note.point[1]), note.words))
-    steep = np.array([LEAN, 1.0]) / np.hypot(LEAN, 1.0)
+    pitch = min(NOTE_PITCH_MM, (NOTES_MM - FIRST_NOTE_MM - TEXT_MM - 1.5) / max(len(notes) - 1, 1))
+    ordered = sorted(notes, key=lambda note: (-(note.point[0] - LEAN * note.point[1]), note.text))
+    leader_direction = np.array([LEAN, 1.0]) / np.hypot(LEAN, 1.0)
     for row, note in enumerate(ordered):
-        height = float(box[1, 1]) + FIRST_WORDS_MM + row * pitch
-        tip = note.point + note.radius * steep
+        height = float(box[1, 1]) + FIRST_NOTE_MM + row * pitch
+        tip = note.point + note.radius * leader_direction
         knee = np.array([tip[0] + LEAN * (height - tip[1]), height])
-        width = text_width_mm(note.words, TEXT_MM)
+        width = text_width_mm(note.text, TEXT_MM)
         sheet.lines([np.array([tip, knee, knee + np.array([width + 1.5, 0.0])])], LINE_MM)
-        sheet.arrow_head(tip, -steep)
-        sheet.text(knee + np.array([1.0, 0.8]), note.words, TEXT_MM)
+        sheet.arrow_head(tip, -leader_direction)
+        sheet.text(knee + np.array([1.0, 0.8]), note.text, TEXT_MM)
 
 
 Characteristic = Literal["flatness", "angularity", "profile"]
@@ -283,7 +285,7 @@ TRIANGLE_MM = (1.6, 2.0)
 
 STEM_MM = 2.0
 RESERVED_MM = 50.0
-"""Height of the tolerances of a holder below its table."""
+"""Space for the tolerances of a holder below its table."""
 
 
 @dataclass(frozen=True)
@@ -342,10 +344,10 @@ def draw_frames(
         _symbol(sheet, np.array([x + FRAME_MM / 2.0, y + FRAME_MM / 2.0]), each.characteristic)
         sheet.rectangle((x, y), (x + FRAME_MM, y + FRAME_MM), FRAME_LINE_MM)
         x += FRAME_MM
-        for words in (f"{each.zone_mm:g}", *each.datums):
-            width = max(FRAME_MM, text_width_mm(words, TEXT_MM) + 2.0)
+        for text in (f"{each.zone_mm:g}", *each.datums):
+            width = max(FRAME_MM, text_width_mm(text, TEXT_MM) + 2.0)
             sheet.rectangle((x, y), (x + width, y + FRAME_MM), FRAME_LINE_MM)
-            sheet.text((x + width / 2.0, y + 1.3), words, TEXT_MM, align="center")
+            sheet.text((x + width / 2.0, y + 1.3), text, TEXT_MM, align="center")
             x += width
     for note in notes:
         y -= 4.0
@@ -359,20 +361,20 @@ def _symbol(sheet: DrawingSheet, middle: FloatArray, characteristic: Characteris
     elif characteristic == "angularity":
         line = np.array([(1.7, 1.2), (-1.7, -1.0), (1.7, -1.0)])
     else:
-        turn = np.linspace(0.0, np.pi, 25)
-        line = np.vstack([1.7 * np.column_stack([np.cos(turn), np.sin(turn)]), [(1.7, 0.0)]]) - np.array([0.0, 0.8])
+        angles = np.linspace(0.0, np.pi, 25)
+        line = np.vstack([1.7 * np.column_stack([np.cos(angles), np.sin(angles)]), [(1.7, 0.0)]]) - np.array([0.0, 0.8])
     sheet.lines([middle + line], SYMBOL_MM)
 
 
 def draw_datum(sheet: DrawingSheet, at: FloatArray, side: float, letter: str) -> None:
     """Draw a datum triangle on a horizontal line at a point (2,), with its letter above (`side` 1) or below (-1)."""
-    half, high = TRIANGLE_MM
-    tip = at + np.array([0.0, side * high])
-    box = tip[1] + side * STEM_MM
-    base = np.array([half, 0.0])
+    half_width, height = TRIANGLE_MM
+    tip = at + np.array([0.0, side * height])
+    stem_end = tip[1] + side * STEM_MM
+    base = np.array([half_width, 0.0])
     corners = np.array([at - base, at + base, tip, at - base])
-    sheet.lines([corners, np.array([tip, (tip[0], box)])], FRAME_LINE_MM, INK)
-    low = box if side > 0.0 else box - FRAME_MM
+    sheet.lines([corners, np.array([tip, (tip[0], stem_end)])], FRAME_LINE_MM, INK)
+    low = stem_end if side > 0.0 else stem_end - FRAME_MM
     sheet.rectangle((at[0] - FRAME_MM / 2.0, low), (at[0] + FRAME_MM / 2.0, low + FRAME_MM), FRAME_LINE_MM)
     sheet.text((float(at[0]), low + 1.3), letter, TEXT_MM, align="center")
 
@@ -383,8 +385,8 @@ def draw_holder_datums(sheet: DrawingSheet, front: PlacedView) -> None:
     edge = np.array([(right + 1.0, low), (right + 9.0, low)])
     sheet.lines([edge], LINE_MM)
     draw_datum(sheet, edge.mean(axis=0), -1.0, "A")
-    for words in [words for words in sheet.words if DEPTH in words.text]:
-        end = np.array([words.corners[:, 0].max(), words.corners[:, 1].min()])
+    for box in [box for box in sheet.text_boxes if DEPTH in box.text]:
+        end = np.array([box.corners[:, 0].max(), box.corners[:, 1].min()])
         shelf = np.array([end, end + np.array([8.0, 0.0])])
         sheet.lines([shelf], LINE_MM)
         draw_datum(sheet, shelf[1] - np.array([3.0, 0.0]), 1.0, "B")

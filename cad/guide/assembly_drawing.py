@@ -20,8 +20,8 @@ from mirrorcam.cad.guide.drawing_sheet import (
     Title,
     draw_title_block,
 )
-from mirrorcam.cad.guide.labels import deepest, rows_near, uncrossed
-from mirrorcam.cad.guide.shading import Screen, ShadedBody, Shot, edges_of, joined, render, visible_lines
+from mirrorcam.cad.guide.labels import innermost_pixel, rows_near, uncrossed_order
+from mirrorcam.cad.guide.shading import Screen, ShadedBody, Shot, edges_of, merged_lines, render, visible_lines
 from mirrorcam.cad.plan.dimension import DrawingTable
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
@@ -33,7 +33,7 @@ PX_PER_MM = 6.0
 """Resolution on paper of the renderings that determine hidden edges."""
 
 EDGE_MM, PALE_MM, LEADER_MM = 0.25, 0.18, 0.13
-BALLOON_MM, BESIDE_MM = 4.0, 5.0
+BALLOON_MM, BALLOON_GAP_MM = 4.0, 5.0
 """Radius of a balloon, and its distance from the view."""
 TEXT_MM = 2.5
 PATH_COLOUR = "#5d6778"
@@ -74,15 +74,15 @@ def draw_assembly(layout: Layout, pieces: Sequence[Piece], revision: str) -> Dra
     rows = tuple(
         (str(item.number), str(len(item.pieces)), item.description, item.reference or "as bought") for item in listed
     )
-    table = DrawingTable("Parts list", ("item", "qty", "description", "number or standard"), rows, words=(2, 3))
+    table = DrawingTable("Parts list", ("item", "qty", "description", "number or standard"), rows, left_aligned=(2, 3))
     left, low = draw_tables(sheet, (table,), 60.0)
     bottom, top = BORDER_MM + BLOCK_MM, A3_MM[1] - BORDER_MM
     axes = view_axes(layout, IN_FRONT)
-    apart = [(piece, piece.explode_mm) for piece in pieces]
-    margin = BESIDE_MM + 2.0 * BALLOON_MM + 2.0
+    exploded = [(piece, piece.explode_mm) for piece in pieces]
+    margin = BALLOON_GAP_MM + 2.0 * BALLOON_MM + 2.0
     area = np.array([(BORDER_MM + margin, bottom + 6.0), (left - margin, top - 6.0)])
-    shot, corner = _line_view(sheet, apart, axes, area)
-    _draw_paths(sheet, apart, shot, corner)
+    shot, corner = _line_view(sheet, exploded, axes, area)
+    _draw_paths(sheet, exploded, shot, corner)
     _draw_balloons(sheet, listed, pieces, shot, corner)
     assembled = np.array([(left + 8.0, bottom + 12.0), (A3_MM[0] - BORDER_MM - 6.0, low - 6.0)])
     _line_view(sheet, [(piece, np.zeros(3)) for piece in pieces], axes, assembled)
@@ -98,22 +98,24 @@ def write_assembly_drawing(folder: Path, layout: Layout, pieces: Sequence[Piece]
 
 
 def _line_view(
-    sheet: DrawingSheet, placed: Sequence[tuple[Piece, FloatArray]], axes: FloatArray, area: FloatArray
+    sheet: DrawingSheet, moves: Sequence[tuple[Piece, FloatArray]], axes: FloatArray, area: FloatArray
 ) -> tuple[Shot, FloatArray]:
-    """Draw the visible edges of pieces, each moved by (3,) mm, in a rectangle (2, 2) of the sheet.
+    """Draw the visible edges of pieces, each displaced by a move (3,), mm, in a rectangle (2, 2) of the sheet.
 
     Returns the rendering that determines hidden edges, with a body for each piece, and the rectangle's upper left
     corner.
     """
     size = np.ptp(area, axis=0)
-    bodies = [ShadedBody(np.asarray(piece.mesh.triangles) + away, (1.0, 1.0, 1.0)) for piece, away in placed]
+    bodies = [ShadedBody(np.asarray(piece.mesh.triangles) + move, (1.0, 1.0, 1.0)) for piece, move in moves]
     points = np.concatenate([body.triangles.reshape(-1, 3) for body in bodies])
-    across, high = (round(float(side) * PX_PER_MM) for side in size)
-    shot = render(bodies, Screen.around(points, axes, (across, high), (4, 4)))
+    width, height = (round(float(side) * PX_PER_MM) for side in size)
+    shot = render(bodies, Screen.around(points, axes, (width, height), (4, 4)))
     corner = np.array([area[0, 0], area[1, 1]])
-    for piece, away in placed:
-        lines = visible_lines(edges_of(piece.mesh, axes[2]) + away, shot)
-        sheet.lines(joined([_paper(line, corner) for line in lines]), EDGE_MM if piece.kind == "part" else PALE_MM)
+    for piece, move in moves:
+        lines = visible_lines(edges_of(piece.mesh, axes[2]) + move, shot)
+        sheet.lines(
+            merged_lines([_paper(line, corner) for line in lines]), EDGE_MM if piece.kind == "part" else PALE_MM
+        )
     return shot, corner
 
 
@@ -122,18 +124,16 @@ def _paper(pixels: FloatArray, corner: FloatArray) -> FloatArray:
     return np.asarray(corner + pixels * (1.0, -1.0) / PX_PER_MM)
 
 
-def _draw_paths(
-    sheet: DrawingSheet, placed: Sequence[tuple[Piece, FloatArray]], shot: Shot, corner: FloatArray
-) -> None:
+def _draw_paths(sheet: DrawingSheet, moves: Sequence[tuple[Piece, FloatArray]], shot: Shot, corner: FloatArray) -> None:
     """Draw chain lines from fasteners to their places in the displaced parts that they join."""
-    parts = {piece.name: away for piece, away in placed if piece.kind == "part"}
-    for piece, away in placed:
+    parts = {piece.name: move for piece, move in moves if piece.kind == "part"}
+    for piece, move in moves:
         if piece.item is None:
             continue
         homes = [name for name in parts if any(name.startswith(join) for join in piece.item.joins)]
         for home in homes[:1]:
             middle = np.asarray(piece.mesh.bounds).mean(axis=0)
-            ends = np.array([[middle + away, middle + parts[home]]])
+            ends = np.array([[middle + move, middle + parts[home]]])
             lines = visible_lines(ends, shot)
             sheet.lines([_paper(line, corner) for line in lines], LEADER_MM, PATH_COLOUR, PATH_DASHES_MM)
 
@@ -146,29 +146,29 @@ def _draw_balloons(
     corner: FloatArray,
 ) -> None:
     """Draw a balloon for each item, left or right of the view, with a leader to its most visible piece."""
-    index = {piece.name: number for number, piece in enumerate(pieces)}
+    index_of = {piece.name: number for number, piece in enumerate(pieces)}
     tips = []
     for item in listed:
-        found = [deepest(shot.bodies == index[piece.name]) for piece in item.pieces]
-        seen = [point for point in found if point is not None]
-        if seen:
-            point = max(seen, key=lambda each: each[1])[0]
+        innermost = [innermost_pixel(shot.bodies == index_of[piece.name]) for piece in item.pieces]
+        visible = [point for point in innermost if point is not None]
+        if visible:
+            point = max(visible, key=lambda each: each[1])[0]
             tips.append((item, _paper(point, corner)))
     rows, columns = (np.flatnonzero((shot.bodies >= 0).any(axis=axis)) for axis in (1, 0))
     box = _paper(np.array([(columns[0], rows[-1]), (columns[-1], rows[0])], dtype=np.float64), corner)
     tips.sort(key=lambda tip: (tip[1][0], tip[0].number))
-    half = (len(tips) + 1) // 2
-    turn = np.linspace(0.0, 2.0 * np.pi, 49)
-    circle = BALLOON_MM * np.column_stack([np.cos(turn), np.sin(turn)])
-    for side, group in ((-1.0, tips[:half]), (1.0, tips[half:])):
+    n_left = (len(tips) + 1) // 2
+    angles = np.linspace(0.0, 2.0 * np.pi, 49)
+    circle = BALLOON_MM * np.column_stack([np.cos(angles), np.sin(angles)])
+    for side, group in ((-1.0, tips[:n_left]), (1.0, tips[n_left:])):
         group = sorted(group, key=lambda tip: float(tip[1][1]))
         pitch = 2.6 * BALLOON_MM
         heights = rows_near([float(tip[1]) for _, tip in group], pitch, float(box[0, 1]), float(box[1, 1]))
-        x = float(box[0 if side < 0.0 else 1, 0]) + side * BESIDE_MM
+        x = float(box[0 if side < 0.0 else 1, 0]) + side * BALLOON_GAP_MM
         starts = [np.array([x, height]) for height in heights]
-        order = uncrossed(starts, [tip for _, tip in group])
-        for start, place in zip(starts, order, strict=True):
-            item, tip = group[place]
+        order = uncrossed_order(starts, [tip for _, tip in group])
+        for start, index in zip(starts, order, strict=True):
+            item, tip = group[index]
             middle = start + np.array([side * BALLOON_MM, 0.0])
             sheet.lines([middle + circle], EDGE_MM)
             sheet.lines([np.array([start, tip])], LEADER_MM)

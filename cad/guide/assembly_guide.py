@@ -107,8 +107,8 @@ def focus_of(layout: Layout) -> float:
     return best.value if best is not None and best.known else layout.camera.focus_mm
 
 
-# Least and largest cured depth of one-part silicone in a day in open air, mm, from data sheets; it slows with depth.
-CURES_MM = (2.0, 3.0)
+# Least and largest depth, mm, to which one-part silicone cures in a day in open air, from data sheets.
+CURED_MM_PER_DAY = (2.0, 3.0)
 
 
 def _cure_texts(device: Device) -> dict[str, str]:
@@ -116,8 +116,8 @@ def _cure_texts(device: Device) -> dict[str, str]:
     deepest = max(
         float(maximum_inscribed_circle(Polygon(mirror.outline_in_plane_mm)).length) for mirror in device.layout.mirrors
     )
-    least, most = (math.ceil(deepest / speed) for speed in CURES_MM[::-1])
-    return {"deepest_mm": f"{deepest:.0f}", "days": f"{least} to {most}" if most > least else f"{least}"}
+    fewest, longest = (math.ceil(deepest / speed) for speed in CURED_MM_PER_DAY[::-1])
+    return {"deepest_mm": f"{deepest:.0f}", "days": f"{fewest} to {longest}" if longest > fewest else f"{fewest}"}
 
 
 # Measures of a camera with rows in the guide's first table.
@@ -127,7 +127,7 @@ TABLED = {"width_mm", "height_mm", "depth_mm", "lens_ring_mm", "lens_protrusion_
 def _more_measures(camera: CameraBody) -> list[tuple[str, str, str, str]]:
     """Rows of the other measures in the camera's file: description, field, value and method."""
     return [
-        (measure.what, measure.field, f"{getattr(camera, measure.field):g}", measure.how)
+        (measure.description, measure.field, f"{getattr(camera, measure.field):g}", measure.method)
         for measure in MEASURES
         if measure.field not in TABLED and not (measure.field.startswith("cable") and not camera.has_cable)
     ]
@@ -150,8 +150,8 @@ def _nest_texts(device: Device) -> dict[str, Any]:
         return texts
     back, end = (screw.leaf.force_n(hardware.printer.plastic_mpa) for screw in clip.nest.screws)
     contacts = {"v": bool(abs(clip.nest.normals[4, 0]) > 0.1), "back_n": f"{back:.0f}", "end_n": f"{end:.0f}"}
-    for place, screw in zip(("back", "end"), clip.nest.screws, strict=True):
-        contacts[f"{place}_screw"] = f"M3 x {screw.length_mm:g} screw"
+    for position, screw in zip(("back", "end"), clip.nest.screws, strict=True):
+        contacts[f"{position}_screw"] = f"M3 x {screw.length_mm:g} screw"
     return texts | contacts
 
 
@@ -201,10 +201,10 @@ def _mirror_rows(device: Device) -> list[tuple[str, str, str, int]]:
 
 def _tightening_rows(pieces: Sequence[Piece], hardware: Hardware) -> list[tuple[str, str, str]]:
     """Rows of counted screws, the parts that they join, and their largest torque."""
-    titled = [(piece, piece.item) for piece in pieces if piece.item is not None]
+    fastened = [(piece, piece.item) for piece in pieces if piece.item is not None]
     titles = {piece.name: piece.title.lower() for piece in pieces if piece.kind == "part"}
     groups: dict[tuple[tuple[str, ...], str], list[Piece]] = {}
-    for (piece, item), tightening in zip(titled, tightenings([item for _, item in titled], hardware), strict=True):
+    for (piece, item), tightening in zip(fastened, tightenings([item for _, item in fastened], hardware), strict=True):
         if tightening is not None:
             groups.setdefault((item.joins, tightening.text), []).append(piece)
     return [

@@ -22,12 +22,12 @@ ROOM_MM = 34.0
 
 @dataclass(frozen=True)
 class Measure:
-    """A measure of a camera's body: its letter in the drawing, its field, its description and method."""
+    """A measure of a camera's body: its letter in the drawing, its field in `CameraBody`, and how it is measured."""
 
     letter: str
     field: str
-    what: str
-    how: str
+    description: str
+    method: str
 
 
 MEASURES = (
@@ -55,13 +55,14 @@ def draw_camera(body: CameraBody) -> DrawingSheet:
     The views are to scale; `guessed` measures are marked.
     """
     sheet = DrawingSheet(*A4_MM)
-    wide = body.width_mm + body.depth_mm + max(body.lens_protrusion_mm, 0.0)
-    high = body.height_mm
+    width = body.width_mm + body.depth_mm + max(body.lens_protrusion_mm, 0.0)
     # The largest scale at which both views with their dimensions fit above the table.
-    scale = min((A4_MM[0] - 2.0 * ROOM_MM - 52.0) / wide, (A4_MM[1] - 6.0 - ROOM_MM - _table_mm() - 20.0) / high, 4.0)
-    low = _table_mm() + ROOM_MM
-    _from_behind(sheet, body, scale, np.array([ROOM_MM + 6.0, low]))
-    _from_the_side(sheet, body, scale, np.array([2.0 * ROOM_MM + 14.0 + scale * body.width_mm, low]))
+    scale = min(
+        (A4_MM[0] - 2.0 * ROOM_MM - 52.0) / width, (A4_MM[1] - 6.0 - ROOM_MM - _table_mm() - 20.0) / body.height_mm, 4.0
+    )
+    lower_y = _table_mm() + ROOM_MM
+    _from_behind(sheet, body, scale, np.array([ROOM_MM + 6.0, lower_y]))
+    _from_the_side(sheet, body, scale, np.array([2.0 * ROOM_MM + 14.0 + scale * body.width_mm, lower_y]))
     name = fitted_text(body.name, 120.0, TITLE_MM)
     sheet.text((12.0, A4_MM[1] - 16.0), f"{name}: where to measure, {scale:.2g} : 1", TITLE_MM, bold=True)
     _table(sheet, body)
@@ -69,91 +70,91 @@ def draw_camera(body: CameraBody) -> DrawingSheet:
 
 
 def _from_behind(sheet: DrawingSheet, body: CameraBody, scale: float, low: FloatArray) -> None:
-    """Draw the body from behind, with the lens on the far side and the cable on the near side."""
+    """Draw the body from behind: lens on the far side, cable on the near side, lower left corner at `low` (2,)."""
     size = scale * np.array([body.width_mm, body.height_mm])
     sheet.lines([low + _rounded(size, scale * body.end_radius_mm)], EDGE_MM)
     middle = low + size / 2.0
     # y of the body is down.
     lens = middle + scale * np.array([body.lens_x_mm, -body.lens_y_mm])
     cable = np.array([lens[0] + scale * body.cable_x_mm, middle[1] - scale * body.cable_y_mm])
-    turn = np.linspace(0.0, 2.0 * np.pi, 73)
-    circle = np.column_stack([np.cos(turn), np.sin(turn)])
+    angles = np.linspace(0.0, 2.0 * np.pi, 73)
+    circle = np.column_stack([np.cos(angles), np.sin(angles)])
     sheet.lines([lens + scale * body.lens_ring_mm / 2.0 * circle], DASHED_MM, SOFT, HIDDEN_MM)
     sheet.lines([cable + scale * body.cable_mm / 2.0 * circle], EDGE_MM)
     for point, reach in ((lens, scale * body.lens_ring_mm / 2.0 + 3.0), (middle, 5.0)):
         cross = [np.array([point - arm, point + arm]) for arm in reach * np.eye(2)]
         sheet.lines(cross, AXIS_MM, SOFT, CHAIN_MM)
-    across = np.full(2, low[1])
+    bottom = np.full(2, low[1])
     below = [
-        LinearDimension(np.array([low[0], low[0] + size[0]]), across, _words("A", body.width_mm)),
-        LinearDimension(np.sort([lens[0], middle[0]]), np.array([lens[1], middle[1]]), _words("E", body.lens_x_mm)),
-        LinearDimension(np.sort([lens[0], cable[0]]), np.array([lens[1], cable[1]]), _words("L", body.cable_x_mm)),
+        LinearDimension(np.array([low[0], low[0] + size[0]]), bottom, _label("A", body.width_mm)),
+        LinearDimension(np.sort([lens[0], middle[0]]), np.array([lens[1], middle[1]]), _label("E", body.lens_x_mm)),
+        LinearDimension(np.sort([lens[0], cable[0]]), np.array([lens[1], cable[1]]), _label("L", body.cable_x_mm)),
     ]
     left = [
-        LinearDimension(np.array([low[1], low[1] + size[1]]), np.full(2, low[0]), _words("B", body.height_mm)),
-        LinearDimension(np.sort([lens[1], middle[1]]), np.array([lens[0], middle[0]]), _words("F", body.lens_y_mm)),
+        LinearDimension(np.array([low[1], low[1] + size[1]]), np.full(2, low[0]), _label("B", body.height_mm)),
+        LinearDimension(np.sort([lens[1], middle[1]]), np.array([lens[0], middle[0]]), _label("F", body.lens_y_mm)),
     ]
     _draw(sheet, np.array([low, low + size]), below, left)
     at_ring = lens + (0.75 * scale * body.lens_ring_mm / 2.0 + 1.0) * np.ones(2)
-    sheet.text(at_ring, f"Ø {_words('G', body.lens_ring_mm)}", TEXT_MM, over_lines=True)
+    sheet.text(at_ring, f"Ø {_label('G', body.lens_ring_mm)}", TEXT_MM, over_lines=True)
     caption = low + size * (0.5, 1.0) + np.array([0.0, 3.0])
     sheet.text(caption, "from behind: what is right here is right in the picture", TEXT_MM, align="center", colour=SOFT)
 
 
 def _from_the_side(sheet: DrawingSheet, body: CameraBody, scale: float, low: FloatArray) -> None:
-    """Draw the body from its right side, with its front to the right."""
+    """Draw the body from its right side: front to the right, lower left corner at `low` (2,)."""
     size = scale * np.array([body.depth_mm, body.height_mm])
     front = low[0] + size[0]
     sheet.rectangle((low[0], low[1]), (front, low[1] + size[1]), EDGE_MM)
-    axis = low[1] + size[1] / 2.0 - scale * body.lens_y_mm
-    half, out = scale * body.lens_ring_mm / 2.0, scale * body.lens_protrusion_mm
+    axis_y = low[1] + size[1] / 2.0 - scale * body.lens_y_mm
+    radius, tip = scale * body.lens_ring_mm / 2.0, front + scale * body.lens_protrusion_mm
     sheet.lines(
         [
             np.array(
-                [(front, axis - half), (front + out, axis - half), (front + out, axis + half), (front, axis + half)]
+                [(front, axis_y - radius), (tip, axis_y - radius), (tip, axis_y + radius), (front, axis_y + radius)]
             )
         ],
         EDGE_MM,
     )
-    sheet.lines([np.array([(low[0] - 4.0, axis), (front + out + 8.0, axis)])], AXIS_MM, SOFT, CHAIN_MM)
+    sheet.lines([np.array([(low[0] - 4.0, axis_y), (tip + 8.0, axis_y)])], AXIS_MM, SOFT, CHAIN_MM)
     pupil = front - scale * body.pupil_behind_front_mm
-    sheet.lines([np.array([(pupil, axis - 3.0), (pupil, axis + 3.0)])], 0.6)
-    across = np.full(2, low[1])
+    sheet.lines([np.array([(pupil, axis_y - 3.0), (pupil, axis_y + 3.0)])], 0.6)
+    bottom = np.full(2, low[1])
     below = [
-        LinearDimension(np.array([low[0], front]), across, _words("C", body.depth_mm)),
-        LinearDimension(np.sort([pupil, front]), np.array([axis, low[1]]), _words("J", body.pupil_behind_front_mm)),
+        LinearDimension(np.array([low[0], front]), bottom, _label("C", body.depth_mm)),
+        LinearDimension(np.sort([pupil, front]), np.array([axis_y, low[1]]), _label("J", body.pupil_behind_front_mm)),
     ]
-    if out > 0.0:
-        words = _words("H", body.lens_protrusion_mm)
-        below.append(LinearDimension(np.array([front, front + out]), np.array([low[1], axis - half]), words))
+    if body.lens_protrusion_mm > 0.0:
+        text = _label("H", body.lens_protrusion_mm)
+        below.append(LinearDimension(np.array([front, tip]), np.array([low[1], axis_y - radius]), text))
     if body.hinge_mm > 0.0:
         end = low[0] + scale * body.hinge_from_back_mm
         foot = [(low[0], low[1]), (low[0], low[1] - 4.0), (end, low[1] - 4.0), (end, low[1])]
         sheet.lines([np.array(foot)], DASHED_MM, SOFT, HIDDEN_MM)
-        below.append(LinearDimension(np.array([low[0], end]), across - 4.0, _words("N", body.hinge_from_back_mm)))
+        below.append(LinearDimension(np.array([low[0], end]), bottom - 4.0, _label("N", body.hinge_from_back_mm)))
     _draw(sheet, np.array([low, low + size]), below, [])
-    words = "from the right; bar: pupil"
-    middle = min(low[0] + size[0] / 2.0, A4_MM[0] - 12.0 - text_width_mm(words, TEXT_MM) / 2.0)
-    sheet.text((middle, low[1] + size[1] + 3.0), words, TEXT_MM, align="center", colour=SOFT)
+    text = "from the right; bar: pupil"
+    middle = min(low[0] + size[0] / 2.0, A4_MM[0] - 12.0 - text_width_mm(text, TEXT_MM) / 2.0)
+    sheet.text((middle, low[1] + size[1] + 3.0), text, TEXT_MM, align="center", colour=SOFT)
 
 
 def _draw(
-    sheet: DrawingSheet, box: FloatArray, below: Sequence[LinearDimension], left: Sequence[LinearDimension]
+    sheet: DrawingSheet, extent: FloatArray, below: Sequence[LinearDimension], left: Sequence[LinearDimension]
 ) -> None:
     """Draw dimensions below a view and left of it; measures of 0 appear only in the table."""
-    draw_tiers(sheet, box, [each for each in below if each.span > 0.2], ROOM_MM, upright=False)
-    draw_tiers(sheet, box, [each for each in left if each.span > 0.2], ROOM_MM, upright=True)
+    draw_tiers(sheet, extent, [each for each in below if each.span > 0.2], ROOM_MM, upright=False)
+    draw_tiers(sheet, extent, [each for each in left if each.span > 0.2], ROOM_MM, upright=True)
 
 
-def _words(letter: str, value: float) -> str:
+def _label(letter: str, value: float) -> str:
     return f"{letter} {value:g}"
 
 
 def _rounded(size: FloatArray, radius: float) -> FloatArray:
-    """The outline (n, 2) of a rectangle with round corners, with its lower left corner at the origin."""
+    """The outline (n, 2) of a rectangle with rounded corners and its lower left corner at the origin."""
     radius = min(radius, float(size.min()) / 2.0)
-    turn = np.linspace(0.0, np.pi / 2.0, 19)
-    arc = radius * np.column_stack([np.cos(turn), np.sin(turn)])
+    angles = np.linspace(0.0, np.pi / 2.0, 19)
+    arc = radius * np.column_stack([np.cos(angles), np.sin(angles)])
     corners = []
     for quarter, (x, y) in enumerate(((1, 1), (0, 1), (0, 0), (1, 0))):
         cosine, sine = np.cos(quarter * np.pi / 2.0), np.sin(quarter * np.pi / 2.0)
@@ -169,12 +170,12 @@ def _table_mm() -> float:
 
 
 def _table(sheet: DrawingSheet, body: CameraBody) -> None:
-    """Draw all measures in two columns, with their values; guesses have a question mark."""
+    """Draw all measures in two columns, with their values; guessed values have a question mark."""
     half = (len(MEASURES) + 1) // 2
-    for place, measure in enumerate(MEASURES):
-        x = 12.0 + (A4_MM[0] - 20.0) / 2.0 * (place // half)
-        y = _table_mm() - 4.0 - ROW_MM * (place % half)
+    for index, measure in enumerate(MEASURES):
+        x = 12.0 + (A4_MM[0] - 20.0) / 2.0 * (index // half)
+        y = _table_mm() - 4.0 - ROW_MM * (index % half)
         value = f"{getattr(body, measure.field):g}{' ?' if measure.field in body.guessed else ''}"
         sheet.text((x, y), measure.letter, TEXT_MM, bold=True)
         sheet.text((x + 21.0, y), value, TEXT_MM, align="right")
-        sheet.text((x + 25.0, y), f"{measure.what}: {measure.how}", 1.9, colour=SOFT)
+        sheet.text((x + 25.0, y), f"{measure.description}: {measure.method}", 1.9, colour=SOFT)

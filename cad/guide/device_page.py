@@ -111,17 +111,17 @@ def _other_files(folder: Path, parts: Sequence[BuiltPart], plates: Mapping[str, 
 
 def _on_plate(names: Sequence[str], purpose: str, parts: Sequence[BuiltPart]) -> str:
     """The numbers and titles of the parts on a plate, its purpose, and the part to print first."""
-    of_name = {part.name: f"{part.number} {part.title}" for part in parts}
-    listed = ", ".join(of_name[name] for name in names)
+    title_of = {part.name: f"{part.number} {part.title}" for part in parts}
+    titles = ", ".join(title_of[name] for name in names)
     coupon = next((part for part in parts if part.name == COUPON), None)
     first = f"; {coupon.number} {coupon.title} comes first, alone, from its own file" if coupon else ""
-    return f"{listed}: {purpose}{first}"
+    return f"{titles}: {purpose}{first}"
 
 
 def _not_shown(parts: Sequence[BuiltPart]) -> str:
     """A sentence about the printed parts that the model lacks, since they are not mounted in use; "" for none."""
-    apart = [f"{part.number} {part.title}" for part in parts if part.name in APART]
-    return f"Not in the model, since not in use with it: {', '.join(apart)}" if apart else ""
+    unmounted = [f"{part.number} {part.title}" for part in parts if part.name in APART]
+    return f"Not in the model, since not in use with it: {', '.join(unmounted)}" if unmounted else ""
 
 
 def _groups(checks: Mapping[str, Metric], parts: Sequence[BuiltPart]) -> list[tuple[str, FigureTable]]:

@@ -24,15 +24,15 @@ from mirrorcam.cad.guide.picture_views import (
     DevicePicture,
     Item,
     arrow_head,
-    joined,
+    assembled,
+    displaced,
+    exit_path,
+    exploded_items,
+    in_place,
+    inserted,
     lifted,
     mean,
-    moved,
     name_of,
-    placed,
-    places_out,
-    put_in,
-    still,
     triangles_of,
 )
 from mirrorcam.cad.guide.shading import ShadedBody
@@ -44,7 +44,7 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.transforms import transform
 
-# Tilt of a camera drawn on its path into a nest, with its first end still near the V or the stop.
+# Tilt of a camera drawn on its path into a nest, with its first end near the V or the stop.
 TILT_DEG = 14.0
 # Directions to the viewer in rig if the nest's first end is at the left, else mirrored along x.
 ABOVE_SCENE, BELOW_SCENE = (0.15, 0.45, 1.0), (-0.35, 1.0, -0.75)
@@ -58,7 +58,7 @@ def viewers(clip: ClipPlan) -> tuple[FloatArray, FloatArray]:
 
 
 def first_side(nest: Nest) -> float:
-    """The sign of x of the end that goes in first: the end of the front's corner pad away from the mount."""
+    """The sign of x of the end that goes in first: the end with the front's corner pad far from the mount."""
     return float(np.sign(nest.points[0, 0]))
 
 
@@ -82,11 +82,11 @@ def notes_of(clip: ClipPlan) -> tuple[tuple[str, FloatArray], ...]:
 
 
 def screw_label(clip: ClipPlan, screw: Piece) -> str:
-    """The title of a camera's screw, with its place if it belongs to a nest."""
+    """The title of a camera's screw, with its position if it belongs to a nest."""
     if clip.nest is None:
         return screw.title
     middle = np.asarray(screw.mesh.bounds).mean(axis=0)
-    nearest = int(np.argmin([np.linalg.norm((one.head + one.tip) / 2.0 - middle) for one in clip.nest.screws]))
+    nearest = int(np.argmin([np.linalg.norm((each.head + each.tip) / 2.0 - middle) for each in clip.nest.screws]))
     return f"{('back', 'corner')[nearest]} screw, {screw.title.removesuffix(' screw')}"
 
 
@@ -96,8 +96,8 @@ def tilted(clip: ClipPlan, triangles: FloatArray) -> FloatArray:
         return triangles
     side = first_side(clip.nest)
     pivot = end_point(clip.nest, triangles)
-    turn = Rotation.from_euler("z", -side * TILT_DEG, degrees=True).as_matrix()
-    return np.asarray((triangles - pivot) @ turn.T + pivot)
+    rotation = Rotation.from_euler("z", -side * TILT_DEG, degrees=True).as_matrix()
+    return np.asarray((triangles - pivot) @ rotation.T + pivot)
 
 
 def end_point(nest: Nest, triangles: FloatArray) -> FloatArray:
@@ -115,9 +115,9 @@ LEVEL = (1.0, -0.45, 0.45)
 RAY_BEYOND_MIRROR = 1.1
 BED_GAP_MM = 14.0
 COUNT_CAPTION = "From behind; the number after a name is how many go into the part"
-# Thickness of the bars that mark the edge to read on a scale.
+# Thickness of the bars that mark the reading edge of a scale.
 BAR_MM = 1.4
-# Component from below of the viewer's direction to the mirrors, and height of a seat's name over the seat.
+# Downward component of the direction to the viewer of the mirrors, and height of a seat's label above the seat.
 SEATS_FROM_BELOW, SEAT_NAME_MM = 0.3, 2.0
 EDGE_TEXT = "This edge at the longest mark"
 
@@ -130,16 +130,16 @@ def pictures_of(device: Device, parts: Sequence[BuiltPart], pieces: Sequence[Pie
     layout = device.layout
     viewers = (IN_FRONT, LEVEL, BELOW, BEHIND)
     front, level, below, behind = (view_axes(layout, viewer) for viewer in viewers)
-    named = tuple(still(piece, name_of(piece)) for piece in pieces)
-    bare = tuple(still(piece) for piece in pieces)
+    labelled = tuple(in_place(piece, name_of(piece)) for piece in pieces)
+    unlabelled = tuple(in_place(piece) for piece in pieces)
     rays = tuple(middle_ray(layout, index) for index in range(len(layout.mirrors)))
-    apart = placed([(piece, piece.explode_mm) for piece in pieces])
+    exploded = exploded_items([(piece, piece.explode_mm) for piece in pieces])
     stages = Stages(pieces)
     return (
-        DevicePicture("assembled", "The device, assembled", front, named),
-        DevicePicture("exploded", "Exploded view", front, apart),
-        DevicePicture("light", "The light: from the lens via every mirror to the scene", front, bare, rays),
-        DevicePicture("behind", "The device from behind", behind, bare),
+        DevicePicture("assembled", "The device, assembled", front, labelled),
+        DevicePicture("exploded", "Exploded view", front, exploded),
+        DevicePicture("light", "The light: from the lens via every mirror to the scene", front, unlabelled, rays),
+        DevicePicture("behind", "The device from behind", behind, unlabelled),
         DevicePicture("print", "The printed parts as they lie on the printer's bed", ISOMETRIC_AXES, _on_bed(parts)),
         _inserts(layout, stages, behind, below),
         _mirrors(layout, stages),
@@ -185,7 +185,7 @@ def _inserts(layout: Layout, stages: Stages, behind: FloatArray, below: FloatArr
     items = _threads(stages, [part for part in stages.of_kind("part") if part not in carriers])
     third = None
     if carriers:
-        moves = [np.diff(places_out(thread), axis=0)[-1] for thread in stages.threads_in(carriers)]
+        moves = [np.diff(exit_path(thread), axis=0)[-1] for thread in stages.threads_in(carriers)]
         axes = axes_towards(layout, mean([move / np.linalg.norm(move) for move in moves]))
         third = DevicePicture(
             "inserts", title, axes, _threads(stages, carriers), caption="The mirror carriers", inside=True
@@ -194,15 +194,15 @@ def _inserts(layout: Layout, stages: Stages, behind: FloatArray, below: FloatArr
     return DevicePicture("inserts", title, behind, items, caption=COUNT_CAPTION, below=front)
 
 
-def _threads(stages: Stages, among: Sequence[Piece]) -> tuple[Item, ...]:
+def _threads(stages: Stages, candidates: Sequence[Piece]) -> tuple[Item, ...]:
     """Exploded parts, with their inserts and nuts at the start of their paths and arrows."""
-    parts = [part for part in among if stages.threads_in([part])]
+    parts = [part for part in candidates if stages.threads_in([part])]
     carriers = {piece.name for piece in stages.carriers}
     threads = stages.threads_in(parts)
     homes = [home_of(thread, joins_of(thread)[-1], parts) for thread in threads]
     counts = Counter(home.name for home in homes if home)
     items = [
-        moved(
+        displaced(
             part,
             part.explode_mm,
             _label_with_count(part, part.name in carriers, counts[part.name]),
@@ -211,32 +211,33 @@ def _threads(stages: Stages, among: Sequence[Piece]) -> tuple[Item, ...]:
         for part in parts
     ]
     for thread, home in zip(threads, homes, strict=True):
-        items += put_in(thread, home.explode_mm if home else np.zeros(3))
+        items += inserted(thread, home.explode_mm if home else np.zeros(3))
     return tuple(items)
 
 
 def _label_with_count(part: Piece, short: bool, count: int) -> str:
-    """The name of a part in the picture of inserts or nuts, and their number."""
+    """The name of a part, or its number if `short`, and the count of its inserts or nuts."""
     return f"{part.number if short else name_of(part)}: {count}"
 
 
 def _mirrors(layout: Layout, stages: Stages) -> DevicePicture:
-    """The mirrors in front of their seats, seen along their normals, and in the same view the seats by name."""
+    """The mirrors in front of their seats, seen along their normals, and below in the same view the labelled seats."""
     title = "Which mirror goes where"
     normal = mean([mirror.normal_in_rig for mirror in layout.mirrors])
     normal = normal / np.linalg.norm(normal)
     axes = axes_towards(layout, normal + SEATS_FROM_BELOW * layout.view_from_rig[1])
-    holder = tuple(still(piece, pale=True) for piece in stages.holder)
+    holder = tuple(in_place(piece, pale=True) for piece in stages.holder)
     fasteners = [
-        moved(piece, piece.explode_mm - mean([p.explode_mm for p in stages.holder])) for piece in stages.carrier_screws
+        displaced(piece, piece.explode_mm - mean([p.explode_mm for p in stages.holder]))
+        for piece in stages.carrier_screws
     ]
-    before = [lifted(piece, stages.holder, normal) for piece in (*stages.mirrors, *stages.carriers)]
+    lifted_mirrors = [lifted(piece, stages.holder, normal) for piece in (*stages.mirrors, *stages.carriers)]
     lines = [
         Item(NO_BODY, "", np.array([corner, corner + MIRROR_LIFT_MM * normal]))
         for mirror in layout.mirrors
         for corner in mirror.outline_in_rig_mm
     ]
-    names = tuple(
+    seat_labels = tuple(
         (f"seat {name}", mirror.outline_in_rig_mm.mean(axis=0) + SEAT_NAME_MM * mirror.normal_in_rig)
         for name, mirror in zip(layout.mirror_names, layout.mirrors, strict=True)
     )
@@ -245,45 +246,59 @@ def _mirrors(layout: Layout, stages: Stages) -> DevicePicture:
         title,
         axes,
         holder,
-        notes=names,
+        notes=seat_labels,
         inside=True,
         caption="The seats without the mirrors, from the same side",
     )
     caption = "Seen from the front, from the scene: each mirror before its seat"
     return DevicePicture(
-        "mirrors", title, axes, (*holder, *before, *fasteners, *lines), caption=caption, inside=True, below=seats
+        "mirrors",
+        title,
+        axes,
+        (*holder, *lifted_mirrors, *fasteners, *lines),
+        caption=caption,
+        inside=True,
+        below=seats,
     )
 
 
 def _holder_on_mount(stages: Stages) -> tuple[Item, ...]:
     rest = [*stages.holder, *stages.carriers, *stages.mirrors, *stages.threads_in(stages.holder)]
-    return joined(rest, stages.mount, stages.holder_screws, stages.holder)
+    return assembled(rest, stages.mount, stages.holder_screws, stages.holder)
 
 
 def _camera(device: Device, stages: Stages) -> DevicePicture:
     """The camera in front of its clip, from above the lens and from behind, with labels for the guide."""
     clip = device.clip
     rest = [*stages.clip, *stages.threads_in(stages.clip)]
-    joint = joined(rest, [], stages.camera_screws, stages.clip)
-    screws = zip(joint[len(rest) :], stages.camera_screws, strict=True)
-    plain = (*joint[: len(rest)], *(replace(item, label=screw_label(clip, screw)) for item, screw in screws))
-    away = STEP_SHARE * (stages.camera[0].explode_mm - mean([piece.explode_mm for piece in stages.clip]))
-    new = []
+    items = assembled(rest, [], stages.camera_screws, stages.clip)
+    screws = zip(items[len(rest) :], stages.camera_screws, strict=True)
+    clip_items = (*items[: len(rest)], *(replace(item, label=screw_label(clip, screw)) for item, screw in screws))
+    shift = STEP_SHARE * (stages.camera[0].explode_mm - mean([piece.explode_mm for piece in stages.clip]))
+    camera_items = []
     for camera in stages.camera:
-        body = moved(camera, away, name_of(camera)).body
-        new.append(Item(replace(body, triangles=tilted(clip, body.triangles)), name_of(camera)))
+        body = displaced(camera, shift, name_of(camera)).body
+        camera_items.append(Item(replace(body, triangles=tilted(clip, body.triangles)), name_of(camera)))
         if clip.nest is not None:
             end = end_point(clip.nest, body.triangles)
             seat = end_point(clip.nest, triangles_of(camera))
             direction = (seat - end) / np.linalg.norm(seat - end)
-            head = arrow_head((end + seat) / 2.0, direction)
-            new.append(Item(head, FIRST_END, np.array([end, seat])))
-    first, second = (axes_towards(device.layout, viewer) for viewer in viewers(clip))
+            arrow = arrow_head((end + seat) / 2.0, direction)
+            camera_items.append(Item(arrow, FIRST_END, np.array([end, seat])))
+    upper_axes, lower_axes = (axes_towards(device.layout, viewer) for viewer in viewers(clip))
     notes, title = notes_of(clip), "Camera and clip"
     # The lower view omits the camera, which would hide the clip.
-    lower = DevicePicture("camera", title, second, plain, notes=notes, caption="The clip alone, from the camera's back")
+    lower = DevicePicture(
+        "camera", title, lower_axes, clip_items, notes=notes, caption="The clip alone, from the camera's back"
+    )
     return DevicePicture(
-        "camera", title, first, (*plain, *new), notes=notes, caption="From above the lens", below=lower
+        "camera",
+        title,
+        upper_axes,
+        (*clip_items, *camera_items),
+        notes=notes,
+        caption="From above the lens",
+        below=lower,
     )
 
 
@@ -291,13 +306,15 @@ def _clip_on_mount(device: Device, stages: Stages) -> tuple[Item, ...]:
     """The clip with its camera in front of the mount, with red bars on the scale and on the edge that reads it."""
     rest = [*stages.holder, *stages.carriers, *stages.mount, *stages.mirrors, *stages.holder_screws]
     new = [*stages.clip, *stages.camera, *stages.camera_screws]
-    items = joined(rest, new, stages.clip_screws, stages.mount, together=stages.clip)
-    away = STEP_SHARE * (mean([piece.explode_mm for piece in stages.clip]) - mean([p.explode_mm for p in stages.mount]))
-    inside = [moved(thread, away) for thread in stages.threads_in(stages.clip)]
+    items = assembled(rest, new, stages.clip_screws, stages.mount, moved_as=stages.clip)
+    shift = STEP_SHARE * (
+        mean([piece.explode_mm for piece in stages.clip]) - mean([p.explode_mm for p in stages.mount])
+    )
+    threads = [displaced(thread, shift) for thread in stages.threads_in(stages.clip)]
     edge, mark = scale_edges(device)
-    bars = (ShadedBody(edge + away, ARROW_RGB), ShadedBody(mark, ARROW_RGB))
-    between = np.array([mark.mean(axis=(0, 1)), edge.mean(axis=(0, 1)) + away])
-    return (*items, *inside, Item(bars[0], EDGE_TEXT, between), Item(bars[1], ""))
+    bars = (ShadedBody(edge + shift, ARROW_RGB), ShadedBody(mark, ARROW_RGB))
+    line = np.array([mark.mean(axis=(0, 1)), edge.mean(axis=(0, 1)) + shift])
+    return (*items, *threads, Item(bars[0], EDGE_TEXT, line), Item(bars[1], ""))
 
 
 def scale_edges(device: Device) -> tuple[FloatArray, FloatArray]:
@@ -315,25 +332,25 @@ def _adapter_on_mount(stages: Stages) -> tuple[Item, ...]:
     threads = stages.threads_in(stages.adapter)
     new = {piece.name for piece in (*stages.adapter, *stages.adapter_screws, *stages.back_nuts, *threads)}
     rest = [piece for piece in stages.pieces if piece.name not in new]
-    items = joined(rest, stages.adapter, (*stages.adapter_screws, *stages.back_nuts), stages.mount)
+    items = assembled(rest, stages.adapter, (*stages.adapter_screws, *stages.back_nuts), stages.mount)
     # Inserts and nuts are already in the adapter.
     base = mean([piece.explode_mm for piece in stages.mount])
     homes = [(thread, home_of(thread, joins_of(thread)[-1], stages.adapter)) for thread in threads]
-    return (*items, *(moved(thread, STEP_SHARE * (home.explode_mm - base)) for thread, home in homes if home))
+    return (*items, *(displaced(thread, STEP_SHARE * (home.explode_mm - base)) for thread, home in homes if home))
 
 
 def _on_bed(parts: Sequence[BuiltPart]) -> tuple[Item, ...]:
-    """The parts in print orientation, in rows on a floor, with similar width and depth."""
+    """The parts in print orientation, in rows on a roughly square floor."""
     meshes = [(part, trimesh.load_mesh(part.stl)) for part in parts]
     printed = [(part, transform(part.print_from_rig, np.asarray(mesh.triangles))) for part, mesh in meshes]
     sizes = [np.ptp(triangles.reshape(-1, 3), axis=0) for _, triangles in printed]
     row_end = 1.05 * np.sqrt(sum((size[0] + BED_GAP_MM) * (size[1] + BED_GAP_MM) for size in sizes))
-    x = y = deepest = 0.0
+    x = y = row_depth = 0.0
     items = []
     for (part, triangles), size in zip(printed, sizes, strict=True):
         if x > 0.0 and x + size[0] > row_end:
-            x, y, deepest = 0.0, y - deepest - BED_GAP_MM, 0.0
+            x, y, row_depth = 0.0, y - row_depth - BED_GAP_MM, 0.0
         shift = np.array([x, y - size[1], 0.0]) - triangles.reshape(-1, 3).min(axis=0)
         items.append(Item(ShadedBody(triangles + shift, part.rgb), f"{part.number} {part.title}"))
-        x, deepest = x + size[0] + BED_GAP_MM, max(deepest, float(size[1]))
+        x, row_depth = x + size[0] + BED_GAP_MM, max(row_depth, float(size[1]))
     return tuple(items)

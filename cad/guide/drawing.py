@@ -13,8 +13,8 @@ import numpy as np
 from build123d import Part
 
 from mirrorcam.cad.guide.annotation import (
+    NOTES_MM,
     RESERVED_MM,
-    WORDS_MM,
     annotate,
     draw_frames,
     draw_holder_datums,
@@ -36,7 +36,7 @@ from mirrorcam.cad.guide.drawing_sheet import (
     ratio,
     text_width_mm,
 )
-from mirrorcam.cad.guide.hole_callouts import DEPTH, INSERT, NUT, PRESSED, called_out, hole_groups, hole_tables
+from mirrorcam.cad.guide.hole_callouts import DEPTH, INSERT, NUT, PRESS_TOLERANCE, called_out, hole_groups, hole_tables
 from mirrorcam.cad.guide.part_views import FRONT, ISOMETRIC, RIGHT, TOP, PartView, PlacedView, on_paper, project
 from mirrorcam.cad.guide.sections import LETTER_MM, Section, Trace, cut, draw_trace, hatch, section_plane, trace_in
 from mirrorcam.cad.holder.carriers import CarrierPlan
@@ -57,7 +57,7 @@ def holder_holes(plan: HolderPlan) -> tuple[Hole, ...]:
     rotation, origin = plan.rig_from_mount[:3, :3], plan.rig_from_mount[:3, 3]
     screw = plan.screw
     if screw.kind == "insert":
-        diameter, text = screw.insert_hole_mm, f"{PRESSED} {DEPTH}{plan.hole_depth_mm:.4g} {INSERT} (far side)"
+        diameter, text = screw.insert_hole_mm, f"{PRESS_TOLERANCE} {DEPTH}{plan.hole_depth_mm:.4g} {INSERT} (far side)"
     else:
         diameter, text = screw.clearance_hole_mm, f"{DEPTH}{plan.hole_depth_mm:.4g} for M3, slot {NUT} (far side)"
     return tuple(
@@ -71,7 +71,7 @@ def seat_names(plan: HolderPlan) -> list[tuple[str, FloatArray]]:
 
 
 def seat_table(plan: HolderPlan | CarrierPlan, bed_from_rig: FloatArray) -> DrawingTable:
-    """Table of seat planes relative to the flat back: the seat's middle, and its normal's tilt and direction of tilt.
+    """Table of seat planes relative to the flat back: the seat's middle, and the tilt and azimuth of its normal.
 
     `bed_from_rig` is a rotation (3, 3).
     """
@@ -94,11 +94,11 @@ def seat_table(plan: HolderPlan | CarrierPlan, bed_from_rig: FloatArray) -> Draw
         normal = newell_normal(corners)
         normal = normal * np.sign(normal[2])
         tilt = np.degrees(np.arccos(min(float(normal[2]), 1.0)))
-        towards = np.degrees(np.arctan2(normal[1], normal[0])) % 360.0
-        rows.append((name, f"{x:.2f}", f"{y:.2f}", f"{z:.2f}", f"{tilt:.3f}", f"{towards:.2f}"))
+        azimuth = np.degrees(np.arctan2(normal[1], normal[0])) % 360.0
+        rows.append((name, f"{x:.2f}", f"{y:.2f}", f"{z:.2f}", f"{tilt:.3f}", f"{azimuth:.2f}"))
     return DrawingTable(
         title="Seats (the planes of the pads that carry the mirrors)" if len(rows) > 1 else "Seat (plane of the pads)",
-        head=("id", "x", "y", "z", "tilt °", "towards °"),
+        header=("id", "x", "y", "z", "tilt °", "towards °"),
         rows=tuple(rows),
         notes=(
             f"x, y from the middle of {origin}, z from the flat back, mm,",
@@ -108,10 +108,10 @@ def seat_table(plan: HolderPlan | CarrierPlan, bed_from_rig: FloatArray) -> Draw
     )
 
 
-def offered(plan: Any) -> tuple[Length | Hole, ...]:
+def dimensions_in_plan(plan: Any) -> tuple[Length | Hole, ...]:
     """The dimensions of a part's plan in rig; a piece of a split part has the dimensions of the uncut part."""
     if isinstance(plan, PiecePlan):
-        return offered(plan.whole)
+        return dimensions_in_plan(plan.whole)
     if isinstance(plan, HolderPlan):
         return (*holder_holes(plan), *(plan.screw_holes if isinstance(plan, ScrewedHolderPlan) else ()))
     return plan.dimensions if isinstance(plan, Dimensioned) else ()
@@ -125,7 +125,7 @@ TEXT_MM, NOTE_MM = 2.5, 2.0
 ROW_MM = 4.4
 CLEAR_MM = 4.0
 NAME_MM = 8.0
-"""Height of a section's name above it."""
+"""Space for a section's name above it."""
 
 
 def write_drawing(
@@ -136,7 +136,7 @@ def write_drawing(
 
 
 def draw(solid: Part, part: PartPlan, printer: Printer, screw: Fastening = HARDWARE.screw) -> DrawingSheet:
-    """Draw a part on a drawing sheet; `screw` decides which holes are marked for inserts and nuts."""
+    """Draw a part on a drawing sheet; `screw` identifies the holes for inserts and nuts."""
     bed_from_rig = part.print_from_rig[:3, :3]
     top, front, right = (project(solid, axes @ bed_from_rig) for axes in (TOP, FRONT, RIGHT))
     isometric = project(solid, ISOMETRIC @ bed_from_rig, hidden_too=False)
@@ -145,14 +145,14 @@ def draw(solid: Part, part: PartPlan, printer: Printer, screw: Fastening = HARDW
     seats = isinstance(plan, HolderPlan) and bool(plan.cores)
     dimensions = dimensions_of(part, solid, screw)
     views = (top, front, right)
-    seated = (seat_table(plan, bed_from_rig),) if seats or isinstance(plan, CarrierPlan) else ()
-    tables = (*seated, *hole_tables(hole_groups(views, dimensions), views))
+    seat_tables = (seat_table(plan, bed_from_rig),) if seats or isinstance(plan, CarrierPlan) else ()
+    tables = (*seat_tables, *hole_tables(hole_groups(views, dimensions), views))
     sheet = DrawingSheet(*A3_MM)
     table_left, table_low = draw_tables(sheet, tables, RESERVED_MM if seats else 0.0)
     if seats:
-        built = Tolerances()
+        as_built = Tolerances()
         table_low = draw_frames(
-            sheet, table_left + 7.5, table_low, holder_tolerances(plan, built), tolerance_notes(built)
+            sheet, table_left + 7.5, table_low, holder_tolerances(plan, as_built), tolerance_notes(as_built)
         )
     placed, scale, free_mm = _arrange(top, front, right, table_left)
     section = _section_of(part, solid, dimensions)
@@ -163,9 +163,9 @@ def draw(solid: Part, part: PartPlan, printer: Printer, screw: Fastening = HARDW
         for index, view in enumerate(placed)
         if section and (trace := trace_in(view, section, bed_from_rig))
     }
-    crossed = [(index, trace.across, float(trace.ends[0, trace.across])) for index, trace in traces.items()]
-    annotate(sheet, placed, dimensions, free_mm, crossed)
-    free = _free(sheet, placed, table_left, table_low)
+    trace_lines = [(index, trace.across, float(trace.ends[0, trace.across])) for index, trace in traces.items()]
+    annotate(sheet, placed, dimensions, free_mm, trace_lines)
+    free = _free_rectangles(sheet, placed, table_left, table_low)
     cut_at, corner_low, corner_high = _place_section(section, free, scale)
     _draw_view(sheet, _isometric(isometric, placed, corner_low, corner_high), SMALL_MM)
     if section and cut_at:
@@ -176,10 +176,10 @@ def draw(solid: Part, part: PartPlan, printer: Printer, screw: Fastening = HARDW
         draw_holder_datums(sheet, placed[1])
         low, high = placed[0].box
         for name, middle in seat_names(plan):
-            at = placed[0].paper(middle)
+            label_at = placed[0].paper(middle)
             # Skip seats on other pieces of a split holder.
-            if (at > low).all() and (at < high).all():
-                base = at - (0.0, TEXT_MM / 2.0)
+            if (label_at > low).all() and (label_at < high).all():
+                base = label_at - (0.0, TEXT_MM / 2.0)
                 sheet.text(base, name, TEXT_MM, align="center", colour=SOFT, over_lines=True)
     material, model = printed_of(printer.plastic), f"parts/{part.name}.step"
     tolerance = GAUGE_TOLERANCE if isinstance(plan, CouponPlan) else GENERAL_TOLERANCE
@@ -197,10 +197,10 @@ def _draw_view(sheet: DrawingSheet, placed: PlacedView, width_mm: float) -> None
 
 def dimensions_of(part: PartPlan, solid: Part, screw: Fastening) -> tuple[Length | Hole, ...]:
     """The dimensions of a part's plan, without those on other pieces of a split part."""
-    lengths = [each for each in offered(part.plan) if isinstance(each, Length)]
-    holes = (each for each in offered(part.plan) if isinstance(each, Hole))
-    pressed = "" if isinstance(part.plan, CouponPlan) else PRESSED
-    dimensions: tuple[Length | Hole, ...] = (*called_out(holes, solid, screw, pressed), *lengths)
+    lengths = [each for each in dimensions_in_plan(part.plan) if isinstance(each, Length)]
+    holes = (each for each in dimensions_in_plan(part.plan) if isinstance(each, Hole))
+    tolerance = "" if isinstance(part.plan, CouponPlan) else PRESS_TOLERANCE
+    dimensions: tuple[Length | Hole, ...] = (*called_out(holes, solid, screw, tolerance), *lengths)
     if not isinstance(part.plan, PiecePlan):
         return dimensions
     box = solid.bounding_box()
@@ -222,22 +222,24 @@ def _arrange(
     """
     bottom = BORDER_MM + BLOCK_MM
     free = np.array([right_end - BORDER_MM, A3_MM[1] - BORDER_MM - bottom])
-    wide, deep = np.ptp(top.box, axis=0)
-    high = float(np.ptp(front.box, axis=0)[1])
-    spare = free - (2 * TIERS_MM + 12.0, 2 * TIERS_MM + 2 * WORDS_MM)
-    scale = next((s for s in SCALES if s * (wide + deep) <= spare[0] and s * (deep + high) <= spare[1]), SCALES[-1])
+    width, depth = np.ptp(top.box, axis=0)
+    height = float(np.ptp(front.box, axis=0)[1])
+    space = free - (2 * TIERS_MM + 12.0, 2 * TIERS_MM + 2 * NOTES_MM)
+    scale = next(
+        (s for s in SCALES if s * (width + depth) <= space[0] and s * (depth + height) <= space[1]), SCALES[-1]
+    )
     # Distribute the remaining space equally around the views.
-    loose = np.maximum(spare - scale * np.array([wide + deep, deep + high]), 0.0) / 3.0
-    free_mm = (TIERS_MM + min(float(loose[0]), 30.0), TIERS_MM + min(float(loose[1]), 20.0))
-    left = BORDER_MM + free_mm[0]
-    low = bottom + free_mm[1]
-    upper = low + scale * high + WORDS_MM + free_mm[1]
-    beside = left + scale * wide + free_mm[0] + 4.0
+    surplus = np.maximum(space - scale * np.array([width + depth, depth + height]), 0.0) / 3.0
+    free_mm = (TIERS_MM + min(float(surplus[0]), 30.0), TIERS_MM + min(float(surplus[1]), 20.0))
+    left_x = BORDER_MM + free_mm[0]
+    bottom_y = bottom + free_mm[1]
+    top_y = bottom_y + scale * height + NOTES_MM + free_mm[1]
+    right_x = left_x + scale * width + free_mm[0] + 4.0
 
     def at(view: PartView, x: float, y: float) -> PlacedView:
         return PlacedView(view, scale, np.array([x, y]) - view.box[0] * scale)
 
-    return (at(top, left, upper), at(front, left, low), at(right, beside, low)), scale, free_mm
+    return (at(top, left_x, top_y), at(front, left_x, bottom_y), at(right, right_x, bottom_y)), scale, free_mm
 
 
 def _isometric(view: PartView, placed: Sequence[PlacedView], low: FloatArray, high: FloatArray) -> PlacedView:
@@ -254,22 +256,22 @@ def _section_of(part: PartPlan, solid: Part, dimensions: Sequence[Length | Hole]
     return cut(solid, *plane, bed_from_rig) if plane else None
 
 
-def _free(
+def _free_rectangles(
     sheet: DrawingSheet, placed: Sequence[PlacedView], right_end: float, table_low: float
 ) -> tuple[FloatArray, ...]:
-    """Free rectangles (2, 2): above the view from the right, right of it, and below the tables, all clear of text."""
+    """Free rectangles (2, 2): above the view from the right, right of it, and below the tables, clear of text."""
     top, _, right = placed
     high_y = A3_MM[1] - BORDER_MM - 8.0
-    above = np.array([(top.box[1, 0] + 12.0, right.box[1, 1] + WORDS_MM + 4.0), (right_end - 6.0, high_y)])
+    above = np.array([(top.box[1, 0] + 12.0, right.box[1, 1] + NOTES_MM + 4.0), (right_end - 6.0, high_y)])
     low_y = BORDER_MM + BLOCK_MM + 8.0
-    beside = np.array([(right.box[1, 0] + 12.0, low_y), (right_end - 6.0, right.box[1, 1] + WORDS_MM - 8.0)])
+    right_of = np.array([(right.box[1, 0] + 12.0, low_y), (right_end - 6.0, right.box[1, 1] + NOTES_MM - 8.0)])
     below = np.array([(right_end + 4.0, low_y), (A3_MM[0] - BORDER_MM - 4.0, table_low - 4.0)])
-    return _clear_of_words(sheet, above), _clear_of_words(sheet, beside), below
+    return _clear_of_text(sheet, above), _clear_of_text(sheet, right_of), below
 
 
-def _clear_of_words(sheet: DrawingSheet, rectangle: FloatArray) -> FloatArray:
+def _clear_of_text(sheet: DrawingSheet, rectangle: FloatArray) -> FloatArray:
     """The larger part of a rectangle (2, 2) right of or below the texts that extend into it from the left."""
-    boxes = np.array([(words.corners.min(axis=0), words.corners.max(axis=0)) for words in sheet.words])
+    boxes = np.array([(box.corners.min(axis=0), box.corners.max(axis=0)) for box in sheet.text_boxes])
     inside = ((boxes[:, 1] > rectangle[0]) & (boxes[:, 0] < rectangle[1])).all(axis=1)
     if not inside.any():
         return rectangle
@@ -282,18 +284,18 @@ def _clear_of_words(sheet: DrawingSheet, rectangle: FloatArray) -> FloatArray:
 def _place_section(
     section: Section | None, free: Sequence[FloatArray], scale: float
 ) -> tuple[PlacedView | None, FloatArray, FloatArray]:
-    """Place a section at the views' scale or a smaller one; returns it and the rectangle left for the isometric."""
-    above, beside, below = free
+    """Place a section at most at the views' scale; returns it and the rectangle that remains for the isometric."""
+    above, right_of, below = free
     if section is None:
         return None, above[0], above[1]
     for smaller in (each for each in SCALES if each <= scale):
         size = np.ptp(section.view.box, axis=0) * smaller + (0.0, NAME_MM)
-        for rectangle in (below, beside):
+        for rectangle in (below, right_of):
             if (size <= rectangle[1] - rectangle[0]).all():
                 return _in_rectangle(section.view, smaller, rectangle), above[0], above[1]
-        room = above[1] - above[0]
+        size_above = above[1] - above[0]
         for axis, share in ((0, 0.55), (1, 0.6)):
-            if size[axis] <= share * room[axis] and size[1 - axis] <= room[1 - axis]:
+            if size[axis] <= share * size_above[axis] and size[1 - axis] <= size_above[1 - axis]:
                 # Left of the isometric, or below it.
                 end = above[1].copy()
                 end[axis] = above[0, axis] + size[axis]
@@ -304,7 +306,7 @@ def _place_section(
 
 
 def _in_rectangle(view: PartView, scale: float, rectangle: FloatArray) -> PlacedView:
-    """A view in the middle of a rectangle (2, 2), with space for its name above it."""
+    """A view centred in a rectangle (2, 2) with space for its name above it."""
     middle = rectangle.mean(axis=0) - (0.0, NAME_MM / 2.0)
     return PlacedView(view, scale, middle - view.box.mean(axis=0) * scale)
 
@@ -322,10 +324,10 @@ def draw_tables(sheet: DrawingSheet, tables: Sequence[DrawingTable], reserved_mm
     right, top = A3_MM[0] - BORDER_MM, A3_MM[1] - BORDER_MM
     left = right
     for table in tables:
-        cells = [table.head, *table.rows]
+        cells = [table.header, *table.rows]
         pitch = min(ROW_MM, (top - BORDER_MM - BLOCK_MM - 16.0 - reserved_mm) / (len(cells) + 1))
         height = min(TEXT_MM, 0.6 * pitch)
-        widths = [max(text_width_mm(row[i], height) for row in cells) + 4.0 for i in range(len(table.head))]
+        widths = [max(text_width_mm(row[i], height) for row in cells) + 4.0 for i in range(len(table.header))]
         lines = [
             text_width_mm(table.title, TEXT_MM, bold=True),
             *(text_width_mm(line, NOTE_MM) for line in table.notes),
@@ -336,9 +338,9 @@ def draw_tables(sheet: DrawingSheet, tables: Sequence[DrawingTable], reserved_mm
         ends = right - sum(widths) + np.cumsum(widths)
         for number, row in enumerate(cells):
             for column, (end, cell) in enumerate(zip(ends, row, strict=True)):
-                words = column in table.words
-                at = (end - widths[column] + 2.5 if words else end - 1.5, y - 0.72 * pitch)
-                sheet.text(at, cell, height, align="left" if words else "right", bold=number == 0)
+                at_left = column in table.left_aligned
+                at = (end - widths[column] + 2.5 if at_left else end - 1.5, y - 0.72 * pitch)
+                sheet.text(at, cell, height, align="left" if at_left else "right", bold=number == 0)
             y -= pitch
             sheet.lines([np.array([(start, y), (right, y)])], 0.35 if number == 0 else 0.1)
         for line in table.notes:

@@ -31,7 +31,7 @@ MM_PER_INCH = 25.4
 POINTS_PER_MM = 72.0 / MM_PER_INCH
 FONT = FontProperties(family="DejaVu Sans")
 BOLD = FontProperties(family="DejaVu Sans", weight="bold")
-# Ratio of a capital's height to the font size.
+# Height of capitals over the font size.
 CAPITALS = 0.73
 INK = "#10151f"
 SOFT = "#8b94a5"
@@ -40,8 +40,8 @@ Align = Literal["left", "center", "right"]
 
 
 @dataclass(frozen=True)
-class Words:
-    """A text on the sheet, with the corners (4, 2) of the area that it covers, mm."""
+class TextBox:
+    """A text on the sheet, and the corners (4, 2), mm, of the area that it covers."""
 
     text: str
     corners: FloatArray
@@ -53,7 +53,7 @@ def text_width_mm(text: str, height_mm: float, *, bold: bool = False) -> float:
 
 
 def fitted_text(text: str, width_mm: float, height_mm: float) -> str:
-    """A text cut to a width, with placeholders for characters that the font lacks."""
+    """A text truncated to a width, with placeholders for characters that the font lacks."""
     drawn = drawable(text, get_font(findfont(FONT)).get_charmap())
     return fitted(drawn, width_mm, lambda part: text_width_mm(part, height_mm))
 
@@ -71,7 +71,7 @@ class DrawingSheet:
 
     def __init__(self, width_mm: float, height_mm: float) -> None:
         self.size_mm = (width_mm, height_mm)
-        self.words: list[Words] = []
+        self.text_boxes: list[TextBox] = []
         self.drawn: list[tuple[FloatArray, float]] = []
         self._figure = Figure(figsize=(width_mm / MM_PER_INCH, height_mm / MM_PER_INCH))
         self._axes = self._figure.add_axes((0.0, 0.0, 1.0, 1.0))
@@ -96,7 +96,7 @@ class DrawingSheet:
         self._axes.add_collection(collection, autolim=False)
 
     def rectangle(self, low: tuple[float, float], high: tuple[float, float], width_mm: float) -> None:
-        """Draw an upright rectangle."""
+        """Draw a rectangle parallel to the sheet's edges, between two corners."""
         (x0, y0), (x1, y1) = low, high
         self.lines([np.array([(x0, y0), (x1, y0), (x1, y1), (x0, y1), (x0, y0)])], width_mm)
 
@@ -124,7 +124,7 @@ class DrawingSheet:
         turn_deg: float = 0.0,
         over_lines: bool = False,
     ) -> None:
-        """Write a line of text with its base line at `at` (2,), rotated about that; 90 deg is read from the right.
+        """Draw a line of text with its base line at `at` (2,), rotated about that point; 90 deg reads from the right.
 
         `over_lines` clears the paper behind it.
         """
@@ -148,18 +148,18 @@ class DrawingSheet:
         corners = np.array([(left, low), (left + width, low), (left + width, high), (left, high)])
         cosine, sine = np.cos(np.deg2rad(turn_deg)), np.sin(np.deg2rad(turn_deg))
         corners = corners @ np.array([(cosine, sine), (-sine, cosine)])
-        self.words.append(Words(text, corners + np.asarray(at)))
+        self.text_boxes.append(TextBox(text, corners + np.asarray(at)))
 
     def write(self, stem: Path, title: str) -> tuple[Path, Path]:
         """Write STEM.svg and STEM.pdf, and return their paths; the same sheet gives the same bytes."""
-        fixed: dict[str, dict[str, Any]] = {
+        metadata_of: dict[str, dict[str, Any]] = {
             "svg": {"Date": None, "Creator": "MirrorCam", "Title": title},
             "pdf": {"CreationDate": None, "Creator": "MirrorCam", "Producer": None, "Title": title},
         }
         settings: dict[Any, Any] = {"svg.hashsalt": "mirrorcam", "svg.fonttype": "path", "pdf.fonttype": 42}
-        svg, pdf = (stem.with_suffix(f".{kind}") for kind in fixed)
+        svg, pdf = (stem.with_suffix(f".{kind}") for kind in metadata_of)
         with mpl.rc_context(settings):
-            for path, (kind, metadata) in zip((svg, pdf), fixed.items(), strict=True):
+            for path, (kind, metadata) in zip((svg, pdf), metadata_of.items(), strict=True):
                 with atomic(path) as temporary:
                     self._figure.savefig(temporary, format=kind, metadata=metadata)
         return svg, pdf
@@ -189,7 +189,7 @@ EPOCH = "SOURCE_DATE_EPOCH"
 
 @dataclass(frozen=True)
 class Title:
-    """Entries of a title block; `revision` is the identity of the part's dimensions.
+    """Entries of a title block; `revision` is the part's identity.
 
     `model` is the file that defines all features without dimensions.
     """
@@ -218,17 +218,17 @@ def issue_date() -> str:
 
 
 def printed_of(plastic: str) -> str:
-    """The material of a printed part, with the plastic's name cut to its field."""
+    """The material of a printed part, with the plastic's name cut to fit the field."""
     printed = ", printed"
     return fitted_text(plastic, MATERIAL_MM - 4.0 - text_width_mm(printed, VALUE_MM), VALUE_MM) + printed
 
 
 def draw_title_block(sheet: DrawingSheet, title: Title) -> None:
     """Draw the border and the title block of an A3 sheet."""
-    right, top = A3_MM[0] - BORDER_MM, A3_MM[1] - BORDER_MM
-    sheet.rectangle((BORDER_MM, BORDER_MM), (right, top), FRAME_MM)
-    head = BORDER_MM + BLOCK_MM
-    sheet.lines([np.array([(BORDER_MM, head), (right, head)])], FRAME_MM)
+    right, border_top = A3_MM[0] - BORDER_MM, A3_MM[1] - BORDER_MM
+    sheet.rectangle((BORDER_MM, BORDER_MM), (right, border_top), FRAME_MM)
+    top_edge = BORDER_MM + BLOCK_MM
+    sheet.lines([np.array([(BORDER_MM, top_edge), (right, top_edge)])], FRAME_MM)
     columns: tuple[tuple[float, tuple[tuple[str, str, bool], ...]], ...] = (
         (90.0, (("Title", title.title, True), ("Project", "MirrorCam", False))),
         (40.0, (("Drawing number", title.number, True), ("Sheet", "1 / 1, A3", False))),
@@ -239,17 +239,17 @@ def draw_title_block(sheet: DrawingSheet, title: Title) -> None:
     x = BORDER_MM
     for width, fields in columns:
         for row, (label, value, bold) in enumerate(fields):
-            y = head - 13.0 * row
+            y = top_edge - 13.0 * row
             sheet.text((x + 2.0, y - 4.0), label, 1.8, colour=SOFT)
             sheet.text((x + 2.0, y - 10.0), value, 3.5 if bold else VALUE_MM, bold=bold)
         x += width
-        sheet.lines([np.array([(x, BORDER_MM), (x, head)])], 0.25)
-    sheet.lines([np.array([(BORDER_MM, head - 13.0), (x, head - 13.0)])], 0.25)
+        sheet.lines([np.array([(x, BORDER_MM), (x, top_edge)])], 0.25)
+    sheet.lines([np.array([(BORDER_MM, top_edge - 13.0), (x, top_edge - 13.0)])], 0.25)
     x_model = BORDER_MM + 90.0 - MODEL_MM
-    sheet.lines([np.array([(x_model, BORDER_MM), (x_model, head - 13.0)])], 0.25)
-    sheet.text((x_model + 2.0, head - 17.0), MODEL, 1.8, colour=SOFT)
-    sheet.text((x_model + 2.0, head - 23.0), fitted_text(title.model, MODEL_MM - 4.0, MODEL_TEXT_MM), MODEL_TEXT_MM)
-    sheet.text((x + 2.0, head - 4.0), "Projection: third angle", 1.8, colour=SOFT)
+    sheet.lines([np.array([(x_model, BORDER_MM), (x_model, top_edge - 13.0)])], 0.25)
+    sheet.text((x_model + 2.0, top_edge - 17.0), MODEL, 1.8, colour=SOFT)
+    sheet.text((x_model + 2.0, top_edge - 23.0), fitted_text(title.model, MODEL_MM - 4.0, MODEL_TEXT_MM), MODEL_TEXT_MM)
+    sheet.text((x + 2.0, top_edge - 4.0), "Projection: third angle", 1.8, colour=SOFT)
     _third_angle(sheet, np.array([(x + right) / 2.0, BORDER_MM + 10.0]))
 
 
@@ -262,11 +262,11 @@ def ratio(scale: float | None) -> str:
 
 def _third_angle(sheet: DrawingSheet, middle: FloatArray) -> None:
     """Draw the symbol of third-angle projection: the circles of a cone on the left, its side on the right."""
-    turn = np.linspace(0.0, 2.0 * np.pi, 65)
-    circle = np.column_stack([np.cos(turn), np.sin(turn)])
-    left, side = middle + np.array([[-11.0, 0.0], [9.0, 0.0]])
+    angles = np.linspace(0.0, 2.0 * np.pi, 65)
+    circle = np.column_stack([np.cos(angles), np.sin(angles)])
+    left, right = middle + np.array([[-11.0, 0.0], [9.0, 0.0]])
     cone = np.array([(-6.0, 2.2), (6.0, 4.4), (6.0, -4.4), (-6.0, -2.2), (-6.0, 2.2)])
-    sheet.lines([left + 4.4 * circle, left + 2.2 * circle, side + cone], OUTLINE_MM)
+    sheet.lines([left + 4.4 * circle, left + 2.2 * circle, right + cone], OUTLINE_MM)
     axis = np.array([(-18.0, 0.0), (18.0, 0.0)])
     dashes = (2.4, 0.5, 0.5, 0.5)
     sheet.lines([middle + axis, left + np.array([(0.0, -5.8), (0.0, 5.8)])], AXIS_MM, AXIS_COLOUR, dashes)

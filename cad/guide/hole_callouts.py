@@ -1,7 +1,7 @@
-"""Holes in a drawing: their callouts and places.
+"""Holes in a drawing: their callouts and positions.
 
 A callout has a hole's size, its depth in the material or "through", and its purpose. Holes with the same callout are
-dimensioned in their view or, if they are many, numbered and listed in a table. Oblique holes have their angle.
+dimensioned in their view or, if they are many, numbered and listed in a table. Oblique holes have an angle dimension.
 """
 
 from __future__ import annotations
@@ -29,17 +29,18 @@ from mirrorcam.core.values import FloatArray
 THROUGH = "through"
 INSERT, NUT = "for M3 insert", "for M3 nut"
 DEPTH = "↧"
-"""The symbol of depth (ISO 129-1)."""
+"""Depth symbol (ISO 129-1)."""
 
-PRESSED = "±0.1"
+PRESS_TOLERANCE = "±0.1"
 """Tolerance of a hole for an insert or a nut: the step between the gauges of the fit coupon, of which only one fits."""
 
-# Distance outside a hole at which its wall is tested, and share of its radius at which its floor or shoulder is tested.
-# The shoulder of a conical end is deeper, by up to the share CONE of the radius.
-BESIDE_MM = 0.05
-INWARD = 0.9
-BEYOND_MM = 0.03
-CONE = 0.15
+# Distance outside a hole at which its wall is probed, and share of its radius and depth at which its floor is probed.
+# A conical end is deeper, by up to `CONE_SHARE` of the radius.
+WALL_PROBE_MM = 0.05
+FLOOR_SHARE = 0.9
+FLOOR_PROBE_MM = 0.03
+CONE_SHARE = 0.15
+# Sizes that differ by less are equal; shorter intervals of material are ignored.
 SAME_MM = 1e-3
 
 
@@ -52,24 +53,26 @@ class Material:
         self._crossed = IntCurvesFace_ShapeIntersector()
         self._crossed.Load(shape, 1e-6)
 
-    def holds(self, point: FloatArray) -> bool:
+    def contains(self, point: FloatArray) -> bool:
         """Return whether a point (3,) lies inside the material."""
         self._inside.Perform(gp_Pnt(*point.tolist()), 1e-6)
         return bool(self._inside.State() == TopAbs_State.TopAbs_IN)
 
-    def along(self, start: FloatArray, direction: FloatArray, length_mm: float) -> list[tuple[float, float]]:
+    def intervals(self, start: FloatArray, direction: FloatArray, length_mm: float) -> list[tuple[float, float]]:
         """The intervals (from, to) inside the material of a line from a point (3,) along a unit vector (3,)."""
         self._crossed.Perform(gp_Lin(gp_Pnt(*start.tolist()), gp_Dir(*direction.tolist())), 0.0, length_mm)
-        found = [self._crossed.WParameter(i + 1) for i in range(self._crossed.NbPnt())]
-        stops = np.unique(np.round([0.0, *found, length_mm], 6))
+        crossings = [self._crossed.WParameter(i + 1) for i in range(self._crossed.NbPnt())]
+        stops = np.unique(np.round([0.0, *crossings, length_mm], 6))
         return [
             (float(low), float(high))
             for low, high in pairwise(stops)
-            if high - low > SAME_MM and self.holds(start + (low + high) / 2.0 * direction)
+            if high - low > SAME_MM and self.contains(start + (low + high) / 2.0 * direction)
         ]
 
 
-def called_out(holes: Iterable[Hole], solid: Part, screw: Fastening, pressed: str = PRESSED) -> tuple[Hole, ...]:
+def called_out(
+    holes: Iterable[Hole], solid: Part, screw: Fastening, tolerance: str = PRESS_TOLERANCE
+) -> tuple[Hole, ...]:
     """The holes with complete texts; the axis of a blind hole runs from its open end into the material.
 
     Parameters
@@ -80,14 +83,14 @@ def called_out(holes: Iterable[Hole], solid: Part, screw: Fastening, pressed: st
         The part, in rig.
     screw : Fastening
         Dimensions that identify holes for inserts, nuts and screws.
-    pressed : str
+    tolerance : str
         Tolerance of holes for inserts and nuts; "" for gauges, whose steps are that tolerance.
     """
     material = Material(solid)
-    return tuple(hole if hole.cut_mm is None else _called_out(hole, material, screw, pressed) for hole in holes)
+    return tuple(hole if hole.cut_mm is None else _called_out(hole, material, screw, tolerance) for hole in holes)
 
 
-def _called_out(hole: Hole, material: Material, screw: Fastening, pressed: str) -> Hole:
+def _called_out(hole: Hole, material: Material, screw: Fastening, tolerance: str) -> Hole:
     axis = hole.axis_in_rig / np.linalg.norm(hole.axis_in_rig)
     assert hole.cut_mm is not None
     if hole.form == "countersink":
@@ -98,26 +101,27 @@ def _called_out(hole: Hole, material: Material, screw: Fastening, pressed: str) 
     radius = hole.diameter_mm / 2.0
 
     def floor(end: FloatArray, out: FloatArray) -> bool:
-        """Return whether there is material at the tool's end, at half of the directions to allow for adjacent cuts."""
+        """Return whether material closes the tool's end in half of the directions, to allow for adjacent cuts."""
         return any(
-            sum(material.holds(end + beyond * out + INWARD * radius * side) for side in across) >= len(across) / 2
-            for beyond in (BEYOND_MM, CONE * radius)
+            sum(material.contains(end + depth * out + FLOOR_SHARE * radius * side) for side in across)
+            >= len(across) / 2
+            for depth in (FLOOR_PROBE_MM, CONE_SHARE * radius)
         )
 
     closed_start = floor(start - OUTSIDE_MM * axis, -axis)
     closed_end = floor(end, axis)
     if closed_start == closed_end:
         return replace(hole, text=_joined(hole.text, THROUGH, _purpose(hole, screw, through=True)))
-    # The depth is measured from the closed end to the end of the longest wall.
+    # The depth is measured from the closed end along the longest wall.
     origin, outward = (end, -axis) if closed_end else (start - OUTSIDE_MM * axis, axis)
     # One of eight directions is within 22.5 deg of the normal of a slot's side walls.
-    off = (radius + BESIDE_MM) / (np.cos(np.pi / 8.0) if hole.travel_mm else 1.0)
-    walls = [high for side in across for _, high in material.along(origin + off * side, outward, hole.cut_mm)[-1:]]
-    deep = max(walls, default=hole.cut_mm)
-    depth = f"{DEPTH}{deep:.2f}".rstrip("0").rstrip(".")
+    reach = (radius + WALL_PROBE_MM) / (np.cos(np.pi / 8.0) if hole.travel_mm else 1.0)
+    ends = [high for side in across for _, high in material.intervals(origin + reach * side, outward, hole.cut_mm)[-1:]]
+    deepest = max(ends, default=hole.cut_mm)
+    depth_text = f"{DEPTH}{deepest:.2f}".rstrip("0").rstrip(".")
     purpose = _purpose(hole, screw, through=False)
-    text = _joined(hole.text, pressed if purpose in (INSERT, NUT) else "", depth, purpose)
-    return replace(hole, text=text, centre_in_rig=origin + deep * outward, axis_in_rig=-outward)
+    text = _joined(hole.text, tolerance if purpose in (INSERT, NUT) else "", depth_text, purpose)
+    return replace(hole, text=text, centre_in_rig=origin + deepest * outward, axis_in_rig=-outward)
 
 
 def _across(axis: FloatArray) -> list[FloatArray]:
@@ -144,8 +148,8 @@ def _joined(*texts: str) -> str:
     return " ".join(text for text in texts if text)
 
 
-MOST_PLACES = 4
-"""Largest number of places along x or y that are dimensioned; more are listed in a table."""
+MOST_COORDINATES = 4
+"""Largest number of x or y coordinates that are dimensioned; holes with more are listed in a table."""
 
 PARALLEL = 1e-4
 AXIS_MM = 0.13
@@ -164,62 +168,62 @@ def hole_groups(views: Sequence[PartView], dimensions: Iterable[Length | Hole]) 
     for hole in dimensions:
         if isinstance(hole, Hole):
             axis = _unit(hole.axis_in_rig)
-            facing = [abs(float(view.axes_in_rig[2] @ axis)) for view in views]
-            index = int(np.argmax(np.round(facing, 6)))
+            alignments = [abs(float(view.axes_in_rig[2] @ axis)) for view in views]
+            index = int(np.argmax(np.round(alignments, 6)))
             groups[index, callout(hole, float(axis @ views[index].axes_in_rig[2]))].append(hole)
     return groups
 
 
-def callout(hole: Hole, away: float) -> str:
-    """The text of a hole's callout; `away` is the cosine of its axis with the direction to the viewer."""
+def callout(hole: Hole, cosine: float) -> str:
+    """The text of a hole's callout; `cosine` is that of the angle between its axis and the direction to the viewer."""
     size = f"Ø{number(hole.diameter_mm)}"
     if hole.travel_mm:
         size = f"slot {number(hole.diameter_mm)} x {number(hole.diameter_mm + hole.travel_mm)}"
-    words = {"hexagon": f"hex {size[1:]} A/F", "countersink": f"countersink {size}"}.get(hole.form, size)
-    words = f"{words} {hole.text}"
+    text = {"hexagon": f"hex {size[1:]} A/F", "countersink": f"countersink {size}"}.get(hole.form, size)
+    text = f"{text} {hole.text}"
     blind = hole.cut_mm is not None and (DEPTH in hole.text or hole.form == "countersink")
-    return f"{words.strip()} (far side)" if blind and away > 0.5 else words.strip()
+    return f"{text.strip()} (far side)" if blind and cosine > 0.5 else text.strip()
 
 
 def in_table(holes: Sequence[Hole], view: PartView) -> bool:
-    """Return whether holes with one callout are at too many places for dimensions, in a view along their axis."""
+    """Return whether holes with one callout have too many coordinates for dimensions, in a view along their axis."""
     if abs(float(view.axes_in_rig[2] @ _unit(holes[0].axis_in_rig))) < 1.0 - PARALLEL:
         return False
     flat = np.array([hole.centre_in_rig for hole in holes]) @ view.axes_in_rig[:2].T
-    return any(len(np.unique(np.round(flat[:, axis], 3))) > MOST_PLACES for axis in (0, 1))
+    return any(len(np.unique(np.round(flat[:, axis], 3))) > MOST_COORDINATES for axis in (0, 1))
 
 
 def numbered(holes: Sequence[Hole], view: PartView) -> list[Hole]:
     """Holes in the order of their numbers from 1: from top to bottom in the view, and from left to right."""
     flat = np.array([hole.centre_in_rig for hole in holes]) @ view.axes_in_rig[:2].T
-    return [holes[place] for place in np.lexsort((np.round(flat[:, 0], 3), -np.round(flat[:, 1], 3)))]
+    return [holes[index] for index in np.lexsort((np.round(flat[:, 0], 3), -np.round(flat[:, 1], 3)))]
 
 
 def hole_tables(groups: Groups, views: Sequence[PartView]) -> tuple[DrawingTable, ...]:
-    """A table of places for every callout with too many places for dimensions."""
+    """A table of positions for every callout with too many coordinates for dimensions."""
     tables = []
-    for (index, words), holes in groups.items():
+    for (index, text), holes in groups.items():
         view = views[index]
         if not in_table(holes, view):
             continue
-        origin, named = view.box[0], "the lower left corner of that view"
+        origin, origin_name = view.box[0], "the lower left corner of that view"
         if (datum := holes[0].datum) is not None:
-            origin, named = view.axes_in_rig[:2] @ datum.at_in_rig, datum.name
+            origin, origin_name = view.axes_in_rig[:2] @ datum.at_in_rig, datum.name
         rows = []
-        for place, hole in enumerate(numbered(holes, view), start=1):
+        for row, hole in enumerate(numbered(holes, view), start=1):
             x, y = view.axes_in_rig[:2] @ hole.centre_in_rig - origin
-            rows.append((str(place), f"{x:.2f}", f"{y:.2f}"))
-        title = f"Holes {words.split()[0]}"
-        tables.append(DrawingTable(title, ("no.", "x", "y"), tuple(rows), (f"{VIEWS[index]}, mm from", named)))
+            rows.append((str(row), f"{x:.2f}", f"{y:.2f}"))
+        title = f"Holes {text.split()[0]}"
+        tables.append(DrawingTable(title, ("no.", "x", "y"), tuple(rows), (f"{VIEWS[index]}, mm from", origin_name)))
     return tuple(tables)
 
 
 def draw_numbers(sheet: DrawingSheet, placed: PlacedView, holes: Sequence[Hole]) -> None:
     """Draw the number of each hole of a table at its lower right, since leaders come from above."""
-    for place, hole in enumerate(numbered(holes, placed.view), start=1):
-        off = hole.diameter_mm / 2.0 * placed.scale * 0.71 + 0.8
-        at = placed.paper(hole.centre_in_rig) + np.array([off, -off - NUMBER_MM])
-        sheet.text((float(at[0]), float(at[1])), str(place), NUMBER_MM, over_lines=True)
+    for row, hole in enumerate(numbered(holes, placed.view), start=1):
+        offset = hole.diameter_mm / 2.0 * placed.scale * 0.71 + 0.8
+        corner = placed.paper(hole.centre_in_rig) + np.array([offset, -offset - NUMBER_MM])
+        sheet.text((float(corner[0]), float(corner[1])), str(row), NUMBER_MM, over_lines=True)
 
 
 def oblique_holes(groups: Groups, views: Sequence[PartView], lengths: Iterable[Length]) -> list[tuple[int, Hole]]:
@@ -228,22 +232,22 @@ def oblique_holes(groups: Groups, views: Sequence[PartView], lengths: Iterable[L
     Of holes whose axes coincide in that view, a blind one is preferred.
     """
     ends = np.vstack([np.zeros((0, 3)), *(each.points_in_rig for each in lengths)])
-    found: dict[tuple[float, ...], tuple[int, Hole]] = {}
+    oblique: dict[tuple[float, ...], tuple[int, Hole]] = {}
     for hole in (hole for holes in groups.values() for hole in holes):
         axis = _unit(hole.axis_in_rig)
-        facing = np.abs([float(view.axes_in_rig[2] @ axis) for view in views])
-        if facing.max() > 1.0 - PARALLEL or facing.min() > PARALLEL:
+        alignments = np.abs([float(view.axes_in_rig[2] @ axis) for view in views])
+        if alignments.max() > 1.0 - PARALLEL or alignments.min() > PARALLEL:
             continue
-        index = int(facing.argmin())
+        index = int(alignments.argmin())
         flat = views[index].axes_in_rig[:2]
         across = np.array([-(flat[1] @ axis), flat[0] @ axis])
-        level = float(across @ flat @ hole.centre_in_rig)
-        if (np.abs(ends @ flat.T @ across - level) < 1e-2).any():
+        offset = float(across @ flat @ hole.centre_in_rig)
+        if (np.abs(ends @ flat.T @ across - offset) < 1e-2).any():
             continue
-        line = (index, *np.round([*np.abs(across), level], 2).tolist())
-        if line not in found or DEPTH in hole.text:
-            found[line] = (index, hole)
-    return list(found.values())
+        key = (index, *np.round([*np.abs(across), offset], 2).tolist())
+        if key not in oblique or DEPTH in hole.text:
+            oblique[key] = (index, hole)
+    return list(oblique.values())
 
 
 def oblique_lengths(placed: PlacedView, hole: Hole) -> tuple[LinearDimension, LinearDimension]:
@@ -261,25 +265,28 @@ def oblique_lengths(placed: PlacedView, hole: Hole) -> tuple[LinearDimension, Li
 def draw_oblique(sheet: DrawingSheet, placed: PlacedView, hole: Hole) -> None:
     """Draw the axis of an oblique hole in a view parallel to it, and its angle to the nearer axis of the view."""
     at = placed.paper(hole.centre_in_rig)
-    out = -(placed.view.axes_in_rig[:2] @ _unit(hole.axis_in_rig))
-    turned = float(np.degrees(np.arctan2(out[1], out[0])))
-    level = float(np.copysign(180.0, turned)) if out[0] < 0.0 else 0.0
-    base = level if abs(turned - level) < 45.0 + PARALLEL else float(np.copysign(90.0, turned))
-    reach = np.array([-hole.diameter_mm * placed.scale, ARC_MM + 2.0])
-    sheet.lines([at + np.outer(reach, out)], AXIS_MM, INK, CENTRE_DASHES_MM)
+    outward = -(placed.view.axes_in_rig[:2] @ _unit(hole.axis_in_rig))
+    angle_deg = float(np.degrees(np.arctan2(outward[1], outward[0])))
+    horizontal = float(np.copysign(180.0, angle_deg)) if outward[0] < 0.0 else 0.0
+    reference = horizontal if abs(angle_deg - horizontal) < 45.0 + PARALLEL else float(np.copysign(90.0, angle_deg))
+    ends = np.array([-hole.diameter_mm * placed.scale, ARC_MM + 2.0])
+    sheet.lines([at + np.outer(ends, outward)], AXIS_MM, INK, CENTRE_DASHES_MM)
 
-    def ray(angle: float) -> FloatArray:
-        return np.array([np.cos(np.radians(angle)), np.sin(np.radians(angle))])
+    def ray(deg: float) -> FloatArray:
+        return np.array([np.cos(np.radians(deg)), np.sin(np.radians(deg))])
 
-    sheet.lines([at + np.outer([1.0, ARC_MM + 2.0], ray(base))], LINE_MM)
-    sheet.lines([np.array([at + ARC_MM * ray(angle) for angle in np.linspace(base, turned, 25)])], LINE_MM)
-    sense = np.sign(turned - base)
-    for angle, sign in ((base, -sense), (turned, sense)):
-        sheet.arrow_head(at + ARC_MM * ray(angle), sign * np.array([-ray(angle)[1], ray(angle)[0]]))
-    middle = at + (ARC_MM + 1.5) * ray((base + turned) / 2.0)
+    sheet.lines([at + np.outer([1.0, ARC_MM + 2.0], ray(reference))], LINE_MM)
+    sheet.lines([np.array([at + ARC_MM * ray(deg) for deg in np.linspace(reference, angle_deg, 25)])], LINE_MM)
+    sign = np.sign(angle_deg - reference)
+    for deg, side in ((reference, -sign), (angle_deg, sign)):
+        sheet.arrow_head(at + ARC_MM * ray(deg), side * np.array([-ray(deg)[1], ray(deg)[0]]))
+    middle = at + (ARC_MM + 1.5) * ray((reference + angle_deg) / 2.0)
     align: Align = "left" if middle[0] >= at[0] else "right"
     sheet.text(
-        (float(middle[0]), float(middle[1]) - TEXT_MM / 2.0), f"{number(abs(turned - base))}°", TEXT_MM, align=align
+        (float(middle[0]), float(middle[1]) - TEXT_MM / 2.0),
+        f"{number(abs(angle_deg - reference))}°",
+        TEXT_MM,
+        align=align,
     )
 
 

@@ -17,12 +17,12 @@ INK = (28, 33, 45)
 SOFT = (104, 112, 128)
 TEXT_PX = 22
 SMALLEST_TEXT_PX = 15
-ROW_OF_TEXT = 1.9
+ROW_PITCH_OF_TEXT = 1.9
 MARGIN_PX = 26
-SHIFT = 4
-# A surface hides a point if it is nearer by more than this.
+SUBPIXEL_BITS = 4
+# Depth by which a surface must be in front of a point to hide it.
 HIDDEN_MM = 1.0
-# Regular weight of the font; by default OpenCV uses that of the last text in the process.
+# Regular font weight: OpenCV's default is the weight of the last text drawn in the process.
 WEIGHT = 400
 CAPTION_PX, BOLD = 26, 700
 CAPTION_ROOM_PX = MARGIN_PX + TEXT_PX + 16
@@ -31,7 +31,7 @@ CAPTION_ROOM_PX = MARGIN_PX + TEXT_PX + 16
 
 @dataclass(frozen=True)
 class Label:
-    """A name for a body of a picture, by its index, or for a point (3,) in rig on that body (-1: on any body)."""
+    """A label of a body in a picture, by its index, or for a point (3,) in rig on that body (-1: on any body)."""
 
     body: int
     text: str
@@ -39,11 +39,11 @@ class Label:
 
 
 @dataclass(frozen=True)
-class _Line:
+class _Leader:
     start: FloatArray
     end: FloatArray
 
-    def crosses(self, other: _Line) -> bool:
+    def crosses(self, other: _Leader) -> bool:
         def side(a: FloatArray, b: FloatArray, c: FloatArray) -> float:
             return float((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))
 
@@ -53,28 +53,28 @@ class _Line:
         )
 
 
-def deepest(seen: NDArray[np.bool_]) -> tuple[FloatArray, float] | None:
+def innermost_pixel(mask: NDArray[np.bool_]) -> tuple[FloatArray, float] | None:
     """The pixel (column, row) farthest inside an area (h, w), and its distance from the border, px; None if empty."""
-    if not seen.any():
+    if not mask.any():
         return None
-    inside = cv2.distanceTransform(np.pad(seen.astype(np.uint8), 1), cv2.DIST_L2, 3)[1:-1, 1:-1]
-    row, column = np.unravel_index(int(inside.argmax()), inside.shape)
-    return np.array([column, row], dtype=np.float64), float(inside[row, column])
+    distance = cv2.distanceTransform(np.pad(mask.astype(np.uint8), 1), cv2.DIST_L2, 3)[1:-1, 1:-1]
+    row, column = np.unravel_index(int(distance.argmax()), distance.shape)
+    return np.array([column, row], dtype=np.float64), float(distance[row, column])
 
 
-def anchor(shot: Shot, body: int) -> FloatArray | None:
+def middle_pixel(shot: Shot, body: int) -> FloatArray | None:
     """The pixel (column, row) farthest inside the visible part of a body; None if it is hidden."""
-    found = deepest(shot.bodies == body)
-    return found[0] if found else None
+    innermost = innermost_pixel(shot.bodies == body)
+    return innermost[0] if innermost else None
 
 
-def place_of(shot: Shot, label: Label) -> FloatArray | None:
+def pixel_of(shot: Shot, label: Label) -> FloatArray | None:
     """The pixel (column, row) that a label names; None if it is hidden or outside the picture.
 
     A point of a body gives the nearest visible pixel of the body.
     """
     if label.at is None:
-        return anchor(shot, label.body)
+        return middle_pixel(shot, label.body)
     column, row, near = shot.screen.pixels(label.at)
     if label.body >= 0:
         rows, columns = np.nonzero(shot.bodies == label.body)
@@ -91,55 +91,57 @@ def place_of(shot: Shot, label: Label) -> FloatArray | None:
 
 def annotate(shot: Shot, labels: Sequence[Label], top_px: int = MARGIN_PX) -> Pixels:
     """The picture with names in columns at its left and right sides, from `top_px` down; hidden bodies have none."""
-    found = [(label, point) for label in labels if (point := place_of(shot, label)) is not None]
+    shown = [(label, point) for label in labels if (point := pixel_of(shot, label)) is not None]
     image = shot.image.copy()
     height, width = image.shape[:2]
     # Split into a left and a right half, so that leaders to the left and to the right never meet.
-    found.sort(key=lambda item: (item[1][0], item[1][1], item[0].text))
-    half = (len(found) + 1) // 2
-    rows = max(half, len(found) - half)
-    size = int(min(TEXT_PX, max(SMALLEST_TEXT_PX, (height - 2 * MARGIN_PX) / max(rows, 1) / ROW_OF_TEXT)))
+    shown.sort(key=lambda item: (item[1][0], item[1][1], item[0].text))
+    n_left = (len(shown) + 1) // 2
+    rows = max(n_left, len(shown) - n_left)
+    size = int(min(TEXT_PX, max(SMALLEST_TEXT_PX, (height - 2 * MARGIN_PX) / max(rows, 1) / ROW_PITCH_OF_TEXT)))
     font = cv2.FontFace("sans")
-    for left, group in ((True, found[:half]), (False, found[half:])):
+    for left, group in ((True, shown[:n_left]), (False, shown[n_left:])):
         group = sorted(group, key=lambda item: (item[1][1], item[0].text))
-        places = rows_near([float(point[1]) for _, point in group], size * ROW_OF_TEXT, top_px, height - MARGIN_PX)
+        levels = rows_near(
+            [float(point[1]) for _, point in group], size * ROW_PITCH_OF_TEXT, top_px, height - MARGIN_PX
+        )
         boxes = [cv2.getTextSize((width, height), label.text, (0, 0), font, size, WEIGHT) for label, _ in group]
         starts = [
-            np.array([MARGIN_PX + box[2] + 8.0 if left else width - MARGIN_PX - box[2] - 8.0, place])
-            for box, place in zip(boxes, places, strict=True)
+            np.array([MARGIN_PX + box[2] + 8.0 if left else width - MARGIN_PX - box[2] - 8.0, y])
+            for box, y in zip(boxes, levels, strict=True)
         ]
-        order = uncrossed(starts, [point for _, point in group])
-        # A name keeps its own width when it changes rows.
-        for place, index in zip(places, order, strict=True):
+        order = uncrossed_order(starts, [point for _, point in group])
+        # A name keeps its width when it changes rows.
+        for y, index in zip(levels, order, strict=True):
             label, point = group[index]
             box = boxes[index]
             x = MARGIN_PX if left else width - MARGIN_PX - box[2]
-            start = np.array([x + box[2] + 8.0 if left else x - 8.0, place])
+            start = np.array([x + box[2] + 8.0 if left else x - 8.0, y])
             _leader(image, start, point)
             # A white background keeps a long name legible over the picture.
-            ground = ((int(x) - 4, int(place - 0.6 * size)), (int(x + box[2]) + 4, int(place + 0.6 * size)))
-            cv2.rectangle(image, *ground, (255, 255, 255), -1)
-            cv2.putText(image, label.text, (int(x), int(place + 0.36 * size)), INK, font, size, WEIGHT)
+            background = ((int(x) - 4, int(y - 0.6 * size)), (int(x + box[2]) + 4, int(y + 0.6 * size)))
+            cv2.rectangle(image, *background, (255, 255, 255), -1)
+            cv2.putText(image, label.text, (int(x), int(y + 0.36 * size)), INK, font, size, WEIGHT)
     return image
 
 
-def written(shot: Shot, labels: Sequence[Label]) -> Pixels:
+def with_names_on_bodies(shot: Shot, labels: Sequence[Label]) -> Pixels:
     """The picture with each name in the middle of its body, on white; hidden bodies have none."""
     image = shot.image.copy()
     height, width = image.shape[:2]
     font = cv2.FontFace("sans")
     for label in labels:
-        if (point := place_of(shot, label)) is None:
+        if (point := pixel_of(shot, label)) is None:
             continue
         box = cv2.getTextSize((width, height), label.text, (0, 0), font, TEXT_PX, WEIGHT)
         x, y = int(point[0] - box[2] / 2.0), int(point[1])
-        ground = ((x - 6, int(y - 0.7 * TEXT_PX)), (x + box[2] + 6, int(y + 0.7 * TEXT_PX)))
-        cv2.rectangle(image, *ground, (255, 255, 255), -1)
+        background = ((x - 6, int(y - 0.7 * TEXT_PX)), (x + box[2] + 6, int(y + 0.7 * TEXT_PX)))
+        cv2.rectangle(image, *background, (255, 255, 255), -1)
         cv2.putText(image, label.text, (x, int(y + 0.36 * TEXT_PX)), INK, font, TEXT_PX, WEIGHT)
     return image
 
 
-def captioned(image: Pixels, caption: str) -> Pixels:
+def with_caption(image: Pixels, caption: str) -> Pixels:
     """The picture with a caption at its upper left, if any."""
     if not caption:
         return image
@@ -148,22 +150,22 @@ def captioned(image: Pixels, caption: str) -> Pixels:
     return drawn
 
 
-def uncrossed(starts: Sequence[FloatArray], ends: Sequence[FloatArray]) -> list[int]:
-    """An end for each start, so that no two lines cross: crossing lines swap ends, which shortens their sum."""
+def uncrossed_order(starts: Sequence[FloatArray], ends: Sequence[FloatArray]) -> list[int]:
+    """Index of an end for each start, so that no two lines cross: swapping ends of crossing lines shortens them."""
     order = list(range(len(starts)))
     swapped = True
     while swapped:
         swapped = False
         for i, j in combinations(range(len(order)), 2):
-            if _Line(starts[i], ends[order[i]]).crosses(_Line(starts[j], ends[order[j]])):
+            if _Leader(starts[i], ends[order[i]]).crosses(_Leader(starts[j], ends[order[j]])):
                 order[i], order[j] = order[j], order[i]
                 swapped = True
     return order
 
 
-def rows_near(preferred: Sequence[float], pitch: float, begins: float, ends: float) -> list[float]:
-    """Rows near the preferred ones (ascending), at least a pitch apart, and half a pitch inside a range."""
-    low, high = begins + pitch / 2.0, ends - pitch / 2.0
+def rows_near(preferred: Sequence[float], pitch: float, top: float, bottom: float) -> list[float]:
+    """Coordinates near the preferred ones (ascending), at least a pitch apart, and half a pitch inside a range."""
+    low, high = top + pitch / 2.0, bottom - pitch / 2.0
     rows: list[float] = []
     for value in preferred:
         rows.append(max(value, low if not rows else rows[-1] + pitch))
@@ -175,9 +177,9 @@ def rows_near(preferred: Sequence[float], pitch: float, begins: float, ends: flo
 
 
 def _leader(image: Pixels, start: FloatArray, end: FloatArray) -> None:
-    scale = 1 << SHIFT
+    scale = 1 << SUBPIXEL_BITS
     tail, tip = ([round(float(value) * scale) for value in point] for point in (start, end))
-    cv2.line(image, tail, tip, (255, 255, 255), 4, cv2.LINE_AA, SHIFT)
-    cv2.line(image, tail, tip, SOFT, 1, cv2.LINE_AA, SHIFT)
-    cv2.circle(image, tip, 5 * scale, (255, 255, 255), -1, cv2.LINE_AA, SHIFT)
-    cv2.circle(image, tip, 4 * scale, INK, -1, cv2.LINE_AA, SHIFT)
+    cv2.line(image, tail, tip, (255, 255, 255), 4, cv2.LINE_AA, SUBPIXEL_BITS)
+    cv2.line(image, tail, tip, SOFT, 1, cv2.LINE_AA, SUBPIXEL_BITS)
+    cv2.circle(image, tip, 5 * scale, (255, 255, 255), -1, cv2.LINE_AA, SUBPIXEL_BITS)
+    cv2.circle(image, tip, 4 * scale, INK, -1, cv2.LINE_AA, SUBPIXEL_BITS)

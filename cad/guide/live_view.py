@@ -19,17 +19,17 @@ from mirrorcam.optics.geometry.layout import Layout
 PICTURE, OVERLAY = "live_view", "live_overlay"
 """Names of the two files in `pictures/`; the transparent overlay has the size of the camera's frames."""
 
-AROUND, PART, MIRROR = 226, 46, 203
+SURROUNDINGS, PART, MIRROR = 226, 46, 203
 """Grey levels of the surroundings, of printed parts seen frontally, and of the scene in the mirrors."""
 
 LINE_RGB = (240, 120, 20)
 TEXT_RGB = (28, 33, 45)
-# Bits of the fractions of a pixel in which corners are drawn.
-SHIFT = 4
+# Fractional bits of OpenCV's fixed-point pixel coordinates.
+SUBPIXEL_BITS = 4
 NEAREST_MM = 1.0
 WIDEST_PX = 1400
 # Ratio of the frame's width to the largest height of a name.
-LARGEST_OF_WIDTH = 32.0
+WIDTH_OVER_NAME = 32.0
 
 
 def write_live_view(folder: Path, layout: Layout, pieces: Iterable[Piece]) -> None:
@@ -38,8 +38,8 @@ def write_live_view(folder: Path, layout: Layout, pieces: Iterable[Piece]) -> No
     scale = min(1.0, WIDEST_PX / image.shape[1])
     small = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
     write_image(folder / "pictures" / f"{PICTURE}.png", np.asarray(small, dtype=np.uint8))
-    done, data = cv2.imencode(".png", live_overlay(layout))
-    if not done:
+    encoded, data = cv2.imencode(".png", live_overlay(layout))
+    if not encoded:
         raise OSError("the PNG encoder failed")
     write_bytes(folder / "pictures" / f"{OVERLAY}.png", data.tobytes())
 
@@ -47,16 +47,16 @@ def write_live_view(folder: Path, layout: Layout, pieces: Iterable[Piece]) -> No
 def live_view(layout: Layout, pieces: Iterable[Piece]) -> NDArray[np.uint8]:
     """The frame (h, w, 3) of the layout's camera: printed parts, the scene in each mirror, and the mirrors' names."""
     camera = layout.camera
-    image = np.full((camera.height_px, camera.width_px, 3), AROUND, dtype=np.uint8)
+    image = np.full((camera.height_px, camera.width_px, 3), SURROUNDINGS, dtype=np.uint8)
     triangles = [np.asarray(piece.mesh.triangles) for piece in pieces if piece.kind == "part"]
     if triangles:
         _fill_parts(image, layout, np.concatenate(triangles))
     for index, name in enumerate(layout.mirror_names):
         usable = layout.outline_px(index, usable=True)
         if len(usable):
-            cv2.fillPoly(image, [_drawn(usable)], (MIRROR,) * 3, cv2.LINE_AA, SHIFT)
+            cv2.fillPoly(image, [_fixed_point(usable)], (MIRROR,) * 3, cv2.LINE_AA, SUBPIXEL_BITS)
         outline = layout.outline_px(index)
-        cv2.polylines(image, [_drawn(outline)], True, LINE_RGB, _line_px(layout), cv2.LINE_AA, SHIFT)
+        cv2.polylines(image, [_fixed_point(outline)], True, LINE_RGB, _line_px(layout), cv2.LINE_AA, SUBPIXEL_BITS)
         _name(image, name, outline, TEXT_RGB)
     return image
 
@@ -68,31 +68,31 @@ def live_overlay(layout: Layout) -> NDArray[np.uint8]:
     colour = (*LINE_RGB[::-1], 255)
     for index, name in enumerate(layout.mirror_names):
         outline = layout.outline_px(index)
-        cv2.polylines(image, [_drawn(outline)], True, colour, _line_px(layout), cv2.LINE_8, SHIFT)
+        cv2.polylines(image, [_fixed_point(outline)], True, colour, _line_px(layout), cv2.LINE_8, SUBPIXEL_BITS)
         _name(image, name, outline, colour)
     return image
 
 
 def _fill_parts(image: NDArray[np.uint8], layout: Layout, triangles: FloatArray) -> None:
     """Draw triangles (n, 3, 3) in rig as the camera sees them, the farthest first, darker at grazing angles."""
-    seen = triangles[(triangles[..., 2] > NEAREST_MM).all(axis=1)]
-    normals = np.cross(seen[:, 1] - seen[:, 0], seen[:, 2] - seen[:, 0])
-    middles = seen.mean(axis=1)
-    facing = -(normals * middles).sum(axis=1)
-    sizes = np.linalg.norm(normals, axis=1) * np.linalg.norm(middles, axis=1)
-    shown = facing > 1e-6 * sizes
-    corners = layout.camera.project(seen[shown])
-    order = np.argsort(-middles[shown, 2], kind="stable")
-    shade = 0.35 + 0.65 * facing[shown] / sizes[shown]
+    in_front = triangles[(triangles[..., 2] > NEAREST_MM).all(axis=1)]
+    normals = np.cross(in_front[:, 1] - in_front[:, 0], in_front[:, 2] - in_front[:, 0])
+    middles = in_front.mean(axis=1)
+    cosines = -(normals * middles).sum(axis=1)
+    norms = np.linalg.norm(normals, axis=1) * np.linalg.norm(middles, axis=1)
+    facing_camera = cosines > 1e-6 * norms
+    corners = layout.camera.project(in_front[facing_camera])
+    order = np.argsort(-middles[facing_camera, 2], kind="stable")
+    shade = 0.35 + 0.65 * cosines[facing_camera] / norms[facing_camera]
     for index in order:
         if np.isfinite(corners[index]).all():
             grey = int(PART * shade[index] * 1.6)
-            cv2.fillConvexPoly(image, _drawn(corners[index]), (grey,) * 3, cv2.LINE_AA, SHIFT)
+            cv2.fillConvexPoly(image, _fixed_point(corners[index]), (grey,) * 3, cv2.LINE_AA, SUBPIXEL_BITS)
 
 
-def _drawn(points_px: FloatArray) -> NDArray[np.int32]:
-    """Points (n, 2) as OpenCV's fixed-point integers with `SHIFT` fractional bits, clipped to their range."""
-    return np.asarray(np.round(np.clip(points_px, -1e5, 1e5) * (1 << SHIFT)), dtype=np.int32)
+def _fixed_point(points_px: FloatArray) -> NDArray[np.int32]:
+    """Points (n, 2) as OpenCV's fixed-point integers with `SUBPIXEL_BITS` fractional bits, clipped to their range."""
+    return np.asarray(np.round(np.clip(points_px, -1e5, 1e5) * (1 << SUBPIXEL_BITS)), dtype=np.int32)
 
 
 def _line_px(layout: Layout) -> int:
@@ -100,10 +100,10 @@ def _line_px(layout: Layout) -> int:
 
 
 def _name(image: NDArray[np.uint8], name: str, outline: FloatArray, colour: tuple[int, ...]) -> None:
-    """Write a mirror's name in the middle of its outline, with at most a sixth of its height."""
+    """Draw a mirror's name in the middle of its outline, at most a sixth as high as that."""
     low, high = outline.min(axis=0), outline.max(axis=0)
     height, width = image.shape[:2]
-    size = int(np.clip((high[1] - low[1]) / 6.0, 12.0, width / LARGEST_OF_WIDTH))
+    size = int(np.clip((high[1] - low[1]) / 6.0, 12.0, width / WIDTH_OVER_NAME))
     font = cv2.FontFace("sans")
     box = cv2.getTextSize((width, height), name, (0, 0), font, size, WEIGHT)
     at = (low + high) / 2.0 - (box[2] / 2.0, -0.36 * size)

@@ -16,7 +16,7 @@ from mirrorcam.core.values import FloatArray
 
 CURVE_STEPS = 32
 # On paper: hidden lines this near to visible ones, and those shorter than two dashes (the step of a fit behind a rim),
-# are left out.
+# are omitted.
 ALONG_VISIBLE_MM = 0.12
 SHORTEST_HIDDEN_MM = 1.6
 # Largest ratio of the total lengths of hidden and visible lines of a view.
@@ -95,29 +95,29 @@ def polylines(edges: Iterable[Edge]) -> list[FloatArray]:
 def on_paper(view: PartView, scale: float) -> tuple[list[FloatArray], list[FloatArray]]:
     """Visible and hidden polylines (n, 2) on paper, mm, without duplicates and illegibly small details.
 
-    All hidden lines are left out if they are too many to be legible.
+    All hidden lines are omitted if they are too many to be legible.
     """
-    visible = _joined(view.visible, scale)
-    hidden = _joined(view.hidden, scale)
+    visible = _merged(view.visible, scale)
+    hidden = _merged(view.hidden, scale)
     if hidden.length > MOST_HIDDEN * visible.length:
         return [np.array(line.coords) for line in visible.geoms], []
-    clear = shapely.line_merge(MultiLineString(_away_from(visible, hidden)))
-    lines = [line for line in _lines(clear) if line.length >= SHORTEST_HIDDEN_MM]
+    merged = shapely.line_merge(MultiLineString(_without_overlaps(visible, hidden)))
+    lines = [line for line in _lines(merged) if line.length >= SHORTEST_HIDDEN_MM]
     return [np.array(line.coords) for line in visible.geoms], [np.array(line.coords) for line in lines]
 
 
-def _away_from(visible: MultiLineString, hidden: MultiLineString) -> list[LineString]:
+def _without_overlaps(visible: MultiLineString, hidden: MultiLineString) -> list[LineString]:
     """Hidden lines without their parts along visible ones."""
     zones = shapely.buffer(np.array(visible.geoms), ALONG_VISIBLE_MM, quad_segs=2)
     tree = STRtree(zones)
-    clear = []
+    remaining = []
     for line in hidden.geoms:
         near = tree.query(line, predicate="intersects")
-        clear += _lines(line.difference(shapely.union_all(zones[np.sort(near)])) if len(near) else line)
-    return clear
+        remaining += _lines(line.difference(shapely.union_all(zones[np.sort(near)])) if len(near) else line)
+    return remaining
 
 
-def _joined(lines: Sequence[FloatArray], scale: float) -> MultiLineString:
+def _merged(lines: Sequence[FloatArray], scale: float) -> MultiLineString:
     strings = [LineString(line * scale) for line in lines if np.ptp(line, axis=0).max() * scale > 1e-4]
     merged = shapely.line_merge(shapely.unary_union(strings, grid_size=1e-4))
     return MultiLineString(_lines(merged))

@@ -23,13 +23,13 @@ from mirrorcam.core.values import FloatArray
 HATCH_MM, HATCH_LINE_MM = 2.0, 0.12
 TRACE_MM, TRACE_END_MM = 0.18, 0.5
 TRACE_DASHES_MM = (6.0, 0.8, 0.8, 0.8)
-TRACE_BEYOND_MM = (4.0, 7.0, 10.0, 13.0, 16.0, 20.0, 24.0, 28.0)
-"""Tried extensions of a section's trace beyond its view: the first with space for arrow and letter is used."""
+TRACE_EXTENSIONS_MM = (4.0, 7.0, 10.0, 13.0, 16.0, 20.0, 24.0, 28.0)
+"""Tried extensions of a section's trace beyond its view, in the order of preference."""
 
 LETTER_MM = 3.5
 ON_PLANE_MM = 1e-4
 # Weight of blind holes in the choice of a plane, relative to through holes.
-BLIND = 10
+BLIND_WEIGHT = 10
 # The view's axes, by the axis of the bed that is normal to the plane.
 AXES = (RIGHT, FRONT, TOP)
 
@@ -45,7 +45,7 @@ class Section:
 
 
 def section_plane(plan: Any, holes: Sequence[Hole], bed_from_rig: FloatArray) -> tuple[int, float] | None:
-    """The plane that shows the cavities of a part: its normal, as an axis of the bed, and its place, mm.
+    """The plane that shows the cavities of a part: its normal, as an axis of the bed, and its coordinate, mm.
 
     A mount and a cover are cut through their middles, other parts through the axes of as many holes as possible, with
     preference for blind ones. None for a part without holes. `bed_from_rig` is a rotation (3, 3).
@@ -55,12 +55,12 @@ def section_plane(plan: Any, holes: Sequence[Hole], bed_from_rig: FloatArray) ->
     if isinstance(plan, CoverPlan):
         return 0, float(bed_from_rig[0] @ plan.rig_from_front[:3, 3])
     scores: Counter[tuple[int, float]] = Counter()
-    for place, hole in {_axis_of(hole): hole for hole in holes}.items():
+    for key, hole in {_axis_of(hole): hole for hole in holes}.items():
         axis = bed_from_rig @ hole.axis_in_rig
         for normal in range(3):
             if abs(axis[normal]) < 1e-6:
-                at = round(float(bed_from_rig[normal] @ np.array(place[:3])), 3)
-                scores[normal, at] += BLIND if DEPTH in hole.text else 1
+                level = round(float(bed_from_rig[normal] @ np.array(key[:3])), 3)
+                scores[normal, level] += BLIND_WEIGHT if DEPTH in hole.text else 1
     return min(scores, key=lambda plane: (-scores[plane], plane)) if scores else None
 
 
@@ -76,8 +76,8 @@ def cut(solid: Part, normal: int, at_mm: float, bed_from_rig: FloatArray) -> Sec
     """Cut a solid and view the part behind the plane; None if the plane misses it."""
     axes = AXES[normal] @ bed_from_rig
     towards = axes[2]
-    along = bed_from_rig[normal]
-    origin = at_mm * along
+    normal_in_rig = bed_from_rig[normal]
+    origin = at_mm * normal_in_rig
     behind = solid.split(Plane(origin=tuple(origin), z_dir=tuple(towards)), keep=Keep.BOTTOM)
     kept = behind if isinstance(behind, list) else [behind]
     solids = [each for piece in kept if piece is not None for each in piece.solids()]
@@ -125,10 +125,10 @@ def hatch(sheet: DrawingSheet, faces: Sequence[Polygon], scale: float, shift: Fl
 
 @dataclass(frozen=True)
 class Trace:
-    """The trace of a section in a view: its ends (2, 2) on paper, and the section's viewing direction (2,)."""
+    """The trace of a section in a view: its ends (2, 2) on paper, and the viewing direction `arrow` (2,)."""
 
     ends: FloatArray
-    look: FloatArray
+    arrow: FloatArray
 
     @property
     def across(self) -> int:
@@ -145,14 +145,14 @@ class Trace:
     def marks(self) -> tuple[Polygon, ...]:
         """The areas of the letters and arrows at both ends."""
         return tuple(
-            LineString([foot - (2.6 + LETTER_MM / 2.0) * self.look, foot + 6.0 * self.look]).buffer(
+            LineString([foot - (2.6 + LETTER_MM / 2.0) * self.arrow, foot + 6.0 * self.arrow]).buffer(
                 0.75 * LETTER_MM + 0.3
             )
             for foot in self.feet
         )
 
-    def longer(self, beyond_mm: tuple[float, float]) -> Trace:
-        """The trace with its ends extended by these lengths."""
+    def extended(self, beyond_mm: tuple[float, float]) -> Trace:
+        """The trace, longer by a length at each end."""
         along = (self.ends[1] - self.ends[0]) / np.linalg.norm(self.ends[1] - self.ends[0])
         return replace(self, ends=self.ends + np.array([-along, along]) * np.array(beyond_mm)[:, None])
 
@@ -165,20 +165,20 @@ def trace_in(parent: PlacedView, section: Section, bed_from_rig: FloatArray) -> 
     if np.abs(along).max() < 0.5:
         return None
     across = int(np.argmax(np.abs(along)))
-    look = np.zeros(2)
-    look[across] = np.sign(axes[across] @ -(AXES[section.normal] @ bed_from_rig)[2])
+    arrow = np.zeros(2)
+    arrow[across] = np.sign(axes[across] @ -(AXES[section.normal] @ bed_from_rig)[2])
     ends = np.empty((2, 2))
     ends[:, across] = section.at_mm * along[across] * parent.scale + parent.shift[across]
     ends[:, 1 - across] = box[:, 1 - across]
-    return Trace(ends, look)
+    return Trace(ends, arrow)
 
 
 def draw_trace(sheet: DrawingSheet, traces: Sequence[Trace], letter: str) -> None:
-    """Draw the trace that covers the least of the sheet: its line, thick ends, arrows and letters.
+    """Draw the trace that covers least on the sheet: its line, thick ends, arrows and letters.
 
     Each end extends beyond its view until arrow and letter are clear.
     """
-    boxes = np.array([Polygon(words.corners) for words in sheet.words])
+    boxes = np.array([Polygon(box.corners) for box in sheet.text_boxes])
     lines = np.array([LineString(line) for line, _ in sheet.drawn])
 
     def overlaps(trace: Trace, end: int) -> tuple[int, int]:
@@ -187,27 +187,31 @@ def draw_trace(sheet: DrawingSheet, traces: Sequence[Trace], letter: str) -> Non
         covered = shapely.union_all([mark, LineString([trace.ends.mean(axis=0), trace.ends[end]])])
         return int(shapely.intersects(covered, boxes).sum()), int(shapely.intersects(mark, lines).sum())
 
-    found = []
+    candidates = []
     for trace in traces:
         costs = [
-            min((*overlaps(trace.longer((far, far)), end), far) for far in TRACE_BEYOND_MM if _on(sheet, trace, far))
+            min(
+                (*overlaps(trace.extended((extension, extension)), end), extension)
+                for extension in TRACE_EXTENSIONS_MM
+                if _is_on_sheet(sheet, trace, extension)
+            )
             for end in (0, 1)
         ]
-        found.append((np.sum(costs, axis=0).tolist(), trace.longer((costs[0][2], costs[1][2]))))
-    _, trace = min(found, key=lambda each: each[0])
+        candidates.append((np.sum(costs, axis=0).tolist(), trace.extended((costs[0][2], costs[1][2]))))
+    _, trace = min(candidates, key=lambda each: each[0])
     sheet.lines([trace.ends], TRACE_MM, INK, TRACE_DASHES_MM)
     for end, foot in zip(trace.ends, trace.feet, strict=True):
         sheet.lines([np.array([end, end + 2.5 * (foot - end)])], TRACE_END_MM)
-        tip = foot + 6.0 * trace.look
+        tip = foot + 6.0 * trace.arrow
         sheet.lines([np.array([foot, tip])], TRACE_MM)
-        sheet.arrow_head(tip, trace.look)
-        middle = foot - 2.6 * trace.look
+        sheet.arrow_head(tip, trace.arrow)
+        middle = foot - 2.6 * trace.arrow
         sheet.text((middle[0], middle[1] - LETTER_MM / 2.0), letter, LETTER_MM, align="center", bold=True)
 
 
-def _on(sheet: DrawingSheet, trace: Trace, beyond_mm: float) -> bool:
+def _is_on_sheet(sheet: DrawingSheet, trace: Trace, beyond_mm: float) -> bool:
     """Return whether the marks of a trace extended beyond its view are inside the border and above the title block."""
     low = np.array([BORDER_MM, BORDER_MM + BLOCK_MM]) + 1.0
     high = np.array(sheet.size_mm) - BORDER_MM - 1.0
-    bounds = np.array([mark.bounds for mark in trace.longer((beyond_mm, beyond_mm)).marks])
-    return beyond_mm == TRACE_BEYOND_MM[0] or bool((bounds[:, :2] > low).all() and (bounds[:, 2:] < high).all())
+    bounds = np.array([mark.bounds for mark in trace.extended((beyond_mm, beyond_mm)).marks])
+    return beyond_mm == TRACE_EXTENSIONS_MM[0] or bool((bounds[:, :2] > low).all() and (bounds[:, 2:] < high).all())

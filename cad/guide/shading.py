@@ -20,15 +20,14 @@ from mirrorcam.core.values import FloatArray
 Rgb = tuple[float, float, float]
 Pixels = NDArray[np.uint8]
 SUPERSAMPLING = 2
-# Number of fragments in a block, which limits the memory.
+# Number of fragments in a block: limits memory.
 FRAGMENTS = 1_500_000
-# There is an edge between adjacent pixels if the normals differ by more than this (cosine), or the depth by this many
-# pixels.
+# Adjacent pixels have an edge between them if the cosine of their normals is less, or their difference in depth more.
 EDGE_COSINE = 0.97
 EDGE_JUMP_PX = 9.0
 EDGE_DARKNESS = 0.62
 # Bias towards the viewer, so that rounding does not hide lines on a surface.
-LINE_BEFORE_SURFACE_MM = 0.3
+LINE_BIAS_MM = 0.3
 # Directions to two lights in the viewer's axes (right, up, towards), and their strengths, in addition to ambient light.
 LIGHTS = ((np.array([-0.45, 0.60, 0.66]), 0.42), (np.array([0.70, 0.10, 0.50]), 0.16))
 AMBIENT = 0.50
@@ -115,10 +114,10 @@ def _rasterise(corners: FloatArray, size_px: tuple[int, int]) -> tuple[NDArray[n
     nearness = np.full(width * height, -np.inf, dtype=np.float32)
     index = np.full(width * height, -1, dtype=np.int32)
     for triangle, pixel, depth in _fragments(corners, width, height):
-        before = nearness[pixel]
+        previous = nearness[pixel]
         np.maximum.at(nearness, pixel, depth)
-        won = (depth == nearness[pixel]) & (depth > before)
-        index[pixel[won]] = triangle[won]
+        nearest = (depth == nearness[pixel]) & (depth > previous)
+        index[pixel[nearest]] = triangle[nearest]
     return nearness.reshape(height, width), index.reshape(height, width)
 
 
@@ -190,33 +189,33 @@ def _shade(
     colours = np.vstack([colours, np.ones(3)]).astype(np.float32)
     normals = np.vstack([normals_seen, np.zeros(3)]).astype(np.float32)
     image = colours[index]
-    shown = index >= 0
-    ground = np.float32(nearness[shown].min()) if shown.any() else np.float32(0.0)
-    level = np.where(shown, nearness, ground)
-    dark = np.zeros(index.shape, dtype=np.float32)
-    weight = shown.astype(np.float32)
+    covered = index >= 0
+    ground = np.float32(nearness[covered].min()) if covered.any() else np.float32(0.0)
+    level = np.where(covered, nearness, ground)
+    occlusion = np.zeros(index.shape, dtype=np.float32)
+    weight = covered.astype(np.float32)
     height = level - ground
     for size in CORNER_MM:
         kernel = (2 * max(1, round(size * px_per_mm / 2.0)) + 1,) * 2
         share = np.maximum(cv2.blur(weight, kernel), 1e-3)
-        around = cv2.blur(height, kernel) / share + ground
-        # In a corner the surroundings are slightly nearer; much nearer surfaces are only in front.
-        nearer = np.maximum(around - level, 0.0) / size
-        dark += nearer / (1.0 + nearer**2)
-    image *= (1.0 - CORNER_DARKNESS * dark * shown)[..., None]
-    far = np.where(shown, nearness, np.float32(-1e9))
+        surroundings = cv2.blur(height, kernel) / share + ground
+        # In a corner the surroundings are slightly nearer; much nearer surfaces are separate objects in front.
+        nearer = np.maximum(surroundings - level, 0.0) / size
+        occlusion += nearer / (1.0 + nearer**2)
+    image *= (1.0 - CORNER_DARKNESS * occlusion * covered)[..., None]
+    depth = np.where(covered, nearness, np.float32(-1e9))
     edge = np.zeros(index.shape, dtype=bool)
     for here, there in ((np.s_[:-1, :], np.s_[1:, :]), (np.s_[:, :-1], np.s_[:, 1:])):
         # Only pairs of pixels with different triangles are compared, which are few.
         differs = index[here] != index[there]
-        one, other = index[here][differs], index[there][differs]
-        turned = np.einsum("nc,nc->n", normals[one], normals[other]) < EDGE_COSINE
-        jumped = np.abs(far[here][differs] - far[there][differs]) > EDGE_JUMP_PX / px_per_mm
-        differs[differs] = turned | jumped
+        first, second = index[here][differs], index[there][differs]
+        bent = np.einsum("nc,nc->n", normals[first], normals[second]) < EDGE_COSINE
+        stepped = np.abs(depth[here][differs] - depth[there][differs]) > EDGE_JUMP_PX / px_per_mm
+        differs[differs] = bent | stepped
         edge[here] |= differs
         edge[there] |= differs
     image[edge] *= 1.0 - EDGE_DARKNESS
-    image[edge & ~shown] *= 0.7
+    image[edge & ~covered] *= 0.7
     return image
 
 
@@ -230,26 +229,26 @@ def _draw_line(
 ) -> None:
     brush = np.arange(width_px) - width_px // 2
     dx, dy = (offset.ravel() for offset in np.meshgrid(brush, brush))
-    wide, high = screen.size_px
+    width, height = screen.size_px
     for start, end in pairwise(points_in_rig):
         count = int(np.linalg.norm((screen.pixels(end) - screen.pixels(start))[:2])) + 2
         points = screen.pixels(start + np.linspace(0.0, 1.0, count)[:, None] * (end - start))
         columns = np.round(points[:, :1]).astype(int) + dx
         rows = np.round(points[:, 1:2]).astype(int) + dy
         depth = np.broadcast_to(points[:, 2:], rows.shape)
-        on = (columns >= 0) & (columns < wide) & (rows >= 0) & (rows < high)
+        on = (columns >= 0) & (columns < width) & (rows >= 0) & (rows < height)
         columns, rows, depth = columns[on], rows[on], depth[on]
-        seen = depth > nearness[rows, columns] - LINE_BEFORE_SURFACE_MM
+        seen = depth > nearness[rows, columns] - LINE_BIAS_MM
         image[rows[seen], columns[seen]] = rgb
 
 
 # Faces that meet at a smaller angle belong to one curved surface.
 SMOOTH_DEG = 25.0
-# Tolerance of the depth of a visible edge, since its own surfaces rise within a pixel.
+# Tolerance of the depth of a visible edge, since its surfaces slope within a pixel.
 BEHIND_MM = 0.6
-# Shorter pieces of edges, px, are left out: rounding makes dots of hidden edges visible.
+# Shortest drawn piece of an edge: rounding makes dots of hidden edges visible.
 SHORTEST_PX = 2.5
-NOTHING = -1e9
+NO_SURFACE = -1e9
 # Decimals of positions on a sheet, mm.
 ROUNDED_TO = 2
 
@@ -277,13 +276,15 @@ def visible_lines(edges: FloatArray, shot: Shot) -> list[FloatArray]:
     first[1:] &= ~(seen[:-1] & (owner[1:] == owner[:-1]))
     last[:-1] &= ~(seen[1:] & (owner[1:] == owner[:-1]))
     pieces = np.stack([points[first, :2], points[last, :2]], axis=1)
-    long = np.linalg.norm(pieces[:, 1] - pieces[:, 0], axis=1) >= np.minimum(SHORTEST_PX, 0.9 * lengths[owner[first]])
-    return list(pieces[long])
+    long_enough = np.linalg.norm(pieces[:, 1] - pieces[:, 0], axis=1) >= np.minimum(
+        SHORTEST_PX, 0.9 * lengths[owner[first]]
+    )
+    return list(pieces[long_enough])
 
 
 def _seen(points: FloatArray, shot: Shot) -> NDArray[np.bool_]:
     """Mask (n,) of points (n, 3), px and nearness, that are not behind the farthest surface of the adjacent pixels."""
-    farthest = cv2.erode(np.maximum(shot.nearness, NOTHING), np.ones((3, 3), dtype=np.uint8))
+    farthest = cv2.erode(np.maximum(shot.nearness, NO_SURFACE), np.ones((3, 3), dtype=np.uint8))
     height, width = farthest.shape
     columns, rows = np.floor(points[:, :2]).astype(int).T
     return np.asarray(
@@ -291,7 +292,7 @@ def _seen(points: FloatArray, shot: Shot) -> NDArray[np.bool_]:
     )
 
 
-def joined(lines: Sequence[FloatArray]) -> list[FloatArray]:
+def merged_lines(lines: Sequence[FloatArray]) -> list[FloatArray]:
     """Lines (n, 2) of a sheet, mm, rounded and merged at their ends, so that a curve is one line."""
     rounded = [np.round(line, ROUNDED_TO) for line in lines]
     merged = shapely.line_merge(shapely.MultiLineString([line for line in rounded if (line[0] != line[-1]).any()]))

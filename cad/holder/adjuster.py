@@ -1,4 +1,4 @@
-"""The screws that hold and tilt a mirror's carrier: screw length, spring force and range of adjustment.
+"""The screws that fasten and tilt a mirror's carrier: screw length, spring force and range of adjustment.
 
 A countersunk screw enters from the holder's back, passes a spring in a recess of the front, and draws the carrier to
 the holder by the thread in the carrier's back. Three screws set a plane: each moves its corner of the carrier by the
@@ -16,18 +16,18 @@ from mirrorcam.cad.plan.hardware import PRINT_SETTINGS, Hardware
 from mirrorcam.core.errors import InputError
 
 SCREW = "M3"
-"""Thread of the screws, the same as all others, so that inserts and nuts are the same."""
+"""Thread of the screws, as of all others, for which the inserts and nuts are the same."""
 
 # Gap between the carrier's edge and the holder at the end of its travel.
-SPARE_MM = 0.2
+END_GAP_MM = 0.2
 # Clearance at the end of a screw's hole, and depth of a head below the back.
-TIP_MM, SUNK_MM = 0.2, 0.3
+TIP_CLEARANCE_MM, SUNK_MM = 0.2, 0.3
 # Compression of a spring at the loose end of the travel.
-PRESSED_MM = 1.2
+LEAST_COMPRESSION_MM = 1.2
 # Radial clearance of a head in its cone, and the cone's half angle; the cone widens towards the back.
 HEAD_FIT_MM, CONE_DEG = 0.05, 44.0
 # Depth in the plate for a head and its cone, down to the wall under a spring.
-HEAD_SPACE_MM = 2.5
+HEAD_DEPTH_MM = 2.5
 # Widths of the driver's blade and of its holes in the mount, and the ends of these holes along the mount's x from their
 # middles: the holes are horizontal in print and have a roof.
 DRIVER_MM, DRIVER_HOLE_MM = 4.0, 4.6
@@ -61,7 +61,7 @@ class Adjuster:
     @property
     def head_mm(self) -> float:
         """Largest diameter of the cone for a head, at the back."""
-        return head_wide_mm()
+        return head_diameter_mm()
 
     @property
     def cone_mm(self) -> float:
@@ -70,12 +70,12 @@ class Adjuster:
         return float((self.head_mm / 2.0 - half) / np.tan(np.radians(CONE_DEG)))
 
 
-def head_wide_mm() -> float:
+def head_diameter_mm() -> float:
     """Diameter of the cone for a sunk head at the back's face."""
     return SUNK_HEAD * thread_of(SCREW).diameter_mm + 2.0 * (HEAD_FIT_MM + SUNK_MM)
 
 
-def recess_wide_mm(hardware: Hardware) -> float:
+def recess_diameter_mm(hardware: Hardware) -> float:
     """Diameter of the recess for a spring."""
     spring = hardware.holder.spring
     return spring.mean_mm + spring.wire_mm + 2.0 * hardware.fit.free_mm
@@ -97,7 +97,7 @@ def travel_mm(reach_mm: float, hardware: Hardware) -> float:
 def least_plate_mm(travel: float, hardware: Hardware) -> float:
     """Least thickness of a holder with a spring's recess, a head's cone and a wall between them."""
     spring = hardware.holder.spring
-    return spring.free_mm - PRESSED_MM - travel + HEAD_SPACE_MM + hardware.printer.wall_mm
+    return spring.free_mm - LEAST_COMPRESSION_MM - travel + HEAD_DEPTH_MM + hardware.printer.wall_mm
 
 
 def plan_adjuster(screws_reach_mm: float, edge_reach_mm: float, plate_mm: float, hardware: Hardware) -> Adjuster:
@@ -121,7 +121,7 @@ def plan_adjuster(screws_reach_mm: float, edge_reach_mm: float, plate_mm: float,
     travel = travel_mm(screws_reach_mm, hardware)
     # A multiple of the layer height, since the coupon has a printed gauge of this thickness.
     layer = PRINT_SETTINGS.layer_mm
-    gap = round(layer * float(np.ceil((travel_mm(edge_reach_mm, hardware) + SPARE_MM) / layer)), 6)
+    gap = round(layer * float(np.ceil((travel_mm(edge_reach_mm, hardware) + END_GAP_MM) / layer)), 6)
     engagement = screw.engaged_mm if screw.kind == "insert" else UNDER_NUT_MM + screw.nut_height_mm
     least = plate_mm - SUNK_MM + gap + engagement + travel
     lengths = [length for length in screw.lengths_mm if length >= least]
@@ -132,30 +132,30 @@ def plan_adjuster(screws_reach_mm: float, edge_reach_mm: float, plate_mm: float,
         )
     length = min(lengths)
     engaged = length + SUNK_MM - plate_mm - gap
-    pressed_to = spring.free_mm - PRESSED_MM - travel
-    if pressed_to - travel < spring.solid_mm or pressed_to < gap:
+    spring_length = spring.free_mm - LEAST_COMPRESSION_MM - travel
+    if spring_length - travel < spring.solid_mm or spring_length < gap:
         raise InputError(
             f"spring {spring.size} closes before a mirror has moved by {travel:.2f} mm either way, expected a longer "
             "holder.spring or a smaller holder.adjust_deg"
         )
-    shank = (thread_of(SCREW).clearance_mm - thread_of(SCREW).diameter_mm) / 2.0
-    if plate_mm * np.tan(np.radians(hardware.holder.adjust_deg)) > shank:
-        most = np.degrees(np.arctan(shank / plate_mm))
+    hole_clearance = (thread_of(SCREW).clearance_mm - thread_of(SCREW).diameter_mm) / 2.0
+    if plate_mm * np.tan(np.radians(hardware.holder.adjust_deg)) > hole_clearance:
+        most = np.degrees(np.arctan(hole_clearance / plate_mm))
         raise InputError(
             f"holder.adjust_deg is {hardware.holder.adjust_deg:g}, expected at most {most:.1f}: screws touch the sides "
             f"of their holes, which are {plate_mm:.1f} mm long"
         )
-    inside = engaged + travel + TIP_MM
+    thread_depth = engaged + travel + TIP_CLEARANCE_MM
     return Adjuster(
         length_mm=length,
         plate_mm=plate_mm,
         gap_mm=gap,
         engaged_mm=engaged,
-        hole_mm=max(inside, screw.insert_depth_mm) if screw.kind == "insert" else inside,
+        hole_mm=max(thread_depth, screw.insert_depth_mm) if screw.kind == "insert" else thread_depth,
         travel_mm=travel,
-        recess_mm=pressed_to - gap,
-        recess_wide_mm=recess_wide_mm(hardware),
-        spring_mm=pressed_to,
-        force_n=spring.n_per_mm * (spring.free_mm - pressed_to),
-        least_n=spring.n_per_mm * PRESSED_MM,
+        recess_mm=spring_length - gap,
+        recess_wide_mm=recess_diameter_mm(hardware),
+        spring_mm=spring_length,
+        force_n=spring.n_per_mm * (spring.free_mm - spring_length),
+        least_n=spring.n_per_mm * LEAST_COMPRESSION_MM,
     )

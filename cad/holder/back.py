@@ -27,7 +27,7 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.transforms import transform
 
 # Radius of the blunt end of a hole's cone: half a line of plastic.
-POINT_MM = 0.2
+BLUNT_RADIUS_MM = 0.2
 
 
 def screw_depths_mm(hardware: Hardware) -> tuple[float, float, float]:
@@ -48,7 +48,7 @@ def hole_mm(screw: Fastening) -> float:
 
 def tip_mm(screw: Fastening) -> float:
     """Height of the cone at the end of a screw hole: a flat ceiling next to a hollow's slope would need support."""
-    return float((hole_mm(screw) / 2.0 - POINT_MM) / np.tan(np.deg2rad(ROOF_DEG)))
+    return float((hole_mm(screw) / 2.0 - BLUNT_RADIUS_MM) / np.tan(np.deg2rad(ROOF_DEG)))
 
 
 def slot_width_mm(hardware: Hardware) -> float:
@@ -94,11 +94,10 @@ def nut_slots(
 
 # Fillers that recede into the slab end this far inside it.
 IN_SLAB_MM = 0.5
-# Additional thickness of a part that is cut, so that its pins can shift.
+# Additional thickness of a part that is cut, for a choice of positions of its pins.
 PIN_SLACK_MM = 0.5
-# Largest shift of a cut, as a share of the part's length, from that of equal pieces: narrow pieces have no space for
-# pins.
-OFF_MIDDLE = 0.1
+# Largest distance of a cut from the cut into equal pieces over the part's length: narrow pieces have no space for pins.
+MOST_SHIFT_OF_LENGTH = 0.1
 # Cost of a square millimetre of wall too thin to print, as a length of cut through mirrors.
 THIN_MM_PER_MM2 = 1000.0
 
@@ -117,15 +116,15 @@ class MountFace:
 
 def mount_axes(layout: Layout) -> FloatArray:
     """Axes (3, 3; rows x, y, z) of the mount in rig: z opposite to the mirrors' mean normal, x along the rig's x."""
-    away = -np.mean([mirror.normal_in_rig for mirror in layout.mirrors], axis=0)
-    if np.linalg.norm(away) < 0.5:
+    z_axis = -np.mean([mirror.normal_in_rig for mirror in layout.mirrors], axis=0)
+    if np.linalg.norm(z_axis) < 0.5:
         raise InputError("the mirrors face apart, expected normals within 60 deg of their mean for one flat back")
-    away /= np.linalg.norm(away)
-    x_axis = np.array([1.0, 0.0, 0.0]) - away[0] * away
+    z_axis /= np.linalg.norm(z_axis)
+    x_axis = np.array([1.0, 0.0, 0.0]) - z_axis[0] * z_axis
     if np.linalg.norm(x_axis) < 0.1:
-        x_axis = np.array([0.0, 0.0, 1.0]) - away[2] * away
+        x_axis = np.array([0.0, 0.0, 1.0]) - z_axis[2] * z_axis
     x_axis /= np.linalg.norm(x_axis)
-    return np.array([x_axis, np.cross(away, x_axis), away])
+    return np.array([x_axis, np.cross(z_axis, x_axis), z_axis])
 
 
 class Front(Protocol):
@@ -137,7 +136,7 @@ class Front(Protocol):
     @property
     def deepest_mm(self) -> float: ...
 
-    def recedes_to_mm(self, area: Polygon) -> float:
+    def largest_z_mm(self, area: Polygon) -> float:
         """Largest z in the mount's axes of the front over an area of the back."""
         ...
 
@@ -149,7 +148,7 @@ class LevelFront:
     footprint: Polygon
     deepest_mm: float
 
-    def recedes_to_mm(self, area: Polygon) -> float:
+    def largest_z_mm(self, area: Polygon) -> float:
         """The same z everywhere."""
         return self.deepest_mm
 
@@ -157,62 +156,62 @@ class LevelFront:
 class FrontSurface:
     """The front of the holder as seen along the normal of its back: a seat behind every mirror, fillers in the gaps.
 
-    A filler is a mirror's outline grown by `margin_mm`, in a plane parallel to its seat. It recedes behind the adjacent
-    seats, and its corners are cut off, so that it forms no thin ridge or tip there.
+    A filler is a mirror's outline enlarged by `margin_mm`, in a plane parallel to its seat. It recedes behind the
+    adjacent seats, and its corners are cut off, so that it forms no thin ridge or tip there.
     """
 
     def __init__(self, layout: Layout, axes: FloatArray, margin_mm: float, hardware: Hardware) -> None:
         self._axes = axes
         self._planes = [(mirror.normal_in_rig, seat_distance_mm(mirror, hardware)) for mirror in layout.mirrors]
         levels = [(mirror, seat_height_mm(mirror, hardware)) for mirror in layout.mirrors]
-        grown = [outline_at(mirror, level, margin_mm, bevelled=True) for mirror, level in levels]
+        enlarged = [outline_at(mirror, level, margin_mm, bevelled=True) for mirror, level in levels]
         seats = [outline_at(mirror, level) for mirror, level in levels]
         self._cores = self._shadows(seats)
-        self._fillers = self._shadows(grown)
+        self._fillers = self._shadows(enlarged)
         # Twice the margin, since the side of a filler is oblique to the adjacent mirror and must form no ridge either.
-        around = self._shadows([outline_at(mirror, level, 2.0 * margin_mm) for mirror, level in levels])
-        recesses = np.zeros(len(grown))
+        doubled = self._shadows([outline_at(mirror, level, 2.0 * margin_mm) for mirror, level in levels])
+        recesses = np.zeros(len(enlarged))
         for i, filler in enumerate(self._fillers):
             ring = filler.difference(self._cores[i])
-            for j, neighbour in enumerate(around):
+            for j, neighbour in enumerate(doubled):
                 common = get_coordinates(ring.intersection(neighbour)) if j != i else np.zeros((0, 2))
                 if len(common):
-                    recesses[i] = max(recesses[i], float((self._along(j, common) - self._along(i, common)).max()))
+                    recesses[i] = max(recesses[i], float((self._seat_z(j, common) - self._seat_z(i, common)).max()))
         self._recesses_mm = recesses
         self.deepest_mm = max(float((seat @ axes[2]).max()) for seat in seats)
         # Fillers are clipped where they recede into the slab.
-        receded = (front + recess * axes[2] for front, recess in zip(grown, recesses, strict=True))
+        receded = (front + recess * axes[2] for front, recess in zip(enlarged, recesses, strict=True))
         clipped = (clip_loop(front, axes[2], self.deepest_mm + IN_SLAB_MM) for front in receded)
         self.fillers = [front for front in clipped if len(front) >= 3]
         self._all_cores, self._all_fillers = unary_union(self._cores), unary_union(self._fillers)
         # The slab also supports the bases of rims, which are slightly wider and lower than fillers.
-        grounds = [
+        rim_bases = [
             outline_at(mirror, level - RELIEF_MM, margin_mm + GROUND_MM, bevelled=True) for mirror, level in levels
         ]
-        self.footprint = MultiPoint(np.vstack([*grown, *grounds]) @ axes[:2].T).convex_hull
+        self.footprint = MultiPoint(np.vstack([*enlarged, *rim_bases]) @ axes[:2].T).convex_hull
 
     def _shadows(self, outlines: list[FloatArray]) -> list[Polygon]:
         return [Polygon(outline @ self._axes[:2].T) for outline in outlines]
 
-    def _along(self, index: int, points: FloatArray) -> FloatArray:
+    def _seat_z(self, index: int, points: FloatArray) -> FloatArray:
         """z (n,) in the mount's axes of a mirror's seat plane over points (n, 2) of the back."""
         normal, distance = self._planes[index]
-        along: FloatArray = (-distance - (points @ self._axes[:2]) @ normal) / (self._axes[2] @ normal)
-        return along
+        z: FloatArray = (-distance - (points @ self._axes[:2]) @ normal) / (self._axes[2] @ normal)
+        return z
 
-    def recedes_to_mm(self, area: Polygon) -> float:
+    def largest_z_mm(self, area: Polygon) -> float:
         """Largest z in the mount's axes of the front over an area of the back; outside the fillers, the slab's."""
         gap = area.difference(self._all_cores)
         # In shapely, no area contains an empty one.
         if not gap.is_empty and not self._all_fillers.contains(gap):
             return self.deepest_mm
-        lowest = -np.inf
+        largest = -np.inf
         for index, recess in enumerate(self._recesses_mm):
             seat = get_coordinates(self._cores[index].intersection(area))
             filler = get_coordinates(self._fillers[index].intersection(gap))
-            along = np.concatenate([self._along(index, seat), self._along(index, filler) + recess])
-            lowest = max(lowest, float(along.max(initial=-np.inf)))
-        return min(lowest, self.deepest_mm)
+            z = np.concatenate([self._seat_z(index, seat), self._seat_z(index, filler) + recess])
+            largest = max(largest, float(z.max(initial=-np.inf)))
+        return min(largest, self.deepest_mm)
 
 
 def fits_bed(border: Polygon, hardware: Hardware) -> bool:
@@ -223,47 +222,47 @@ def fits_bed(border: Polygon, hardware: Hardware) -> bool:
 
 
 def place_cuts(layout: Layout, axes: FloatArray, border: Polygon, body: Manifold, hardware: Hardware) -> Cuts:
-    """Places of cuts along the mount's x and y through a body (in rig), so that every piece fits the bed.
+    """Coordinates of cuts along the mount's x and y through a body (in rig), so that every piece fits the bed.
 
-    Each cut goes where all pieces fit and are connected, with the least length through mirrors and no thin wall next to
-    it. The longer side of the part lies along the longer side of the bed.
+    At each cut all pieces fit and are connected, its length through mirrors is least, and no thin wall is next to it.
+    The longer side of the part lies along the longer side of the bed.
     """
     left, bottom, right, top = border.bounds
     lengths = (right - left, top - bottom)
     bed = bed_lengths_mm(lengths, hardware)
     seats = [Polygon(outline_at(mirror, seat_height_mm(mirror, hardware)) @ axes[:2].T) for mirror in layout.mirrors]
-    turned = body.transform(np.column_stack([axes, np.zeros(3)]))
-    triangles, wall = triangles_of(turned), hardware.printer.wall_mm
+    in_mount = body.transform(np.column_stack([axes, np.zeros(3)]))
+    triangles, wall = triangles_of(in_mount), hardware.printer.wall_mm
     cuts = []
     for axis, (start, length, longest) in enumerate(zip((left, bottom), lengths, bed, strict=True)):
         pieces = int(np.ceil(length / longest))
-        places = []
+        positions = []
         for i in range(1, pieces):
             middle = start + length * i / pieces
-            slack = min(cut_slack_mm(length, pieces, longest), OFF_MIDDLE * length)
-            tried = np.linspace(middle - slack, middle + slack, 61)
-            costs = THIN_MM_PER_MM2 * thin_wall_mm2(triangles, axis, tried, wall)
-            costs += [_cut_mm(seats, axis, place) + 0.02 * abs(place - middle) for place in tried]
-            by_cost = [float(place) for place in tried[np.argsort(costs, kind="stable")]]
-            connected = (place for place in by_cost if not falls_apart(turned, axis, place, wall))
-            places.append(next(connected, by_cost[0]))
-        cuts.append(tuple(places))
+            slack = min(cut_slack_mm(length, pieces, longest), MOST_SHIFT_OF_LENGTH * length)
+            candidates = np.linspace(middle - slack, middle + slack, 61)
+            costs = THIN_MM_PER_MM2 * thin_wall_mm2(triangles, axis, candidates, wall)
+            costs += [_cut_mm(seats, axis, position) + 0.02 * abs(position - middle) for position in candidates]
+            by_cost = [float(position) for position in candidates[np.argsort(costs, kind="stable")]]
+            connected = (position for position in by_cost if not falls_apart(in_mount, axis, position, wall))
+            positions.append(next(connected, by_cost[0]))
+        cuts.append(tuple(positions))
     return cuts[0], cuts[1]
 
 
-def _cut_mm(seats: list[Polygon], axis: int, place: float) -> float:
-    """Length of a cut across an axis that lies in seats."""
-    far = 1e4
-    line = LineString([(place, -far), (place, far)] if axis == 0 else [(-far, place), (far, place)])
+def _cut_mm(seats: list[Polygon], axis: int, position: float) -> float:
+    """Length of a cut across an axis through seats."""
+    reach = 1e4
+    line = LineString([(position, -reach), (position, reach)] if axis == 0 else [(-reach, position), (reach, position)])
     return float(sum(seat.intersection(line).length for seat in seats))
 
 
 def place_mount(front: Front, hardware: Hardware, cuts_mm: Cuts = ((), ())) -> MountFace:
     """The rectangle of four holes with which the part is thinnest; among equals, the largest.
 
-    Its width is limited by `holder.mount_of_width`, and is at least half of that. Every hole keeps the insert's wall to
-    the edge of the footprint, to adjacent holes and, with half a pin's length, to the cuts. It keeps the thinnest wall
-    to the front above it and above its nut's slot. Raises InputError if no rectangle fits.
+    Its width is limited by `holder.mount_of_width`, and is at least half of that. The insert's wall separates every
+    hole from the edge of the footprint, from adjacent holes and, with half a pin's length, from the cuts; the thinnest
+    wall separates it and its nut's slot from the front. Raises InputError if no rectangle fits.
     """
     return next(iter(places_of_mount(front, hardware, cuts_mm)))
 
@@ -272,40 +271,38 @@ def places_of_mount(front: Front, hardware: Hardware, cuts_mm: Cuts = ((), ())) 
     """All rectangles from which `place_mount` chooses, the best first; raises InputError if there is none."""
     left, bottom, right, top = front.footprint.bounds
     centre = np.array([(left + right) / 2.0, (bottom + top) / 2.0])
-    around = hardware.screw.insert_hole_mm / 2.0 + hardware.screw.insert_wall_mm
-    allowed = front.footprint.buffer(-around)
-    # Half the distance of two holes: in the mount a wall separates the spaces of their screws' heads.
-    apart = head_space_mm(hardware) + hardware.printer.wall_mm / 2.0
-    joint = around + hardware.holder.pin_mm[1] / 2.0
+    boss_mm = hardware.screw.insert_hole_mm / 2.0 + hardware.screw.insert_wall_mm
+    allowed = front.footprint.buffer(-boss_mm)
+    # Half the distance of two holes: in the mount a wall separates the spaces for their screws' heads.
+    half_gap = head_space_mm(hardware) + hardware.printer.wall_mm / 2.0
+    margin = boss_mm + hardware.holder.pin_mm[1] / 2.0
     depth = screw_depths_mm(hardware)[2] + hardware.printer.wall_mm
     # A part that is cut is thick enough for the pins everywhere.
     thinnest = 2.0 * clearance_round_pin_mm(hardware) + PIN_SLACK_MM if any(cuts_mm) else 0.0
     thinnest = max(hardware.holder.floor_mm, thinnest)
     found: list[tuple[float, float, FloatArray]] = []
-    widest = max(around + 0.1, hardware.holder.mount_of_width * (right - left) / 2.0)
-    for a in np.arange(around, widest, hardware.holder.mount_step_mm):
+    widest = max(boss_mm + 0.1, hardware.holder.mount_of_width * (right - left) / 2.0)
+    for a in np.arange(boss_mm, widest, hardware.holder.mount_step_mm):
         if a < min(widest / 2.0, widest - hardware.holder.mount_step_mm):
             continue
-        for b in np.arange(around, (top - bottom) / 2.0, hardware.holder.mount_step_mm):
-            if min(a, b) < apart:
+        for b in np.arange(boss_mm, (top - bottom) / 2.0, hardware.holder.mount_step_mm):
+            if min(a, b) < half_gap:
                 continue
             holes = np.array([(-a, -b), (a, -b), (a, b), (-a, b)])
             near_cut = any(
-                np.abs(centre[axis] + holes[:, axis] - cut).min() < joint for axis in (0, 1) for cut in cuts_mm[axis]
+                np.abs(centre[axis] + holes[:, axis] - cut).min() < margin for axis in (0, 1) for cut in cuts_mm[axis]
             )
             if near_cut or not allowed.contains(MultiPoint(centre + holes)):
                 continue
             bosses = space_of_mount(holes, front.footprint, centre, hardware)
-            lowest = max(front.recedes_to_mm(boss) for boss in bosses)
-            over_tips = max(
-                front.recedes_to_mm(Point(centre + hole).buffer(hardware.printer.wall_mm)) for hole in holes
-            )
-            back = max(front.deepest_mm + thinnest, lowest + depth, over_tips + tip_mm(hardware.screw) + depth)
+            bosses_z = max(front.largest_z_mm(boss) for boss in bosses)
+            tips_z = max(front.largest_z_mm(Point(centre + hole).buffer(hardware.printer.wall_mm)) for hole in holes)
+            back = max(front.deepest_mm + thinnest, bosses_z + depth, tips_z + tip_mm(hardware.screw) + depth)
             found.append((back, -a * b, holes))
     if not found:
         raise InputError(
             f"mirror holder's back is {right - left:.1f} x {top - bottom:.1f} mm, expected space for four M3 inserts "
-            f"with {around:g} mm of material around their centres, at least {2.0 * apart:.1f} mm from each other"
+            f"with {boss_mm:g} mm of material around their centres, at least {2.0 * half_gap:.1f} mm from each other"
         )
     return [MountFace(back, centre, holes) for back, _, holes in sorted(found, key=lambda each: each[:2])]
 
@@ -314,16 +311,16 @@ def space_of_mount(
     holes_mm: FloatArray, footprint: Polygon, centre_mm: FloatArray, hardware: Hardware
 ) -> list[BaseGeometry]:
     """Areas of a back for the mount's holes (n, 2; about a centre): discs with the insert's wall, slots for nuts."""
-    around = hardware.screw.insert_hole_mm / 2.0 + hardware.screw.insert_wall_mm
-    taken: list[BaseGeometry] = [Point(centre_mm + hole).buffer(around) for hole in holes_mm]
+    boss_radius = hardware.screw.insert_hole_mm / 2.0 + hardware.screw.insert_wall_mm
+    areas: list[BaseGeometry] = [Point(centre_mm + hole).buffer(boss_radius) for hole in holes_mm]
     if hardware.screw.kind == "nut":
         half = slot_width_mm(hardware) / 2.0 + hardware.printer.wall_mm
         left, bottom, right, top = footprint.bounds
-        far = right - left + top - bottom
-        taken += [
-            LineString([centre_mm + hole, centre_mm + hole + far * slot_direction(footprint, centre_mm + hole)])
+        reach = right - left + top - bottom
+        areas += [
+            LineString([centre_mm + hole, centre_mm + hole + reach * slot_direction(footprint, centre_mm + hole)])
             .buffer(half, cap_style="flat")
             .intersection(footprint)
             for hole in holes_mm
         ]
-    return taken
+    return areas

@@ -22,7 +22,7 @@ from shapely.affinity import rotate, translate
 from shapely.geometry.base import BaseGeometry
 from shapely.geometry.polygon import orient
 
-from mirrorcam.cad.holder.adjuster import SCREW, UNDER_NUT_MM, Adjuster, boss_mm, recess_wide_mm
+from mirrorcam.cad.holder.adjuster import SCREW, UNDER_NUT_MM, Adjuster, boss_mm, recess_diameter_mm
 from mirrorcam.cad.holder.glue import glue_mm3, groove_volume, grooves_of, planned_cover
 from mirrorcam.cad.holder.pads import least_height_mm, pad_shapes, pad_volume, plan_pads, widest_triangle
 from mirrorcam.cad.plan.dimension import Hole, holes
@@ -37,9 +37,9 @@ from mirrorcam.optics.geometry.transforms import rigid
 
 FAR_MM = 1e4
 # Tolerance of the simplified borders on which screws are placed.
-SIMPLIFIED_MM = 0.03
-# Scales of a mirror that are tried for the advice in a refusal.
-LARGER = np.arange(1.05, 4.0, 0.05)
+SIMPLIFICATION_MM = 0.03
+# Scales of a mirror that are tried for the advice in an error message.
+TRIED_FACTORS = np.arange(1.05, 4.0, 0.05)
 
 
 @dataclass(frozen=True)
@@ -60,15 +60,15 @@ class CarrierArea:
     @property
     def reaches_mm(self) -> tuple[float, float]:
         """Largest distances of the screws and of the corners from the middle."""
-        ends = (np.linalg.norm(points - self.middle, axis=1).max() for points in (self.screws, self.corners))
-        screws, corners = (float(end) for end in ends)
+        furthest = (np.linalg.norm(points - self.middle, axis=1).max() for points in (self.screws, self.corners))
+        screws, corners = (float(end) for end in furthest)
         return screws, corners
 
 
 def plan_areas(
     layout: Layout, axes: FloatArray, taken: Iterable[BaseGeometry], hardware: Hardware
 ) -> tuple[int, tuple[CarrierArea, ...]]:
-    """Choose the areas of all carriers, and the first place of the mount's screws that leaves space for their screws.
+    """Choose the areas of all carriers, and the first position of the mount's screws that leaves space for theirs.
 
     Parameters
     ----------
@@ -77,39 +77,39 @@ def plan_areas(
     axes : (3, 3)
         Axes of the mount in rig: rows x, y and z.
     taken : iterable of BaseGeometry
-        For each candidate place of the mount's screws, the area without axes of carriers' screws.
+        For each candidate position of the mount's screws, the area without axes of carriers' screws.
     hardware : Hardware
         Screws, springs and range of tilt.
 
     Returns
     -------
     int, tuple of CarrierArea
-        Index of the chosen place, and the carriers in the order of the mirrors.
+        Index of the chosen position, and the carriers in the order of the mirrors.
 
     Raises
     ------
     InputError
         If a mirror has no space for three screws about its middle.
     """
-    shadows = [_shadow(mirror, axes, 0.0, hardware) for mirror in layout.mirrors]
-    areas = [_free_area(index, layout, shadows, axes, hardware) for index in range(len(layout.mirrors))]
-    alone = [_screws_in(area, Polygon(), hardware) for area in areas]
-    for index, screws in enumerate(alone):
+    projections = [_projection(mirror, axes, 0.0, hardware) for mirror in layout.mirrors]
+    areas = [_free_area(index, layout, projections, axes, hardware) for index in range(len(layout.mirrors))]
+    unrestricted = [_screws_in(area, Polygon(), hardware) for area in areas]
+    for index, screws in enumerate(unrestricted):
         if screws is None:
-            raise InputError(_no_space(layout, index, f"{_what_fits(areas[index], hardware)}, or ", hardware))
-    last = 0
-    for place, occupied in enumerate(taken):
-        found: list[CarrierArea] = []
-        for index, (area, screws) in enumerate(zip(areas, alone, strict=True)):
-            free = screws is not None and not any(occupied.contains(Point(at)) for at in screws)
-            chosen = screws if free else _screws_in(area, occupied, hardware)
-            if chosen is None:
-                last = index
+            raise InputError(_no_space(layout, index, f"{_fitting_size(areas[index], hardware)}, or ", hardware))
+    blocked = 0
+    for candidate, occupied in enumerate(taken):
+        carriers: list[CarrierArea] = []
+        for index, (area, screws) in enumerate(zip(areas, unrestricted, strict=True)):
+            free = screws is not None and not any(occupied.contains(Point(axis)) for axis in screws)
+            axes_of_screws = screws if free else _screws_in(area, occupied, hardware)
+            if axes_of_screws is None:
+                blocked = index
                 break
-            found.append(CarrierArea(get_coordinates(orient(area))[:-1], chosen))
-        if len(found) == len(areas):
-            return place, tuple(found)
-    raise InputError(_no_space(layout, last, "more space next to the mount's screws, or ", hardware))
+            carriers.append(CarrierArea(get_coordinates(orient(area))[:-1], axes_of_screws))
+        if len(carriers) == len(areas):
+            return candidate, tuple(carriers)
+    raise InputError(_no_space(layout, blocked, "more space next to the mount's screws, or ", hardware))
 
 
 def _no_space(layout: Layout, index: int, expected: str, hardware: Hardware) -> str:
@@ -121,8 +121,8 @@ def _no_space(layout: Layout, index: int, expected: str, hardware: Hardware) -> 
     )
 
 
-def _shadow(mirror: Mirror, axes: FloatArray, inset_mm: float, hardware: Hardware) -> Polygon:
-    """A mirror's outline, inset, as seen along the mount's z."""
+def _projection(mirror: Mirror, axes: FloatArray, inset_mm: float, hardware: Hardware) -> Polygon:
+    """A mirror's outline, inset, projected along the mount's z."""
     flat = Polygon(mirror.outline_in_plane_mm).buffer(-inset_mm, join_style="mitre")
     if flat.is_empty:
         return Polygon()
@@ -132,22 +132,24 @@ def _shadow(mirror: Mirror, axes: FloatArray, inset_mm: float, hardware: Hardwar
     return orient(Polygon((in_plane @ frame[:3, :3].T + frame[:3, 3]) @ axes[:2].T))
 
 
-def _free_area(index: int, layout: Layout, shadows: Sequence[Polygon], axes: FloatArray, hardware: Hardware) -> Polygon:
+def _free_area(
+    index: int, layout: Layout, outlines: Sequence[Polygon], axes: FloatArray, hardware: Hardware
+) -> Polygon:
     """The area for a carrier: the projection of its mirror, cut straight so as to clear tilted adjacent mirrors."""
-    area = _shadow(layout.mirrors[index], axes, hardware.holder.carrier_inset_mm, hardware)
-    for other, shadow in enumerate(shadows):
+    area = _projection(layout.mirrors[index], axes, hardware.holder.carrier_inset_mm, hardware)
+    for other, outline in enumerate(outlines):
         if other == index or area.is_empty:
             continue
-        near = shadow.buffer(_swing_mm(layout.mirrors[other], axes, hardware), join_style="mitre", mitre_limit=2.0)
-        if near.intersects(area):
-            area = _outside(area, get_coordinates(orient(near)))
+        swept = outline.buffer(_tilt_gap_mm(layout.mirrors[other], axes, hardware), join_style="mitre", mitre_limit=2.0)
+        if swept.intersects(area):
+            area = _outside(area, get_coordinates(orient(swept)))
     return area
 
 
-def _swing_mm(mirror: Mirror, axes: FloatArray, hardware: Hardware) -> float:
-    """Largest sideways motion of a mirror's edge as its carrier tilts about its back, and a gap."""
-    high = float(np.ptp(outline_at(mirror, 0.0) @ axes[2])) + 2.0 * hardware.screw.insert_depth_mm
-    return hardware.fit.free_mm + high * float(np.tan(np.radians(hardware.holder.adjust_deg)))
+def _tilt_gap_mm(mirror: Mirror, axes: FloatArray, hardware: Hardware) -> float:
+    """Largest sideways motion of a mirror's edge as its carrier tilts about its back, plus a gap."""
+    height = float(np.ptp(outline_at(mirror, 0.0) @ axes[2])) + 2.0 * hardware.screw.insert_depth_mm
+    return hardware.fit.free_mm + height * float(np.tan(np.radians(hardware.holder.adjust_deg)))
 
 
 def _outside(area: Polygon, corners: FloatArray) -> Polygon:
@@ -155,9 +157,9 @@ def _outside(area: Polygon, corners: FloatArray) -> Polygon:
     parts = []
     for start, end in pairwise(corners):
         along = end - start
-        half = translate(box(-FAR_MM, -FAR_MM, FAR_MM, 0.0), start[0], start[1])
-        turned = rotate(half, np.degrees(np.arctan2(along[1], along[0])), origin=tuple(start))
-        part = area.intersection(turned)
+        lower = translate(box(-FAR_MM, -FAR_MM, FAR_MM, 0.0), start[0], start[1])
+        half_plane = rotate(lower, np.degrees(np.arctan2(along[1], along[0])), origin=tuple(start))
+        part = area.intersection(half_plane)
         if isinstance(part, Polygon):
             parts.append(part)
     return max(parts, key=lambda part: part.area, default=Polygon())
@@ -167,21 +169,21 @@ def _screws_in(area: Polygon, taken: BaseGeometry, hardware: Hardware) -> FloatA
     """Axes (3, 2) of screws as far apart as possible; None if there is no space for them."""
     if area.is_empty:
         return None
-    free = area.buffer(-boss_mm(hardware)).difference(taken.buffer(SIMPLIFIED_MM))
+    free = area.buffer(-boss_mm(hardware)).difference(taken.buffer(SIMPLIFICATION_MM))
     if free.is_empty:
         return None
-    found = widest_triangle(free, np.array(area.centroid.coords[0]))
-    if found is None:
+    triangle = widest_triangle(free, np.array(area.centroid.coords[0]))
+    if triangle is None:
         return None
-    least = max(recess_wide_mm(hardware) + hardware.printer.wall_mm, 1.5 * boss_mm(hardware))
-    return found if float(least_height_mm(found[None])[0]) >= least else None
+    least = max(recess_diameter_mm(hardware) + hardware.printer.wall_mm, 1.5 * boss_mm(hardware))
+    return triangle if float(least_height_mm(triangle[None])[0]) >= least else None
 
 
-def _what_fits(area: Polygon, hardware: Hardware) -> str:
-    """The size of mirror that would have space, in words."""
+def _fitting_size(area: Polygon, hardware: Hardware) -> str:
+    """The size of mirror that would have space, as text."""
     if not area.is_empty:
         corners = get_coordinates(area) - np.array(area.centroid.coords[0])
-        for factor in LARGER:
+        for factor in TRIED_FACTORS:
             if _screws_in(Polygon(factor * corners), Polygon(), hardware) is not None:
                 return f"mirrors {factor:.2f} times as large"
     return "larger mirrors"
@@ -227,19 +229,19 @@ class CarrierPlan:
 def least_level_mm(mirror: Mirror, area: CarrierArea, axes: FloatArray, hole_mm: float, hardware: Hardware) -> float:
     """The least z of a carrier's back in the mount's axes from the pupil.
 
-    The carrier is at least as thick as the holder's floor and, over its screws, as their holes' depth and a wall.
+    The carrier is at least as thick as the holder's floor and, at its screws, as the depth of their holes plus a wall.
     """
-    thick = float(_seat_along(mirror, area.corners, axes, hardware).max()) + hardware.holder.floor_mm
-    turns = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
-    around = boss_mm(hardware) * np.column_stack([np.cos(turns), np.sin(turns)])
-    over = [
-        float(_seat_along(mirror, screw + around, axes, hardware).max()) + hole_mm + hardware.printer.wall_mm
+    over_area = float(_seat_z(mirror, area.corners, axes, hardware).max()) + hardware.holder.floor_mm
+    angles = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
+    circle = boss_mm(hardware) * np.column_stack([np.cos(angles), np.sin(angles)])
+    over_screws = [
+        float(_seat_z(mirror, screw + circle, axes, hardware).max()) + hole_mm + hardware.printer.wall_mm
         for screw in area.screws
     ]
-    return max(thick, *over)
+    return max(over_area, *over_screws)
 
 
-def _seat_along(mirror: Mirror, points: FloatArray, axes: FloatArray, hardware: Hardware) -> FloatArray:
+def _seat_z(mirror: Mirror, points: FloatArray, axes: FloatArray, hardware: Hardware) -> FloatArray:
     """z (n,) in the mount's axes of a mirror's seat over points (n, 2) of the back."""
     normal, distance = mirror.normal_in_rig, seat_distance_mm(mirror, hardware)
     return np.asarray((-distance - (points @ axes[:2]) @ normal) / (axes[2] @ normal))
@@ -260,39 +262,38 @@ def plan_carrier(
     A notch marks the middle of the edge that is uppermost in the direction `up` (3,), like the arrow on the mirror's
     back. Raises InputError if the pads do not fit.
     """
-    away = axes[2]
-    flat = area.corners @ axes[:2]
-    top = flat + _seat_along(mirror, area.corners, axes, hardware)[:, None] * away
+    normal = axes[2]
+    back = area.corners @ axes[:2]
+    top = back + _seat_z(mirror, area.corners, axes, hardware)[:, None] * normal
     frame = mirror.rig_from_plane
     seat = orient(Polygon((top - frame[:3, 3]) @ frame[:3, :2]))
     nuts = tuple(_nut(mirror, at, level_mm, axes, hardware) for at in area.screws) if _has_nuts(hardware) else ()
     for nut in nuts:
         seat = seat.difference(Polygon((nut.top - frame[:3, 3]) @ frame[:3, :2]).buffer(hardware.printer.wall_mm / 2.0))
     notch = _notch(area, axes, up)
-    marked = notch @ axes[:2] + _seat_along(mirror, notch, axes, hardware)[:, None] * away
-    seat = seat.difference(Polygon((marked - frame[:3, 3]) @ frame[:3, :2]))
-    thick = float(np.ptp(np.vstack([flat + level_mm * away, top]) @ away))
-    grooves = grooves_of(0, [mirror], away, hardware)
+    notch_on_seat = notch @ axes[:2] + _seat_z(mirror, notch, axes, hardware)[:, None] * normal
+    seat = seat.difference(Polygon((notch_on_seat - frame[:3, 3]) @ frame[:3, :2]))
+    thickness = float(np.ptp(np.vstack([back + level_mm * normal, top]) @ normal))
+    grooves = grooves_of(0, [mirror], normal, hardware)
     middles = plan_pads(name, mirror, seat, grooves, axes, ((), ()), hardware)
     pads = pad_shapes(middles, hardware)
     depth = screw.hole_mm + OUTSIDE_MM
     radius = (hardware.screw.clearance_hole_mm if nuts else hardware.screw.insert_hole_mm) / 2.0
-    mouths = area.screws @ axes[:2] + (level_mm + OUTSIDE_MM) * away
+    mouths = area.screws @ axes[:2] + (level_mm + OUTSIDE_MM) * normal
     return CarrierPlan(
         name=name,
-        body=Frustum(flat + level_mm * away, top),
+        body=Frustum(back + level_mm * normal, top),
         pads=tuple(pad_volume(mirror, shape, hardware) for shape in pads),
         grooves=(
             *(groove_volume(mirror, groove, hardware) for groove in grooves),
             Frustum(
-                notch @ axes[:2] + (level_mm + 1.0) * away,
-                notch @ axes[:2] + (level_mm - thick - 1.0) * away,
+                notch @ axes[:2] + (level_mm + 1.0) * normal, notch @ axes[:2] + (level_mm - thickness - 1.0) * normal
             ),
         ),
-        holes=tuple(Bore(mouth, -away, radius, depth) for mouth in mouths),
+        holes=tuple(Bore(mouth, -normal, radius, depth) for mouth in mouths),
         nuts=nuts,
         nut_flats_mm=_nut_flats_mm(hardware),
-        rig_from_back=rigid(axes.T, area.middle @ axes[:2] + level_mm * away),
+        rig_from_back=rigid(axes.T, area.middle @ axes[:2] + level_mm * normal),
         screws_mm=area.screws - area.middle,
         planned_cover=planned_cover(mirror, seat, grooves, pads),
         glue_mm3=glue_mm3(seat, pads, hardware),
@@ -318,11 +319,11 @@ def _nut_flats_mm(hardware: Hardware) -> float:
 
 
 def _nut(mirror: Mirror, at: FloatArray, level_mm: float, axes: FloatArray, hardware: Hardware) -> Frustum:
-    """The pocket of a nut, which the mirror closes; two of its corners lie along the mount's x."""
-    turns = np.pi / 3.0 * np.arange(6)
-    loop = at + _nut_flats_mm(hardware) / np.sqrt(3.0) * np.column_stack([np.cos(turns), np.sin(turns)])
-    flat = loop @ axes[:2]
-    top = flat + (_seat_along(mirror, loop, axes, hardware) - mirror.thickness_mm)[:, None] * axes[2]
+    """The pocket of a nut, which the mirror closes; two of its corners are along the mount's x."""
+    angles = np.pi / 3.0 * np.arange(6)
+    corners = at + _nut_flats_mm(hardware) / np.sqrt(3.0) * np.column_stack([np.cos(angles), np.sin(angles)])
+    flat = corners @ axes[:2]
+    top = flat + (_seat_z(mirror, corners, axes, hardware) - mirror.thickness_mm)[:, None] * axes[2]
     return Frustum(flat + (level_mm - UNDER_NUT_MM) * axes[2], top)
 
 
@@ -336,9 +337,9 @@ def rig_from_carrier(carrier: CarrierPlan, turns: FloatArray) -> FloatArray:
     design = np.column_stack([np.ones(3), carrier.screws_mm])
     height, *slope = np.linalg.solve(design, PITCH_MM * np.asarray(turns, dtype=np.float64))
     normal = np.array([-slope[0], -slope[1], 1.0]) / np.sqrt(1.0 + slope[0] ** 2 + slope[1] ** 2)
-    turned = np.eye(4)
-    turned[:3, :3], turned[2, 3] = _least_rotation(np.array([0.0, 0.0, 1.0]), normal), height
-    return np.asarray(frame @ turned @ np.linalg.inv(frame))
+    motion = np.eye(4)
+    motion[:3, :3], motion[2, 3] = _least_rotation(np.array([0.0, 0.0, 1.0]), normal), height
+    return np.asarray(frame @ motion @ np.linalg.inv(frame))
 
 
 def centre_after(virtual_centre: FloatArray, carrier: CarrierPlan, turns: FloatArray) -> FloatArray:
@@ -366,12 +367,12 @@ def turns_to(virtual_centre: FloatArray, target: FloatArray, carrier: CarrierPla
         Turns in the order of the carrier's screws; exact for any tilt within the carrier's freedom.
     """
     frame = carrier.rig_from_back
-    is_normal, to_normal = (_unit(-centre) @ frame[:3, :3] for centre in (virtual_centre, target))
-    turn = _turn_about_level_axis(is_normal, to_normal)
+    current_normal, target_normal = (_unit(-centre) @ frame[:3, :3] for centre in (virtual_centre, target))
+    rotation = _turn_about_level_axis(current_normal, target_normal)
     point = (virtual_centre / 2.0 - frame[:3, 3]) @ frame[:3, :3]
-    goal = (target / 2.0 - frame[:3, 3]) @ frame[:3, :3]
-    height = float(to_normal @ (goal - turn @ point)) / float(to_normal[2])
-    normal = turn[:, 2]
+    target_point = (target / 2.0 - frame[:3, 3]) @ frame[:3, :3]
+    height = float(target_normal @ (target_point - rotation @ point)) / float(target_normal[2])
+    normal = rotation[:, 2]
     return np.asarray((height - carrier.screws_mm @ normal[:2] / normal[2]) / PITCH_MM)
 
 

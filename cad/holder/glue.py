@@ -18,11 +18,12 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.transforms import transform
 
-# An edge within this angle of a groove does not cross it, and leaves a thin wall next to it.
-ALONG_DEG = 30.0
-# Grooves end this far outside the rims, or at this share of the fit before an adjacent column, inside its pocket.
-BEYOND_MM = 0.2
-BESIDE_OF_FIT = 0.8
+# An edge within this angle of a groove runs along it, and leaves a thin wall next to it.
+PARALLEL_DEG = 30.0
+# Grooves end this far outside the rims, or within the pocket of an adjacent mirror, at this share of the fit from its
+# column.
+PAST_RIM_MM = 0.2
+CLEARANCE_OF_FIT = 0.8
 
 
 @dataclass(frozen=True)
@@ -36,43 +37,43 @@ class Groove:
     shape: FloatArray
 
 
-def grooves_of(index: int, mirrors: Sequence[Mirror], away: FloatArray, hardware: Hardware) -> tuple[Groove, ...]:
+def grooves_of(index: int, mirrors: Sequence[Mirror], normal: FloatArray, hardware: Hardware) -> tuple[Groove, ...]:
     """Parallel grooves of one mirror, evenly spaced about the middle of its outline; none in a narrow mirror.
 
     They pass through notches of the rims and out of the part, or up to the column of the adjacent mirror. Air and
-    surplus glue can leave, and no thin wall remains at their ends. `away` (3,) points out of the part's back.
+    surplus glue can leave, and no thin wall remains at their ends. `normal` (3,) points out of the part's back.
     """
     dimensions, mirror = hardware.holder, mirrors[index]
     outline = Polygon(mirror.outline_in_plane_mm)
-    beyond = hardware.fit.free_mm + dimensions.rim_mm + BEYOND_MM
-    within = outline.buffer(beyond, join_style="mitre", mitre_limit=2.0)
-    columns = [_column(mirror, other, away, hardware) for place, other in enumerate(mirrors) if place != index]
-    taken = union_all([column.buffer(BESIDE_OF_FIT * hardware.fit.free_mm) for column in columns])
-    left, low, right, high = outline.bounds
+    reach = hardware.fit.free_mm + dimensions.rim_mm + PAST_RIM_MM
+    enlarged = outline.buffer(reach, join_style="mitre", mitre_limit=2.0)
+    columns = [_column(mirror, other, normal, hardware) for k, other in enumerate(mirrors) if k != index]
+    columns_area = union_all([column.buffer(CLEARANCE_OF_FIT * hardware.fit.free_mm) for column in columns])
+    left, bottom, right, top = outline.bounds
     half = dimensions.groove_mm / 2.0
     steps = np.arange(0.5, 0.5 + (right - left) / dimensions.groove_pitch_mm)
     grooves = []
-    for at in sorted(np.concatenate([-steps, steps]) * dimensions.groove_pitch_mm):
-        strip = box(at - half, low - beyond, at + half, high + beyond)
+    for x in sorted(np.concatenate([-steps, steps]) * dimensions.groove_pitch_mm):
+        strip = box(x - half, bottom - reach, x + half, top + reach)
         if strip.intersection(outline).is_empty or not _clear_of_edges(outline, strip, hardware):
             continue
         middle = strip.intersection(outline).centroid.y
-        blocked = taken.intersection(strip)
+        blocked = columns_area.intersection(strip)
         below = [part.bounds[3] for part in _parts(blocked) if part.bounds[3] < middle]
         above = [part.bounds[1] for part in _parts(blocked) if part.bounds[1] > middle]
-        shape = within.intersection(
-            box(at - half, max([low - beyond, *below]), at + half, min([high + beyond, *above]))
+        shape = enlarged.intersection(
+            box(x - half, max([bottom - reach, *below]), x + half, min([top + reach, *above]))
         )
-        grooves.append(Groove(float(at), get_coordinates(shape)[:-1]))
+        grooves.append(Groove(float(x), get_coordinates(shape)[:-1]))
     return tuple(grooves)
 
 
-def _column(mirror: Mirror, other: Mirror, away: FloatArray, hardware: Hardware) -> Polygon:
+def _column(mirror: Mirror, other: Mirror, normal: FloatArray, hardware: Hardware) -> Polygon:
     """Section of the column behind another mirror with a mirror's seat plane, in that plane's axes."""
     frame = mirror.rig_from_plane
     origin = frame[:3, 3] + seat_height_mm(mirror, hardware) * frame[:3, 2]
     corners = outline_at(other, seat_height_mm(other, hardware)) - origin
-    flat = corners - ((corners @ frame[:3, 2]) / (away @ frame[:3, 2]))[:, None] * away
+    flat = corners - ((corners @ frame[:3, 2]) / (normal @ frame[:3, 2]))[:, None] * normal
     return Polygon(flat @ frame[:3, :2])
 
 
@@ -83,13 +84,13 @@ def _parts(area: BaseGeometry) -> list[BaseGeometry]:
 def _clear_of_edges(outline: Polygon, strip: Polygon, hardware: Hardware) -> bool:
     """Return whether the land next to a groove is at least a wall thick: no edge of the outline runs along it."""
     corners = get_coordinates(outline)
-    ends = strip.intersection(outline)
-    if ends.bounds[3] - ends.bounds[1] < hardware.holder.groove_pitch_mm:
+    land = strip.intersection(outline)
+    if land.bounds[3] - land.bounds[1] < hardware.holder.groove_pitch_mm:
         return False
     for start, end in pairwise(corners):
         across, along = np.abs(end - start)
-        runs_along = np.degrees(np.arctan2(across, along)) < ALONG_DEG
-        if runs_along and LineString([start, end]).distance(ends) < 1.5 * hardware.printer.wall_mm:
+        runs_along = np.degrees(np.arctan2(across, along)) < PARALLEL_DEG
+        if runs_along and LineString([start, end]).distance(land) < 1.5 * hardware.printer.wall_mm:
             return False
     return True
 
@@ -114,12 +115,12 @@ def runs_along_cut(
 ) -> bool:
     """Return whether a groove is so near to a parallel cut across one of two axes (3,) that a thin wall remains."""
     volume, wall = groove_volume(mirror, groove, hardware), hardware.printer.wall_mm
-    for axis, places in zip(axes[:2], cuts_mm, strict=True):
-        across = min(abs(axis @ mirror.rig_from_plane[:3, 1]), 1.0)  # rounding may exceed 1
-        if np.degrees(np.arcsin(across)) > ALONG_DEG:
+    for axis, cuts in zip(axes[:2], cuts_mm, strict=True):
+        sine = min(abs(axis @ mirror.rig_from_plane[:3, 1]), 1.0)  # rounding may exceed 1
+        if np.degrees(np.arcsin(sine)) > PARALLEL_DEG:
             continue
-        reach = np.vstack([volume.base, volume.top]) @ axis
-        if any(reach.min() - wall < place < reach.max() + wall for place in places):
+        extent = np.vstack([volume.base, volume.top]) @ axis
+        if any(extent.min() - wall < cut < extent.max() + wall for cut in cuts):
             return True
     return False
 
@@ -163,8 +164,8 @@ def _section(mirror: Mirror, outline: Polygon, volume: Frustum, hardware: Hardwa
     origin = frame[:3, 3] + seat_height_mm(mirror, hardware) * frame[:3, 2]
     loop = get_coordinates(outline)[:-1]
     normals, offsets = volume.half_spaces
-    for slope, most in zip(normals @ frame[:3, :2], offsets - normals @ origin, strict=True):
-        loop = clip_loop(loop, slope, most)
+    for slope, limit in zip(normals @ frame[:3, :2], offsets - normals @ origin, strict=True):
+        loop = clip_loop(loop, slope, limit)
         if len(loop) < 3:
             return Polygon()
     return Polygon(loop)

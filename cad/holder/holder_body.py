@@ -18,7 +18,7 @@ from mirrorcam.cad.splitting import fragments
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
 
-# Overlap of solids that are joined: faces that only touch may not join.
+# Overlap of joined solids: faces that only touch may not join.
 OVERLAP_MM = 0.5
 
 
@@ -32,7 +32,7 @@ class HolderPlan:
     - `cores` behind the mirrors, whose fronts are the seats, in the order of `mirror_names`;
     - `pads` on the cores, three for each mirror in that order, with their tops in the plane of the mirror's back;
     - `fillers` in the gaps around and between the mirrors, slightly further back;
-    - `rims`, each followed by the ground on which it stands;
+    - `rims`, each followed by its ground;
     - `walls` on the flange: the baffle against stray light.
 
     Cuts, which spare the pads: the `keep_outs` (each mirror's pocket, camera cone and reflected beam), the `grooves` of
@@ -99,8 +99,8 @@ class HolderPlan:
 
 def body_of(csg: PlanarCsg, plan: HolderPlan) -> Manifold:
     """The holder without hollows, grooves and holes: all material outside the light."""
-    away = plan.rig_from_mount[:3, 2]
-    down, up, still = OVERLAP_MM * away, -OVERLAP_MM * away, np.zeros(3)
+    normal = plan.rig_from_mount[:3, 2]
+    down, up, still = OVERLAP_MM * normal, -OVERLAP_MM * normal, np.zeros(3)
     body = csg.joined(
         [
             plan.slab.stretched(down, still),
@@ -113,11 +113,11 @@ def body_of(csg: PlanarCsg, plan: HolderPlan) -> Manifold:
             plan.walls,
         ]
     )
-    far = 10.0 * max(float(np.ptp(plan.slab.base, axis=0).max()), 1.0)
-    square = np.array([[-far, -far, 0.0], [far, -far, 0.0], [far, far, 0.0], [-far, far, 0.0]])
-    turn, origin = plan.rig_from_mount[:3, :3], plan.rig_from_mount[:3, 3]
-    under = Frustum(square @ turn.T + origin, (square + np.array([0.0, 0.0, far])) @ turn.T + origin)
-    body = csg.cut(body, [under, *(volume for group in plan.keep_outs for volume in group)])
+    reach = 10.0 * max(float(np.ptp(plan.slab.base, axis=0).max()), 1.0)
+    square = np.array([[-reach, -reach, 0.0], [reach, -reach, 0.0], [reach, reach, 0.0], [-reach, reach, 0.0]])
+    rotation, origin = plan.rig_from_mount[:3, :3], plan.rig_from_mount[:3, 3]
+    behind = Frustum(square @ rotation.T + origin, (square + np.array([0.0, 0.0, reach])) @ rotation.T + origin)
+    body = csg.cut(body, [behind, *(volume for group in plan.keep_outs for volume in group)])
     return body + csg.joined(plan.pads) if plan.pads else body
 
 

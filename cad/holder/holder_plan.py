@@ -1,7 +1,7 @@
 """Plan the mirror holder as plain numbers: its solids, and the light, grooves and hollows cut out of them.
 
-The slab's back is flat. In print it lies on the bed, so that every seat faces up and nothing needs support. The mount
-is screwed to it.
+The slab's back is flat and is printed on the bed, so that every seat faces up and nothing needs support. The mount is
+screwed to it.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from mirrorcam.cad.holder.glue import (
 from mirrorcam.cad.holder.holder_body import HolderPlan, body_of, one_piece
 from mirrorcam.cad.holder.pads import pad_shapes, pad_volume, plan_pads
 from mirrorcam.cad.holder.planar_csg import PlanarCsg
-from mirrorcam.cad.holder.rims import RELIEF_MM, beside_cuts, plan_rims
+from mirrorcam.cad.holder.rims import RELIEF_MM, cut_zones, plan_rims
 from mirrorcam.cad.holder.stray_light import Baffle, plan_baffle
 from mirrorcam.cad.holder.webs import plan_hollows
 from mirrorcam.cad.plan.cuts import Cuts, bed_lengths_mm, require_height
@@ -82,8 +82,8 @@ def plan_holder(layout: Layout, hardware: Hardware) -> HolderPlan:
     front = _front(layout, hardware)
     cuts: Cuts = ((), ())
     if not fits_bed(front.border, hardware):
-        # The cuts are placed first, since rims keep clear of them and the pins decide the part's thickness. The
-        # obstacles of a cut are at the front and do not depend on that thickness.
+        # The cuts are placed first, since rims keep clear of them and pins determine the part's thickness. The
+        # obstacles of a cut are at the front and independent of that thickness.
         uncut = _without_rims(front, place_mount(front.surface, hardware), cuts, hardware)
         cuts = place_cuts(layout, front.axes, front.border, body_of(PlanarCsg(), uncut), hardware)
     mount = place_mount(front.surface, hardware, cuts)
@@ -112,20 +112,20 @@ def _front(layout: Layout, hardware: Hardware) -> _Front:
 
 
 def _without_rims(front: _Front, mount: MountFace, cuts: Cuts, hardware: Hardware) -> HolderPlan:
-    """A holder without rims, grooves and hollows; `cuts` are places along the mount's x and y from the pupil."""
-    axes, away = front.axes, front.axes[2]
-    down = partial(down_from, mount=mount, away=away)
-    rig_from_mount = rigid(axes.T, mount.centre_mm @ axes[:2] + mount.back_mm * away)
-    hull = get_coordinates(orient(front.surface.footprint))[:-1] @ axes[:2] + front.surface.deepest_mm * away
-    around = get_coordinates(orient(front.border))[:-1] @ axes[:2] + (mount.back_mm - hardware.holder.floor_mm) * away
+    """A holder without rims, grooves and hollows; `cuts` are coordinates along the mount's x and y from the pupil."""
+    axes, normal = front.axes, front.axes[2]
+    column = partial(column_to_back, mount=mount, normal=normal)
+    rig_from_mount = rigid(axes.T, mount.centre_mm @ axes[:2] + mount.back_mm * normal)
+    hull = get_coordinates(orient(front.surface.footprint))[:-1] @ axes[:2] + front.surface.deepest_mm * normal
+    rim = get_coordinates(orient(front.border))[:-1] @ axes[:2] + (mount.back_mm - hardware.holder.floor_mm) * normal
     nuts = hardware.screw.kind == "nut"
     thread_from, thread_to, hole_depth = screw_depths_mm(hardware)
     return HolderPlan(
-        slab=down(hull),
-        flange=down(around),
-        cores=tuple(down(seat) for seat in front.seats),
+        slab=column(hull),
+        flange=column(rim),
+        cores=tuple(column(seat) for seat in front.seats),
         pads=(),
-        fillers=tuple(down(filler + RELIEF_MM * away) for filler in front.surface.fillers),
+        fillers=tuple(column(filler + RELIEF_MM * normal) for filler in front.surface.fillers),
         rims=(),
         walls=baffle_of(
             front.layout,
@@ -171,7 +171,7 @@ def _with_rims(plan: HolderPlan, front: _Front, mount: MountFace, cuts: Cuts, ha
         for index, mirror in enumerate(mirrors)
     ]
     reach = _reach_mm(front, mount)
-    rims = plan_rims(front.layout, front.keep_outs, grooves, beside_cuts(axes, cuts, hardware), reach, hardware)
+    rims = plan_rims(front.layout, front.keep_outs, grooves, cut_zones(axes, cuts, hardware), reach, hardware)
     free = [free_of_others(index, mirrors, front.keep_outs, hardware) for index in range(len(mirrors))]
     pads = [
         pad_shapes(plan_pads(name, mirror, area, own, axes, cuts, hardware), hardware)
@@ -182,7 +182,7 @@ def _with_rims(plan: HolderPlan, front: _Front, mount: MountFace, cuts: Cuts, ha
         pads=tuple(
             pad_volume(mirror, shape, hardware) for mirror, own in zip(mirrors, pads, strict=True) for shape in own
         ),
-        rims=tuple(solid for rim, ground in rims for solid in (rim, down_from(ground, mount, axes[2]))),
+        rims=tuple(solid for rim, ground in rims for solid in (rim, column_to_back(ground, mount, axes[2]))),
         grooves=tuple(
             groove_volume(mirror, groove, hardware)
             for mirror, group in zip(mirrors, grooves, strict=True)
@@ -193,9 +193,9 @@ def _with_rims(plan: HolderPlan, front: _Front, mount: MountFace, cuts: Cuts, ha
     )
 
 
-def down_from(polygon: FloatArray, mount: MountFace, away: FloatArray) -> Frustum:
+def column_to_back(polygon: FloatArray, mount: MountFace, normal: FloatArray) -> Frustum:
     """The column from a polygon (n, 3) to the holder's back, along the back's normal."""
-    return Frustum(polygon + (mount.back_mm - polygon @ away)[:, None] * away, polygon)
+    return Frustum(polygon + (mount.back_mm - polygon @ normal)[:, None] * normal, polygon)
 
 
 def _reach_mm(front: _Front, mount: MountFace) -> float:
@@ -227,19 +227,19 @@ def baffle_of(
 
 
 def border_of(footprint: Polygon, hardware: Hardware) -> Polygon:
-    """Outline of the slab: the footprint, grown for the baffle as far as the bed allows."""
+    """Outline of the slab: the footprint, enlarged for the baffle as far as the bed allows."""
     left, bottom, right, top = footprint.bounds
     bed = bed_lengths_mm((right - left, top - bottom), hardware)
-    wide = footprint.buffer(hardware.holder.shade_out_mm, join_style="mitre", mitre_limit=1.5)
+    enlarged = footprint.buffer(hardware.holder.shade_out_mm, join_style="mitre", mitre_limit=1.5)
     # A side that does not fit the bed is cut anyway.
     spare_x, spare_y = (
         (longest - length) / 2.0 if length <= longest else longest
         for length, longest in zip((right - left, top - bottom), bed, strict=True)
     )
-    return wide.intersection(box(left - spare_x, bottom - spare_y, right + spare_x, top + spare_y)).simplify(0.05)
+    return enlarged.intersection(box(left - spare_x, bottom - spare_y, right + spare_x, top + spare_y)).simplify(0.05)
 
 
 def _insertion(mirror: Mirror, reach_mm: float, hardware: Hardware) -> Frustum:
     """The volume that a mirror sweeps on its path into its pocket."""
-    seat, fit = seat_height_mm(mirror, hardware), hardware.fit.free_mm
-    return Frustum(outline_at(mirror, seat, fit), outline_at(mirror, seat + reach_mm, fit))
+    seat, gap = seat_height_mm(mirror, hardware), hardware.fit.free_mm
+    return Frustum(outline_at(mirror, seat, gap), outline_at(mirror, seat + reach_mm, gap))

@@ -8,7 +8,7 @@ import numpy as np
 from build123d import Align, BuildPart, Cone, Cylinder, Face, Locations, Mode, Part, Plane, Shell, Solid, Wire, insert
 
 from mirrorcam.cad.holder.adjuster import SCREW
-from mirrorcam.cad.holder.back import POINT_MM, hole_mm, tip_mm
+from mirrorcam.cad.holder.back import BLUNT_RADIUS_MM, hole_mm, tip_mm
 from mirrorcam.cad.holder.holder_body import HolderPlan, body_of, one_piece
 from mirrorcam.cad.holder.planar_csg import PlanarCsg, brep
 from mirrorcam.cad.holder.screwed_holder import ScrewedHolderPlan
@@ -32,17 +32,17 @@ def check_gaps(layout: Layout, hardware: Hardware) -> None:
     """Raise InputError if two mirrors are so close that the pocket of one cuts the seat of the other."""
     solids = [mirror_prism(mirror) for mirror in layout.mirrors]
     corners = [np.vstack([solid.base, solid.top]) for solid in solids]
-    needed = hardware.fit.free_mm
+    least_gap = hardware.fit.free_mm
     for i, j in combinations(range(len(solids)), 2):
-        apart = np.maximum(
+        axis_gaps = np.maximum(
             corners[i].min(axis=0) - corners[j].max(axis=0), corners[j].min(axis=0) - corners[i].max(axis=0)
         )
-        if apart.max() >= needed:
+        if axis_gaps.max() >= least_gap:
             continue
         gap = solid_of(solids[i]).distance_to(solid_of(solids[j]))
-        if gap < needed:
+        if gap < least_gap:
             names = f"mirrors {layout.mirror_names[i]} and {layout.mirror_names[j]}"
-            raise InputError(f"{names} are {gap:.2f} mm apart as cut from sheet, expected at least {needed:.2f} mm")
+            raise InputError(f"{names} are {gap:.2f} mm apart as cut from sheet, expected at least {least_gap:.2f} mm")
 
 
 @recipe("cad.holder.solid.make_holder")
@@ -50,7 +50,7 @@ def make_holder(plan: HolderPlan) -> Part:
     """The holder as one B-rep: the union of its solids, minus light, pockets, grooves, hollows and holes."""
     csg = PlanarCsg()
     solid = one_piece(body_of(csg, plan), plan.wall_mm)
-    # Grooves spare the baffle, which stands right behind the rims: a groove in it would have a ceiling.
+    # No groove cuts the baffle right behind the rims, where it would have a ceiling.
     grooved = csg.cut(solid, plan.grooves) + (solid ^ csg.solid(plan.walls))
     body = one_piece(csg.cut(grooved, [*plan.hollows, *plan.slots]), plan.wall_mm)
     with BuildPart() as holder:
@@ -65,18 +65,18 @@ def make_screwed_holder(plan: ScrewedHolderPlan) -> Part:
     """A holder for carriers as one B-rep: its plate and baffle, minus light, slots and the holes of all screws."""
     csg = PlanarCsg()
     body = one_piece(csg.cut(body_of(csg, plan), plan.slots), plan.wall_mm)
-    screw, half = plan.adjuster, thread_of(SCREW).clearance_mm / 2.0
+    screw, hole_radius = plan.adjuster, thread_of(SCREW).clearance_mm / 2.0
     with BuildPart() as holder:
         insert(brep(csg, body))
         with Locations(back_plane(plan)):
             _drill_for_mount(plan)
             with Locations(*((x, y, 0.0) for x, y in plan.screws_in_mount_mm)):
                 with Locations((0.0, 0.0, -screw.plate_mm - OUTSIDE_MM)):
-                    Cylinder(half, screw.plate_mm, align=UPRIGHT, mode=Mode.SUBTRACT)
+                    Cylinder(hole_radius, screw.plate_mm, align=UPRIGHT, mode=Mode.SUBTRACT)
                     recess_mm = screw.recess_mm + OUTSIDE_MM
                     Cylinder(screw.recess_wide_mm / 2.0, recess_mm, align=UPRIGHT, mode=Mode.SUBTRACT)
                 with Locations((0.0, 0.0, -screw.cone_mm)):
-                    Cone(half, screw.head_mm / 2.0, screw.cone_mm, align=UPRIGHT, mode=Mode.SUBTRACT)
+                    Cone(hole_radius, screw.head_mm / 2.0, screw.cone_mm, align=UPRIGHT, mode=Mode.SUBTRACT)
     return _one_holder(holder)
 
 
@@ -92,7 +92,7 @@ def _drill_for_mount(plan: HolderPlan) -> None:
     with Locations(*((x, y, -plan.hole_depth_mm) for x, y in plan.holes_in_mount_mm)):
         Cylinder(radius_mm, plan.hole_depth_mm, align=UPRIGHT, mode=Mode.SUBTRACT)
         with Locations((0.0, 0.0, -cone_mm)):
-            Cone(POINT_MM, radius_mm, cone_mm, align=UPRIGHT, mode=Mode.SUBTRACT)
+            Cone(BLUNT_RADIUS_MM, radius_mm, cone_mm, align=UPRIGHT, mode=Mode.SUBTRACT)
 
 
 def _one_holder(holder: BuildPart) -> Part:

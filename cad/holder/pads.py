@@ -22,10 +22,10 @@ from mirrorcam.optics.geometry.transforms import transform
 PADS = 3
 # Sides of a pad, a regular polygon.
 SIDES = 8
-# Distance of a pad from grooves and other mirrors' light, and the depth of its foot in the seat.
-BESIDE_MM = 0.2
-# Least spacing of the places that are tried, and largest number of them.
-STEP_MM, MOST_PLACES = 0.5, 60
+# Gap between a pad and grooves or other mirrors' light, and the depth of its foot in the seat.
+GAP_MM = 0.2
+# Least spacing of the tried points, and their largest number.
+STEP_MM, MOST_POINTS = 0.5, 60
 FAR_MM = 1e4
 
 
@@ -40,8 +40,8 @@ def plan_pads(
 ) -> FloatArray:
     """The middles (3, 2) of the three pads of a mirror's seat, in the plane's axes, mm.
 
-    They form the triangle about the middle of the outline with the largest least height, since an error of a pad's
-    height tilts the mirror by at most its ratio to that height.
+    They form the triangle about the middle of the outline with the largest least height, since an error in the height
+    of a pad tilts the mirror by at most its ratio to that height.
 
     Parameters
     ----------
@@ -52,11 +52,11 @@ def plan_pads(
     free : Polygon
         Area of the seat in the plane's axes: the outline without other mirrors' light and pockets.
     grooves : sequence of Groove
-        Grooves of the seat, from which the pads keep clear.
+        Grooves of the seat, which the pads avoid.
     axes : (3, 3)
         Axes of the part's back (rows); the part is cut across the first two.
     cuts : Cuts
-        Places of the cuts along these axes, from the pupil; pads keep a wall's thickness from them.
+        Coordinates of the cuts along these axes, from the pupil; pads are at least a wall's thickness from them.
     hardware : Hardware
         Diameter of the pads, fits and walls.
 
@@ -66,13 +66,13 @@ def plan_pads(
         If there is no space for three pads about the middle.
     """
     radius = hardware.holder.pad_mm / 2.0
-    # Each pad stays behind the mirror wherever it lies within the fit.
+    # Each pad is behind the mirror wherever that is within its pocket.
     inside = Polygon(mirror.outline_in_plane_mm).buffer(-radius - hardware.fit.free_mm)
-    region = inside.intersection(free.buffer(-radius - BESIDE_MM))
-    taken = [Polygon(groove.shape).buffer(radius + BESIDE_MM) for groove in grooves]
-    near = radius + hardware.printer.wall_mm
+    region = inside.intersection(free.buffer(-radius - GAP_MM))
+    groove_areas = [Polygon(groove.shape).buffer(radius + GAP_MM) for groove in grooves]
+    cut_distance = radius + hardware.printer.wall_mm
     region = region.difference(
-        union_all([*taken, *(line.buffer(near) for line in _cut_lines(mirror, axes, cuts, hardware))])
+        union_all([*groove_areas, *(line.buffer(cut_distance) for line in _cut_lines(mirror, axes, cuts, hardware))])
     )
     middle = np.array(Polygon(mirror.outline_in_plane_mm).centroid.coords[0])
     middles = widest_triangle(region, middle)
@@ -90,35 +90,35 @@ def widest_triangle(region: BaseGeometry, middle: FloatArray) -> FloatArray | No
 
     Returns None if no triangle contains the point.
     """
-    places = _places(region)
-    triples = np.array(list(combinations(range(len(places)), PADS)), dtype=np.int64).reshape(-1, PADS)
-    heights = np.where(_surround(places[triples], middle), least_height_mm(places[triples]), 0.0)
+    points = _border_points(region)
+    triples = np.array(list(combinations(range(len(points)), PADS)), dtype=np.int64).reshape(-1, PADS)
+    heights = np.where(_contain(points[triples], middle), least_height_mm(points[triples]), 0.0)
     best = int(np.argmax(heights.round(6))) if len(heights) else -1
-    return np.asarray(places[triples[best]]) if best >= 0 and heights[best] > 0.0 else None
+    return np.asarray(points[triples[best]]) if best >= 0 and heights[best] > 0.0 else None
 
 
 def _cut_lines(mirror: Mirror, axes: FloatArray, cuts: Cuts, hardware: Hardware) -> list[LineString]:
     """Cuts across the first two axes as lines in the seat, in the plane's axes, without cuts parallel to the seat."""
     frame, lines = mirror.rig_from_plane, []
     origin = frame[:3, 3] + seat_height_mm(mirror, hardware) * frame[:3, 2]
-    for axis, places in zip(axes[:2], cuts, strict=True):
+    for axis, cuts_of_axis in zip(axes[:2], cuts, strict=True):
         across = axis @ frame[:3, :2]
         slope = float(np.linalg.norm(across))
         if slope < 1e-6:
             continue
         across = across / slope
         along = FAR_MM * np.array([-across[1], across[0]])
-        for place in places:
-            at = (place - axis @ origin) / slope * across
-            lines.append(LineString([at - along, at + along]))
+        for cut in cuts_of_axis:
+            point = (cut - axis @ origin) / slope * across
+            lines.append(LineString([point - along, point + along]))
     return lines
 
 
-def _places(region: BaseGeometry) -> FloatArray:
+def _border_points(region: BaseGeometry) -> FloatArray:
     """Points (n, 2) along the border of an area."""
     if region.is_empty:
         return np.zeros((0, 2))
-    step = max(STEP_MM, region.length / MOST_PLACES)
+    step = max(STEP_MM, region.length / MOST_POINTS)
     return np.unique(get_coordinates(region.simplify(0.02).segmentize(step)).round(6), axis=0)
 
 
@@ -126,32 +126,32 @@ def least_height_mm(triangles: FloatArray) -> FloatArray:
     """Least height (n,) of triangles (n, 3, 2): twice the area over the longest side."""
     sides = np.linalg.norm(triangles - np.roll(triangles, 1, axis=1), axis=2)
     return np.asarray(
-        np.abs(_turn(triangles[:, 0], triangles[:, 1], triangles[:, 2])) / np.maximum(sides.max(axis=1), 1e-9)
+        np.abs(_doubled_area(triangles[:, 0], triangles[:, 1], triangles[:, 2])) / np.maximum(sides.max(axis=1), 1e-9)
     )
 
 
-def _surround(triangles: FloatArray, point: FloatArray) -> NDArray[np.bool_]:
+def _contain(triangles: FloatArray, point: FloatArray) -> NDArray[np.bool_]:
     """Mask (n,) of the triangles (n, 3, 2) that contain a point (2,)."""
-    turns = np.array([_turn(triangles[:, i], triangles[:, (i + 1) % 3], point) for i in range(3)])
-    return np.asarray((turns > 0.0).all(axis=0) | (turns < 0.0).all(axis=0))
+    areas = np.array([_doubled_area(triangles[:, i], triangles[:, (i + 1) % 3], point) for i in range(3)])
+    return np.asarray((areas > 0.0).all(axis=0) | (areas < 0.0).all(axis=0))
 
 
-def _turn(first: FloatArray, second: FloatArray, third: FloatArray) -> FloatArray:
+def _doubled_area(first: FloatArray, second: FloatArray, third: FloatArray) -> FloatArray:
     """Twice the signed area (n,) of triangles with corners (n, 2)."""
-    one, two = second - first, third - first
-    return np.asarray(one[..., 0] * two[..., 1] - one[..., 1] * two[..., 0])
+    a, b = second - first, third - first
+    return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
 
 
 def pad_shapes(middles: FloatArray, hardware: Hardware) -> tuple[FloatArray, ...]:
     """Outlines (8, 2) of pads about their middles (n, 2)."""
-    turns = 2.0 * np.pi * (np.arange(SIDES) + 0.5) / SIDES
-    corners = hardware.holder.pad_mm / 2.0 * np.column_stack([np.cos(turns), np.sin(turns)])
+    angles = 2.0 * np.pi * (np.arange(SIDES) + 0.5) / SIDES
+    corners = hardware.holder.pad_mm / 2.0 * np.column_stack([np.cos(angles), np.sin(angles)])
     return tuple(middle + corners for middle in middles)
 
 
 def pad_volume(mirror: Mirror, shape: FloatArray, hardware: Hardware) -> Frustum:
     """The solid of a pad, from just inside the seat to the mirror's back."""
-    levels = (seat_height_mm(mirror, hardware) - BESIDE_MM, mirror.back_mm)
+    levels = (seat_height_mm(mirror, hardware) - GAP_MM, mirror.back_mm)
     base, top = (
         transform(mirror.rig_from_plane, np.column_stack([shape, np.full(len(shape), level)])) for level in levels
     )

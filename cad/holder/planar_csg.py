@@ -28,8 +28,8 @@ from mirrorcam.core.values import FloatArray
 # Tolerances within which two planes are the same.
 SAME_PLANE_MM = 1e-7
 SAME_NORMAL = 1e-9
-# Normals are oriented to the positive side of this direction, which is normal to no face except by chance.
-SIDE = np.array([0.48123, 0.23817, 0.84363])
+# Normals are oriented to the positive side of this direction, to which no face is parallel except by chance.
+POSITIVE_SIDE = np.array([0.48123, 0.23817, 0.84363])
 
 
 class Flat(Protocol):
@@ -58,9 +58,9 @@ class PlanarCsg:
         triangles, planes = [], []
         for loop, normal, offset in zip(loops, *planes_of(loops), strict=True):
             plane = self._plane(normal, float(offset))
-            around = [corners.setdefault(tuple(corner), len(corners)) for corner in loop.tolist()]
-            for second, third in pairwise(around[1:]):
-                triangles.append((around[0], second, third))
+            indices = [corners.setdefault(tuple(corner), len(corners)) for corner in loop.tolist()]
+            for second, third in pairwise(indices[1:]):
+                triangles.append((indices[0], second, third))
                 planes.append(plane)
         mesh = Manifold(_mesh(np.array(list(corners)), np.array(triangles), np.array(planes)))
         if mesh.status() != Error.NoError or mesh.volume() <= 0.0:
@@ -76,13 +76,13 @@ class PlanarCsg:
         return Manifold.batch_boolean([body, *(self.solid(volume) for volume in volumes)], OpType.Subtract)
 
     def _plane(self, normal: FloatArray, offset: float) -> int:
-        """Index of a plane, added if new, whichever of its sides is outside."""
-        if normal @ SIDE < 0.0:
+        """Index of a plane, added if new, irrespective of which side is outside."""
+        if normal @ POSITIVE_SIDE < 0.0:
             normal, offset = -normal, -offset
         key = tuple(np.round(normal * 1e3).astype(int).tolist())
         neighbours = [(key[0] + i, key[1] + j, key[2] + k) for i in (-1, 0, 1) for j in (-1, 0, 1) for k in (-1, 0, 1)]
-        for near in neighbours:
-            for plane in self._index.get(near, []):
+        for neighbour in neighbours:
+            for plane in self._index.get(neighbour, []):
                 same = np.abs(self.normals[plane] - normal).max() < SAME_NORMAL
                 if same and abs(self.offsets[plane] - offset) < SAME_PLANE_MM:
                     return plane
@@ -100,7 +100,7 @@ def _mesh(corners: FloatArray, triangles: NDArray[np.int64], planes: NDArray[np.
     )
 
 
-# Corners nearer to each other than this are merged. An STL rounds as coarsely at 200 mm from its origin.
+# Corners nearer to each other than this are merged: about the rounding of an STL file at 200 mm from its origin.
 CORNER_MM = 1e-4
 
 Loop = list[int]
@@ -112,26 +112,26 @@ def brep(csg: PlanarCsg, body: Manifold) -> Solid:
     mesh = body.to_mesh64()
     corners = np.array(mesh.vert_properties)
     triangles, planes = _welded(corners, np.asarray(mesh.tri_verts, dtype=np.int64), np.asarray(mesh.face_id))
-    faces = _faces(triangles, _settled_needles(corners, triangles, planes))
-    faces = _without_needless_corners(_without_spikes(corners, faces))
-    corners = _settled(csg, corners, faces)
+    faces = _faces(triangles, _planes_without_needles(corners, triangles, planes))
+    faces = _without_redundant_corners(_without_spikes(corners, faces))
+    corners = _moved_onto_planes(csg, corners, faces)
     solid = _solid(corners, [(_outward(corners, csg.normals[plane], loops), loops) for plane, loops in faces])
     if not solid.is_valid:
         raise ValueError(f"{len(faces)} flat faces make no valid solid")
     return solid
 
 
-def _settled(csg: PlanarCsg, corners: FloatArray, faces: Sequence[Face]) -> FloatArray:
-    """Corners (n, 3) moved onto the planes of the faces that meet there, unless that is far."""
+def _moved_onto_planes(csg: PlanarCsg, corners: FloatArray, faces: Sequence[Face]) -> FloatArray:
+    """Corners (n, 3) moved onto the planes of the faces that meet there, unless they are too far away."""
     meeting: dict[int, set[int]] = {}
     for plane, loops in faces:
         for loop in loops:
             for corner in loop:
                 meeting.setdefault(corner, set()).add(plane)
     for corner, planes in meeting.items():
-        several = sorted(planes)
-        normals = np.array([csg.normals[plane] for plane in several])
-        residuals = np.array([csg.offsets[plane] for plane in several]) - normals @ corners[corner]
+        indices = sorted(planes)
+        normals = np.array([csg.normals[plane] for plane in indices])
+        residuals = np.array([csg.offsets[plane] for plane in indices]) - normals @ corners[corner]
         step = np.linalg.lstsq(normals, residuals, rcond=1e-6)[0]
         if np.linalg.norm(step) < 10.0 * CORNER_MM:
             corners[corner] += step
@@ -148,7 +148,7 @@ def _welded(
     same = np.arange(len(corners))
     for i in range(3):
         start, end = triangles[:, i], triangles[:, (i + 1) % 3]
-        for a, b in zip(*_near(corners, start, end), strict=True):
+        for a, b in zip(*_short_edges(corners, start, end), strict=True):
             low, high = sorted((same[a], same[b]))
             same[same == high] = low
     welded = same[triangles]
@@ -164,14 +164,16 @@ def _welded(
     return welded[kept], planes[kept].astype(np.int64)
 
 
-def _near(
+def _short_edges(
     corners: FloatArray, starts: NDArray[np.int64], ends: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     near = np.linalg.norm(corners[starts] - corners[ends], axis=1) < CORNER_MM
     return starts[near], ends[near]
 
 
-def _settled_needles(corners: FloatArray, triangles: NDArray[np.int64], planes: NDArray[np.int64]) -> NDArray[np.int64]:
+def _planes_without_needles(
+    corners: FloatArray, triangles: NDArray[np.int64], planes: NDArray[np.int64]
+) -> NDArray[np.int64]:
     """Planes (n,) of triangles (n, 3), with degenerate ones assigned to the face beyond their longest edge.
 
     In any other face, a degenerate triangle would connect areas that only touch.
@@ -180,19 +182,19 @@ def _settled_needles(corners: FloatArray, triangles: NDArray[np.int64], planes: 
     sides = np.linalg.norm(np.roll(ends, -1, axis=1) - ends, axis=2)
     doubled = np.linalg.norm(np.cross(ends[:, 1] - ends[:, 0], ends[:, 2] - ends[:, 0]), axis=1)
     needles = np.flatnonzero(doubled < CORNER_MM * sides.max(axis=1)).tolist()
-    owner = {(int(t[i]), int(t[(i + 1) % 3])): place for place, t in enumerate(triangles) for i in range(3)}
-    beyond = {}
+    owner = {(int(t[i]), int(t[(i + 1) % 3])): index for index, t in enumerate(triangles) for i in range(3)}
+    adjacent = {}
     for needle in needles:
-        first = int(sides[needle].argmax())
-        beyond[needle] = owner[(int(triangles[needle][(first + 1) % 3]), int(triangles[needle][first]))]
+        edge = int(sides[needle].argmax())
+        adjacent[needle] = owner[(int(triangles[needle][(edge + 1) % 3]), int(triangles[needle][edge]))]
     planes = planes.copy()
     while True:
-        # In a row of needles, each follows the one beyond it.
-        moved = [needle for needle in beyond if planes[beyond[needle]] != planes[needle]]
-        if not moved:
+        # In a row of needles, each takes the plane of the next.
+        reassigned = [needle for needle in adjacent if planes[adjacent[needle]] != planes[needle]]
+        if not reassigned:
             return planes
-        for needle in moved:
-            planes[needle] = planes[beyond.pop(needle)]
+        for needle in reassigned:
+            planes[needle] = planes[adjacent.pop(needle)]
 
 
 def _faces(triangles: NDArray[np.int64], planes: NDArray[np.int64]) -> list[Face]:
@@ -213,7 +215,7 @@ def _faces(triangles: NDArray[np.int64], planes: NDArray[np.int64]) -> list[Face
                     face[other] = count
                     stack.append(other)
         count += 1
-    following = {
+    next_edge = {
         (int(corners[i]), int(corners[(i + 1) % 3])): (int(corners[(i + 1) % 3]), int(corners[(i + 2) % 3]))
         for corners in triangles
         for i in range(3)
@@ -230,50 +232,50 @@ def _faces(triangles: NDArray[np.int64], planes: NDArray[np.int64]) -> list[Face
             seen.add(edge)
             loop.append(edge[0])
             # Rotate about the edge's end, inside the face, to the next edge of its boundary.
-            edge = following[edge]
+            edge = next_edge[edge]
             while face[owner[edge[::-1]]] == face[t]:
-                edge = following[edge[::-1]]
-        loops[face[t]] += _simple(loop)
-    return _without_needless_corners(list(zip(plane_of, loops, strict=True)))
+                edge = next_edge[edge[::-1]]
+        loops[face[t]] += _simple_loops(loop)
+    return _without_redundant_corners(list(zip(plane_of, loops, strict=True)))
 
 
 def _without_spikes(corners: FloatArray, faces: list[Face]) -> list[Face]:
-    """Faces without spikes, where a loop runs back along the same edge: that thin area joins the adjacent face."""
+    """Faces without spikes, where a loop runs back along an edge: the thin area joins the adjacent face."""
     loops = [loop for _, group in faces for loop in group]
-    found = True
-    while found:
-        found = False
+    changed = True
+    while changed:
+        changed = False
         for loop in loops:
             for i in range(len(loop)):
                 a, b, c = loop[i - 2], loop[i - 1], loop[i]
                 first, second = corners[a] - corners[b], corners[c] - corners[b]
                 if first @ second <= 0.0 or len(loop) < 4:
                     continue
-                far, near, start, end = (a, c, b, a) if first @ first > second @ second else (c, a, c, b)
-                side = corners[far] - corners[b]
-                if np.linalg.norm(np.cross(side, corners[near] - corners[b])) > CORNER_MM * np.linalg.norm(side):
+                apex, inner, start, end = (a, c, b, a) if first @ first > second @ second else (c, a, c, b)
+                side = corners[apex] - corners[b]
+                if np.linalg.norm(np.cross(side, corners[inner] - corners[b])) > CORNER_MM * np.linalg.norm(side):
                     continue
                 other = next(o for o in loops if any(o[k - 1] == start and o[k] == end for k in range(len(o))))
-                place = next(k for k in range(len(other)) if other[k - 1] == start and other[k] == end)
-                other.insert(place if place > 0 else len(other), near)
+                index = next(k for k in range(len(other)) if other[k - 1] == start and other[k] == end)
+                other.insert(index if index > 0 else len(other), inner)
                 loop.remove(b)
-                found = True
+                changed = True
                 break
-            if found:
+            if changed:
                 break
     return faces
 
 
-def _simple(loop: Loop) -> list[Loop]:
+def _simple_loops(loop: Loop) -> list[Loop]:
     """A loop split into loops that visit each corner once."""
     for end, corner in enumerate(loop):
         start = loop.index(corner)
         if start < end:
-            return _simple(loop[start:end]) + _simple(loop[:start] + loop[end:])
+            return _simple_loops(loop[start:end]) + _simple_loops(loop[:start] + loop[end:])
     return [loop]
 
 
-def _without_needless_corners(faces: list[Face]) -> list[Face]:
+def _without_redundant_corners(faces: list[Face]) -> list[Face]:
     """Faces without corners at which only two faces meet, and without slivers that have only two other corners."""
     while True:
         meeting: dict[int, set[int]] = {}
@@ -292,7 +294,7 @@ def _without_needless_corners(faces: list[Face]) -> list[Face]:
 
 
 def _outward(corners: FloatArray, normal: FloatArray, loops: list[Loop]) -> FloatArray:
-    """The outward normal: faces that come from cutting solids are reversed."""
+    """The outward normal, which is reversed for faces of subtracted solids."""
     areas = [np.cross(corners[loop], np.roll(corners[loop], -1, axis=0)).sum(axis=0) @ normal for loop in loops]
     return normal if sum(areas) > 0.0 else -normal
 
@@ -306,22 +308,22 @@ def _solid(corners: FloatArray, faces: Sequence[tuple[FloatArray, list[Loop]]]) 
     def vertex(corner: int) -> TopoDS_Vertex:
         if corner not in vertices:
             vertices[corner] = TopoDS_Vertex()
-            builder.MakeVertex(vertices[corner], gp_Pnt(*corners[corner].tolist()), blur[corner])
+            builder.MakeVertex(vertices[corner], gp_Pnt(*corners[corner].tolist()), tolerance[corner])
         return vertices[corner]
 
     def edge(start: int, end: int) -> TopoDS_Edge:
         if (end, start) in edges:
             return edges[(end, start)].Oriented(TopAbs_REVERSED)
         edges[(start, end)] = BRepBuilderAPI_MakeEdge(vertex(start), vertex(end)).Edge()
-        builder.UpdateEdge(edges[(start, end)], max(blur[start], blur[end]))
+        builder.UpdateEdge(edges[(start, end)], max(tolerance[start], tolerance[end]))
         return edges[(start, end)]
 
-    # A corner of more than three faces may be off their planes by the distance of welding.
-    blur = np.full(len(corners), 1e-7)
+    # A corner of more than three faces may be off their planes by up to the welding distance.
+    tolerance = np.full(len(corners), 1e-7)
     for normal, loops in faces:
         for loop in loops:
-            away = np.abs((corners[loop] - corners[loops[0][0]]) @ normal)
-            blur[loop] = np.maximum(blur[loop], 1.1 * away)
+            distance = np.abs((corners[loop] - corners[loops[0][0]]) @ normal)
+            tolerance[loop] = np.maximum(tolerance[loop], 1.1 * distance)
     shell = TopoDS_Shell()
     builder.MakeShell(shell)
     for normal, loops in faces:

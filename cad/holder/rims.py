@@ -63,21 +63,21 @@ def plan_rims(
     layout: Layout,
     keep_outs: list[list[Frustum]],
     grooves: list[tuple[Groove, ...]],
-    beside_cuts: list[Frustum],
+    cut_zones: list[Frustum],
     reach_mm: float,
     hardware: Hardware,
 ) -> list[tuple[Frustum, FloatArray]]:
     """The rims of all mirrors, each with its ground (4, 3): the rim's foot, widened to the mirror's edge.
 
-    The ground lies below the seat, so that only the seat touches the mirror's back. A rim enters no light. It stands
-    neither before nor behind another mirror or its rim, up to `reach_mm` along their normals, where it would become a
-    ridge. Where a mirror's own light spreads over its edge, the rim is set back. No rim stands in `beside_cuts`, where
-    a cut would leave less than a wall of it.
+    The ground is below the seat, so that only the seat touches the mirror's back. A rim enters no light. It is neither
+    in front of nor behind another mirror or its rim, up to `reach_mm` along their normals, where it would become a
+    ridge. Where a mirror's own light spreads over its edge, the rim is set back. No rim is in `cut_zones`, where a cut
+    would leave less than a wall of it.
     """
-    fit = hardware.fit.free_mm
-    taken = [
+    gap = hardware.fit.free_mm
+    occupied = [
         [
-            Frustum(outline_at(mirror, -reach_mm, fit), outline_at(mirror, reach_mm, fit)),
+            Frustum(outline_at(mirror, -reach_mm, gap), outline_at(mirror, reach_mm, gap)),
             *group[1:],
             # Includes the grooves: the rim's foot is lower than the points where space is tested.
             *(
@@ -89,22 +89,25 @@ def plan_rims(
     ]
     rims = []
     for index, mirror in enumerate(layout.mirrors):
-        others = [*beside_cuts, *(volume for other, group in enumerate(taken) if other != index for volume in group)]
-        placed = _rims_of(mirror, keep_outs[index][1:], others, grooves[index], hardware)
-        away = reach_mm * mirror.normal_in_rig
-        taken[index] += [Frustum(ground - away, ground + away) for _, ground in placed]
-        rims += placed
+        others = [
+            *cut_zones,
+            *(volume for other, group in enumerate(occupied) if other != index for volume in group),
+        ]
+        mirror_rims = _rims_of(mirror, keep_outs[index][1:], others, grooves[index], hardware)
+        offset = reach_mm * mirror.normal_in_rig
+        occupied[index] += [Frustum(ground - offset, ground + offset) for _, ground in mirror_rims]
+        rims += mirror_rims
     return rims
 
 
-def beside_cuts(axes: FloatArray, cuts_mm: Cuts, hardware: Hardware) -> list[Frustum]:
+def cut_zones(axes: FloatArray, cuts_mm: Cuts, hardware: Hardware) -> list[Frustum]:
     """Zones along cuts across the first two axes (rows), where less than a wall of a rim would remain."""
-    near = hardware.printer.wall_mm + GROUND_MM + STEP_MM
+    margin = hardware.printer.wall_mm + GROUND_MM + STEP_MM
     zones = []
-    for axis, places in enumerate(cuts_mm):
-        across, one, two = axes[axis], FAR_MM * axes[1 - axis], FAR_MM * axes[2]
-        square = np.array([-one - two, one - two, one + two, two - one])
-        zones += [Frustum(square + (place - near) * across, square + (place + near) * across) for place in places]
+    for axis, cuts in enumerate(cuts_mm):
+        normal, u, v = axes[axis], FAR_MM * axes[1 - axis], FAR_MM * axes[2]
+        square = np.array([-u - v, u - v, u + v, v - u])
+        zones += [Frustum(square + (cut - margin) * normal, square + (cut + margin) * normal) for cut in cuts]
     return zones
 
 
@@ -152,9 +155,9 @@ def _rims_of(
                     for level in (bottom - 2.0 * RELIEF_MM, top)
                 )
                 # Slightly wider than the rim, so that the two share no face.
-                wider = along + np.array([-GROUND_MM, GROUND_MM, GROUND_MM, -GROUND_MM])
-                out = margin + GROUND_MM
-                ground = edge.in_rig(wider, np.array([0.0, 0.0, out, out]), np.full(4, bottom - RELIEF_MM))
+                widened = along + np.array([-GROUND_MM, GROUND_MM, GROUND_MM, -GROUND_MM])
+                outer_mm = margin + GROUND_MM
+                ground = edge.in_rig(widened, np.array([0.0, 0.0, outer_mm, outer_mm]), np.full(4, bottom - RELIEF_MM))
                 rims.append((Frustum(foot, crest), ground))
     return rims
 

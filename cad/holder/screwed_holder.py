@@ -1,4 +1,4 @@
-"""Plan a mirror holder whose mirrors sit on carriers: a level plate with holes for the carriers' screws."""
+"""Plan a mirror holder with mirrors on carriers: a level plate with holes for the carriers' screws."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from mirrorcam.cad.holder.adjuster import (
     CONE_DEG,
     DRIVER_HOLE_ENDS_MM,
     Adjuster,
-    head_wide_mm,
+    head_diameter_mm,
     least_plate_mm,
     plan_adjuster,
     travel_mm,
@@ -30,7 +30,7 @@ from mirrorcam.cad.holder.back import (
 )
 from mirrorcam.cad.holder.carriers import CarrierPlan, least_level_mm, plan_areas, plan_carrier
 from mirrorcam.cad.holder.holder_body import HolderPlan, body_of, one_piece
-from mirrorcam.cad.holder.holder_plan import baffle_of, border_of, down_from
+from mirrorcam.cad.holder.holder_plan import baffle_of, border_of, column_to_back
 from mirrorcam.cad.holder.planar_csg import PlanarCsg
 from mirrorcam.cad.plan.cuts import bed_lengths_mm, require_height
 from mirrorcam.cad.plan.dimension import Datum, Hole
@@ -96,7 +96,7 @@ def plan_screwed_holder(layout: Layout, hardware: Hardware) -> ScrewedHolderPlan
     Parameters
     ----------
     layout : Layout
-        The mirrors, in rig. The holder lies as far behind them as the carriers need.
+        The mirrors, in rig. The holder is as far behind them as the carriers need.
     hardware : Hardware
         Fits, printer, screws, spring and range of tilt.
 
@@ -117,11 +117,11 @@ def plan_screwed_holder(layout: Layout, hardware: Hardware) -> ScrewedHolderPlan
     _require_bed(border, hardware)
     # Plan with the front of the plate at z = 0 first.
     mounts = places_of_mount(LevelFront(footprint, 0.0), hardware)
-    place, areas = plan_areas(layout, axes, (_taken(each, footprint, hardware) for each in mounts), hardware)
-    mount = mounts[place]
-    screws_reach, edge_reach = (max(area.reaches_mm[which] for area in areas) for which in (0, 1))
-    thick = max(mount.back_mm, least_plate_mm(travel_mm(screws_reach, hardware), hardware))
-    adjuster = plan_adjuster(screws_reach, edge_reach, thick, hardware)
+    index, areas = plan_areas(layout, axes, (_blocked_area(each, footprint, hardware) for each in mounts), hardware)
+    mount = mounts[index]
+    screws_reach, edge_reach = (max(area.reaches_mm[k] for area in areas) for k in (0, 1))
+    thickness = max(mount.back_mm, least_plate_mm(travel_mm(screws_reach, hardware), hardware))
+    adjuster = plan_adjuster(screws_reach, edge_reach, thickness, hardware)
     level = max(
         least_level_mm(mirror, area, axes, adjuster.hole_mm, hardware)
         for mirror, area in zip(layout.mirrors, areas, strict=True)
@@ -138,24 +138,26 @@ def plan_screwed_holder(layout: Layout, hardware: Hardware) -> ScrewedHolderPlan
 def _footprint(layout: Layout, axes: FloatArray, hardware: Hardware) -> Polygon:
     """The hull of all mirrors as seen from the back, with the margin for rims as in a holder for glue."""
     margin = hardware.fit.free_mm + hardware.holder.rim_mm
-    grown = [outline_at(mirror, seat_height_mm(mirror, hardware), margin, bevelled=True) for mirror in layout.mirrors]
-    return MultiPoint(np.vstack(grown) @ axes[:2].T).convex_hull
+    outlines = [
+        outline_at(mirror, seat_height_mm(mirror, hardware), margin, bevelled=True) for mirror in layout.mirrors
+    ]
+    return MultiPoint(np.vstack(outlines) @ axes[:2].T).convex_hull
 
 
-def _taken(mount: MountFace, footprint: Polygon, hardware: Hardware) -> BaseGeometry:
-    """The area without axes of carriers' screws: near the mount's screws, and near the mount's holes for their heads.
+def _blocked_area(mount: MountFace, footprint: Polygon, hardware: Hardware) -> BaseGeometry:
+    """The area without axes of carriers' screws: near the mount's screws, and near its holes for their heads.
 
-    The latter and the driver's holes have roofs along x (`DRIVER_HOLE_ENDS_MM`), and a wall between them.
+    Those holes and the driver's have roofs along x (`DRIVER_HOLE_ENDS_MM`), and a wall between them.
     """
     spaces = space_of_mount(mount.holes_mm, footprint, mount.centre_mm, hardware)
-    taken = [space.buffer(head_wide_mm() / 2.0) for space in spaces]
+    areas = [space.buffer(head_diameter_mm() / 2.0) for space in spaces]
     radius, (low, high) = head_space_mm(hardware), DRIVER_HOLE_ENDS_MM
     for hole in mount.centre_mm + mount.holes_mm:
-        disc, tip = Point(hole).buffer(radius), Point(hole[0] - radius * high / low, hole[1])
-        roofed = MultiPoint(np.vstack([get_coordinates(disc), get_coordinates(tip)])).convex_hull
-        beside = MultiPoint(np.vstack([get_coordinates(roofed.buffer(-low)), get_coordinates(roofed) - [high, 0.0]]))
-        taken.append(beside.convex_hull.buffer(hardware.printer.wall_mm))
-    return unary_union(taken)
+        disc, roof_tip = Point(hole).buffer(radius), Point(hole[0] - radius * high / low, hole[1])
+        roofed = MultiPoint(np.vstack([get_coordinates(disc), get_coordinates(roof_tip)])).convex_hull
+        near = MultiPoint(np.vstack([get_coordinates(roofed.buffer(-low)), get_coordinates(roofed) - [high, 0.0]]))
+        areas.append(near.convex_hull.buffer(hardware.printer.wall_mm))
+    return unary_union(areas)
 
 
 def _require_bed(border: Polygon, hardware: Hardware) -> None:
@@ -180,18 +182,18 @@ def _plan(
     adjuster: Adjuster,
     hardware: Hardware,
 ) -> ScrewedHolderPlan:
-    away = axes[2]
-    rig_from_mount = rigid(axes.T, mount.centre_mm @ axes[:2] + mount.back_mm * away)
-    hull = get_coordinates(orient(footprint))[:-1] @ axes[:2] + front_mm * away
-    around = get_coordinates(orient(border))[:-1] @ axes[:2] + (mount.back_mm - hardware.holder.floor_mm) * away
+    normal = axes[2]
+    rig_from_mount = rigid(axes.T, mount.centre_mm @ axes[:2] + mount.back_mm * normal)
+    hull = get_coordinates(orient(footprint))[:-1] @ axes[:2] + front_mm * normal
+    rim = get_coordinates(orient(border))[:-1] @ axes[:2] + (mount.back_mm - hardware.holder.floor_mm) * normal
     light = keep_outs(layout, hardware)
     nuts = hardware.screw.kind == "nut"
     thread_from, thread_to, hole_depth = screw_depths_mm(hardware)
     seats = np.vstack([carrier.body.top for carrier in carriers])
-    reach = mount.back_mm - float((seats @ away).min()) + max(mirror.thickness_mm for mirror in layout.mirrors)
+    reach = mount.back_mm - float((seats @ normal).min()) + max(mirror.thickness_mm for mirror in layout.mirrors)
     plan = ScrewedHolderPlan(
-        slab=down_from(hull, mount, away),
-        flange=down_from(around, mount, away),
+        slab=column_to_back(hull, mount, normal),
+        flange=column_to_back(rim, mount, normal),
         cores=(),
         pads=(),
         fillers=(),

@@ -30,7 +30,7 @@ def viewing_rays(camera: Camera) -> FloatArray:
     return np.asarray(rays[np.isfinite(rays).all(axis=1)])
 
 
-def seen_between(layout: Layout) -> FloatArray:
+def rays_past_mirrors(layout: Layout) -> FloatArray:
     """The viewing rays (n, 2) that meet no mirror."""
     rays = viewing_rays(layout.camera)
     mirrors = union_all([Polygon(mirror.apparent.outline_normalized) for mirror in layout.mirrors])
@@ -38,12 +38,12 @@ def seen_between(layout: Layout) -> FloatArray:
 
 
 def stray_light(layout: Layout, holder: Manifold, mirrors: Sequence[Manifold]) -> float:
-    """Share of the camera's pixels that see past the solids of holder and mirrors, by rays from the pupil."""
-    past = sum(_misses([holder, *mirrors], np.array([*ray, 1.0]) * FAR_MM) for ray in seen_between(layout))
+    """Share of the camera's pixels that see past the solids of holder and mirrors, from rays through the pupil."""
+    past = sum(_is_free([holder, *mirrors], np.array([*ray, 1.0]) * FAR_MM) for ray in rays_past_mirrors(layout))
     return past / len(viewing_rays(layout.camera))
 
 
-def _misses(bodies: Sequence[Manifold], end: FloatArray) -> bool:
+def _is_free(bodies: Sequence[Manifold], end: FloatArray) -> bool:
     return not any(body.ray_cast(np.zeros(3), end) for body in bodies)
 
 
@@ -51,8 +51,8 @@ def _misses(bodies: Sequence[Manifold], end: FloatArray) -> bool:
 class Baffle:
     """A closed wall on the holder's slab that keeps stray light from the lens.
 
-    Its outer and its inner side, each at the foot and at the crest, are loops of corresponding corners (n, 3) in rig,
-    mm, round the mirrors, counter-clockwise seen from behind.
+    The outer and inner side, each at foot and crest, are loops of corresponding corners (n, 3) in rig, mm, round the
+    mirrors, counter-clockwise seen from behind.
     """
 
     outer_foot: FloatArray
@@ -87,9 +87,9 @@ def plan_baffle(
 ) -> Baffle:
     """Lay out the baffle along a convex border, as high as the adjacent light permits.
 
-    The crest consists of short straight pieces, below all light on either side. It ends where the camera sees no
-    further, or as a hood at `hood_mm` over the highest mirror. Where the baffle may not rise above `foot_mm`, it stays
-    inside the slab.
+    The crest consists of short straight pieces, clear of all light. It is as high as the camera sees past the mirrors
+    or, as a hood, `hood_mm` above the highest mirror. Where the baffle may not rise above `foot_mm`, it ends inside the
+    slab.
 
     Parameters
     ----------
@@ -109,61 +109,61 @@ def plan_baffle(
     outside, inside = _sides(border, hardware)
     mount_from_rig = np.linalg.inv(rig_from_mount)[:3]
     hulls = [Manifold.hull_points(np.vstack([volume.base, volume.top])) for volume in light]
-    lit = Manifold.batch_boolean(hulls, OpType.Add).transform(mount_from_rig)
+    lights = Manifold.batch_boolean(hulls, OpType.Add).transform(mount_from_rig)
     view = (_field_of_view(layout.camera) - _behind_mirrors(layout, hardware)).transform(mount_from_rig)
     hood_mm = 0.0
     if hardware.holder.hood_mm > 0.0:
         fronts = np.vstack([outline_at(mirror, mirror.front_mm) for mirror in layout.mirrors])
         highest_mm = -float((fronts @ mount_from_rig[2, :3] + mount_from_rig[2, 3]).min())
         hood_mm = highest_mm + hardware.holder.hood_mm
-    crest = _crest_mm(outside, inside, lit, view, hood_mm, hardware)
+    crest = _crest_mm(outside, inside, lights, view, hood_mm, hardware)
     inside_slab = foot_mm - 1.0
     crest = np.where(crest > foot_mm + hardware.holder.shade_mm, crest, inside_slab - 0.5)
     foot = np.full(len(outside), 0.5 * inside_slab)
-    placed = (_placed(rig_from_mount, *at) for at in product((foot, crest), (outside, inside)))
-    return Baffle(*placed)
+    loops = (_in_rig(rig_from_mount, *corners) for corners in product((foot, crest), (outside, inside)))
+    return Baffle(*loops)
 
 
-def _placed(rig_from_mount: FloatArray, heights: FloatArray, flat: FloatArray) -> FloatArray:
-    """Points (n, 3) in rig from places (n, 2) on the back and heights (n,) over it."""
+def _in_rig(rig_from_mount: FloatArray, heights: FloatArray, flat: FloatArray) -> FloatArray:
+    """Points (n, 3) in rig from points (n, 2) on the back and heights (n,) above it."""
     return np.asarray(np.column_stack([flat, -heights]) @ rig_from_mount[:3, :3].T + rig_from_mount[:3, 3])
 
 
 def _sides(border: Polygon, hardware: Hardware) -> tuple[FloatArray, FloatArray]:
     """Corners (n, 2) of the outer and inner side of the baffle, in straight pieces of about `shade_step_mm`."""
     corners = get_coordinates(orient(border))[:-1]
-    inner = _moved_in(corners, hardware.holder.shade_mm)
+    inner = _offset_inwards(corners, hardware.holder.shade_mm)
     lengths = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
     counts = np.ceil(lengths / hardware.holder.shade_step_mm).astype(int)
     return _in_pieces(corners, counts), _in_pieces(inner, counts)
 
 
 def _crest_mm(
-    outside: FloatArray, inside: FloatArray, lit: Manifold, view: Manifold, hood_mm: float, hardware: Hardware
+    outside: FloatArray, inside: FloatArray, lights: Manifold, view: Manifold, hood_mm: float, hardware: Hardware
 ) -> FloatArray:
-    """Heights (n,) of the corners over the back: each that of the lower of its two pieces."""
-    levels = []
+    """Heights (n,) of the corners above the back: the lower height of the two pieces at each corner."""
+    heights = []
     for i in range(len(outside)):
         piece = np.array([outside[i - 1], outside[i], inside[i], inside[i - 1]])
-        levels.append(_free_height_mm(piece, lit, view, hood_mm, hardware))
-    return np.minimum(levels, np.roll(levels, -1))
+        heights.append(_free_height_mm(piece, lights, view, hood_mm, hardware))
+    return np.minimum(heights, np.roll(heights, -1))
 
 
-def _moved_in(corners: FloatArray, by_mm: float) -> FloatArray:
+def _offset_inwards(corners: FloatArray, by_mm: float) -> FloatArray:
     """Corners (n, 2) of a convex polygon, counter-clockwise, with every side moved inwards by a distance."""
     along = np.roll(corners, -1, axis=0) - corners
     inward = np.column_stack([-along[:, 1], along[:, 0]]) / np.linalg.norm(along, axis=1, keepdims=True)
-    before = np.roll(inward, 1, axis=0)
-    return np.asarray(corners + by_mm * (inward + before) / (1.0 + np.sum(inward * before, axis=1, keepdims=True)))
+    previous = np.roll(inward, 1, axis=0)
+    return np.asarray(corners + by_mm * (inward + previous) / (1.0 + np.sum(inward * previous, axis=1, keepdims=True)))
 
 
 def _in_pieces(corners: FloatArray, counts: NDArray[np.int64]) -> FloatArray:
     """A closed polygon's corners (n, 2), with every side divided into a given number of equal pieces."""
-    following = np.roll(corners, -1, axis=0)
+    ends = np.roll(corners, -1, axis=0)
     return np.vstack(
         [
             start + (end - start) * np.arange(count)[:, None] / count
-            for start, end, count in zip(corners, following, counts, strict=True)
+            for start, end, count in zip(corners, ends, counts, strict=True)
         ]
     )
 
@@ -177,27 +177,27 @@ def _field_of_view(camera: Camera) -> Manifold:
 
 
 def _behind_mirrors(layout: Layout, hardware: Hardware) -> Manifold:
-    """The space hidden from the camera by mirrors at any place in their pockets."""
+    """The space hidden from the camera by mirrors wherever they are in their pockets."""
     loops = [outline_at(mirror, mirror.back_mm, hardware.fit.free_mm) for mirror in layout.mirrors]
     shadows = [Manifold.hull_points(np.vstack([loop, loop * FAR_MM / loop[:, 2].min()])) for loop in loops]
     return Manifold.batch_boolean(shadows, OpType.Add)
 
 
-def _free_height_mm(piece: FloatArray, lit: Manifold, view: Manifold, hood_mm: float, hardware: Hardware) -> float:
-    """Height over the back of a wall on a convex piece (n, 2): as high as necessary, as far as light permits.
+def _free_height_mm(piece: FloatArray, lights: Manifold, view: Manifold, hood_mm: float, hardware: Hardware) -> float:
+    """Height above the back of a wall on a convex piece (n, 2): as high as necessary, as far as light permits.
 
-    The necessary height is at least `hood_mm` and hides the surroundings from the camera; it is 0 for a wall that the
-    camera cannot see.
+    The necessary height is at least `hood_mm` and hides the surroundings from the camera. It is 0 without a hood if the
+    camera cannot see the wall.
     """
     highest = hardware.printer.bed_mm[2]
-    seen = _column(piece, highest) ^ view
-    needed = hood_mm if seen.is_empty() else max(hood_mm, -seen.bounding_box()[2])
+    visible = _column(piece, highest) ^ view
+    needed = hood_mm if visible.is_empty() else max(hood_mm, -visible.bounding_box()[2])
     if needed == 0.0:
         return 0.0
-    grown = Polygon(piece).buffer(hardware.fit.light_mm, join_style="mitre")
-    light = _column(get_coordinates(grown), highest) ^ lit
-    lowest = highest if light.is_empty() else -light.bounding_box()[5] - hardware.fit.light_mm
-    return min(lowest, needed)
+    enlarged = Polygon(piece).buffer(hardware.fit.light_mm, join_style="mitre")
+    overlap = _column(get_coordinates(enlarged), highest) ^ lights
+    free = highest if overlap.is_empty() else -overlap.bounding_box()[5] - hardware.fit.light_mm
+    return min(free, needed)
 
 
 def _column(flat: FloatArray, height_mm: float) -> Manifold:

@@ -16,13 +16,14 @@ from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.seats import planes_of
 from mirrorcam.core.values import FloatArray
 
-# Narrower hollows save nothing.
+# Narrower hollows save no plastic.
 NARROWEST_MM = 5.0
-LOWEST_MM = 0.5
-# Skip the ends of the body's own sides: rounding makes them neither solid nor air.
+# Least height of the eaves over the back.
+LEAST_EAVES_MM = 0.5
+# Skip the edges of the body's sides: rounding makes them neither solid nor air.
 ROUNDING_MM = 1e-3
-# Roofs are slightly steeper than the overhang limit.
-STEEPER = 1.01
+# Factor on the slope of roofs, so that they are slightly steeper than the overhang limit.
+ROOF_STEEPNESS = 1.01
 
 
 @dataclass(frozen=True)
@@ -68,45 +69,45 @@ def plan_hollows(
 ) -> tuple[Hollow, ...]:
     """Plan the hollows of a solid body, in rows and columns over its footprint (in the mount's x and y).
 
-    Over a hollow the floor is `floor_mm` thick, normal to its roof. Sideways a hollow keeps `web_mm` from other hollows
-    and from air. Material remains round every hole (n, 2) for the insert's wall, and along the cuts (positions across x
-    and across y) for the pins' holes.
+    Over a hollow the floor is `floor_mm` thick, normal to its roof. A hollow is `web_mm` apart from other hollows and
+    from air. Material remains round every hole (n, 2) for the insert's wall, and along the cuts (positions across x and
+    across y) for the pins' holes.
     """
     dimensions, screw = hardware.holder, hardware.screw
-    boss = screw.insert_hole_mm / 2.0 + screw.insert_wall_mm
-    # Slightly more, so that no section tested for a pin coincides with the side of a hollow.
-    joint = reach_of_pin_mm(hardware) + 0.1
+    boss_radius = screw.insert_hole_mm / 2.0 + screw.insert_wall_mm
+    # The margin keeps sections that are tested for a pin off the side of a hollow.
+    joint_margin = reach_of_pin_mm(hardware) + 0.1
     inside = footprint.buffer(-dimensions.web_mm, join_style="mitre")
     footprint = footprint.buffer(-ROUNDING_MM, join_style="mitre")
     if inside.is_empty:
         return ()
-    left, low, right, high = inside.bounds
+    left, lower, right, upper = inside.bounds
     mount_from_rig = np.asarray(np.linalg.inv(rig_from_mount), dtype=np.float64)
     in_mount = body.transform(mount_from_rig[:3])
     hollows = []
-    for start, end in _spans(left, right, cuts_mm[0], joint, dimensions.cell_mm, dimensions.web_mm):
-        for bottom, top in _spans(low, high, cuts_mm[1], joint, dimensions.cell_mm, dimensions.web_mm):
-            cell = box(start, bottom, end, top).intersection(inside)
+    for start, stop in _spans(left, right, cuts_mm[0], joint_margin, dimensions.cell_mm, dimensions.web_mm):
+        for bottom, top in _spans(lower, upper, cuts_mm[1], joint_margin, dimensions.cell_mm, dimensions.web_mm):
+            cell = box(start, bottom, stop, top).intersection(inside)
             for hole in holes_mm:
-                cell = _off_boss(cell, hole, boss)
+                cell = _off_boss(cell, hole, boss_radius)
             if not isinstance(cell, Polygon) or cell.buffer(-NARROWEST_MM / 2.0).is_empty:
                 continue
             hollow = _hollow(in_mount, cell, footprint, hardware)
             if hollow is not None:
                 hollows.append(hollow)
-    turn, origin = rig_from_mount[:3, :3], rig_from_mount[:3, 3]
+    rotation, origin = rig_from_mount[:3, :3], rig_from_mount[:3, 3]
     return tuple(
-        Hollow(hollow.base @ turn.T + origin, hollow.eaves @ turn.T + origin, hollow.top @ turn.T + origin)
+        Hollow(hollow.base @ rotation.T + origin, hollow.eaves @ rotation.T + origin, hollow.top @ rotation.T + origin)
         for hollow in hollows
     )
 
 
 def _spans(
-    low: float, high: float, cuts: tuple[float, ...], joint: float, widest: float, web: float
+    low: float, high: float, cuts: tuple[float, ...], margin: float, widest: float, web: float
 ) -> list[tuple[float, float]]:
     """Equal spans, at most `widest` wide, with webs between them and without joints."""
     spans = []
-    starts, ends = [low, *(cut + joint for cut in cuts)], [*(cut - joint for cut in cuts), high]
+    starts, ends = [low, *(cut + margin for cut in cuts)], [*(cut - margin for cut in cuts), high]
     for start, end in zip(starts, ends, strict=True):
         count = max(1, int(np.ceil((end - start + web) / (widest + web))))
         width = (end - start + web) / count - web
@@ -119,12 +120,12 @@ def _off_boss(cell: Polygon, hole: FloatArray, radius: float) -> Polygon:
     """The largest part of a cell, after one straight cut, outside a disc round a hole."""
     if not cell.intersects(Point(hole).buffer(radius)):
         return cell
-    (x, y), far = hole, 1e4
+    (x, y), reach = hole, 1e4
     sides = (
-        box(-far, -far, x - radius, far),
-        box(x + radius, -far, far, far),
-        box(-far, -far, far, y - radius),
-        box(-far, y + radius, far, far),
+        box(-reach, -reach, x - radius, reach),
+        box(x + radius, -reach, reach, reach),
+        box(-reach, -reach, reach, y - radius),
+        box(-reach, y + radius, reach, reach),
     )
     return max((cell.intersection(side) for side in sides), key=lambda part: part.area)
 
@@ -133,9 +134,9 @@ def _hollow(body: Manifold, cell: Polygon, footprint: Polygon, hardware: Hardwar
     """The highest hollow over a convex cell, in the mount frame; None if none fits.
 
     Its roof rises from the eaves towards the cell's middle, up to a flat top that a printer bridges. With roof and top
-    moved out by the floor's thickness, and the walls by a web's, the hollow must meet no air. Under each side of the
-    roof, and under its part of the top, this constraint is linear in the corners of the air, so that the height is a
-    minimum over these corners.
+    offset outwards by the floor's thickness, and the walls by a web's, the hollow must meet no air. Under each side of
+    the roof, and under its part of the top, this constraint is linear in the corners of the air, so that the height is
+    a minimum over these corners.
     """
     floor = hardware.holder.floor_mm
     corners = get_coordinates(orient(cell.simplify(1e-6)))[:-1]
@@ -145,40 +146,40 @@ def _hollow(body: Manifold, cell: Polygon, footprint: Polygon, hardware: Hardwar
     outward /= np.linalg.norm(outward, axis=1, keepdims=True)
     distances = np.sum((corners - middle) * outward, axis=1)
     # Heights of the complete pyramid and of its part below the top.
-    steep = STEEPER * np.tan(np.radians(90.0 - hardware.printer.overhang_deg))
-    pyramid = float(distances.max()) * steep
-    flat = min(hardware.holder.ceiling_mm / (2.0 * float(distances.min())), 0.95)
-    rise = pyramid * (1.0 - flat)
-    scale = 1.0 + hardware.holder.web_mm / float(distances.min())
+    slope = ROOF_STEEPNESS * np.tan(np.radians(90.0 - hardware.printer.overhang_deg))
+    pyramid = float(distances.max()) * slope
+    top_scale = min(hardware.holder.ceiling_mm / (2.0 * float(distances.min())), 0.95)
+    roof_height = pyramid * (1.0 - top_scale)
+    outer_scale = 1.0 + hardware.holder.web_mm / float(distances.min())
     # Below the mount's origin (towards the mirrors) z is negative.
-    levels = (body.bounding_box()[2] - 1.0, -0.5 * LOWEST_MM)
-    # Slightly more than the tested region; with the complete body this takes twice as long.
-    near = body ^ _column(middle + 1.01 * scale * (corners - middle), levels)
+    levels = (body.bounding_box()[2] - 1.0, -0.5 * LEAST_EAVES_MM)
+    # Slightly more than the tested region: the complete body takes twice as long.
+    near = body ^ _column(middle + 1.01 * outer_scale * (corners - middle), levels)
     eaves = np.inf
     for i in range(len(corners)):
         side = corners[[i, (i + 1) % len(corners)]] - middle
-        above = floor * float(np.hypot(1.0, pyramid / distances[i]))
-        # Intersection of the roof, moved out, and the top, moved up.
-        edge = float(np.clip(1.0 - (rise + floor - above) / pyramid, 0.0, scale))
-        under_top = Polygon([middle, *(middle + edge * side)]) if edge > 0.0 else Polygon()
-        under_roof = Polygon([*(middle + edge * side), *(middle + scale * side[::-1])])
-        heights = [height - floor - rise for height, _ in _air(near, under_top.intersection(footprint), levels)]
+        floor_height = floor * float(np.hypot(1.0, pyramid / distances[i]))
+        # Intersection of the offset roof and the offset top.
+        edge_scale = float(np.clip(1.0 - (roof_height + floor - floor_height) / pyramid, 0.0, outer_scale))
+        under_top = Polygon([middle, *(middle + edge_scale * side)]) if edge_scale > 0.0 else Polygon()
+        under_roof = Polygon([*(middle + edge_scale * side), *(middle + outer_scale * side[::-1])])
+        heights = [height - floor - roof_height for height, _ in _air(near, under_top.intersection(footprint), levels)]
         for height, point in _air(near, under_roof.intersection(footprint), levels):
-            reach = float((point - middle) @ outward[i]) / distances[i]
-            heights.append(height - above - pyramid * (1.0 - reach))
+            scale_at = float((point - middle) @ outward[i]) / distances[i]
+            heights.append(height - floor_height - pyramid * (1.0 - scale_at))
         eaves = min([eaves, *heights])
     if eaves == np.inf:
         return None
     # If the roof would start below the back, the same pyramid is truncated higher up.
-    size = min(1.0, flat + (1.0 - flat) * (eaves + rise - LOWEST_MM) / rise)
-    if size <= flat or 2.0 * size * distances.min() < NARROWEST_MM:
+    eaves_scale = min(1.0, top_scale + (1.0 - top_scale) * (eaves + roof_height - LEAST_EAVES_MM) / roof_height)
+    if eaves_scale <= top_scale or 2.0 * eaves_scale * distances.min() < NARROWEST_MM:
         return None
-    low = middle + size * (corners - middle)
-    top = middle + flat * (corners - middle)
+    eaves_corners = middle + eaves_scale * (corners - middle)
+    top = middle + top_scale * (corners - middle)
     return Hollow(
-        np.column_stack([low, np.full(len(corners), 1.0)]),
-        np.column_stack([low, np.full(len(corners), -max(eaves, LOWEST_MM))]),
-        np.column_stack([top, np.full(len(corners), -(eaves + rise))]),
+        np.column_stack([eaves_corners, np.full(len(corners), 1.0)]),
+        np.column_stack([eaves_corners, np.full(len(corners), -max(eaves, LEAST_EAVES_MM))]),
+        np.column_stack([top, np.full(len(corners), -(eaves + roof_height))]),
     )
 
 

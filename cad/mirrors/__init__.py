@@ -1,1 +1,1 @@
-"""The flat mirrors as a laser cutter takes them: nested on sheets, as DXF and SVG."""
+"""The flat mirrors for a laser cutter: nested on sheets, as DXF and SVG."""

@@ -2,7 +2,7 @@
 
 A piece at p overlaps a placed one if p lies in the Minkowski sum of the placed piece and the reflected new one (Burke,
 Hellier, Kendall, Whitwell, "Complete and robust no-fit polygon generation", EJOR 179, 2007). For convex pieces this sum
-is the hull of the sums of their corners. A piece goes to the free place where it extends least from the packed side.
+is the hull of the sums of their corners. A piece is placed where it extends least from the packed side.
 """
 
 from __future__ import annotations
@@ -23,29 +23,29 @@ ROUNDING_MM = 1e-6
 
 @dataclass(frozen=True)
 class NestedOutline:
-    """The place of an outline on a sheet: rotated by `turn` (2, 2), then shifted by `shift_mm` (2,)."""
+    """The position of an outline on a sheet: rotated by `rotation` (2, 2), then shifted by `shift_mm` (2,)."""
 
     sheet: int
-    turn: FloatArray
+    rotation: FloatArray
     shift_mm: FloatArray
 
     def apply(self, points: FloatArray) -> FloatArray:
         """Points (n, 2) of the piece on the sheet, mm from its lower left corner."""
-        return np.asarray(points @ self.turn.T + self.shift_mm)
+        return np.asarray(points @ self.rotation.T + self.shift_mm)
 
 
 @dataclass(frozen=True)
-class _Turned:
+class _Orientation:
     """A piece in one of its orientations: `outline` (n, 2) with its lower left corner at the origin, and its size."""
 
-    turn: FloatArray
+    rotation: FloatArray
     outline: FloatArray
     offset: FloatArray
     size: FloatArray
 
 
 def nest(pieces: Sequence[FloatArray], sheet_mm: tuple[float, float], gap_mm: float) -> list[NestedOutline]:
-    """A place for every convex piece (n, 2), at least a gap from each other and from the sheet's edge.
+    """A position for every convex piece (n, 2), at least a gap from the others and from the sheet's edge.
 
     Tries several orders, packed to the left and to the bottom, until the number of sheets reaches its lower bound by
     area. Otherwise returns the nesting with the fewest sheets, and the least use of the last one. Raises ValueError for
@@ -56,8 +56,8 @@ def nest(pieces: Sequence[FloatArray], sheet_mm: tuple[float, float], gap_mm: fl
     orientations = [_orientations(piece) for piece in pieces]
     usable_mm = _usable_mm(sheet_mm, gap_mm)
     areas = [Polygon(piece).area for piece in pieces]
-    lengths = [max(turned.size.max() for turned in own) for own in orientations]
-    widths = [min(turned.size.min() for turned in own) for own in orientations]
+    lengths = [max(oriented.size.max() for oriented in tried) for tried in orientations]
+    widths = [min(oriented.size.min() for oriented in tried) for tried in orientations]
     fewest = np.ceil(sum(areas) / usable_mm.prod())
     best: tuple[tuple[int, float], list[NestedOutline]] | None = None
     for sizes, along in product((areas, lengths, widths), (0, 1)):
@@ -73,71 +73,71 @@ def nest(pieces: Sequence[FloatArray], sheet_mm: tuple[float, float], gap_mm: fl
 def fits(piece: FloatArray, sheet_mm: tuple[float, float], gap_mm: float) -> bool:
     """Return whether a convex piece (n, 2) fits on a sheet in a tried orientation, with a gap to the sheet's edge."""
     usable_mm = _usable_mm(sheet_mm, gap_mm)
-    return any((turned.size <= usable_mm).all() for turned in _orientations(piece))
+    return any((oriented.size <= usable_mm).all() for oriented in _orientations(piece))
 
 
 def _usable_mm(sheet_mm: tuple[float, float], gap_mm: float) -> FloatArray:
     return np.array(sheet_mm) - 2.0 * gap_mm + ROUNDING_MM
 
 
-def _orientations(piece: FloatArray) -> list[_Turned]:
+def _orientations(piece: FloatArray) -> list[_Orientation]:
     """The distinct orientations of a piece on each of its edges, and these rotated by quarter turns."""
     edges = np.roll(piece, -1, axis=0) - piece
     angles = (np.arctan2(edges[:, 1], edges[:, 0])[:, None] + np.arange(4) * np.pi / 2.0).ravel()
     orientations = []
     for angle in np.unique(np.round(np.mod(-angles, 2.0 * np.pi), 6) % round(2.0 * np.pi, 6)):
-        turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-        outline = piece @ turn.T
+        rotation = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+        outline = piece @ rotation.T
         low = outline.min(axis=0)
-        orientations.append(_Turned(turn, outline - low, -low, np.ptp(outline, axis=0)))
+        orientations.append(_Orientation(rotation, outline - low, -low, np.ptp(outline, axis=0)))
     return orientations
 
 
 def _pack(
-    orientations: list[list[_Turned]], order: list[int], usable_mm: FloatArray, gap_mm: float, along: int
+    orientations: list[list[_Orientation]], order: list[int], usable_mm: FloatArray, gap_mm: float, along: int
 ) -> tuple[tuple[int, float], list[NestedOutline]]:
-    """Number of sheets, used share of the last one along an axis, and the places in the order of the pieces."""
+    """Number of sheets, used share of the last one along an axis, and the positions in the order of the pieces."""
     placed: list[NestedOutline | None] = [None] * len(orientations)
     sheets: list[list[FloatArray]] = []
     used: list[float] = []
     for index in order:
-        for number in range(len(sheets) + 1):
-            if number == len(sheets):
+        for sheet in range(len(sheets) + 1):
+            if sheet == len(sheets):
                 sheets.append([])
                 used.append(0.0)
-            found = _nearest_place(orientations[index], sheets[number], usable_mm, along)
-            if found is None:
+            best = _nearest_place(orientations[index], sheets[sheet], usable_mm, along)
+            if best is None:
                 continue
-            turned, corner = found
-            placed[index] = NestedOutline(number, turned.turn, turned.offset + corner + gap_mm)
-            grown = Polygon(turned.outline + corner).buffer(gap_mm, join_style="mitre", mitre_limit=2.0)
-            sheets[number].append(shapely.get_coordinates(grown)[:-1])
-            used[number] = max(used[number], float((corner + turned.size)[along] / usable_mm[along]))
+            oriented, corner = best
+            placed[index] = NestedOutline(sheet, oriented.rotation, oriented.offset + corner + gap_mm)
+            enlarged = Polygon(oriented.outline + corner).buffer(gap_mm, join_style="mitre", mitre_limit=2.0)
+            sheets[sheet].append(shapely.get_coordinates(enlarged)[:-1])
+            used[sheet] = max(used[sheet], float((corner + oriented.size)[along] / usable_mm[along]))
             break
     return (len(sheets), used[-1] if used else 0.0), [place for place in placed if place is not None]
 
 
 def _nearest_place(
-    orientations: list[_Turned], taken: list[FloatArray], usable_mm: FloatArray, along: int
-) -> tuple[_Turned, FloatArray] | None:
+    orientations: list[_Orientation], taken: list[FloatArray], usable_mm: FloatArray, along: int
+) -> tuple[_Orientation, FloatArray] | None:
     """The orientation and the corner (2,) at which a piece extends least along an axis, then across it."""
-    best: tuple[tuple[float, float], _Turned, FloatArray] | None = None
-    for turned in orientations:
-        if (turned.size > usable_mm).any():
+    best: tuple[tuple[float, float], _Orientation, FloatArray] | None = None
+    for oriented in orientations:
+        if (oriented.size > usable_mm).any():
             continue
-        free = shapely.box(0.0, 0.0, *(usable_mm - turned.size))
+        free = shapely.box(0.0, 0.0, *(usable_mm - oriented.size))
         if taken:
-            free = free.difference(shapely.union_all(_no_fit(turned.outline, taken)))
+            free = free.difference(shapely.union_all(_no_fit(oriented.outline, taken)))
         for corner in shapely.get_coordinates(free):
-            end = np.round(corner + turned.size, 6)
+            end = np.round(corner + oriented.size, 6)
             key = (float(end[along]), float(end[1 - along]))
             if best is None or key < best[0]:
-                best = (key, turned, corner)
+                best = (key, oriented, corner)
     return best[1:] if best else None
 
 
 def _no_fit(outline: FloatArray, taken: list[FloatArray]) -> FloatArray:
     """The no-fit polygons of an outline (n, 2) around placed outlines, as an array of shapely polygons."""
-    sums = [(other[:, None] - outline).reshape(-1, 2) for other in taken]
-    owners = np.repeat(np.arange(len(sums)), [len(points) for points in sums])
-    return shapely.convex_hull(shapely.multipoints(np.concatenate(sums), indices=owners))
+    sums = [(placed[:, None] - outline).reshape(-1, 2) for placed in taken]
+    indices = np.repeat(np.arange(len(sums)), [len(points) for points in sums])
+    return shapely.convex_hull(shapely.multipoints(np.concatenate(sums), indices=indices))

@@ -71,12 +71,12 @@ def draw_sheet(sheet: StockSheet) -> Drawing:
 @contextmanager
 def _fixed_metadata() -> Iterator[None]:
     """Make ezdxf write fixed dates and identifiers, so that the same mirrors give the same bytes."""
-    before = options.write_fixed_meta_data_for_testing
+    previous = options.write_fixed_meta_data_for_testing
     options.write_fixed_meta_data_for_testing = True
     try:
         yield
     finally:
-        options.write_fixed_meta_data_for_testing = before
+        options.write_fixed_meta_data_for_testing = previous
 
 
 # Drivers of laser cutters cut along lines of this width, 0.001 in, and fill wider ones.
@@ -86,11 +86,11 @@ HAIRLINE_MM = 0.025
 def write_svg(path: Path, sheet: StockSheet) -> None:
     """Write a sheet as SVG, with the sheet's upper left corner at the origin and the notes below it.
 
-    Engraving comes before the cuts, since it has to be done first.
+    Engraving is before the cuts, since it has to be done first.
     """
     width, height = sheet.cutting.sheet_mm
     total = height + NOTE_MM * (1.8 * len(sheet.notes) + 1.0)
-    engraved = "".join(_path(stroke, height, "") for cut in sheet.cuts for stroke in cut.strokes)
+    engraving = "".join(_path(stroke, height, "") for cut in sheet.cuts for stroke in cut.strokes)
     cuts = "\n".join(f'<path id="mirror_{cut.name}" d="{_path(cut.outline, height, "Z")}"/>' for cut in sheet.cuts)
     notes = "\n".join(
         f'<text x="0" y="{height + 1.8 * NOTE_MM * row:.2f}">{escape(note)}</text>'
@@ -105,7 +105,7 @@ def write_svg(path: Path, sheet: StockSheet) -> None:
         f'<g id="NOTES" {_layer("NOTES")} fill="#808080" font-family="sans-serif" font-size="{NOTE_MM}">\n'
         f'<rect width="{width:g}" height="{height:g}" fill="none" stroke="#808080" stroke-width="{HAIRLINE_MM}"/>\n'
         f"{notes}\n</g>\n"
-        f'<g id="ENGRAVE" {_layer("ENGRAVE")} {stroke} stroke="#0000ff">\n<path d="{engraved}"/>\n</g>\n'
+        f'<g id="ENGRAVE" {_layer("ENGRAVE")} {stroke} stroke="#0000ff">\n<path d="{engraving}"/>\n</g>\n'
         f'<g id="CUT" {_layer("CUT")} {stroke} stroke="#ff0000">\n{cuts}\n</g>\n</svg>\n',
     )
 

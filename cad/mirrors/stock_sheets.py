@@ -1,11 +1,11 @@
 """Mirrors on stock sheets: the face that is up, the cut lines, and the marks engraved on the backs.
 
-All is drawn as seen from the *back* of the stock sheet, the side that is glued to the seat. Since the sheet is cut with
-its back up, nothing has to be mirrored. Mirrors are rotated on the sheet, never flipped. The back is:
+Drawings show the *back* of the stock sheet, the side that is glued to the seat. Since the sheet is cut with its back
+up, nothing has to be mirrored. Mirrors are rotated on the sheet, never flipped. The back is:
 
-- first-surface: the bare side. The coating lies on the table under its film, and the laser reaches it last.
-- second-surface: the paint on the coating. Engraving would burn both away, and the mark would be visible in the views;
-  so the mark goes into paper tape on the paint.
+- first-surface: the bare side. The coating is on the table under its film, and the laser reaches it last.
+- second-surface: the paint on the coating. Engraving would burn both, and the mark would be visible in the views, so
+  that paper tape on the paint is engraved instead.
 
 Glass is neither cut nor marked by a laser: it is cut by a water jet, or scored and broken, and marked by pen. A mark is
 an arrow that points up and the mirror's id, in single strokes.
@@ -44,7 +44,7 @@ Material = Literal["acrylic", "glass"]
 
 @dataclass(frozen=True)
 class Facing:
-    """How one kind of stock lies on the table, in words for the notes of a sheet and the guide.
+    """How one kind of stock lies on the table, as text for the notes of a sheet and the guide.
 
     `up` is the face towards the laser; `up_is` and `down_is` describe that face and the face on the table. `marked` is
     the layer that the laser engraves; `before` and `after` are instructions for before and after the engraving.
@@ -122,7 +122,7 @@ def mark(text: str, outline: FloatArray, height_mm: float) -> tuple[FloatArray, 
     """Strokes (n, 2) of an up arrow, its shaft first, and of a text inside a convex outline (n, 2), mm, y up.
 
     Glyphs are in a row or a column, `LINE_GAP_MM` from the outline, and `height_mm` high or as high as fits. Small ones
-    are spaced wider, to keep the line gap between strokes. If no arrangement keeps that gap, they are as far apart as
+    have wider spaces, for the line gap between strokes. If no arrangement has that gap, they are as far apart as
     possible.
     """
     polygon = Polygon(outline)
@@ -130,29 +130,27 @@ def mark(text: str, outline: FloatArray, height_mm: float) -> tuple[FloatArray, 
     centres = np.array([polygon.centroid.coords[0], circle.coords[0]])
     best: tuple[tuple[float, float], tuple[FloatArray, ...]] | None = None
     for gap, axis, centre in product(GAPS, (0, 1), centres):
-        strokes = _set_out(text, gap, axis)
+        strokes = _arranged(text, gap, axis)
         scale = min(height_mm / 2.0, _largest_scale(np.vstack(strokes), outline - centre))
         # Strokes of a glyph are 1 apart.
-        apart_mm = min(LINE_GAP_MM, scale * min(gap, 1.0))
-        if best is None or (apart_mm, scale) > best[0]:
-            best = ((apart_mm, scale), tuple(stroke * scale + centre for stroke in strokes))
+        gap_mm = min(LINE_GAP_MM, scale * min(gap, 1.0))
+        if best is None or (gap_mm, scale) > best[0]:
+            best = ((gap_mm, scale), tuple(stroke * scale + centre for stroke in strokes))
     assert best is not None
     return best[1]
 
 
-def _set_out(text: str, gap: float, axis: int) -> list[FloatArray]:
+def _arranged(text: str, gap: float, axis: int) -> list[FloatArray]:
     """Arrow and glyphs, two high, in a row (axis 0) or down a column (axis 1), centred on the origin."""
     placed: list[FloatArray] = []
-    reached = 0.0
+    end = 0.0
     for glyph in (ARROW, *(STROKES[letter] for letter in text)):
         strokes = [np.array(stroke, dtype=np.float64) for stroke in glyph]
         corners = np.vstack(strokes)
-        low, high = corners.min(axis=0), corners.max(axis=0)
-        shift = (
-            np.array([reached - low[0], 0.0]) if axis == 0 else np.array([-(low + high)[0] / 2.0, reached - high[1]])
-        )
+        lower, upper = corners.min(axis=0), corners.max(axis=0)
+        shift = np.array([end - lower[0], 0.0]) if axis == 0 else np.array([-(lower + upper)[0] / 2.0, end - upper[1]])
         placed += [stroke + shift for stroke in strokes]
-        reached += (high - low)[0] + gap if axis == 0 else -(high - low)[1] - gap
+        end += (upper - lower)[0] + gap if axis == 0 else -(upper - lower)[1] - gap
     corners = np.vstack(placed)
     middle = (corners.min(axis=0) + corners.max(axis=0)) / 2.0
     return [stroke - middle for stroke in placed]
@@ -255,20 +253,20 @@ def offset_outline(outline: FloatArray, distance_mm: float) -> FloatArray:
     """
     corners = np.array(orient(Polygon(outline)).exterior.coords)[:-1]
     edges = np.roll(corners, -1, axis=0) - corners
-    after = np.column_stack([edges[:, 1], -edges[:, 0]]) / np.linalg.norm(edges, axis=1)[:, None]
-    before = np.roll(after, 1, axis=0)
-    return np.asarray(corners + distance_mm * (before + after) / (1.0 + (before * after).sum(axis=1))[:, None])
+    normals = np.column_stack([edges[:, 1], -edges[:, 0]]) / np.linalg.norm(edges, axis=1)[:, None]
+    previous = np.roll(normals, 1, axis=0)
+    return np.asarray(corners + distance_mm * (previous + normals) / (1.0 + (previous * normals).sum(axis=1))[:, None])
 
 
 def require_cuttable(layout: Layout, cutting: Cutting) -> None:
     """Raise InputError if a mirror is larger than a sheet, too narrow for its thickness, or made of the wrong glass."""
     for name, mirror in zip(layout.mirror_names, layout.mirrors, strict=True):
         outline = outline_from_back(mirror, cutting)
-        across = _width_mm(outline)
-        if across < cutting.least_width * mirror.thickness_mm:
+        width = _width_mm(outline)
+        if width < cutting.least_width * mirror.thickness_mm:
             least = "its thickness" if cutting.material == "acrylic" else f"{cutting.least_width:g} thicknesses"
             raise InputError(
-                f"mirror {name} is {across:.2f} mm across, expected at least {least}, "
+                f"mirror {name} is {width:.2f} mm across, expected at least {least}, "
                 f"{cutting.least_width * mirror.thickness_mm:g} mm"
             )
         if cutting.material == "glass" and mirror.is_second_surface and mirror.refractive_index < GLASS_INDEX:
@@ -292,24 +290,24 @@ def plan_sheets(layout: Layout, cutting: Cutting) -> tuple[StockSheet, ...]:
     kinds = sorted({(mirror.surface, mirror.thickness_mm) for mirror in layout.mirrors})
     planned: list[tuple[Surface, float, list[CutMirror]]] = []
     for surface, thickness_mm in kinds:
-        chosen = [
+        mirrors_of_kind = [
             (name, outline_from_back(mirror, cutting))
             for name, mirror in zip(layout.mirror_names, layout.mirrors, strict=True)
             if (mirror.surface, mirror.thickness_mm) == (surface, thickness_mm)
         ]
-        planned += [(surface, thickness_mm, cuts) for cuts in _nested(chosen, cutting)]
+        planned += [(surface, thickness_mm, cuts) for cuts in _nested(mirrors_of_kind, cutting)]
     return tuple(
         StockSheet(number, len(planned), surface, thickness_mm, layout.identity, cutting, tuple(cuts))
         for number, (surface, thickness_mm, cuts) in enumerate(planned, start=1)
     )
 
 
-def _nested(chosen: list[tuple[str, FloatArray]], cutting: Cutting) -> list[list[CutMirror]]:
+def _nested(mirrors: list[tuple[str, FloatArray]], cutting: Cutting) -> list[list[CutMirror]]:
     """Nested mirrors of one kind, given by names and outlines, sheet by sheet."""
-    paths = [offset_outline(outline, cutting.allowance_mm) for _, outline in chosen]
+    paths = [offset_outline(outline, cutting.allowance_mm) for _, outline in mirrors]
     placed = nest(paths, cutting.sheet_mm, cutting.gap_mm)
     sheets: list[list[CutMirror]] = [[] for _ in range(1 + max(place.sheet for place in placed))]
-    for (name, outline), path, place in zip(chosen, paths, placed, strict=True):
+    for (name, outline), path, place in zip(mirrors, paths, placed, strict=True):
         strokes = mark(name, outline, cutting.mark_mm)
         sheets[place.sheet].append(CutMirror(name, place.apply(path), tuple(place.apply(stroke) for stroke in strokes)))
     return sheets

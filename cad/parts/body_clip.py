@@ -35,21 +35,21 @@ from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.camera_body import CameraBody, Lips
 
-# Height of pads over the tray, their width, and their length along the lens axis.
-PAD_MM, PAD_WIDE_MM, PAD_LONG_MM = 0.8, 4.0, 8.0
+# Height of pads above the tray, their width, and their length along the lens axis.
+PAD_MM, PAD_WIDTH_MM, PAD_LENGTH_MM = 0.8, 4.0, 8.0
 # An end rests on a V if its flat is shorter than FLAT_MM and its edges' radius is larger than ROUND_MM.
 FLAT_MM, ROUND_MM = 10.0, 4.0
 # Gap between the body and the leaf at its far end.
-APART_MM = 1.0
-# Holes extend beyond a screw's tip, which lies near the plane of the leaf at a square corner.
-BEYOND_MM = 4.0
-# Overlap of pieces that are joined.
-ROOT_MM = 0.5
+LEAF_GAP_MM = 1.0
+# Length of holes past a screw's tip, which is near the plane of the leaf at a square corner.
+PAST_TIP_MM = 4.0
+# Overlap of joined pieces.
+OVERLAP_MM = 0.5
 
 
 @dataclass(frozen=True)
 class Tray:
-    """A body in its tray, in coordinates (u, y, z) with the stop at low u: u = x, or -x if `side` is -1. Lengths in mm.
+    """A body in its tray, in coordinates (u, y, z), mm, with the stop at low u: u = x, or -x if `side` is -1.
 
     `low` and `high` (3,) are the body's box in (u, y, z), and `radius_mm` is the radius of its edges along z. The
     tray's wall, end and front keep `PAD_MM` from it.
@@ -81,7 +81,7 @@ class Tray:
 
     @property
     def level_mm(self) -> float:
-        """z of the pads and the screw at the body's sides: the middle of its depth, so that no force tips it."""
+        """z of the pads and the screw at the body's sides: the middle of its depth, so that they do not tip it."""
         return float(self.low[2] + self.high[2]) / 2.0
 
     @property
@@ -89,7 +89,7 @@ class Tray:
         flat = float(self.high[1] - self.low[1]) - 2.0 * self.radius_mm
         return flat < FLAT_MM and self.radius_mm > ROUND_MM
 
-    def rig(self, points: Sequence[float] | FloatArray) -> FloatArray:
+    def in_rig(self, points: Sequence[float] | FloatArray) -> FloatArray:
         """Transform points or vectors (..., 3) from (u, y, z) to rig."""
         return np.asarray(points, dtype=np.float64) * [self.side, 1.0, 1.0]
 
@@ -97,7 +97,7 @@ class Tray:
         xs = sorted(self.side * np.array(u))
         return box((xs[0], y[0], z[0]), (xs[1], y[1], z[1]))
 
-    def across(self, points: Sequence[tuple[float, float]], z: tuple[float, float]) -> Frustum:
+    def prism(self, points: Sequence[tuple[float, float]], z: tuple[float, float]) -> Frustum:
         """The prism on a convex polygon (n, 2) in u and y, between two z."""
         return along_z(np.array(points) * [self.side, 1.0], *z)
 
@@ -105,44 +105,44 @@ class Tray:
 def stops(tray: Tray, nest: Nest, top: float, wall: float) -> list[Frustum]:
     """The lip along the wall, the end with the corner over the front, and the pads on all of them."""
     low, high, end = tray.low, tray.high, tray.end_mm
-    front, level, root = float(high[2]) + PAD_MM, tray.level_mm, ROOT_MM
+    front, level, overlap = float(high[2]) + PAD_MM, tray.level_mm, OVERLAP_MM
     corner, *at_wall = nest.points[:3] * [tray.side, 1.0, 1.0]
-    half = PAD_WIDE_MM / 2.0
-    beyond = float(corner[1]) + half
-    behind = min(level - PAD_LONG_MM / 2.0, float(high[2]) - 2.0 * wall)
+    half = PAD_WIDTH_MM / 2.0
+    upper_y = float(corner[1]) + half
+    lower_z = min(level - PAD_LENGTH_MM / 2.0, float(high[2]) - 2.0 * wall)
     pieces = [
         tray.box(
             (end - wall, float(high[0]) - tray.radius_mm),
-            (tray.wall_mm - root, float(low[1]) + tray.lip_mm),
+            (tray.wall_mm - overlap, float(low[1]) + tray.lip_mm),
             (front, top),
         ),
-        tray.box((end - wall, end), (tray.wall_mm - root, beyond), (behind, top)),
-        tray.box((end - wall, float(corner[0]) + half + 1.0), (tray.wall_mm - root, beyond), (front, top)),
+        tray.box((end - wall, end), (tray.wall_mm - overlap, upper_y), (lower_z, top)),
+        tray.box((end - wall, float(corner[0]) + half + 1.0), (tray.wall_mm - overlap, upper_y), (front, top)),
     ]
     for u, y, z in (corner, *at_wall):
-        short = min(half, tray.lip_mm / 2.0)
+        half_length = min(half, tray.lip_mm / 2.0)
         profile = [
-            (y - short - PAD_MM - root, z + PAD_MM + root),
-            (y - short, z),
-            (y + short, z),
-            (y + short, z + PAD_MM + root),
+            (y - half_length - PAD_MM - overlap, z + PAD_MM + overlap),
+            (y - half_length, z),
+            (y + half_length, z),
+            (y + half_length, z + PAD_MM + overlap),
         ]
         pieces.append(along_x(np.array(profile), *sorted(tray.side * (u + s * half) for s in (-1.0, 1.0))))
-    z_mm = (level - PAD_LONG_MM / 2.0, level + PAD_LONG_MM / 2.0)
+    z_mm = (level - PAD_LENGTH_MM / 2.0, level + PAD_LENGTH_MM / 2.0)
     for point, normal in zip(
         nest.points[3:] * [tray.side, 1.0, 1.0], nest.normals[3:] * [tray.side, 1.0, 1.0], strict=True
     ):
         u, y = float(point[0]), float(point[1])
         if normal[0] < 1e-9:
-            pieces.append(tray.box((u - half, u + half), (tray.wall_mm - root, y), z_mm))
+            pieces.append(tray.box((u - half, u + half), (tray.wall_mm - overlap, y), z_mm))
         elif normal[1] < -1e-9:
-            pieces.append(tray.across(_upper_wedge(u, y, end - root, half), z_mm))
+            pieces.append(tray.prism(_upper_wedge(u, y, end - overlap, half), z_mm))
         elif normal[1] > 1e-9:
-            pieces.append(tray.across(_lower_wedge(u, y, end - root, tray.wall_mm - root), z_mm))
+            pieces.append(tray.prism(_lower_wedge(u, y, end - overlap, tray.wall_mm - overlap), z_mm))
         else:
-            foot = end - root
-            profile = [(foot, y - half - (u - foot)), (u, y - half), (u, y + half), (foot, y + half)]
-            pieces.append(tray.across(profile, z_mm))
+            root_u = end - overlap
+            profile = [(root_u, y - half - (u - root_u)), (u, y - half), (u, y + half), (root_u, y + half)]
+            pieces.append(tray.prism(profile, z_mm))
     return pieces
 
 
@@ -156,52 +156,52 @@ def _upper_wedge(u: float, y: float, end: float, half: float) -> list[tuple[floa
     return [(end, y - (u - end)), (u + half, y + half), (end, y + half)]
 
 
-def back_leaf(tray: Tray, screw: SprungScrew, around: float, hardware: Hardware) -> list[Frustum]:
+def back_leaf(tray: Tray, screw: SprungScrew, boss_radius: float, hardware: Hardware) -> list[Frustum]:
     """The leaf behind the body, with a boss that widens from it at 45 deg."""
     u, y = float(tray.side * screw.tip[0]), float(screw.tip[1])
     top = float(screw.tip[2]) - hardware.clip.behind_mm
     low, half = float(screw.tip[2]) - screw.mouth_mm, screw.leaf.width_mm / 2.0
-    under = top - screw.leaf.thickness_mm
+    leaf_z = top - screw.leaf.thickness_mm
     boss = [
-        (y - around - (under - low), under),
-        (y - around, low),
-        (y + around, low),
-        (y + around, top),
-        (y - around, top),
+        (y - boss_radius - (leaf_z - low), leaf_z),
+        (y - boss_radius, low),
+        (y + boss_radius, low),
+        (y + boss_radius, top),
+        (y - boss_radius, top),
     ]
-    xs = sorted(tray.side * np.array([u - around, u + around]))
+    x_range = sorted(tray.side * np.array([u - boss_radius, u + boss_radius]))
     return [
-        tray.box((u - half, u + half), (tray.wall_mm - ROOT_MM, y + around), (under, top)),
-        along_x(np.array(boss), float(xs[0]), float(xs[1])),
+        tray.box((u - half, u + half), (tray.wall_mm - OVERLAP_MM, y + boss_radius), (leaf_z, top)),
+        along_x(np.array(boss), float(x_range[0]), float(x_range[1])),
     ]
 
 
-def far_leaf(tray: Tray, screw: SprungScrew, around: float) -> list[Frustum]:
+def far_leaf(tray: Tray, screw: SprungScrew, boss_radius: float) -> list[Frustum]:
     """The leaf beyond the end, with a boss along the screw on its outer side.
 
-    A leaf thicker than the boss's length is cut off in the plane of the mouth, for access by tools.
+    A leaf thicker than the boss is long is cut off in the plane of the mouth, for access by tools.
     """
-    inner = float(tray.high[0]) + APART_MM
+    inner = float(tray.high[0]) + LEAF_GAP_MM
     tip = np.array([tray.side * screw.tip[0], screw.tip[1]])
     mouth = tip + screw.mouth_mm / np.sqrt(2.0)
-    aside = around / np.sqrt(2.0)
-    lower, upper = mouth + np.array([aside, -aside]), mouth + np.array([-aside, aside])
-    at_leaf = [float(corner[1] - (corner[0] - inner)) for corner in (lower, upper)]
+    offset = boss_radius / np.sqrt(2.0)
+    lower, upper = mouth + np.array([offset, -offset]), mouth + np.array([-offset, offset])
+    boss_y = [float(corner[1] - (corner[0] - inner)) for corner in (lower, upper)]
     level, half = tray.level_mm, screw.leaf.width_mm / 2.0
-    thick = screw.leaf.thickness_mm
-    foot, outer, top = tray.wall_mm - ROOT_MM, inner + thick, at_leaf[0] + thick
-    beyond = outer + top - float(mouth.sum())
-    end = [(outer, top)] if beyond <= 0.0 else [(outer, top - beyond), (outer - beyond, top)]
+    thickness = screw.leaf.thickness_mm
+    foot, outer, top = tray.wall_mm - OVERLAP_MM, inner + thickness, boss_y[0] + thickness
+    excess = outer + top - float(mouth.sum())
+    end = [(outer, top)] if excess <= 0.0 else [(outer, top - excess), (outer - excess, top)]
     return [
-        tray.across([(inner, foot), (outer, foot), *end, (inner, top)], (level - half, level + half)),
-        tray.across(
-            [(inner, at_leaf[0]), (lower[0], lower[1]), (upper[0], upper[1]), (inner, at_leaf[1])],
-            (level - around, level + around),
+        tray.prism([(inner, foot), (outer, foot), *end, (inner, top)], (level - half, level + half)),
+        tray.prism(
+            [(inner, boss_y[0]), (lower[0], lower[1]), (upper[0], upper[1]), (inner, boss_y[1])],
+            (level - boss_radius, level + boss_radius),
         ),
     ]
 
 
-def thread_cuts(screw: SprungScrew, around: float, hardware: Hardware) -> list[Frustum | Bore | Hexagon]:
+def thread_cuts(screw: SprungScrew, boss_radius: float, hardware: Hardware) -> list[Frustum | Bore | Hexagon]:
     """The hole of a sprung screw through its boss, and the pocket for its insert or nut."""
     table, axis = hardware.screw, screw.axis
     up = SCENE - (SCENE @ axis) * axis
@@ -210,51 +210,51 @@ def thread_cuts(screw: SprungScrew, around: float, hardware: Hardware) -> list[F
     radius, roof_deg = table.clearance_hole_mm / 2.0, ROOF_IN_SKINS_DEG
     pockets: list[Bore | Hexagon]
     if table.kind == "insert":
-        hole, deep = table.insert_hole_mm / 2.0, table.insert_depth_mm + OUTSIDE_MM
-        pockets = [Bore(mouth, axis, hole, deep, up, roof_deg=roof_deg)]
+        hole, depth = table.insert_hole_mm / 2.0, table.insert_depth_mm + OUTSIDE_MM
+        pockets = [Bore(mouth, axis, hole, depth, up, roof_deg=roof_deg)]
     else:
         seat = mouth + (screw.thread_mm + OUTSIDE_MM) * axis
-        deep = screw.mouth_mm - screw.thread_mm + BEYOND_MM
-        pocket = Hexagon(seat + deep * axis, -axis, up, table.nut_flats_mm + NUT_FIT_MM, deep)
-        # Higher than the pocket's roof: an oblique shoulder over the hole would need support.
+        depth = screw.mouth_mm - screw.thread_mm + PAST_TIP_MM
+        pocket = Hexagon(seat + depth * axis, -axis, up, table.nut_flats_mm + NUT_FIT_MM, depth)
+        # The hole's roof is higher than the pocket's: an oblique shoulder over the hole would need support.
         pockets, roof_deg = [pocket], float(np.degrees(np.arcsin(radius / (pocket.ridge_mm + NUT_FIT_MM))))
-    through = screw.mouth_mm + OUTSIDE_MM + BEYOND_MM
-    return [Bore(mouth, axis, radius, through, up, roof_deg=roof_deg), *pockets]
+    length = screw.mouth_mm + OUTSIDE_MM + PAST_TIP_MM
+    return [Bore(mouth, axis, radius, length, up, roof_deg=roof_deg), *pockets]
 
 
-# Distance of pads from the rounding of the edges.
-OFF_ROUND_MM = 3.0
-# Additional length of a screw beyond the nominal body.
-RESERVE_MM = 3.0
+# Distance of pads from rounded edges.
+PAD_INSET_MM = 3.0
+# Length of a screw past the nominal face of the body.
+SCREW_RESERVE_MM = 3.0
 # Least force of a screw.
 LEAST_FORCE_N = 3.0
 # Safety factor on the camera's weight, so that all points stay in contact.
 WEIGHT_RESERVE = 1.1
 # Largest and least width of the leaf behind the back.
-LEAF_WIDE_MM, LEAF_NARROW_MM = 20.0, 11.0
-# Share of the back screw's force on the front pad away from the slide.
+WIDEST_LEAF_MM, NARROWEST_LEAF_MM = 20.0, 11.0
+# Share of the back screw's force on the front pad far from the slide.
 FAR_SHARE = 0.6
 
 
-def hold_body(camera: CameraBody, lips: Lips, around_mm: float, hardware: Hardware) -> Cradle:
+def hold_body(camera: CameraBody, lips: Lips, boss_radius_mm: float, hardware: Hardware) -> Cradle:
     """Lay out the tray of a body; raises InputError with the dimension if it cannot be made.
 
-    `around_mm` is the radius of a boss for a screw.
+    `boss_radius_mm` is the radius of a boss for a screw.
     """
     tray = Tray.of(camera, lips)
-    nest = _with_forces(tray, _nest(tray, camera, around_mm, hardware), camera, hardware)
+    nest = _with_forces(tray, _nest(tray, camera, boss_radius_mm, hardware), camera, hardware)
     back, far = nest.screws
     top = float(tray.high[2]) + hardware.clip.wall_mm
-    pieces = [*stops(tray, nest, top, hardware.clip.wall_mm), *back_leaf(tray, back, around_mm, hardware)]
-    pieces += far_leaf(tray, far, around_mm)
+    pieces = [*stops(tray, nest, top, hardware.clip.wall_mm), *back_leaf(tray, back, boss_radius_mm, hardware)]
+    pieces += far_leaf(tray, far, boss_radius_mm)
     bottom = min(
         float(back.tip[2]) - back.mouth_mm, float(tray.low[2]) - hardware.clip.behind_mm - tie_height_mm(hardware)
     )
-    far_u = float(tray.high[0]) + APART_MM + far.leaf.thickness_mm
+    far_u = float(tray.high[0]) + LEAF_GAP_MM + far.leaf.thickness_mm
     ends = sorted(tray.side * np.array([tray.end_mm - hardware.clip.wall_mm, far_u]))
     return Cradle(
         pieces=tuple(pieces),
-        cuts=tuple(cut for screw in nest.screws for cut in thread_cuts(screw, around_mm, hardware)),
+        cuts=tuple(cut for screw in nest.screws for cut in thread_cuts(screw, boss_radius_mm, hardware)),
         inner_y_mm=tray.wall_mm,
         x_mm=(float(ends[0]), float(ends[1])),
         z_mm=(bottom, top),
@@ -263,15 +263,15 @@ def hold_body(camera: CameraBody, lips: Lips, around_mm: float, hardware: Hardwa
     )
 
 
-def _nest(tray: Tray, camera: CameraBody, around_mm: float, hardware: Hardware) -> Nest:
+def _nest(tray: Tray, camera: CameraBody, boss_radius_mm: float, hardware: Hardware) -> Nest:
     """The six points and the two screws, with leaves of an initial thickness."""
     front = _front_points(tray, camera)
     sides, inwards = _side_points(tray)
-    points = tray.rig(np.vstack([front, sides]))
-    normals = tray.rig(np.vstack([np.tile(-ABOVE, (3, 1)), inwards]))
+    points = tray.in_rig(np.vstack([front, sides]))
+    normals = tray.in_rig(np.vstack([np.tile(-ABOVE, (3, 1)), inwards]))
     screws = (
-        _back_screw(tray, front, camera, around_mm, hardware),
-        _far_screw(tray, around_mm, hardware),
+        _back_screw(tray, front, camera, boss_radius_mm, hardware),
+        _far_screw(tray, boss_radius_mm, hardware),
     )
     return Nest(points, normals, screws)
 
@@ -279,96 +279,109 @@ def _nest(tray: Tray, camera: CameraBody, around_mm: float, hardware: Hardware) 
 def _front_points(tray: Tray, camera: CameraBody) -> FloatArray:
     """Points (3, 3) of the front in (u, y, z): one at the stop's corner away from the wall, and two near the wall."""
     low, high, r = tray.low, tray.high, tray.radius_mm
-    reach, half = tray.lip_mm / 2.0, OFF_ROUND_MM + PAD_WIDE_MM / 2.0
-    near, far = float(low[1]) + reach, float(high[1]) - reach
+    inset, half = tray.lip_mm / 2.0, PAD_INSET_MM + PAD_WIDTH_MM / 2.0
+    lower_y, upper_y = float(low[1]) + inset, float(high[1]) - inset
     corner = float(low[0]) + max(r + 1.0, half)
     ring = camera.lens_ring_mm / 2.0
-    if (clear := -(corner + PAD_WIDE_MM / 2.0 + 1.0) - ring) < 0.0:
+    if (gap := -(corner + PAD_WIDTH_MM / 2.0 + 1.0) - ring) < 0.0:
+        raise InputError(f"camera clip's corner overlaps the lens ring by {-gap:.1f} mm, expected it outside the ring")
+    if (gap := -float(low[1]) - tray.lip_mm - ring) < 0.0:
         raise InputError(
-            f"camera clip's corner overlaps the lens ring by {-clear:.1f} mm, expected it outside the ring"
-        )
-    if (clear := -float(low[1]) - tray.lip_mm - ring) < 0.0:
-        raise InputError(
-            f"camera clip's lip overlaps the lens ring ({camera.lens_ring_mm:g} mm across) by {-clear:.1f} mm, "
-            f"expected lip_mm of at most {tray.lip_mm + clear:.1f}"
+            f"camera clip's lip overlaps the lens ring ({camera.lens_ring_mm:g} mm across) by {-gap:.1f} mm, "
+            f"expected lip_mm of at most {tray.lip_mm + gap:.1f}"
         )
     z = float(high[2])
-    return np.array([(corner, far, z), (float(low[0]) + r + half, near, z), (float(high[0]) - r - half, near, z)])
+    return np.array(
+        [(corner, upper_y, z), (float(low[0]) + r + half, lower_y, z), (float(high[0]) - r - half, lower_y, z)]
+    )
 
 
 def _side_points(tray: Tray) -> tuple[FloatArray, FloatArray]:
     """Points (3, 3) of the sides and the end in (u, y, z), and their unit normals (3, 3) into the body."""
     low, high, r, z = tray.low, tray.high, tray.radius_mm, tray.level_mm
-    off = r + OFF_ROUND_MM
-    far = (float(high[0]) - off, float(low[1]), z)
+    inset = r + PAD_INSET_MM
+    far = (float(high[0]) - inset, float(low[1]), z)
     if tray.is_round:
-        both = np.array([(1.0, 1.0, 0.0), (1.0, -1.0, 0.0)]) / np.sqrt(2.0)
+        v_normals = np.array([(1.0, 1.0, 0.0), (1.0, -1.0, 0.0)]) / np.sqrt(2.0)
         centres = np.array([(low[0] + r, low[1] + r, z), (low[0] + r, high[1] - r, z)])
-        return np.vstack([centres - r * both, far]), np.vstack([both, SCENE])
-    end = (float(low[0]), float(low[1]) + off + PAD_WIDE_MM / 2.0, z)
-    return np.array([(float(low[0]) + off, float(low[1]), z), far, end]), np.array([SCENE, SCENE, UP])
+        return np.vstack([centres - r * v_normals, far]), np.vstack([v_normals, SCENE])
+    end = (float(low[0]), float(low[1]) + inset + PAD_WIDTH_MM / 2.0, z)
+    return np.array([(float(low[0]) + inset, float(low[1]), z), far, end]), np.array([SCENE, SCENE, UP])
 
 
-def _back_screw(tray: Tray, front: FloatArray, camera: CameraBody, around_mm: float, hardware: Hardware) -> SprungScrew:
-    """The screw on the back, within the triangle of the front's points, with its leaf clear of the cable."""
-    shares = np.array([FAR_SHARE, *((1.0 - FAR_SHARE) / 2.0,) * 2])
-    u, y, _ = (float(value) for value in shares @ front)
+def _back_screw(
+    tray: Tray, front: FloatArray, camera: CameraBody, boss_radius_mm: float, hardware: Hardware
+) -> SprungScrew:
+    """The screw on the back, within the triangle of the front's pads, with its leaf clear of the cable."""
+    weights = np.array([FAR_SHARE, *((1.0 - FAR_SHARE) / 2.0,) * 2])
+    u, y, _ = (float(value) for value in weights @ front)
     cable = tray.side * camera.cable_x_mm
-    clear = abs(cable - u) - camera.cable_mm / 2.0 - hardware.fit.free_mm
-    width = min(LEAF_WIDE_MM, 2.0 * clear, 2.0 * (u - tray.end_mm))
-    if width < LEAF_NARROW_MM:
+    space_to_cable = abs(cable - u) - camera.cable_mm / 2.0 - hardware.fit.free_mm
+    width = min(WIDEST_LEAF_MM, 2.0 * space_to_cable, 2.0 * (u - tray.end_mm))
+    if width < NARROWEST_LEAF_MM:
         raise InputError(
             f"camera clip's leaf behind the body would be {width:.1f} mm wide next to the cable, "
-            f"expected at least {LEAF_NARROW_MM:g} mm"
+            f"expected at least {NARROWEST_LEAF_MM:g} mm"
         )
     screw = hardware.screw
-    space = hardware.clip.behind_mm
-    thread, thick = _boss_mm(screw, hardware.printer.wall_mm)
-    mouth = space + thick
-    up = space + float(tray.level_mm - tray.low[2])
-    out = float(tray.high[1]) - y + 2.0 * around_mm
+    gap = hardware.clip.behind_mm
+    thread, boss_height = _boss_mm(screw, hardware.printer.wall_mm)
+    mouth = gap + boss_height
+    exit_z = gap + float(tray.level_mm - tray.low[2])
+    exit_y = float(tray.high[1]) - y + 2.0 * boss_radius_mm
     leaf = Leaf(
-        y - tray.wall_mm, min(around_mm + thick - hardware.printer.wall_mm, 0.8 * (y - tray.wall_mm)), width, 2.0, 1.0
+        y - tray.wall_mm,
+        min(boss_radius_mm + boss_height - hardware.printer.wall_mm, 0.8 * (y - tray.wall_mm)),
+        width,
+        2.0,
+        1.0,
     )
     return SprungScrew(
-        tip=tray.rig((u, y, float(tray.low[2]))),
+        tip=tray.in_rig((u, y, float(tray.low[2]))),
         axis=ABOVE,
         mouth_mm=mouth,
         thread_mm=thread,
-        length_mm=_long_enough(mouth, screw),
+        length_mm=_screw_length_mm(mouth, screw),
         leaf=leaf,
-        nut_way_mm=np.array([up * ABOVE, out * SCENE]),
-        leaf_at=tray.rig((u, (y + tray.wall_mm) / 2.0, float(tray.low[2]) - space)),
+        nut_way_mm=np.array([exit_z * ABOVE, exit_y * SCENE]),
+        leaf_at=tray.in_rig((u, (y + tray.wall_mm) / 2.0, float(tray.low[2]) - gap)),
         leaf_way=-ABOVE,
     )
 
 
-def _far_screw(tray: Tray, around_mm: float, hardware: Hardware) -> SprungScrew:
+def _far_screw(tray: Tray, boss_radius_mm: float, hardware: Hardware) -> SprungScrew:
     """The screw on the far corner, at 45 deg, with its boss on a leaf beyond the body's end."""
     r, screw = tray.radius_mm, hardware.screw
-    out = np.array([1.0, 1.0, 0.0]) / np.sqrt(2.0)
-    corner = np.array([tray.high[0] - r, tray.high[1] - r, tray.level_mm]) + r * out
-    inner = float(tray.high[0]) + APART_MM
-    thread, thick = _boss_mm(screw, hardware.printer.wall_mm)
-    # The boss meets the leaf obliquely where the axis enters it; the thread keeps clear of that.
-    enters = (inner - float(corner[0])) * np.sqrt(2.0)
-    mouth = enters + around_mm / 2.0 + thick
-    along = float(corner[1] + enters / np.sqrt(2.0)) - tray.wall_mm
-    low_side = float(corner[1]) - around_mm / np.sqrt(2.0) + (inner - float(corner[0]) - around_mm / np.sqrt(2.0))
-    width = min(LEAF_WIDE_MM, float(tray.high[2] - tray.low[2]) - PAD_MM)
-    leaf = Leaf(along, along + tray.wall_mm - low_side, max(width, 2.0 * around_mm), 3.0, 1.0 / np.sqrt(2.0))
+    outward = np.array([1.0, 1.0, 0.0]) / np.sqrt(2.0)
+    corner = np.array([tray.high[0] - r, tray.high[1] - r, tray.level_mm]) + r * outward
+    inner = float(tray.high[0]) + LEAF_GAP_MM
+    thread, boss_height = _boss_mm(screw, hardware.printer.wall_mm)
+    # The thread starts past the oblique joint of boss and leaf.
+    to_leaf = (inner - float(corner[0])) * np.sqrt(2.0)
+    mouth = to_leaf + boss_radius_mm / 2.0 + boss_height
+    leaf_length = float(corner[1] + to_leaf / np.sqrt(2.0)) - tray.wall_mm
+    boss_foot_y = (
+        float(corner[1]) - boss_radius_mm / np.sqrt(2.0) + (inner - float(corner[0]) - boss_radius_mm / np.sqrt(2.0))
+    )
+    width = min(WIDEST_LEAF_MM, float(tray.high[2] - tray.low[2]) - PAD_MM)
+    leaf = Leaf(
+        leaf_length, leaf_length + tray.wall_mm - boss_foot_y, max(width, 2.0 * boss_radius_mm), 3.0, 1.0 / np.sqrt(2.0)
+    )
     return SprungScrew(
-        tip=tray.rig(corner),
-        axis=tray.rig(-out),
+        tip=tray.in_rig(corner),
+        axis=tray.in_rig(-outward),
         mouth_mm=mouth,
         thread_mm=thread,
-        length_mm=_long_enough(mouth, screw),
+        length_mm=_screw_length_mm(mouth, screw),
         leaf=leaf,
         nut_way_mm=np.array(
-            [tray.rig(-out) * (mouth + around_mm), (float(np.ptp([tray.low[1], tray.high[1]])) + mouth) * SCENE]
+            [
+                tray.in_rig(-outward) * (mouth + boss_radius_mm),
+                (float(np.ptp([tray.low[1], tray.high[1]])) + mouth) * SCENE,
+            ]
         ),
-        leaf_at=tray.rig((inner, float(corner[1] + tray.wall_mm) / 2.0, tray.level_mm)),
-        leaf_way=tray.rig((1.0, 0.0, 0.0)),
+        leaf_at=tray.in_rig((inner, float(corner[1] + tray.wall_mm) / 2.0, tray.level_mm)),
+        leaf_way=tray.in_rig((1.0, 0.0, 0.0)),
     )
 
 
@@ -380,23 +393,23 @@ def _boss_mm(screw: Fastening, wall_mm: float) -> tuple[float, float]:
     return screw.insert_wall_mm, screw.insert_wall_mm + screw.nut_height_mm + NUT_FIT_MM
 
 
-def _long_enough(mouth_mm: float, screw: Fastening) -> float:
-    fits = [length for length in screw.lengths_mm if length >= mouth_mm + RESERVE_MM]
+def _screw_length_mm(mouth_mm: float, screw: Fastening) -> float:
+    fits = [length for length in screw.lengths_mm if length >= mouth_mm + SCREW_RESERVE_MM]
     if not fits:
         raise InputError(
-            f"camera clip needs an M3 screw of {mouth_mm + RESERVE_MM:.1f} mm, longer than any on the list"
+            f"camera clip needs an M3 screw of {mouth_mm + SCREW_RESERVE_MM:.1f} mm, longer than any on the list"
         )
     return min(fits)
 
 
 def _with_forces(tray: Tray, nest: Nest, camera: CameraBody, hardware: Hardware) -> Nest:
     """The nest with leaves thick enough for the camera's weight under the robot's acceleration."""
-    middle = tray.rig((tray.low + tray.high) / 2.0)
+    middle = tray.in_rig((tray.low + tray.high) / 2.0)
     weight = camera.mass_g / 1000.0 * GRAVITY_N_PER_KG * hardware.clip.shaken_g * WEIGHT_RESERVE
     forces = np.maximum(least_forces_n(nest, middle, weight), LEAST_FORCE_N)
     modulus, least = hardware.printer.plastic_mpa, hardware.printer.wall_mm
     screws = []
     for screw, force in zip(nest.screws, forces, strict=True):
-        thick = max(least, float(np.ceil(10.0 * leaf_thickness_mm(float(force), screw.leaf, modulus)) / 10.0))
-        screws.append(replace(screw, leaf=replace(screw.leaf, thickness_mm=thick)))
+        thickness = max(least, float(np.ceil(10.0 * leaf_thickness_mm(float(force), screw.leaf, modulus)) / 10.0))
+        screws.append(replace(screw, leaf=replace(screw.leaf, thickness_mm=thickness)))
     return replace(nest, screws=tuple(screws))

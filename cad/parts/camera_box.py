@@ -42,7 +42,7 @@ class Leaf:
     def bent_mm(self) -> float:
         """Deflection of its end after `TURNS` of the screw beyond contact.
 
-        Only the leaf deforms: a displacement s of the screw along its axis needs a deflection s / cosine.
+        Only the leaf deforms: a displacement of the screw along its axis needs this deflection times the cosine.
         """
         return TURNS * PITCH_MM / self.cosine
 
@@ -51,7 +51,7 @@ class Leaf:
         return self.length_mm**3 - self.stiff_mm**3
 
     def force_n(self, modulus_mpa: float) -> float:
-        """The force along the screw: 3 E I d / (l^3 - s^3) across the leaf, by beam theory with a rigid end.
+        """The force along the screw, from the force 3 E I d / (l^3 - s^3) across the leaf with a rigid end of length s.
 
         For s = 0 this is the end load of a cantilever, d = F l^3 / (3 E I) (Young, Roark's Formulas for Stress and
         Strain, table of beams, case 1a).
@@ -121,26 +121,26 @@ def reactions(nest: Nest, points: FloatArray, forces: FloatArray) -> FloatArray:
 def least_forces_n(nest: Nest, middle: FloatArray, weight_n: float) -> FloatArray:
     """Force of each screw (m,) that keeps all points in contact under a weight at the middle (3,) in any direction.
 
-    Each point is assigned to the screw that presses most on it. The force is infinite if no screw presses on a point.
+    Each point is assigned to the screw that presses hardest on it. The force is infinite if none presses on a point.
     """
-    pressed = reactions(nest, *_presses(nest))
-    pulled = weight_n * np.linalg.norm(reactions(nest, np.tile(middle, (3, 1)), np.eye(3)), axis=1)
-    strongest = pressed.argmax(axis=1)
+    preload = reactions(nest, *_screw_lines(nest))
+    load = weight_n * np.linalg.norm(reactions(nest, np.tile(middle, (3, 1)), np.eye(3)), axis=1)
+    best_screw = preload.argmax(axis=1)
     forces = np.zeros(len(nest.screws))
-    for point, screw in enumerate(strongest):
-        share = pressed[point, screw]
-        forces[screw] = max(forces[screw], pulled[point] / share if share > 1e-9 else np.inf)
+    for point, screw in enumerate(best_screw):
+        gain = preload[point, screw]
+        forces[screw] = max(forces[screw], load[point] / gain if gain > 1e-9 else np.inf)
     return forces
 
 
 def least_contact_n(nest: Nest, middle: FloatArray, weight_n: float, modulus_mpa: float) -> float:
     """The smallest force at the six points, with the leaves bent as planned and a weight in the worst direction."""
     forces = np.array([screw.leaf.force_n(modulus_mpa) for screw in nest.screws])
-    pulled = weight_n * np.linalg.norm(reactions(nest, np.tile(middle, (3, 1)), np.eye(3)), axis=1)
-    return float((reactions(nest, *_presses(nest)) @ forces - pulled).min())
+    load = weight_n * np.linalg.norm(reactions(nest, np.tile(middle, (3, 1)), np.eye(3)), axis=1)
+    return float((reactions(nest, *_screw_lines(nest)) @ forces - load).min())
 
 
-def _presses(nest: Nest) -> tuple[FloatArray, FloatArray]:
+def _screw_lines(nest: Nest) -> tuple[FloatArray, FloatArray]:
     """Tips (m, 3) of the screws, and their unit axes (m, 3)."""
     return np.array([screw.tip for screw in nest.screws]), np.array([screw.axis for screw in nest.screws])
 
@@ -154,6 +154,7 @@ def motion_of_errors(nest: Nest) -> FloatArray:
     return np.asarray(np.linalg.inv(wrenches(nest.points, nest.normals).T), dtype=np.float64)
 
 
+# Axes of the rig: up while the mount prints, towards the scene, and along the optical axis, up in the device.
 UP = np.array([1.0, 0.0, 0.0])
 SCENE = np.array([0.0, 1.0, 0.0])
 ABOVE = np.array([0.0, 0.0, 1.0])
@@ -192,7 +193,7 @@ class Cradle:
     """The part of a clip that holds a camera, in rig, mm: pieces and cuts, and the extent of the wall that joins them.
 
     The wall's face towards the camera is at y = `inner_y_mm`; it spans `x_mm` (from, to) and `z_mm` (from, to).
-    `board_screws` (n, 3) are the places of the heads of a board's own screws; a body has a nest.
+    `board_screws` (n, 3) are the positions of the heads of a board's own screws; a body has a nest.
     """
 
     pieces: tuple[Frustum, ...]

@@ -1,6 +1,6 @@
 """The camera clip, which holds a camera with its entrance pupil at the origin and slides along the mount.
 
-A body lies in a tray (`body_clip`). A bare board is fastened to posts behind it by thread-forming screws.
+A body is in a tray (`body_clip`). A bare board is fastened to posts behind it by thread-forming screws.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.camera_body import BoardHoles, CameraBody, Lips
 
-# Least radius of the hole for the cable: a plug of four pins passes through.
+# Least radius of the hole for the cable: a four-pin plug passes through.
 PLUG_RADIUS_MM = 4.0
 # The barrel of a heavy lens rests on two faces at this angle to the clip's wall. Between them is a gap for protrusions
 # of the barrel, and outside them are the screws of the board.
@@ -31,7 +31,7 @@ RIBBON_FREE_MM = 1.0
 
 
 def hold_board(camera: CameraBody, holes: BoardHoles, hardware: Hardware) -> Cradle:
-    """Lay out posts on a floor behind the board, each on a slope of 45 deg, since the clip prints on its slide."""
+    """Lay out posts on a floor behind the board, each on a slope of 45 deg, since the clip is printed on its slide."""
     clip, body = hardware.clip, body_box(camera)
     back = float(body.low[2])
     floor_top = back - holes.post_mm
@@ -83,18 +83,18 @@ def _rest(camera: CameraBody, gap_mm: float, wall_y: float) -> list[Frustum]:
     if camera.rest_mm is None:
         return []
     z = [camera.pupil_behind_front_mm + height for height in camera.rest_mm]
-    angle, away = np.deg2rad(REST_DEG), camera.lens_ring_mm / 2.0 + gap_mm
+    angle, offset = np.deg2rad(REST_DEG), camera.lens_ring_mm / 2.0 + gap_mm
 
     def face_y(x: float) -> float:
-        return float((x * np.sin(angle) - away) / np.cos(angle))
+        return float((x * np.sin(angle) - offset) / np.cos(angle))
 
-    if (reach := face_y(REST_FROM_MM)) <= wall_y:
+    if (inner_y := face_y(REST_FROM_MM)) <= wall_y:
         raise InputError(
-            f"camera clip's rest for the lens would start {wall_y - reach:.1f} mm inside its wall, "
+            f"camera clip's rest for the lens would start {wall_y - inner_y:.1f} mm inside its wall, "
             f"expected a barrel narrower than {camera.lens_ring_mm:g} mm, or no rest_mm"
         )
     profile = np.array(
-        [(REST_FROM_MM, wall_y), (REST_TO_MM, wall_y), (REST_TO_MM, face_y(REST_TO_MM)), (REST_FROM_MM, reach)]
+        [(REST_FROM_MM, wall_y), (REST_TO_MM, wall_y), (REST_TO_MM, face_y(REST_TO_MM)), (REST_FROM_MM, inner_y)]
     )
     return [along_z(profile * (side, 1.0), z[0], z[1]) for side in (-1.0, 1.0)]
 
@@ -105,21 +105,21 @@ def _post_radius_mm(holes: BoardHoles) -> float:
 
 
 def _cable_hole(
-    camera: CameraBody, at: tuple[float, float], top: float, floor_y: tuple[float, float], hardware: Hardware
+    camera: CameraBody, centre: tuple[float, float], top: float, floor_y: tuple[float, float], hardware: Hardware
 ) -> Frustum | Bore:
     """The hole in the floor for a cable at (x, y): round for a plug; a slot for a ribbon, open if near the edge."""
     free, wall = hardware.fit.free_mm, hardware.clip.wall_mm
     if not camera.cable_thick_mm:
         radius = max(camera.cable_mm / 2.0 + free, PLUG_RADIUS_MM)
-        return Bore(np.array([*at, top + 1.0]), -ABOVE, radius, wall + 2.0, SCENE)
-    half, thick = camera.cable_mm / 2.0 + free, camera.cable_thick_mm / 2.0 + RIBBON_FREE_MM
-    high = at[1] + thick
-    if high > floor_y[1] - wall:
-        high = floor_y[1] + 1.0
-    return box((at[0] - half, at[1] - thick, top - wall - 1.0), (at[0] + half, high, top + 1.0))
+        return Bore(np.array([*centre, top + 1.0]), -ABOVE, radius, wall + 2.0, SCENE)
+    half_x, half_y = camera.cable_mm / 2.0 + free, camera.cable_thick_mm / 2.0 + RIBBON_FREE_MM
+    upper_y = centre[1] + half_y
+    if upper_y > floor_y[1] - wall:
+        upper_y = floor_y[1] + 1.0
+    return box((centre[0] - half_x, centre[1] - half_y, top - wall - 1.0), (centre[0] + half_x, upper_y, top + 1.0))
 
 
-# Depth of the hollow for a tie in the wall, in addition to the rib's.
+# Depth of the hollow for a tie in the wall, below the groove of the rib.
 TIE_THICK_MM = 1.6
 
 
@@ -129,9 +129,9 @@ class ClipPlan:
 
     Its wall, `pieces[0]`, faces -y and lies against the mount at y = `slide_y_mm`. The slide's screws are at x =
     +-`slide_x_mm` and each z of `slide_z_mm`, in ascending order; the clip moves by up to `travel_mm` in both
-    directions along z. A rib of the mount, of 45 deg and `rib_mm` high, runs in its groove. The clip extends from
-    `bottom_mm` to `top_mm`. A body rests in a `nest`; `board_screws` (n, 3) are the places of the heads of a board's
-    own screws. `tie_mm` are the x of the two slots for the cable's tie, and the z of their middle.
+    directions along z, guided in its groove by a V rib of the mount, `rib_mm` high. The clip extends from `bottom_mm`
+    to `top_mm`. A body rests in a `nest`; `board_screws` (n, 3) are the positions of the heads of a board's own screws.
+    `tie_mm` are the x of the two slots for the cable's tie, and the z of their middle.
     """
 
     pieces: tuple[Frustum, ...]
@@ -161,7 +161,7 @@ class ClipPlan:
 
     @property
     def dimensions(self) -> tuple[Length | Hole, ...]:
-        """The holes, the thickness of wall and leaves, and the places of the nest's six points.
+        """The holes, the thickness of wall and leaves, and the positions of the nest's six points.
 
         The points are dimensioned from the lower end, the side, and the face on the mount.
         """
@@ -172,54 +172,58 @@ class ClipPlan:
         return (*holes(self.cuts), wall, *thick, *self._nest_lengths())
 
     def _nest_lengths(self) -> tuple[Length, ...]:
-        """The distances of the nest's points along each axis; points at the same place share one."""
+        """The distances of the nest's points along each axis; equal coordinates share one."""
         if self.nest is None:
             return ()
         corners = corners_of(self.pieces)
         low = np.array([corners[:, 0].min(), self.slide_y_mm, self.bottom_mm])
-        found: dict[tuple[int, float], Length] = {}
+        lengths: dict[tuple[int, float], Length] = {}
         for kind, points in (("pad", self.nest.points[:3]), ("stop", self.nest.points[3:])):
             for point in points:
                 for axis in range(3):
-                    place = (axis, round(float(point[axis]), 3))
-                    if place not in found:
-                        found[place] = length(np.where(np.arange(3) == axis, low, point), point, kind)
-        return tuple(found.values())
+                    key = (axis, round(float(point[axis]), 3))
+                    if key not in lengths:
+                        lengths[key] = length(np.where(np.arange(3) == axis, low, point), point, kind)
+        return tuple(lengths.values())
 
 
 def plan_clip(hardware: Hardware) -> ClipPlan:
     """Lay out the clip of a camera; raises InputError with the dimension if it cannot be made."""
     camera, clip, screw = hardware.camera, hardware.clip, hardware.screw
     slide = stack(hardware.mount.slide_skin_mm, hardware)
-    around = _around_mm(hardware)
+    boss = _boss_radius_mm(hardware)
     held_by = camera.held_by
     cradle = (
-        hold_body(camera, held_by, around, hardware)
+        hold_body(camera, held_by, boss, hardware)
         if isinstance(held_by, Lips)
         else hold_board(camera, held_by, hardware)
     )
     slide_x = _slide_x_mm(cradle, hardware)
-    reach = slide_x + around
+    reach = slide_x + boss
     bottom, top = cradle.z_mm
     top = max(top, bottom + 2.0 * (screw.insert_hole_mm + screw.insert_wall_mm))
     if cradle.nest is not None:
-        # A body is heavy: the wall extends below a thin one, for two rows of screws.
-        bottom = min(bottom, top - 2.0 * around - _least_apart_mm(hardware))
+        # A body is heavy, so that the wall extends below it as far as two rows of screws need.
+        bottom = min(bottom, top - 2.0 * boss - _least_row_spacing_mm(hardware))
     outer_y = cradle.inner_y_mm - slide.wall_mm
     wall = box((min(cradle.x_mm[0], -reach), outer_y, bottom), (max(cradle.x_mm[1], reach), cradle.inner_y_mm, top))
-    slide_z = _slide_z_mm(cradle, (bottom + around, top - around), hardware)
+    slide_z = _slide_z_mm(cradle, (bottom + boss, top - boss), hardware)
     cuts = list(cradle.cuts)
     for mouth in np.array([(x, outer_y, z) for z in slide_z for x in (-slide_x, slide_x)]):
-        # The clip lies on this face in print, so that round holes need no roof.
-        entered = thread(mouth, SCENE, UP, slide, slide.wall_mm, screw)
-        cuts += [replace(cut, up=None) if isinstance(cut, Bore) else cut for cut in entered]
-    deep = clip.rib_mm + hardware.fit.slide_mm
+        # The clip is printed on this face, so that round holes need no roof.
+        threaded = thread(mouth, SCENE, UP, slide, slide.wall_mm, screw)
+        cuts += [replace(cut, up=None) if isinstance(cut, Bore) else cut for cut in threaded]
+    depth = clip.rib_mm + hardware.fit.slide_mm
     groove = np.array(
-        [[-deep - OUTSIDE_MM, outer_y - OUTSIDE_MM], [deep + OUTSIDE_MM, outer_y - OUTSIDE_MM], [0.0, outer_y + deep]]
+        [
+            [-depth - OUTSIDE_MM, outer_y - OUTSIDE_MM],
+            [depth + OUTSIDE_MM, outer_y - OUTSIDE_MM],
+            [0.0, outer_y + depth],
+        ]
     )
     base = np.column_stack([groove, np.full(3, bottom - 1.0)])
     cuts.append(Frustum(base, base + (top - bottom + 2.0) * ABOVE))
-    tie_cuts, tie = _tie(cradle, outer_y, bottom, slide_x - around, hardware)
+    tie_cuts, tie = _tie(cradle, outer_y, bottom, slide_x - boss, hardware)
     return ClipPlan(
         pieces=(wall, *cradle.pieces),
         cuts=(*cuts, *tie_cuts, *_lens_tie(cradle, outer_y, hardware)),
@@ -237,39 +241,39 @@ def plan_clip(hardware: Hardware) -> ClipPlan:
     )
 
 
-def _around_mm(hardware: Hardware) -> float:
-    """Radius of the material round an insert or a nut."""
+def _boss_radius_mm(hardware: Hardware) -> float:
+    """Outer radius of the material round an insert or a nut."""
     screw = hardware.screw
     radius = screw.insert_hole_mm / 2.0 if screw.kind == "insert" else screw.nut_flats_mm / np.sqrt(3.0)
     return float(radius) + screw.insert_wall_mm
 
 
 def _slide_x_mm(cradle: Cradle, hardware: Hardware) -> float:
-    """Distance of the slide screws from the middle; nuts must enter outside a board's floor (then in integer mm)."""
+    """Distance of the slide's screws from the middle; nuts enter outside a board's floor, at a full mm."""
     least, screw = hardware.clip.screws_apart_mm / 2.0, hardware.screw
     if screw.kind == "insert" or cradle.nest is not None:
         return least
-    nut = screw.nut_flats_mm / np.sqrt(3.0) + hardware.fit.free_mm
-    return max(least, float(np.ceil(max(np.abs(cradle.x_mm)) + nut)))
+    nut_clearance = screw.nut_flats_mm / np.sqrt(3.0) + hardware.fit.free_mm
+    return max(least, float(np.ceil(max(np.abs(cradle.x_mm)) + nut_clearance)))
 
 
 def _slide_z_mm(cradle: Cradle, ends_mm: tuple[float, float], hardware: Hardware) -> tuple[float, ...]:
     """z of the slide's screws, between `ends_mm`: two rows, so that the camera's weight does not bend the skin.
 
-    They lie symmetrically about the pads at a body's sides, or as near to that as the wall allows. A wall too low for
-    the driver's holes of two rows has one row, in the middle or at these pads.
+    They are symmetric about the pads at a body's sides, as far as the wall allows. A wall too low for the driver's
+    holes of two rows has one row, in the middle or at these pads.
     """
     low, high = ends_mm
     middle = (low + high) / 2.0 if cradle.nest is None else float(cradle.nest.points[5, 2])
-    away = min(hardware.clip.screws_above_mm, high - low) / 2.0
-    if 2.0 * away < _least_apart_mm(hardware) - 1e-9:
+    half_spacing = min(hardware.clip.screws_above_mm, high - low) / 2.0
+    if 2.0 * half_spacing < _least_row_spacing_mm(hardware) - 1e-9:
         return (middle,)
-    middle = min(max(middle, low + away), high - away)
-    return (middle - away, middle + away)
+    middle = min(max(middle, low + half_spacing), high - half_spacing)
+    return (middle - half_spacing, middle + half_spacing)
 
 
-def _least_apart_mm(hardware: Hardware) -> float:
-    """Least distance of two rows of the slide's screws, with a wall between their driver's holes in the mount."""
+def _least_row_spacing_mm(hardware: Hardware) -> float:
+    """Least distance between the rows of the slide's screws, with a wall between the driver's holes in the mount."""
     return 2.0 * (hardware.clip.travel_mm + head_space_mm(hardware)) + hardware.printer.wall_mm
 
 
@@ -278,17 +282,17 @@ def _tie(
 ) -> tuple[list[Frustum], tuple[float, float, float]]:
     """Two slots through the wall below the camera, for a tie as strain relief of its cable.
 
-    Between them the tie lies in a hollow of the wall's outer face, over the mount's rib. Raises InputError if the cable
-    is too far from the middle.
+    Between them the tie lies in a hollow of the wall's outer face, clear of the mount's rib. Raises InputError if the
+    cable is too far from the middle.
     """
     camera, fit = hardware.camera, hardware.fit
-    half_high, half = _tie_slot_mm(hardware)
-    z = bottom + hardware.printer.wall_mm + half_high
-    away = max(camera.cable_mm / 2.0, hardware.clip.rib_mm + 2.0 * fit.slide_mm) + half
-    left, right = camera.cable_x_mm - away, camera.cable_x_mm + away
-    if (beyond := max(-left, right) + half - widest_mm) > 0.0:
+    half_z, half_x = _tie_slot_mm(hardware)
+    z = bottom + hardware.printer.wall_mm + half_z
+    offset = max(camera.cable_mm / 2.0, hardware.clip.rib_mm + 2.0 * fit.slide_mm) + half_x
+    left, right = camera.cable_x_mm - offset, camera.cable_x_mm + offset
+    if (excess := max(-left, right) + half_x - widest_mm) > 0.0:
         raise InputError(
-            f"camera clip's slot for the cable's tie is {beyond:.1f} mm beyond the screws of its slide, "
+            f"camera clip's slot for the cable's tie is {excess:.1f} mm beyond the screws of its slide, "
             f"expected the cable nearer to the middle"
         )
     return _slots(left, right, z, (outer_y, cradle.inner_y_mm), hardware), (left, right, z)
@@ -300,21 +304,23 @@ def _lens_tie(cradle: Cradle, outer_y: float, hardware: Hardware) -> list[Frustu
     if camera.rest_mm is None:
         return []
     z = camera.pupil_behind_front_mm + sum(camera.rest_mm) / 2.0
-    away = REST_TO_MM + hardware.printer.wall_mm / 2.0 + _tie_slot_mm(hardware)[1]
-    return _slots(-away, away, z, (outer_y, cradle.inner_y_mm), hardware)
+    offset = REST_TO_MM + hardware.printer.wall_mm / 2.0 + _tie_slot_mm(hardware)[1]
+    return _slots(-offset, offset, z, (outer_y, cradle.inner_y_mm), hardware)
 
 
 def _tie_slot_mm(hardware: Hardware) -> tuple[float, float]:
     """Half the height of a tie's slot, and half its width."""
-    wide, thick = hardware.mount.tie_mm
-    return wide / 2.0 + hardware.fit.slide_mm, thick / 2.0 + hardware.fit.slide_mm
+    width, thickness = hardware.mount.tie_mm
+    return width / 2.0 + hardware.fit.slide_mm, thickness / 2.0 + hardware.fit.slide_mm
 
 
 def _slots(left: float, right: float, z: float, wall_y: tuple[float, float], hardware: Hardware) -> list[Frustum]:
     """Two slots through the wall at x and z for a tie, and the hollow for it in the wall's outer face."""
-    half_high, half = _tie_slot_mm(hardware)
+    half_z, half_x = _tie_slot_mm(hardware)
     outer_y, inner_y = wall_y
-    deep = hardware.clip.rib_mm + hardware.fit.slide_mm + TIE_THICK_MM
-    ends = (z - half_high, z + half_high)
-    cuts = [box((x - half, outer_y - 1.0, ends[0]), (x + half, inner_y + 1.0, ends[1])) for x in (left, right)]
-    return [*cuts, box((left - half, outer_y - 1.0, ends[0]), (right + half, outer_y + deep, ends[1]))]
+    depth = hardware.clip.rib_mm + hardware.fit.slide_mm + TIE_THICK_MM
+    z_range = (z - half_z, z + half_z)
+    cuts = [
+        box((x - half_x, outer_y - 1.0, z_range[0]), (x + half_x, inner_y + 1.0, z_range[1])) for x in (left, right)
+    ]
+    return [*cuts, box((left - half_x, outer_y - 1.0, z_range[0]), (right + half_x, outer_y + depth, z_range[1]))]

@@ -30,8 +30,8 @@ LENS_STEPS_MM = (-0.3, 0.0, 0.3)
 THREAD_STEPS_MM = (-0.1, 0.0, 0.1)
 """Differences of a gauge's holes from the parts' holes, marked by one, two and three notches."""
 
-GO_MM, GO_DEEP_MM = 0.3, 4.0
-"""Allowance of the go slot (wider than the camera's body) and of the no-go slot (narrower), and the depth of either."""
+GO_MM, GO_DEPTH_MM = 0.3, 4.0
+"""Allowance of the go slot (wider than the camera's body) and of the no-go slot (narrower), and the depth of each."""
 RIG_FROM_COUPON_MM = np.array([130.0, 0.0, -100.0])
 """Origin of the coupon in rig, next to the device."""
 
@@ -69,9 +69,9 @@ class Gauge:
 def gauges_of(hardware: Hardware) -> tuple[Gauge, ...]:
     """The gauges of a device's coupon, for the assembly guide."""
     screw, camera, fit = hardware.screw, hardware.camera, hardware.fit
-    less, _, more = (f"{step:+g}" for step in THREAD_STEPS_MM)
+    smaller, _, larger = (f"{step:+g}" for step in THREAD_STEPS_MM)
     insert = screw.kind == "insert"
-    found = [
+    gauges = [
         Gauge(
             "seat of a mirror",
             f"a mirror of {MIRROR_MM[0]:g} x {MIRROR_MM[1]:g} mm, cut from an offcut of the stock sheet, drops in with "
@@ -81,10 +81,10 @@ def gauges_of(hardware: Hardware) -> tuple[Gauge, ...]:
         Gauge(
             "three screw holes (one to three notches)",
             "an insert sinks straight into the one with two notches and sits flush; with one notch the hole is "
-            f"{less} mm, with three {more} mm"
+            f"{smaller} mm, with three {larger} mm"
             if insert
             else "a nut slides into the one with two notches and does not turn; with one notch the pocket is "
-            f"{less} mm, with three {more} mm",
+            f"{smaller} mm, with three {larger} mm",
             f"`insert_hole_mm` under `[screw]` (now {screw.insert_hole_mm:g})"
             if insert
             else f"`nut_flats_mm` under `[screw]` (now {screw.nut_flats_mm:g})",
@@ -97,30 +97,30 @@ def gauges_of(hardware: Hardware) -> tuple[Gauge, ...]:
         ),
     ]
     if _slot_y_mm(hardware):
-        found.append(
+        gauges.append(
             Gauge(
                 "slot with a step",
-                f"the camera's body, over its height, enters the first {GO_DEEP_MM:g} mm and stops at the step",
+                f"the camera's body, over its height, enters the first {GO_DEPTH_MM:g} mm and stops at the step",
                 f"`height_mm` in the camera's file (now {camera.height_mm:g})",
             )
         )
     if hardware.back.ring_gauge is not None:
-        found.append(
+        gauges.append(
             Gauge(
                 "segment of the clamp",
                 "it sits on the wrist without rocking and without a gap in its middle",
                 "`diameter_mm` under `[back]`",
             )
         )
-    return tuple(found)
+    return tuple(gauges)
 
 
 def plan_coupon(layout: Layout, hardware: Hardware, gap_mm: float = 0.0) -> CouponPlan:
-    """Lay out the coupon; it depends on the layout only by the thickness of the thickest mirror.
+    """Lay out the coupon, which depends on the layout only through the thickness of the thickest mirror.
 
     With a gap between carriers and holder, a strip of that thickness extends to the left.
     """
-    at, ring = RIG_FROM_COUPON_MM, hardware.back.ring_gauge
+    origin, ring = RIG_FROM_COUPON_MM, hardware.back.ring_gauge
     seat_x, seat_y = _seat_mm(hardware)
     pitch = hardware.camera.lens_ring_mm + 2.0 * GAUGE_WALL_MM
     slot_y = _slot_y_mm(hardware)
@@ -143,9 +143,9 @@ def plan_coupon(layout: Layout, hardware: Hardware, gap_mm: float = 0.0) -> Coup
             *([_box((-STRIP_MM[0], 0.0, 0.0), (1.0, STRIP_MM[1], gap_mm))] if gap_mm else []),
         ),
         cuts=(*grooves, *screw_holes, *_lens_gauges(seat_y, pitch, hardware), *_slot(right, depth, hardware)),
-        centre=at + np.array([centre, depth / 2.0, 0.0]),
+        centre=origin + np.array([centre, depth / 2.0, 0.0]),
         ring=ring,
-        right_mm=float(at[0] + right),
+        right_mm=float(origin[0] + right),
         lengths=(*_seat_lengths(right, gap_mm, hardware), *_slot_lengths(right, depth, hardware)),
     )
 
@@ -169,9 +169,9 @@ def _slot_lengths(right_mm: float, depth_mm: float, hardware: Hardware) -> Itera
     """Width and depth of the go and no-go slots for a camera's body."""
     if not _slot_y_mm(hardware):
         return
-    middle, wide = right_mm / 2.0, hardware.camera.height_mm
-    for text, size, deep in (("go", wide + GO_MM, GO_DEEP_MM), ("no-go", wide - GO_MM, 2.0 * GO_DEEP_MM)):
-        left, end = middle - size / 2.0, depth_mm - deep
+    middle, height = right_mm / 2.0, hardware.camera.height_mm
+    for text, size, slot_depth in (("go", height + GO_MM, GO_DEPTH_MM), ("no-go", height - GO_MM, 2.0 * GO_DEPTH_MM)):
+        left, end = middle - size / 2.0, depth_mm - slot_depth
         yield _length((left, end, PLATE_MM), (left + size, end, PLATE_MM), text)
         yield _length((left, end, PLATE_MM), (left, depth_mm, PLATE_MM), text)
 
@@ -203,25 +203,25 @@ def _slot_x_mm(hardware: Hardware) -> float:
 
 def _slot_y_mm(hardware: Hardware) -> float:
     """Depth of plate for the slot of a camera's body; 0 for a bare board, which is held by its holes."""
-    return 0.0 if isinstance(hardware.camera.held_by, BoardHoles) else 2.0 * GO_DEEP_MM + 2.0
+    return 0.0 if isinstance(hardware.camera.held_by, BoardHoles) else 2.0 * GO_DEPTH_MM + 2.0
 
 
 def _seat(layout: Layout, hardware: Hardware) -> tuple[list[Frustum], list[Frustum]]:
     """The rims and the glue grooves of the seat, with the holder's dimensions."""
     dimensions, (seat_x, seat_y) = hardware.holder, _seat_mm(hardware)
     rim, thickness = dimensions.rim_mm, max(mirror.thickness_mm for mirror in layout.mirrors)
-    high = PLATE_MM + dimensions.bond_mm + dimensions.rim_height_of_sheet * thickness
+    rim_top = PLATE_MM + dimensions.bond_mm + dimensions.rim_height_of_sheet * thickness
     rims = [
-        _box((0.0, 0.0, 0.0), (seat_x, rim, high)),
-        _box((0.0, seat_y - rim, 0.0), (seat_x, seat_y, high)),
-        _box((0.0, 0.0, 0.0), (rim, seat_y, high)),
-        _box((seat_x - rim, 0.0, 0.0), (seat_x, seat_y, high)),
+        _box((0.0, 0.0, 0.0), (seat_x, rim, rim_top)),
+        _box((0.0, seat_y - rim, 0.0), (seat_x, seat_y, rim_top)),
+        _box((0.0, 0.0, 0.0), (rim, seat_y, rim_top)),
+        _box((seat_x - rim, 0.0, 0.0), (seat_x, seat_y, rim_top)),
     ]
     grooves = []
     for side in (-0.5, 0.5):
         middle = seat_x / 2.0 + side * dimensions.groove_pitch_mm
         from_x, to_x = middle - dimensions.groove_mm / 2.0, middle + dimensions.groove_mm / 2.0
-        grooves.append(_box((from_x, -1.0, PLATE_MM - dimensions.groove_depth_mm), (to_x, seat_y, high + 1.0)))
+        grooves.append(_box((from_x, -1.0, PLATE_MM - dimensions.groove_depth_mm), (to_x, seat_y, rim_top + 1.0)))
     return rims, grooves
 
 
@@ -240,24 +240,24 @@ def _pads(hardware: Hardware) -> list[Frustum]:
 def _screw_block(x_mm: float, hardware: Hardware) -> tuple[Frustum, list[Frustum | Bore | Hexagon]]:
     """A block with horizontal holes for inserts or nuts, as in the parts, and notches in its upper edge."""
     screw, pitch, width = hardware.screw, _thread_pitch_mm(hardware), _block_mm(hardware)
-    fastened = stack(hardware.mount.skin_mm, hardware)
-    high = PLATE_MM + pitch + 2.0 * screw.insert_wall_mm
-    solid = _box((x_mm, 0.0, 0.0), (x_mm + width, fastened.wall_mm, high))
+    threads = stack(hardware.mount.skin_mm, hardware)
+    top = PLATE_MM + pitch + 2.0 * screw.insert_wall_mm
+    solid = _box((x_mm, 0.0, 0.0), (x_mm + width, threads.wall_mm, top))
     scene, up = np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0])
     cuts: list[Frustum | Bore | Hexagon] = []
     for index, step in enumerate(THREAD_STEPS_MM):
-        tried = screw.replaced(insert_hole_mm=screw.insert_hole_mm + step, nut_flats_mm=screw.nut_flats_mm + step)
+        varied = screw.replaced(insert_hole_mm=screw.insert_hole_mm + step, nut_flats_mm=screw.nut_flats_mm + step)
         x = x_mm + screw.insert_wall_mm / 2.0 + pitch * (index + 0.5)
         mouth = RIG_FROM_COUPON_MM + np.array([x, 0.0, PLATE_MM + pitch / 2.0])
-        cuts += thread(mouth, scene, up, fastened, fastened.wall_mm, tried)
-        cuts += _notches(index + 1, x, (-1.0, fastened.wall_mm + 1.0), (high - 1.0, high + 1.0))
+        cuts += thread(mouth, scene, up, threads, threads.wall_mm, varied)
+        cuts += _notches(index + 1, x, (-1.0, threads.wall_mm + 1.0), (top - 1.0, top + 1.0))
     return solid, cuts
 
 
 def _notches(
     count: int, x_mm: float, along_y_mm: tuple[float, float], along_z_mm: tuple[float, float]
 ) -> list[Frustum]:
-    """A number of notches about a place along x."""
+    """A number of notches centred on a coordinate along x."""
     middles = [x_mm + 2.4 * (number - (count - 1) / 2.0) for number in range(count)]
     (y0, y1), (z0, z1) = along_y_mm, along_z_mm
     return [_box((middle - 0.5, y0, z0), (middle + 0.5, y1, z1)) for middle in middles]
@@ -270,10 +270,10 @@ def _slot(right_mm: float, depth_mm: float, hardware: Hardware) -> list[Frustum]
     middle, height = right_mm / 2.0, hardware.camera.height_mm
     return [
         _box(
-            (middle - half, depth_mm - deep, -1.0),
+            (middle - half, depth_mm - depth, -1.0),
             (middle + half, depth_mm + 1.0, PLATE_MM + 1.0),
         )
-        for half, deep in ((height / 2.0 + GO_MM / 2.0, GO_DEEP_MM), (height / 2.0 - GO_MM / 2.0, 2.0 * GO_DEEP_MM))
+        for half, depth in ((height / 2.0 + GO_MM / 2.0, GO_DEPTH_MM), (height / 2.0 - GO_MM / 2.0, 2.0 * GO_DEPTH_MM))
     ]
 
 

@@ -1,4 +1,4 @@
-"""The dust cover: a cap over the mirrors while the device is not in use, which snaps on the flange of their holder."""
+"""The dust cover: a cap over the mirrors while the device is not in use, snapped onto the flange of their holder."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from mirrorcam.optics.geometry.transforms import inverse, rigid, transform
 
 # Clearance of the cover over the mirrors, and on both sides of the mount.
 CLEAR_MM = 1.0
-# Overlap of a catch with the flange's back edge, with both sides at 45 deg, and length of a catch.
-CATCH_MM, CATCH_LONG_MM = 0.45, 12.0
-OVERLAP_MM = 0.3
+# Projection of a catch over the flange's back edge, with both sides at 45 deg, its length, and its depth in the wall.
+CATCH_MM, CATCH_LENGTH_MM = 0.45, 12.0
+EMBEDDED_MM = 0.3
 
 
 @dataclass(frozen=True)
@@ -65,9 +65,9 @@ class CoverPlan:
 
 
 def plan_cover(layout: Layout, holder: HolderPlan, mount: MountPlan, hardware: Hardware) -> CoverPlan | None:
-    """Lay out the cover round the flange and over all that stands on it; None if it does not fit the bed.
+    """Lay out the cover round the flange and everything on it; None if it does not fit the bed.
 
-    Its rim reaches behind the flange, on which its catches snap. At the mount, the rim ends before the flange.
+    Its rim extends behind the flange, onto which its catches snap. At the mount, the rim ends in front of the flange.
     """
     mount_from_rig = inverse(holder.rig_from_mount)
     flange = Polygon(transform(mount_from_rig, holder.flange.base)[:, :2])
@@ -80,11 +80,11 @@ def plan_cover(layout: Layout, holder: HolderPlan, mount: MountPlan, hardware: H
     if right - left > bed[0] or high - low > bed[1] or highest + wall > hardware.printer.bed_mm[2]:
         return None
     rim = 3.0 * CATCH_MM
-    away = holder.rig_from_mount[:3, 2]
+    back_normal = holder.rig_from_mount[:3, 2]
     scene = layout.view_from_rig[2]
-    sideways = scene - (scene @ away) * away
+    sideways = scene - (scene @ back_normal) * back_normal
     if np.linalg.norm(sideways) < 1e-3:
-        # Away from the camera, which is below.
+        # The view is normal to the back: slide the cover off away from the camera.
         sideways = holder.rig_from_mount[:3, 1] * -np.sign(mount_from_rig[1, 3])
     return CoverPlan(
         outer=_prism(outside, -(highest + wall), rim, holder.rig_from_mount),
@@ -93,7 +93,7 @@ def plan_cover(layout: Layout, holder: HolderPlan, mount: MountPlan, hardware: H
         catches=_catches(inside, mount.half_width_mm, holder.rig_from_mount),
         rig_from_front=holder.rig_from_mount @ rigid(np.diag([1.0, -1.0, -1.0]), [0.0, 0.0, -(highest + wall)]),
         rim_mm=rim,
-        way_mm=np.array([-(highest + wall + CLEAR_MM) * away, 2.0 * high * sideways / np.linalg.norm(sideways)]),
+        way_mm=np.array([-(highest + wall + CLEAR_MM) * back_normal, 2.0 * high * sideways / np.linalg.norm(sideways)]),
     )
 
 
@@ -108,9 +108,9 @@ def _prism(area: Polygon, from_mm: float, to_mm: float, rig_from_mount: FloatArr
 
 def _notch(flange: Polygon, half_width_mm: float, hardware: Hardware, holder: HolderPlan) -> Frustum:
     """The gap in the rim for the mount, through both sides, since the mount may extend beyond the far side."""
-    far = float(np.abs(np.array(flange.bounds)).max()) + 10.0
+    reach = float(np.abs(np.array(flange.bounds)).max()) + 10.0
     half = half_width_mm + CLEAR_MM
-    return _prism(shapely_box(-half, -far, half, far), -hardware.holder.floor_mm, 20.0, holder.rig_from_mount)
+    return _prism(shapely_box(-half, -reach, half, reach), -hardware.holder.floor_mm, 20.0, holder.rig_from_mount)
 
 
 def _catches(inside: Polygon, half_width_mm: float, rig_from_mount: FloatArray) -> tuple[Frustum, ...]:
@@ -126,10 +126,10 @@ def _catches(inside: Polygon, half_width_mm: float, rig_from_mount: FloatArray) 
         length = float(np.linalg.norm(end - start))
         along = (end - start) / length
         inward = np.array([-along[1], along[0]])
-        half = min(CATCH_LONG_MM, 0.8 * length) / 2.0
+        half = min(CATCH_LENGTH_MM, 0.8 * length) / 2.0
         # In the wall's normal and z: the wedge meets the flange's edge halfway up its lower slope.
-        profile = np.array([(-OVERLAP_MM, -0.1), (0.0, -0.1), (CATCH_MM, CATCH_MM - 0.1), (0.0, 2.0 * CATCH_MM - 0.1)])
-        profile = np.vstack([profile, [(-OVERLAP_MM, 2.0 * CATCH_MM - 0.1)]])
+        profile = np.array([(-EMBEDDED_MM, -0.1), (0.0, -0.1), (CATCH_MM, CATCH_MM - 0.1), (0.0, 2.0 * CATCH_MM - 0.1)])
+        profile = np.vstack([profile, [(-EMBEDDED_MM, 2.0 * CATCH_MM - 0.1)]])
         ends = [
             transform(
                 rig_from_mount,

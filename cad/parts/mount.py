@@ -1,8 +1,8 @@
 """The mount, which carries the mirror holder over the camera, and the camera's clip on its slide.
 
-It is a profile in the y-z plane, extruded along x, and prints standing on its end with no overhangs but holes. Two
-skins with a truss of webs between them run from the foot up behind the camera, round the lower end of the holder, and
-along its back. It is printed straight on the bed, turned, or cut in two, with blocks for the joining pins.
+It is a profile in the y-z plane, extruded along x, and prints on its end; only its holes have overhangs. Two skins with
+a truss of webs between them run from the foot up behind the camera, round the lower end of the holder, and along its
+back. It is printed parallel to the bed's sides, rotated, or cut in two, with blocks for the joining pins.
 """
 
 from __future__ import annotations
@@ -18,7 +18,13 @@ from shapely import LineString, Polygon, get_coordinates
 from mirrorcam.cad.holder.holder_body import HolderPlan
 from mirrorcam.cad.parts.camera_box import ABOVE
 from mirrorcam.cad.parts.clip import ClipPlan
-from mirrorcam.cad.parts.mount_openings import cable_reach_mm, head_end_mm, leaves_blades, openings, over_drivers_mm
+from mirrorcam.cad.parts.mount_openings import (
+    cable_reach_mm,
+    driver_holes_top_mm,
+    head_end_mm,
+    leaves_unprintable_web_ends,
+    openings,
+)
 from mirrorcam.cad.parts.mount_stiffness import mount_compliance
 from mirrorcam.cad.parts.truss import (
     FOOT_DEPTH_MM,
@@ -45,20 +51,20 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.transforms import transform
 
 # Margin to the edge of the bed.
-MARGIN_MM = 0.5
+BED_MARGIN_MM = 0.5
 TURN_STEP_DEG = 5
-# Places along a piece of the profile at which a cut is tried, and its largest angle from square.
-CUTS_AT = (0.5, 0.45, 0.55, 0.4, 0.6, 0.35, 0.65, 0.3, 0.7, 0.25, 0.75, 0.2, 0.8, 0.15, 0.85)
-CUTS_DEG = 32.0
+# Tried cuts, as shares of the length of a piece of the profile, and a cut's largest angle from square.
+CUT_SHARES = (0.5, 0.45, 0.55, 0.4, 0.6, 0.35, 0.65, 0.3, 0.7, 0.25, 0.75, 0.2, 0.8, 0.15, 0.85)
+MOST_OBLIQUE_DEG = 32.0
 BLOCK_MM = 16.0
 FAR_MM = 1e4
 
 
 @dataclass(frozen=True)
 class Placement:
-    """The placement of a profile (y and z in rig) on the bed, turned by `turn_deg` about the bed's normal.
+    """The placement of a profile (y and z in rig) on the bed, rotated by `turn_deg` about the bed's normal.
 
-    If it fits only in two pieces, `cut_mm` is the place of the cut along the bed's y, `at` (2, 2) the points of the
+    If it fits only in two pieces, `cut_mm` is the cut's coordinate along the bed's y, `at` (2, 2) the points of the
     profile's inner and outer side there, and `along` (2,) its direction there, in y and z.
     """
 
@@ -69,12 +75,12 @@ class Placement:
 
 
 def place_on_bed(inner: FloatArray, outer: FloatArray, hardware: Hardware) -> Placement | None:
-    """Turn a profile between two polylines (n, 2) by the smallest angle at which it fits, or cut its longest piece.
+    """Rotate a profile between two polylines (n, 2) by the smallest angle at which it fits, or cut its longest piece.
 
-    Returns None if it fits neither turned nor in two pieces.
+    Returns None if it fits neither rotated nor in two pieces.
     """
     bed = np.array(hardware.printer.bed_mm[:2])
-    band = Polygon([*inner, *outer[::-1]]).buffer(MARGIN_MM, join_style="mitre")
+    band = Polygon([*inner, *outer[::-1]]).buffer(BED_MARGIN_MM, join_style="mitre")
     for degrees in range(0, 180, TURN_STEP_DEG):
         if fits(band, float(degrees), bed):
             return Placement(float(degrees))
@@ -83,62 +89,62 @@ def place_on_bed(inner: FloatArray, outer: FloatArray, hardware: Hardware) -> Pl
         return None
     piece = 1 + int(lengths.argmax())
     along = (inner[piece + 1] - inner[piece]) / lengths.max()
-    upright = 90.0 - float(np.degrees(np.arctan2(along[1], along[0])))
-    turns = [float(degrees) for degrees in range(-90, 91, TURN_STEP_DEG) if abs(degrees - upright) <= CUTS_DEG]
-    # The smallest turn first.
-    for turned in sorted(turns, key=abs):
-        for part in CUTS_AT:
-            near = inner[piece] + part * (inner[piece + 1] - inner[piece])
-            cut = float((turn(turned) @ near)[1])
-            if all(fits(half, turned, bed) for half in halves(band, turned, cut)):
+    square_deg = 90.0 - float(np.degrees(np.arctan2(along[1], along[0])))
+    tried = [float(deg) for deg in range(-90, 91, TURN_STEP_DEG) if abs(deg - square_deg) <= MOST_OBLIQUE_DEG]
+    # The smallest rotation first.
+    for angle_deg in sorted(tried, key=abs):
+        for share in CUT_SHARES:
+            inner_point = inner[piece] + share * (inner[piece + 1] - inner[piece])
+            cut = float((rotation_2d(angle_deg) @ inner_point)[1])
+            if all(fits(half, angle_deg, bed) for half in halves(band, angle_deg, cut)):
                 normal = np.array([-along[1], along[0]])
                 depth = float((outer[piece] - inner[piece]) @ normal)
-                far = near + depth * (normal - np.tan(np.deg2rad(turned - upright)) * along)
-                at, long = np.array([near, far]), _block_mm(np.array([near, far]), along, hardware)[1]
+                outer_point = inner_point + depth * (normal - np.tan(np.deg2rad(angle_deg - square_deg)) * along)
+                cut_points = np.array([inner_point, outer_point])
                 # Blocks must not extend past the bends of the skins.
-                starts = (at - [inner[piece], outer[piece]]) @ along
-                ends = ([inner[piece + 1], outer[piece + 1]] - at) @ along
-                if min(*starts, *ends) >= long:
-                    return Placement(turned, cut, at, along)
+                starts = (cut_points - [inner[piece], outer[piece]]) @ along
+                ends = ([inner[piece + 1], outer[piece + 1]] - cut_points) @ along
+                if min(*starts, *ends) >= _block_mm(cut_points, along, hardware)[1]:
+                    return Placement(angle_deg, cut, cut_points, along)
     return None
 
 
-def turn(degrees: float) -> FloatArray:
+def rotation_2d(degrees: float) -> FloatArray:
     """The rotation matrix (2, 2) by an angle."""
     angle = np.deg2rad(degrees)
     return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
 
 
 def fits(area: Polygon, degrees: float, bed: FloatArray) -> bool:
-    """Return whether an area, turned by an angle, fits on the bed."""
-    return bool((np.ptp(get_coordinates(area) @ turn(degrees).T, axis=0) <= bed).all())
+    """Return whether an area, rotated by an angle, fits on the bed."""
+    return bool((np.ptp(get_coordinates(area) @ rotation_2d(degrees).T, axis=0) <= bed).all())
 
 
 def halves(area: Polygon, degrees: float, cut_mm: float) -> tuple[Polygon, Polygon]:
-    """The halves of an area below and above a cut that is level when the area is turned by an angle."""
-    turned = Polygon(get_coordinates(area.exterior) @ turn(degrees).T)
+    """The halves of an area below and above a cut that is level once the area is rotated by an angle."""
+    turned = Polygon(get_coordinates(area.exterior) @ rotation_2d(degrees).T)
     parts = (shapely.box(-FAR_MM, -FAR_MM, FAR_MM, cut_mm), shapely.box(-FAR_MM, cut_mm, FAR_MM, FAR_MM))
-    below, above = (get_coordinates(turned.intersection(part).convex_hull) @ turn(degrees) for part in parts)
+    below, above = (get_coordinates(turned.intersection(part).convex_hull) @ rotation_2d(degrees) for part in parts)
     return Polygon(below), Polygon(above)
 
 
 def joint_blocks(placement: Placement, skin_mm: float, half_width_mm: float, hardware: Hardware) -> list[Frustum]:
-    """Blocks on both skins at both ends of the width, which give a cut space for its pins; none without a cut.
+    """Blocks on both skins at both ends of the width, with space for the pins of a cut; none without a cut.
 
-    The blocks at the end that prints last stand on slopes of 45 deg.
+    The blocks at the end that prints last are on slopes of 45 deg.
     """
     if placement.at is None or placement.along is None:
         return []
     normal = np.array([-placement.along[1], placement.along[0]])
-    thick, long = _block_mm(placement.at, placement.along, hardware)
+    thickness, half_length = _block_mm(placement.at, placement.along, hardware)
     blocks = []
     for point, inwards in zip(placement.at, (normal, -normal), strict=True):
-        ends = np.array([point - long * placement.along, point + long * placement.along])
-        profile = np.array([*ends, *(ends[::-1] + thick * inwards)])
+        ends = np.array([point - half_length * placement.along, point + half_length * placement.along])
+        profile = np.array([*ends, *(ends[::-1] + thickness * inwards)])
         root = np.array([*ends, *(ends[::-1] + 0.5 * skin_mm * inwards)])
         blocks.append(along_x(profile, -half_width_mm, -half_width_mm + BLOCK_MM))
         blocks.append(along_x(profile, half_width_mm - BLOCK_MM, half_width_mm))
-        top, foot = half_width_mm - BLOCK_MM, half_width_mm - BLOCK_MM - thick
+        top, foot = half_width_mm - BLOCK_MM, half_width_mm - BLOCK_MM - thickness
         blocks.append(
             Frustum(
                 np.column_stack([np.full(4, foot), root]),
@@ -151,11 +157,11 @@ def joint_blocks(placement: Placement, skin_mm: float, half_width_mm: float, har
 def _block_mm(at: FloatArray, along: FloatArray, hardware: Hardware) -> tuple[float, float]:
     """Thickness of a block, and its extent along its skin on either side of the cut through two points (2, 2)."""
     normal, span = np.array([-along[1], along[0]]), at[1] - at[0]
-    askew = float(np.abs(span @ along) / np.abs(span @ normal))
+    tangent = float(np.abs(span @ along) / np.abs(span @ normal))
     # 1 mm of margin, which includes the clearance of a pin's hole.
-    reach = hardware.holder.pin_mm[1] / 2.0 + hardware.printer.wall_mm + 1.0
-    thick = 2.0 * clearance_round_pin_mm(hardware) + 1.0 + 2.0 * reach * askew
-    return thick, reach + thick * askew
+    half_length = hardware.holder.pin_mm[1] / 2.0 + hardware.printer.wall_mm + 1.0
+    thickness = 2.0 * clearance_round_pin_mm(hardware) + 1.0 + 2.0 * half_length * tangent
+    return thickness, half_length + thickness * tangent
 
 
 # Angle of the webs to the skins: less plastic than at 45 deg, and stiff enough.
@@ -163,12 +169,12 @@ WEB_DEG = 36.0
 GRAVITY_N_PER_KG = 9.80665
 GLASS_G_PER_CM3 = 2.5
 # Extent of the thicker skin round the slots: slightly more than a washer.
-AROUND_SLOTS_MM = 5.0
-# Steps of the widths and depths that are tried, and factors of the thicknesses.
-WIDER_MM, DEEPER_MM = 8.0, 2.0
-THICKER = (1.0, 1.5, 2.0)
-# Number of heights of the bend that are tried; a higher bend leans further back.
-BENDS_TRIED = 4
+SLOT_MARGIN_MM = 5.0
+# Steps of the tried widths and depths, and tried factors of the thicknesses.
+WIDTH_STEP_MM, DEPTH_STEP_MM = 8.0, 2.0
+THICKNESS_FACTORS = (1.0, 1.5, 2.0)
+# Number of tried heights of the bend; a higher bend leans further back.
+BEND_HEIGHTS = 4
 
 
 @dataclass(frozen=True)
@@ -207,15 +213,15 @@ class MountPlan:
 
     @property
     def dimensions(self) -> tuple[Length | Hole, ...]:
-        """The holes, and the places of the head's screws on its face, which is oblique.
+        """The holes, and the positions of the head's screws on its face, which is oblique.
 
-        The places are dimensioned from the foot's corner at the slide along both axes of the bed, which are those of
+        They are dimensioned from the foot's corner at the slide along both axes of the bed, which are also the axes of
         the drawing's view, and from row to row.
         """
         rows = transform(self.rig_from_head, np.column_stack([self.holes_in_head_mm, np.zeros(4)]))[[1, 2]]
         corner = np.array([rows[0, 0], self.slide[1], self.foot[0, 2]])
         edge = np.array([-self.half_width_mm, *corner[1:]])
-        axes = [np.array([0.0, *axis]) for axis in turn(self.bed_turn_deg)]
+        axes = [np.array([0.0, *axis]) for axis in rotation_2d(self.bed_turn_deg)]
         return (
             *(replace(hole, datum=Datum(edge, "the foot's edge at the slide")) for hole in holes(self.cuts)),
             *(length(corner, row, direction=axis) for row in rows for axis in axes),
@@ -279,11 +285,11 @@ def _lightest(
     limit, tried = hardware.mount.tilt_deg, sorted(profiles(holder, clip, hardware), key=lambda each: each.volume_mm3)
     if not tried:
         raise InputError("mirror holder is too low over the camera's clip for the mount's bend, expected it higher")
-    # The beam has no openings: if it tilts too far, so do the plates.
-    as_beams = [beam_tilt_deg(profile, load_g, load_at) for profile in tried]
+    # The beam has no openings and is stiffer: if it tilts too far, so do the plates.
+    beam_tilts = [beam_tilt_deg(profile, load_g, load_at) for profile in tried]
     stiff: Profile | None = None
-    for profile, as_beam in zip(tried, as_beams, strict=True):
-        if as_beam > limit:
+    for profile, beam_tilt in zip(tried, beam_tilts, strict=True):
+        if beam_tilt > limit:
             continue
         placement = place_on_bed(profile.inner, profile.outer, hardware)
         if placement is None and stiff is not None:
@@ -293,49 +299,51 @@ def _lightest(
                 return profile, placement
             stiff = profile
     if stiff is None:
-        stiffest = tried[int(np.argmin(as_beams))]
+        stiffest = tried[int(np.argmin(beam_tilts))]
         tilt = bending(stiffest, holder, clip, load_g, load_at, hardware)[0]
         raise InputError(
             f"mirrors tilt by {tilt:.3f} deg under their holder's {load_g:.0f} g on the stiffest mount, "
             f"{stiffest.section.width_mm:.0f} mm wide and {stiffest.section.depth_mm:g} mm deep, "
             f"expected at most {limit:g} deg"
         )
-    across, high = np.ptp(np.vstack([stiff.inner, stiff.outer]), axis=0)
+    depth, height = np.ptp(np.vstack([stiff.inner, stiff.outer]), axis=0)
     width, length, _ = hardware.printer.bed_mm
     raise InputError(
-        f"mount is {across:.0f} x {high:.0f} mm in profile to be stiff enough, "
+        f"mount is {depth:.0f} x {height:.0f} mm in profile to be stiff enough, "
         f"expected it to fit the printer's bed of {width:g} x {length:g} mm in two pieces at most"
     )
 
 
 def profiles(holder: HolderPlan, clip: ClipPlan, hardware: Hardware) -> Iterator[Profile]:
-    """The profiles of all widths, thicknesses and depths that are tried."""
+    """The profiles of all tried widths, thicknesses and depths."""
     mount, screw = hardware.mount, hardware.screw
-    around = head_space_mm(hardware) + screw.insert_wall_mm
-    # The holder may be off the camera's middle.
+    head_margin = head_space_mm(hardware) + screw.insert_wall_mm
+    # The holder may be off the middle of the camera.
     screws = head_screws(holder)
-    least_half = max(float(np.abs(screws[:, 0]).max()), clip.slide_x_mm, FOOT_X_MM) + around
+    least_half = max(float(np.abs(screws[:, 0]).max()), clip.slide_x_mm, FOOT_X_MM) + head_margin
     least_half = max(least_half, cable_reach_mm(hardware))
     widest_half = min(max(least_half, holder.size_mm[0] / 2.0), hardware.printer.bed_mm[2] / 2.0)
-    for half_width in np.arange(least_half, widest_half + 0.1, WIDER_MM).tolist():
-        for thicker in THICKER:
-            skin, web = thicker * mount.skin_mm, thicker * mount.web_mm
+    for half_width in np.arange(least_half, widest_half + 0.1, WIDTH_STEP_MM).tolist():
+        for factor in THICKNESS_FACTORS:
+            skin, web = factor * mount.skin_mm, factor * mount.web_mm
             end = head_end_mm(holder, half_width, web, hardware)
             # All depths share the inner line from one top of the slide.
             line_from = cache(
                 partial(inner_path, holder, clip, half_width_mm=half_width, head_end_mm=end, hardware=hardware)
             )
-            for depth in np.arange(FOOT_DEPTH_MM, mount.deepest_mm + 0.1, DEEPER_MM).tolist():
+            for depth in np.arange(FOOT_DEPTH_MM, mount.deepest_mm + 0.1, DEPTH_STEP_MM).tolist():
                 lines = _lines(line_from, clip, depth, hardware)
                 if lines is None:
                     continue
                 inner, outer = lines
                 section = Section(depth, 2.0 * half_width, skin, web, WEB_DEG, hardware.printer.plastic_mpa)
-                if leaves_blades(holder, webs_between(inner, outer, section, hardware), section, hardware):
+                if leaves_unprintable_web_ends(
+                    holder, webs_between(inner, outer, section, hardware), section, hardware
+                ):
                     continue
                 middle = (inner + outer) / 2.0
-                foot = depth * foot_plate_mm(depth, hardware) * section.width_mm
-                volume = LineString(middle).length * section.plastic_mm2 + foot
+                foot_mm3 = depth * foot_plate_mm(depth, hardware) * section.width_mm
+                volume = LineString(middle).length * section.plastic_mm2 + foot_mm3
                 yield Profile(section, inner, outer, to_head(middle, holder), volume)
 
 
@@ -344,14 +352,14 @@ def _lines(
 ) -> tuple[FloatArray, FloatArray] | None:
     """The inner and the outer line (n, 2; y and z) of a mount of a given depth; None if it is too deep.
 
-    `line_from` returns the inner line from a height of the slide's top in rig, like `inner_path`.
+    `line_from` returns the inner line for a z of the slide's top in rig, as `inner_path` does.
 
-    The lines bend above the slide, higher in a deep mount. The web from corner to corner is almost parallel to the
-    driver's holes below it, and would end in a blade at one of them.
+    The lines bend above the slide, higher in a deep mount: the web from corner to corner is almost parallel to the
+    driver's holes below it, and would end in a thin edge at one of them.
     """
     slide_top, foot = clip.top_mm + clip.travel_mm + 2.0, (clip.slide_y_mm, foot_z_mm(clip, depth, hardware))
-    least = over_drivers_mm(clip, hardware) + max(THICKER) * hardware.mount.web_mm / 2.0
-    for bends in range(BENDS_TRIED):
+    least_bend_z = driver_holes_top_mm(clip, hardware) + max(THICKNESS_FACTORS) * hardware.mount.web_mm / 2.0
+    for bends in range(BEND_HEIGHTS):
         chain = line_from(slide_top)
         if chain is None and bends == 0:
             raise InputError(
@@ -361,9 +369,9 @@ def _lines(
             return None
         inner = np.vstack([foot, chain])
         outer = offset(inner, depth)
-        if outer[1, 1] >= least:
+        if outer[1, 1] >= least_bend_z:
             return inner, outer
-        slide_top += least - float(outer[1, 1]) + 0.1
+        slide_top += least_bend_z - float(outer[1, 1]) + 0.1
     return None
 
 
@@ -374,8 +382,8 @@ def head_screws(holder: HolderPlan) -> FloatArray:
 
 def beam_tilt_deg(profile: Profile, load_g: float, load_at: FloatArray) -> float:
     """Largest rotation of the mirrors under their weight, with the profile as a sandwich beam without openings."""
-    turned, _ = bends_per_newton(profile.path, load_at, profile.section)
-    return float(np.degrees(np.linalg.norm(turned, ord=2))) * load_g / 1000.0 * GRAVITY_N_PER_KG
+    rotation, _ = bends_per_newton(profile.path, load_at, profile.section)
+    return float(np.degrees(np.linalg.norm(rotation, ord=2))) * load_g / 1000.0 * GRAVITY_N_PER_KG
 
 
 def bending(
@@ -384,11 +392,11 @@ def bending(
     """Largest rotation in deg and shift in um of the mirrors under their weight, over all directions of gravity."""
     cuts = openings(holder, clip, profile.inner[-2:], profile.section, hardware)
     inner, outer, section = profile.inner, profile.outer, profile.section
-    moved = mount_compliance(inner, outer, section, head_screws(holder), cuts, load_at, hardware)[:, :3]
+    compliance = mount_compliance(inner, outer, section, head_screws(holder), cuts, load_at, hardware)[:, :3]
     weight_n = load_g / 1000.0 * GRAVITY_N_PER_KG
     return (
-        float(np.degrees(np.linalg.norm(moved[3:], ord=2))) * weight_n,
-        1000.0 * float(np.linalg.norm(moved[:3], ord=2)) * weight_n,
+        float(np.degrees(np.linalg.norm(compliance[3:], ord=2))) * weight_n,
+        1000.0 * float(np.linalg.norm(compliance[:3], ord=2)) * weight_n,
     )
 
 
@@ -403,9 +411,9 @@ def _load(layout: Layout, holder: HolderPlan, hardware: Hardware) -> tuple[float
 
 def _rib(clip: ClipPlan) -> Frustum:
     """The V rib that guides the clip over its full travel."""
-    deep, root = clip.rib_mm, 1.0
+    height, root = clip.rib_mm, 1.0
     y, low = clip.slide_y_mm, clip.bottom_mm - clip.travel_mm
-    corners = np.array([(-deep - root, y - root, low), (deep + root, y - root, low), (0.0, y + deep, low)])
+    corners = np.array([(-height - root, y - root, low), (height + root, y - root, low), (0.0, y + height, low)])
     return Frustum(corners, corners + (clip.top_mm + clip.travel_mm - low) * ABOVE)
 
 
@@ -414,7 +422,7 @@ def _slide_skin(clip: ClipPlan, half_width: float) -> Frustum:
 
     On a thin skin the camera would pitch under its weight.
     """
-    beyond = clip.travel_mm + AROUND_SLOTS_MM
-    ends = (min(clip.slide_z_mm) - beyond, max(clip.slide_z_mm) + beyond)
+    margin = clip.travel_mm + SLOT_MARGIN_MM
+    z_range = (min(clip.slide_z_mm) - margin, max(clip.slide_z_mm) + margin)
     y = clip.slide_y_mm
-    return box((-half_width, y - clip.slide.grip_mm, ends[0]), (half_width, y, ends[1]))
+    return box((-half_width, y - clip.slide.grip_mm, z_range[0]), (half_width, y, z_range[1]))

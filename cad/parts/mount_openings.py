@@ -1,4 +1,4 @@
-"""Cuts of the mount: holes for screws and drivers, the cable's window, and the scale."""
+"""Cuts of the mount: holes for screws and drivers, the cable's window, and the scale of the clip."""
 
 from __future__ import annotations
 
@@ -32,62 +32,62 @@ from mirrorcam.optics.geometry.transforms import transform
 # Width of the marks of the scale at the clip's upper end, and length of the longest.
 MARK_MM = 0.6
 LONGEST_MARK_MM = 14.0
-# Distance between the cable's window and the slots for its tie, on both sides.
-TIE_OFF_MM = 3.0
+# Distance between the cable's window and the slots for its tie on both sides.
+TIE_GAP_MM = 3.0
 # Slicers detect overhangs slightly before the printer's limit.
 ROUNDING_DEG = 2.0
-FAR_MM = 1e3
+# Length of a driver's axis, beyond any mount.
+BEYOND_MOUNT_MM = 1e3
 
 
 def openings(
     holder: HolderPlan, clip: ClipPlan, head: FloatArray, section: Section, hardware: Hardware
 ) -> tuple[Frustum | Bore | Hexagon, ...]:
-    """All cuts of a mount whose face on the holder's back lies between two points, `head` (2, 2; y and z)."""
+    """All cuts of a mount; `head` (2, 2) are the ends (y, z) in rig of its face on the holder's back."""
     depth, half_width = section.depth_mm, section.width_mm / 2.0
     plate = foot_plate_mm(depth, hardware)
     mount, screw = hardware.mount, hardware.screw
     driver = head_space_mm(hardware)
     cuts: list[Frustum | Bore | Hexagon] = []
-    away = holder.rig_from_mount[:3, 2]
-    up = UP - (UP @ away) * away
+    normal = holder.rig_from_mount[:3, 2]
+    up = UP - (UP @ normal) * normal
     up /= np.linalg.norm(up)
     for hole in transform(holder.rig_from_mount, np.column_stack([holder.holes_in_mount_mm, np.zeros(4)])):
         clearance, through = screw.clearance_hole_mm / 2.0, mount.skin_mm + 2.0
-        cuts.append(Bore(hole - away, away, clearance, through, up, roof_deg=ROOF_IN_SKINS_DEG))
-        cuts.append(Bore(hole + mount.skin_mm * away, away, driver, 2.0 * depth, up, roof_deg=ROOF_IN_WEBS_DEG))
-    cuts += _for_driver(holder, up, half_width, 2.0 * depth, hardware)
-    y = clip.slide_y_mm
-    for at in clip.slide_at:
-        mouth, reach = at + SCENE, clip.slide.grip_mm + 2.0
+        cuts.append(Bore(hole - normal, normal, clearance, through, up, roof_deg=ROOF_IN_SKINS_DEG))
+        cuts.append(Bore(hole + mount.skin_mm * normal, normal, driver, 2.0 * depth, up, roof_deg=ROOF_IN_WEBS_DEG))
+    cuts += _carrier_driver_cuts(holder, up, half_width, 2.0 * depth, hardware)
+    slide_y = clip.slide_y_mm
+    for screw_point in clip.slide_at:
+        mouth, reach = screw_point + SCENE, clip.slide.grip_mm + 2.0
         cuts.append(Bore(mouth, -SCENE, screw.clearance_hole_mm / 2.0, reach, UP, 2.0 * clip.travel_mm, flat=True))
-        mouth = at - clip.slide.grip_mm * SCENE
+        mouth = screw_point - clip.slide.grip_mm * SCENE
         cuts.append(Bore(mouth, -SCENE, driver, 2.0 * depth, UP, 2.0 * clip.travel_mm, ROOF_IN_WEBS_DEG))
-    for spot in foot_screws(clip, depth, hardware):
-        cuts += thread(spot, ABOVE, UP, stack(mount.skin_mm, hardware), plate, screw)
-    cuts += _for_cable(y, foot_z_mm(clip, depth, hardware) + plate, section, hardware)
-    cuts += _scale(clip, half_width, hardware)
-    if abs(away[0]) > 1e-6:
-        cuts.append(_flush(holder, head, half_width))
+    for screw_point in foot_screws(clip, depth, hardware):
+        cuts += thread(screw_point, ABOVE, UP, stack(mount.skin_mm, hardware), plate, screw)
+    cuts += _cable_cuts(slide_y, foot_z_mm(clip, depth, hardware) + plate, section, hardware)
+    cuts += _scale_marks(clip, half_width, hardware)
+    if abs(normal[0]) > 1e-6:
+        cuts.append(_holder_clearance(holder, head, half_width))
     return tuple(cuts)
 
 
-def leaves_blades(holder: HolderPlan, webs: Webs, section: Section, hardware: Hardware) -> bool:
-    """Return whether a driver's hole behind the holder is so nearly parallel to a web that its end cannot be printed.
+def leaves_unprintable_web_ends(holder: HolderPlan, webs: Webs, section: Section, hardware: Hardware) -> bool:
+    """Return whether a driver's hole behind the holder is too nearly parallel to a web to print the cut web's end.
 
-    The end of a web over a hole recedes along the web, under the hole's roof. The more parallel web and hole are, the
-    flatter it recedes.
+    The end overhangs along the web under the hole's roof: the smaller the angle between web and hole, the flatter.
     """
-    away = _away(holder)
+    normal = _back_normal(holder)
     drivers = _driver_holes(holder, section.width_mm / 2.0, hardware)
     steepest = np.tan(np.deg2rad(hardware.printer.overhang_deg + ROUNDING_DEG))
     for start, end in webs.webs:
         along = (end - start) / np.linalg.norm(end - start)
-        sine = abs(along[0] * away[1] - along[1] * away[0])
+        sine = abs(along[0] * normal[1] - along[1] * normal[0])
         if sine >= np.tan(np.deg2rad(ROOF_IN_WEBS_DEG)) * steepest:
             continue
         web = LineString([start, end])
         for point, radius in drivers:
-            if web.distance(LineString([point, point + FAR_MM * away])) < radius + section.web_mm / 2.0:
+            if web.distance(LineString([point, point + BEYOND_MOUNT_MM * normal])) < radius + section.web_mm / 2.0:
                 return True
     return False
 
@@ -97,25 +97,25 @@ def head_end_mm(holder: HolderPlan, half_width_mm: float, web_mm: float, hardwar
 
     It is above the holder's screws, where the last web, which is parallel to the drivers' holes, clears all of them.
     """
-    away = _away(holder)
-    up = np.array([away[1], -away[0]])
+    normal = _back_normal(holder)
+    up = np.array([normal[1], -normal[0]])
     drivers = sorted((float(point @ up), radius) for point, radius in _driver_holes(holder, half_width_mm, hardware))
     screws = transform(holder.rig_from_mount, np.column_stack([holder.holes_in_mount_mm, np.zeros(4)]))[:, 1:]
     end = float((screws @ up).max()) + head_space_mm(hardware) + hardware.screw.insert_wall_mm
-    for at, radius in drivers:
-        if at - radius < end and end - web_mm < at + radius:
-            end = at + radius + web_mm
+    for centre, radius in drivers:
+        if centre - radius < end and end - web_mm < centre + radius:
+            end = centre + radius + web_mm
     return end
 
 
-def _away(holder: HolderPlan) -> FloatArray:
-    """The normal (2,; y and z) of the holder's back."""
-    away = holder.rig_from_mount[1:3, 2]
-    return np.asarray(away / np.linalg.norm(away))
+def _back_normal(holder: HolderPlan) -> FloatArray:
+    """The unit normal (y, z) of the holder's back, out of the holder."""
+    normal = holder.rig_from_mount[1:3, 2]
+    return np.asarray(normal / np.linalg.norm(normal))
 
 
 def _driver_holes(holder: HolderPlan, half_width_mm: float, hardware: Hardware) -> list[tuple[FloatArray, float]]:
-    """Points (2,; y and z) on the axes of the drivers' holes behind the holder, and the holes' radii."""
+    """A point (y, z) on the axis of each driver's hole behind the holder, and the hole's radius."""
     screws = transform(holder.rig_from_mount, np.column_stack([holder.holes_in_mount_mm, np.zeros(4)]))
     drivers = [(screw[1:], head_space_mm(hardware)) for screw in screws]
     if isinstance(holder, ScrewedHolderPlan):
@@ -130,30 +130,30 @@ def _crosses(head: FloatArray, half_width_mm: float) -> bool:
     return high >= -half_width_mm and low <= half_width_mm
 
 
-def over_drivers_mm(clip: ClipPlan, hardware: Hardware) -> float:
-    """z in rig of the upper side of the driver's holes for the clip's screws."""
+def driver_holes_top_mm(clip: ClipPlan, hardware: Hardware) -> float:
+    """z in rig of the top of the driver's holes for the clip's screws."""
     return max(clip.slide_z_mm) + clip.travel_mm + head_space_mm(hardware)
 
 
-def _for_driver(
-    holder: HolderPlan, up: FloatArray, half_width_mm: float, deep_mm: float, hardware: Hardware
+def _carrier_driver_cuts(
+    holder: HolderPlan, up: FloatArray, half_width_mm: float, depth_mm: float, hardware: Hardware
 ) -> list[Bore | Frustum]:
-    """Holes for the driver of the carriers' screws; those near an end of the mount are open to that end."""
+    """Holes for the driver of the carriers' screws; those near a side of the mount are open to that side."""
     if not isinstance(holder, ScrewedHolderPlan):
         return []
-    away, wall, radius = holder.rig_from_mount[:3, 2], hardware.printer.wall_mm, DRIVER_HOLE_MM / 2.0
-    across = radius * np.cross(away, up)
+    normal, wall, radius = holder.rig_from_mount[:3, 2], hardware.printer.wall_mm, DRIVER_HOLE_MM / 2.0
+    across = radius * np.cross(normal, up)
     cuts: list[Bore | Frustum] = []
     for head in holder.heads:
         if not _crosses(head, half_width_mm):
             continue
         low, high = (float(head[0]) + end for end in DRIVER_HOLE_ENDS_MM)
-        cuts.append(Bore(head - away, away, radius, deep_mm, up, roof_deg=ROOF_IN_WEBS_DEG))
-        beyond = [1.0] if high + wall > half_width_mm else [-1.0] if low - wall < -half_width_mm else []
-        for end in beyond:
-            out = (end * (half_width_mm + 1.0) - float(head[0])) * up
-            base = head - away + np.array([-across, across, across + out, out - across])
-            cuts.append(Frustum(base, base + deep_mm * away))
+        cuts.append(Bore(head - normal, normal, radius, depth_mm, up, roof_deg=ROOF_IN_WEBS_DEG))
+        open_ends = [1.0] if high + wall > half_width_mm else [-1.0] if low - wall < -half_width_mm else []
+        for end in open_ends:
+            outwards = (end * (half_width_mm + 1.0) - float(head[0])) * up
+            base = head - normal + np.array([-across, across, across + outwards, outwards - across])
+            cuts.append(Frustum(base, base + depth_mm * normal))
     return cuts
 
 
@@ -162,10 +162,10 @@ def cable_reach_mm(hardware: Hardware) -> float:
     width, height = hardware.mount.cable_window_mm
     tie_width, tie_height = hardware.mount.tie_mm
     roof = tie_height / 2.0 / np.tan(np.deg2rad(ROOF_DEG))
-    return float(width + height) / 2.0 + TIE_OFF_MM + tie_width + roof + hardware.printer.wall_mm
+    return float(width + height) / 2.0 + TIE_GAP_MM + tie_width + roof + hardware.printer.wall_mm
 
 
-def _for_cable(y: float, floor_z: float, section: Section, hardware: Hardware) -> list[Frustum]:
+def _cable_cuts(y: float, floor_z: float, section: Section, hardware: Hardware) -> list[Frustum]:
     """A window for the cable above the foot's plate, and slots for a tie on both sides."""
     mount, depth = hardware.mount, section.depth_mm
     width, height = mount.cable_window_mm
@@ -178,15 +178,15 @@ def _for_cable(y: float, floor_z: float, section: Section, hardware: Hardware) -
             (middle_z - tie_height / 2.0, middle_z + tie_height / 2.0),
             (y - depth - 1.0, y - depth + section.skin_mm + 1.0),
         )
-        for x in (-half - TIE_OFF_MM - tie_width, half + height / 2.0 + TIE_OFF_MM)
+        for x in (-half - TIE_GAP_MM - tie_width, half + height / 2.0 + TIE_GAP_MM)
     ]
     return [window, *ties]
 
 
-def _scale(clip: ClipPlan, half_width: float, hardware: Hardware) -> list[Frustum]:
+def _scale_marks(clip: ClipPlan, half_width: float, hardware: Hardware) -> list[Frustum]:
     """Marks 1 mm apart; the clip's upper end is at the longest when the pupil is at its nominal depth.
 
-    They are open to the end that prints last, so that they have no overhang.
+    They are open to the side that prints last, so that they have no overhang.
     """
     marks = []
     steps = int(clip.travel_mm)
@@ -202,21 +202,21 @@ def _scale(clip: ClipPlan, half_width: float, hardware: Hardware) -> list[Frustu
 
 
 def longest_mark_mm(clip: ClipPlan, half_width: float, hardware: Hardware) -> float:
-    """Length of the scale's longest mark, which ends before the clip's slots: notched ceilings would not bridge."""
-    beside = hardware.screw.clearance_hole_mm / 2.0 + hardware.printer.wall_mm
-    over_slots = clip.top_mm - int(clip.travel_mm) > max(clip.slide_z_mm) + clip.travel_mm + beside
-    return LONGEST_MARK_MM if over_slots else min(LONGEST_MARK_MM, half_width - clip.slide_x_mm - beside)
+    """Length of the longest mark, which ends short of the clip's slots, since notched ceilings do not bridge."""
+    slot_margin = hardware.screw.clearance_hole_mm / 2.0 + hardware.printer.wall_mm
+    over_slots = clip.top_mm - int(clip.travel_mm) > max(clip.slide_z_mm) + clip.travel_mm + slot_margin
+    return LONGEST_MARK_MM if over_slots else min(LONGEST_MARK_MM, half_width - clip.slide_x_mm - slot_margin)
 
 
-def _flush(holder: HolderPlan, head: FloatArray, half_width: float) -> Frustum:
-    """The cut that keeps the head out of the holder if its back is turned sideways."""
-    ends: FloatArray = np.column_stack([np.zeros(2), head])
+def _holder_clearance(holder: HolderPlan, head: FloatArray, half_width: float) -> Frustum:
+    """The cut that keeps the mount's head clear of a holder whose back is turned sideways."""
+    head_points: FloatArray = np.column_stack([np.zeros(2), head])
     mount_from_rig = np.asarray(np.linalg.inv(holder.rig_from_mount), dtype=np.float64)
-    on_back = transform(mount_from_rig, ends)
+    on_back = transform(mount_from_rig, head_points)
     low, high = on_back[:, 1].min(), on_back[:, 1].max() + 1.0
     # The middle of the mount may differ from the middle of the holder's screws.
     left, right = on_back[:, 0].mean() + np.array([-1.0, 1.0]) * (half_width + 5.0)
     corners = np.array([(left, low, 0.0), (right, low, 0.0), (right, high, 0.0), (left, high, 0.0)])
     base: FloatArray = transform(holder.rig_from_mount, corners)
-    away = holder.rig_from_mount[:3, 2]
-    return Frustum(base, base - (2.0 * abs(away[0]) * half_width + 1.0) * away)
+    normal = holder.rig_from_mount[:3, 2]
+    return Frustum(base, base - (2.0 * abs(normal[0]) * half_width + 1.0) * normal)

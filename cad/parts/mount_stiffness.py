@@ -35,21 +35,21 @@ def softening(
     The strip is a plate between two points (2,; y and z), `half_width_mm` to either side of x = 0. An ellipse with the
     axes 2 a across the stress and 2 b along it adds its share of the area times 1 + 2 a / b (Kachanov 1992, Effective
     elastic properties of cracked solids; holes without interaction). An opening of another shape counts as the ellipse
-    of the same width and length. Pockets for nuts are not through holes and are left out.
+    of the same width and length. Pockets for nuts are not through holes and are neglected.
     """
     length = float(np.linalg.norm(end - start))
     band = box(-half_width_mm, -FAR_MM, half_width_mm, FAR_MM)
     strip = box(-half_width_mm, 0.0, half_width_mm, length)
-    softer = 1.0
+    ratio = 1.0
     for cut in cuts:
         opening = _in_plane(cut, start, (end - start) / length) if _may_meet(cut, start, end) else None
         if opening is None or not opening.intersects(strip):
             continue
         opening = opening.intersection(band)
         low_x, low, high_x, high = opening.bounds
-        part = opening.intersection(strip).area / strip.area
-        softer += part * (1.0 + 2.0 * (high_x - low_x) / (high - low))
-    return softer
+        share = opening.intersection(strip).area / strip.area
+        ratio += share * (1.0 + 2.0 * (high_x - low_x) / (high - low))
+    return ratio
 
 
 def _may_meet(cut: Frustum | Bore | Hexagon, start: FloatArray, end: FloatArray) -> bool:
@@ -58,8 +58,8 @@ def _may_meet(cut: Frustum | Bore | Hexagon, start: FloatArray, end: FloatArray)
         return True
     length = float(np.linalg.norm(end - start))
     y, z = (end - start) / length
-    along = (np.vstack([cut.base, cut.top])[:, 1:] - start) @ np.array([[y, -z], [z, y]])
-    (first, left), (last, right) = along.min(axis=0), along.max(axis=0)
+    local = (np.vstack([cut.base, cut.top])[:, 1:] - start) @ np.array([[y, -z], [z, y]])
+    (first, left), (last, right) = local.min(axis=0), local.max(axis=0)
     return bool(left < -TOUCH_MM and right > TOUCH_MM and first < length and last > 0.0)
 
 
@@ -91,8 +91,8 @@ def _in_plane(cut: Frustum | Bore | Hexagon, start: FloatArray, along: FloatArra
     cosine = float(along @ axis)
     if abs(cosine) < 1e-9:
         return outline if 0.0 < from_mouth @ axis < cut.depth_mm else None
-    reach = sorted(float(depth - from_mouth @ axis) / cosine for depth in (0.0, cut.depth_mm))
-    return outline.intersection(box(-FAR_MM, reach[0], FAR_MM, reach[1]))
+    limits = sorted(float(depth - from_mouth @ axis) / cosine for depth in (0.0, cut.depth_mm))
+    return outline.intersection(box(-FAR_MM, limits[0], FAR_MM, limits[1]))
 
 
 @cache
@@ -104,7 +104,7 @@ def _bore_outline(radius_mm: float, travel_mm: float, roof_mm: float) -> Polygon
     return ends.union(Point(roof_mm, 0.0)).convex_hull if roof_mm > radius_mm else ends
 
 
-# A screw of the head clamps its skin this far to either side, about the radius of its head.
+# Distance to which a screw of the head clamps its skin on both sides: about the radius of its head.
 SCREW_REACH_MM = 3.0
 # A screw of the foot clamps the plastic on a disc of this radius, over which its pressure spreads in the back.
 DISC_MM = 6.0
@@ -128,7 +128,7 @@ def mount_compliance(
     Parameters
     ----------
     inner, outer
-        The lines (n, 2; y and z) between which the mount's profile lies.
+        The lines (n, 2; y and z) that bound the mount's profile.
     section
         Its skins and webs.
     screws : (4, 3) array
@@ -149,9 +149,9 @@ def mount_compliance(
     webs = webs_between(inner, outer, section, hardware)
     plate = foot_plate_mm(section.depth_mm, hardware)
     # The skins meet the foot's plate at its top.
-    level = float(inner[0, 1]) + plate
-    feet = [np.array([line[0, 0], level]) for line in (webs.inner, webs.outer)]
-    footed = np.array([(inner[0, 0] - y, level) for y in FOOT_Y_MM])
+    plate_top = float(inner[0, 1]) + plate
+    feet = [np.array([line[0, 0], plate_top]) for line in (webs.inner, webs.outer)]
+    foot_points = np.array([(inner[0, 0] - y, plate_top) for y in FOOT_Y_MM])
     head = LineString(webs.inner)
     rows = [
         np.array(head.interpolate(head.project(Point(row)) + side * SCREW_REACH_MM).coords[0])
@@ -160,26 +160,26 @@ def mount_compliance(
     ]
     edges = _Edges()
     strips = [
-        *_along([feet[0], *webs.inner], [*webs.webs.reshape(-1, 2), *rows], section.skin_mm),
-        *_along([feet[1], *webs.outer], webs.webs.reshape(-1, 2), section.skin_mm),
-        *((start, end, plate) for start, end in pairwise([feet[0], *footed, feet[1]])),
+        *_strips_along([feet[0], *webs.inner], [*webs.webs.reshape(-1, 2), *rows], section.skin_mm),
+        *_strips_along([feet[1], *webs.outer], webs.webs.reshape(-1, 2), section.skin_mm),
+        *((start, end, plate) for start, end in pairwise([feet[0], *foot_points, feet[1]])),
         *((start, end, section.web_mm) for start, end in webs.webs),
     ]
     half_width = section.width_mm / 2.0
-    soft = np.array([softening(start, end, half_width, cuts) for start, end, _ in strips])
+    ratios = np.array([softening(start, end, half_width, cuts) for start, end, _ in strips])
     plates = FoldedPlates(
         strips=np.array([(edges.at(start), edges.at(end)) for start, end, _ in strips]),
         edges=np.array(edges.points),
         thickness_mm=np.array([thickness for *_, thickness in strips]),
-        modulus_mpa=section.plastic_mpa / soft,
+        modulus_mpa=section.plastic_mpa / ratios,
         poisson=POISSON,
         half_width_mm=half_width,
     )
-    foot_edges = np.repeat([edges.at(point) for point in footed], 2)
+    foot_edges = np.repeat([edges.at(point) for point in foot_points], 2)
     head_edges = np.repeat([edges.at(row) for row in rows], 2)
     compliance = plates.compliance(
         support_stiffness=disc_on_solid(DISC_MM, section.plastic_mpa),
-        supports=(foot_edges, np.tile([-FOOT_X_MM, FOOT_X_MM], len(footed))),
+        supports=(foot_edges, np.tile([-FOOT_X_MM, FOOT_X_MM], len(foot_points))),
         attachments=(head_edges, np.concatenate([screws[[0, 1, 0, 1], 0], screws[[2, 3, 2, 3], 0]])),
         load=load,
     )
@@ -214,10 +214,10 @@ class _Edges:
         return self._index[key]
 
 
-def _along(
+def _strips_along(
     line: Sequence[FloatArray], points: Sequence[FloatArray] | FloatArray, thickness_mm: float
 ) -> list[tuple[FloatArray, FloatArray, float]]:
-    """Strips along a line, divided at its corners and at those of the points that lie on it."""
+    """Strips along a line, divided at its corners and at the points that are on it."""
     path = LineString(line)
     on_path = [point for point in points if path.distance(Point(point)) < 1e-6]
     ordered = sorted([*line, *on_path], key=lambda point: path.project(Point(point)))

@@ -28,16 +28,16 @@ UNIT_MM = 2.0
 GAP, LINE = 0.95, 3.2
 """Spacing of glyphs and of lines, in units of half a glyph's height."""
 
-# Distance of the mark from edges of its face, and thickness of the material behind it.
-EDGE_MM, BEHIND_MM = 1.5, 1.19
-# Free distance in front of a mark.
-SEEN_MM = 25.0
-# Spacing of the places that are tried, and their number on a face.
-STEP_MM, PLACES = 1.0, 8
+# Distance of the mark from the edges of its face, and thickness of the material behind it.
+EDGE_MM, BACKING_MM = 1.5, 1.19
+# Free distance in front of a mark, so that it can be read.
+CLEAR_VIEW_MM = 25.0
+# Spacing of the tried positions, and their largest number on a face.
+SEARCH_STEP_MM, TRIED_POSITIONS = 1.0, 8
 # Tolerances: the part's extent in front of an outer face, and the angle (1 - cosine) to a named plane.
 OUTER_MM, PARALLEL = 1e-3, 1e-4
 # Least z of a face's normal in print: faces on the bed are squeezed by the first layers, and overhangs need support.
-LEAST_UP = -0.2
+LEAST_NORMAL_Z = -0.2
 
 
 @dataclass(frozen=True)
@@ -48,8 +48,10 @@ class Mark:
     rig_from_face: FloatArray
 
 
-def plan_mark(solid: Shape[Any], lines: Sequence[str], up: FloatArray, named: Sequence[NamedFace] = ()) -> Mark | None:
-    """Find a place on a part for as many of a mark's lines as fit; None if there is none, or the mesh is invalid.
+def plan_mark(
+    solid: Shape[Any], lines: Sequence[str], up: FloatArray, unmarked: Sequence[NamedFace] = ()
+) -> Mark | None:
+    """Find a position on a part for as many lines of a mark as fit; None if there is none, or the mesh is invalid.
 
     Parameters
     ----------
@@ -59,7 +61,7 @@ def plan_mark(solid: Shape[Any], lines: Sequence[str], up: FloatArray, named: Se
         Digits, letters a to f, M, C and "-".
     up : (3,)
         Upward direction in print, in rig.
-    named : sequence of NamedFace
+    unmarked : sequence of NamedFace
         Faces that must not be marked.
     """
     points, triangles = solid.tessellate(0.05, 0.35)
@@ -68,21 +70,21 @@ def plan_mark(solid: Shape[Any], lines: Sequence[str], up: FloatArray, named: Se
     body = manifold3d.Manifold(manifold3d.Mesh64(corners, np.array(mesh.faces, dtype=np.uint64)))
     if body.is_empty():
         return None
-    faces = [face for face in solid.faces() if face.geom_type == GeomType.PLANE and _is_free(face, up, named)]
+    faces = [face for face in solid.faces() if face.geom_type == GeomType.PLANE and _is_free(face, up, unmarked)]
     # Outer faces first, then the largest.
-    faces.sort(key=lambda face: (_before(face, corners) > OUTER_MM, -round(face.area, 3)))
+    faces.sort(key=lambda face: (_extent_in_front_mm(face, corners) > OUTER_MM, -round(face.area, 3)))
     for count in range(len(lines), 0, -1):
-        outlines = set_out(lines[:count])
+        outlines = glyph_outlines(lines[:count])
         left, low, right, high = shapely.union_all(list(outlines)).bounds
         half = np.array([right - left, high - low]) / 2.0 + EDGE_MM
         for face in faces:
             if face.area < 4.0 * half.prod():
                 continue
             frame = _frame(face, up)
-            for turned in (frame, _quarter(frame)):
-                if (shift := _place(face, turned, half, body)) is not None:
-                    moved = tuple(shapely.affinity.translate(each, *shift) for each in outlines)
-                    return Mark(moved, turned)
+            for oriented in (frame, _quarter_turned(frame)):
+                if (shift := _position(face, oriented, half, body)) is not None:
+                    shifted = tuple(shapely.affinity.translate(each, *shift) for each in outlines)
+                    return Mark(shifted, oriented)
     return None
 
 
@@ -95,14 +97,14 @@ def engraved(solid: Part, mark: Mark) -> Part:
 
 def _groove(outline: Polygon, rig_from_face: FloatArray) -> Solid:
     """The solid of a glyph's groove: its outline in the face, narrower at the bottom; all faces are flat."""
-    narrower = DEPTH_MM * np.tan(np.deg2rad(SIDE_DEG))
+    inset = DEPTH_MM * np.tan(np.deg2rad(SIDE_DEG))
     rings = [np.array(ring.coords[:-1]) for ring in (orient(outline).exterior, *orient(outline).interiors)]
     upper = [transform(rig_from_face, np.insert(ring, 2, 0.0, axis=1)) for ring in rings]
-    lower = [transform(rig_from_face, np.insert(_offset(ring, narrower), 2, -DEPTH_MM, axis=1)) for ring in rings]
+    lower = [transform(rig_from_face, np.insert(_offset(ring, inset), 2, -DEPTH_MM, axis=1)) for ring in rings]
     sides = [
-        _face([np.array([high[i - 1], high[i], low[i], low[i - 1]])])
-        for high, low in zip(upper, lower, strict=True)
-        for i in range(len(high))
+        _face([np.array([top[i - 1], top[i], bottom[i], bottom[i - 1]])])
+        for top, bottom in zip(upper, lower, strict=True)
+        for i in range(len(top))
     ]
     return Solid(Shell([_face(upper), _face(lower), *sides]))
 
@@ -111,8 +113,8 @@ def _offset(ring: FloatArray, by_mm: float) -> FloatArray:
     """A ring (n, 2) with its inside to the left, offset to the left with mitred corners."""
     along = np.roll(ring, -1, axis=0) - ring
     left = np.column_stack([-along[:, 1], along[:, 0]]) / np.linalg.norm(along, axis=1)[:, None]
-    before = np.roll(left, 1, axis=0)
-    return np.asarray(ring + by_mm * (left + before) / (1.0 + (left * before).sum(axis=1))[:, None])
+    previous = np.roll(left, 1, axis=0)
+    return np.asarray(ring + by_mm * (left + previous) / (1.0 + (left * previous).sum(axis=1))[:, None])
 
 
 def _face(rings: Sequence[FloatArray]) -> Face:
@@ -121,38 +123,38 @@ def _face(rings: Sequence[FloatArray]) -> Face:
     return Face(outer, holes)
 
 
-def set_out(lines: Sequence[str]) -> tuple[Polygon, ...]:
+def glyph_outlines(lines: Sequence[str]) -> tuple[Polygon, ...]:
     """The outlines of the glyphs of lines of text, mm, centred on the origin."""
     strokes: list[FloatArray] = []
     for row, line in enumerate(lines):
-        reached = 0.0
+        x = 0.0
         for letter in line:
             glyph = [np.array(stroke, dtype=np.float64) for stroke in STROKES[letter.replace("C", "c")]]
             low = min(stroke[:, 0].min() for stroke in glyph)
-            strokes += [stroke + np.array([reached - low, -row * LINE]) for stroke in glyph]
-            reached += max(stroke[:, 0].max() for stroke in glyph) - low + GAP
+            strokes += [stroke + np.array([x - low, -row * LINE]) for stroke in glyph]
+            x += max(stroke[:, 0].max() for stroke in glyph) - low + GAP
     corners = np.vstack(strokes)
     middle = (corners.min(axis=0) + corners.max(axis=0)) / 2.0
-    wide = [
+    outlines = [
         shapely.LineString(UNIT_MM * (stroke - middle)).buffer(STROKE_MM / 2.0, cap_style="square", join_style="mitre")
         for stroke in strokes
     ]
-    return tuple(shapely.get_parts(shapely.union_all(wide)))
+    return tuple(shapely.get_parts(shapely.union_all(outlines)))
 
 
-def _before(face: Face, corners: FloatArray) -> float:
+def _extent_in_front_mm(face: Face, corners: FloatArray) -> float:
     """Extent of a part, by its points (n, 3), in front of the plane of a face, mm."""
     return float(((corners - np.array(tuple(face.center()))) @ np.array(tuple(face.normal_at()))).max())
 
 
-def _is_free(face: Face, up: FloatArray, named: Sequence[NamedFace]) -> bool:
+def _is_free(face: Face, up: FloatArray, unmarked: Sequence[NamedFace]) -> bool:
     """Return whether a face neither faces the bed nor lies in a named plane."""
     normal, point = np.array(tuple(face.normal_at())), np.array(tuple(face.center()))
-    if normal @ up < LEAST_UP:
+    if normal @ up < LEAST_NORMAL_Z:
         return False
     return not any(
         abs(each.normal @ normal) > 1.0 - PARALLEL and abs((each.point - point) @ normal) < OUTER_MM + 0.05
-        for each in named
+        for each in unmarked
     )
 
 
@@ -167,41 +169,41 @@ def _frame(face: Face, up: FloatArray) -> FloatArray:
     return frame
 
 
-def _quarter(frame: FloatArray) -> FloatArray:
-    turned = frame.copy()
-    turned[:3, 0], turned[:3, 1] = frame[:3, 1], -frame[:3, 0]
-    return turned
+def _quarter_turned(frame: FloatArray) -> FloatArray:
+    rotated = frame.copy()
+    rotated[:3, 0], rotated[:3, 1] = frame[:3, 1], -frame[:3, 0]
+    return rotated
 
 
-def _place(face: Face, frame: FloatArray, half: FloatArray, body: manifold3d.Manifold) -> tuple[float, float] | None:
-    """The place on a face, farthest from its edge, of a box with half sides (2,), mm, that has material behind it."""
+def _position(face: Face, frame: FloatArray, half: FloatArray, body: manifold3d.Manifold) -> tuple[float, float] | None:
+    """The centre, farthest from a face's edge, of a box with half sides (2,), mm, that has material behind it."""
     outer, *holes = (_flat(wire, frame) for wire in (face.outer_wire(), *face.inner_wires()))
     area = Polygon(outer, holes).buffer(0.0)
     x0, y0, x1, y1 = area.bounds
     if x1 - x0 < 2.0 * half[0] or y1 - y0 < 2.0 * half[1]:
         return None
-    steps = (np.arange(a + h, b - h + 1e-9, STEP_MM) for a, b, h in ((x0, x1, half[0]), (y0, y1, half[1])))
-    places = np.stack(np.meshgrid(*steps), axis=-1).reshape(-1, 2)
-    boxes = shapely.box(*(places - half).T, *(places + half).T)
+    grid_axes = (np.arange(a + h, b - h + 1e-9, SEARCH_STEP_MM) for a, b, h in ((x0, x1, half[0]), (y0, y1, half[1])))
+    centres = np.stack(np.meshgrid(*grid_axes), axis=-1).reshape(-1, 2)
+    boxes = shapely.box(*(centres - half).T, *(centres + half).T)
     shapely.prepare(area)
-    places = places[shapely.covers(area, boxes)]
-    if len(places) == 0:
+    centres = centres[shapely.covers(area, boxes)]
+    if len(centres) == 0:
         return None
-    depth = shapely.distance(shapely.points(places), area.exterior)
-    for place in places[np.argsort(-np.round(depth, 3), kind="stable")][:PLACES]:
-        if _is_backed(frame, place, half, body):
-            return float(place[0]), float(place[1])
+    distances = shapely.distance(shapely.points(centres), area.exterior)
+    for centre in centres[np.argsort(-np.round(distances, 3), kind="stable")][:TRIED_POSITIONS]:
+        if _is_backed(frame, centre, half, body):
+            return float(centre[0]), float(centre[1])
     return None
 
 
-def _is_backed(frame: FloatArray, place: FloatArray, half: FloatArray, body: manifold3d.Manifold) -> bool:
+def _is_backed(frame: FloatArray, centre: FloatArray, half: FloatArray, body: manifold3d.Manifold) -> bool:
     """Return whether there is material behind a mark and none in front of it, by rays at a grid of points."""
     steps = np.linspace(-1.0, 1.0, 5)
-    for x, y in np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2) * half + place:
+    for x, y in np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2) * half + centre:
         point = frame[:3, 3] + x * frame[:3, 0] + y * frame[:3, 1]
-        if body.ray_cast(point - 1e-3 * frame[:3, 2], point - (DEPTH_MM + BEHIND_MM) * frame[:3, 2]):
+        if body.ray_cast(point - 1e-3 * frame[:3, 2], point - (DEPTH_MM + BACKING_MM) * frame[:3, 2]):
             return False
-        if body.ray_cast(point + 1e-3 * frame[:3, 2], point + SEEN_MM * frame[:3, 2]):
+        if body.ray_cast(point + 1e-3 * frame[:3, 2], point + CLEAR_VIEW_MM * frame[:3, 2]):
             return False
     return True
 

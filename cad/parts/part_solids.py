@@ -60,18 +60,18 @@ def bore_solid(bore: Bore) -> Solid:
     return tool.solids()[0]
 
 
-def _outline(r: float, half: float, steep: float, roof: float) -> None:
+def _outline(r: float, half: float, roof_angle: float, roof: float) -> None:
     """Draw two round ends (one circle if half is 0) under a roof of two tangents; y is up."""
-    tip, middle = np.array([np.cos(steep), np.sin(steep)]), (steep - np.pi / 2.0) / 2.0
-    halfway = np.array([np.cos(middle), np.sin(middle)])
+    roof_normal, half_angle = np.array([np.cos(roof_angle), np.sin(roof_angle)]), (roof_angle - np.pi / 2.0) / 2.0
+    halfway = np.array([np.cos(half_angle), np.sin(half_angle)])
     right, mirrored = np.array([half, 0.0]), np.array([-1.0, 1.0])
-    start, over, end = right + np.array([0.0, -r]), right + r * halfway, right + r * tip
-    ThreePointArc(tuple(start), tuple(over), tuple(end))
+    start, arc_middle, end = right + np.array([0.0, -r]), right + r * halfway, right + r * roof_normal
+    ThreePointArc(tuple(start), tuple(arc_middle), tuple(end))
     # Intersection of the tangent with a level roof.
-    ridge = max(0.0, end[0] - (roof - end[1]) * np.tan(steep))
+    ridge = max(0.0, end[0] - (roof - end[1]) * np.tan(roof_angle))
     crest = [(ridge, roof), (-ridge, roof)] if ridge > 1e-9 else [(0.0, roof)]
     Polyline(tuple(end), *crest, tuple(mirrored * end))
-    ThreePointArc(tuple(mirrored * end), tuple(mirrored * over), tuple(mirrored * start))
+    ThreePointArc(tuple(mirrored * end), tuple(mirrored * arc_middle), tuple(mirrored * start))
     if half:
         Line(tuple(mirrored * start), tuple(start))
 
@@ -85,9 +85,9 @@ def countersink_solid(cut: Countersink) -> Solid:
 
     if cut.up is None or not cut.travel_mm:
         return cone(cut.mouth)
-    along, back = cut.travel_mm / 2.0 * np.cross(cut.up, cut.axis), np.asarray(cut.up)
+    along, side = cut.travel_mm / 2.0 * np.cross(cut.up, cut.axis), np.asarray(cut.up)
     mouth, end = (
-        middle + np.array([-radius * back - along, radius * back - along, radius * back + along, along - radius * back])
+        middle + np.array([-radius * side - along, radius * side - along, radius * side + along, along - radius * side])
         for middle, radius in ((cut.mouth, cut.radius_mm), (cut.mouth + cut.depth_mm * cut.axis, cut.end_radius_mm))
     )
     with BuildPart() as groove:
@@ -98,17 +98,17 @@ def countersink_solid(cut: Countersink) -> Solid:
 
 def hexagon_solid(pocket: Hexagon) -> Solid:
     """The solid that a nut's pocket removes."""
-    radius, tall = pocket.corner_mm, np.sqrt(0.75)
+    radius, sine = pocket.corner_mm, np.sqrt(0.75)
     if pocket.up is None:
-        turn = np.pi / 3.0 * np.arange(6)
+        angles = np.pi / 3.0 * np.arange(6)
         across = np.array([1.0, 0.0, 0.0])
-        loop = np.outer(np.cos(turn), across) + np.outer(np.sin(turn), np.cross(pocket.axis, across))
+        loop = np.outer(np.cos(angles), across) + np.outer(np.sin(angles), np.cross(pocket.axis, across))
         base = pocket.mouth + radius * loop
         return solid_of(Frustum(base, base + pocket.depth_mm * pocket.axis))
     side = np.cross(pocket.axis, pocket.up)
     # The two upper sides would overhang at 60 deg and are replaced by a roof.
     ups = np.array([-1.0, -0.5, 0.5, pocket.ridge_mm / radius, 0.5, -0.5])
-    sides = np.array([0.0, tall, tall, 0.0, -tall, -tall])
+    sides = np.array([0.0, sine, sine, 0.0, -sine, -sine])
     base = pocket.mouth + radius * (np.outer(ups, pocket.up) + np.outer(sides, side))
     return solid_of(Frustum(base, base + pocket.depth_mm * pocket.axis))
 

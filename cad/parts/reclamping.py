@@ -1,4 +1,4 @@
-"""Repeatability of a camera's pose when it is taken out of its clip and put back."""
+"""Repeatability of a camera's pose when it is removed from its clip and reinserted."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.camera_body import BoardHoles
 from mirrorcam.optics.geometry.layout import Layout, working_distance_mm
 
-# Assumed standard deviation of a contact point along its normal: a clean pad of printed plastic, whose lines of 0.2 mm
-# touch the moulded body at the same places again.
+# Assumed standard deviation of a contact point along its normal: the 0.2 mm lines of a clean pad of printed plastic
+# touch the moulded body at the same points again.
 CONTACT_MM = 0.02
-# Places along each axis of the play of a board's holes over which its motions are averaged.
-PLACES = 61
+# Grid points along each axis over which the motions of a board within the play of its holes are averaged.
+GRID_POINTS = 61
 
 
 @dataclass(frozen=True)
 class Repeatability:
-    """Standard deviations of the motion of a camera that is taken out of its clip and put back.
+    """Standard deviations of the motion of a camera that is removed from its clip and reinserted.
 
     They are the pupil's shift, the body's rotation, and the motion of the sub-image that moves most: its total motion,
     and its motion against the mean of all sub-images, which changes the views' disparities.
@@ -45,15 +45,15 @@ def repeatability(clip: ClipPlan, layout: Layout, hardware: Hardware) -> Repeata
         motion = CONTACT_MM * motion_of_errors(clip.nest)
     elif isinstance(held_by, BoardHoles):
         posts = np.column_stack([clip.board_screws[:, :2], np.full(len(clip.board_screws), _back_mm(hardware))])
-        motion = np.hstack([CONTACT_MM * _on_posts(posts), _in_play(posts[:, :2], held_by.play_mm)])
+        motion = np.hstack([CONTACT_MM * _motion_of_post_errors(posts), _motion_in_play(posts[:, :2], held_by.play_mm)])
     else:
         raise ValueError("a body without a nest, expected the clip of this camera")
-    moved = _moved_px(layout, working_distance_mm(layout) or hardware.holder.depth_without_spec_mm) @ motion
-    between = moved - moved.mean(axis=0)
+    motion_px = _image_jacobian(layout, working_distance_mm(layout) or hardware.holder.depth_without_spec_mm) @ motion
+    between = motion_px - motion_px.mean(axis=0)
     return Repeatability(
         shift_mm=float(np.linalg.norm(motion[:3])),
         turn_deg=float(np.degrees(np.linalg.norm(motion[3:]))),
-        image_px=_largest(moved),
+        image_px=_largest(motion_px),
         between_views_px=_largest(between),
     )
 
@@ -62,22 +62,22 @@ def _back_mm(hardware: Hardware) -> float:
     return float(body_box(hardware.camera).low[2])
 
 
-def _on_posts(posts: FloatArray) -> FloatArray:
+def _motion_of_post_errors(posts: FloatArray) -> FloatArray:
     """Jacobian (6, n) of a board's motion, in mm and rad in rig, with respect to errors in mm of its posts' heights.
 
-    The board lies in the least-squares plane of the posts' ends (n, 3); with two posts, it does not rotate about the
-    line between them. Points at the posts do not move within the plane, so that a pupil in front of it moves sideways.
+    The board is in the least-squares plane of the posts' ends (n, 3); with two posts, it does not rotate about the line
+    between them. Points at the posts do not move within the plane, so that a pupil in front of it moves sideways.
     """
-    x, y, level = posts[:, 0], posts[:, 1], float(posts[:, 2].mean())
+    x, y, z = posts[:, 0], posts[:, 1], float(posts[:, 2].mean())
     # The heights over the posts after a shift along z and rotations about x and y.
     heights = np.column_stack([np.ones(len(posts)), y, -x])
     motion = np.zeros((6, len(posts)))
     motion[2:5] = np.linalg.pinv(heights)
-    motion[0], motion[1] = -level * motion[4], level * motion[3]
+    motion[0], motion[1] = -z * motion[4], z * motion[3]
     return motion
 
 
-def _in_play(centres: FloatArray, play: float) -> FloatArray:
+def _motion_in_play(centres: FloatArray, play: float) -> FloatArray:
     """A square root (6, 3) of the covariance of a board's in-plane motion within the play of its holes, in mm and rad.
 
     The motions (t, w), in rig, are uniformly distributed where |t + w x p| <= play at the centre p of every hole
@@ -89,17 +89,17 @@ def _in_play(centres: FloatArray, play: float) -> FloatArray:
         return motion
     middle = centres.mean(axis=0)
     arms = centres - middle
-    apart = np.linalg.norm(centres[:, None] - centres[None], axis=2).max()
-    along = np.linspace(-1.0, 1.0, PLACES)
-    shifts, turns = play * along, 2.0 * play / apart * along
-    x, y, w = (axis.ravel() for axis in np.meshgrid(shifts, shifts, turns, indexing="ij"))
+    spacing = np.linalg.norm(centres[:, None] - centres[None], axis=2).max()
+    grid = np.linspace(-1.0, 1.0, GRID_POINTS)
+    shifts, rotations = play * grid, 2.0 * play / spacing * grid
+    x, y, w = (axis.ravel() for axis in np.meshgrid(shifts, shifts, rotations, indexing="ij"))
     free = np.ones(len(w), dtype=bool)
     for arm in arms:
         free &= np.hypot(x - w * arm[1], y + w * arm[0]) <= play * (1.0 + 1e-12)
-    within = np.column_stack([x, y, w])[free]
+    possible = np.column_stack([x, y, w])[free]
     # The root along the eigenvectors; the pupil moves with the middle, and rotates about it.
-    sizes, axes = np.linalg.eigh(within.T @ within / len(within))
-    root = axes * np.sqrt(np.maximum(sizes, 0.0))
+    variances, axes = np.linalg.eigh(possible.T @ possible / len(possible))
+    root = axes * np.sqrt(np.maximum(variances, 0.0))
     motion[0] = root[0] + root[2] * middle[1]
     motion[1] = root[1] - root[2] * middle[0]
     motion[5] = root[2]
@@ -111,7 +111,7 @@ def _largest(moved_px: FloatArray) -> float:
     return float(np.sqrt((moved_px**2).sum(axis=(1, 2))).max())
 
 
-def _moved_px(layout: Layout, distance_mm: float) -> FloatArray:
+def _image_jacobian(layout: Layout, distance_mm: float) -> FloatArray:
     """Jacobian (n, 2, 6) of the pixel of a point in the middle of each view, with respect to the camera's motion.
 
     The point is at the working distance. The columns are for a shift t in mm and a rotation w in rad. In the camera's
@@ -120,11 +120,11 @@ def _moved_px(layout: Layout, distance_mm: float) -> FloatArray:
     camera, rows = layout.camera, []
     for mirror in layout.mirrors:
         middle = mirror.outline_in_rig_mm.mean(axis=0)
-        away = float(np.linalg.norm(middle))
-        point = middle / away * (away + distance_mm)
+        distance = float(np.linalg.norm(middle))
+        point = middle / distance * (distance + distance_mm)
         x, y, z = point
-        turned = np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]])
-        in_camera = -np.hstack([np.eye(3), turned])
+        cross_matrix = np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]])
+        in_camera = -np.hstack([np.eye(3), cross_matrix])
         pixel = np.array([[camera.fx_px, 0.0, -camera.fx_px * x / z], [0.0, camera.fy_px, -camera.fy_px * y / z]]) / z
         rows.append(pixel @ in_camera)
     return np.array(rows)

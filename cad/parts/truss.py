@@ -70,47 +70,47 @@ def inner_path(
     head_end_mm: float,
     hardware: Hardware,
 ) -> FloatArray | None:
-    """The inner line (n, 2) in y and z above the slide: from its top, taut round the holder, along its back.
+    """The inner line (n, 2) in y and z above the slide: from its top, tight round the holder, along its back.
 
     `slide_top_mm` is z of the slide's top in rig, `head_end_mm` the line's end, measured up along the back from the
     rig's origin. The line follows the convex hull of holder and pupil, which contains all camera cones. Returns None if
     the top of the slide or the holder's back lies inside that hull.
     """
-    away, origin = holder.rig_from_mount[:3, 2], holder.rig_from_mount[:3, 3]
-    if abs(away[0]) > np.sin(np.deg2rad(5.0)):
+    normal, origin = holder.rig_from_mount[:3, 2], holder.rig_from_mount[:3, 3]
+    if abs(normal[0]) > np.sin(np.deg2rad(5.0)):
         raise InputError(
-            f"mirror holder's back is turned {np.degrees(np.arcsin(abs(away[0]))):.1f} deg to the side, "
+            f"mirror holder's back is turned {np.degrees(np.arcsin(abs(normal[0]))):.1f} deg to the side, "
             "expected at most 5 deg for the mount"
         )
-    across = float(np.linalg.norm(away[1:]))
-    out = away[1:] / across
-    # The back's plane where it is nearest to the camera over the mount's width; the rest is cut flush.
-    level = float(away @ origin) / across - abs(away[0]) / across * half_width_mm
-    up = np.array([out[1], -out[0]])
+    normal_yz = float(np.linalg.norm(normal[1:]))
+    outward = normal[1:] / normal_yz
+    # The plane of the back where it is nearest to the camera over the mount's width; beyond it, the mount is cut.
+    back_level = float(normal @ origin) / normal_yz - abs(normal[0]) / normal_yz * half_width_mm
+    up = np.array([outward[1], -outward[0]])
     corners = holder.corners_in_rig[:, 1:]
-    far = 10.0 * np.abs(corners).max()
-    behind = Polygon(
+    reach = 10.0 * np.abs(corners).max()
+    half_plane = Polygon(
         [
-            level * out + far * up,
-            level * out - far * up,
-            level * out - far * up - far * out,
-            level * out + far * up - far * out,
+            back_level * outward + reach * up,
+            back_level * outward - reach * up,
+            back_level * outward - reach * up - reach * outward,
+            back_level * outward + reach * up - reach * outward,
         ]
     )
-    shadow = (
-        MultiPoint(corners).convex_hull.buffer(hardware.mount.clearance_mm, join_style="mitre").intersection(behind)
+    obstacle = (
+        MultiPoint(corners).convex_hull.buffer(hardware.mount.clearance_mm, join_style="mitre").intersection(half_plane)
     )
-    top = level * out + head_end_mm * up
+    head_end = back_level * outward + head_end_mm * up
     y = clip.slide_y_mm
-    hull = MultiPoint([*get_coordinates(shadow), (y, slide_top_mm), (0.0, 0.0), top]).convex_hull
+    hull = MultiPoint([*get_coordinates(obstacle), (y, slide_top_mm), (0.0, 0.0), head_end]).convex_hull
     # Clockwise from the slide (y right, z up), the boundary runs up behind the camera.
     loop = get_coordinates(orient(hull))[-2::-1]
-    first = np.abs(loop - [y, slide_top_mm]).sum(axis=1)
-    loop = np.roll(loop, -int(first.argmin()), axis=0)
-    on_back = np.flatnonzero(np.abs(loop @ out - level) < 1e-6)
-    if first.min() > 1e-9 or len(on_back) < 2:
+    to_slide_top = np.abs(loop - [y, slide_top_mm]).sum(axis=1)
+    loop = np.roll(loop, -int(to_slide_top.argmin()), axis=0)
+    on_back = np.flatnonzero(np.abs(loop @ outward - back_level) < 1e-6)
+    if to_slide_top.min() > 1e-9 or len(on_back) < 2:
         return None
-    return get_coordinates(LineString(np.vstack([loop[: on_back[0] + 1], top])).simplify(0.2))
+    return get_coordinates(LineString(np.vstack([loop[: on_back[0] + 1], head_end])).simplify(0.2))
 
 
 def to_head(path: FloatArray, holder: HolderPlan) -> FloatArray:
@@ -124,10 +124,10 @@ def offset(inner: FloatArray, depth: float) -> FloatArray:
     """A polyline (n, 2) offset to its left by a depth, with mitred corners."""
     directions = np.diff(inner, axis=0) / np.linalg.norm(np.diff(inner, axis=0), axis=1)[:, None]
     lefts = np.column_stack([-directions[:, 1], directions[:, 0]])
-    moved = [inner[0] + depth * lefts[0]]
-    for point, before, after in zip(inner[1:-1], lefts[:-1], lefts[1:], strict=True):
-        moved.append(point + depth * (before + after) / (1.0 + before @ after))
-    return np.array([*moved, inner[-1] + depth * lefts[-1]])
+    corners = [inner[0] + depth * lefts[0]]
+    for point, previous, following in zip(inner[1:-1], lefts[:-1], lefts[1:], strict=True):
+        corners.append(point + depth * (previous + following) / (1.0 + previous @ following))
+    return np.array([*corners, inner[-1] + depth * lefts[-1]])
 
 
 @dataclass(frozen=True)
@@ -146,21 +146,21 @@ class Webs:
 def webs_between(inner: FloatArray, outer: FloatArray, section: Section, hardware: Hardware) -> Webs:
     """Lay out the webs between an inner and an outer line (n, 2; y and z)."""
     depth, web_mm = section.depth_mm, section.web_mm
-    part = section.skin_mm / depth
-    inside, outside = inner + part / 2.0 * (outer - inner), outer + part / 2.0 * (inner - outer)
+    share = section.skin_mm / depth
+    inside, outside = inner + share / 2.0 * (outer - inner), outer + share / 2.0 * (inner - outer)
     # No web crosses the cable's window, above the foot's plate.
-    over = foot_plate_mm(depth, hardware) + hardware.mount.cable_window_mm[1] + web_mm / 2.0
-    inside[0], outside[0] = inside[0] + [0.0, over], outside[0] + [0.0, over]
+    first_web_z = foot_plate_mm(depth, hardware) + hardware.mount.cable_window_mm[1] + web_mm / 2.0
+    inside[0], outside[0] = inside[0] + [0.0, first_web_z], outside[0] + [0.0, first_web_z]
     webs = [(inside[0], outside[0])]
     # The last web ends flush with the skins.
-    end = (inner[-1] - inner[-2]) / np.linalg.norm(inner[-1] - inner[-2]) * web_mm / 2.0
-    inside[-1], outside[-1] = inside[-1] - end, outside[-1] - end
+    half_web = (inner[-1] - inner[-2]) / np.linalg.norm(inner[-1] - inner[-2]) * web_mm / 2.0
+    inside[-1], outside[-1] = inside[-1] - half_web, outside[-1] - half_web
     for (a, b), (c, d) in zip(pairwise(inside), pairwise(outside), strict=True):
         panel = depth / np.tan(np.deg2rad(section.web_deg))
         count = max(1, round(float(np.linalg.norm((b + d) - (a + c)) / 2.0 / panel)))
         for i in range(count):
-            low, high = i / count, (i + 1) / count
-            near_to_far = ((a + low * (b - a), c + high * (d - c)), (c + low * (d - c), a + high * (b - a)))
+            start, end = i / count, (i + 1) / count
+            near_to_far = ((a + start * (b - a), c + end * (d - c)), (c + start * (d - c), a + end * (b - a)))
             webs.append(near_to_far[i % 2])
         webs.append((b, d))
     return Webs(inside, outside, np.array(webs))

@@ -27,16 +27,16 @@ FAR_MM = 1e4
 PARALLEL = float(np.cos(np.radians(15.0)))
 # A triangle counts as level within the rounding of its corners.
 LEVEL_MM = 1e-6
-# A cut very near a corner or an edge leaves slivers below the precision of a mesh. It keeps CLEAR_MM away, and is moved
-# in steps of STEP_MM to do so.
+# A cut very near a corner or an edge leaves slivers below the precision of a mesh. It is at least CLEAR_MM away, and is
+# moved in steps of STEP_MM.
 CLEAR_MM = 0.005
 STEP_MM = 0.01
 # The boxes of the outer pieces extend this far beyond the part.
-BEYOND_MM = 1.0
+PAST_PART_MM = 1.0
 
 Span = tuple[float, float]
 Cuts = tuple[tuple[float, ...], tuple[float, ...]]
-"""Places of cuts across x and across y."""
+"""Coordinates of cuts normal to x, and of cuts normal to y."""
 
 Cell = tuple[int, int]
 """Indices of a piece along the bed's x and y, from 0."""
@@ -46,7 +46,7 @@ Cell = tuple[int, int]
 class PiecePlan:
     """A piece of a part: `make(whole)` inside the box from `low_mm` to `high_mm` (3,) along the bed's axes.
 
-    Fragments smaller than a cube of side `crumb_mm` do not print and are left out. `rig_from_bed` (4, 4) is the pose of
+    Fragments smaller than a cube of side `crumb_mm` do not print and are omitted. `rig_from_bed` (4, 4) is the pose of
     the uncut part's bed. `rig_from_pins` (n, 4, 4) are the frames of the pins' holes: origin in the cut, z into the
     piece, y up on the bed. `hole_mm` is their diameter and depth.
     """
@@ -63,7 +63,7 @@ class PiecePlan:
 
 @dataclass(frozen=True)
 class Joint:
-    """A cut between two adjacent pieces: across an axis of the bed, 0 (x) or 1 (y), at the place `at_mm`.
+    """A cut between two adjacent pieces, at `at_mm` along an axis of the bed, 0 (x) or 1 (y).
 
     `span_mm` is the range for its pins along the bed's other axis, clear of the pins of crossing cuts.
     """
@@ -77,25 +77,25 @@ class Joint:
 def cells_between(cuts_mm: Cuts, low_mm: FloatArray, high_mm: FloatArray) -> dict[Cell, tuple[Span, Span]]:
     """Spans along the bed's x and y of each piece of a part with bounds (3,), ordered along x and then y."""
     spans = [
-        list(pairwise([float(low_mm[axis]) - BEYOND_MM, *cuts_mm[axis], float(high_mm[axis]) + BEYOND_MM]))
+        list(pairwise([float(low_mm[axis]) - PAST_PART_MM, *cuts_mm[axis], float(high_mm[axis]) + PAST_PART_MM]))
         for axis in (0, 1)
     ]
     return {(i, j): (spans[0][i], spans[1][j]) for i, j in product(range(len(spans[0])), range(len(spans[1])))}
 
 
 def joints_between(cells: dict[Cell, tuple[Span, Span]], pin_mm: float) -> list[Joint]:
-    """The cuts between adjacent pieces; their pins keep `pin_mm` from a crossing cut."""
+    """The cuts between adjacent pieces; their pins are at least `pin_mm` from a crossing cut."""
     joints = []
     for cell, spans in cells.items():
         for axis, other in ((0, 1), (1, 0)):
-            if (following := _next(cell, axis)) not in cells:
+            if (next_cell := _next(cell, axis)) not in cells:
                 continue
             first, last = spans[other]
             span = (
                 first + pin_mm if cell[other] > 0 else -FAR_MM,
                 last - pin_mm if _next(cell, other) in cells else FAR_MM,
             )
-            joints.append(Joint((cell, following), axis, spans[axis][1], span))
+            joints.append(Joint((cell, next_cell), axis, spans[axis][1], span))
     return joints
 
 
@@ -103,51 +103,51 @@ def _next(cell: Cell, axis: int) -> Cell:
     return (cell[0] + 1, cell[1]) if axis == 0 else (cell[0], cell[1] + 1)
 
 
-def off_corners(triangles_mm: FloatArray, axis: int, places_mm: tuple[float, ...], wall_mm: float) -> tuple[float, ...]:
-    """Places of cuts across an axis, moved off the corners of a mesh.
+def off_corners(triangles_mm: FloatArray, axis: int, cuts_mm: tuple[float, ...], wall_mm: float) -> tuple[float, ...]:
+    """Coordinates of cuts normal to an axis, moved off the corners of a mesh.
 
     Parameters
     ----------
     triangles_mm : (n, 3, 3)
         Triangles of the part on the bed, counter-clockwise seen from outside.
     axis : int
-        Axis of the bed across which the cuts run: 0 or 1.
-    places_mm : tuple of float
-        Requested places of cuts along that axis.
+        Axis of the bed that is normal to the cuts: 0 or 1.
+    cuts_mm : tuple of float
+        Requested coordinates along that axis.
     wall_mm : float
         Thinnest wall that prints.
 
     Returns
     -------
     tuple of float
-        Each place, moved as little as necessary and by at most `MOVED_MM`, to the side that leaves less thin wall.
+        Each cut, moved as little as necessary and by at most `MOVED_MM`, to the side that leaves less thin wall.
     """
     count = round(MOVED_MM / STEP_MM)
-    along = np.unique(triangles_mm[:, :, axis])
+    corners = np.unique(triangles_mm[:, :, axis])
     clear = []
-    for place in places_mm:
-        tried = np.asarray(place + STEP_MM * np.arange(-count, count + 1), dtype=np.float64)
-        touching = np.abs(along[:, None] - tried).min(axis=0) < CLEAR_MM
+    for cut in cuts_mm:
+        candidates = np.asarray(cut + STEP_MM * np.arange(-count, count + 1), dtype=np.float64)
+        touching = np.abs(corners[:, None] - candidates).min(axis=0) < CLEAR_MM
         # Areas are compared to a tenth of a square millimetre, since an inclined face is nearer at one end.
-        thin = np.round(thin_wall_mm2(triangles_mm, axis, tried, wall_mm), 1)
-        best = min(range(len(tried)), key=lambda k: (touching[k], thin[k], abs(k - count)))
-        clear.append(float(tried[best]))
+        thin = np.round(thin_wall_mm2(triangles_mm, axis, candidates, wall_mm), 1)
+        best = min(range(len(candidates)), key=lambda k: (touching[k], thin[k], abs(k - count)))
+        clear.append(float(candidates[best]))
     return tuple(clear)
 
 
-def thin_wall_mm2(triangles_mm: FloatArray, axis: int, places_mm: FloatArray, wall_mm: float) -> FloatArray:
-    """Area of the walls thinner than `wall_mm` that cuts across an axis leave.
+def thin_wall_mm2(triangles_mm: FloatArray, axis: int, cuts_mm: FloatArray, wall_mm: float) -> FloatArray:
+    """Area of the walls thinner than `wall_mm` that cuts normal to an axis leave.
 
-    A wall lies between the cut and a face that is parallel to it, to within 15 deg, and points away from it.
+    A wall is between the cut and a face that is parallel to it, to within 15 deg, and faces away from it.
 
     Parameters
     ----------
     triangles_mm : (n, 3, 3)
         Triangles of the part, counter-clockwise seen from outside.
     axis : int
-        Axis across which the cuts run: 0 or 1.
-    places_mm : (m,)
-        Places of single cuts along that axis.
+        Axis normal to the cuts: 0 or 1.
+    cuts_mm : (m,)
+        Coordinates of single cuts along that axis.
     wall_mm : float
         Thinnest wall that prints.
 
@@ -159,12 +159,12 @@ def thin_wall_mm2(triangles_mm: FloatArray, axis: int, places_mm: FloatArray, wa
     first, second, third = np.moveaxis(triangles_mm, 1, 0)
     normals = np.cross(second - first, third - first)
     areas = np.linalg.norm(normals, axis=1) / 2.0
-    total = np.zeros(len(places_mm))
+    total = np.zeros(len(cuts_mm))
     for side in (-1.0, 1.0):
         facing = side * normals[:, axis] > 2.0 * PARALLEL * areas
         corners = side * triangles_mm[facing, :, axis]
-        ends = (_share_below(corners, side * places_mm + beyond) for beyond in (wall_mm, 0.0))
-        total += np.subtract(*ends) @ areas[facing]
+        shares = (_share_below(corners, side * cuts_mm + margin) for margin in (wall_mm, 0.0))
+        total += np.subtract(*shares) @ areas[facing]
     return total
 
 
@@ -172,13 +172,13 @@ def _share_below(corners_mm: FloatArray, levels_mm: FloatArray) -> FloatArray:
     """Shares (m, n) of the areas of triangles, with corners at heights (n, 3), that lie below levels (m,)."""
     low, middle, high = np.sort(corners_mm, axis=1).T[:, None, :]
     level = levels_mm[:, None]
-    at = np.clip(level, low, high)
-    rising = (at - low) ** 2 / np.maximum((middle - low) * (high - low), 1e-12)
-    falling = 1.0 - (high - at) ** 2 / np.maximum((high - middle) * (high - low), 1e-12)
-    return np.where(high - low < LEVEL_MM, level > low, np.where(at < middle, rising, falling))
+    clipped = np.clip(level, low, high)
+    rising = (clipped - low) ** 2 / np.maximum((middle - low) * (high - low), 1e-12)
+    falling = 1.0 - (high - clipped) ** 2 / np.maximum((high - middle) * (high - low), 1e-12)
+    return np.where(high - low < LEVEL_MM, level > low, np.where(clipped < middle, rising, falling))
 
 
-# Largest shift of a cut from its requested place (see `off_corners`).
+# Largest shift of a cut from its requested coordinate (see `off_corners`).
 MOVED_MM = 0.09
 
 
@@ -189,7 +189,7 @@ def bed_lengths_mm(lengths_mm: tuple[float, float], hardware: Hardware) -> tuple
 
 
 def turned_onto_bed(part: PartPlan, length_mm: float, bed_mm: float, hardware: Hardware) -> PartPlan:
-    """The part, turned by a quarter if its length along x fits only the bed's y."""
+    """The part, rotated by a quarter turn if its length along x fits only the bed's y."""
     if bed_mm == hardware.printer.bed_mm[0] or length_mm <= hardware.printer.bed_mm[0]:
         return part
     quarter = np.array([[0.0, -1.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
@@ -197,7 +197,7 @@ def turned_onto_bed(part: PartPlan, length_mm: float, bed_mm: float, hardware: H
 
 
 def require_height(name: str, height_mm: float, hardware: Hardware) -> None:
-    """Raise InputError if a part is higher than the printer: cuts are upright, and do not lower the pieces."""
+    """Raise InputError if a part is higher than the printer: cuts are vertical, and do not lower the pieces."""
     if height_mm > hardware.printer.bed_mm[2]:
         raise InputError(
             f"{name} is {height_mm:.1f} mm high, expected at most {hardware.printer.bed_mm[2]:g} mm (printer bed)"
@@ -210,8 +210,8 @@ def cut_slack_mm(length_mm: float, count: int, bed_mm: float) -> float:
     return spare if count == 2 else spare / 2.0
 
 
-# Least distance of two pins, in diameters: nearer pins let the pieces turn.
-PINS_APART = 4.0
+# Least distance of two pins, in diameters: nearer pins let the pieces rotate.
+PIN_SPACING = 4.0
 
 
 def clearance_round_pin_mm(hardware: Hardware) -> float:
@@ -245,6 +245,6 @@ def farthest_pair(points_mm: FloatArray) -> tuple[FloatArray, float]:
 
 
 def hole_frame(middle_mm: FloatArray, axis: int, side: float) -> FloatArray:
-    """Frame (4, 4) on the bed of a hole that starts at a point (3,) of a cut across an axis: z into the piece, y up."""
+    """Frame (4, 4) on the bed of a hole that starts at a point (3,) of a cut: z into the piece along an axis, y up."""
     inwards, upwards = side * np.eye(3)[axis], np.array([0.0, 0.0, 1.0])
     return rigid(np.column_stack([np.cross(upwards, inwards), upwards, inwards]), middle_mm)

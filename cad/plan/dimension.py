@@ -43,12 +43,12 @@ class Datum:
 
 @dataclass(frozen=True)
 class Hole:
-    """A hole or a round: the middle of its mouth (3,) and its axis (3,) in rig; `text` follows the diameter.
+    """A hole or a cylinder: the centre of its mouth (3,) and its axis (3,) in rig; `text` follows the diameter.
 
     Holes with the same diameter, axis and text share one callout: "4x Ø3.4". If the tool's length along the axis,
     `cut_mm`, is given, the drawing states the hole's depth in the solid, or that it is a through hole. The diameter is
     the width across flats of a hexagon, the largest diameter of a countersink, and the width of a slot, which is longer
-    by `travel_mm`. Without a `datum`, places are measured from the edges of the view.
+    by `travel_mm`. Without a `datum`, positions are measured from the edges of the view.
     """
 
     centre_in_rig: FloatArray
@@ -63,13 +63,13 @@ class Hole:
 
 @dataclass(frozen=True)
 class DrawingTable:
-    """A table of a drawing, with `notes` (short lines) below it; the columns in `words` are left-aligned."""
+    """A table of a drawing, with `notes` (short lines) below it; `left_aligned` are indices of columns."""
 
     title: str
-    head: tuple[str, ...]
+    header: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
     notes: tuple[str, ...] = ()
-    words: tuple[int, ...] = ()
+    left_aligned: tuple[int, ...] = ()
 
 
 @runtime_checkable
@@ -86,16 +86,16 @@ def holes(cuts: Iterable[Any]) -> tuple[Hole, ...]:
 
 
 def _hole(cut: Bore | Countersink | Hexagon) -> Hole:
-    mouth, deep = cut.mouth + OUTSIDE_MM * cut.axis, cut.depth_mm - OUTSIDE_MM
+    mouth, depth = cut.mouth + OUTSIDE_MM * cut.axis, cut.depth_mm - OUTSIDE_MM
     if isinstance(cut, Countersink):
         slope = (cut.radius_mm - cut.end_radius_mm) / cut.depth_mm
         widest = cut.radius_mm - OUTSIDE_MM * slope
         angle = 2.0 * np.degrees(np.arctan(slope))
         text = f"x {angle:.0f}°"
-        return Hole(mouth, cut.axis, round(2.0 * widest, 3), text, deep, "countersink", cut.travel_mm)
+        return Hole(mouth, cut.axis, round(2.0 * widest, 3), text, depth, "countersink", cut.travel_mm)
     if isinstance(cut, Hexagon):
         return Hole(cut.mouth, cut.axis, round(cut.flats_mm, 3), "", cut.depth_mm, "hexagon")
-    return Hole(mouth, cut.axis, round(2.0 * cut.radius_mm, 3), "", deep, travel_mm=cut.travel_mm)
+    return Hole(mouth, cut.axis, round(2.0 * cut.radius_mm, 3), "", depth, travel_mm=cut.travel_mm)
 
 
 def length(

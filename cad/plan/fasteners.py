@@ -99,10 +99,10 @@ class Bore:
     @property
     def roof_mm(self) -> float:
         """Height over the middle of the roof's ridge, where the tangents of both ends meet."""
-        steep = np.deg2rad(self.roof_deg)
+        angle = np.deg2rad(self.roof_deg)
         if self.flat:
             return self.radius_mm
-        return float((self.radius_mm + self.travel_mm / 2.0 * np.cos(steep)) / np.sin(steep))
+        return float((self.radius_mm + self.travel_mm / 2.0 * np.cos(angle)) / np.sin(angle))
 
 
 @dataclass(frozen=True)
@@ -217,8 +217,8 @@ def thread(
 ) -> tuple[Bore | Hexagon, ...]:
     """The cuts in a wall for a screw that enters at a mouth (3,) along an axis (3,).
 
-    The wall is at least as thick as the screw's stack. In a thicker wall the nut's pocket is deeper, so that the nut
-    sits where the screw ends.
+    The wall is at least as thick as in the screw's stack. In a thicker wall the nut's pocket is deeper, so that the nut
+    is at the screw's end.
     """
     start = mouth - OUTSIDE_MM * axis
     if screw.kind == "insert":
@@ -231,8 +231,8 @@ def thread(
 
 
 ACROSS = np.array([1.0, 0.0, 0.0])
-# Distance from the part of an item that was moved out: half a nut, and a visible gap.
-CLEAR_MM = 12.0
+# Distance of an item from its part at the end of its exit: half a nut, and a visible gap.
+EXIT_GAP_MM = 12.0
 
 
 def along(origin: FloatArray, z_axis: FloatArray, across: FloatArray = ACROSS) -> FloatArray:
@@ -242,6 +242,6 @@ def along(origin: FloatArray, z_axis: FloatArray, across: FloatArray = ACROSS) -
     return rigid(np.column_stack([x_axis, np.cross(z_axis, x_axis), z_axis]), origin)
 
 
-def beyond(corners: FloatArray, place: FloatArray, direction: FloatArray) -> FloatArray:
-    """The move (3,) along a unit vector (3,) that takes a place (3,) out of the hull of corners (n, 3)."""
-    return float(((corners - place) @ direction).max() + CLEAR_MM) * direction
+def beyond(corners: FloatArray, point: FloatArray, direction: FloatArray) -> FloatArray:
+    """The move (3,) along a unit vector (3,) that takes a point (3,) out of the hull of corners (n, 3)."""
+    return float(((corners - point) @ direction).max() + EXIT_GAP_MM) * direction

@@ -30,8 +30,8 @@ _RECIPES: dict[Callable[..., Any], str] = {}
 def recipe(name: str) -> Callable[[Make], Make]:
     """Give the function that makes a part a fixed name, which enters the part's identity.
 
-    The identity is printed on drawings and stored in 3MF files. The fixed name keeps it stable when the function moves
-    to another module. A function without a recipe enters by its own name.
+    The identity is printed on drawings and stored in 3MF files. The fixed name preserves it when the function moves to
+    another module. A function without a recipe enters by its own name.
     """
 
     def named(make: Make) -> Make:

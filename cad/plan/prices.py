@@ -118,7 +118,7 @@ def hours_text(minutes: float | None) -> str:
 
 
 def summary_of(checks: Mapping[str, Metric]) -> str:
-    """Mass, price and printing time of a device in one line, from its figures; missing figures are left out."""
+    """Mass, price and printing time of a device in one line, from its figures; missing figures are omitted."""
     mass, price, time = (checks.get(f"device.{name}") for name in ("mass_g", "price", "print_minutes"))
     texts = [f"{mass.value:.0f} g"] if mass else []
     texts += [f"about {price.value:.0f} {price.unit}"] if price else []
@@ -128,5 +128,5 @@ def summary_of(checks: Mapping[str, Metric]) -> str:
 
 def _by_name(title: str, known: dict[str, float]) -> float | None:
     """The price of the longest known name with which a title starts or ends; None if there is none."""
-    found = [name for name in known if title.startswith(name) or title.endswith(name)]
-    return known[max(found, key=len)] if found else None
+    matches = [name for name in known if title.startswith(name) or title.endswith(name)]
+    return known[max(matches, key=len)] if matches else None

@@ -55,16 +55,16 @@ def corners_of(solids: Iterable[Frustum]) -> FloatArray:
     return np.vstack([np.vstack([solid.base, solid.top]) for solid in solids])
 
 
-def clip_loop(loop: FloatArray, direction: FloatArray, most: float) -> FloatArray:
+def clip_loop(loop: FloatArray, direction: FloatArray, limit: float) -> FloatArray:
     """Clip a flat convex loop (n, k) to the half-space x @ direction <= most; the loop (m, k) may be empty."""
-    kept = []
-    over = np.array([point @ direction for point in loop]) - most
-    for start, end, a, b in zip(loop, np.roll(loop, -1, axis=0), over, np.roll(over, -1), strict=True):
+    clipped = []
+    excess = np.array([point @ direction for point in loop]) - limit
+    for start, end, a, b in zip(loop, np.roll(loop, -1, axis=0), excess, np.roll(excess, -1), strict=True):
         if a <= 0.0:
-            kept.append(start)
+            clipped.append(start)
         if a * b < 0.0:
-            kept.append(start + (end - start) * a / (a - b))
-    return np.array(kept).reshape(-1, loop.shape[1])
+            clipped.append(start + (end - start) * a / (a - b))
+    return np.array(clipped).reshape(-1, loop.shape[1])
 
 
 def volume_mm3(solid: Frustum) -> float:
@@ -83,13 +83,13 @@ def overlap_mm(a: Frustum, b: Frustum) -> float:
     edge of one and an edge of the other, separates them (Gottschalk 1996).
     """
     corners_a, corners_b = np.vstack([a.base, a.top]), np.vstack([b.base, b.top])
-    crossed = np.cross(_edges(a)[:, None], _edges(b)[None]).reshape(-1, 3)
-    lengths = np.linalg.norm(crossed, axis=1)
-    crossed = crossed[lengths > 1e-9] / lengths[lengths > 1e-9, None]
-    axes = np.vstack([a.half_spaces[0], b.half_spaces[0], crossed])
+    crosses = np.cross(_edges(a)[:, None], _edges(b)[None]).reshape(-1, 3)
+    lengths = np.linalg.norm(crosses, axis=1)
+    crosses = crosses[lengths > 1e-9] / lengths[lengths > 1e-9, None]
+    axes = np.vstack([a.half_spaces[0], b.half_spaces[0], crosses])
     along_a, along_b = corners_a @ axes.T, corners_b @ axes.T
-    shared = np.minimum(along_a.max(axis=0) - along_b.min(axis=0), along_b.max(axis=0) - along_a.min(axis=0))
-    return float(shared.min())
+    depths = np.minimum(along_a.max(axis=0) - along_b.min(axis=0), along_b.max(axis=0) - along_a.min(axis=0))
+    return float(depths.min())
 
 
 def _edges(solid: Frustum) -> FloatArray:

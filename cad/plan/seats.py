@@ -21,7 +21,7 @@ from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.pupil import Pupil
 from mirrorcam.optics.geometry.transforms import transform
 
-# Light starts just in front of the reflecting plane, so that its end never lies in the plane of a seat.
+# Height over the reflecting plane at which light starts, so that its end is in the plane of no seat.
 LIGHT_STARTS_MM = 0.05
 
 
@@ -84,9 +84,9 @@ def newell_normal(loop: FloatArray) -> FloatArray:
 def seat_height_mm(mirror: Mirror, hardware: Hardware) -> float:
     """Height of a seat over the reflecting plane: behind the mirror's back by the thickness of the glue.
 
-    The mirror's back rests on three pads of the seat, whose height is that thickness. A second-surface mirror is coated
-    on its back, so that the tops of its pads are in the layout's (reflecting) plane. A first-surface mirror is coated
-    on its front, so that they lie one thickness of the mirror behind that plane.
+    The mirror's back rests on three pads of that height on the seat. A second-surface mirror is coated on its back, so
+    that the tops of its pads are in the layout's (reflecting) plane. A first-surface mirror is coated on its front, so
+    that they are one thickness of the mirror behind that plane.
     """
     return mirror.back_mm - hardware.holder.bond_mm
 
@@ -97,9 +97,9 @@ def seat_distance_mm(mirror: Mirror, hardware: Hardware) -> float:
 
 
 def outline_at(mirror: Mirror, height_mm: float, margin_mm: float = 0.0, *, bevelled: bool = False) -> FloatArray:
-    """A mirror's outline, grown by a margin, at a height over the reflecting plane: (m, 3) in rig, mm.
+    """A mirror's outline, enlarged by a margin, at a height over the reflecting plane: (m, 3) in rig, mm.
 
-    The sides of a mirror are normal to its faces. The outline runs counter-clockwise seen from the pupil. Growing cuts
+    The sides of a mirror are normal to its faces. The outline is counter-clockwise seen from the pupil. The margin cuts
     off corners sharper than 60 deg, or all corners if `bevelled`, so that m may exceed the number of corners.
     """
     polygon = Polygon(mirror.outline_in_plane_mm)
@@ -117,17 +117,17 @@ def mirror_prism(mirror: Mirror) -> Frustum:
 
 
 def pocket(mirror: Mirror, hardware: Hardware) -> Frustum:
-    """The space for a mirror: its outline grown by the fit, from the seat plane to one fit in front of the mirror.
+    """The space for a mirror with its gap: from the plane of its seat to one gap in front of the mirror.
 
-    Only the pads of the mirror's own seat stand in it.
+    Only the pads of the mirror's own seat extend into it.
     """
-    fit = hardware.fit.free_mm
-    front = mirror.back_mm + mirror.thickness_mm + fit
-    return Frustum(outline_at(mirror, seat_height_mm(mirror, hardware), fit), outline_at(mirror, front, fit))
+    gap = hardware.fit.free_mm
+    front = mirror.back_mm + mirror.thickness_mm + gap
+    return Frustum(outline_at(mirror, seat_height_mm(mirror, hardware), gap), outline_at(mirror, front, gap))
 
 
 def working_distance_mm(layout: Layout, hardware: Hardware) -> float:
-    """Depth up to which the reflected light must be free: the farthest depth of the design."""
+    """Depth up to which the reflected light must be unblocked: the farthest depth of the design."""
     return max(layout.spec.depths_mm) if layout.spec else hardware.holder.depth_without_spec_mm
 
 
@@ -140,14 +140,14 @@ def light_starts_mm(mirror: Mirror) -> float:
 
 
 def camera_cone(mirror: Mirror, pupil: Pupil, hardware: Hardware) -> Frustum:
-    """Light between the mirror and the full pupil, grown by the light fit; a pyramid for a pinhole."""
+    """Light between the mirror and the full pupil, enlarged by the gap for light; a pyramid for a pinhole."""
     outline = outline_at(mirror, 0.0, hardware.fit.light_mm)
-    around = _around_pupil(mirror, pupil, outline)
+    at_pupil = _polygon_around_pupil(mirror, pupil, outline)
     share = light_starts_mm(mirror) / mirror.distance_mm
-    return Frustum(outline + (around - outline) * share, around)
+    return Frustum(outline + (at_pupil - outline) * share, at_pupil)
 
 
-def _around_pupil(mirror: Mirror, pupil: Pupil, outline: FloatArray) -> FloatArray:
+def _polygon_around_pupil(mirror: Mirror, pupil: Pupil, outline: FloatArray) -> FloatArray:
     """Polygon (n, 3) about the pupil with edges parallel to those of a mirror's outline (n, 3); (1, 3) for a pinhole.
 
     It circumscribes a circle so large that planes through corresponding edges touch or miss the pupil's ball.
@@ -157,17 +157,17 @@ def _around_pupil(mirror: Mirror, pupil: Pupil, outline: FloatArray) -> FloatArr
     flat = outline @ mirror.rig_from_plane[:3, :2]
     along = np.roll(flat, -1, axis=0) - flat
     outwards = np.column_stack([along[:, 1], -along[:, 0]]) / np.linalg.norm(along, axis=1)[:, None]
-    beside = (outwards * flat).sum(axis=1)
-    tilt = np.arctan2(mirror.distance_mm, beside) - np.arccos(pupil.radius_mm / np.hypot(mirror.distance_mm, beside))
+    lateral = (outwards * flat).sum(axis=1)
+    tilt = np.arctan2(mirror.distance_mm, lateral) - np.arccos(pupil.radius_mm / np.hypot(mirror.distance_mm, lateral))
     radius = float((pupil.radius_mm / np.cos(tilt)).max())
     # Adjacent edges with normals a and b, both at distance r from the middle, meet at r (a + b) / (1 + a.b).
-    before = np.roll(outwards, 1, axis=0)
-    corners = radius * (before + outwards) / (1.0 + (before * outwards).sum(axis=1))[:, None]
+    previous = np.roll(outwards, 1, axis=0)
+    corners = radius * (previous + outwards) / (1.0 + (previous * outwards).sum(axis=1))[:, None]
     return np.asarray(corners @ mirror.rig_from_plane[:3, :2].T)
 
 
 def reflected_beam(layout: Layout, index: int, hardware: Hardware) -> Frustum:
-    """Light between a mirror and the scene, grown by the light fit, up to the working distance.
+    """Light between a mirror and the scene, enlarged by the gap for light, up to the working distance.
 
     It spreads in straight lines from the virtual centre through the outline, as for a first-surface mirror. Raises
     InputError if the mirror does not face the scene.
@@ -177,15 +177,17 @@ def reflected_beam(layout: Layout, index: int, hardware: Hardware) -> Frustum:
     rays = outline_at(mirror, 0.0, hardware.fit.light_mm) - centre
     forward = layout.view_from_rig[2]
     depth = working_distance_mm(layout, hardware)
-    along = rays @ forward
-    reach = np.divide(depth - centre @ forward, along, out=np.full(len(along), -1.0), where=along > 0)
-    if (reach <= 1.0).any():
+    forward_of_rays = rays @ forward
+    factors = np.divide(
+        depth - centre @ forward, forward_of_rays, out=np.full(len(forward_of_rays), -1.0), where=forward_of_rays > 0
+    )
+    if (factors <= 1.0).any():
         raise InputError(
             f"mirror {layout.mirror_names[index]} does not reflect to the plane {depth:g} mm ahead, expected every ray "
             "to reach it"
         )
     near = centre + rays * (1.0 + light_starts_mm(mirror) / mirror.distance_mm)
-    return Frustum(near, centre + rays * reach[:, None])
+    return Frustum(near, centre + rays * factors[:, None])
 
 
 def keep_outs(layout: Layout, hardware: Hardware) -> list[list[Frustum]]:

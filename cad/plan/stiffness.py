@@ -63,10 +63,10 @@ class Section:
         where S is `shear_n`. Free edges give G J = 2 G t h^2 b (1 - tanh(k b / 2) / (k b / 2)).
         """
         modulus = self.plastic_mpa / (2.0 * (1.0 + POISSON))
-        apart = self.depth_mm - self.skin_mm
-        core = self.shear_n / (self.width_mm * apart)
-        k_half = np.sqrt(2.0 * core / (modulus * self.skin_mm * apart)) * self.width_mm / 2.0
-        return float(2.0 * modulus * self.skin_mm * apart**2 * self.width_mm * (1.0 - np.tanh(k_half) / k_half))
+        spacing = self.depth_mm - self.skin_mm
+        core = self.shear_n / (self.width_mm * spacing)
+        k_half = np.sqrt(2.0 * core / (modulus * self.skin_mm * spacing)) * self.width_mm / 2.0
+        return float(2.0 * modulus * self.skin_mm * spacing**2 * self.width_mm * (1.0 - np.tanh(k_half) / k_half))
 
 
 def bends_per_newton(path: FloatArray, load: FloatArray, section: Section) -> tuple[FloatArray, FloatArray]:
@@ -77,23 +77,23 @@ def bends_per_newton(path: FloatArray, load: FloatArray, section: Section) -> tu
     straight piece, so that Simpson's rule is exact for the quadratic energy. Shear of the truss shifts the load without
     rotation.
     """
-    turn, shift = np.zeros((3, 3)), np.zeros((3, 3))
+    rotation, shift = np.zeros((3, 3)), np.zeros((3, 3))
     for start, end in pairwise(path):
         length = float(np.linalg.norm(end - start))
         tangent = np.array([0.0, *(end - start) / length])
         across = np.array([1.0, 0.0, 0.0])
         normal = np.cross(across, tangent)
-        pliant = (
+        compliance = (
             np.outer(across, across) / section.bending_nmm2
             + np.outer(normal, normal) / section.sideways_nmm2
             + np.outer(tangent, tangent) / section.torsion_nmm2
         )
-        for at, weight in ((start, 1.0 / 6.0), ((start + end) / 2.0, 4.0 / 6.0), (end, 1.0 / 6.0)):
-            moments = np.cross(load - np.array([0.0, *at]), np.eye(3)).T
-            turn += length * weight * pliant @ moments
-            shift += length * weight * moments.T @ pliant @ moments
+        for point, weight in ((start, 1.0 / 6.0), ((start + end) / 2.0, 4.0 / 6.0), (end, 1.0 / 6.0)):
+            moments = np.cross(load - np.array([0.0, *point]), np.eye(3)).T
+            rotation += length * weight * compliance @ moments
+            shift += length * weight * moments.T @ compliance @ moments
         shift += length * np.outer(normal, normal) / section.shear_n
-    return turn, shift
+    return rotation, shift
 
 
 # Polynomials of degree 0 to 4 across the width: bending on edge is linear, the warping of a twisted strip cubic.
@@ -101,7 +101,7 @@ MODES = 5
 # Displacements of an edge, for each mode: along x, y and z, and the rotation about x.
 EDGE = 4
 # Stiffness of a rigid support, relative to the stiffest displacement of an edge.
-GROUND = 1e4
+RIGID_SUPPORT = 1e4
 # Fields of a strip: displacement along x, along the strip, and normal to it. A term of the strain energy is a stiffness
 # and two derivatives of fields: (field, order along the strip, order along x).
 _X, _ALONG, _ACROSS = 0, 1, 2
@@ -149,7 +149,7 @@ class FoldedPlates:
         """
         stiffness = self._stiffness()
         supported, attached = self._displacements(*supports), self._displacements(*attachments)
-        rigid = GROUND * float(np.diagonal(stiffness).max())
+        rigid = RIGID_SUPPORT * float(np.diagonal(stiffness).max())
         springs = np.tile(np.full(EDGE, rigid) if support_stiffness is None else support_stiffness, len(supports[0]))
         stiffness += supported.T @ (springs[:, None] * supported)
         factor = cho_factor(stiffness, lower=True, check_finite=False)
@@ -180,18 +180,18 @@ class FoldedPlates:
         """Stiffness (n EDGE MODES, n EDGE MODES) of all edges, in N/mm, N and N mm."""
         ends = self.edges[self.strips]
         lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
-        own = _condensed(_strip_stiffness(self, lengths))
+        matrices = _condensed(_strip_stiffness(self, lengths))
         tangents = (ends[:, 1] - ends[:, 0]) / lengths[:, None]
         # A strip's own axes: along x, along the strip, and the normal x cross the strip.
-        turned = np.zeros((len(lengths), EDGE, EDGE))
-        turned[:, 0, 0] = turned[:, 3, 3] = 1.0
-        turned[:, 1, 1:3] = tangents
-        turned[:, 2, 1], turned[:, 2, 2] = -tangents[:, 1], tangents[:, 0]
+        rotations = np.zeros((len(lengths), EDGE, EDGE))
+        rotations[:, 0, 0] = rotations[:, 3, 3] = 1.0
+        rotations[:, 1, 1:3] = tangents
+        rotations[:, 2, 1], rotations[:, 2, 2] = -tangents[:, 1], tangents[:, 0]
         shape = (len(lengths), 2, EDGE, MODES, 2, EDGE, MODES)
-        own = np.einsum("sia,seimfjo,sjb->seamfbo", turned, own.reshape(shape), turned, optimize=True)
+        matrices = np.einsum("sia,seimfjo,sjb->seamfbo", rotations, matrices.reshape(shape), rotations, optimize=True)
         block = EDGE * MODES
         assembled = np.zeros((len(self.edges), block, len(self.edges), block))
-        for strip, matrix in zip(self.strips, own.reshape(-1, 2, block, 2, block), strict=True):
+        for strip, matrix in zip(self.strips, matrices.reshape(-1, 2, block, 2, block), strict=True):
             for i, row in enumerate(strip):
                 for j, column in enumerate(strip):
                     assembled[row, :, column] += matrix[i, :, j]
@@ -214,14 +214,14 @@ def _strip_stiffness(plates: FoldedPlates, lengths: FloatArray) -> FloatArray:
     """
     membrane = plates.modulus_mpa * plates.thickness_mm / (1.0 - plates.poisson**2)
     plate = membrane * plates.thickness_mm**2 / 12.0
-    sheared = (1.0 - plates.poisson) / 2.0
+    shear = (1.0 - plates.poisson) / 2.0
     terms = [(membrane, (_X, 0, 1), (_X, 0, 1)), (membrane, (_ALONG, 1, 0), (_ALONG, 1, 0))]
     terms += _both(membrane * plates.poisson, (_X, 0, 1), (_ALONG, 1, 0))
-    terms += [(membrane * sheared, (_X, 1, 0), (_X, 1, 0)), (membrane * sheared, (_ALONG, 0, 1), (_ALONG, 0, 1))]
-    terms += _both(membrane * sheared, (_X, 1, 0), (_ALONG, 0, 1))
+    terms += [(membrane * shear, (_X, 1, 0), (_X, 1, 0)), (membrane * shear, (_ALONG, 0, 1), (_ALONG, 0, 1))]
+    terms += _both(membrane * shear, (_X, 1, 0), (_ALONG, 0, 1))
     terms += [(plate, (_ACROSS, 0, 2), (_ACROSS, 0, 2)), (plate, (_ACROSS, 2, 0), (_ACROSS, 2, 0))]
     terms += _both(plate * plates.poisson, (_ACROSS, 0, 2), (_ACROSS, 2, 0))
-    terms.append((plate * 4.0 * sheared, (_ACROSS, 1, 1), (_ACROSS, 1, 1)))
+    terms.append((plate * 4.0 * shear, (_ACROSS, 1, 1), (_ACROSS, 1, 1)))
     fields, weights = _fields_along(lengths)
     modes, mode_weights = _modes_across(plates.half_width_mm)
     stiffness = np.zeros((len(lengths), 10, MODES, 10, MODES))

@@ -24,13 +24,13 @@ from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.part_plan import FORMING, BoughtItem
 
 FRICTION = 0.12
-# Share of a plastic's strength that it bears for years.
-LASTING = 0.25
+# Share of its strength that a plastic bears for years.
+PERMANENT_SHARE = 0.25
 # Share of the cylinder round an insert or a thread that is plastic: the rest is its ridges.
 PLASTIC_SHARE = 0.5
 # Largest force of a screw whose tip presses on the camera's body; it joins the clip alone.
-PRESS_N = 50.0
-PRESSING = (CLIP,)
+CAMERA_SCREW_N = 50.0
+CAMERA_SCREW_JOINS = (CLIP,)
 ON_AXIS_MM = 1e-3
 
 
@@ -59,12 +59,12 @@ def tightenings(items: Sequence[BoughtItem], hardware: Hardware) -> tuple[Tighte
 def _tightening(screw: BoughtItem, items: Sequence[BoughtItem], hardware: Hardware) -> Tightening | None:
     table, thread = hardware.screw, thread_of(screw.size)
     on_axis = {item.kind for item in items if item is not screw and _shares_axis(item, screw)}
-    pressure = LASTING * hardware.printer.plastic_strength_mpa
+    pressure = PERMANENT_SHARE * hardware.printer.plastic_strength_mpa
     # Screws against springs adjust a mirror and are not tightened.
     if screw.joins[-1].startswith(CARRIER):
         return None
-    if screw.joins == PRESSING and not screw.size.endswith(FORMING):
-        return Tightening(_torque_nm(thread, PRESS_N, 0.0), "the camera's body")
+    if screw.joins == CAMERA_SCREW_JOINS and not screw.size.endswith(FORMING):
+        return Tightening(_torque_nm(thread, CAMERA_SCREW_N, 0.0), "the camera's body")
     head, hole = thread.head_mm, thread.clearance_mm
     outer = max(head, table.washer_mm) if "washer" in on_axis else head
     forces = {"plastic under the head": pressure * _ring_mm2(outer, hole)}
@@ -101,9 +101,9 @@ def _engaged_mm(screw: BoughtItem, hardware: Hardware) -> float:
 
 
 def _shares_axis(item: BoughtItem, screw: BoughtItem) -> bool:
-    """Return whether an item lies on a screw's axis, between one screw length above the head and the tip."""
+    """Return whether an item is on a screw's axis, between one screw length above the head and the tip."""
     frame = screw.rig_from_item
-    along = item.rig_from_item[:3, 3] - frame[:3, 3]
-    depth = -float(along @ frame[:3, 2])
-    aside = float(np.linalg.norm(along + depth * frame[:3, 2]))
-    return aside < ON_AXIS_MM and -screw.length_mm < depth <= screw.length_mm
+    offset = item.rig_from_item[:3, 3] - frame[:3, 3]
+    depth = -float(offset @ frame[:3, 2])
+    distance = float(np.linalg.norm(offset + depth * frame[:3, 2]))
+    return distance < ON_AXIS_MM and -screw.length_mm < depth <= screw.length_mm

@@ -54,7 +54,7 @@
     frameWanted = true;
     requestAnimationFrame(() => {
       frameWanted = false;
-      // The lights stand behind the viewer's shoulders.
+      // The lights follow the viewer.
       sun.position.copy(camera.position).add(new THREE.Vector3(-0.6, 1.0, 0.4).multiplyScalar(home.radius * 3));
       fill.position.copy(camera.position).multiplyScalar(-1);
       if (controls.update()) draw();
@@ -213,7 +213,7 @@
   let pressed = null;
   renderer.domElement.addEventListener("pointerdown", (event) => (pressed = [event.clientX, event.clientY]));
   renderer.domElement.addEventListener("click", (event) => {
-    // The end of a drag is no choice.
+    // The end of a drag does not select a piece.
     if (pressed && Math.hypot(event.clientX - pressed[0], event.clientY - pressed[1]) > 5) return;
     const box = renderer.domElement.getBoundingClientRect();
     const at = new THREE.Vector2(
@@ -229,7 +229,7 @@
   });
   controls.addEventListener("change", draw);
   slider.addEventListener("input", () => {
-    // The viewer steps back as the device grows, and looks on from the same side.
+    // The viewer moves back as the exploded view grows, with the same direction of view.
     const [center, radius] = [home.center.clone(), home.radius];
     explode(slider.valueAsNumber / 100);
     measure();
@@ -247,8 +247,8 @@
       look(JSON.parse(button.dataset.look));
     });
   }
-  // For a link to a view: index.html#explode=60
-  const asked = /explode=(\d+)/.exec(location.hash);
+  // A link may request an exploded view: index.html#explode=60
+  const requested = /explode=(\d+)/.exec(location.hash);
 
   const text = document.getElementById("glb").textContent;
   const bytes = Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
@@ -257,8 +257,8 @@
     "",
     (gltf) => {
       build(gltf);
-      if (asked) {
-        slider.value = asked[1];
+      if (requested) {
+        slider.value = requested[1];
         explode(slider.valueAsNumber / 100);
         measure();
         look(HOME);

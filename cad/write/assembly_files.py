@@ -63,8 +63,8 @@ from mirrorcam.optics.geometry.transforms import inverse, rigid
 # An entity "#12 = NAME(...);", possibly over several lines; in its body, quoted text or a reference.
 ENTITY = re.compile(r"^#(\d+) = (.*?);$", re.DOTALL | re.MULTILINE)
 TOKEN = re.compile(r"'(?:[^']|'')*'|#(\d+)")
-COLOURS = "MECHANICAL_DESIGN_GEOMETRIC_PRESENTATION_REPRESENTATION"
-PLACED = re.compile(r"^NEXT_ASSEMBLY_USAGE_OCCURRENCE\('\d+'")
+COLOUR_ROOTS = "MECHANICAL_DESIGN_GEOMETRIC_PRESENTATION_REPRESENTATION"
+OCCURRENCE = re.compile(r"^NEXT_ASSEMBLY_USAGE_OCCURRENCE\('\d+'")
 
 
 def ordered_step(text: str) -> str:
@@ -72,27 +72,29 @@ def ordered_step(text: str) -> str:
     start, _, rest = text.partition("DATA;\n")
     data, _, end = rest.partition("ENDSEC;")
     bodies = {int(number): re.sub(r"\n\s*", "", body) for number, body in ENTITY.findall(data)}
-    refers = {number: _references(body) for number, body in bodies.items()}
-    referred = {other for others in refers.values() for other in others}
-    roots = [number for number in bodies if number not in referred]
-    colours = [root for root in roots if bodies[root].startswith(COLOURS)]
-    plain = {number for root in roots if root not in colours for number in _below(root, refers)}
+    references = {number: _references(body) for number, body in bodies.items()}
+    referenced = {other for others in references.values() for other in others}
+    roots = [number for number in bodies if number not in referenced]
+    colours = [root for root in roots if bodies[root].startswith(COLOUR_ROOTS)]
+    plain = {number for root in roots if root not in colours for number in _reachable(root, references)}
 
     def coloured(root: int) -> list[int]:
-        return sorted(other for number in _below(root, refers) for other in refers[number] if other in plain)
+        return sorted(
+            other for number in _reachable(root, references) for other in references[number] if other in plain
+        )
 
-    # Entities shared by several colours come with the first of these.
+    # Entities shared by several colours come with the first colour.
     order = dict.fromkeys(sorted(plain))
     for root in sorted(colours, key=coloured):
-        order |= dict.fromkeys(number for number in _below(root, refers) if number not in order)
-    new = {number: place for place, number in enumerate(order, start=1)}
-    placed = 0
+        order |= dict.fromkeys(number for number in _reachable(root, references) if number not in order)
+    new_number = {number: index for index, number in enumerate(order, start=1)}
+    component_count = 0
     lines = []
     for number in order:
-        body, components = PLACED.subn(f"NEXT_ASSEMBLY_USAGE_OCCURRENCE('{placed + 1}'", bodies[number])
-        placed += components
-        body = TOKEN.sub(lambda token: f"#{new[int(token[1])]}" if token[1] else token[0], body)
-        lines.append(f"#{new[number]} = {body};\n")
+        body, components = OCCURRENCE.subn(f"NEXT_ASSEMBLY_USAGE_OCCURRENCE('{component_count + 1}'", bodies[number])
+        component_count += components
+        body = TOKEN.sub(lambda token: f"#{new_number[int(token[1])]}" if token[1] else token[0], body)
+        lines.append(f"#{new_number[number]} = {body};\n")
     return f"{start}DATA;\n{''.join(lines)}ENDSEC;{end}"
 
 
@@ -100,14 +102,14 @@ def _references(body: str) -> list[int]:
     return [int(token[1]) for token in TOKEN.finditer(body) if token[1]]
 
 
-def _below(root: int, refers: dict[int, list[int]]) -> list[int]:
-    """An entity and all that it refers to, directly or indirectly, in depth-first order."""
-    found, waiting = {root: None}, [root]
+def _reachable(root: int, references: dict[int, list[int]]) -> list[int]:
+    """An entity and all entities that it references, directly or indirectly, in depth-first order."""
+    reached, waiting = {root: None}, [root]
     while waiting:
-        fresh = [other for other in refers[waiting.pop()] if other not in found]
-        found |= dict.fromkeys(fresh)
-        waiting += reversed(fresh)
-    return list(found)
+        new = [other for other in references[waiting.pop()] if other not in reached]
+        reached |= dict.fromkeys(new)
+        waiting += reversed(new)
+    return list(reached)
 
 
 ROOT = "mirrorcam"
@@ -130,8 +132,8 @@ def assemble(device: Device, parts: Iterable[BuiltPart]) -> Compound:
 
     Parts are made in their places, so that joints move them only by the differences between their plans.
     """
-    fitted = [part for part in parts if part.name not in APART]
-    printed = {part.name: _printed(part) for part in fitted}
+    mounted = [part for part in parts if part.name not in APART]
+    printed = {part.name: _printed(part) for part in mounted}
     for connection in connections(device):
         parent, child = _printed_part((connection.parent,), printed), _printed_part((connection.child,), printed)
         connect(connection, parent, child)
@@ -140,7 +142,7 @@ def assemble(device: Device, parts: Iterable[BuiltPart]) -> Compound:
         solid = _coloured(_mirror_solid(mirror), f"mirror_{name}", MIRROR_RGB)
         seat = mirror.rig_from_plane.copy()
         seat[:3, 3] += mirror.back_mm * mirror.normal_in_rig
-        mirrors.append(_joined(printed[holder_under(mirror, fitted).name], solid, seat))
+        mirrors.append(_joined(printed[holder_under(mirror, mounted).name], solid, seat))
     camera = _coloured(camera_solid(device.hardware.camera), "camera", CAMERA_RGB)
     bought.append(_joined(_printed_part((CLIP,), printed), camera, np.eye(4)))
     items = bought_items(device)
@@ -159,16 +161,16 @@ def connect(connection: Connection, parent: Solid, child: Solid) -> None:
     """Join two parts, given in rig, by joints with the connection's name; sliding parts are at mid-travel."""
     rig_from_parent, rig_from_child = connection.rig_from_parent_joint, connection.rig_from_child_joint
     if connection.slides_mm == 0.0:
-        place = RigidJoint(connection.name, parent, location_of(rig_from_parent))
-        place.connect_to(RigidJoint(connection.name, child, location_of(rig_from_child)))
+        joint = RigidJoint(connection.name, parent, location_of(rig_from_parent))
+        joint.connect_to(RigidJoint(connection.name, child, location_of(rig_from_child)))
         return
     origin = rig_from_parent[:3, 3]
     axis = Axis(tuple(origin), tuple(rig_from_parent[:3, 0]))
     slide = LinearJoint(connection.name, parent, axis, (-connection.slides_mm, connection.slides_mm))
-    # A linear joint passes on its place but not its orientation, which the child's joint must have.
-    level = rigid(np.eye(3), origin)
-    turned = rig_from_child @ inverse(rig_from_parent) @ level
-    slide.connect_to(RigidJoint(connection.name, child, location_of(turned)), position=0.0)
+    # A linear joint passes on its position but not its orientation, which the child's joint must have.
+    unrotated = rigid(np.eye(3), origin)
+    child_joint = rig_from_child @ inverse(rig_from_parent) @ unrotated
+    slide.connect_to(RigidJoint(connection.name, child, location_of(child_joint)), position=0.0)
 
 
 def _printed(part: BuiltPart) -> Solid:
@@ -191,8 +193,8 @@ def _mirror_solid(mirror: Mirror) -> Solid:
 
 def _joined(part: Solid, solid: Solid, rig_from_solid: FloatArray) -> Solid:
     """The solid, joined by its own frame's origin to a place on a part."""
-    place = RigidJoint(solid.label, part, location_of(rig_from_solid))
-    place.connect_to(RigidJoint("origin", solid, Location()))
+    joint = RigidJoint(solid.label, part, location_of(rig_from_solid))
+    joint.connect_to(RigidJoint("origin", solid, Location()))
     return solid
 
 

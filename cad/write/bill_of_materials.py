@@ -173,20 +173,20 @@ def _mirrors(device: Device, sheets: Sequence[StockSheet]) -> tuple[MirrorLine, 
 
 def _bought(device: Device, titles: Mapping[str, str]) -> tuple[BoughtLine, ...]:
     items, mount = bought_items(device), device.hardware.mount
-    counted = Counter((item.kind, item_title(item)) for item in items)
+    counts = Counter((item.kind, item_title(item)) for item in items)
     torques = tightenings(items, device.hardware)
     order = ("screw", "washer", "spring", "insert", "nut", "pin")
     lines = [BoughtLine(title=device.hardware.camera.name, count=1, note="the camera")]
-    for key in sorted(counted, key=lambda key: (order.index(key[0]), key[1])):
-        same = [each for each in zip(items, torques, strict=True) if (each[0].kind, item_title(each[0])) == key]
-        where = _where(same, titles)
+    for key in sorted(counts, key=lambda key: (order.index(key[0]), key[1])):
+        equal_items = [each for each in zip(items, torques, strict=True) if (each[0].kind, item_title(each[0])) == key]
+        where = _where(equal_items, titles)
         note = f"{where}; for a hole of {device.hardware.screw.insert_hole_mm:.1f} mm" if key[0] == "insert" else where
-        lines.append(BoughtLine(title=key[1], count=counted[key], standard=standard_of(key[1]), note=note))
-    tied = ["cable to camera clip", "cable to mount"] if device.hardware.camera.has_cable else []
-    tied += ["lens to camera clip"] if device.hardware.camera.rest_mm is not None else []
-    if tied:
+        lines.append(BoughtLine(title=key[1], count=counts[key], standard=standard_of(key[1]), note=note))
+    tied_items = ["cable to camera clip", "cable to mount"] if device.hardware.camera.has_cable else []
+    tied_items += ["lens to camera clip"] if device.hardware.camera.rest_mm is not None else []
+    if tied_items:
         title = f"Cable tie, at most {mount.tie_mm[0]:g} mm wide"
-        lines.append(BoughtLine(title=title, count=len(tied), note=", ".join(tied)))
+        lines.append(BoughtLine(title=title, count=len(tied_items), note=", ".join(tied_items)))
     lines.append(
         BoughtLine(
             title=GLUES[device.hardware.cutting.material],
@@ -200,30 +200,30 @@ def _bought(device: Device, titles: Mapping[str, str]) -> tuple[BoughtLine, ...]
 
 
 def _priced(line: BoughtLine, prices: Prices) -> BoughtLine:
-    """A line with the price of its items; a line without a number, such as glue, has the price of a pack."""
+    """A line with the price of its items; a line without a count, such as glue, has the price of a pack."""
     price = None if line.title.startswith((TOOL, ALSO)) else prices.of_item(line.title)
     return line if price is None else line.replaced(price=round(price * (line.count or 1), 2))
 
 
 def _where(items: Sequence[tuple[BoughtItem, Tightening | None]], titles: Mapping[str, str]) -> str:
     """The parts that items join, and the largest tightening torques of the screws among them."""
-    joined: dict[str, set[str]] = {}
+    parts_by_torque: dict[str, set[str]] = {}
     for item, tightening in items:
-        joined.setdefault(tightening.text if tightening else "", set()).update(item.joins)
-    places = []
-    for text, names in joined.items():
+        parts_by_torque.setdefault(tightening.text if tightening else "", set()).update(item.joins)
+    texts = []
+    for text, names in parts_by_torque.items():
         kinds = {CARRIERS if name.startswith("carrier_") else name for name in names}
-        where = ", ".join(titles.get(name, name.replace("_", " ")) for name in sorted(kinds))
-        places.append(f"{where}: at most {text}" if text else where)
-    return "; ".join(places)
+        parts = ", ".join(titles.get(name, name.replace("_", " ")) for name in sorted(kinds))
+        texts.append(f"{parts}: at most {text}" if text else parts)
+    return "; ".join(texts)
 
 
 def bom_metrics(bom: Bom) -> dict[str, Metric]:
     """The device's figures in its bill: the price and, if sliced, the time of all prints."""
-    found = {"device.price": Metric(value=bom.price, unit=bom.currency)}
+    metrics = {"device.price": Metric(value=bom.price, unit=bom.currency)}
     if bom.print_minutes is not None:
-        found["device.print_minutes"] = Metric(value=bom.print_minutes, unit="min")
-    return found
+        metrics["device.print_minutes"] = Metric(value=bom.print_minutes, unit="min")
+    return metrics
 
 
 def write_bom(folder: Path, bom: Bom) -> None:
@@ -236,7 +236,7 @@ def write_bom(folder: Path, bom: Bom) -> None:
 def as_markdown(bom: Bom) -> str:
     """The bill as Markdown tables: printed, cut and bought."""
     money = markdown_text(bom.currency)
-    how = "as sliced" if bom.sliced else "if printed solid"
+    basis = "as sliced" if bom.sliced else "if printed solid"
     lines = [
         "# Parts list",
         "",
@@ -253,7 +253,7 @@ def as_markdown(bom: Bom) -> str:
             for line in bom.printed
         ),
         "",
-        f"{markdown_text(bom.plastic)}: {bom.plastic_g:.0f} g {how}{_in_all(bom)}.",
+        f"{markdown_text(bom.plastic)}: {bom.plastic_g:.0f} g {basis}{_total_time(bom)}.",
         "",
         "## Mirrors",
         "",
@@ -305,6 +305,6 @@ def _or_dash(value: float | None, form: str) -> str:
     return "-" if value is None else format(value, form)
 
 
-def _in_all(bom: Bom) -> str:
+def _total_time(bom: Bom) -> str:
     """The total time of all prints, if each was sliced."""
     return f"; {hours_text(bom.print_minutes)} of printing in all" if bom.print_minutes is not None else ""

@@ -25,7 +25,7 @@ from mirrorcam.core.values import FloatArray
 
 # Tolerances (1 - cosine, and distance) within which a face lies in a plane.
 PARALLEL, NEAR_MM = 1e-5, 0.01
-# Difference of distance within which two faces are equally near, such as the halves of a face divided by a groove.
+# Difference in distance within which two faces are equally near, such as the halves of a face divided by a groove.
 EQUALLY_NEAR_MM = 1.0
 SHELL = re.compile(r"CLOSED_SHELL\('[^']*',\(([^)]*)\)")
 
@@ -41,14 +41,14 @@ def name_faces(text: str, solid: Shape[Any], faces: Sequence[NamedFace]) -> str:
         raise ValueError(f"the STEP file holds {len(entities)} faces, expected {len(solid.faces())}")
     names: dict[str, str] = {}
     for named_face in faces:
-        found = _indices_of(flat, named_face)
-        for number, index in enumerate(found, start=1):
-            names[entities[index]] = named_face.name if len(found) == 1 else f"{named_face.name}_{number}"
+        indices = _indices_of(flat, named_face)
+        for number, index in enumerate(indices, start=1):
+            names[entities[index]] = named_face.name if len(indices) == 1 else f"{named_face.name}_{number}"
 
-    def named(match: re.Match[str]) -> str:
+    def with_name(match: re.Match[str]) -> str:
         return f"{match[1]} = ADVANCED_FACE('{names.get(match[1], '')}'"
 
-    return re.sub(r"^(#\d+) = ADVANCED_FACE\('[^']*'", named, text, flags=re.MULTILINE)
+    return re.sub(r"^(#\d+) = ADVANCED_FACE\('[^']*'", with_name, text, flags=re.MULTILINE)
 
 
 @dataclass(frozen=True)
@@ -72,20 +72,20 @@ def _flat_faces(solid: Shape[Any]) -> _Flat:
     )
 
 
-def _indices_of(flat: _Flat, named: NamedFace) -> list[int]:
+def _indices_of(flat: _Flat, named_face: NamedFace) -> list[int]:
     """The indices of the faces with a name; empty if the part has no face in that plane."""
-    parallel = flat.normals @ named.normal > 1.0 - PARALLEL
-    near = np.abs((flat.middles - named.point) @ named.normal) < NEAR_MM
-    found = np.flatnonzero(parallel & near)
-    if named.within is not None:
-        axes = np.linalg.svd(named.normal[None])[2][1:]
-        middles, outline = (points @ axes.T for points in (flat.middles[found], named.within))
-        found = found[contains_xy(Polygon(outline), middles[:, 0], middles[:, 1])]
-    elif len(found):
-        point = Vertex(*named.point)
-        distances = np.array([flat.faces[int(index)].distance_to(point) for index in found])
-        found = found[distances < distances.min() + EQUALLY_NEAR_MM]
-    return [int(index) for index in flat.indices[found]]
+    parallel = flat.normals @ named_face.normal > 1.0 - PARALLEL
+    in_plane = np.abs((flat.middles - named_face.point) @ named_face.normal) < NEAR_MM
+    indices = np.flatnonzero(parallel & in_plane)
+    if named_face.within is not None:
+        axes = np.linalg.svd(named_face.normal[None])[2][1:]
+        middles, outline = (points @ axes.T for points in (flat.middles[indices], named_face.within))
+        indices = indices[contains_xy(Polygon(outline), middles[:, 0], middles[:, 1])]
+    elif len(indices):
+        point = Vertex(*named_face.point)
+        distances = np.array([flat.faces[int(index)].distance_to(point) for index in indices])
+        indices = indices[distances < distances.min() + EQUALLY_NEAR_MM]
+    return [int(index) for index in flat.indices[indices]]
 
 
 # A STEP file contains a time stamp; a fixed one makes the bytes reproducible.
@@ -107,8 +107,7 @@ def write_step(path: Path, shape: Shape[Any], faces: Sequence[NamedFace] = ()) -
 
 def write_stl(path: Path, shape: Shape[Any]) -> None:
     """Write a part as binary STL, with facets within `STL_TOLERANCE_MM` of the part."""
-    # build123d's writer takes the tolerance as relative to each edge: on a ring of 63 mm, the error is 1.5 times
-    # larger.
+    # build123d's writer scales the tolerance by each edge: on a ring of 63 mm, the error is 1.5 times larger.
     BRepTools.Clean_s(shape.wrapped)
     BRepMesh_IncrementalMesh(shape.wrapped, STL_TOLERANCE_MM, False, STL_ANGLE_RAD, True)
     writer = StlAPI_Writer()

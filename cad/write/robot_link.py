@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from trimesh.exchange.stl import export_stl
 
 from mirrorcam.cad.assembly.device_plan import Device
-from mirrorcam.cad.assembly.pieces import CAMERA_RGB, ITEM_RGB, MIRROR_RGB, Piece, composed
+from mirrorcam.cad.assembly.pieces import CAMERA_RGB, ITEM_RGB, MIRROR_RGB, Piece, combined
 from mirrorcam.cad.backs.back import RobotLink
 from mirrorcam.core.disk.files import atomic, write_text
 from mirrorcam.core.values import FloatArray
@@ -83,10 +83,10 @@ def link(
     hulls: list[str],
 ) -> Element:
     """The link: total mass properties of the pieces, visible meshes (file and colour by name) and collision meshes."""
-    body = composed([piece.mass for piece in pieces])
+    body = combined([piece.mass for piece in pieces])
     centre = (pose @ np.append(body.centre_in_rig_mm, 1.0))[:3]
-    turn = pose[:3, :3]
-    inertia = turn @ body.inertia_g_mm2 @ turn.T * 1e-9
+    rotation = pose[:3, :3]
+    inertia = rotation @ body.inertia_g_mm2 @ rotation.T * 1e-9
     element = Element("link", name="${prefix}_link")
     inertial = SubElement(element, "inertial")
     SubElement(inertial, "origin", xyz=_numbers(centre / 1000.0), rpy="0 0 0")
@@ -130,8 +130,8 @@ def _frame(name: str, parent: str, pose: FloatArray) -> list[Element]:
 
 def _origin(pose: FloatArray) -> Element:
     """A pose (4, 4) in mm as a URDF origin: metres, and rotations about the fixed x, y and z."""
-    turns = Rotation.from_matrix(pose[:3, :3]).as_euler("xyz")
-    return Element("origin", xyz=_numbers(pose[:3, 3] / 1000.0), rpy=_numbers(turns))
+    angles = Rotation.from_matrix(pose[:3, :3]).as_euler("xyz")
+    return Element("origin", xyz=_numbers(pose[:3, 3] / 1000.0), rpy=_numbers(angles))
 
 
 def _numbers(values: Sequence[float] | FloatArray) -> str:

@@ -30,7 +30,7 @@ SETTINGS = {
     "layer_height": f"{PRINT_SETTINGS.layer_mm:g}",
     "first_layer_height": f"{PRINT_SETTINGS.layer_mm:g}",
     "perimeters": f"{PRINT_SETTINGS.perimeters}",
-    # Takes half the time of the newer generator, and is equivalent for walls of several lines.
+    # Equivalent to Arachne for walls of several lines, in half the time.
     "perimeter_generator": "classic",
     "fill_density": f"{PRINT_SETTINGS.infill_percent}%",
     "perimeter_speed": "45",
@@ -47,7 +47,7 @@ SETTINGS = {
 NOZZLE = {"nozzle_diameter": f"{PRINT_SETTINGS.nozzle_mm:g}", "filament_diameter": "1.75"}
 
 
-def of_printer(printer: Printer) -> dict[str, str]:
+def printer_settings(printer: Printer) -> dict[str, str]:
     """The bed and the plastic of a printer, by PrusaSlicer's names."""
     width, length, height = (f"{side:g}" for side in printer.bed_mm)
     return {
@@ -59,18 +59,18 @@ def of_printer(printer: Printer) -> dict[str, str]:
 
 def prusa_profile(printer: Printer) -> str:
     """The profile as an INI file for PrusaSlicer and SuperSlicer, without support, since no part needs any."""
-    settings = SETTINGS | {"support_material": "0"} | NOZZLE | of_printer(printer)
+    settings = SETTINGS | {"support_material": "0"} | NOZZLE | printer_settings(printer)
     settings |= {"print_settings_id": PROFILE}
     return "".join(f"{name} = {value}\n" for name, value in sorted(settings.items()))
 
 
 def embedded(profile: str) -> str:
-    """A profile for a 3MF project of PrusaSlicer: every setting as a comment, after a first line that is skipped."""
+    """A profile for a 3MF project of PrusaSlicer: settings as comments, after a first line that the slicer skips."""
     return f"; {PROFILE}\n\n" + "".join(f"; {line}\n" for line in profile.splitlines())
 
 
 def orca_profile() -> str:
-    """The profile as a process for OrcaSlicer and Bambu Studio, by their names of settings, without a printer.
+    """The profile as a process for OrcaSlicer and Bambu Studio, with their setting names, without a printer.
 
     Both identify a process by its `print_settings_id`, and reject one without a version; every value is a string.
     """
@@ -101,7 +101,7 @@ PROGRAMS = ("prusa-slicer", "prusa-slicer-console", "PrusaSlicer")
 OPTIONS = {
     **{name.replace("_", "-"): value for name, value in (SETTINGS | NOZZLE).items()},
     "gcode-flavor": "marlin2",
-    # Resets relative extrusion at every layer.
+    # PrusaSlicer requires this reset at every layer for relative extrusion.
     "layer-gcode": "G92 E0",
 }
 SWITCHES = (
@@ -113,10 +113,9 @@ SWITCHES = (
     "--dont-support-bridges",
     "--no-overhangs",
 )
-# Margin so that rounding causes no support for faces at the overhang limit: one degree, and another that the slicer
-# adds.
+# Margin against support for faces at the overhang limit: one degree for rounding, and one that the slicer adds.
 THRESHOLD_DEG = 2.0
-LONGEST_S = 900.0
+TIMEOUT_S = 900.0
 
 
 @dataclass(frozen=True)
@@ -140,10 +139,10 @@ def slicer_version() -> str | None:
     program = find_slicer()
     if program is None:
         return None
-    helped = run_program([program, "--help"], timeout_s=LONGEST_S)
-    helped.check_returncode()
-    found = re.search(r"PrusaSlicer-[\d.]+", helped.stdout.decode("utf-8", "replace"))
-    return found.group() if found else program
+    run = run_program([program, "--help"], timeout_s=TIMEOUT_S)
+    run.check_returncode()
+    version = re.search(r"PrusaSlicer-[\d.]+", run.stdout.decode("utf-8", "replace"))
+    return version.group() if version else program
 
 
 def slice_3mf(path: Path, printer: Printer) -> Sliced | None:
@@ -155,15 +154,15 @@ def slice_3mf(path: Path, printer: Printer) -> Sliced | None:
     if program is None:
         raise FileNotFoundError("PrusaSlicer is not installed")
     options = OPTIONS | {
-        **{name.replace("_", "-"): value for name, value in of_printer(printer).items()},
+        **{name.replace("_", "-"): value for name, value in printer_settings(printer).items()},
         "support-material-threshold": f"{90.0 - printer.overhang_deg - THRESHOLD_DEG:.0f}",
     }
     with TemporaryDirectory() as folder:
         gcode = Path(folder) / "part.gcode"
-        named = [word for name, value in options.items() for word in (f"--{name}", value)]
-        command = [program, *SWITCHES, *named, "--datadir", folder, "--output", str(gcode), str(path.resolve())]
-        done = run_program(command, timeout_s=LONGEST_S)
-        if done.returncode != 0 or not gcode.exists():
+        arguments = [word for name, value in options.items() for word in (f"--{name}", value)]
+        command = [program, *SWITCHES, *arguments, "--datadir", folder, "--output", str(gcode), str(path.resolve())]
+        run = run_program(command, timeout_s=TIMEOUT_S)
+        if run.returncode != 0 or not gcode.exists():
             return None
         return read_gcode(gcode.read_text(encoding="utf-8", errors="replace"))
 
@@ -175,8 +174,10 @@ def read_gcode(text: str) -> Sliced | None:
     grams = re.search(r"^; filament used \[g\] = ([\d.]+)", summary, re.MULTILINE)
     if time is None or grams is None or float(grams.group(1)) == 0.0:
         return None
-    parts = dict(reversed(pair) for pair in re.findall(r"(\d+)([dhms])", time.group(1)))
-    seconds = sum(int(parts.get(unit, 0)) * length for unit, length in zip("dhms", (86400, 3600, 60, 1), strict=True))
+    counts = dict(reversed(pair) for pair in re.findall(r"(\d+)([dhms])", time.group(1)))
+    seconds = sum(
+        int(counts.get(unit, 0)) * unit_seconds for unit, unit_seconds in zip("dhms", (86400, 3600, 60, 1), strict=True)
+    )
     support = 0.0
     for section in text.split(";TYPE:")[1:]:
         if section.startswith("Support material"):

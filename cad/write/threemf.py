@@ -1,4 +1,4 @@
-"""Parts as 3MF for a slicer: as they lie on the bed, with their numbers, licence, material and colours.
+"""Parts as 3MF for a slicer: in print orientation, with their numbers, licence, material and colours.
 
 Print plates are 3MF projects with print settings: all parts of a device on as few beds as possible.
 """
@@ -30,7 +30,7 @@ from mirrorcam.core.values import FloatArray, Metric
 
 DESIGNER = "MirrorCam"
 # Relationship type of an attached configuration; slicers find the file by its path.
-CONFIGURATION = "http://mirrorcam/configuration"
+CONFIGURATION_TYPE = "http://mirrorcam/configuration"
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,28 +41,28 @@ class PrintBody:
     points: FloatArray
     faces: NDArray[np.int64]
 
-    def placed(self, turn: FloatArray, shift_mm: FloatArray) -> PrintBody:
-        """The body rotated about the bed's normal by (2, 2), then shifted by (2,)."""
-        flat = self.points[:, :2] @ turn.T + shift_mm
-        return replace(self, points=np.column_stack([flat, self.points[:, 2]]))
+    def placed(self, rotation: FloatArray, shift_mm: FloatArray) -> PrintBody:
+        """The body after a rotation (2, 2) about the bed's normal and a shift (2,)."""
+        in_plan = self.points[:, :2] @ rotation.T + shift_mm
+        return replace(self, points=np.column_stack([in_plan, self.points[:, 2]]))
 
 
 def body_on_bed(stl: Path, part: PartPlan, printer: Printer) -> PrintBody:
     """A part from its STL file (rig, mm) in its print orientation, in the middle of the bed."""
     mesh = trimesh.load_mesh(stl)
     middle = (printer.bed_mm[0] / 2.0, printer.bed_mm[1] / 2.0, 0.0)
-    return PrintBody(part, lying(np.array(mesh.vertices), part, printer) + middle, np.array(mesh.faces))
+    return PrintBody(part, on_bed(np.array(mesh.vertices), part, printer) + middle, np.array(mesh.faces))
 
 
 def write_3mf(path: Path, stl: Path, part: PartPlan, printer: Printer) -> None:
     """Write the mesh of a part's STL file (rig, mm) in its print orientation, in the middle of the bed."""
     body = body_on_bed(stl, part, printer)
     size = np.ptp(body.points, axis=0)
-    described = (
+    description = (
         f"{part.number} {part.title}, part identity {part.identity}. Print as it lies, without support: "
         f"{printer.plastic}, {size[0]:.1f} x {size[1]:.1f} x {size[2]:.1f} mm, z up."
     )
-    write_bodies(path, [body], part.title, described, printer)
+    write_bodies(path, [body], part.title, description, printer)
 
 
 def write_bodies(
@@ -71,9 +71,9 @@ def write_bodies(
     title: str,
     description: str,
     printer: Printer,
-    attached: Mapping[str, str] = MappingProxyType({}),
+    attachments: Mapping[str, str] = MappingProxyType({}),
 ) -> None:
-    """Write the bodies on one bed; `attached` are texts by their paths in the archive.
+    """Write the bodies on one bed; `attachments` are texts by their paths in the archive.
 
     The UUIDs are derived from the parts' identities, so that the same parts give the same bytes; lib3mf's defaults are
     random.
@@ -104,14 +104,14 @@ def write_bodies(
         item.SetPartNumber(part.number)
         item.SetUUID(_uuid(part, "item"))
     model.SetBuildUUID(_uuid(bodies[0].part, "build" + "".join(body.part.identity for body in bodies[1:])))
-    for name, text in attached.items():
+    for name, text in attachments.items():
         data = text.encode()
-        model.AddAttachment(name, CONFIGURATION).ReadFromBuffer((ctypes.c_ubyte * len(data))(*data))
-    with atomic(path) as temporary, _same_locale():
+        model.AddAttachment(name, CONFIGURATION_TYPE).ReadFromBuffer((ctypes.c_ubyte * len(data))(*data))
+    with atomic(path) as temporary, _restored_locale():
         model.QueryWriter("3mf").WriteToFile(str(temporary))
 
 
-def lying(points_in_rig: FloatArray, part: PartPlan, printer: Printer) -> FloatArray:
+def on_bed(points_in_rig: FloatArray, part: PartPlan, printer: Printer) -> FloatArray:
     """Points (n, 3) of a part in its print orientation, with its middle over the origin and the bed at z = 0.
 
     The part is rotated by a quarter turn if it fits only that way.
@@ -126,8 +126,8 @@ def lying(points_in_rig: FloatArray, part: PartPlan, printer: Printer) -> FloatA
 
 
 @contextmanager
-def _same_locale() -> Iterator[None]:
-    """Restore the locale: lib3mf's writer sets the process to C, in which Python reads text as ASCII."""
+def _restored_locale() -> Iterator[None]:
+    """Restore the locale: lib3mf's writer sets the process's to C, in which Python reads text as ASCII."""
     before = locale.setlocale(locale.LC_ALL)
     try:
         yield
@@ -135,19 +135,19 @@ def _same_locale() -> Iterator[None]:
         locale.setlocale(locale.LC_ALL, before)
 
 
-def _uuid(part: PartPlan, what: str) -> str:
-    return str(uuid5(NAMESPACE_URL, f"mirrorcam:{part.number}:{part.name}:{part.identity}:{what}"))
+def _uuid(part: PartPlan, role: str) -> str:
+    return str(uuid5(NAMESPACE_URL, f"mirrorcam:{part.number}:{part.name}:{part.identity}:{role}"))
 
 
 FOLDER = "plates"
 GAP_MM = 6.0
-"""Least distance between parts, for a nozzle, a brim and a skirt."""
+"""Least distance between parts: space for the nozzle, a brim and a skirt."""
 
 CONFIG = "/Metadata/Slic3r_PE.config"
 """Path of the settings of PrusaSlicer and its relatives in a 3MF file."""
 
-# Rounding of the nesting.
-ROUNDING_MM = 1e-3
+# Tolerance of checks for the rounding of the nesting.
+NESTING_ROUNDING_MM = 1e-3
 
 
 @dataclass(frozen=True)
@@ -169,7 +169,7 @@ def plan_plates(parts: Sequence[PartPlan], folder: Path, printer: Printer) -> tu
     places = nest([_hull(body) for body in bodies], enlarged, GAP_MM)
     plates: dict[int, list[PrintBody]] = {}
     for body, place in zip(bodies, places, strict=True):
-        plates.setdefault(place.sheet, []).append(body.placed(place.turn, place.shift_mm - GAP_MM))
+        plates.setdefault(place.sheet, []).append(body.placed(place.rotation, place.shift_mm - GAP_MM))
     return tuple(Plate(tuple(bodies)) for _, bodies in sorted(plates.items()))
 
 
@@ -191,9 +191,9 @@ def write_plates(
     parts_in: dict[str, tuple[str, ...]] = {}
     for number, plate in enumerate(plates, start=1):
         title = f"Plate {number} of {len(plates)}"
-        named = ", ".join(f"{body.part.number} {body.part.title} ({body.part.identity})" for body in plate.bodies)
+        contents = ", ".join(f"{body.part.number} {body.part.title} ({body.part.identity})" for body in plate.bodies)
         path = f"{FOLDER}/plate_{number}.3mf"
-        description = f"{named}. Print without support."
+        description = f"{contents}. Print without support."
         write_bodies(out / path, plate.bodies, title, description, printer, {CONFIG: embedded(profile)})
         parts_in[path] = tuple(body.part.name for body in plate.bodies)
     write_text(out / FOLDER / f"{PROFILE}.ini", profile)
@@ -208,13 +208,13 @@ def check_plates(plates: Sequence[Plate], printer: Printer) -> dict[str, Metric]
     for plate in plates:
         for body in plate.bodies:
             beyond = max(beyond, float((-body.points).max()), float((body.points - bed).max()))
-        plans = [shapely.union_all(shapely.polygons(body.points[body.faces][..., :2])) for body in plate.bodies]
-        gap = min([gap, *(one.distance(other) for one, other in combinations(plans, 2))])
+        outlines = [shapely.union_all(shapely.polygons(body.points[body.faces][..., :2])) for body in plate.bodies]
+        gap = min([gap, *(a.distance(b) for a, b in combinations(outlines, 2))])
     checks = {
         "number": Metric(value=len(plates), unit=""),
-        "beyond_bed_mm": Metric(value=round(max(beyond, 0.0), 3), unit="mm", limit=ROUNDING_MM),
+        "beyond_bed_mm": Metric(value=round(max(beyond, 0.0), 3), unit="mm", limit=NESTING_ROUNDING_MM),
     }
     if np.isfinite(gap):
-        least = GAP_MM - ROUNDING_MM
+        least = GAP_MM - NESTING_ROUNDING_MM
         checks["part_gap_mm"] = Metric(value=round(float(gap), 3), unit="mm", limit=least, lower_is_better=False)
     return checks

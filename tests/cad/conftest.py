@@ -1,4 +1,4 @@
-"""Layouts and built holders that the tests of CAD share."""
+"""Layouts and built holders for the CAD tests."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def flat_pair(*, gap_mm: float, width_mm: float = 30.0, height_mm: float = 20.0,
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark the tests of a complete device as slow, whose parts are built, sliced and checked for a minute."""
+    """Mark tests of a complete device as slow: its parts are built, sliced and checked for a minute."""
     for item in items:
         if "built_default" in getattr(item, "fixturenames", ()):
             item.add_marker(pytest.mark.slow)
@@ -74,7 +74,7 @@ def read_checks(folder: Path) -> dict[str, Metric]:
 
 @pytest.fixture(scope="session")
 def small_layout() -> Layout:
-    """2x2 second-surface mirrors, 2 mm thick, whose device is planned and built in less time than the default."""
+    """2x2 second-surface mirrors, 2 mm thick, planned and built in less time than the default device."""
     return parabola(2, 2, surface="second", thickness_mm=2.0, gap_mm=2.0)
 
 
@@ -82,7 +82,7 @@ def small_layout() -> Layout:
 def built_second_surface(small_layout: Layout, tmp_path_factory: pytest.TempPathFactory) -> Built:
     """The small layout of second-surface mirrors, built by one process; its parts are not sliced.
 
-    They are kept in the folder `kept` beside that of the files.
+    They are stored in the folder `kept` next to the files' folder.
     """
 
     def build(folder: Path) -> None:
@@ -119,7 +119,7 @@ def make_box(plan: Block) -> Part:
 
 @pytest.fixture(scope="session")
 def block() -> PartPlan:
-    """A box of 60 x 30 x 10 mm with its low corner at (1, 2, 3), that prints lying on its face towards -y."""
+    """A box of 60 x 30 x 10 mm with its lowest corner at (1, 2, 3), printed on its face towards -y."""
     low = np.array([1.0, 2.0, 3.0])
     return PartPlan(
         name="block",

@@ -1,4 +1,4 @@
-"""Layouts that the tests of CAD and its benchmarks build devices for."""
+"""Layouts of the devices in the CAD tests and benchmarks."""
 
 from __future__ import annotations
 

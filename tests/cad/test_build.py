@@ -1,4 +1,4 @@
-"""The whole of a build: which files, the same bytes twice, what is taken over, refusals in one line."""
+"""A complete build: its files, the same bytes twice, reused parts, and errors in one line."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def test_every_file_is_stated_beforehand(built_default: Built) -> None:
     written = names(built_default[1])
     found = {pattern: {name for name in written if fnmatchcase(name, pattern)} for pattern in files_of(HARDWARE)}
     assert written == set().union(*found.values())
-    # One stock sheet, and every part fits the bed, so that no name has a number but those of plates.
+    # One stock sheet, and every part fits the bed, so that only names of plates have a number.
     assert [pattern for pattern, matching in found.items() if not matching and "_[0-9]*" not in pattern] == []
 
 
@@ -101,7 +101,7 @@ def test_unchanged_parts_are_taken_over(
 ) -> None:
     layout, folder, _ = built_second_surface
     monkeypatch.setattr("mirrorcam.cad.part_files.write_step", refuse_to_make)
-    # Pictures are drawn anew in each build, to the same bytes as the test above shows.
+    # Pictures are rendered in each build, with the same bytes, as the test above shows.
     monkeypatch.setattr("mirrorcam.cad.device_files.write_picture", partial(copy_picture, folder))
     reported: list[tuple[int, int]] = []
     with no_slicer():
@@ -165,7 +165,7 @@ def test_a_missing_extra_is_named_with_its_command(
 ) -> None:
     loaded = ("mirrorcam.cad.build", "mirrorcam.cad.plan.hardware")
     for name in [name for name in sys.modules if name.startswith("mirrorcam.cad.") and name not in loaded]:
-        # What the test imports anew replaces the module in its package, too: both are put back afterwards.
+        # A module imported again also replaces the one in its package: both are restored afterwards.
         package, _, child = name.rpartition(".")
         monkeypatch.setattr(sys.modules[package], child, sys.modules[name])
     for name in [name for name in sys.modules if name.startswith("mirrorcam.cad.") and name not in loaded]:
@@ -173,7 +173,7 @@ def test_a_missing_extra_is_named_with_its_command(
     monkeypatch.setitem(sys.modules, missing, None)
     with pytest.raises(InputError, match=rf'^{missing} is not installed.*: pip install "mirrorcam\[cad\]"$'):
         mirrorcam.cad.build.build_parts(small_layout, tmp_path)
-    # What is missing for another reason is a bug, and is not blamed on the installation.
+    # A module missing for another reason is a bug, not an incomplete installation.
     monkeypatch.setitem(sys.modules, missing, type(sys)(missing))
     monkeypatch.setitem(sys.modules, "mirrorcam.cad.write.part_export", None)
     with pytest.raises(ImportError):

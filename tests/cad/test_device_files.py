@@ -1,4 +1,4 @@
-"""The files of a device: all that there should be, every check passed and stated, mirrors sheet by sheet."""
+"""The files of a device: complete, with every check stated and passed, and mirrors sheet by sheet."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def test_every_check_and_figure_has_a_label(built_default: Built) -> None:
 def test_second_surface_mirrors_pass_as_well(built_second_surface: Built) -> None:
     _, folder, checks = built_second_surface
     assert {name: check for name, check in checks.items() if not check.passed} == {}
-    # The other parts know nothing of mirrors, and are sliced with the default device.
+    # The other parts do not depend on mirrors, and are sliced with the default device.
     for part in ("mirror_holder", "mount"):
         sliced = check_slicing(folder / "parts" / f"{part}.3mf", HARDWARE.printer)
         assert [name for name, check in sliced.items() if not check.passed] == []

@@ -1,4 +1,4 @@
-"""Devices larger than the bed, from their layout to their files."""
+"""Devices larger than the bed, from layout to files."""
 
 from __future__ import annotations
 

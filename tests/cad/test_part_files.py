@@ -1,4 +1,4 @@
-"""What decides about the files of a part: its plan, the printer, the date, our code and the programs that write it."""
+"""The inputs of a part's files: its plan, the printer, the date, our code and the programs that write them."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""Cuts through meshed bodies: fragments, what lies inside spans, and the space for pins.
+"""Cuts through meshed bodies: fragments, the body within spans, and the space for pins.
 
-A piece as a solid: the box of its plan cut out of the part, less its teardrop holes; what falls apart is refused.
+A piece as a solid: the part within the box of its plan, minus its teardrop holes; InputError if it falls apart.
 
-Parts cut for the bed: pieces that fit, join without a gap, hold their pins; and parts that cannot be cut.
+Parts cut for the bed: pieces that fit, join without a gap and have space for pins; and parts that cannot be cut.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.part_plan import PartPlan
 from mirrorcam.cad.splitting import (
     area_for_pins,
-    best_places_mm,
+    best_cuts_mm,
     falls_apart,
     fragments,
     inside,
@@ -37,7 +37,7 @@ from mirrorcam.optics.geometry.transforms import transform
 def test_a_crumb_that_a_cut_leaves_is_left_out_and_a_fragment_refused() -> None:
     bar = Manifold.cube((300.0, 30.0, 20.0))
     for width, apart in ((1.0, False), (3.0, True)):
-        # A corner that only a strip behind the cut holds.
+        # A corner connected only by a strip behind the cut.
         body = bar + Manifold.cube((2.0, 1.0, width)).translate((149.5, 31.0, 0.0))
         body += Manifold.cube((0.5, 2.0, width)).translate((151.0, 29.5, 0.0))
         assert falls_apart(body, 0, 150.9, 1.2) == apart
@@ -46,7 +46,7 @@ def test_a_crumb_that_a_cut_leaves_is_left_out_and_a_fragment_refused() -> None:
 
 
 def test_a_hole_keeps_a_wall_before_what_is_hollow_beyond_its_end() -> None:
-    """Pins find no room where a hollow begins nearer to the cut than their holes and a wall reach."""
+    """Pins have no space if a hollow is nearer to the cut than the depth of their holes and a wall."""
     needed = HARDWARE.holder.pin_mm[1] / 2.0 + HARDWARE.fit.slide_mm + HARDWARE.printer.wall_mm
     bar, axes = Manifold.cube((300.0, 30.0, 20.0)), (-1e4, 1e4)
     for beyond, room in ((0.05, True), (-0.05, False)):
@@ -59,16 +59,16 @@ def test_area_for_pins_in_a_bar_is_its_section_less_a_wall_round_the_hole() -> N
     bar, around = Manifold.cube((300.0, 30.0, 20.0)), clearance_round_pin_mm(HARDWARE)
     room = area_for_pins(bar, 0, 150.0, (-1e4, 1e4), HARDWARE)
     np.testing.assert_allclose(room.bounds, (around, around, 30.0 - around, 20.0 - around), atol=1e-9)
-    # Across y the other axis is x, and the span keeps as far off as the outside.
+    # For a cut normal to y the other axis is x; the clearance from the ends of the span is as from the outside.
     assert area_for_pins(bar, 1, 15.0, (50.0, 80.0), HARDWARE).bounds[0] == pytest.approx(50.0 + around)
 
 
 def test_the_place_with_most_area_for_pins_is_taken_and_of_equals_the_middle() -> None:
     bar = Manifold.cube((300.0, 30.0, 20.0))
-    assert best_places_mm(bar, 0, (0.0, 300.0), 220.0, HARDWARE) == (150.0,)
-    assert best_places_mm(bar, 0, (0.0, 200.0), 220.0, HARDWARE) == ()
+    assert best_cuts_mm(bar, 0, (0.0, 300.0), 220.0, HARDWARE) == (150.0,)
+    assert best_cuts_mm(bar, 0, (0.0, 200.0), 220.0, HARDWARE) == ()
     notch = Manifold.cube((20.0, 30.0, 12.0)).translate((140.0, 0.0, 8.0))
-    (place,) = best_places_mm(bar - notch, 0, (0.0, 300.0), 220.0, HARDWARE)
+    (place,) = best_cuts_mm(bar - notch, 0, (0.0, 300.0), 220.0, HARDWARE)
     assert abs(place - 150.0) > 10.0 + reach_of_pin_mm(HARDWARE)
 
 
@@ -109,7 +109,7 @@ def test_a_piece_is_its_box_of_the_part_less_its_holes() -> None:
     steep = math.radians(42.0)
     teardrop = 1.5**2 * (math.pi - (math.pi / 2 - steep) + 1 / math.tan(steep))
     assert drilled.volume == pytest.approx(15.0 * 20.0 * 20.0 - 2.0 * 8.0 * teardrop, rel=1e-9)
-    # The roofs are up: over a hole's axis the ridge reaches higher than its radius.
+    # The roofs are up: the ridge is higher above a hole's axis than its radius.
     assert not drilled.solids()[0].is_inside((10.0, 6.0, 10.0 + 1.5 / math.sin(steep) - 0.05))
     assert drilled.solids()[0].is_inside((10.0, 6.0, 10.0 - 1.55))
 
@@ -141,7 +141,7 @@ class BarPlan:
 
 
 def make_bar(plan: BarPlan) -> Part:
-    """A bar along x from the origin, z up, with a slot through all its height in its middle."""
+    """A bar along x from the origin, z up, with a slot through its full height in the middle."""
     corner = (Align.MIN, Align.MIN, Align.MIN)
     with BuildPart() as bar:
         Box(plan.length_mm, plan.width_mm, plan.height_mm, align=corner)
@@ -182,7 +182,7 @@ def test_a_part_is_made_once_for_all_its_pieces_and_no_piece_changes_another() -
     volumes = [piece.make(piece.plan).volume for piece in (*parts, *parts[::-1])]
     assert len(made) == 1
     assert volumes[:4] == volumes[:3:-1]
-    # Another part of the same function is another part.
+    # Another plan for the same function gives another part.
     longer, corners = bar_part(BarPlan(312.0, 260.0, 20.0))
     split(replace(longer, make=make), corners, HARDWARE)
     assert len(made) == 2
@@ -196,7 +196,7 @@ def test_pieces_fit_the_bed_and_are_the_part_less_its_pin_holes(length: float, w
     cuts = {2: 1, 3: 2, 4: 4}[count]
     assert len(pieces.pins) == 2 * cuts
     radius, depth = HARDWARE.holder.pin_mm[0] / 2.0 + HARDWARE.fit.press_mm, HARDWARE.holder.pin_mm[1] / 2.0 + 0.2
-    # A teardrop: a disc less the segment under its roof, and the roof.
+    # A teardrop: a disc minus the segment under its roof, plus the roof.
     steep = math.radians(42.0)
     hole = radius**2 * (math.pi - (math.pi / 2 - steep) + 1 / math.tan(steep)) * depth
     volume = 0.0
@@ -249,7 +249,7 @@ def test_what_cannot_be_cut_is_refused_with_the_measure() -> None:
     with pytest.raises(InputError, match=r"bar is 260\.0 mm high, expected at most 250 mm"):
         split(part, corners, HARDWARE)
     part, corners = bar_part(BarPlan(300.0, 30.0, 20.0, slot_mm=12.0))
-    # Both cuts are solid, but so near the slot's ends that only two legs lie between them.
+    # Both cuts are solid, but so near the slot's ends that only two legs are between them.
     part, corners = bar_part(BarPlan(300.0, 60.0, 20.0, slot_mm=20.0))
     with pytest.raises(InputError, match=r"piece 2 of the bar falls apart into 2, expected one"):
         split(part, corners, HARDWARE, ((135.0, 165.0), ()))
@@ -260,9 +260,9 @@ def test_what_cannot_be_cut_is_refused_with_the_measure() -> None:
 
 @pytest.mark.parametrize("side", [-1.0, 1.0])
 def test_a_cut_keeps_off_corners_that_it_all_but_touches(side: float) -> None:
-    """A groove across the bar ends in the middle, where the cut is asked for, but for rounding.
+    """A groove across the bar ends in the middle, at the requested cut up to rounding.
 
-    Moved towards the groove, the cut leaves its end whole; moved away, a fin as thin as the move.
+    A cut moved towards the groove leaves its end intact; moved away, it leaves a fin as thin as the move.
     """
 
     def make(plan: float) -> Part:

@@ -74,31 +74,31 @@ class Solid:
         A set also expands about its point with the solid: the bodies joined there are of one material.
         """
         if any(len(nodes) < 3 for nodes in screws):
-            raise InputError("a screw holds fewer than 3 nodes of the mesh, expected finer elements")
+            raise InputError("a screw has fewer than 3 nodes of the mesh, expected finer elements")
         if len(np.unique(np.concatenate(screws))) < sum(len(nodes) for nodes in screws):
-            raise ValueError("screws share nodes, expected each node to be held by one")
+            raise ValueError("screws share nodes, expected each node in only one")
         stiffness, loads, glued = self._with_glue(*self._assembled(carried), tuple(carried.values()))
         count = stiffness.shape[0]
         fixed = np.concatenate([self._dofs[nodes].ravel() for nodes in screws])
-        rigid, grown = np.zeros((count, 6 * len(screws))), np.zeros((count, LOADS))
+        rigid, expanded = np.zeros((count, 6 * len(screws))), np.zeros((count, LOADS))
         for k, (nodes, point) in enumerate(zip(screws, at, strict=True)):
             dofs, arms = self._dofs[nodes].ravel(), self.nodes[nodes] - point
             rigid[dofs, 6 * k : 6 * k + 6] = rigid_motions(arms)
-            grown[dofs, 6] = arms.ravel()
+            expanded[dofs, 6] = arms.ravel()
         free = np.setdiff1d(np.arange(count), fixed)
         inner = stiffness[free][:, free].tocsc()
         factor = splu(inner, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
-        pulled = stiffness[free] @ rigid
-        by_screws, by_loads = rigid.copy(), grown.copy()
-        by_screws[free] = -factor.solve(pulled)
-        loads = loads - stiffness @ grown
+        coupling = stiffness[free] @ rigid
+        by_screws, by_loads = rigid.copy(), expanded.copy()
+        by_screws[free] = -factor.solve(coupling)
+        loads = loads - stiffness @ expanded
         by_loads[free] = factor.solve(loads[free])
-        own = by_screws.T @ (stiffness @ by_screws)
+        reduced = by_screws.T @ (stiffness @ by_screws)
         motions = {
             name: self._motion_of(each, at, count) for (name, each), at in zip(carried.items(), glued, strict=True)
         }
         return CondensedSolid(
-            stiffness=(own + own.T) / 2.0,
+            stiffness=(reduced + reduced.T) / 2.0,
             forces=by_screws.T @ loads,
             by_screws={name: motion @ by_screws for name, motion in motions.items()},
             by_loads={name: motion @ by_loads for name, motion in motions.items()},
@@ -130,7 +130,7 @@ class Solid:
         """Stiffness and loads with six more displacements for each glued body, and the index of the first, or None."""
         from scipy.sparse import block_diag, csr_matrix
 
-        own = stiffness.shape[0]
+        solid_dofs = stiffness.shape[0]
         glued: list[int | None] = []
         added = 6 * sum(each.glue is not None for each in carried)
         total = block_diag([stiffness, csr_matrix((added, added))], format="csr")
@@ -139,16 +139,16 @@ class Solid:
             if each.glue is None:
                 glued.append(None)
                 continue
-            first = own + 6 * sum(place is not None for place in glued)
+            first = solid_dofs + 6 * sum(index is not None for index in glued)
             glued.append(first)
             arms = self.nodes[each.nodes] - each.at
             # Elongation of the springs: nodes minus the rigid motion and the expansion of the body.
             dofs = np.concatenate([self._dofs[each.nodes].ravel(), np.arange(first, first + 6)])
             stretch = np.hstack([np.eye(arms.size), -rigid_motions(arms)])
             springs = block_diag(each.glue)
-            own_stiffness = stretch.T @ (springs @ stretch)
+            body_stiffness = stretch.T @ (springs @ stretch)
             rows, columns = np.meshgrid(dofs, dofs, indexing="ij")
-            total = total + csr_matrix((own_stiffness.ravel(), (rows.ravel(), columns.ravel())), shape=total.shape)
+            total = total + csr_matrix((body_stiffness.ravel(), (rows.ravel(), columns.ravel())), shape=total.shape)
             loads[dofs, 7] += stretch.T @ (springs @ arms.ravel())
             loads[first : first + 6, 3:6] += _weights(each)
         return total, loads, glued
@@ -171,7 +171,7 @@ class Solid:
 
 
 def _weights(each: Carried) -> FloatArray:
-    """Forces and moments (6, 3) about a body's point by its weight along x, y and z."""
+    """Forces and moments (6, 3) about a body's point due to its weight along x, y and z."""
     force = each.weight_n * np.eye(3)
     return np.vstack([force, np.cross(each.middle - each.at, force).T])
 

@@ -89,10 +89,10 @@ def plastic_named(name: str, modulus_mpa: float, density_g_per_cm3: float) -> Pl
 
 
 G = 9.80665
-# Radius of the disc in which a screw clamps parts together, rigid in the model.
-SCREW_MM = 6.0
-# Tolerance of nodes in a plane, and distance of nodes that carry a camera from its points of contact.
-IN_PLANE_MM, CARRIES_MM = 5e-3, 3.0
+# Radius of the disc, rigid in the model, in which a screw clamps parts.
+CLAMP_RADIUS_MM = 6.0
+# Tolerance of nodes in a plane, and radius about a camera's points of contact in which nodes carry it.
+IN_PLANE_MM, CONTACT_RADIUS_MM = 5e-3, 3.0
 CAMERA = "camera"
 # Neutral-cure silicone, 20 to 25 Shore A, in MPa: its shear modulus, and the modulus of a layer confined sideways, for
 # a Poisson's ratio of .49.
@@ -211,11 +211,11 @@ def _meshed(part: Part, name: str, size_mm: float) -> Tetrahedra:
 
 def discs(nodes: FloatArray, at: FloatArray, axes: FloatArray) -> list[NDArray[np.int64]]:
     """The nodes around each screw, in the plane where it enters a part; a node belongs to the nearest screw."""
-    away = np.linalg.norm(nodes[:, None] - at, axis=2)
-    off = np.abs(np.einsum("nsk,sk->ns", nodes[:, None] - at, axes))
-    nearest = away.argmin(axis=1)
+    distances = np.linalg.norm(nodes[:, None] - at, axis=2)
+    offsets = np.abs(np.einsum("nsk,sk->ns", nodes[:, None] - at, axes))
+    nearest = distances.argmin(axis=1)
     return [
-        np.flatnonzero((nearest == screw) & (away[:, screw] < SCREW_MM) & (off[:, screw] < IN_PLANE_MM))
+        np.flatnonzero((nearest == screw) & (distances[:, screw] < CLAMP_RADIUS_MM) & (offsets[:, screw] < IN_PLANE_MM))
         for screw in range(len(at))
     ]
 
@@ -226,9 +226,9 @@ def _mirrors(device: Device, nodes: FloatArray) -> dict[str, Carried]:
     carried = {}
     for name, mirror in zip(device.layout.mirror_names, device.layout.mirrors, strict=True):
         outline = Polygon(mirror.outline_in_plane_mm)
-        own = transform(inverse(mirror.rig_from_plane), nodes)
-        on_floor = np.abs(own[:, 2] - seat_height_mm(mirror, device.hardware)) < IN_PLANE_MM
-        seat = np.flatnonzero(on_floor & outline.covers(points(own[:, :2])))
+        in_plane = transform(inverse(mirror.rig_from_plane), nodes)
+        on_floor = np.abs(in_plane[:, 2] - seat_height_mm(mirror, device.hardware)) < IN_PLANE_MM
+        seat = np.flatnonzero(on_floor & outline.covers(points(in_plane[:, :2])))
         if len(seat) < 3:
             raise InputError(f"seat of mirror {name} has {len(seat)} nodes of the mesh, expected finer elements")
         mass_g = density * outline.area * mirror.thickness_mm / 1000.0
@@ -241,19 +241,19 @@ def _mirrors(device: Device, nodes: FloatArray) -> dict[str, Carried]:
 
 def _glue(area_mm2: float, normal: FloatArray, count: int, hardware: Hardware) -> FloatArray:
     """Springs (count, 3, 3) of a layer of glue, in N/mm, scaled as if the plastic's modulus were 1 MPa."""
-    along = np.outer(normal, normal)
-    layer = GLUE_SHEAR_MPA * (np.eye(3) - along) + GLUE_LAYER_MPA * along
-    each = area_mm2 / count / hardware.holder.bond_mm * layer / hardware.printer.plastic_mpa
-    return np.tile(each, (count, 1, 1))
+    normal_part = np.outer(normal, normal)
+    layer = GLUE_SHEAR_MPA * (np.eye(3) - normal_part) + GLUE_LAYER_MPA * normal_part
+    spring = area_mm2 / count / hardware.holder.bond_mm * layer / hardware.printer.plastic_mpa
+    return np.tile(spring, (count, 1, 1))
 
 
 def _camera(device: Device, nodes: FloatArray) -> Carried:
     """The camera, on the nodes around its points of contact."""
     nest, body = device.clip.nest, body_box(device.hardware.camera)
-    rests = device.clip.board_screws if nest is None else nest.points
-    near = np.linalg.norm(nodes[:, None] - rests, axis=2).min(axis=1) < CARRIES_MM
+    contacts = device.clip.board_screws if nest is None else nest.points
+    carrying = np.linalg.norm(nodes[:, None] - contacts, axis=2).min(axis=1) < CONTACT_RADIUS_MM
     middle = (body.low + body.high) / 2.0
-    return Carried(np.flatnonzero(near), np.zeros(3), device.hardware.camera.mass_g / 1000.0 * G, middle)
+    return Carried(np.flatnonzero(carrying), np.zeros(3), device.hardware.camera.mass_g / 1000.0 * G, middle)
 
 
 def _solved(
@@ -271,19 +271,19 @@ def _solved(
     loads[[0, 1, 2], [0, 1, 2]] = G * 1e-6
     loads[[3, 4, 5, 6, 7], [3, 4, 5, 6, 8]] = 1.0
     dofs = [(np.array(part.screws)[:, None] * 6 + np.arange(6)).ravel() for part in parts]
-    for own, solid in zip(dofs, condensed, strict=True):
-        stiffness[np.ix_(own, own)] += solid.stiffness
-        forces[own] += solid.forces @ loads
+    for part_dofs, solid in zip(dofs, condensed, strict=True):
+        stiffness[np.ix_(part_dofs, part_dofs)] += solid.stiffness
+        forces[part_dofs] += solid.forces @ loads
     motions = np.zeros((count, 9))
     ground = (np.array(feet)[:, None] * 6 + np.arange(6)).ravel()
     for foot in feet:
         motions[6 * foot : 6 * foot + 3, 7] = at[foot] - at[list(feet)].mean(axis=0)
     free = np.setdiff1d(np.arange(count), ground)
-    pulled = forces[free] - stiffness[np.ix_(free, ground)] @ motions[ground]
-    motions[free] = np.linalg.solve(stiffness[np.ix_(free, free)], pulled)
+    residual = forces[free] - stiffness[np.ix_(free, ground)] @ motions[ground]
+    motions[free] = np.linalg.solve(stiffness[np.ix_(free, free)], residual)
     carried = {
-        name: solid.by_screws[name] @ motions[own] + solid.by_loads[name] @ loads
-        for part, own, solid in zip(parts, dofs, condensed, strict=True)
+        name: solid.by_screws[name] @ motions[part_dofs] + solid.by_loads[name] @ loads
+        for part, part_dofs, solid in zip(parts, dofs, condensed, strict=True)
         for name in part.carried
     }
     points_at = {name: each.at for part in parts for name, each in part.carried.items()}

@@ -33,9 +33,9 @@ from mirrorcam.core.values import FloatArray, Metric
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.layout_in_pose import GravityTable, MirrorMotion, image_shifts_px
 
-WARMER_K = 10.0
+RISE_K = 10.0
 # Share of gravity's error that remains after correction by the table: the modulus of prints is uncertain by a fifth.
-LEFT_BY_TABLE = 0.2
+RESIDUAL_OF_TABLE = 0.2
 # Factor on motions for the numerical derivatives of images, which are linear in such small motions.
 STEP = 0.1
 
@@ -74,15 +74,15 @@ class Errors:
 
 def errors_of(layout: Layout, motions: DeviceMotions, depth_mm: float, plastic: Plastic) -> Errors:
     """The errors of a device in one plastic, for scene points at a depth in view axes."""
-    weighed = motions.under_gravity(plastic.modulus_mpa, plastic.density_g_per_cm3)
-    gravity = Error(_worst_turn_deg(weighed), *_worst_shifts_px(layout, weighed, depth_mm))
-    warm = motions.of_strain(plastic.strain_per_k * WARMER_K, STEEL_PER_K * WARMER_K, motions.mirror_per_k * WARMER_K)
+    sag = motions.under_gravity(plastic.modulus_mpa, plastic.density_g_per_cm3)
+    gravity = Error(_worst_rotation_deg(sag), *_worst_shifts_px(layout, sag, depth_mm))
+    warm = motions.of_strain(plastic.strain_per_k * RISE_K, STEEL_PER_K * RISE_K, motions.mirror_per_k * RISE_K)
     warmth = {name: motion[:, None] for name, motion in warm.items()}
     return Errors(
         plastic=plastic,
         gravity=gravity,
-        corrected=gravity.times(LEFT_BY_TABLE),
-        warmth=Error(_worst_turn_deg(warmth), *_worst_shifts_px(layout, warmth, depth_mm)),
+        corrected=gravity.times(RESIDUAL_OF_TABLE),
+        warmth=Error(_worst_rotation_deg(warmth), *_worst_shifts_px(layout, warmth, depth_mm)),
         creep=gravity.times(plastic.creep),
         mirrors_warmth_deg={name: float(np.degrees(np.linalg.norm(motion[3:]))) for name, motion in warm.items()},
     )
@@ -96,9 +96,9 @@ def all_errors(layout: Layout, motions: DeviceMotions, depth_mm: float) -> tuple
 def gravity_table(layout: Layout, motions: DeviceMotions, plastic: Plastic) -> GravityTable:
     """The table by which a robot corrects the layout for a pose."""
     mirrors = {}
-    weighed = motions.under_gravity(plastic.modulus_mpa, plastic.density_g_per_cm3)
+    sag = motions.under_gravity(plastic.modulus_mpa, plastic.density_g_per_cm3)
     for name, mirror in zip(layout.mirror_names, layout.mirrors, strict=True):
-        motion = weighed[name]
+        motion = sag[name]
         normal, middle, distance = mirror.normal_in_rig, mirror.rig_from_plane[:3, 3], mirror.distance_mm
         # The plane is n.x = -d, its virtual centre -2 d n.
         by_normal = np.cross(motion[3:], normal, axisa=0).T
@@ -108,7 +108,7 @@ def gravity_table(layout: Layout, motions: DeviceMotions, plastic: Plastic) -> G
     return GravityTable(mirrors=mirrors, plastic=plastic.name, modulus_mpa=plastic.modulus_mpa)
 
 
-def _worst_turn_deg(motions: Mapping[str, FloatArray]) -> float:
+def _worst_rotation_deg(motions: Mapping[str, FloatArray]) -> float:
     return float(np.degrees(max(np.linalg.norm(motion[3:], ord=2) for motion in motions.values())))
 
 
@@ -119,17 +119,17 @@ def _worst_shifts_px(layout: Layout, motions: Mapping[str, FloatArray], depth_mm
     `drift`.
     """
     shifts = _shifts_px(layout, motions, depth_mm)
-    together = {}
+    units = {}
     for name, mirror in zip(layout.mirror_names, layout.mirrors, strict=True):
-        turned = np.cross(np.eye(3), mirror.rig_from_plane[:3, 3]).T
-        together[name] = np.block([[np.eye(3), turned], [np.zeros((3, 3)), np.eye(3)]]) * [*[1.0] * 3, *[1e-2] * 3]
-    common = _shifts_px(layout, together, depth_mm)
+        rotation = np.cross(np.eye(3), mirror.rig_from_plane[:3, 3]).T
+        units[name] = np.block([[np.eye(3), rotation], [np.zeros((3, 3)), np.eye(3)]]) * [*[1.0] * 3, *[1e-2] * 3]
+    common = _shifts_px(layout, units, depth_mm)
     residual = shifts - common @ np.linalg.lstsq(common, shifts, rcond=None)[0]
-    total, apart = (
+    total, residual_px = (
         float(np.linalg.norm(each.reshape(-1, 2, each.shape[1]), ord=2, axis=(1, 2)).max())
         for each in (shifts, residual)
     )
-    return total, apart
+    return total, residual_px
 
 
 def _shifts_px(layout: Layout, motions: Mapping[str, FloatArray], depth_mm: float) -> FloatArray:
@@ -142,8 +142,8 @@ def _shifts_px(layout: Layout, motions: Mapping[str, FloatArray], depth_mm: floa
             )
             for name, mirror in zip(layout.mirror_names, layout.mirrors, strict=True)
         )
-        moved = layout.replaced(kind="as-built", mirrors=mirrors, metrics={}, verdict={})
-        columns.append(np.vstack(image_shifts_px(layout, moved, depth_mm)).ravel() / STEP)
+        as_moved = layout.replaced(kind="as-built", mirrors=mirrors, metrics={}, verdict={})
+        columns.append(np.vstack(image_shifts_px(layout, as_moved, depth_mm)).ravel() / STEP)
     return np.stack(columns, axis=-1)
 
 
@@ -226,40 +226,40 @@ def table_of(errors: Sequence[Errors], own: Errors, depth_mm: float) -> dict[str
 
 
 def _rounded(errors: Errors) -> dict[str, Any]:
-    found: dict[str, Any] = {}
+    values: dict[str, Any] = {}
     for name, error in (("gravity", errors.gravity), ("10_k", errors.warmth), ("creep", errors.creep)):
-        found[name] = {"deg": round(error.deg, 4), "px": round(error.px, 3), "apart_px": round(error.apart_px, 3)}
-    found["corrected"] = {"deg": round(errors.corrected.deg, 4), "px": round(errors.corrected.px, 3)}
-    return found | {"passed": all(figure.passed for figure in figures(errors).values())}
+        values[name] = {"deg": round(error.deg, 4), "px": round(error.px, 3), "apart_px": round(error.apart_px, 3)}
+    values["corrected"] = {"deg": round(errors.corrected.deg, 4), "px": round(errors.corrected.px, 3)}
+    return values | {"passed": all(figure.passed for figure in figures(errors).values())}
 
 
 def figures(errors: Errors) -> dict[str, Metric]:
     """The figures of a device in its plastic, and their limits."""
-    named = {
+    errors_and_limits = {
         "gravity": (errors.gravity, GRAVITY_PX),
         "10_k": (errors.warmth, WARMTH_PX),
         "creep": (errors.creep, CREEP_PX),
     }
-    found = {}
-    for name, (error, limit) in named.items():
-        found[f"elastic.{name}_deg"] = Metric(value=round(error.deg, 4), unit="deg", limit=TURN_DEG)
-        found[f"elastic.{name}_px"] = Metric(value=round(error.px, 3), unit="px")
-        found[f"elastic.{name}_apart_px"] = Metric(value=round(error.apart_px, 3), unit="px", limit=limit)
-    return found | {"elastic.corrected_px": Metric(value=round(errors.corrected.px, 3), unit="px")}
+    metrics = {}
+    for name, (error, limit) in errors_and_limits.items():
+        metrics[f"elastic.{name}_deg"] = Metric(value=round(error.deg, 4), unit="deg", limit=TURN_DEG)
+        metrics[f"elastic.{name}_px"] = Metric(value=round(error.px, 3), unit="px")
+        metrics[f"elastic.{name}_apart_px"] = Metric(value=round(error.apart_px, 3), unit="px", limit=limit)
+    return metrics | {"elastic.corrected_px": Metric(value=round(errors.corrected.px, 3), unit="px")}
 
 
-def part_of_limits(errors: Errors) -> float:
+def largest_of_limits(errors: Errors) -> float:
     """The largest ratio of an error to its limit."""
-    turn = max(error.deg for error in (errors.gravity, errors.warmth, errors.creep)) / TURN_DEG
+    deg = max(error.deg for error in (errors.gravity, errors.warmth, errors.creep)) / TURN_DEG
     return max(
-        turn, errors.gravity.apart_px / GRAVITY_PX, errors.warmth.apart_px / WARMTH_PX, errors.creep.apart_px / CREEP_PX
+        deg, errors.gravity.apart_px / GRAVITY_PX, errors.warmth.apart_px / WARMTH_PX, errors.creep.apart_px / CREEP_PX
     )
 
 
 def recommended(errors: Sequence[Errors]) -> str:
     """The plastic with the smallest errors relative to limits, among those that swell less than they expand in 10 K."""
     steady = [each for each in errors if each.plastic.swelling < 10.0 * each.plastic.strain_per_k]
-    return min(steady, key=part_of_limits).plastic.name
+    return min(steady, key=largest_of_limits).plastic.name
 
 
 def _row(errors: Errors) -> str:

@@ -19,8 +19,8 @@ from mirrorcam.core.processes.child_program import run_program
 from mirrorcam.core.values import FloatArray
 
 # Number of elements around a full circle, and least size of an element.
-AROUND, SMALLEST_MM = 6, 1.0
-LONGEST_S = 600.0
+ELEMENTS_PER_CIRCLE, SMALLEST_MM = 6, 1.0
+TIMEOUT_S = 600.0
 NO_GMSH = (
     'gmsh is not installed or does not start, needed for finite elements: pip install "mirrorcam[fe]"; '
     "on Linux also libglu1-mesa, libxft2, libxcursor1, libxinerama1"
@@ -51,7 +51,7 @@ def gmsh_program() -> str | None:
     """
     installed = shutil.which("gmsh", path=sysconfig.get_path("scripts"))
     for program in (installed, shutil.which("gmsh")):
-        if program and run_program([*_command(program), "--version"], timeout_s=LONGEST_S).returncode == 0:
+        if program and run_program([*_command(program), "--version"], timeout_s=TIMEOUT_S).returncode == 0:
             return program
     return None
 
@@ -70,35 +70,35 @@ def tetrahedra_of(step: Path, size_mm: float) -> Tetrahedra:
         raise InputError(NO_GMSH)
     with TemporaryDirectory() as folder:
         mesh = Path(folder, "part.msh")
-        sizes = ["-clmax", f"{size_mm:g}", "-clmin", f"{SMALLEST_MM:g}", "-clcurv", f"{AROUND}"]
+        sizes = ["-clmax", f"{size_mm:g}", "-clmin", f"{SMALLEST_MM:g}", "-clcurv", f"{ELEMENTS_PER_CIRCLE}"]
         options = [str(step), "-3", *sizes, "-algo", "hxt", "-nt", "1", "-format", "msh22", "-o", str(mesh)]
         command = [*_command(program), *options]
         try:
-            ran = run_program(command, timeout_s=LONGEST_S)
+            run = run_program(command, timeout_s=TIMEOUT_S)
         except subprocess.TimeoutExpired:
-            raise InputError(f"{step}: gmsh took longer than {LONGEST_S:g} s to mesh it") from None
-        if ran.returncode != 0 or not mesh.is_file():
-            output = (ran.stdout + ran.stderr).decode("utf-8", "replace")
+            raise InputError(f"{step}: gmsh took longer than {TIMEOUT_S:g} s to mesh it") from None
+        if run.returncode != 0 or not mesh.is_file():
+            output = (run.stdout + run.stderr).decode("utf-8", "replace")
             errors = [line for line in output.splitlines() if "Error" in line]
             raise InputError(
-                f"{step}: gmsh could not mesh it: {errors[0] if errors else f'exit code {ran.returncode}'}"
+                f"{step}: gmsh could not mesh it: {errors[0] if errors else f'exit code {run.returncode}'}"
             )
-        found = read_msh22(mesh.read_text(encoding="utf-8"))
-    if len(found.corners) == 0:
+        tetrahedra = read_msh22(mesh.read_text(encoding="utf-8"))
+    if len(tetrahedra.corners) == 0:
         raise InputError(f"{step}: gmsh could not mesh it: no solid in it")
-    return found
+    return tetrahedra
 
 
 def read_msh22(text: str) -> Tetrahedra:
     """The tetrahedra of a mesh in gmsh's text format 2.2 (gmsh's reference manual, chapter on file formats)."""
     nodes = _section(text, "Nodes")
-    numbered = np.array([line.split() for line in nodes], dtype=np.float64).reshape(-1, 4)
-    index = {int(number): place for place, number in enumerate(numbered[:, 0])}
+    nodes_by_number = np.array([line.split() for line in nodes], dtype=np.float64).reshape(-1, 4)
+    index_of = {int(number): index for index, number in enumerate(nodes_by_number[:, 0])}
     elements = [[int(word) for word in line.split()] for line in _section(text, "Elements")]
-    found = [[index[node] for node in element[-4:]] for element in elements if element[1] == TETRAHEDRON]
-    corners = np.array(found, dtype=np.int64).reshape(-1, 4)
-    used, places = np.unique(corners, return_inverse=True)
-    return Tetrahedra(numbered[used, 1:4], places.reshape(-1, 4))
+    tetrahedra = [[index_of[node] for node in element[-4:]] for element in elements if element[1] == TETRAHEDRON]
+    corners = np.array(tetrahedra, dtype=np.int64).reshape(-1, 4)
+    used, new_indices = np.unique(corners, return_inverse=True)
+    return Tetrahedra(nodes_by_number[used, 1:4], new_indices.reshape(-1, 4))
 
 
 def _section(text: str, name: str) -> list[str]:

@@ -99,7 +99,7 @@ def ask_profile(like: CameraProfile, interview: Interview) -> CameraProfile:
     guessed: set[str] = set()
     name = interview.answer("name of the camera", like.name, lambda text: _Title(name=text).name).value
     for measure in MEASURES:
-        question = f"{measure.letter}: {measure.what}{', mm' if not measure.what.endswith(', g') else ''}"
+        question = f"{measure.letter}: {measure.description}{', mm' if not measure.description.endswith(', g') else ''}"
         old = like.body.guessed
         answer = interview.answer(question, body[measure.field], _number_of(CameraBody, measure.field))
         body[measure.field] = answer.value

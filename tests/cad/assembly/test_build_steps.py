@@ -1,6 +1,6 @@
-"""Steps of building a device: what hangs together with the camera when each is done.
+"""Build steps of a device: the pieces connected to the camera at the end of each step.
 
-Tools: a key for every socket among the screws, and what the material and the fasteners take.
+Tools: a key for every screw socket, and the tools for the material and the fasteners.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""The list of parts and of what is bought: every screw finds its thread, every part lies on the bed.
+"""The catalogue of parts and bought items: every screw has its thread, every part lies on the bed.
 
-Faces with names: those of the default device are in its STEP files, in the planes that the plans have.
+Named faces: the STEP files of the default device have them in the planned planes.
 
-Ways of inserts and nuts out of their seats: each ends outside of its part, and none goes through it.
+Exits of inserts and nuts from their seats: each ends outside its part, and none passes through material.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from mirrorcam.cad.assembly.catalogue import bought_items, named_faces, parts_of
 from mirrorcam.cad.assembly.device_plan import Device, plan_device
 from mirrorcam.cad.assembly.pieces import item_names, item_pieces, item_solid, tessellated
 from mirrorcam.cad.checks.clashes import FORMING
-from mirrorcam.cad.checks.device_checks import _names_expected
+from mirrorcam.cad.checks.device_checks import _expected_names
 from mirrorcam.cad.checks.exported_mesh import solid_of
 from mirrorcam.cad.checks.reach import check_insertion, check_tool_reach
 from mirrorcam.cad.plan.back_table import back_of
@@ -56,13 +56,13 @@ def axis_of(item: BoughtItem) -> tuple[np.ndarray, np.ndarray]:
 
 
 def slide_screws(device: Device) -> int:
-    """Two rows of two for a camera's body, one for a board, whose clip is low."""
+    """Two rows of two for a camera's body, one for a board, which has a low clip."""
     return 4 if device.hardware.camera.held_by.kind == "lips" else 2
 
 
 @pytest.mark.slow
 def test_every_screw_of_the_frame_holds_in_its_own_thread(each_device: Device) -> None:
-    """Along its axis a screw covers an insert by the thread that is needed, or a nut wholly, and ends soon after."""
+    """A screw engages an insert by the required length or a complete nut, and ends soon after it."""
     screw = each_device.hardware.screw
     items = bought_items(each_device)
     threads = [item for item in items if item.kind in ("insert", "nut")]
@@ -85,7 +85,7 @@ def test_every_screw_of_the_frame_holds_in_its_own_thread(each_device: Device) -
         engaged = min(item.length_mm, high) - low
         if screw.kind == "insert":
             assert engaged >= screw.engaged_mm
-            # Holes of sprung screws go through: they end at the camera.
+            # Holes of sprung screws are through holes: they end at the camera.
             assert item.length_mm - low < screw.insert_depth_mm or len(item.joins) == 1
         else:
             assert engaged == pytest.approx(screw.nut_height_mm, abs=1e-9)
@@ -103,10 +103,10 @@ def test_what_is_bought_is_counted_by_kind(each_device: Device) -> None:
 
 
 def test_fasteners_are_called_in_the_assembly_what_its_checks_expect(each_device: Device) -> None:
-    """Screws that form their thread have names of their own, by which the clash check lets them into plastic."""
+    """Thread-forming screws have their own names, by which the clash check allows them in plastic."""
     names = item_names(bought_items(each_device))
     mirrors = {f"mirror_{name}" for name in each_device.layout.mirror_names}
-    assert {*names, *mirrors, "camera"} == _names_expected(each_device, ())
+    assert {*names, *mirrors, "camera"} == _expected_names(each_device, ())
     forming = [name for name in names if name.startswith(FORMING)]
     assert len(forming) == (0 if each_device.hardware.camera.held_by.kind == "lips" else 4)
 
@@ -126,7 +126,7 @@ def test_sprung_screws_end_at_the_camera_and_can_be_turned_in_further(each_devic
 
 
 def test_nuts_lie_in_their_pockets(each_device: Device) -> None:
-    """No nut stands in plastic, and each is held against turning: turned by 30 deg, it would."""
+    """No nut overlaps plastic, but each would if it were rotated by 30 deg: its pocket keeps it from turning."""
     made = {part.name: part.make(part.plan) for part in parts_of(each_device) if part.name in POCKETS}
     nuts = [item for item in bought_items(each_device) if item.kind == "nut" and item.joins[-1] in made]
     lips = each_device.hardware.camera.held_by.kind == "lips"
@@ -211,7 +211,7 @@ def test_inserts_and_nuts_get_to_their_seats(hardware: Hardware, small_layout: L
     threads = [item for item in items if item.kind in ("insert", "nut")]
     assert check_tool_reach(threads, solids)["device.tool_clash_mm3"].value == 0.0
     if hardware.screw.kind == "nut":
-        # As nuts were drawn once: before the face that the screw enters, as if they were inserts.
+        # A former error: nuts in front of the face that the screw enters, as if they were inserts.
         wrong = [replace(item, exit_moves_mm=12.0 * item.rig_from_item[None, :3, 2]) for item in items]
         assert check_insertion(wrong, solids)["device.insertion_clash_mm3"].value > 100.0
 

@@ -1,4 +1,4 @@
-"""The device as a whole: how its parts meet, and what is refused."""
+"""The complete device: the joints of its parts, and InputError for devices that cannot be made."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 from build123d import Box, Location, RigidJoint
 
 from mirrorcam.cad.assembly.device_plan import Device, connections, lens_boxes, plan_device
-from mirrorcam.cad.backs.back import Back, Carrier
+from mirrorcam.cad.backs.back import Back, Support
 from mirrorcam.cad.backs.plan_backs import plan_back
 from mirrorcam.cad.parts.clip import ClipPlan
 from mirrorcam.cad.parts.mount import MountPlan
@@ -25,7 +25,7 @@ from mirrorcam.optics.geometry.layout import Layout
 
 @pytest.mark.parametrize("kind", list(BACKS))
 def test_parts_are_joined_where_they_already_stand(kind: str, device: Device) -> None:
-    """Each frame comes from the plans of both parts; joined by build123d, nothing moves."""
+    """The frames of a joint come from the plans of both parts: joining by build123d moves nothing."""
     on = device.hardware.replaced(back=back_of(kind))
     joined = connections(replace(device, back=(back := plan_back(device.clip, device.mount, on))))
     assert {joint.parent for joint in joined} | {joint.child for joint in joined} == {
@@ -82,10 +82,10 @@ def test_a_mirror_narrower_than_its_sheet_is_refused(make_flat_pair: Callable[..
         plan_device(make_flat_pair(gap_mm=5.0, height_mm=2.5, thickness_mm=3.0), HARDWARE)
 
 
-def test_a_carrier_in_the_light_is_refused(default_layout: Layout, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_support_in_the_light_is_refused(default_layout: Layout, monkeypatch: pytest.MonkeyPatch) -> None:
     def on_a_wall(clip: ClipPlan, mount: MountPlan, hardware: Hardware) -> Back:
-        wall = Carrier("wall", (box((-50.0, 60.0, -200.0), (50.0, 70.0, 100.0)),))
-        return replace(plan_back(clip, mount, hardware), carriers=(wall,))
+        wall = Support("wall", (box((-50.0, 60.0, -200.0), (50.0, 70.0, 100.0)),))
+        return replace(plan_back(clip, mount, hardware), supports=(wall,))
 
     monkeypatch.setattr("mirrorcam.cad.assembly.device_plan.plan_back", on_a_wall)
     with pytest.raises(InputError, match=r"light of mirror \d-\d enters the wall by \d+\.\d mm"):
@@ -94,7 +94,7 @@ def test_a_carrier_in_the_light_is_refused(default_layout: Layout, monkeypatch: 
 
 @pytest.mark.slow
 def test_a_cover_that_the_camera_leaves_no_way_off_is_left_out(default_layout: Layout, device: Device) -> None:
-    """Over a high hood it would have to be drawn into the camera; by choice there is none either."""
+    """Over a high hood it would collide with the camera when removed; hardware may also exclude it."""
     assert device.cover is not None
     for change in ({"hood_mm": 25.0}, {"dust_cover": False}):
         assert plan_device(default_layout, HARDWARE.replaced(holder=HARDWARE.holder.replaced(**change))).cover is None
@@ -102,7 +102,7 @@ def test_a_cover_that_the_camera_leaves_no_way_off_is_left_out(default_layout: L
 
 @pytest.mark.slow
 def test_a_cover_that_would_be_drawn_into_a_lens_barrel_is_left_out(default_layout: Layout, device: Device) -> None:
-    """The barrel stands between the camera's body, past which the cover comes off, and the mirrors."""
+    """The barrel is between the mirrors and the camera's body, past which the cover slides off."""
     body = device.hardware.camera
     assert plan_device(default_layout, HARDWARE.replaced(camera=body.replaced(lens_protrusion_mm=0.0))).cover
     tall = body.replaced(lens_protrusion_mm=body.pupil_behind_front_mm + 30.0)

@@ -1,6 +1,6 @@
-"""The pieces of the assembled device: closed, in their places, and weighed as the formulas say.
+"""The pieces of the assembled device: closed, in place, and with the masses of closed forms.
 
-Solids of bought items: the volumes of their formulas.
+Solids of bought items: volumes in closed form.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from mirrorcam.cad.assembly.pieces import (
     Piece,
     camera_piece,
     camera_solid,
-    composed,
+    combined,
     item_pieces,
     item_solid,
     item_title,
@@ -38,7 +38,7 @@ from tests.cad.assembly.bought import item
 
 @pytest.fixture(scope="module")
 def parts(built_block: BuiltPart, tmp_path_factory: pytest.TempPathFactory) -> list[BuiltPart]:
-    """The block in the stead of holder, clip and fit coupon: nothing here looks at their shape."""
+    """The block in place of holder, clip and fit coupon: these tests do not depend on their shape."""
     folder = tmp_path_factory.mktemp("pieces")
     names = ("mirror_holder", "camera_clip", "fit_coupon", "dust_cover")
     for name in names:
@@ -56,7 +56,7 @@ def box(width: float, height: float, depth: float, centre: tuple[float, float, f
 
 def test_halves_composed_are_the_whole() -> None:
     halves = [box(10.0, 20.0, 30.0, (x, 7.0, -3.0), 4.0) for x in (-5.0, 5.0)]
-    whole, expected = composed(halves), box(20.0, 20.0, 30.0, (0.0, 7.0, -3.0), 8.0)
+    whole, expected = combined(halves), box(20.0, 20.0, 30.0, (0.0, 7.0, -3.0), 8.0)
     assert whole.mass_g == expected.mass_g
     assert whole.volume_mm3 == expected.volume_mm3
     np.testing.assert_allclose(whole.centre_in_rig_mm, expected.centre_in_rig_mm, atol=1e-12)
@@ -69,7 +69,7 @@ def test_two_points_are_a_dumbbell() -> None:
         MassProperties(volume_mm3=1.0, mass_g=mass, centre_in_rig_mm=np.array(at), inertia_g_mm2=point)
         for mass, at in ((3.0, (0.0, 0.0, 0.0)), (1.0, (0.0, 4.0, 4.0)))
     ]
-    whole = composed(ends)
+    whole = combined(ends)
     np.testing.assert_allclose(whole.centre_in_rig_mm, [0.0, 1.0, 1.0])
     # Reduced mass 3/4 at the distance (0, 4, 4).
     np.testing.assert_allclose(whole.inertia_g_mm2, 0.75 * np.array([[32, 0, 0], [0, 16, -16], [0, -16, 16]]))
@@ -138,7 +138,7 @@ def test_fasteners_are_where_they_are_told(device: Device) -> None:
     )
     assert [piece.name for piece in (screw, other, insert)] == ["screw_01", "screw_02", "insert_01"]
     assert (screw.title, insert.title) == ("M3 x 12 screw", "M3 x 5.7 heat-set insert")
-    # The item's z is the rig's x here: 12 mm of shank behind the origin, a head of 3 mm before it.
+    # The item's z is the rig's x here: a shank of 12 mm behind the origin, a head of 3 mm in front of it.
     np.testing.assert_allclose(screw.mesh.bounds[:, 0], [-2.0, 13.0], atol=1e-9)
     np.testing.assert_allclose(screw.mesh.bounds.mean(axis=0)[1:], [20.0, 30.0], atol=0.02)
 
@@ -178,7 +178,7 @@ def test_fasteners_have_the_volume_of_their_formula(kind: BoughtKind, size: str,
     ("width", "height", "radius"), [(94.0, 29.0, 0.0), (94.0, 29.0, 14.0), (90.0, 25.0, 12.5), (25.0, 90.0, 12.5)]
 )
 def test_a_body_with_round_ends_lacks_four_corners(width: float, height: float, radius: float) -> None:
-    """Of each square of the radius, a quarter of a circle is left."""
+    """Each corner loses the square of the radius but for a quarter of a circle."""
     plain = read_body("d435").replaced(lens_x_mm=0.0, end_radius_mm=0.0)
     body = plain.replaced(width_mm=width, height_mm=height, end_radius_mm=radius, held_by=Lips(lip_mm=2.0))
     solid = camera_solid(body)
@@ -196,7 +196,7 @@ def test_a_size_without_a_diameter_is_refused() -> None:
 
 
 def test_the_foot_of_a_webcam_lies_folded_against_its_scene_side() -> None:
-    """As high as published, no deeper than the body, and in no clip: this has no wall there."""
+    """As high as published, no deeper than the body, and clear of the clip, which has no wall there."""
     camera = read_body("c920")
     assert camera.foot_mm is not None
     box = camera_solid(camera).bounding_box()

@@ -1,4 +1,4 @@
-"""The plan of a part of a back that is made of blocks."""
+"""The plan of a back's part made of blocks."""
 
 from __future__ import annotations
 

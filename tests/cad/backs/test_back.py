@@ -1,6 +1,6 @@
-"""The section that a back's load passes, against the formulas of beams.
+"""The stress in a back's neck, against beam theory.
 
-What a back carries, by the plans: no less than the parts weigh, about the same point.
+The planned load of a back: an upper bound of the parts' mass, about the same centre.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ def test_a_force_through_the_middle_pulls_and_one_above_it_bends() -> None:
     neck = Neck("post", np.zeros(3), Z, X, (20.0, 10.0))
     assert neck.stress_mpa(100.0, np.zeros(3)) == pytest.approx(100.0 / 200.0)
     above = neck.stress_mpa(100.0, np.array([0.0, 0.0, 50.0]))
-    # M / W about either side, W = b h^2 / 6; the force above the middle twists nothing.
+    # M / W about each side, W = b h^2 / 6; the force above the middle causes no torsion.
     bending = 100.0 * 50.0 * 6.0 * (1.0 / (20.0 * 10.0**2) + 1.0 / (10.0 * 20.0**2))
     assert above == pytest.approx(0.5 + bending)
     aside = neck.stress_mpa(100.0, np.array([0.0, 50.0, 0.0]))
@@ -44,7 +44,7 @@ def test_the_load_is_that_of_the_parts_as_made(device: Device, built_default: Bu
     mass = checks["device.mass_g"].value
     centre = [checks[f"device.centre_{axis}_mm"].value for axis in "xyz"]
     assert 0.95 * mass < load.mass_g < 1.3 * mass
-    # The foot is in the one and not in the other.
+    # Only one of them includes the foot.
     np.testing.assert_allclose(load.at, centre, atol=12.0)
 
 

@@ -53,7 +53,7 @@ def test_a_slot_for_a_countersunk_screw_takes_its_head_everywhere_and_prints_on_
             head = Cone(2.0, 4.48, 2.48, align=below)
         common = plate & head
         assert common is None or common.volume < 1e-6
-    # Nothing but the side of the groove looks at the bed, and that leans 42 deg from upright.
+    # Only the side of the groove faces the bed, 42 deg from upright.
     inside = [face for face in plate.faces() if face.bounding_box().max.Z < 8.0 - 1e-6 or face.center().Z > 1e-6]
     steepest = max(face.normal_at().Z for face in inside if face.center().Z < 8.0 - 1e-6)
     assert steepest == pytest.approx(np.sin(np.radians(42.0)), abs=1e-3)
@@ -112,7 +112,7 @@ def test_a_disc_is_round() -> None:
 
 
 def test_a_head_deep_below_the_face_lies_in_a_round_hole() -> None:
-    """Countersinks of neighbours 9.5 mm apart leave a wall, however thick the part is."""
+    """A wall remains between countersinks 9.5 mm apart, for any thickness of the part."""
     plate = make_blocks(BlocksPlan("plate", (PLATE,), countersunk_hole(np.array([0.0, 0.0, 3.0]), 5.0, 3.0, "M3", 0.6)))
     assert plate.is_valid
     radii = [edge.radius for edge in plate.edges() if edge.geom_type == GeomType.CIRCLE]

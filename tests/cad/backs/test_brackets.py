@@ -1,8 +1,8 @@
-"""Brackets: one solid on the foot's screws, whose plate is where it is asked for.
+"""Brackets: one solid on the foot's screws, with its plate in the requested position.
 
-Arms with a flange: holes where the standard and the mesh have them, views along the flange's axis.
+Arms with a flange: holes as in the standard or the published mesh, views along the flange's axis.
 
-The VESA bracket: four nuts on the square, which the screws of the arm reach through its plate.
+The VESA bracket: four nuts on the square, engaged by screws through the arm's plate.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ def planned(device: Device, table: Iso9409Back | Gen3Back) -> Back:
 
 
 def holes_about(back: Back, part: int, radius_mm: float) -> FloatArray:
-    """The middles (n, 2) of the holes along y of a radius, in x and z about the flange's axis."""
+    """The centres (n, 2; x and z about the flange's axis) of the holes along y with a radius."""
     assert back.robot is not None
     origin = back.robot.origin_in_rig
     return np.array(
@@ -67,7 +67,7 @@ def test_iso_9409_1_50_4_m6_has_its_circle_its_ring_and_its_pin(device: Device) 
     assert np.hypot(*holes_about(back, 0, 3.1)[0]) == pytest.approx(25.0)
     ring = back.parts[1].plan.corners
     assert np.ptp(ring[:, 0]) == pytest.approx(31.5 - 0.4, abs=0.02)
-    # It reaches into the flange's recess, which is 3.5 mm deep, and ends flush with the plate's front.
+    # It extends into the flange's recess, 3.5 mm deep, and ends flush with the plate's front.
     assert back.robot is not None
     face = back.robot.origin_in_rig[1]
     assert face - ring[:, 1].min() == pytest.approx(3.0)
@@ -98,7 +98,7 @@ def test_gen3_holes_and_rim_are_those_of_the_published_mesh(device: Device) -> N
     mesh = trimesh.load_mesh(path)
     mesh.apply_scale(1000.0)
     table = Gen3Back()
-    # 4 mm behind the end of the rim: in the face.
+    # 4 mm behind the end of the rim, in the face.
     section = trimesh.intersections.mesh_plane(mesh, (0.0, 0.0, 1.0), (0.0, 0.0, mesh.bounds[0, 2] + 4.0))[:, :, :2]
     points = section.reshape(-1, 2)
     for x in (-1.0, 1.0):

@@ -1,4 +1,4 @@
-"""The clamp against closed forms, and where it stands."""
+"""The clamp: closed forms, and its position on the wrist."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from mirrorcam.cad.assembly.pieces import tessellated
 from mirrorcam.cad.backs.kinova_gen2 import CAP_EAR_MM, JOINT_RING_MM, ROUND_TO_MM, SHELL_MM, plan_clamp
 from mirrorcam.cad.backs.plan_backs import MAKERS, make_ring, plan_back
 from mirrorcam.cad.checks.clashes import check_clashes
-from mirrorcam.cad.checks.device_checks import carriers_of
+from mirrorcam.cad.checks.device_checks import supports_of
 from mirrorcam.cad.checks.exported_mesh import solid_of
 from mirrorcam.cad.parts.part_solids import make_clip, make_mount
 from mirrorcam.cad.plan.back_table import Gen2Back
@@ -29,7 +29,7 @@ WRIST = Gen2Back()
 
 
 def segment_area(radius: float, distance: float) -> float:
-    """Area of a disk beyond a chord at a distance from its centre."""
+    """Area of the segment of a disc outside a chord at a distance from its centre."""
     return float(radius**2 * np.arccos(distance / radius) - distance * np.sqrt(radius**2 - distance**2))
 
 
@@ -38,7 +38,7 @@ def test_the_cap_is_half_a_ring_with_two_drilled_ears(device: Device) -> None:
     cap, wrist, screw = plan.cap, WRIST, HARDWARE.screw
     r, outer, gap = cap.radius_mm, cap.radius_mm + cap.ring_mm, wrist.gap_mm / 2.0
     ring = segment_area(outer, gap) - segment_area(r, gap)
-    # An ear's profile lies outside the ring as far as the ring's outer circle leaves it.
+    # Only the part of an ear outside the ring's outer circle adds volume.
     low, high = -gap - CAP_EAR_MM, -gap
     ear_end = float(max(piece.top[:, 0].max() for piece in cap.pieces))
     levels = np.linspace(low, high, 20001)
@@ -66,7 +66,7 @@ def test_both_halves_are_one_valid_solid_on_the_wrists_axis(device: Device, kind
             np.testing.assert_allclose([axis.position.X, axis.position.Z], [0.0, ring.axis_z_mm], atol=1e-9)
         bounds = part.bounding_box()
         assert pytest.approx(ring.band_mm[1]) == bounds.max.Y
-        # Halves keep their gap.
+        # The gap between the halves remains.
         face_z = bounds.min.Z if ring.above else bounds.max.Z
         side = 1.0 if ring.above else -1.0
         assert face_z == pytest.approx(ring.axis_z_mm + side * WRIST.gap_mm / 2.0)
@@ -94,7 +94,7 @@ def test_a_riser_too_thin_for_its_screws_is_refused(device: Device) -> None:
 
 
 def test_the_clamp_sits_where_the_shell_is_round_and_clear_of_the_joints_ring() -> None:
-    """By the radii that were measured in the published meshes; where it was once, it passed through the ring."""
+    """By the radii measured in the published meshes; in a former position, the clamp cut the ring."""
     radius, ring_end = WRIST.diameter_mm / 2.0, JOINT_RING_MM[1]
     start, end = WRIST.along_mm - WRIST.band_mm / 2.0, WRIST.along_mm + WRIST.band_mm / 2.0
     assert start >= ring_end
@@ -112,7 +112,7 @@ def test_the_clash_check_finds_a_clamp_on_the_ring_or_on_the_hand(along_mm: floa
         device, back=plan_back(device.clip, device.mount, device.hardware.replaced(back=Gen2Back(along_mm=along_mm)))
     )
     solids = {part.name: solid_of(tessellated(MAKERS[type(part.plan)](part.plan))) for part in on.back.parts}
-    checks = check_clashes(solids | carriers_of(on), on.hardware.fit.press_mm)
+    checks = check_clashes(solids | supports_of(on), on.hardware.fit.press_mm)
     assert checks["wrist.clash_mm3"].passed == fits
     assert on.back.robot is not None
     assert on.back.robot.xyz_mm == (0.0, 0.0, -along_mm)
@@ -134,7 +134,7 @@ def meshes() -> dict[str, trimesh.Trimesh]:
 
 
 def radii_mm(mesh: trimesh.Trimesh, along_mm: float) -> tuple[float, float]:
-    """Least and largest outer radius of a mesh about z, in 36 sectors of its section at z = -along."""
+    """Least and largest outer radius of a mesh about z, over 36 sectors of its section at z = -along."""
     section = trimesh.intersections.mesh_plane(mesh, (0.0, 0.0, 1.0), (0.0, 0.0, -along_mm))
     points = (section[:, :1] + np.linspace(0.0, 1.0, 5)[None, :, None] * (section[:, 1:] - section[:, :1])).reshape(
         -1, 3
@@ -156,7 +156,7 @@ def test_the_table_of_radii_is_that_of_the_published_meshes() -> None:
 
 
 def test_the_clamp_and_all_on_it_clear_the_published_hand(device: Device) -> None:
-    """The meshes in the pose of the robot's description: they fill the clamp and enter nothing."""
+    """The meshes in the pose of the robot description: they fill the clamp and overlap no part."""
     found = meshes()
     back = plan_back(device.clip, device.mount, device.hardware.replaced(back=WRIST))
     link = back.robot
@@ -172,13 +172,13 @@ def test_the_clamp_and_all_on_it_clear_the_published_hand(device: Device) -> Non
         points.apply_transform(rig_from_parent)
         inside = [solid_of(part) for part in parts]
         for solid in inside:
-            # Points of the mesh deeper in a part than the shell deviates from the clamp's bore.
+            # Points of the mesh deeper in a part than the deviation of the shell from the clamp's bore.
             deep = [point for point in np.asarray(points.vertices) if _in_mm(solid, point) > 0.15]
             assert deep == []
 
 
 def _in_mm(solid: manifold3d.Manifold, point: np.ndarray) -> float:
-    """How deep a point (3,) lies in a solid, by a small cube about it that lies wholly inside; 0 outside."""
+    """Depth of a point (3,) in a solid, by the largest tested cube about it that is inside; 0 outside."""
     low, high = np.array(solid.bounding_box()).reshape(2, 3)
     if (point < low).any() or (point > high).any():
         return 0.0

@@ -1,4 +1,4 @@
-"""Hook and jaw: they hold any monitor in their range, and the device stands over it."""
+"""Hook and jaw: they clamp any monitor in their range, and the device is above it."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from tests.cad.backs.planned_blocks import blocks_of
 def test_the_jaw_meets_the_back_of_the_monitor_and_enters_nothing(device: Device, thick_mm: float) -> None:
     back = plan_back(device.clip, device.mount, device.hardware.replaced(back=MonitorBack(thick_mm=thick_mm)))
     hook, jaw = (blocks_of(part) for part in back.parts)
-    (monitor,) = back.carriers[0].solids
+    (monitor,) = back.supports[0].solids
     corners = np.vstack([monitor.base, monitor.top])
     assert np.ptp(corners[:, 1]) == pytest.approx(thick_mm)
     assert jaw.corners[:, 1].max() == pytest.approx(corners[:, 1].min())

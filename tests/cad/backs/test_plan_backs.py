@@ -1,6 +1,6 @@
-"""Solids of backs: a maker for every kind of plan, each of which makes its part anew of the same numbers.
+"""Solids of backs: every type of plan has a maker, which reproduces the part from the same numbers.
 
-Every kind of back is planned, of what all have in common.
+Common properties of all kinds of backs.
 """
 
 from __future__ import annotations

@@ -1,12 +1,12 @@
 """A plate under the mount's foot: thick enough for its nut and the heads of its screws, with walls around them.
 
-The desk foot: a device on it stands, whatever it carries.
+The desk foot: the device on it stands under any load.
 
-The tripod plate: no larger than the mount's foot but for a wall behind it, with its nut under the mount.
+The tripod plate: as large as the mount's foot plus a wall behind it, with its nut under the mount.
 
-The dovetail: its width less the fit on both sides, its sides at 45 deg, its volume that of its section.
+The dovetail: its width minus the fit on both sides, sides at 45 deg, and the volume of its section.
 
-The profile plate: screws in the slot's middle, beside the mount, whose nuts lie in the slot.
+The profile plate: screws on both sides of the mount, with their nuts in the middle of the slot.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.backs.back import Load, carried
 from mirrorcam.cad.backs.blocks import tripod_depth_mm
 from mirrorcam.cad.backs.plan_backs import MAKERS, plan_back
-from mirrorcam.cad.backs.plates import BEFORE_MM, back_of_plate, foot_plate, plan_arca, plan_desk
+from mirrorcam.cad.backs.plates import FRONT_MM, back_of_plate, foot_plate, plan_arca, plan_desk
 from mirrorcam.cad.checks.load_checks import tips_at_deg
 from mirrorcam.cad.plan.back_table import ArcaBack, DeskBack, ProfileBack, TripodBack
 from mirrorcam.cad.plan.fasteners import Countersink, thread_of
@@ -32,7 +32,7 @@ def test_a_plate_holds_the_nut_and_the_heads(device: Device, table: DeskBack | T
     foot_z = device.mount.foot_z_mm
     assert plate.low_z_mm + plate.thick_mm == pytest.approx(foot_z)
     assert plate.thick_mm >= tripod_depth_mm(table.nut)
-    # Heads do not stand out below.
+    # Heads do not protrude below.
     assert plate.heads[:, 2] == pytest.approx(foot_z - table.grip_mm)
     assert plate.heads[0, 2] > plate.low_z_mm
     assert plate.nut_at[1] == plate.heads[:, 1].min()
@@ -73,7 +73,7 @@ def test_the_plate_reaches_as_far_as_the_device_may_be_tipped(
     back = plan_desk(table, device.mount, load, device.hardware)
     assert back.stand is not None
     assert tips_at_deg(back.stand, load.at) >= 16.0 - 1e-9
-    # All of the mount's foot stands on it.
+    # It supports the full foot of the mount.
     low, high = back.stand.corners.min(axis=0), back.stand.corners.max(axis=0)
     assert high[1] >= device.mount.slide[1]
     assert low[1] <= device.mount.slide[1] - device.mount.section.depth_mm
@@ -90,7 +90,7 @@ def test_it_is_one_solid_under_the_mounts_foot(device: Device) -> None:
     assert pytest.approx(device.back.stand.z_mm) == box.min.Z
     heads = device.back.foot_heads + np.array([0.0, 0.0, device.back.foot.grip_mm])
     np.testing.assert_allclose(heads, device.mount.foot)
-    # The nut lies under the mount's foot, which keeps it in.
+    # The nut is under the mount's foot, which retains it.
     (nut,) = device.back.items
     x, y, _ = nut.rig_from_item[:3, 3]
     assert abs(x) + 6.5 < device.mount.half_width_mm
@@ -102,13 +102,13 @@ def test_the_plate_is_under_the_foot_and_its_screw_holds(device: Device) -> None
     (part,) = back.parts
     low, high = part.plan.corners.min(axis=0), part.plan.corners.max(axis=0)
     assert high[0] == -low[0] == device.mount.half_width_mm
-    assert high[1] == device.mount.slide[1] + BEFORE_MM
+    assert high[1] == device.mount.slide[1] + FRONT_MM
     assert MAKERS[type(part.plan)](part.plan).is_valid
     (nut,) = back.items
     under = nut.rig_from_item[2, 3] - nut.length_mm - low[2]
     assert (TripodBack().nut.screw_mm - under) / thread_of("1/4-20 UNC").pitch_mm >= 3.0
-    (carrier,) = back.carriers
-    assert max(solid.top[:, 2].max() for solid in carrier.solids) == pytest.approx(low[2])
+    (support,) = back.supports
+    assert max(solid.top[:, 2].max() for solid in support.solids) == pytest.approx(low[2])
     np.testing.assert_allclose(nut.rig_from_item[:3, 2], [0.0, 0.0, 1.0])
 
 
@@ -142,7 +142,7 @@ def test_two_screws_hold_in_the_slot_beside_the_mount(device: Device) -> None:
     screws = [item for item in back.items if item.kind == "screw"]
     nuts = [item for item in back.items if item.kind == "nut"]
     assert len(screws) == len(nuts) == 2
-    (profile,) = back.carriers[0].solids
+    (profile,) = back.supports[0].solids
     corners = np.vstack([profile.base, profile.top])
     assert np.ptp(corners[:, 1]) == pytest.approx(20.0)
     for screw, nut in zip(screws, nuts, strict=True):
@@ -150,6 +150,6 @@ def test_two_screws_hold_in_the_slot_beside_the_mount(device: Device) -> None:
         np.testing.assert_allclose(head[:2], seat[:2])
         assert head[1] == pytest.approx(corners[:, 1].mean())
         assert abs(head[0]) - 4.75 > device.mount.half_width_mm
-        # The tip ends in the nut, and above the bottom of a slot that is 5.5 mm deep.
+        # The tip ends in the nut, above the bottom of a slot 5.5 mm deep.
         assert seat[2] - nut.length_mm <= head[2] - screw.length_mm + 1e-9 < seat[2]
         assert corners[:, 2].max() - (head[2] - screw.length_mm) <= 6.0 + 1e-9

@@ -1,4 +1,4 @@
-"""Adjustable mirrors: the check meets what stands in a tilted mirror's way, a weak spring, and a covered screw."""
+"""Adjustable mirrors: the check finds an obstacle to a tilted mirror, a weak spring, and a covered screw."""
 
 from __future__ import annotations
 
@@ -33,12 +33,12 @@ def hull(frustum: Frustum) -> Manifold:
 
 
 def device() -> Any:
-    """What of a device the check reads."""
+    """The parts of a device that the check reads."""
     return SimpleNamespace(layout=pair(), hardware=with_screws(), holder=planned())
 
 
 def solids() -> Solids:
-    """Plate, carriers and mirrors, as they stand."""
+    """Plate, carriers and mirrors in place."""
     layout, plan = pair(), planned()
     frame = np.array(plan.rig_from_mount)
     plate = hull(plan.slab)
@@ -65,7 +65,7 @@ def test_a_device_as_planned_passes_and_a_glued_one_has_no_such_checks() -> None
 
 
 def beside_mirror(parts: Solids) -> Solids:
-    """A block that the mirror misses as it is, and meets when it is tilted."""
+    """A block that only the tilted mirror meets."""
     mirror = pair().mirrors[0]
     corner = mirror.outline_in_rig_mm[0] + (mirror.front_mm + 0.3) * mirror.normal_in_rig
     return parts | {"block": block_at(corner + 1.0 * mirror.normal_in_rig, 1.6)}

@@ -1,6 +1,6 @@
-"""Solids whose common volume and gap are known.
+"""Solids with known common volume and gap.
 
-What stands in the way of a dust cover, where it sits and as it is taken off.
+Obstacles to a dust cover, in place and on its moves off.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from manifold3d import Manifold
 
 from mirrorcam.cad.assembly.device_plan import Device
-from mirrorcam.cad.checks.clashes import NEAR_MM, STEP_MM, check_clashes, check_cover, common_mm3, meetings
+from mirrorcam.cad.checks.clashes import MEASURED_MM, STEP_MM, check_clashes, check_cover, common_mm3, meetings
 from mirrorcam.core.values import Metric
 
 
@@ -39,7 +39,7 @@ def test_two_boxes_share_the_box_of_their_overlap_or_leave_the_gap_between(x: fl
 
 
 def test_what_is_far_apart_does_not_meet() -> None:
-    assert meetings({"a": box(8.0), "b": box(8.0, 8.0 + NEAR_MM, 0.0, 0.0)}) == []
+    assert meetings({"a": box(8.0), "b": box(8.0, 8.0 + MEASURED_MM, 0.0, 0.0)}) == []
 
 
 def test_faces_that_touch_share_nothing_even_where_numbers_are_rounded() -> None:
@@ -54,7 +54,7 @@ def test_a_clash_and_a_gap_that_is_none_are_found_and_named() -> None:
     assert failed(checks) == set()
     assert checks["device.clearance_mm"].value == checks["camera.clearance_mm"].value == 0.5
     clashing = sound | {"camera": box(10.0, 0.0, 9.5, 0.0)}
-    # The camera stands 0.5 mm in the mount, and beside the clip only touches its edge.
+    # The camera is 0.5 mm inside the mount, and only touches the edge of the clip.
     found = check_clashes(clashing, 0.1)
     assert failed(found) == {"device.clash_mm3", "mount.clash_mm3", "camera.clash_mm3"}
     assert found["device.clash_mm3"].value == pytest.approx(50.0)
@@ -121,7 +121,7 @@ def test_a_mirror_off_its_seat_is_found() -> None:
 
 
 def test_the_wrist_fills_its_clamp_and_no_more() -> None:
-    """Meshes of one diameter with other corners sink into each other a little; a wrist of 0.5 mm more does not fit."""
+    """Meshes of one diameter with different corners overlap slightly; a wrist 0.5 mm larger does not fit."""
     half = (rod(71.0, 8.0, 0.0, 0.0, 0.0, 90) - rod(63.0, 10.0, 0.0, 0.0, -1.0, 90)).trim_by_plane((1.0, 0.0, 0.0), 1.0)
     clamp = {"adapter_saddle": half, "adapter_cap": half.rotate((0.0, 0.0, 180.0))}
 
@@ -146,7 +146,7 @@ def test_the_wrist_fills_its_clamp_and_no_more() -> None:
     ],
 )
 def test_what_the_cover_meets_is_found(device: Device, at: tuple[float, float, float], failing: set[str]) -> None:
-    """A block of 10 mm, taken off along z by 30 mm and then along x by 60 mm; a cube of 2 mm is in the way, or not."""
+    """A block of 10 mm, moved off by 30 mm along z, then 60 mm along x, with or without a cube of 2 mm on its path."""
     assert device.cover is not None
     plan = type(device.cover)(**{**vars(device.cover), "way_mm": np.array([(0.0, 0.0, 30.0), (60.0, 0.0, 0.0)])})
     block = Manifold.cube((10.0, 10.0, 10.0), center=True).translate((0.0, 0.0, 5.0))

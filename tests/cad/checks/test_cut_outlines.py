@@ -1,4 +1,4 @@
-"""Mirrors read back from their sheets, and what is found wrong with sheets that were tampered with."""
+"""Mirrors read back from their sheets, and errors found in altered sheets."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def lines_on(drawing: Drawing, layer: str) -> list[LWPolyline]:
 
 
 def written(layout: Layout, folder: Path, spoil: Spoil | None = None) -> list[Path]:
-    """The layout's sheets as files, the first of them spoilt by a function of its drawing and its lines on CUT."""
+    """The layout's sheets as files; a function of its drawing and its lines on CUT alters the first."""
     paths: list[Path] = []
     for planned in plan_sheets(layout, CUTTING):
         drawing = draw_sheet(planned)
@@ -85,7 +85,7 @@ def test_several_kinds_of_mirrors_are_found_on_their_sheets(default_layout: Layo
 
 
 def test_an_outline_cut_with_another_kerf_is_found(default_layout: Layout, tmp_path: Path) -> None:
-    """Edges half of 0.02 mm off leave corners off by more."""
+    """Edges that are off by half of 0.02 mm move corners by more."""
     paths = written(default_layout, tmp_path)
     checks = check_cuts(paths, default_layout, CUTTING.replaced(kerf_mm=CUTTING.kerf_mm + 0.02))
     assert failed(checks) == {"outline_error_um"}
@@ -176,11 +176,11 @@ def test_marks_that_are_missing_outside_or_turned_are_found(default_layout: Layo
 def test_the_arrow_tells_which_way_round_a_rectangle_lies(
     make_flat_pair: Callable[..., Layout], tmp_path: Path
 ) -> None:
-    """A rectangle fits its place two ways; the fit that counts is the one with the arrow up."""
+    """A rectangle fits in two orientations, of which the one with the arrow up counts."""
     layout = make_flat_pair(gap_mm=8.0)
     cuts, _ = read_cuts(written(layout, tmp_path))
     for name, fit in mirror_fits(cuts, layout, CUTTING).items():
-        up = fit.turn @ (cuts[name].strokes[0][1] - cuts[name].strokes[0][0])
+        up = fit.rotation @ (cuts[name].strokes[0][1] - cuts[name].strokes[0][0])
         assert up[1] > 0.0
         assert abs(up[0]) < 1e-9
 
@@ -197,4 +197,4 @@ def test_a_shape_is_the_same_when_moved_or_turned_but_not_when_mirrored_or_grown
     assert error(shape[:3]) == np.inf
     best = min(fits(shape @ turn.T + 5.0, shape), key=lambda fit: fit.error_mm)
     np.testing.assert_allclose(best.corners, shape, atol=1e-12)
-    np.testing.assert_allclose(best.turn, turn.T, atol=1e-12)
+    np.testing.assert_allclose(best.rotation, turn.T, atol=1e-12)

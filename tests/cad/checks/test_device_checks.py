@@ -1,4 +1,4 @@
-"""The whole device: what a build wrote passes, and fails once a piece of it is not where it belongs."""
+"""The complete device: the files of a build pass, and fail if a piece is out of place."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from mirrorcam.cad.checks.cut_outlines import fits
 from mirrorcam.cad.checks.device_checks import (
     ASSEMBLY,
     DROP_OF_THICKNESS,
-    carriers_of,
+    assembly_mass,
     check_drop,
     check_mass,
     read_glb,
-    weighed,
+    supports_of,
 )
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.part_plan import BuiltPart, PartPlan
@@ -45,7 +45,7 @@ def built_part(plan: PartPlan, folder: Path) -> BuiltPart:
 
 @pytest.fixture
 def copied(built_default: Built, tmp_path: Path) -> Path:
-    """The files of the default build that are checked, to be spoilt."""
+    """A copy of the checked files of the default build, to be altered."""
     _, folder, _ = built_default
     for name in ("parts", "mirrors"):
         shutil.copytree(folder / name, tmp_path / name)
@@ -65,7 +65,7 @@ def test_the_default_device_passes_and_the_assembly_is_what_its_parts_are(
     _, _, of_build = built_default
     same = {name: of_build[name].value for name in checks if name != "device.parts_sliced"}
     assert same == {name: check.value for name, check in checks.items() if name != "device.parts_sliced"}
-    assert carriers_of(device) == {}
+    assert supports_of(device) == {}
     assert checks["device.tips_at_deg"].value >= 10.0
     assert checks["device.tripod_turns"].value >= 3.0
     assembly = read_glb(copied / ASSEMBLY)
@@ -106,7 +106,7 @@ def test_a_wrist_in_the_light_and_in_the_mirrors_is_found_and_a_room_seen_where_
     mesh.export(holder)
     middle = np.mean([mirror.outline_in_rig_mm.mean(axis=0) for mirror in device.layout.mirrors], axis=0)
     wrist = manifold3d.Manifold.cylinder(17.0, 31.5, center=True).translate(tuple(middle))
-    monkeypatch.setattr("mirrorcam.cad.checks.device_checks.carriers_of", lambda *_: {"wrist": wrist})
+    monkeypatch.setattr("mirrorcam.cad.checks.device_checks.supports_of", lambda *_: {"wrist": wrist})
     checks = checked(device, copied)
     expected = {"device.rays_blocked", "wrist.light_gap_mm", "device.clash_mm3", "wrist.clash_mm3"}
     assert expected <= failed(checks)
@@ -124,7 +124,7 @@ def test_mass_and_centre_are_those_of_the_pieces() -> None:
         return mesh
 
     pieces = {"mount": box(10_000.0, 0.0), "camera": box(500.0, 100.0), "mirror_0-0": box(1000.0, 50.0)}
-    checks = check_mass(weighed(HARDWARE, pieces))
+    checks = check_mass(assembly_mass(HARDWARE, pieces))
     plastic, camera, acrylic = 12.4, HARDWARE.camera.mass_g, 1.19
     assert checks["device.mass_g"].value == pytest.approx(plastic + camera + acrylic, abs=0.01)
     expected = (100.0 * camera + 50.0 * acrylic) / (plastic + camera + acrylic)
@@ -133,7 +133,7 @@ def test_mass_and_centre_are_those_of_the_pieces() -> None:
 
 @pytest.fixture
 def drop(make_flat_pair: Callable[..., Layout]) -> Drop:
-    """Volumes in the way of one mirror of 30 x 20 x 2 mm, of a body in the mirror's frame raised to its back."""
+    """Volumes that a body, in a frame on the mirror's back, shares with the path of a mirror of 30 x 20 x 2 mm."""
     layout = make_flat_pair(gap_mm=40.0, width_mm=30.0, height_mm=20.0, thickness_mm=2.0)
     mirror = layout.mirrors[0]
     back = mirror.outline_in_plane_mm * (1.0, -1.0)
@@ -150,7 +150,7 @@ def drop(make_flat_pair: Callable[..., Layout]) -> Drop:
 
 
 def test_a_mirror_drops_into_its_pocket(drop: Drop) -> None:
-    """Walls of 1 mm on a floor, at the stated clearance; nearer by 0.1 mm; and a lip that hangs over the mirror."""
+    """Walls of 1 mm on a floor, at the stated clearance or 0.1 mm nearer, and a lip over the mirror."""
 
     def pocket(clearance: float) -> manifold3d.Manifold:
         floor = manifold3d.Manifold.cube((50.0, 40.0, 6.0)).translate((-25.0, -20.0, -5.0))
@@ -163,7 +163,7 @@ def test_a_mirror_drops_into_its_pocket(drop: Drop) -> None:
     assert sound["drop_clash_mm3"] == sound["room_clash_mm3"] == 0.0
     narrow = drop(pocket(fit - 0.1))
     assert narrow["drop_clash_mm3"] == 0.0
-    # What is missing all round, less the rounding at the corners, over the height of 1 mm.
+    # The missing clearance all round, minus the rounding at the corners, over a height of 1 mm.
     assert narrow["room_clash_mm3"] == pytest.approx((2 * (30 + 20) + 4 * 2 * fit) * 0.1, rel=0.03)
     lip = manifold3d.Manifold.cube((4.0, 40.0, 1.0)).translate((11.0, -20.0, 5.0))
     over = drop(pocket(fit) + lip)

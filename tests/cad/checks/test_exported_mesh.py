@@ -1,4 +1,4 @@
-"""Meshes read back from files, and what is found wrong with them."""
+"""Meshes read back from files, and the errors found in them."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""Light traced from the pupil, and what stands in it or near it.
+"""Light traced from the pupil, and obstacles in it or near it.
 
-What the camera sees at the steps that take pictures: all of the board, and later every mirror.
+The camera's view at the steps with pictures: the full board, and later every mirror.
 
 Light from the surroundings on a mirror, against closed forms.
 """
@@ -24,7 +24,7 @@ from mirrorcam.cad.checks.exported_mesh import solid_of
 from mirrorcam.cad.checks.light_paths import (
     BEFORE_MM,
     NEAR_MM,
-    RAYS_OF_MIRROR,
+    RAYS_PER_MIRROR,
     SURFACE_MM,
     check_light,
     check_step_views,
@@ -73,8 +73,8 @@ def test_light_of_first_surface_mirrors_obeys_the_law_of_reflection(default_layo
         to_pupil, to_scene = light.rays
         np.testing.assert_allclose(to_pupil[:, 1], 0.0)
         np.testing.assert_allclose(to_scene[:, 1] @ default_layout.view_from_rig[2], 500.0)
-        assert light.inner >= 0.9 * RAYS_OF_MIRROR
-        # Seen from the mirror image of the pupil, the way to the scene is straight.
+        assert light.inner >= 0.9 * RAYS_PER_MIRROR
+        # From the mirror image of the pupil, the ray to the scene is straight.
         seen = to_scene - mirror.virtual_centre_in_rig_mm
         straight = np.cross(seen[:, 0], seen[:, 1]) / np.linalg.norm(seen[:, 1], axis=1)[:, None]
         np.testing.assert_allclose(straight, 0.0, atol=1e-9)
@@ -89,7 +89,7 @@ def test_light_of_first_surface_mirrors_obeys_the_law_of_reflection(default_layo
 def test_light_of_second_surface_mirrors_enters_and_leaves_through_the_front(
     make_parabola: Callable[..., Layout],
 ) -> None:
-    """Angles to the normal are alike on both ways, and entry and exit are 2 t tan a' apart, sin a = n sin a'."""
+    """Angles of incidence and exit are equal, and entry and exit are 2 t tan a' apart, sin a = n sin a'."""
     layout = make_parabola(2, 2, surface="second", thickness_mm=2.0, gap_mm=4.0)
     for index, mirror in enumerate(layout.mirrors):
         to_pupil, to_scene = light_of(layout, index, HARDWARE).rays
@@ -116,7 +116,7 @@ def test_light_through_the_rim_of_the_pupil_starts_there_and_is_reflected(defaul
 
 @pytest.mark.parametrize("share", [0.6, 1.4])
 def test_a_block_in_the_light_is_found(default_layout: Layout, share: float) -> None:
-    """Between pupil and mirror (0.6 of the way), and between mirror and scene (1.4)."""
+    """Between pupil and mirror (0.6 of the distance), and between mirror and scene (1.4)."""
     mirror = default_layout.mirrors[4]
     middle = mirror.outline_in_rig_mm.mean(axis=0)
     point = middle * min(share, 1.0) + (mirror.reflection @ middle) * max(share - 1.0, 0.0)
@@ -128,7 +128,7 @@ def test_a_block_in_the_light_is_found(default_layout: Layout, share: float) -> 
 
 
 def test_a_speck_beside_the_light_is_as_near_as_to_its_nearest_ray(fold_90_layout: Layout) -> None:
-    """Specks between pupil and mirrors: rays are up to a step and a half apart, and the hull fills what is between."""
+    """Specks between pupil and mirrors: rays are up to 1.5 steps apart, and the hull fills the gaps."""
     rays = np.concatenate([light_of(fold_90_layout, index, HARDWARE).rays[0] for index in range(9)])
     starts, along = rays[:, 0], rays[:, 1] - rays[:, 0]
     generator = np.random.default_rng(0)
@@ -144,7 +144,7 @@ def test_a_plate_behind_a_mirror_is_as_near_as_its_gap(make_flat_pair: Callable[
     """A plate parallel to the mirrors, 0.15 mm behind their reflecting plane, is too near; 0.25 mm is not."""
     layout = make_flat_pair(gap_mm=8.0)
     for gap, near in ((0.15, True), (0.25, False)):
-        # The plane is y = z - 80: turned about x by 45 deg, the plate's face is along it.
+        # The plane is y = z - 80: a plate rotated about x by 45 deg is parallel to it.
         plate = Manifold.cube((100.0, 60.0, 5.0)).translate((-50.0, -30.0, gap)).rotate((45.0, 0.0, 0.0))
         checks = checked(layout, plate.translate((0.0, 0.0, 80.0)))
         assert checks["part.light_gap_mm"].value == pytest.approx(gap, abs=2e-3)
@@ -164,7 +164,7 @@ def test_sheets_shade_each_other_only_where_one_stands_before_another(default_la
         return shade_of_mirrors(lights, sheets_of(layout))
 
     assert shade(default_layout) == 0.0
-    # A mirror on the same rays, but nearer to the pupil, stands in the light that leaves its neighbour.
+    # A mirror on the same rays, but nearer to the pupil, blocks the light from its neighbour.
     mirrors = list(default_layout.mirrors)
     centre, outline = mirrors[1].virtual_centre_in_rig_mm, mirrors[1].outline_in_rig_mm
     mirrors[1] = mirrors[1].replaced(virtual_centre_in_rig_mm=0.95 * centre, outline_in_rig_mm=0.95 * outline)
@@ -174,7 +174,7 @@ def test_sheets_shade_each_other_only_where_one_stands_before_another(default_la
 
 
 def test_a_mirror_that_shows_nothing_is_found(make_flat_pair: Callable[..., Layout]) -> None:
-    """Light at 45 deg goes 2 x 1.6 mm along a plate of 3 mm (n = 1.49): it leaves a mirror of 2.5 mm beside it."""
+    """Light at 45 deg travels 2 x 1.6 mm along a plate of 3 mm (n = 1.49), and exits outside a mirror of 2.5 mm."""
     layout = make_flat_pair(gap_mm=8.0, height_mm=2.5)
     narrow = tuple(mirror.replaced(surface="second", thickness_mm=3.0) for mirror in layout.mirrors)
     checks = checked(layout.replaced(mirrors=narrow))
@@ -203,7 +203,7 @@ def test_the_guide_takes_its_pictures_when_the_view_is_free(device: Device, soli
 
 
 def test_the_bare_mount_hides_the_board(device: Device, solids: Solids) -> None:
-    """The order of an older guide: at its last step the holder came off, and the clip stayed on the mount."""
+    """The order of a former guide: at its last step the holder was removed, and the clip remained on the mount."""
     kept = [replace(step, pictures="") for step in STEPS if step.name not in ("mirrors", "holder", "calibrate")]
     share = hidden(device, solids, (*kept, Step("calibrate", pictures="base")))[BASE]
     assert share == pytest.approx(0.417, abs=0.03)
@@ -225,7 +225,7 @@ def test_a_piece_before_a_mirror_and_a_missing_mirror_hide_its_part_of_the_frame
 
 @pytest.fixture
 def layout() -> Layout:
-    """One mirror across the rig's z, at z = 50 mm; its reflecting side looks along -z."""
+    """One mirror normal to the rig's z, at z = 50 mm, that faces -z."""
     outline = np.array([(-5.0, -5.0, 50.0), (5.0, -5.0, 50.0), (5.0, 5.0, 50.0), (-5.0, 5.0, 50.0)])
     mirror = Mirror(virtual_centre_in_rig_mm=np.array([0.0, 0.0, 100.0]), outline_in_rig_mm=outline)
     return Layout(rows=1, cols=1, camera=Camera.c920(), mirrors=(mirror,))
@@ -246,7 +246,7 @@ def test_a_bare_mirror_has_all_of_it_and_a_half_shaded_one_half(layout: Layout) 
 
 @pytest.mark.parametrize("height", [10.0, 30.0])
 def test_a_hood_leaves_the_square_of_the_sine_of_its_opening(layout: Layout, height: float) -> None:
-    """A tube of radius 20 mm: a Lambertian mirror's middle sees sin^2 of half its opening."""
+    """A tube of radius 20 mm: the middle of a Lambertian mirror receives sin^2 of half its opening angle."""
     outer, inner = (Manifold.cylinder(height, r, circular_segments=360) for r in (22.0, 20.0))
     tube = (outer - inner).translate((0.0, 0.0, 50.0 - height))
     half = np.arctan2(20.0, height - BEFORE_MM)

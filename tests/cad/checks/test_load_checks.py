@@ -1,4 +1,4 @@
-"""Checks of the nest: the default passes, and what fails is seen to fail.
+"""Checks of the nest: the default passes, and each check fails once.
 
 Checks of the back against hand calculation: a device that falls, a screw that does not hold, a neck too thin.
 """
@@ -83,7 +83,7 @@ def test_it_falls_over_the_nearest_side(corners: np.ndarray) -> None:
 def test_turns_are_counted_from_the_parts_lower_face() -> None:
     nut = box((-5.0, -5.0, 0.6), (5.0, 5.0, 6.16))
     assert tripod_turns(4.5, nut, box((-20.0, -20.0, 0.0), (20.0, 20.0, 8.0))) == pytest.approx(3.9 / 1.27)
-    # As the nut lay once, on 2.14 mm of the mount's foot.
+    # A former position of the nut, on 2.14 mm of the mount's foot.
     assert tripod_turns(4.5, nut, box((-20.0, -20.0, -1.54), (20.0, 20.0, 8.0))) == pytest.approx(2.36 / 1.27)
     assert tripod_turns(4.5, None, nut) == 0.0
 

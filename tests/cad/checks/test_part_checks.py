@@ -1,8 +1,8 @@
-"""The thinnest wall of shapes whose walls are known.
+"""The thinnest wall of shapes with known walls.
 
-Overhangs, bridges and islands of shapes whose areas are known; and two other ways to find them.
+Overhangs, bridges and islands of shapes with known areas, and two independent methods to find them.
 
-A part passes with the files that belong to it, and fails with any that do not.
+A part passes with its own files, and fails with any others.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ def test_the_sharp_edge_of_a_wedge_is_no_wall() -> None:
 
 
 def test_a_tube_is_as_thick_as_its_wall() -> None:
-    """Facets of n sides bring inner and outer wall nearer by at most the outer one's sagitta r (1 - cos(pi / n))."""
+    """Facets of n sides reduce the wall by at most the outer sagitta r (1 - cos(pi / n))."""
     inner, outer, sides = 31.5, 32.6, 90
     tube = trimesh.creation.annulus(inner, outer, 8.0, sections=sides)
     assert outer - inner - outer * (1.0 - np.cos(np.pi / sides)) - 1e-6 <= wall_mm(tube) <= outer - inner + 1e-6
@@ -72,7 +72,7 @@ def test_a_fin_on_a_block_is_found_by_its_thickness(fin_mm: float, found: bool) 
 
 
 def test_a_wall_smaller_than_a_dot_is_not_taken_for_one() -> None:
-    """A crumb of 0.3 x 0.3 mm on a block, 0.3 mm high: its four sides see each other, over 0.36 mm2 in all."""
+    """A cube of 0.3 mm on a block: its four sides face each other, over a total of 0.36 mm2."""
     block = solid_of(trimesh.creation.box((10.0, 10.0, 4.0)))
     crumb = solid_of(trimesh.creation.box((0.3, 0.3, 0.5)))
     both = (block + crumb.translate((0.0, 0.0, 2.05))).to_mesh64()
@@ -81,7 +81,7 @@ def test_a_wall_smaller_than_a_dot_is_not_taken_for_one() -> None:
 
 
 def test_a_floor_is_told_from_a_wall_by_the_way_that_it_prints() -> None:
-    """An open box with a floor of 0.6 mm and walls of 2 mm, and a plate that is level, upright or neither."""
+    """An open box with a floor of 0.6 mm and walls of 2 mm, and a plate that is level, vertical or oblique."""
     outer, inner = (
         solid_of(trimesh.creation.box((30.0, 20.0, 10.0))),
         solid_of(trimesh.creation.box((26.0, 16.0, 10.0))),
@@ -105,14 +105,14 @@ def box(x: float, y: float, z: float, at: tuple[float, float, float] = (0.0, 0.0
 
 
 def slope(angle_deg: float) -> Manifold:
-    """A block of 10 x 20 x 10 mm, one side of which leans outwards by an angle from upright."""
+    """A block of 10 x 20 x 10 mm with one side that leans outwards by an angle from vertical."""
     reach = 10.0 * np.tan(np.radians(angle_deg))
     section = CrossSection([[(0.0, 0.0), (10.0, 0.0), (10.0 + reach, 10.0), (0.0, 10.0)]])
     return section.extrude(20.0).rotate((90.0, 0.0, 0.0))
 
 
 def portal(span: float, length: float = 20.0) -> Manifold:
-    """Two walls and a plate over them."""
+    """Two walls and a plate on them."""
     return box(5, length, 10) + box(5, length, 10, (5 + span, 0, 0)) + box(10 + span, length, 3, (0, 0, 10))
 
 
@@ -127,7 +127,7 @@ def measured(solid: Manifold) -> dict[str, float]:
 
 
 def unborne_by_layers_mm2(solid: Manifold) -> float:
-    """Area of all layers that stands out over the layer below by more than the printer can: an independent measure."""
+    """Area of all layers that overhangs the layer below by more than the printer's limit: an independent measure."""
     _, _, low, _, _, high = solid.bounding_box()
     sections = [solid.slice(height) for height in np.arange(low + LAYER_MM / 2.0, high, LAYER_MM)]
     reach = LAYER_MM * np.tan(np.radians(PRINTER.overhang_deg)) + 1e-6
@@ -152,7 +152,7 @@ def test_a_leaning_side_hangs_beyond_the_printers_angle(angle_deg: float, height
 
 @pytest.mark.parametrize("angle_deg", [30.0, 45.0, 50.0, 60.0, 70.0])
 def test_layers_find_the_same_overhangs_as_faces(angle_deg: float) -> None:
-    """Of a side of 20 mm at angle a every layer stands out by h tan a, of which h tan 45 deg is borne."""
+    """Every layer of a side of 20 mm at angle a overhangs by h tan a, of which h tan 45 deg is supported."""
     hanging, _, _ = overhangs(mesh_of(slope(angle_deg)), slope(angle_deg), PRINTER)
     by_layers = unborne_by_layers_mm2(slope(angle_deg))
     assert (hanging > 0.0) == (by_layers > 0.0)
@@ -167,7 +167,7 @@ def test_a_ceiling_between_two_walls_bridges_up_to_the_printers_length() -> None
 
 
 def test_a_bridge_is_as_long_as_its_short_way_across() -> None:
-    """A hollow of 6 x 50 mm, closed all round, is bridged across; turned on the bed, at most by its slant."""
+    """A hollow of 6 x 50 mm, closed all round, is bridged across; rotated on the bed, by at most an oblique bridge."""
     hollow = box(16, 60, 12) - box(6, 50, 8, (5, 5, 0))
     assert measured(hollow)["longest_bridge_mm"] == pytest.approx(6.0)
     turned = measured(hollow.rotate((0.0, 0.0, 32.0)))
@@ -201,7 +201,7 @@ def test_the_blind_end_of_an_upright_hole_bridges_but_a_step_in_a_bore_hangs() -
 
 
 def test_a_lying_round_hole_hangs_and_a_teardrop_does_not() -> None:
-    """Of a round ceiling hang the sides within 44.5 deg of its top, but the two at the top are flat and too narrow."""
+    """The sides of a round ceiling within 44.5 deg of its top overhang, except the two narrow flat ones at the top."""
     radius, sides = 4.0, 400
     block = box(20, 10, 20, (-10, 0, 0))
     hole = (
@@ -217,7 +217,7 @@ def test_a_lying_round_hole_hangs_and_a_teardrop_does_not() -> None:
 
 
 def test_a_tip_that_hangs_down_steeply_starts_in_the_air() -> None:
-    """No face of it hangs, yet its lower half is printed on nothing: a cone of 30 deg under a bridge."""
+    """A cone of 30 deg under a bridge has no overhanging face, but its lower half starts in the air."""
     height, radius = 6.0, 6.0 * np.tan(np.radians(30.0))
     tip = Manifold.cylinder(height, 0.0, radius, circular_segments=64).translate((10.0, 10.0, 4.0))
     arch = measured(portal(9.5))
@@ -234,7 +234,7 @@ def test_what_floats_is_told_from_what_leans_over() -> None:
 
 @pytest.fixture(autouse=True)
 def _without_slicer(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What the slicer says has tests of its own."""
+    """The slicer's verdict has its own tests."""
     monkeypatch.setattr(part_checks, "check_slicing", lambda path, printer: {})
 
 
@@ -245,7 +245,7 @@ def failed(checks: dict[str, Metric]) -> set[str]:
 def written(
     folder: Path, part: PartPlan, solid: Part, *, stl: Part | None = None, lies: PartPlan | None = None
 ) -> Path:
-    """The folder with the files of a part: STEP of one solid, STL of it or another, 3MF of the STL as a plan lies."""
+    """The folder with a part's files: STEP of one solid, STL of it or another, 3MF of the STL in print orientation."""
     write_step(folder / f"{part.name}.step", solid)
     write_stl(folder / f"{part.name}.stl", stl or solid)
     write_3mf(folder / f"{part.name}.3mf", folder / f"{part.name}.stl", lies or part, PRINTER)
@@ -272,7 +272,7 @@ def test_a_round_part_may_lose_what_its_facets_cut_off(block: PartPlan, tmp_path
 
 
 def test_files_of_different_solids_are_found(block: PartPlan, tmp_path: Path) -> None:
-    """A hole of 1 mm through 10 mm is in the STL file only."""
+    """Only the STL file has a hole of 1 mm through 10 mm."""
     solid = block.make(block.plan)
     drilled = Part((solid - Pos(30, 17, 8) * Cylinder(0.5, 12.0)).solids())
     checks = check_part(block, written(tmp_path, block, solid, stl=drilled), PRINTER)
@@ -308,7 +308,7 @@ def test_a_part_larger_than_the_bed_or_beside_it_is_found(block: PartPlan, tmp_p
     folder = written(tmp_path, block, block.make(block.plan))
     small = PRINTER.replaced(bed_mm=(50.0, 220.0, 20.0))
     checks = check_part(block, folder, small)
-    # Beside: the file has it in the middle of the bed of 220 mm.
+    # Not centred: in the file it is in the middle of the bed of 220 mm.
     assert failed(checks) == {"print_height_mm", "off_bed_um"}
     tiny = check_part(block, folder, PRINTER.replaced(bed_mm=(50.0, 50.0, 250.0)))
     assert failed(tiny) == {"print_length_mm", "off_bed_um"}

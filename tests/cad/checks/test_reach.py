@@ -1,6 +1,6 @@
-"""Ways of inserts and nuts to their seats: free ones pass, one through plastic and one that stays inside do not.
+"""Paths of inserts and nuts to their seats: free ones pass; one through plastic and one that stays inside fail.
 
-Reach of tools: the clip's old channel fails, a driver needs a straight way or a key its swing, a nut a free way.
+Reach of tools: a former channel of the clip fails; a driver needs a straight path, a key its swing, a nut a free path.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ POCKET = manifold3d.Manifold.cylinder(3.0, 3.5, circular_segments=48).translate(
 NUT = manifold3d.Manifold.cylinder(2.4, 3.0, circular_segments=6).translate((0.0, 0.0, 2.1))
 
 
-def failed_to_enter(way_mm: list[tuple[float, float, float]]) -> set[str]:
-    nut = replace(item("nut", "M3", 2.4), exit_moves_mm=np.array(way_mm).reshape(-1, 3))
+def failed_to_enter(moves_mm: list[tuple[float, float, float]]) -> set[str]:
+    nut = replace(item("nut", "M3", 2.4), exit_moves_mm=np.array(moves_mm).reshape(-1, 3))
     checks = check_insertion([nut], {"mirror_holder": WALL - POCKET, "nut_01": NUT})
     return {name.removeprefix("device.") for name, check in checks.items() if check.passed is False}
 
@@ -66,7 +66,7 @@ def failed(items: list[BoughtItem], solids: Solids) -> set[str]:
 
 
 def old_channel(slot_mm: float) -> manifold3d.Manifold:
-    """The floor of the clip as it was: inserts at z = 0, 27.8 mm below lips that leave a slot, walls 29.4 mm apart."""
+    """The clip's former floor: inserts at z = 0, 27.8 mm below lips with a slot between them, walls 29.4 mm apart."""
     outer = cube((-50.0, -17.0, -8.0), (50.0, 17.0, 27.8))
     inner = cube((-47.0, -14.7, 0.0), (51.0, 14.7, 25.0))
     slot = cube((-47.0, -slot_mm / 2.0, 24.0), (51.0, slot_mm / 2.0, 30.0))
@@ -74,7 +74,7 @@ def old_channel(slot_mm: float) -> manifold3d.Manifold:
 
 
 def test_the_old_channel_lets_no_iron_at_its_inserts() -> None:
-    """Beside the cable, with 2.9 mm round the insert: the barrel meets the lip that it would melt."""
+    """Next to the cable, with 2.9 mm round the insert: the iron's barrel meets the lip and would melt it."""
     inserts = [placed(item("insert", "M3", 5.7), ("camera_clip",), (x, -8.5, 0.0)) for x in (-31.0, 31.0)]
     found = failed(inserts, {"camera_clip": old_channel(23.0)})
     assert found == {"device.tool_clash_mm3", "insert_01.tool_clash_mm3", "insert_02.tool_clash_mm3"}
@@ -87,7 +87,7 @@ def test_an_iron_needs_as_much_room_as_its_barrel() -> None:
         wall = IRON_MM[0] / 2.0 + beside
         part = cube((-20.0, -20.0, -8.0), (20.0, 20.0, 0.0)) + cube((wall, -20.0, -8.0), (20.0, 20.0, 30.0))
         assert (tool_clash_mm3(insert, {"mount": part}) > 0.0) == bool(expected)
-        # What is not there yet does not count.
+        # Pieces of later steps do not count.
         assert tool_clash_mm3(insert, {"mount": cube((-9.0, -9.0, -8.0), (9.0, 9.0, 0.0)), "camera_clip": part}) == 0.0
 
 
@@ -98,7 +98,7 @@ def test_an_iron_needs_as_much_room_as_its_barrel() -> None:
 def test_a_screw_is_turned_by_a_straight_driver_or_a_key_that_can_swing(
     over_mm: float, wide_mm: float, reached: bool
 ) -> None:
-    """Under a roof a key swings, where that is high enough and the walls are apart; a shaft takes a driver."""
+    """A key swings under a roof if it is high enough and the walls are apart; a shaft has space for a driver."""
     screw = placed(item("screw", "M3", 12.0), ("mount", "camera_clip"))
     floor = cube((-60.0, -60.0, -5.0), (60.0, 60.0, 0.0))
     walls = cube((-60.0, -60.0, 0.0), (60.0, 60.0, over_mm)) - cube(
@@ -135,7 +135,7 @@ def test_washers_and_pins_need_no_tool() -> None:
 
 
 def test_a_key_for_a_countersunk_screw_needs_less_room_over_it() -> None:
-    """19 mm over an M4 screw: the arm of its key is 18 mm long, and 20 mm for another head."""
+    """19 mm above an M4 screw: the key's arm is 18 mm long, and 20 mm for a socket cap head."""
     roof = cube((-90.0, -90.0, 19.0), (90.0, 90.0, 30.0))
     for size, reached in (("M4 countersunk", True), ("M4", False)):
         screw = placed(item("screw", size, 16.0), ("adapter_hook", "adapter_jaw"))

@@ -1,4 +1,4 @@
-"""Seats and pockets of a block with one pocket, whose every face is known, and of what is wrong with it."""
+"""Seats and pockets of a block with one pocket and known faces, and the errors found in it."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def seat_block(
 ) -> Part:
     """A block with a pocket for a mirror of 30 x 20 x 2 mm, wider by the clearance on each side.
 
-    It is 1 mm deep, and deeper by the bond but on pads of 2 x 2 mm.
+    It is 1 mm deep at its pads of 2 x 2 mm, and deeper by the bond elsewhere.
     """
     outer = Pos(0, 0, -4.0) * Box(WIDTH + 6, HEIGHT + 6, 10.0)
     block = outer - Pos(0, 0, 5.0 - sink - bond) * Box(WIDTH + 2 * clearance, HEIGHT + 2 * clearance, 10.0)
@@ -84,7 +84,7 @@ def test_blocks_with_pockets_seat_their_mirrors(seated: Seated, tmp_path: Path) 
     assert failed(checks) == set()
     assert checks["seat_offset_um"].value < 1e-3
     assert checks["seat_cover"].value == pytest.approx(1.0 - PADS_OF_AREA)
-    # Two sides of this triangle are equal; it is 14 mm high, and the heights over those are 24 x 14 / 18.4 mm.
+    # An isosceles triangle, 14 mm high; its heights over the equal sides are 24 x 14 / 18.4 mm.
     assert checks["seat_base_mm"].value == pytest.approx(14.0, abs=1e-6)
     assert checks["seat_span_mm"].value < 1e-6
     for mirror in layout.mirrors:
@@ -165,7 +165,7 @@ def test_a_missing_seat_is_found(seated: Seated, tmp_path: Path) -> None:
 
 
 def test_a_groove_in_a_seat_bears_nothing_and_has_to_be_planned(seated: Seated, tmp_path: Path) -> None:
-    """A groove of 4 x 20 mm, 0.4 mm deep, takes 4 / 30 of the cover; its largest circle is 4 mm."""
+    """A groove of 4 x 20 mm, 0.4 mm deep, removes 4 / 30 of the cover; its largest circle is 4 mm wide."""
     layout, parts = seated
     groove = plane_of(layout.mirrors[0]) * Pos(6, 0, 0) * Box(4.0, HEIGHT, 1.2)
     grooved = (Part((parts[0] - groove).solids()), parts[1])
@@ -194,7 +194,7 @@ def test_a_pocket_two_microns_off_is_found(seated: Seated, tmp_path: Path, error
 
 
 def test_a_plane_right_behind_another_mirror_is_no_seat_of_this_one(seated: Seated, tmp_path: Path) -> None:
-    """Both mirrors lie in one plane: the seat of one does not bear the other."""
+    """Both mirrors are in one plane: the seat of one does not support the other."""
     layout, parts = seated
     faces = read_back(parts[:1], tmp_path)
     assert find_seat(faces, layout.mirrors[0], BOND) is not None

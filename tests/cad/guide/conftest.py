@@ -1,4 +1,4 @@
-"""A small part with known edges, and a device of few pieces with its documents."""
+"""A small part with known edges, and a device with few pieces and its documents."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ CHECKS = {
 
 
 def make(layout: Layout, hardware: Hardware, folder: Path) -> Made:
-    """Everything but what takes long: parts as meshes, no solids on disk."""
+    """All that is fast to make: parts as meshes, without solids on disk."""
     device = plan_device(layout, hardware)
     parts = []
     for part in parts_of(device):

@@ -1,4 +1,4 @@
-"""Annotations: an oblique length gets an aligned dimension beside it.
+"""Annotations: an oblique length has an aligned dimension.
 
 Geometrical tolerances: the holder's zones from the figures as built, frames, datums.
 """
@@ -30,7 +30,7 @@ from mirrorcam.optics.geometry.tolerances import Tolerances
 
 @dataclass(frozen=True)
 class Dimensions:
-    """A plan of which nothing is known but its dimensions."""
+    """A plan with nothing but dimensions."""
 
     dimensions: tuple[Length | Hole, ...]
 
@@ -41,17 +41,17 @@ def test_what_lies_askew_has_its_line_beside_it_off_the_part(block: Callable[...
     askew, level = Length(ends, "askew"), Length(ends, "across", np.array([1.0, 0.0, 0.0]))
     plan = Dimensions((askew, level))
     sheet = draw(part.make(part.plan), replace(part, plan=plan), HARDWARE.printer)
-    said = {words.text: words.corners for words in sheet.words}
-    assert {"50 askew", "40 across"} <= set(said)
-    base = said["50 askew"][1] - said["50 askew"][0]
+    texts = {box.text: box.corners for box in sheet.text_boxes}
+    assert {"50 askew", "40 across"} <= set(texts)
+    base = texts["50 askew"][1] - texts["50 askew"][0]
     assert np.degrees(np.arctan2(base[1], base[0])) == pytest.approx(np.degrees(np.arctan2(30.0, 40.0)), abs=0.1)
-    assert said["40 across"][1, 1] == pytest.approx(said["40 across"][0, 1])
+    assert texts["40 across"][1, 1] == pytest.approx(texts["40 across"][0, 1])
 
 
 def test_the_zones_of_the_seats_keep_the_mirrors_as_built(device: Device) -> None:
     built = Tolerances(tilt_deg=0.5, offset_mm=0.2)
     back, angle, place = holder_tolerances(device.holder, built)
-    # The smallest seat, as a square: its tilt in the zone is no more than that of a mirror.
+    # The smallest seat, as a square: its tilt in the zone is at most a mirror's tolerance of tilt.
     local = [core.top - core.top.mean(axis=0) for core in device.holder.cores]
     areas = [Polygon(corners @ np.linalg.svd(corners)[2][:2].T).area for corners in local]
     side = float(np.sqrt(min(areas)))
@@ -63,7 +63,7 @@ def test_the_zones_of_the_seats_keep_the_mirrors_as_built(device: Device) -> Non
 
 
 def test_what_frames_tolerate_is_theoretically_exact() -> None:
-    """Else the seats' places and tilts would have the general tolerance as well, which is wider."""
+    """Otherwise the positions and tilts of seats would also have the general tolerance, which is wider."""
     assert any("theoretically exact" in note for note in tolerance_notes(Tolerances()))
 
 
@@ -74,8 +74,8 @@ def test_frames_say_symbol_zone_and_datums_and_end_where_they_say() -> None:
         GeometricalTolerance("a", "flatness", 0.1),
     )
     end = draw_frames(sheet, 10.0, 90.0, tolerances, ("a note",))
-    assert [words.text for words in sheet.words[1:]] == ["3x seat", "0.6", "A", "B", "a", "0.1", "a note"]
-    assert min(float(words.corners[:, 1].min()) for words in sheet.words) > end
+    assert [box.text for box in sheet.text_boxes[1:]] == ["3x seat", "0.6", "A", "B", "a", "0.1", "a note"]
+    assert min(float(box.corners[:, 1].min()) for box in sheet.text_boxes) > end
     # A box per cell and a symbol per frame.
     assert len(sheet.drawn) == 4 + 1 + 2 + 1
 
@@ -84,6 +84,6 @@ def test_a_datum_stands_on_its_line_with_its_letter_off_it() -> None:
     for way in (1.0, -1.0):
         sheet = DrawingSheet(100.0, 100.0)
         draw_datum(sheet, np.array([50.0, 50.0]), way, "A")
-        (words,) = sheet.words
-        assert words.text == "A"
-        assert np.sign(words.corners[:, 1] - 50.0).tolist() == [way] * 4
+        (box,) = sheet.text_boxes
+        assert box.text == "A"
+        assert np.sign(box.corners[:, 1] - 50.0).tolist() == [way] * 4

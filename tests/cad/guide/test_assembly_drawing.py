@@ -1,4 +1,4 @@
-"""The assembly drawing: a balloon for every line of its parts list, each at a piece of that item, nothing overlaps."""
+"""The assembly drawing: a balloon for every line of the parts list, at a piece of that item, without overlaps."""
 
 from __future__ import annotations
 
@@ -35,17 +35,17 @@ def test_the_parts_list_counts_every_piece_once(made: Made) -> None:
 
 
 def test_every_line_of_the_list_has_a_balloon(made: Made, sheet: DrawingSheet) -> None:
-    said = Counter(words.text for words in sheet.words)
+    texts = Counter(box.text for box in sheet.text_boxes)
     circles = [line.mean(axis=0) for line, _ in sheet.drawn if len(line) == 49 and np.isclose(line[0], line[-1]).all()]
     listed = listed_items(made.pieces)
     assert len(circles) == len(listed)
     for item in listed:
-        assert said[item.description] == 1
+        assert texts[item.description] == 1
         inside = [
-            words
-            for words in sheet.words
-            if words.text == str(item.number)
-            and min(np.linalg.norm(words.corners.mean(axis=0) - middle) for middle in circles) < BALLOON_MM / 2.0
+            box
+            for box in sheet.text_boxes
+            if box.text == str(item.number)
+            and min(np.linalg.norm(box.corners.mean(axis=0) - middle) for middle in circles) < BALLOON_MM / 2.0
         ]
         assert len(inside) == 1
 
@@ -67,6 +67,6 @@ def test_the_files_are_the_same_each_time(made: Made, tmp_path: Path) -> None:
 
 
 def test_the_general_tolerance_is_that_of_the_parts_drawings(sheet: DrawingSheet) -> None:
-    said = [words.text for words in sheet.words]
-    assert PARTS_TOLERANCE in said
-    assert [text for text in said if "±" in text] == []
+    texts = [box.text for box in sheet.text_boxes]
+    assert PARTS_TOLERANCE in texts
+    assert [text for text in texts if "±" in text] == []

@@ -66,7 +66,7 @@ def test_every_screw_inside_the_mount_has_an_opening_behind_it_that_its_head_pas
 
 
 def test_the_guide_and_the_parts_list_state_the_glue_that_fills_the_gap(made: Made) -> None:
-    """The gap as found: what of the space as thick as the bond, behind the mirrors, the printed holder leaves."""
+    """The gap is measured: the space behind the mirrors, as thick as the bond, that the printed holder leaves free."""
     guide, bill = ((made.folder / name).read_text(encoding="utf-8") for name in ("guide.md", "bom.md"))
     bond = made.device.hardware.holder.bond_mm
     (holder,) = (part for part in made.parts if part.name == "mirror_holder")
@@ -130,7 +130,7 @@ def test_the_guide_asks_for_the_settings_that_the_slicer_uses(made: Made) -> Non
 def test_guide_notes_and_drawing_lay_the_same_face_up(
     made: Made, tmp_path: Path, surface: Literal["first", "second"], up: str, other: str
 ) -> None:
-    """Read back from the files: the note of the DXF, the guide, and the side that outlines and marks are drawn from."""
+    """Read back from the files: the DXF's note, the guide, and the side from which outlines and marks are drawn."""
     mirrors = tuple(mirror.replaced(surface=surface) for mirror in made.device.layout.mirrors)
     layout = made.device.layout.replaced(mirrors=mirrors)
     (sheet,) = plan_sheets(layout, HARDWARE.cutting)
@@ -143,14 +143,14 @@ def test_guide_notes_and_drawing_lay_the_same_face_up(
     assert f"BACK up ({up})" in note
     assert other not in note
     assert other not in step
-    # Seen from the back, outlines fit the files and arrows point up; seen from the front, they do neither.
+    # From the back, outlines fit the files and arrows point up; from the front, neither is true.
     checks = check_cuts([tmp_path / "mirrors" / "mirrors.dxf"], layout, HARDWARE.cutting)
     assert checks["outline_error_um"].passed
     assert checks["arrow_error_deg"].passed
 
 
 def test_the_guide_takes_its_steps_and_pictures_in_the_order_that_is_checked(made: Made) -> None:
-    """`check_step_views` judges the table of steps: the guide follows it."""
+    """`check_step_views` checks the table of steps, which the guide follows."""
     steps = re.split(r"^## Step (\d+): ", (made.folder / "guide.md").read_text(encoding="utf-8"), flags=re.MULTILINE)
     assert [int(number) for number in steps[1::2]] == list(range(1, len(STEPS) + 1))
     for step, text in zip(STEPS, steps[2::2], strict=True):
@@ -186,7 +186,7 @@ def test_the_guide_names_mirrors_of_a_pattern_by_their_numbers(made: Made, tmp_p
 
 
 def test_glass_is_never_cut_by_a_laser_or_called_acrylic(made: Made, tmp_path: Path) -> None:
-    """Guide, cut file and parts list name one material; no words for the other are left."""
+    """Guide, cut file and parts list name one material and nothing of the other."""
     device = replace(made.device, hardware=made.device.hardware.replaced(cutting=Cutting(material="glass")))
     (sheet,) = plan_sheets(device.layout, device.hardware.cutting)
     write_dxf(tmp_path / "mirrors" / "mirrors.dxf", sheet)
@@ -204,7 +204,7 @@ def test_glass_is_never_cut_by_a_laser_or_called_acrylic(made: Made, tmp_path: P
 
 
 def test_the_step_of_the_back_is_that_of_its_kind(made: Made, tmp_path: Path) -> None:
-    """A device that stands on a desk has its nut in that step, and no word of an arm in its files."""
+    """A desk device has its nut in that step, and nothing about an arm in its files."""
     text = (made.folder / "guide.md").read_text(encoding="utf-8")
     step = text.partition("screw on the desk foot")[2].partition("## Step")[0]
     assert f"1 {TIMES} 1/4-20 UNC hexagon nut" in step
@@ -221,7 +221,7 @@ def test_the_step_of_the_back_is_that_of_its_kind(made: Made, tmp_path: Path) ->
 
 
 def test_the_clips_upper_edge_stands_at_the_longest_mark(made: Made) -> None:
-    """Engraving, clip and picture: the clip's upper edge, and the longest of the mount's marks, at one height."""
+    """Engraving, clip and picture: the clip's upper edge and the mount's longest mark are at one height."""
     clip, mount = made.device.clip, made.device.mount
     marks = [corners_of([cut]) for cut in mount.cuts if isinstance(cut, Frustum) and len(cut.base) == 3]
     at_edge = [corners for corners in marks if corners[:, 0].max() > mount.half_width_mm]
@@ -243,7 +243,7 @@ def test_the_guide_says_what_the_nest_does(made: Made) -> None:
 
 
 def test_the_focus_is_set_at_the_distance_of_the_design_before_the_first_picture(made: Made, tmp_path: Path) -> None:
-    """A layout with a best focus states that, others their camera's; it is told before any picture is taken."""
+    """The guide states a layout's best focus, else the camera's focus, before the first picture is taken."""
     best = made.device.layout.replaced(metrics={"best_focus_mm": Metric(value=436.05, unit="mm")})
     assert focus_of(best) == 436.05
     assert focus_of(made.device.layout.replaced(metrics={})) == made.device.layout.camera.focus_mm
@@ -256,7 +256,7 @@ def test_the_focus_is_set_at_the_distance_of_the_design_before_the_first_picture
 
 
 def test_the_guide_says_which_screw_goes_where(made: Made) -> None:
-    """Of the bought screws in the clip, the one behind the back stands along the lens axis; the other at the corner."""
+    """Of the bought screws in the clip, the one behind the back is along the lens axis, the other at the corner."""
     text = (made.folder / "guide.md").read_text(encoding="utf-8")
     screws = [item for item in bought_items(made.device) if item.kind == "screw" and item.joins == ("camera_clip",)]
     upright = {abs(item.rig_from_item[2, 2]) > 0.99: f"M3 x {item.length_mm:g} screw" for item in screws}
@@ -277,7 +277,7 @@ def test_the_guide_and_the_parts_list_have_the_same_tools(made: Made) -> None:
 
 
 def test_every_measure_of_the_cameras_file_is_in_the_guide(made: Made) -> None:
-    """What stands in the file to copy is asked for or explained in the same step."""
+    """The same step measures or explains every number of the file to copy."""
     step = (made.folder / "guide.md").read_text(encoding="utf-8").partition("## Step 2")[0]
     told, _, file = step.partition("```toml")
     spoken = {"width_mm": "width", "height_mm": "height", "depth_mm": "depth", "mass_g": "mass without cable"}
@@ -288,7 +288,7 @@ def test_every_measure_of_the_cameras_file_is_in_the_guide(made: Made) -> None:
 
 
 def test_the_picture_is_checked_once_the_device_stands(made: Made, tmp_path: Path) -> None:
-    """Nothing carries the device before the step of its back: the picture is looked at after it, then the cover."""
+    """Nothing supports the device before the step of its back, after which come the live picture and the cover."""
     cover = made.parts[-1].replaced(name="dust_cover", number="MC-07")
     write_guide(tmp_path, made.device, (*made.parts, cover), made.pieces)
     text = (tmp_path / "guide.md").read_text(encoding="utf-8")
@@ -297,7 +297,7 @@ def test_the_picture_is_checked_once_the_device_stands(made: Made, tmp_path: Pat
 
 
 def test_the_glue_has_the_time_that_its_air_needs(made: Made) -> None:
-    """The widest mirror's glue is as far from the gap as the largest circle in it is wide; at 2 to 3 mm a day."""
+    """Glue cures by 2 to 3 mm a day, up to the radius of the largest circle in a mirror."""
     text = (made.folder / "guide.md").read_text(encoding="utf-8")
     far, least, most = map(int, re.findall(r"is (\d+) mm from its edge, which takes (\d+) to (\d+) days", text)[0])
     widest = max(Polygon(mirror.outline_in_plane_mm).minimum_clearance for mirror in made.device.layout.mirrors)

@@ -1,4 +1,4 @@
-"""Assembly steps: every bought piece once, at the piece of a part that it is in."""
+"""Assembly steps: every bought piece once, with the piece of the part that it is in."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The drawing of where to measure a camera: every letter and value, nothing over anything, on the sheet."""
+"""The measuring drawing of a camera: every letter and value, without overlaps, within the sheet."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ def test_every_camera_of_the_library_has_its_drawing(name: str) -> None:
     sheet = draw_camera(body)
     assert overlaps(sheet) == []
     assert outside(sheet) == []
-    said = [words.text for words in sheet.words]
+    texts = [box.text for box in sheet.text_boxes]
     for measure in MEASURES:
-        assert measure.letter in said
-        assert f"{getattr(body, measure.field):g}{' ?' if measure.field in body.guessed else ''}" in said
+        assert measure.letter in texts
+        assert f"{getattr(body, measure.field):g}{' ?' if measure.field in body.guessed else ''}" in texts
     for letter, value in (("A", body.width_mm), ("B", body.height_mm), ("C", body.depth_mm)):
-        assert f"{letter} {value:g}" in said
+        assert f"{letter} {value:g}" in texts
 
 
 def test_letters_and_fields_are_named_once() -> None:

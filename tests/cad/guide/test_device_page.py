@@ -1,4 +1,4 @@
-"""Pictures, guide and page of a whole device: what is in them, that links lead somewhere, that nothing is fetched."""
+"""Pictures, guide and page of a complete device: their content, working links, and nothing fetched."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ from tests.studio.browser import FLAGS, chromium
 
 pytestmark = pytest.mark.slow
 
-# What lies right of the window: the section it is in, and its text.
+# Elements that extend past the right edge of the window: their section and text.
 BEYOND = """() => [...document.querySelectorAll("#files *, .guide *")]
   .filter((e) => !e.closest("pre") && e.getBoundingClientRect().right > innerWidth + 1)
   .map((e) => [e.closest("section").id, e.textContent.slice(0, 60)])"""
 
 
 class Links(HTMLParser):
-    """All that a page names: addresses by attribute, and ids."""
+    """The addresses in a page, by attribute, and its ids."""
 
     def __init__(self, page: str) -> None:
         super().__init__()
@@ -54,7 +54,7 @@ class Links(HTMLParser):
 
 
 def will_exist(made: Made) -> set[str]:
-    """Files below the folder: those written, and those that a whole build writes beside them."""
+    """Files below the folder: those written, and those that a complete build adds."""
     written = {path.relative_to(made.folder).as_posix() for path in made.folder.rglob("*")}
     of_parts = {f"parts/{part.name}.{kind}" for part in made.parts for kind in ("step", "stl", "3mf")}
     stems = (*(part.name for part in made.parts), "assembly")
@@ -86,7 +86,7 @@ def test_nothing_on_the_page_is_fetched_from_elsewhere(made: Made) -> None:
     css = (WEB / "viewer.css").read_text(encoding="utf-8")
     assert "@import" not in css
     assert "url(" not in css
-    # Its one address is a namespace; the loader of models fetches what a model names, and ours names nothing.
+    # Its only address is a namespace; the model loader fetches files that a model names, and ours names none.
     script = (WEB / "page.js").read_text(encoding="utf-8") + (KIT / "three.bundle.js").read_text(
         encoding="utf-8"
     ).partition("*/")[2]
@@ -109,7 +109,7 @@ def test_the_page_carries_the_model_and_its_rays(made: Made) -> None:
     extras = [node["extras"] for node in json.loads(model_json(glb))["nodes"] if "kind" in node.get("extras", {})]
     assert len(extras) == len(made.pieces)
     assert {"kind", "number", "title", "explode_mm"} <= set(extras[0])
-    # Each ray leaves the mirror as the mirror says.
+    # Each ray is reflected by its mirror.
     rays = np.array(json.loads(scripts["data"])["rays_mm"])
     for (start, bounce, end), mirror in zip(rays, made.device.layout.mirrors, strict=True):
         there, back = (bounce - start) / np.linalg.norm(bounce - start), (end - bounce) / np.linalg.norm(end - bounce)
@@ -152,7 +152,7 @@ def test_tables_of_files_and_gauges_stay_on_the_screen(made: Made, width: int) -
         wider = page.evaluate("document.documentElement.scrollWidth - innerWidth")
         browser.close()
     assert wider <= 0
-    # At any width nothing of the files; on a wide screen no table scrolls at all.
+    # At no width does the list of files overflow; on a wide screen no table scrolls.
     assert [text for table, text in found if width > 1000 or table == "files"] == []
 
 
@@ -190,7 +190,7 @@ def test_a_browser_without_a_network_shows_the_model(made: Made, tmp_path: Path)
 
 
 def browse(page: Path, profile: Path, *flags: str) -> str:
-    """The document after its scripts have run, with no name resolved."""
+    """The document after its scripts have run, without name resolution."""
     command = ["chromium", "--headless", "--no-sandbox", "--enable-unsafe-swiftshader", f"--user-data-dir={profile}"]
     command += [
         "--host-resolver-rules=MAP * ~NOTFOUND",

@@ -1,6 +1,6 @@
-"""What the picture of the camera's step names: all that the guide speaks of is seen in one of its views.
+"""The picture of the camera's step: everything that the guide mentions is visible in one of its views.
 
-Pictures of a device: every part is shown and named, with the same bytes each time.
+Pictures of a device: every part is shown and labelled, with the same bytes each time.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from mirrorcam.cad.guide.device_pictures import FIRST_END, is_v, notes_of
-from mirrorcam.cad.guide.labels import place_of
+from mirrorcam.cad.guide.labels import pixel_of
 from mirrorcam.cad.guide.picture_views import labels_of, shot_of, views_of, write_picture
 from mirrorcam.cad.guide.shading import Screen, render
 from mirrorcam.cad.parts.clip import plan_clip
@@ -26,7 +26,7 @@ def test_the_picture_shows_points_slots_and_both_screws_with_their_lengths(made:
     seen = set()
     for view in views_of(picture):
         shot = shot_of(view)
-        seen |= {label.text for label in labels_of(view) if place_of(shot, label) is not None}
+        seen |= {label.text for label in labels_of(view) if pixel_of(shot, label) is not None}
     screws = {f"{name} screw, M3 x {length}" for name, length in (("corner", 25), ("back", 12))}
     assert {"V", "front pad", "side pad", "slot of the cable tie", FIRST_END} | screws <= seen
 
@@ -56,7 +56,7 @@ def test_every_insert_is_seen_in_a_view_and_counted_at_its_part(made: Made) -> N
     for number, view in enumerate(views_of(picture)):
         shot = shot_of(view, (700, 525))
         pixels = np.bincount(shot.bodies[shot.bodies >= 0], minlength=len(view.items))
-        # What has a line to its seat is put in; the views of a small device have the same items.
+        # Items with a line to their seat are inserted; the views of a small device have the same items.
         unseen = {index for index, item in enumerate(view.items) if item.line is not None and pixels[index] < 12}
         hidden = hidden & unseen if number else unseen
         counted = sum(int(item.label.rpartition(": ")[2]) for item in view.items if item.label)
@@ -70,14 +70,14 @@ def test_every_mirror_and_seat_is_named_where_it_is(made: Made) -> None:
     assert "from the front" in mirrors.caption
     shots = [shot_of(view) for view in (mirrors, seats)]
     at = [
-        {label.text.removeprefix("seat "): place_of(shot, label) for label in labels_of(view)}
+        {label.text.removeprefix("seat "): pixel_of(shot, label) for label in labels_of(view)}
         for view, shot in zip((mirrors, seats), shots, strict=True)
     ]
     assert set(at[0]) == set(at[1]) == set(made.device.layout.mirror_names)
     mirror = {item.label: index for index, item in enumerate(mirrors.items) if item.label}
     for name, point in at[1].items():
         assert point is not None
-        # In the same view, a mirror lies over its own seat and over no other.
+        # In the same view, a mirror is over its own seat and over no other.
         middle = shots[0].screen.pixels(dict(seats.notes)[f"seat {name}"])
         assert shots[0].bodies[int(middle[1]), int(middle[0])] == mirror[name]
 

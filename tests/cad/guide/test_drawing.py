@@ -1,8 +1,8 @@
 """The drawing of the holder: a table of its seats.
 
-Dimensions that plans offer to their drawings: pieces those of the whole, holders their holes, others none.
+Dimensions of plans for their drawings: pieces have those of the uncut part, holders their holes, others none.
 
-Drawings: what they say, that nothing lies over anything, the same bytes, real files.
+Drawings: their text, no overlaps, the same bytes, real files.
 """
 
 from __future__ import annotations
@@ -28,9 +28,17 @@ from mirrorcam.cad.assembly.device_plan import Device, plan_device
 from mirrorcam.cad.backs.blocks import BlocksPlan
 from mirrorcam.cad.backs.plan_backs import plan_back
 from mirrorcam.cad.guide.dimension_lines import LINE_MM, number
-from mirrorcam.cad.guide.drawing import SMALL_MM, VISIBLE_MM, dimensions_of, draw, offered, seat_names, write_drawing
+from mirrorcam.cad.guide.drawing import (
+    SMALL_MM,
+    VISIBLE_MM,
+    dimensions_in_plan,
+    dimensions_of,
+    draw,
+    seat_names,
+    write_drawing,
+)
 from mirrorcam.cad.guide.drawing_sheet import GAUGE_TOLERANCE, GENERAL_TOLERANCE, MATERIAL_MM, MODEL, DrawingSheet
-from mirrorcam.cad.guide.hole_callouts import PRESSED
+from mirrorcam.cad.guide.hole_callouts import PRESS_TOLERANCE
 from mirrorcam.cad.guide.sections import HATCH_LINE_MM, TRACE_MM
 from mirrorcam.cad.holder.screwed_holder import ScrewedHolderPlan
 from mirrorcam.cad.plan.back_table import BACKS, back_of
@@ -47,15 +55,15 @@ from tests.nightly import a_few
 
 
 def overlaps(sheet: DrawingSheet) -> list[tuple[str, str]]:
-    """Pairs of words that cover each other."""
-    boxes = [(words.text, Polygon(words.corners).buffer(-0.05)) for words in sheet.words]
+    """Pairs of texts that overlap."""
+    boxes = [(box.text, Polygon(box.corners).buffer(-0.05)) for box in sheet.text_boxes]
     return [(a, b) for (a, first), (b, second) in combinations(boxes, 2) if first.intersects(second)]
 
 
 def outside(sheet: DrawingSheet) -> list[str]:
     width, height = sheet.size_mm
     low, high = np.array([10.0, 10.0]), np.array([width - 10.0, height - 10.0])
-    return [words.text for words in sheet.words if (words.corners < low).any() or (words.corners > high).any()]
+    return [box.text for box in sheet.text_boxes if (box.corners < low).any() or (box.corners > high).any()]
 
 
 def test_the_holder_has_its_seats_in_a_table(make_parabola: Callable[..., Layout]) -> None:
@@ -63,43 +71,43 @@ def test_the_holder_has_its_seats_in_a_table(make_parabola: Callable[..., Layout
     device = plan_device(layout, HARDWARE)
     part = next(part for part in parts_of(device) if part.name == "mirror_holder")
     sheet = draw(part.make(part.plan), part, HARDWARE.printer)
-    said = [words.text for words in sheet.words]
+    texts = [box.text for box in sheet.text_boxes]
     assert overlaps(sheet) == []
     assert outside(sheet) == []
     # A in both frames of the seats, at the back and at the trace of the section; B in the frames and at the holes.
-    assert (said.count("A"), said.count("B")) == (5, 3)
-    assert "4x Ø4 ±0.1 ↧6.7 for M3 insert (far side)" in said
+    assert (texts.count("A"), texts.count("B")) == (5, 3)
+    assert "4x Ø4 ±0.1 ↧6.7 for M3 insert (far side)" in texts
     # The tilt of a seat in the table is the angle of its mirror's normal to the back's.
     back = part.print_from_rig[2, :3]
     for index, mirror in enumerate(layout.mirrors):
         tilt = np.degrees(np.arccos(mirror.normal_in_rig @ back))
-        assert f"{tilt:.3f}" in said
-        assert said.count(f"{index // 2}-{index % 2}") == 2
+        assert f"{tilt:.3f}" in texts
+        assert texts.count(f"{index // 2}-{index % 2}") == 2
 
 
 def test_a_carrier_says_where_its_seat_is(make_parabola: Callable[..., Layout]) -> None:
-    """Of a wedge without it no angle was known: its plane from its back, through the pads."""
+    """The seat's plane through the pads, relative to the back: without it, no angle of the wedge is stated."""
     layout = make_parabola(2, 2, scale_mm=90.0, gap_mm=2.0)
     hardware = HARDWARE.replaced(holder=HARDWARE.holder.replaced(mirrors="screws"))
     device = plan_device(layout, hardware)
     part = next(part for part in parts_of(device) if part.name == "carrier_0-1")
     sheet = draw(part.make(part.plan), part, hardware.printer)
-    said = [words.text for words in sheet.words]
+    texts = [box.text for box in sheet.text_boxes]
     mirror = layout.mirrors[1]
     back = part.print_from_rig[2, :3]
-    assert f"{np.degrees(np.arccos(mirror.normal_in_rig @ back)):.3f}" in said
-    assert "0-1" in said
-    head = next(words for words in sheet.words if words.text == "z")
+    assert f"{np.degrees(np.arccos(mirror.normal_in_rig @ back)):.3f}" in texts
+    assert "0-1" in texts
+    head = next(box for box in sheet.text_boxes if box.text == "z")
     cell = next(
-        words
-        for words in sheet.words
-        if words.text.replace(".", "").isdigit()
-        and words.corners[0, 0] > 0.0
-        and abs(words.corners[1, 0] - head.corners[1, 0]) < 0.1
-        and words.corners[1, 1] < head.corners[1, 1]
+        box
+        for box in sheet.text_boxes
+        if box.text.replace(".", "").isdigit()
+        and box.corners[0, 0] > 0.0
+        and abs(box.corners[1, 0] - head.corners[1, 0]) < 0.1
+        and box.corners[1, 1] < head.corners[1, 1]
     )
     carrier = device.mirror_carriers[1]
-    # Behind the mirror by its thickness; the middle of the seat is that of its corners.
+    # One thickness behind the mirror; the middle of the seat is the mean of its corners.
     middle = carrier.body.top.mean(axis=0)
     behind = mirror.outline_in_rig_mm[0] - mirror.thickness_mm * mirror.normal_in_rig
     on_pads = middle + ((behind - middle) @ mirror.normal_in_rig) * mirror.normal_in_rig
@@ -114,14 +122,14 @@ def test_the_holes_of_carriers_screws_are_in_a_table(make_parabola: Callable[...
     device = plan_device(layout, hardware)
     part = next(part for part in parts_of(device) if part.name == "mirror_holder")
     sheet = draw(part.make(part.plan), part, hardware.printer)
-    said = [words.text for words in sheet.words]
+    texts = [box.text for box in sheet.text_boxes]
     assert isinstance(device.holder, ScrewedHolderPlan)
     holes = device.holder.screws_in_mount_mm
     for x, y in holes * [1.0, -1.0]:
-        assert f"{x:.2f}" in said
-        assert f"{y:.2f}" in said
-    assert {str(number) for number in range(1, len(holes) + 1)} <= set(said)
-    (callout,) = [text for text in said if text.startswith(f"{len(holes)}x Ø3.4")]
+        assert f"{x:.2f}" in texts
+        assert f"{y:.2f}" in texts
+    assert {str(number) for number in range(1, len(holes) + 1)} <= set(texts)
+    (callout,) = [text for text in texts if text.startswith(f"{len(holes)}x Ø3.4")]
     assert (
         f"counterbore Ø{device.holder.adjuster.recess_wide_mm:.3g} ↧{device.holder.adjuster.recess_mm:.3g}" in callout
     )
@@ -141,12 +149,12 @@ def test_a_piece_offers_the_dimensions_of_the_whole(block: Callable[..., PartPla
     piece = PiecePlan(
         part.plan, part.make, np.eye(4), (0.0, 0.0, 0.0), (9.0, 9.0, 9.0), np.zeros((0, 4, 4)), (3.0, 8.0), 1.2
     )
-    assert len(offered(piece)) == len(offered(part.plan)) == 3
-    assert offered("a plan without dimensions") == ()
+    assert len(dimensions_in_plan(piece)) == len(dimensions_in_plan(part.plan)) == 3
+    assert dimensions_in_plan("a plan without dimensions") == ()
 
 
 def test_a_holder_offers_its_four_holes_on_the_back(device: Device) -> None:
-    holes = [dimension for dimension in offered(device.holder) if isinstance(dimension, Hole)]
+    holes = [dimension for dimension in dimensions_in_plan(device.holder) if isinstance(dimension, Hole)]
     assert len(holes) == 4
     away, origin = device.holder.rig_from_mount[:3, 2], device.holder.rig_from_mount[:3, 3]
     for hole in holes:
@@ -161,32 +169,30 @@ SVG = "{http://www.w3.org/2000/svg}"
 
 
 def crossed(sheet: DrawingSheet) -> list[str]:
-    """Words that an edge of the part runs through."""
+    """Texts crossed by an edge of the part."""
     edges = [LineString(line) for line, width in sheet.drawn if width in (VISIBLE_MM, SMALL_MM)]
     return [
-        words.text
-        for words in sheet.words
-        if any(Polygon(words.corners).buffer(-0.1).intersects(edge) for edge in edges)
+        box.text
+        for box in sheet.text_boxes
+        if any(Polygon(box.corners).buffer(-0.1).intersects(edge) for edge in edges)
     ]
 
 
 def struck(sheet: DrawingSheet) -> list[str]:
-    """Words that a dimension, extension or leader line, or the trace of a section, runs through."""
+    """Texts crossed by a dimension, extension or leader line, or by the trace of a section."""
     lines = [LineString(line) for line, width in sheet.drawn if width in (LINE_MM, TRACE_MM)]
-    return [
-        words.text for words in sheet.words if any(Polygon(words.corners).buffer(-0.2).intersects(a) for a in lines)
-    ]
+    return [box.text for box in sheet.text_boxes if any(Polygon(box.corners).buffer(-0.2).intersects(a) for a in lines)]
 
 
 def test_a_block_says_its_size_holes_and_places(block: Callable[..., PartPlan]) -> None:
     part = block()
     sheet = draw(part.make(part.plan), part, HARDWARE.printer)
-    said = [words.text for words in sheet.words]
+    texts = [box.text for box in sheet.text_boxes]
     # Length, depth and height, once each; two holes, 40 apart, 10 from the left edge and 15 from the lower one.
     for text in ("60", "30", "40", "2x Ø6 through", "MC-99", "Block", part.identity, "CERN-OHL-W-2.0", "2 : 1"):
-        assert said.count(text) == 1, text
-    assert said.count("10") == 2
-    assert said.count("15") == 1
+        assert texts.count(text) == 1, text
+    assert texts.count("10") == 2
+    assert texts.count("15") == 1
     assert overlaps(sheet) == []
     assert outside(sheet) == []
     assert crossed(sheet) == []
@@ -206,9 +212,9 @@ def test_any_size_finds_its_scale_and_room(block: Callable[..., PartPlan], size_
 def test_any_name_of_a_plastic_stays_in_its_field(name: str, block: Callable[..., PartPlan], tmp_path: Path) -> None:
     part = block()
     sheet = draw(part.make(part.plan), part, HARDWARE.printer.replaced(plastic=name))
-    (field,) = (words for words in sheet.words if words.text.endswith(", printed"))
-    said = "".join(shown if shown == sent else "?" for shown, sent in zip(field.text, name, strict=False))
-    assert name.startswith(said.split("?")[0])
+    (field,) = (box for box in sheet.text_boxes if box.text.endswith(", printed"))
+    texts = "".join(shown if shown == sent else "?" for shown, sent in zip(field.text, name, strict=False))
+    assert name.startswith(texts.split("?")[0])
     assert np.ptp(field.corners[:, 0]) <= MATERIAL_MM
     assert overlaps(sheet) == []
     assert outside(sheet) == []
@@ -219,7 +225,7 @@ def test_any_name_of_a_plastic_stays_in_its_field(name: str, block: Callable[...
 def test_the_checks_above_see_what_is_wrong(block: Callable[..., PartPlan]) -> None:
     part = block()
     sheet = draw(part.make(part.plan), part, HARDWARE.printer)
-    there = sheet.words[0].corners[0]
+    there = sheet.text_boxes[0].corners[0]
     sheet.text(there, "over it", 2.5)
     sheet.text((415.0, 100.0), "beyond", 2.5)
     edge = next(line for line, width in sheet.drawn if width == VISIBLE_MM)
@@ -234,10 +240,10 @@ def test_a_piece_keeps_the_dimensions_that_lie_on_it(block: Callable[..., PartPl
     half = part.make(part.plan) & (Pos(-30, 0, 0) * Box(60, 60, 60))
     low, high = (-30.0, -15.0, -5.0), (0.0, 15.0, 5.0)
     piece = PiecePlan(part.plan, part.make, np.eye(4), low, high, np.zeros((0, 4, 4)), (3.0, 8.0), 1.2)
-    said = [words.text for words in draw(half, replace(part, plan=piece), HARDWARE.printer).words]
-    assert "Ø6 through" in said
-    assert "2x Ø6 through" not in said
-    assert "40" not in said
+    texts = [box.text for box in draw(half, replace(part, plan=piece), HARDWARE.printer).text_boxes]
+    assert "Ø6 through" in texts
+    assert "2x Ø6 through" not in texts
+    assert "40" not in texts
 
 
 BACK_PARTS = {
@@ -293,7 +299,7 @@ def test_nothing_lies_over_anything_in_the_drawings_of_the_default(device: Devic
 
 @pytest.mark.parametrize("name", a_few(5, NAMES))
 def test_every_hole_of_a_part_is_called_out_with_its_depth(device: Device, name: str) -> None:
-    """By its size, as often as the plan has it, each with its depth or that it goes through."""
+    """Every size, as often as in the plan, with its depth or "through"."""
     plan = part_of(device, name).plan
     wanted: Counter[str] = Counter()
     for cut in plan.cuts:
@@ -317,7 +323,7 @@ def test_no_hole_is_deeper_than_its_part(device: Device, name: str) -> None:
         if isinstance(hole, Hole) and (found := re.search(r"↧([\d.]+)", hole.text)):
             assert float(found[1]) * np.abs(hole.axis_in_rig).max() <= size[np.abs(hole.axis_in_rig).argmax()] + 0.01
     if name == "mount":
-        slots = [words.text for words in drawn(device, name).words if "slot" in words.text and "↧" in words.text]
+        slots = [box.text for box in drawn(device, name).text_boxes if "slot" in box.text and "↧" in box.text]
         assert slots
         for text in slots:
             assert float(re.findall(r"↧([\d.]+)", text)[0]) < device.mount.section.depth_mm
@@ -326,21 +332,21 @@ def test_no_hole_is_deeper_than_its_part(device: Device, name: str) -> None:
 @pytest.mark.parametrize("name", ALL)
 def test_every_part_has_a_hatched_section_that_is_traced(device: Device, name: str) -> None:
     sheet = drawn(device, name)
-    said = [words.text for words in sheet.words]
-    assert said.count("A") == 2
-    assert len([text for text in said if re.match(r"A-A( \(|$)", text)]) == 1
+    texts = [box.text for box in sheet.text_boxes]
+    assert texts.count("A") == 2
+    assert len([text for text in texts if re.match(r"A-A( \(|$)", text)]) == 1
     assert sum(width == HATCH_LINE_MM for _, width in sheet.drawn) > 10
 
 
 def called_out(sheet: DrawingSheet) -> Counter[str]:
-    """How often a drawing calls out holes of each size with a depth or as through."""
+    """Counts of the holes that a drawing calls out with a depth or as through holes, by size."""
     found: Counter[str] = Counter()
-    for words in sheet.words:
+    for box in sheet.text_boxes:
         if match := re.fullmatch(
-            r"(?:(\d+)x )?(Ø[\d.]+|slot [\d.]+ x [\d.]+|hex [\d.]+(?= A/F)).*(?:↧[\d.]+|through).*", words.text
+            r"(?:(\d+)x )?(Ø[\d.]+|slot [\d.]+ x [\d.]+|hex [\d.]+(?= A/F)).*(?:↧[\d.]+|through).*", box.text
         ):
             found[match[2]] += int(match[1] or 1)
-        elif match := re.fullmatch(r"(?:(\d+)x )?countersink (?:Ø[\d.]+|slot [\d.]+ x [\d.]+) x 84°.*", words.text):
+        elif match := re.fullmatch(r"(?:(\d+)x )?countersink (?:Ø[\d.]+|slot [\d.]+ x [\d.]+) x 84°.*", box.text):
             found["countersink"] += int(match[1] or 1)
     return found
 
@@ -350,62 +356,62 @@ def test_a_drawing_states_one_general_tolerance_its_revision_and_its_date(
 ) -> None:
     monkeypatch.setenv("SOURCE_DATE_EPOCH", "1700000000")
     part = block()
-    said = [words.text for words in draw(part.make(part.plan), part, HARDWARE.printer).words]
-    assert [text for text in said if "±" in text or "2768" in text] == [GENERAL_TOLERANCE]
-    assert part.identity in said
-    assert "2023-11-14" in said
+    texts = [box.text for box in draw(part.make(part.plan), part, HARDWARE.printer).text_boxes]
+    assert [text for text in texts if "±" in text or "2768" in text] == [GENERAL_TOLERANCE]
+    assert part.identity in texts
+    assert "2023-11-14" in texts
 
 
 def test_the_mount_says_where_the_screws_of_its_head_are(device: Device) -> None:
-    """From the foot's corner at the slide, as the holder's plan has them, and how far apart along the face."""
+    """From the foot's corner at the slide, as in the holder's plan, and their distance along the face."""
     part = next(part for part in parts_of(device) if part.name == "mount")
-    said = [words.text for words in draw(part.make(part.plan), part, HARDWARE.printer).words]
+    texts = [box.text for box in draw(part.make(part.plan), part, HARDWARE.printer).text_boxes]
     holder, mount = device.holder, device.mount
     flat = np.column_stack([holder.holes_in_mount_mm, np.zeros(4), np.ones(4)])
     screws = (flat @ holder.rig_from_mount.T)[:, :3]
     corner = np.array([0.0, mount.slide[1], mount.foot[0, 2]])
     assert mount.bed_turn_deg == 0.0
     for row in np.unique(np.abs(screws - corner)[:, 1:].round(2), axis=0):
-        assert {number(value) for value in row} <= set(said)
+        assert {number(value) for value in row} <= set(texts)
     apart = np.ptp(holder.holes_in_mount_mm, axis=0)
-    assert f"{number(apart[1])} head screws" in said
-    assert number(apart[0]) in said
-    assert "4x Ø3.4 through for M3" in said
-    # The foot's holes are counted from its edge at the slide, not from wherever the mount reaches furthest.
-    assert number(float(np.abs(mount.foot[:, 1] - mount.slide[1]).min())) in said
-    assert number(mount.section.depth_mm) in said
+    assert f"{number(apart[1])} head screws" in texts
+    assert number(apart[0]) in texts
+    assert "4x Ø3.4 through for M3" in texts
+    # The foot's holes are dimensioned from its edge at the slide, not from the mount's furthest point.
+    assert number(float(np.abs(mount.foot[:, 1] - mount.slide[1]).min())) in texts
+    assert number(mount.section.depth_mm) in texts
 
 
 def test_a_drawing_names_the_model_that_its_other_shapes_are_as(device: Device) -> None:
     for name in ("mount", "camera_clip"):
-        said = [words.text for words in drawn(device, name).words]
-        assert said.count(MODEL) == 1
-        assert said.count(f"parts/{name}.step") == 1
+        texts = [box.text for box in drawn(device, name).text_boxes]
+        assert texts.count(MODEL) == 1
+        assert texts.count(f"parts/{name}.step") == 1
 
 
 def test_gauges_have_no_tolerance_that_their_steps_lie_within(device: Device) -> None:
-    """The coupon's steps are 0.1 and 0.3 mm; what an insert is pressed into in a part has half of such a step."""
-    said = [words.text for words in drawn(device, "fit_coupon").words]
-    assert GAUGE_TOLERANCE in said
-    assert [text for text in said if "±" in text] == []
+    """The coupon's steps are 0.1 and 0.3 mm; holes for inserts in parts have a tolerance of half a step."""
+    texts = [box.text for box in drawn(device, "fit_coupon").text_boxes]
+    assert GAUGE_TOLERANCE in texts
+    assert [text for text in texts if "±" in text] == []
     height = device.hardware.camera.height_mm
     for text in (f"{number(height + 0.3)} go", f"{number(height - 0.3)} no-go", "20.6 seat", "15.6 seat", "2.4 plate"):
-        assert said.count(text) == 1, text
-    pressed = [words.text for words in drawn(device, "camera_clip").words if words.text.endswith("insert (far side)")]
+        assert texts.count(text) == 1, text
+    pressed = [box.text for box in drawn(device, "camera_clip").text_boxes if box.text.endswith("insert (far side)")]
     assert pressed
-    assert all(f"Ø4 {PRESSED} ↧" in text for text in pressed)
+    assert all(f"Ø4 {PRESS_TOLERANCE} ↧" in text for text in pressed)
 
 
 def test_walls_and_leaves_say_how_thick_they_are(device: Device) -> None:
-    said = [words.text for words in drawn(device, "camera_clip").words]
+    texts = [box.text for box in drawn(device, "camera_clip").text_boxes]
     assert device.clip.nest is not None
     for screw in device.clip.nest.screws:
-        assert f"{number(screw.leaf.thickness_mm)} leaf" in said
+        assert f"{number(screw.leaf.thickness_mm)} leaf" in texts
     wall = np.ptp(np.vstack([device.clip.pieces[0].base, device.clip.pieces[0].top])[:, 1])
-    assert f"{number(float(wall))} wall" in said
-    said = [words.text for words in drawn(device, "dust_cover").words]
+    assert f"{number(float(wall))} wall" in texts
+    texts = [box.text for box in drawn(device, "dust_cover").text_boxes]
     for text in ("1.2 wall", "1.2 floor", f"{number(2.0 * device.mount.half_width_mm + 2.0)} gap"):
-        assert said.count(text) == 1, text
+        assert texts.count(text) == 1, text
 
 
 def test_the_isometric_keeps_clear_of_a_long_callout(block: Callable[..., PartPlan]) -> None:
@@ -420,20 +426,20 @@ def test_the_isometric_keeps_clear_of_a_long_callout(block: Callable[..., PartPl
 
 
 def test_the_clip_says_where_all_six_points_are(device: Device) -> None:
-    """From its left side, its face on the mount, and its foot, each distance once."""
-    said = [words.text for words in drawn(device, "camera_clip").words]
+    """From its left side, its face on the mount, and its lower end, each distance once."""
+    texts = [box.text for box in drawn(device, "camera_clip").text_boxes]
     nest, clip = device.clip.nest, device.clip
     assert nest is not None
     left = min(float(np.vstack([piece.base, piece.top])[:, 0].min()) for piece in clip.pieces)
     for number_of, point in enumerate(nest.points - [left, clip.slide_y_mm, clip.bottom_mm]):
         for value in np.abs(point):
             kinds = ("pad", "stop") if number_of < 3 else ("stop",)
-            assert any(said.count(f"{number(value)} {kind}") == 1 for kind in kinds), (number_of, value)
+            assert any(texts.count(f"{number(value)} {kind}") == 1 for kind in kinds), (number_of, value)
 
 
 @pytest.mark.parametrize("name", a_few(6, OF_BACKS))
 def test_every_plane_of_a_part_of_a_back_is_dimensioned(device: Device, name: str) -> None:
-    """Along each axis of rig, planes hang together by lengths, sizes, depths of holes, or as mirror images of such."""
+    """Along each axis of rig, planes are connected by lengths, sizes, depths of holes, or mirror images of these."""
     part = part_of(device, name)
     if not isinstance(part.plan, BlocksPlan):
         pytest.skip("a ring's planes are not all parallel to those of rig")
@@ -454,7 +460,7 @@ def test_every_plane_of_a_part_of_a_back_is_dimensioned(device: Device, name: st
                 points = each.points_in_rig[:, axis].round(2).tolist()
                 if np.abs(each.span_in_rig).argmax() == axis:
                     joined.append(points)
-                    # One that lies in the middle locates both of its ends.
+                    # A centred dimension locates both of its ends.
                     known |= set(points) if abs(sum(points) - sum(size)) < 0.02 else set()
             elif each.cut_mm is not None and abs(each.axis_in_rig[axis]) > 0.9:
                 found = re.search(r"↧([\d.]+)", each.text)

@@ -1,4 +1,4 @@
-"""Drawing sheets: text knows the area that it covers, turned too; lines are kept; files have the sheet's size.
+"""Drawing sheets: areas covered by text, also rotated; recorded lines; files of the sheet's size.
 
 Title blocks: date, scale and material.
 """
@@ -42,12 +42,12 @@ def test_a_text_covers_its_width_from_where_it_is_aligned(align: Align, left: fl
     sheet = DrawingSheet(100.0, 80.0)
     sheet.text((40.0, 30.0), "30 deep", 2.5, align=align, turn_deg=turn_deg)
     width = text_width_mm("30 deep", 2.5)
-    (words,) = sheet.words
+    (box,) = sheet.text_boxes
     along = 1 if turn_deg else 0
     start = (40.0, 30.0)[along]
-    assert words.corners[:, along].min() == pytest.approx(start + left * width)
-    assert np.ptp(words.corners[:, along]) == pytest.approx(width)
-    assert np.ptp(words.corners[:, 1 - along]) == pytest.approx(1.3 * 2.5)
+    assert box.corners[:, along].min() == pytest.approx(start + left * width)
+    assert np.ptp(box.corners[:, along]) == pytest.approx(width)
+    assert np.ptp(box.corners[:, 1 - along]) == pytest.approx(1.3 * 2.5)
 
 
 def test_a_text_is_no_mathematics(tmp_path: Path) -> None:
@@ -55,7 +55,7 @@ def test_a_text_is_no_mathematics(tmp_path: Path) -> None:
     sheet.text((40.0, 30.0), r"<b>$\frac$ & \"x\"", 2.5)
     svg, _ = sheet.write(tmp_path / "part", "<script> & more")
     ET.parse(svg)
-    assert sheet.words[0].corners[:, 0].min() == pytest.approx(40.0)
+    assert sheet.text_boxes[0].corners[:, 0].min() == pytest.approx(40.0)
 
 
 def test_a_sheet_is_written_in_its_size_with_the_same_bytes(tmp_path: Path) -> None:
@@ -93,6 +93,6 @@ def test_texts_stay_in_their_fields() -> None:
 
 
 def test_scales_and_materials_as_they_are_written() -> None:
-    said = [ratio(scale) for scale in (2.0, 1.0, 0.5, 0.2, None)]
-    assert said == ["2 : 1", "1 : 1", "1 : 2", "1 : 5", "not to scale"]
+    texts = [ratio(scale) for scale in (2.0, 1.0, 0.5, 0.2, None)]
+    assert texts == ["2 : 1", "1 : 1", "1 : 2", "1 : 5", "not to scale"]
     assert printed_of("PLA") == "PLA, printed"

@@ -1,6 +1,6 @@
-"""Callouts of holes: depths are those of the material, not of the tools that cut it.
+"""Callouts of holes: depths in the material, not of the tools that cut it.
 
-Places of holes: in a table where they are many, in true length where they are oblique, slots by their sizes.
+Positions of holes: in a table if they are many, in true length if they are oblique, and sizes of slots.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from mirrorcam.cad.guide.dimension_lines import number
 from mirrorcam.cad.guide.drawing import draw
 from mirrorcam.cad.guide.drawing_sheet import DrawingSheet
 from mirrorcam.cad.guide.hole_callouts import (
-    MOST_PLACES,
+    MOST_COORDINATES,
     Material,
     called_out,
     callout,
@@ -41,7 +41,7 @@ MOUTH = np.array([0.0, 0.0, 10.01])
 
 
 def plate(*tools: tuple[float, float, float]) -> Part:
-    """The plate less cylinders about z: their radii, from and to which z."""
+    """The plate minus cylinders about z, given by radius and z range."""
     solid = Pos(0.0, 0.0, 5.0) * Box(40.0, 40.0, 10.0)
     for radius, low, high in tools:
         solid -= Pos(0.0, 0.0, (low + high) / 2.0) * Cylinder(radius, high - low)
@@ -50,9 +50,9 @@ def plate(*tools: tuple[float, float, float]) -> Part:
 
 def test_material_along_a_line_and_at_a_point() -> None:
     material = Material(plate((5.0, 4.0, 6.0)))
-    assert material.holds(np.array([0.0, 0.0, 3.0]))
-    assert not material.holds(np.array([0.0, 0.0, 5.0]))
-    np.testing.assert_allclose(material.along(np.array([0.1, 0.2, -1.0]), UPWARDS, 20.0), [(1.0, 5.0), (7.0, 11.0)])
+    assert material.contains(np.array([0.0, 0.0, 3.0]))
+    assert not material.contains(np.array([0.0, 0.0, 5.0]))
+    np.testing.assert_allclose(material.intervals(np.array([0.1, 0.2, -1.0]), UPWARDS, 20.0), [(1.0, 5.0), (7.0, 11.0)])
 
 
 def test_a_blind_hole_for_an_insert_has_its_depth() -> None:
@@ -83,7 +83,7 @@ def test_a_hole_cut_from_its_shoulder_is_seen_from_its_open_end() -> None:
 
 @pytest.mark.parametrize("turned_deg", [0.0, 10.0, 45.0, 90.0])
 def test_a_slot_is_as_deep_as_the_walls_along_it(turned_deg: float) -> None:
-    """A tool that cuts far beyond the material does not make it deeper, whichever way the slot lies."""
+    """A tool that cuts far past the material does not increase the depth, for any direction of the slot."""
     turned = np.radians(turned_deg)
     along = np.array([np.cos(turned), np.sin(turned), 0.0])
     solid = plate((1.7, -1.0, 11.0))
@@ -112,10 +112,10 @@ def row_of(count: int) -> list[Hole]:
 
 
 def test_more_holes_than_dimensions_have_room_for_are_in_a_table() -> None:
-    assert hole_tables(hole_groups(VIEWS, row_of(MOST_PLACES)), VIEWS) == ()
-    holes = row_of(MOST_PLACES + 1)
+    assert hole_tables(hole_groups(VIEWS, row_of(MOST_COORDINATES)), VIEWS) == ()
+    holes = row_of(MOST_COORDINATES + 1)
     (table,) = hole_tables(hole_groups(VIEWS, holes), VIEWS)
-    # From above downwards: the last is the highest.
+    # From top to bottom, so that the last is the highest.
     assert table.rows[0] == ("1", "33.00", "7.00")
     assert table.rows[-1] == ("5", "5.00", "3.00")
     assert table.notes == ("view from above, mm from", "the lower left corner of that view")
@@ -138,7 +138,7 @@ def test_a_slot_has_its_width_and_its_length() -> None:
 
 
 def oblique(turned_deg: float) -> Hole:
-    """A hole at (20, 10, 30) whose axis lies in the front view, entered from above at its angle to the level."""
+    """A hole at (20, 10, 30) with its axis parallel to the front view, from above at an angle to the horizontal."""
     turned = np.radians(turned_deg)
     return Hole(np.array([20.0, 10.0, 30.0]), -np.array([np.cos(turned), 0.0, np.sin(turned)]), 4.0, "↧6")
 
@@ -149,31 +149,31 @@ def test_an_oblique_hole_is_placed_where_its_axis_is_seen_in_true_length() -> No
     assert oblique_holes(groups, VIEWS, []) == [(1, hole)]
     placed = PlacedView(VIEWS[1], 2.0, np.array([100.0, 50.0]))
     across, up = oblique_lengths(placed, hole)
-    assert (across.words, up.words) == ("20", "30")
-    # A length of the plan that leads to its axis does instead; one beside it does not.
+    assert (across.text, up.text) == ("20", "30")
+    # A length of the plan that ends on its axis replaces it; one next to the axis does not.
     on_axis = hole.centre_in_rig + 5.0 * hole.axis_in_rig
     for away, left in ((0.0, 0), (1.0, 1)):
         to_axis = Length(np.array([np.zeros(3), on_axis + away * UP]))
         assert len(oblique_holes(groups, VIEWS, [to_axis])) == left
-    # Those that a view looks along are dimensioned in that.
+    # Holes along a view's direction are dimensioned in that view.
     assert oblique_holes(hole_groups(VIEWS, row_of(3)), VIEWS, []) == []
 
 
 @pytest.mark.parametrize(
-    ("turned_deg", "said"),
+    ("turned_deg", "expected"),
     [(30.0, "30"), (45.0, "45"), (60.0, "30"), (120.0, "30"), (150.0, "30"), (-20.0, "20"), (200.0, "20")],
 )
-def test_its_angle_is_to_the_nearer_axis_of_the_view(turned_deg: float, said: str) -> None:
+def test_its_angle_is_to_the_nearer_axis_of_the_view(turned_deg: float, expected: str) -> None:
     sheet = DrawingSheet(200.0, 200.0)
     hole = oblique(turned_deg)
     draw_oblique(sheet, PlacedView(VIEWS[1], 1.0, np.array([60.0, 60.0])), hole)
-    assert [words.text for words in sheet.words] == [f"{said}°"]
+    assert [box.text for box in sheet.text_boxes] == [f"{expected}°"]
     at = np.array([80.0, 90.0])
     arc = max((line for line, _ in sheet.drawn), key=len)
     ways = (arc - at) / np.linalg.norm(arc - at, axis=1)[:, None]
     ends = np.degrees(np.arccos(np.clip(ways[0] @ ways[-1], -1.0, 1.0)))
-    assert ends == pytest.approx(float(said), abs=0.01)
-    # It begins on an axis of the view, and ends on that of the hole.
+    assert ends == pytest.approx(float(expected), abs=0.01)
+    # It starts on an axis of the view, and ends on the hole's axis.
     assert np.abs(ways[0]).max() == pytest.approx(1.0)
     out: FloatArray = -hole.axis_in_rig[[0, 2]]
     np.testing.assert_allclose(ways[-1], out, atol=1e-9)
@@ -181,7 +181,7 @@ def test_its_angle_is_to_the_nearer_axis_of_the_view(turned_deg: float, said: st
 
 def test_the_screw_at_the_corner_of_a_clip_is_placed(device: Device) -> None:
     part = next(part for part in parts_of(device) if part.name == "camera_clip")
-    said = [words.text for words in draw(part.make(part.plan), part, HARDWARE.printer).words]
+    texts = [box.text for box in draw(part.make(part.plan), part, HARDWARE.printer).text_boxes]
     clip = device.clip
     assert clip.nest is not None
     screw = clip.nest.screws[1]
@@ -189,6 +189,6 @@ def test_the_screw_at_the_corner_of_a_clip_is_placed(device: Device) -> None:
     corners = np.vstack([np.vstack([piece.base, piece.top]) for piece in clip.pieces])
     reach = min(abs(float(mouth[0] - side)) for side in (corners[:, 0].min(), corners[:, 0].max()))
     far = max(abs(float(mouth[0] - side)) for side in (corners[:, 0].min(), corners[:, 0].max()))
-    assert {number(reach), number(far)} & set(said)
-    assert number(float(mouth[1]) - clip.slide_y_mm) in said
-    assert "45°" in said
+    assert {number(reach), number(far)} & set(texts)
+    assert number(float(mouth[1]) - clip.slide_y_mm) in texts
+    assert "45°" in texts

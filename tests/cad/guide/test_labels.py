@@ -1,4 +1,4 @@
-"""Labels of pictures: leaders that do not cross, anchors inside what is seen, hidden bodies without one."""
+"""Labels of pictures: leaders that do not cross, anchors in the visible area, no labels of hidden bodies."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from shapely import LineString
 
-from mirrorcam.cad.guide.labels import Label, anchor, annotate, uncrossed
+from mirrorcam.cad.guide.labels import Label, annotate, middle_pixel, uncrossed_order
 from mirrorcam.cad.guide.shading import Screen, Shot
 
 
@@ -25,7 +25,7 @@ def test_leaders_of_random_places_never_cross() -> None:
     for _ in range(20):
         starts = [np.array([0.0, float(y)]) for y in range(12)]
         ends = list(random.uniform((1.0, 0.0), (10.0, 12.0), (12, 2)))
-        order = uncrossed(starts, ends)
+        order = uncrossed_order(starts, ends)
         assert sorted(order) == list(range(12))
         lines = [LineString([start, ends[index]]) for start, index in zip(starts, order, strict=True)]
         assert not any(first.crosses(second) for first, second in combinations(lines, 2))
@@ -35,10 +35,10 @@ def test_an_anchor_is_deepest_inside_what_is_seen_of_a_body() -> None:
     bodies = np.full((40, 60), -1, dtype=np.int32)
     bodies[10:31, 20:41] = 3
     bodies[0:2, 0:2] = 5
-    point = anchor(shot_of(bodies), 3)
+    point = middle_pixel(shot_of(bodies), 3)
     assert point is not None
     np.testing.assert_allclose(point, [30.0, 20.0], atol=1.0)
-    assert anchor(shot_of(bodies), 4) is None
+    assert middle_pixel(shot_of(bodies), 4) is None
 
 
 def test_only_what_is_seen_gets_a_label() -> None:
@@ -50,7 +50,7 @@ def test_only_what_is_seen_gets_a_label() -> None:
 
 
 def test_text_is_as_heavy_whatever_was_drawn_before() -> None:
-    """OpenCV's font keeps the weight of the last text, also of one by its older call."""
+    """OpenCV's font keeps the weight of the last text, also if an older function drew it."""
     bodies = np.zeros((120, 400), dtype=np.int32)
     before = annotate(shot_of(bodies), [Label(0, "MC-01 Mirror holder")])
     cv2.putText(np.zeros((90, 90), dtype=np.uint8), "x", (9, 60), cv2.FONT_HERSHEY_SIMPLEX, 2.0, 255, 6, cv2.LINE_AA)
@@ -65,7 +65,7 @@ def test_a_name_over_a_dark_body_is_as_on_white() -> None:
     dark = Shot(np.full_like(white.image, 20), bodies, white.nearness, white.screen)
     labels = [Label(0, "Raspberry Pi Camera Module 2")]
     on_white, on_dark = annotate(white, labels), annotate(dark, labels)
-    # The leader runs to the dot in the middle of the body; the name begins where it ends.
+    # The leader runs from the name to the dot in the middle of the body.
     rows, columns = np.nonzero((on_white < 120).all(axis=2))
     beyond = columns > 60
     around = (slice(rows[beyond].min() - 2, rows[beyond].max() + 3), slice(62, columns.max() + 3))

@@ -1,4 +1,4 @@
-"""What the live camera must show: the frame as rays from the pupil meet the device."""
+"""The expected frame of the live camera, against rays from the pupil to the device."""
 
 from __future__ import annotations
 
@@ -9,7 +9,15 @@ import numpy as np
 from shapely import Polygon, contains_xy
 
 from mirrorcam.cad.checks.exported_mesh import solid_of
-from mirrorcam.cad.guide.live_view import AROUND, LINE_RGB, MIRROR, _name, live_overlay, live_view, write_live_view
+from mirrorcam.cad.guide.live_view import (
+    LINE_RGB,
+    MIRROR,
+    SURROUNDINGS,
+    _name,
+    live_overlay,
+    live_view,
+    write_live_view,
+)
 from tests.cad.guide.conftest import Made
 
 FAR_MM = 1000.0
@@ -37,7 +45,7 @@ def test_every_pixel_shows_what_its_ray_meets(made: Made) -> None:
         elif any(part.ray_cast(np.zeros(3), ray * FAR_MM) for part in parts):
             kind, expected = "part", high < 0.5 * MIRROR
         else:
-            kind, expected = "around", low == high == AROUND
+            kind, expected = "around", low == high == SURROUNDINGS
         assert expected, (kind, pixel, low, high)
         seen[kind] += 1
     assert seen["mirror"] > 500
@@ -72,7 +80,7 @@ def test_files_have_the_size_of_the_frame_and_the_same_bytes(made: Made, tmp_pat
 
 def test_a_layout_alone_shows_its_mirrors(made: Made) -> None:
     image = live_view(made.device.layout, ())
-    assert set(np.unique(image[..., 0])) >= {AROUND, MIRROR}
+    assert set(np.unique(image[..., 0])) >= {SURROUNDINGS, MIRROR}
 
 
 def test_names_in_a_frame_of_twice_the_size_are_twice_as_large() -> None:

@@ -1,4 +1,4 @@
-"""Hidden lines: what is seen, what is hidden, each once."""
+"""Hidden lines: visible and hidden edges, each once."""
 
 from __future__ import annotations
 
@@ -37,12 +37,12 @@ def test_lengths_of_visible_and_hidden_edges_of_a_block(block: Callable[..., Par
     part = block()
     solid = part.make(part.plan)
     visible, hidden = on_paper(project(solid, TOP), 1.0)
-    # Its outline and two circles; nothing hidden that is not below a visible line.
+    # Its outline and two circles; all hidden lines are below visible ones.
     assert length(visible) == pytest.approx(2 * (60 + 30) + 2 * np.pi * 6.0, rel=2e-3)
     assert hidden == []
     visible, hidden = on_paper(project(solid, FRONT), 1.0)
     assert length(visible) == pytest.approx(2 * (60 + 10), rel=1e-6)
-    # The sides of two holes, clear of the edges that they end at.
+    # The sides of two holes, clear of the edges at their ends.
     assert length(hidden) == pytest.approx(4 * (10.0 - 2 * ALONG_VISIBLE_MM), rel=1e-3)
     np.testing.assert_allclose(project(solid, RIGHT).box, [[-15, -5], [15, 5]], atol=1e-6)
 
@@ -61,7 +61,7 @@ def test_hidden_lines_along_visible_ones_and_specks_are_left_out() -> None:
     halves = (np.array([[0.0, 5.0], [5.0, 5.0]]), np.array([[5.0, 5.0], [10.0, 5.0]]))
     view = PartView(np.eye(3), (edge, edge + np.array([0.0, 9.0])), (edge + np.array([0.0, 0.05]), speck, *halves))
     _, hidden = on_paper(view, 1.0)
-    # The two halves are one line, so that its dashes do not begin anew.
+    # The two halves are one line, so that its dashes do not restart.
     assert len(hidden) == 1
     assert length(hidden) == pytest.approx(10.0, abs=1e-3)
     _, enlarged = on_paper(view, 5.0)

@@ -1,6 +1,6 @@
-"""Views of a picture: one below the other, and names of points only where these are seen.
+"""Views of a picture: one below the other, with labels of points only where these are visible.
 
-Pieces in pictures: moved with a line to where they belong, put in along their ways, joined to what rests.
+Pieces in pictures: displaced with a line to their seats, inserted along their exit paths, assembled onto fixed pieces.
 """
 
 from __future__ import annotations
@@ -13,21 +13,21 @@ import trimesh
 
 from mirrorcam.cad.assembly.pieces import Piece
 from mirrorcam.cad.guide.assembly_steps import Stages
-from mirrorcam.cad.guide.labels import CAPTION_ROOM_PX, place_of
+from mirrorcam.cad.guide.labels import CAPTION_ROOM_PX, pixel_of
 from mirrorcam.cad.guide.picture_views import (
     ARROW_MM,
     STEP_SHARE,
     DevicePicture,
     Item,
-    joined,
+    assembled,
+    displaced,
+    exit_path,
+    in_place,
+    inserted,
     labels_of,
     mean,
-    moved,
     name_of,
-    places_out,
-    put_in,
     shot_of,
-    still,
     triangles_of,
     views_of,
     write_picture,
@@ -46,7 +46,7 @@ def test_each_view_names_the_points_that_it_shows() -> None:
     seen = []
     for view in views_of(front):
         shot = shot_of(view)
-        seen.append([label.text for label in labels_of(view) if place_of(shot, label) is not None])
+        seen.append([label.text for label in labels_of(view) if pixel_of(shot, label) is not None])
     assert seen == [["front"], ["back"]]
 
 
@@ -56,7 +56,7 @@ def test_views_lie_one_below_the_other_with_their_captions(tmp_path: Path) -> No
     image = read_image(tmp_path / "pictures" / "cube.png")
     assert image.shape == (2100, 1400, 3)
     assert (image[:60, :200] < 100).any()
-    # What is drawn begins below the caption, however high it is.
+    # The drawing starts below the caption, whatever its height.
     tall = DevicePicture("cube", "Cube", np.eye(3), (CUBE,), caption="Above")
     assert not (shot_of(tall).bodies[:CAPTION_ROOM_PX] >= 0).any()
     assert (image[1050:1110, :200] == 255).all()
@@ -73,27 +73,27 @@ def one(made: Made, kind: str) -> Piece:
 
 def test_what_rests_may_be_pale_but_for_mirrors(made: Made) -> None:
     part, mirror = one(made, "part"), one(made, "mirror")
-    assert still(part).body.rgb == part.rgb
-    assert min(still(part, pale=True).body.rgb) > min(part.rgb)
-    assert still(mirror, pale=True).body.rgb == mirror.rgb
-    assert still(mirror).body.shine and not still(part).body.shine
+    assert in_place(part).body.rgb == part.rgb
+    assert min(in_place(part, pale=True).body.rgb) > min(part.rgb)
+    assert in_place(mirror, pale=True).body.rgb == mirror.rgb
+    assert in_place(mirror).body.shine and not in_place(part).body.shine
 
 
 def test_a_piece_is_moved_as_it_is_and_may_have_a_line_from_its_seat(made: Made) -> None:
     part, away, seat = one(made, "part"), np.array([1.0, 2.0, 3.0]), np.array([0.0, 0.0, -4.0])
-    item = moved(part, away, name_of(part), seat=seat)
+    item = displaced(part, away, name_of(part), seat=seat)
     np.testing.assert_allclose(item.body.triangles - triangles_of(part) - away, 0.0, atol=1e-9)
     assert item.line is not None and item.label == f"{part.number} {part.title}"
     np.testing.assert_allclose(item.line[1] - item.line[0], away - seat)
-    assert moved(part, away).line is None
+    assert displaced(part, away).line is None
 
 
 def test_an_insert_is_at_the_beginning_of_its_way_behind_an_arrow(made: Made) -> None:
     insert = one(made, "insert")
     seat = np.array([5.0, 0.0, 0.0])
-    drawn, arrow = put_in(insert, seat)
+    drawn, arrow = inserted(insert, seat)
     assert drawn.line is not None
-    np.testing.assert_allclose(np.diff(drawn.line, axis=0), np.diff(places_out(insert), axis=0))
+    np.testing.assert_allclose(np.diff(drawn.line, axis=0), np.diff(exit_path(insert), axis=0))
     way = drawn.line[0] - drawn.line[1]
     way /= np.linalg.norm(way)
     along = arrow.body.triangles.reshape(-1, 3) @ way
@@ -103,7 +103,7 @@ def test_an_insert_is_at_the_beginning_of_its_way_behind_an_arrow(made: Made) ->
 
 
 def test_fasteners_stand_off_what_rests(stages: Stages) -> None:
-    items = joined(stages.mount, [], stages.holder_screws, stages.mount)
+    items = assembled(stages.mount, [], stages.holder_screws, stages.mount)
     assert len(items) == len(stages.mount) + len(stages.holder_screws)
     base = mean([piece.explode_mm for piece in stages.mount])
     for screw, item in zip(stages.holder_screws, items[len(stages.mount) :], strict=True):

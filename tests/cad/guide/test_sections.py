@@ -1,4 +1,4 @@
-"""Sections: where parts are cut, the faces of the cut, their hatching, and the trace."""
+"""Sections: the planes of the cuts, the cut faces, their hatching, and the trace."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def test_a_block_is_cut_through_its_holes_and_hatched_between_them(block: Callab
     solid = part.make(part.plan)
     section = cut(solid, 1, 0.0, BED)
     assert section is not None
-    # 60 x 10 less two holes of 6 in full: three rectangles.
+    # 60 x 10 minus two holes of 6 through the full height: three rectangles.
     assert sorted(round(face.area, 3) for face in section.faces) == [70.0, 70.0, 340.0]
     np.testing.assert_allclose(section.view.box, [[-30.0, -5.0], [30.0, 5.0]], atol=1e-6)
     sheet = DrawingSheet(100.0, 100.0)
@@ -75,10 +75,10 @@ def test_the_trace_is_drawn_where_it_is_in_the_way_of_no_text(block: Callable[..
     seen = [trace for trace in traces if trace]
     for trace in seen:
         np.testing.assert_allclose(trace.ends[:, 0], 70.0)
-        np.testing.assert_allclose(trace.look, [-1.0, 0.0])
+        np.testing.assert_allclose(trace.arrow, [-1.0, 0.0])
     sheet = DrawingSheet(200.0, 200.0)
     sheet.text((68.0, 170.0), "in the way", 3.0)
     draw_trace(sheet, seen, "A")
-    letters = [words for words in sheet.words if words.text == "A"]
+    letters = [box for box in sheet.text_boxes if box.text == "A"]
     assert len(letters) == 2
-    assert all(words.corners[:, 1].max() < 70.0 for words in letters)
+    assert all(box.corners[:, 1].max() < 70.0 for box in letters)

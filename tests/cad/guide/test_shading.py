@@ -1,6 +1,6 @@
-"""The z-buffer against closed forms: areas, what is nearer, shading, lines; and labels that do not cross.
+"""The z-buffer against closed forms: areas, occlusion, shading, lines; and labels that do not cross.
 
-Line drawings of meshes: edges that are seen, none that lies behind, curves without their facets.
+Line drawings of meshes: visible edges, no hidden ones, curves without their facets.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely import LineString
 
-from mirrorcam.cad.guide.labels import Label, anchor, annotate, uncrossed
-from mirrorcam.cad.guide.shading import Screen, ShadedBody, Shot, edges_of, joined, render, visible_lines
+from mirrorcam.cad.guide.labels import Label, annotate, middle_pixel, uncrossed_order
+from mirrorcam.cad.guide.shading import Screen, ShadedBody, Shot, edges_of, merged_lines, render, visible_lines
 from mirrorcam.core.values import FloatArray
 
 FROM_ABOVE = np.eye(3)
@@ -46,7 +46,7 @@ def test_a_sphere_is_round_and_as_near_as_its_equation() -> None:
     seen = shot.bodies == 0
     assert seen.sum() == pytest.approx(np.pi * (15.0 * 4.0) ** 2, rel=0.01)
     rows, columns = np.nonzero(seen)
-    # Every second fine pixel, whose middle is a quarter of a pixel up and left of the shown one's.
+    # Every second fine pixel, with its middle a quarter of a pixel above and left of the coarse pixel's.
     x, y = (columns + 0.25 - 100.0) / 4.0, (80.0 - rows - 0.25) / 4.0
     inner = np.hypot(x, y) < 12.0
     expected = np.sqrt(15.0**2 - x[inner] ** 2 - y[inner] ** 2)
@@ -87,7 +87,7 @@ def test_random_triangles_agree_with_a_ray_by_ray_answer(seed: int) -> None:
 
 
 def barycentric(triangle: FloatArray, points: FloatArray) -> FloatArray:
-    """Shares (..., 3) of the corners of a triangle in points (..., 2) seen from above."""
+    """Barycentric coordinates (..., 3) in a triangle of points (..., 2) in plan."""
     matrix = np.vstack([triangle[:, :2].T, np.ones(3)])
     return np.concatenate([points, np.ones((*points.shape[:-1], 1))], axis=-1) @ np.linalg.inv(matrix).T
 
@@ -119,7 +119,7 @@ def test_no_line_to_a_label_crosses_another(seed: int, count: int) -> None:
     generator = np.random.default_rng(seed)
     starts = [np.array([20.0, 40.0 * row]) for row in range(count)]
     ends = list(generator.uniform((100, 0), (400, 480), (count, 2)))
-    order = uncrossed(starts, ends)
+    order = uncrossed_order(starts, ends)
     assert sorted(order) == list(range(count))
     lines = [LineString([start, ends[index]]) for start, index in zip(starts, order, strict=True)]
     assert not any(a.crosses(b) for a, b in combinations(lines, 2))
@@ -132,12 +132,12 @@ def test_a_label_points_inside_of_what_is_seen() -> None:
         box((0, 0, 1), (1, 1, 2), RED),
     ]
     shot = render(bodies, screen((800, 400)))
-    point = anchor(shot, 0)
+    point = middle_pixel(shot, 0)
     assert point is not None
     assert shot.bodies[int(point[1]), int(point[0])] == 0
-    # Half hidden: the middle of the seen part, not of the whole.
+    # Half hidden: the middle of the visible part, not of the complete body.
     assert point[0] > 400 + 5 * 4
-    assert anchor(shot, 2) is None
+    assert middle_pixel(shot, 2) is None
     named = annotate(shot, [Label(0, "red"), Label(1, "blue"), Label(2, "hidden")])
     changed = (named != shot.image).any(axis=-1)
     assert changed[:, :100].any()
@@ -181,5 +181,5 @@ def test_what_lies_behind_is_not_drawn() -> None:
 
 def test_lines_that_meet_are_one() -> None:
     lines = [np.array([(0.0, 0.0), (1.0, 0.0)]), np.array([(1.0, 0.0), (1.0, 1.0)]), np.array([(3.0, 3.0), (4.0, 3.0)])]
-    assert sorted(len(line) for line in joined(lines)) == [2, 3]
-    assert joined([np.array([(2.0, 2.0), (2.001, 2.0)])]) == []
+    assert sorted(len(line) for line in merged_lines(lines)) == [2, 3]
+    assert merged_lines([np.array([(2.0, 2.0), (2.001, 2.0)])]) == []

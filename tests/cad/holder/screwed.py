@@ -1,4 +1,4 @@
-"""A small layout whose mirrors sit on carriers, for the tests of these."""
+"""A small layout with mirrors on carriers, for tests."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from tests.cad.parabolas import parabola
 
 
 def with_screws(kind: str = "insert") -> Hardware:
-    """The default hardware with carriers, whose screws turn in inserts or nuts."""
+    """The default hardware with carriers, and inserts or nuts for their screws."""
     return HARDWARE.replaced(
         holder=HARDWARE.holder.replaced(mirrors="screws"), screw=HARDWARE.screw.replaced(kind=kind)
     )

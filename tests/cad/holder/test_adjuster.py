@@ -1,11 +1,11 @@
-"""Screws of carriers: long enough for their thread at both ends of the travel, and springs that hold."""
+"""Screws of carriers: engaged at both ends of the travel, and springs that stay compressed."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from mirrorcam.cad.holder.adjuster import SUNK_MM, boss_mm, head_wide_mm, least_plate_mm, plan_adjuster, travel_mm
+from mirrorcam.cad.holder.adjuster import SUNK_MM, boss_mm, head_diameter_mm, least_plate_mm, plan_adjuster, travel_mm
 from mirrorcam.cad.plan.hardware import HARDWARE, CompressionSpring
 from mirrorcam.core.errors import InputError
 from tests.cad.holder.screwed import with_screws
@@ -28,7 +28,7 @@ def test_at_both_ends_of_its_travel_a_screw_holds_and_its_spring_is_neither_loos
     spring = hardware.holder.spring
     assert screw.spring_mm - screw.travel_mm > spring.solid_mm
     assert screw.least_n == pytest.approx(spring.n_per_mm * (spring.free_mm - screw.spring_mm - screw.travel_mm))
-    # The carrier's edge does not reach the holder.
+    # The carrier's edge does not touch the holder.
     assert screw.gap_mm > 1.5 * reach_mm * np.tan(np.radians(1.0)) + hardware.holder.adjust_mm
 
 
@@ -49,7 +49,7 @@ def test_what_cannot_be_adjusted_so_far_is_refused_with_what_would_do() -> None:
 
 
 def test_space_is_stated_from_the_parts_it_is_for() -> None:
-    assert head_wide_mm() > 6.72
+    assert head_diameter_mm() > 6.72
     assert boss_mm(with_screws()) == HARDWARE.screw.insert_hole_mm / 2.0 + HARDWARE.screw.insert_wall_mm
     assert boss_mm(with_screws("nut")) > HARDWARE.screw.nut_flats_mm / np.sqrt(3.0) + HARDWARE.printer.wall_mm
     assert travel_mm(10.0, HARDWARE) == pytest.approx(0.3 + 10.0 * np.tan(np.radians(1.0)))

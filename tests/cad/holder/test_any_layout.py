@@ -1,4 +1,4 @@
-"""What holds for every holder, over random layouts: one closed solid, seats where they belong, no light blocked."""
+"""Properties of every holder, over random layouts: one closed solid, seats in place, no light blocked."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def random_layout(seed: int, make_parabola: Callable[..., Layout]) -> Layout:
 
 
 def seat_area_mm2(part: Part, mirror: Mirror, behind_mm: float) -> float:
-    """Area of a mirror's outline on all faces of a part so far behind its back, within 1 um and 0.001 deg."""
+    """Area of a mirror's outline on all faces of a part at a depth behind its back, within 1 um and 0.001 deg."""
     frame, height_mm = mirror.rig_from_plane, mirror.back_mm - behind_mm
     outline = Polygon(mirror.outline_in_plane_mm)
     area = 0.0
@@ -48,7 +48,7 @@ def seat_area_mm2(part: Part, mirror: Mirror, behind_mm: float) -> float:
         edges = (np.array([tuple(edge @ 0), tuple(edge @ 1)]) for edge in face.edges())
         lines = np.array([(edge - frame[:3, 3]) @ frame[:3, :3] for edge in edges])
         if np.abs(lines[:, :, 2] - height_mm).max() < 1e-3:
-            # Ends meet to the last digits or so; loops inside loops are holes.
+            # Ends meet up to rounding; loops inside loops are holes.
             area += (
                 build_area(set_precision(multilinestrings([LineString(line[:, :2]) for line in lines]), 1e-9))
                 .intersection(outline)

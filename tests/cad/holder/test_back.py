@@ -1,6 +1,6 @@
-"""Screw holes of the holder: ends that print in solid material, slots square to the edge.
+"""Screw holes of the holder: printable ends in solid material, slots normal to the edge.
 
-The back of the holder: its frame, the front as seen from it, and layouts with too little space for one.
+The back of the holder: its frame, the front as seen from it, and layouts with too little space for it.
 """
 
 from __future__ import annotations
@@ -31,14 +31,14 @@ from tests.nightly import a_few
 
 
 def on_back(plan: HolderPlan, loop: FloatArray) -> Polygon:
-    """A loop (n, 3) as seen straight from the back."""
+    """A loop (n, 3) projected along the back's normal."""
     return Polygon(loop @ plan.rig_from_mount[:3, :2])
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", a_few(1, ["insert", "nut"]))
 def test_blind_holes_end_in_cones_that_print(default_layout: Layout, kind: Literal["insert", "nut"]) -> None:
-    """Round the end of a hole there is material, and it closes steeper than the printer must be able to do."""
+    """The end of a hole is surrounded by material, and its cone is steeper than the printer's limit."""
     hardware = HARDWARE.replaced(screw=HARDWARE.screw.replaced(kind=kind))
     plan = plan_holder(default_layout, hardware)
     part = make_holder(plan)
@@ -56,7 +56,7 @@ def test_blind_holes_end_in_cones_that_print(default_layout: Layout, kind: Liter
 
 
 def test_slots_leave_square_to_the_edge(default_layout: Layout) -> None:
-    """No tip of a wall stands over a slot: each leaves a side of the part's outline at a right angle, the nearest."""
+    """Each slot leaves the nearest side of the outline at a right angle, so that no wall over it ends in a tip."""
     square = Polygon([(0.0, 0.0), (10.0, 0.0), (10.0, 10.0), (0.0, 10.0)])
     np.testing.assert_allclose(slot_direction(square, np.array([3.0, 5.0])), [-1.0, 0.0])
     np.testing.assert_allclose(slot_direction(square, np.array([5.0, 8.0])), [0.0, 1.0])
@@ -111,7 +111,7 @@ def test_mirrors_that_face_apart_are_refused(make_flat_pair: Callable[..., Layou
 
 
 def test_heads_of_screws_in_the_mount_have_a_wall_between_them(make_flat_pair: Callable[..., Layout]) -> None:
-    """In a low holder: a back without the space that heads, washers and drivers take is refused."""
+    """In a low holder: InputError for a back without space for heads, washers and drivers."""
     layout = make_flat_pair(gap_mm=2.0, height_mm=16.0)
     holes = plan_holder(layout, HARDWARE).holes_in_mount_mm
     apart = min(np.linalg.norm(one - other) for one, other in combinations(holes, 2))

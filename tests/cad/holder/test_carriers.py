@@ -1,8 +1,8 @@
-"""Areas of carriers: within their mirrors, with three screws each, beside the mount's screws.
+"""Areas of carriers: within their mirrors, with three screws each, clear of the mount's screws.
 
-Carriers: pads at their mirrors, holes that end below them, a notch that says which way is up.
+Carriers: pads at their mirrors, holes that end below these, a notch that marks the upper edge.
 
-Turns of screws: what they do to a mirror, and back; against rigid motions and closed forms.
+Turns of screws to motions of a mirror, and back, against rigid motions and closed forms.
 """
 
 from __future__ import annotations
@@ -119,7 +119,7 @@ def test_one_screw_tilts_by_the_pitch_over_its_height() -> None:
         for turns in np.eye(3):
             moved = centre_after(mirror.virtual_centre_in_rig_mm, carrier, turns)
             tilts.append(tilt_and_shift(moved, mirror.virtual_centre_in_rig_mm)[0])
-        # The mirror is not level with the back, so that its normal turns by a little less.
+        # The mirror is not parallel to the back, so that its normal rotates by slightly less.
         assert 0.9 * turn_deg(carrier) < max(tilts) <= 1.001 * turn_deg(carrier)
 
 
@@ -133,7 +133,7 @@ def test_known_turns_are_found_from_the_planes_alone(seed: int) -> None:
 
 
 def test_a_mirror_tilted_by_a_degree_comes_back_to_its_design() -> None:
-    """From any plane: the turns that are found, done, give the wanted plane."""
+    """From any plane, the calculated turns lead to the target plane."""
     rng = np.random.default_rng(7)
     for mirror, carrier in CARRIERS:
         wanted = mirror.virtual_centre_in_rig_mm

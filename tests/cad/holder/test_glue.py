@@ -1,4 +1,4 @@
-"""Glue grooves: narrow, through notches of the rims, and off cuts that they run along."""
+"""Glue grooves: narrow, through notches of the rims, and clear of parallel cuts."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def test_a_groove_keeps_away_from_a_cut_that_it_runs_along_and_may_cross_one(def
 
 
 def test_grooves_are_narrow_and_pass_through_notches_in_the_rims(default_layout: Layout, device: Device) -> None:
-    """No point of a mirror's back is further from a land than half a groove, and no rim stands over a groove."""
+    """No point of a mirror's back is further from a land than half a groove, and no rim is over a groove."""
     plan = device.holder
     assert len(plan.grooves) > 2 * len(default_layout.mirrors)
     rims = [Manifold.hull_points(np.vstack([rim.base, rim.top])) for rim in plan.rims[::2]]
@@ -42,7 +42,7 @@ def test_grooves_are_narrow_and_pass_through_notches_in_the_rims(default_layout:
 
 
 def test_the_glue_fills_the_gap_but_for_the_pads() -> None:
-    """A seat of 30 x 20 mm and two pads of 2 x 3 mm, one of them half beside it."""
+    """A seat of 30 x 20 mm and two pads of 2 x 3 mm, one of them half outside it."""
     bond = HARDWARE.holder.bond_mm
     pads = [np.array([(x, 4.0), (x + 2.0, 4.0), (x + 2.0, 7.0), (x, 7.0)]) for x in (9.0, 29.0)]
     assert glue_mm3(box(0.0, 0.0, 30.0, 20.0), pads, HARDWARE) == pytest.approx((600.0 - 9.0) * bond)

@@ -1,4 +1,4 @@
-"""The body of a holder: pads stand in the pockets of their mirrors, nothing else does; a body in pieces is refused."""
+"""The body of a holder: only pads are in the pockets of their mirrors; InputError for a body in pieces."""
 
 from __future__ import annotations
 

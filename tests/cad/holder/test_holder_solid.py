@@ -1,4 +1,4 @@
-"""The solid itself, against closed forms."""
+"""The solid of the holder, against closed forms."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from manifold3d import Manifold
 from shapely import Polygon, union_all
 
 from mirrorcam.cad.assembly.device_plan import Device
-from mirrorcam.cad.holder.back import POINT_MM, slot_width_mm, tip_mm
+from mirrorcam.cad.holder.back import BLUNT_RADIUS_MM, slot_width_mm, tip_mm
 from mirrorcam.cad.holder.holder_body import HolderPlan
 from mirrorcam.cad.holder.holder_plan import plan_holder
 from mirrorcam.cad.holder.holder_solid import check_gaps, make_holder, solid_of
@@ -37,19 +37,19 @@ def test_a_frustums_solid_has_its_volume() -> None:
 
 
 def without_walls(plan: HolderPlan) -> HolderPlan:
-    """The plan with the crests of its walls down in the flange."""
+    """The plan with the crests of its walls inside the flange."""
     down = -0.1 * plan.rig_from_mount[:3, 2]
     walls = replace(plan.walls, outer_crest=plan.walls.outer_foot + down, inner_crest=plan.walls.inner_foot + down)
     return replace(plan, walls=walls)
 
 
 def on_back(plan: HolderPlan, loop: FloatArray) -> Polygon:
-    """A loop (n, 3) as seen straight from the back."""
+    """A loop (n, 3) projected along the back's normal."""
     return Polygon(loop @ plan.rig_from_mount[:3, :2])
 
 
 def height(plan: HolderPlan, point: FloatArray) -> float:
-    """How high over the back a point (3,) lies."""
+    """Height of a point (3,) above the back."""
     return float((plan.rig_from_mount[:3, 3] - point) @ plan.rig_from_mount[:3, 2])
 
 
@@ -57,12 +57,12 @@ def height(plan: HolderPlan, point: FloatArray) -> float:
 def test_two_mirrors_in_one_plane_give_a_plate_of_known_volume(
     make_flat_pair: Callable[..., Layout], kind: Literal["insert", "nut"]
 ) -> None:
-    """All seats coplanar: a plate with rims on a flange, less its grooves, hollows and holes; nothing else."""
+    """All seats coplanar: a plate with rims on a flange, minus its grooves, hollows and holes."""
     hardware = HARDWARE.replaced(screw=HARDWARE.screw.replaced(kind=kind))
     layout = make_flat_pair(gap_mm=8.0, width_mm=40.0, height_mm=30.0, thickness_mm=2.0)
     plan = without_walls(plan_holder(layout, hardware))
     margin, dimensions, screw = hardware.fit.free_mm + hardware.holder.rim_mm, hardware.holder, hardware.screw
-    # A rim's ground is a little wider than its rim; the plate bears it all.
+    # A rim's ground is slightly wider than its rim, and all of it is on the plate.
     margin += GROUND_MM
     tip = tip_mm(screw)
     depth = plan.hole_depth_mm + tip + hardware.printer.wall_mm
@@ -83,7 +83,7 @@ def test_two_mirrors_in_one_plane_give_a_plate_of_known_volume(
         expected -= low * eaves + (top - eaves) * (low + math.sqrt(low * high) + high) / 3.0
     part = make_holder(plan)
     if kind == "insert":
-        wide, blunt = screw.insert_hole_mm / 2.0, POINT_MM
+        wide, blunt = screw.insert_hole_mm / 2.0, BLUNT_RADIUS_MM
         expected -= 4 * math.pi * wide**2 * screw.insert_depth_mm
         expected -= 4 * math.pi * tip * (wide**2 + wide * blunt + blunt**2) / 3.0
         assert part.volume == pytest.approx(expected, rel=1e-9)
@@ -107,14 +107,14 @@ def test_the_back_is_one_flat_face(device: Device) -> None:
     drilled = part.faces().filter_by(GeomType.CYLINDER)
     assert len(drilled) == 4
     assert all(face.radius == pytest.approx(HARDWARE.screw.insert_hole_mm / 2) for face in drilled)
-    # Nothing stands out of it: the part lies flat on the bed.
+    # Nothing protrudes from it: the part is flat on the bed.
     corners = np.array([tuple(vertex) for vertex in part.vertices()]) @ away
     assert corners.max() == pytest.approx(float(np.array(tuple(outermost.center())) @ away))
 
 
 @pytest.mark.slow
 def test_grooves_cut_nothing_out_of_the_walls(fold_90_layout: Layout) -> None:
-    """A groove passes through its rim; a slot in the wall behind that would have a ceiling, which needs support."""
+    """A groove passes through its rim; a slot in the wall behind the rim would have a ceiling, which needs support."""
     plan = plan_holder(fold_90_layout, HARDWARE)
     wall, solid = PlanarCsg().solid(plan.walls), make_holder(plan).solid()
     assert solid is not None

@@ -8,7 +8,7 @@ from shapely import LineString, Point, Polygon, box
 
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.holder.glue import Groove
-from mirrorcam.cad.holder.pads import BESIDE_MM, least_height_mm, pad_shapes, pad_volume, plan_pads
+from mirrorcam.cad.holder.pads import GAP_MM, least_height_mm, pad_shapes, pad_volume, plan_pads
 from mirrorcam.cad.plan.cuts import Cuts
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.seats import seat_height_mm
@@ -22,7 +22,7 @@ NO_CUTS: Cuts = ((), ())
 
 
 def rectangle(width_mm: float, height_mm: float) -> Mirror:
-    """A mirror at right angles to the rig's z, 50 mm from the pupil: its plane's x is the rig's."""
+    """A mirror normal to the rig's z, 50 mm from the pupil: its plane's x is the rig's."""
     corners = [(-width_mm, -height_mm), (width_mm, -height_mm), (width_mm, height_mm), (-width_mm, height_mm)]
     outline = np.array([(x / 2.0, y / 2.0, 50.0) for x, y in corners])
     return Mirror(virtual_centre_in_rig_mm=np.array([0.0, 0.0, 100.0]), outline_in_rig_mm=outline)
@@ -34,7 +34,7 @@ def pads_of(mirror: Mirror, grooves: tuple[Groove, ...] = (), cuts: Cuts = NO_CU
 
 
 def test_pads_of_a_rectangle_stand_at_two_corners_and_the_middle_of_the_far_side() -> None:
-    """Of all triangles in a rectangle that hold its middle, none has a larger least height than its shorter side."""
+    """Of all triangles in a rectangle that contain its middle, none has a least height above its shorter side."""
     mirror = rectangle(40.0, 20.0)
     pads = pads_of(mirror)
     inset = 20.0 - 2.0 * (RADIUS + HARDWARE.fit.free_mm)
@@ -60,7 +60,7 @@ def test_pads_keep_away_from_grooves_and_cuts() -> None:
     across = np.column_stack([pads, np.zeros(3)]) @ frame[:3, :3].T + frame[:3, 3]
     assert np.abs(across[:, 0] - cut).min() >= RADIUS + HARDWARE.printer.wall_mm - 1e-6
     slot = Polygon(groove.shape)
-    assert min(Polygon(shape).distance(slot) for shape in pad_shapes(pads, HARDWARE)) >= BESIDE_MM - 1e-6
+    assert min(Polygon(shape).distance(slot) for shape in pad_shapes(pads, HARDWARE)) >= GAP_MM - 1e-6
     assert LineString(bare).distance(slot) == 0.0
 
 
@@ -71,7 +71,7 @@ def test_pads_of_a_device_reach_from_inside_the_seat_to_the_mirrors_back(
     for mirror, pads in zip(default_layout.mirrors, device.holder.pads_of_mirrors, strict=True):
         for pad in pads:
             heights = np.vstack([pad.base, pad.top]) @ mirror.normal_in_rig + mirror.distance_mm
-            assert heights.min() == pytest.approx(seat_height_mm(mirror, HARDWARE) - BESIDE_MM)
+            assert heights.min() == pytest.approx(seat_height_mm(mirror, HARDWARE) - GAP_MM)
             assert heights.max() == pytest.approx(mirror.back_mm)
             others = [
                 v

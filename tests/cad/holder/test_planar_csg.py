@@ -1,6 +1,6 @@
-"""Joining and cutting flat solids, and the B-rep of what comes out.
+"""Union and difference of solids with flat faces, and the B-rep of the result.
 
-Meshes of flat faces as B-reps: the same volume, one face per plane, holes, and what is no solid refused.
+Meshes of flat faces as B-reps: the same volume, one face per plane, holes, and ValueError for invalid solids.
 """
 
 from __future__ import annotations
@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mirrorcam.cad.holder.planar_csg import PlanarCsg, _settled_needles, brep
+from mirrorcam.cad.holder.planar_csg import PlanarCsg, _planes_without_needles, brep
 from mirrorcam.cad.plan.prisms import box
 from mirrorcam.cad.plan.seats import Frustum
 from mirrorcam.core.values import FloatArray
@@ -33,7 +33,7 @@ def test_faces_in_one_plane_become_one_face() -> None:
 
 
 def test_a_ledge_cut_to_the_level_of_its_neighbour_is_one_face_with_it() -> None:
-    """The cutter's floor and the block's top lie in one plane, and look opposite ways."""
+    """The cutter's floor and the block's top are in one plane, with opposite normals."""
     csg = PlanarCsg()
     body = csg.joined([block((0, 0, 0), (4, 2, 3)), block((3, 0, 0), (4, 2, 5))])
     solid = brep(csg, csg.cut(body, [block((2, -1, 3), (9, 4, 4))]))
@@ -52,7 +52,7 @@ def test_a_hole_and_a_blind_hole_are_loops_of_their_faces() -> None:
 
 
 def test_planes_are_those_that_were_asked_for() -> None:
-    """A cut tilted by an odd angle: the face's normal is the cutter's to the last digits, not one fitted to corners."""
+    """A cut at an odd angle: the face's normal is the cutter's up to rounding, not one fitted to corners."""
     csg = PlanarCsg()
     normal = np.array([0.1, 0.2, 1.0]) / np.linalg.norm([0.1, 0.2, 1.0])
     across = np.cross(normal, [1.0, 0.0, 0.0])
@@ -114,16 +114,16 @@ def test_faces_lie_in_the_planes_asked_for_to_rounding() -> None:
 
 
 def test_a_triangle_that_is_a_line_belongs_to_the_face_beyond_its_longest_edge() -> None:
-    """Two floors (plane 0) on one side of a line, a wall (plane 1) on its other; two lines lie between them.
+    """Two floors (plane 0) on one side of a line, a wall (plane 1) on the other, two degenerate triangles between.
 
-    In the floors' plane those would join the floors, which have no edge in common.
+    In the floors' plane these would join the floors, which have no edge in common.
     """
     corners = np.array([(0, 0, 0), (2, 0, 0), (3, 0, 0), (6, 0, 0), (1, 1, 0), (5, 1, 0), (3, 0, -1)], dtype=float)
     above = [(0, 1, 4), (2, 3, 5)]
     lines = [(0, 2, 1), (0, 3, 2)]
     wall = [(3, 0, 6)]
-    # What closes the surface, on planes of its own.
+    # Triangles that close the surface, on their own planes.
     rest = [(4, 1, 5), (5, 1, 2), (0, 4, 6), (4, 5, 6), (5, 3, 6)]
     triangles = np.array([*above, *lines, *wall, *rest])
     planes = np.array([0, 0, 0, 0, 1, 2, 2, 3, 4, 5])
-    assert _settled_needles(corners, triangles, planes).tolist() == [0, 0, 1, 1, 1, 2, 2, 3, 4, 5]
+    assert _planes_without_needles(corners, triangles, planes).tolist() == [0, 0, 1, 1, 1, 2, 2, 3, 4, 5]

@@ -1,4 +1,4 @@
-"""Rims: out of all light and pockets, at the fit beside their mirrors, away from cuts, on solid ground."""
+"""Rims: outside all light and pockets, at the gap from their mirrors, away from cuts, on solid ground."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from shapely import Polygon
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.holder.back import mount_axes
 from mirrorcam.cad.holder.holder_plan import plan_holder
-from mirrorcam.cad.holder.rims import RELIEF_MM, beside_cuts, plan_rims
+from mirrorcam.cad.holder.rims import RELIEF_MM, cut_zones, plan_rims
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.seats import keep_outs, seat_distance_mm
 from mirrorcam.core.values import FloatArray
@@ -45,7 +45,7 @@ def test_rims_stay_out_of_all_light_and_all_pockets(
 
 @pytest.mark.parametrize("surface", a_few(1, ["first", "second"]))
 def test_rims_stand_at_the_fit_on_two_sides_of_every_mirror(make_parabola: Callable[..., Layout], surface: str) -> None:
-    """Light that leans over an edge keeps its rim back, but not on all sides: something locates every mirror."""
+    """Light that spreads over an edge sets its rim back, but not on all sides: every mirror is located."""
     layout = make_parabola(2, 2, surface=surface, thickness_mm=2.0, gap_mm=2.0)
     plan = plan_holder(layout, HARDWARE)
     for mirror in layout.mirrors:
@@ -76,7 +76,7 @@ def test_no_rim_stands_where_a_cut_would_leave_less_than_a_wall_of_it(default_la
     volumes = keep_outs(default_layout, HARDWARE)
 
     def rims_beside(cuts: tuple[tuple[float, ...], tuple[float, ...]]) -> list[FloatArray]:
-        zones = beside_cuts(axes, cuts, HARDWARE)
+        zones = cut_zones(axes, cuts, HARDWARE)
         rims = plan_rims(default_layout, volumes, [()] * len(volumes), zones, 20.0, HARDWARE)
         return [np.vstack([rim.base, rim.top, ground]) for rim, ground in rims]
 
@@ -85,7 +85,7 @@ def test_no_rim_stands_where_a_cut_would_leave_less_than_a_wall_of_it(default_la
         return min(max(float(side.min()), float(-side.max()), 0.0) for side in across)
 
     free = rims_beside(((), ()))
-    # One cut through the middle of a rim that runs along it, and one through that of a rim that it crosses.
+    # One cut through the middle of a rim parallel to it, and one through the middle of a rim that it crosses.
     along = min(free, key=lambda rim: float(np.ptp(rim @ axes[0])))
     crossed = max(free, key=lambda rim: float(np.ptp(rim @ axes[1])))
     x, y = float((along @ axes[0]).mean()), float((crossed @ axes[1]).mean())
@@ -93,14 +93,14 @@ def test_no_rim_stands_where_a_cut_would_leave_less_than_a_wall_of_it(default_la
     rims = rims_beside(((x,), (y,)))
     assert nearest_mm(rims, 0, x) >= wall
     assert nearest_mm(rims, 1, y) >= wall
-    # All others stand, those crossed in two parts.
+    # All others remain, those that are crossed in two parts.
     assert sum(float(np.ptp(rim, axis=0).max()) for rim in rims) > 0.75 * sum(
         float(np.ptp(rim, axis=0).max()) for rim in free
     )
 
 
 def test_the_slab_bears_the_grounds_of_all_rims(device: Device) -> None:
-    """What stuck out of it would begin in the air, over a nut's slot in its side."""
+    """Ground outside the slab would start in the air, over a nut's slot in its side."""
     plan = device.holder
     to_back = plan.rig_from_mount[:3, :2]
     slab = Polygon(plan.slab.base @ to_back).buffer(1e-6)

@@ -1,4 +1,4 @@
-"""A holder with carriers: level, behind all of them, its holes apart, and mirrors where the layout has them."""
+"""A holder with carriers: a level plate behind all of them, separate holes, and mirrors as in the layout."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from mirrorcam.cad.holder.adjuster import DRIVER_HOLE_ENDS_MM, head_wide_mm
+from mirrorcam.cad.holder.adjuster import DRIVER_HOLE_ENDS_MM, head_diameter_mm
 from mirrorcam.cad.holder.holder_body import body_of
 from mirrorcam.cad.holder.holder_solid import make_screwed_holder
 from mirrorcam.cad.holder.planar_csg import PlanarCsg
@@ -33,14 +33,14 @@ def test_carriers_stand_a_gap_over_a_level_plate(kind: str) -> None:
 def test_holes_of_all_screws_are_apart_in_the_holder_and_in_the_mount() -> None:
     plan, hardware = planned(), with_screws()
     heads = plan.screws_in_mount_mm
-    assert min(np.linalg.norm(a - b) for a, b in combinations(heads, 2)) > head_wide_mm()
+    assert min(np.linalg.norm(a - b) for a, b in combinations(heads, 2)) > head_diameter_mm()
     wall, (low, high) = hardware.printer.wall_mm, DRIVER_HOLE_ENDS_MM
     room = head_space_mm(hardware)
     roof = room / np.sin(np.radians(ROOF_IN_WEBS_DEG))
     for hole in plan.holes_in_mount_mm:
         for x, y in heads - hole:
             assert np.hypot(x, y) >= room - low + wall - 1e-2
-            # One above the other as the mount prints: a roof, and a wall over it.
+            # One above the other in the mount's print: a roof, and a wall over it.
             if abs(y) < 1.0:
                 assert x > roof - low or x < -room - high
 
@@ -50,7 +50,7 @@ def test_the_solid_is_one_with_all_its_holes() -> None:
     part = make_screwed_holder(plan)
     assert part.is_valid
     assert len(part.solids()) == 1
-    # Holes of six screws: their cones, shanks and recesses; of four for the mount.
+    # Holes of six screws: their cones, shanks and recesses; and four holes for the mount.
     screw = plan.adjuster
     recess = np.pi / 4.0 * screw.recess_wide_mm**2 * screw.recess_mm
     shank = np.pi / 4.0 * 3.4**2 * (screw.plate_mm - screw.recess_mm - screw.cone_mm)

@@ -1,4 +1,4 @@
-"""Walls against stray light: what the camera sees between its mirrors is the holder."""
+"""Walls against stray light: between its mirrors the camera sees the holder."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from mirrorcam.cad.checks.part_checks import polygons
 from mirrorcam.cad.holder.holder_body import HolderPlan, body_of
 from mirrorcam.cad.holder.holder_plan import plan_holder
 from mirrorcam.cad.holder.planar_csg import PlanarCsg
-from mirrorcam.cad.holder.stray_light import STEP_PX, seen_between, stray_light, viewing_rays
+from mirrorcam.cad.holder.stray_light import STEP_PX, rays_past_mirrors, stray_light, viewing_rays
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.seats import keep_outs, mirror_prism
 from mirrorcam.optics.geometry.layout import Layout
@@ -38,9 +38,9 @@ def mirror_solids(layout: Layout) -> list[Manifold]:
 
 
 def test_walls_keep_the_room_out_of_the_picture(default_layout: Layout, plan: HolderPlan) -> None:
-    assert len(seen_between(default_layout)) > 100
+    assert len(rays_past_mirrors(default_layout)) > 100
     assert stray_light(default_layout, body_of(PlanarCsg(), plan), mirror_solids(default_layout)) < 0.1 * STRAY_LIGHT
-    # Of mirrors that leave more of the picture free, too much of it shows the room without walls.
+    # With larger gaps between mirrors, too much of the picture shows the room without walls.
     free = parabola(3, 3)
     walled = plan_holder(free, HARDWARE)
     assert stray_light(free, body_of(PlanarCsg(), walled), mirror_solids(free)) < 0.1 * STRAY_LIGHT
@@ -49,7 +49,7 @@ def test_walls_keep_the_room_out_of_the_picture(default_layout: Layout, plan: Ho
 
 def test_without_a_holder_all_light_between_mirrors_is_stray(default_layout: Layout) -> None:
     far = Manifold.cube((1.0, 1.0, 1.0)).translate((0.0, 0.0, -10.0))
-    between, all_rays = len(seen_between(default_layout)), len(viewing_rays(default_layout.camera))
+    between, all_rays = len(rays_past_mirrors(default_layout)), len(viewing_rays(default_layout.camera))
     assert stray_light(default_layout, far, []) == pytest.approx(between / all_rays)
     assert all_rays == (default_layout.camera.width_px // STEP_PX) * (default_layout.camera.height_px // STEP_PX)
 
@@ -75,7 +75,7 @@ def test_walls_are_as_thick_as_the_table_says(plan: HolderPlan) -> None:
 
 @pytest.mark.parametrize(("reach_mm", "slit"), a_few(1, [(HARDWARE.holder.shade_out_mm, False), (2.0, True)]))
 def test_walls_leave_no_slit_beside_the_slab(default_layout: Layout, reach_mm: float, slit: bool) -> None:
-    """What is narrower than half a millimetre is closed by going out and back by a quarter; notches are a few mm2."""
+    """Offsets of 0.25 mm outwards and back close gaps narrower than 0.5 mm; notches are a few mm2."""
     hardware = HARDWARE.replaced(holder=HARDWARE.holder.replaced(shade_out_mm=reach_mm))
     plan = plan_holder(default_layout, hardware)
     lying = body_of(PlanarCsg(), plan).transform(np.linalg.inv(plan.rig_from_mount)[:3])

@@ -1,4 +1,4 @@
-"""Hollows behind a plain block, whose floor and number are known."""
+"""Hollows behind a plain block, with known floor and number."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from mirrorcam.optics.geometry.transforms import rigid, transform
 @settings(max_examples=12, deadline=None)
 @given(st.integers(0, 2**31 - 1))
 def test_hollows_of_a_block_leave_its_floor_and_walls_however_it_lies(seed: int) -> None:
-    """60 x 40 x 20 mm: hollows at most 12 mm wide are as many as fit; rounding leaves out none along its sides."""
+    """60 x 40 x 20 mm: as many hollows at most 12 mm wide as fit; rounding omits none along its sides."""
     length, width, height = 60.0, 40.0, 20.0
     floor, web, widest = HARDWARE.holder.floor_mm, HARDWARE.holder.web_mm, 12.0
     turn = Rotation.random(random_state=seed).as_matrix()
@@ -48,12 +48,12 @@ def test_hollows_of_a_block_leave_its_floor_and_walls_however_it_lies(seed: int)
 
 
 def on_back(plan: HolderPlan, loop: FloatArray) -> Polygon:
-    """A loop (n, 3) as seen straight from the back."""
+    """A loop (n, 3) projected along the back's normal."""
     return Polygon(loop @ plan.rig_from_mount[:3, :2])
 
 
 def test_hollows_keep_the_floor_and_webs(device: Device) -> None:
-    """No air within the thinnest floor of any hollow, but below the back; and a web between any two."""
+    """No air within the thinnest floor of any hollow, except below the back, and a web between any two."""
     plan = device.holder
     solid = one_piece(body_of(PlanarCsg(), plan), HARDWARE.printer.wall_mm)
     assert len(plan.hollows) > 4
@@ -75,7 +75,7 @@ def test_a_roof_prints_without_support(device: Device) -> None:
     plan = device.holder
     for hollow in plan.hollows:
         normals, _ = hollow.half_spaces
-        # Outward of a hollow's roof is up on the bed, against the mount's z: at 45 deg at most from upright.
+        # A hollow's roof faces up on the bed, opposite to the mount's z: at most 45 deg from vertical.
         roofs = [normal for normal in normals if -0.99 < normal @ plan.rig_from_mount[:3, 2] < -1e-9]
         assert len(roofs) == len(hollow.eaves)
         assert max(-normal @ plan.rig_from_mount[:3, 2] for normal in roofs) <= np.sin(np.radians(45.0))
@@ -85,17 +85,17 @@ def test_a_roof_prints_without_support(device: Device) -> None:
 
 
 def floor_sag_um(load_n: float, floor_mm: float) -> float:
-    """How far the floor over the widest hollow sags under a force spread over it: a square plate, edges clamped.
+    """Sag of the floor over the widest hollow under a distributed force: a square plate with clamped edges.
 
     w = 0.00126 q a^4 / D, D = E t^3 / (12 (1 - nu^2)), nu = 0.35 (Timoshenko, Theory of Plates and Shells, table 35).
-    The roof is thicker than the floor everywhere but at its apex.
+    The roof is thicker than the floor everywhere except at its apex.
     """
     stiffness = HARDWARE.printer.plastic_mpa * floor_mm**3 / (12.0 * (1.0 - 0.35**2))
     return 0.00126 * load_n * HARDWARE.holder.cell_mm**2 / stiffness * 1000.0
 
 
 def test_the_floor_over_a_hollow_is_stiff() -> None:
-    """A thumb (10 N) bends it by less than 3 um, an eighth of a pixel; twice as thick, by an eighth of that."""
+    """A thumb (10 N) bends it by less than 3 um, an eighth of a pixel; a floor twice as thick, by an eighth of that."""
     sag = floor_sag_um(10.0, HARDWARE.holder.floor_mm)
     assert sag < 3.0
     assert floor_sag_um(10.0, 2.0 * HARDWARE.holder.floor_mm) == pytest.approx(sag / 8.0)

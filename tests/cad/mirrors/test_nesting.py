@@ -1,4 +1,4 @@
-"""Packing of convex pieces: whole, apart, turned but never turned over, and dense where that can be known."""
+"""Packing of convex pieces: complete, apart, rotated but never flipped, and dense in known cases."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def rectangle(width: float, height: float) -> FloatArray:
 
 @st.composite
 def convex(draw: st.DrawFn) -> FloatArray:
-    """Three to six corners on an ellipse: convex, turned anyhow."""
+    """Three to six corners on an ellipse: convex, at any rotation."""
     angles = np.array(sorted(draw(st.lists(st.integers(0, 71), min_size=3, max_size=6, unique=True)))) * np.pi / 36.0
     size = np.array([draw(st.floats(4.0, 60.0)), draw(st.floats(4.0, 60.0))])
     turn = draw(st.floats(0.0, 6.28))
@@ -35,8 +35,8 @@ def test_pieces_lie_whole_on_their_sheets_and_apart(pieces: list[FloatArray]) ->
     assert len(places) == len(pieces)
     sheets: dict[int, list[Polygon]] = {}
     for piece, place in zip(pieces, places, strict=True):
-        np.testing.assert_allclose(place.turn @ place.turn.T, np.eye(2), atol=1e-12)
-        assert np.linalg.det(place.turn) == pytest.approx(1.0)
+        np.testing.assert_allclose(place.rotation @ place.rotation.T, np.eye(2), atol=1e-12)
+        assert np.linalg.det(place.rotation) == pytest.approx(1.0)
         sheets.setdefault(place.sheet, []).append(Polygon(place.apply(piece)))
     assert sorted(sheets) == list(range(len(sheets)))
     for polygons in sheets.values():
@@ -47,7 +47,7 @@ def test_pieces_lie_whole_on_their_sheets_and_apart(pieces: list[FloatArray]) ->
 
 
 def test_equal_rectangles_fill_a_sheet_without_waste() -> None:
-    # Four columns of five pieces of 20 x 30 mm (lying), with 3 mm around each, fill it exactly.
+    # Four columns of five pieces of 20 x 30 mm, long side across, with 3 mm around each, fill it exactly.
     sheet = (4 * 30.0 + 5 * GAP, 5 * 20.0 + 6 * GAP)
     places = nest([rectangle(20.0, 30.0)] * 20, sheet, GAP)
     assert {place.sheet for place in places} == {0}
@@ -57,7 +57,7 @@ def test_equal_rectangles_fill_a_sheet_without_waste() -> None:
 
 def test_two_right_triangles_share_the_box_of_one() -> None:
     triangle = np.array([[0.0, 0.0], [60.0, 0.0], [0.0, 60.0]])
-    # Two halves of a square, half a gap apart along both axes, want sqrt(2) gaps more than the square.
+    # Two halves of a square, half a gap apart along both axes, need sqrt(2) gaps more than the square.
     side = 60.0 + 2.0 * GAP + np.sqrt(2.0) * GAP + 1.0
     places = nest([triangle, triangle], (side, side), GAP)
     assert {place.sheet for place in places} == {0}

@@ -1,4 +1,4 @@
-"""Mirrors as DXF: every mirror comes back, in mm, and the same stock sheet gives the same bytes.
+"""Mirrors as DXF: every mirror is read back, in mm, and the same stock sheet gives the same bytes.
 
 Mirrors as SVG: the same lines as in the DXF, in mm.
 """

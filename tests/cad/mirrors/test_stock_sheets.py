@@ -1,8 +1,8 @@
-"""Which face of the stock lies up: never the coating, and the side that drawings are seen from.
+"""The face of the stock that is up: never the coating, and the side from which drawings are seen.
 
-What is engraved: as high as asked or as fits, inside, upright and unlike its mirror image.
+Engraved marks: as high as requested or as fits, inside, upright and different from their mirror images.
 
-Mirrors on sheets: the right shape, side and size, kerf included, every kind on sheets of its own.
+Mirrors on sheets: correct shape, side and size, including the kerf, and separate sheets for each kind.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ from mirrorcam.optics.geometry.layout import Layout
 @pytest.mark.parametrize("material", ["acrylic", "glass"])
 @pytest.mark.parametrize("surface", ["first", "second"])
 def test_the_laser_meets_the_face_that_is_glued(default_layout: Layout, surface: Surface, material: Material) -> None:
-    """The back, at the lower of the two heights over the reflecting surface; the coating is engraved in neither."""
+    """The back, at the lower of the two heights over the reflecting surface; the coating is never engraved."""
     facing = facing_of(surface, material)
     mirror = default_layout.mirrors[0].replaced(surface=surface)
     assert facing.up == "back"
@@ -92,7 +92,7 @@ def test_a_narrow_mirror_is_marked_down_a_column() -> None:
 
 
 def test_signs_of_a_small_mirror_stay_apart() -> None:
-    # Room for 3.5 x 1 mm within the line gap: what arrow, two digits and a dash take half a millimetre apart.
+    # Space for 3.5 x 1 mm within the line gap: an arrow, two digits and a dash, 0.5 mm apart.
     small = np.array([[0.0, 0.0], [4.6, 0.0], [4.6, 2.2], [0.0, 2.2]])
     arrow, head, *signs = (LineString(stroke) for stroke in mark("5-0", small, 5.0))
     figures = [union_all([arrow, head]), *signs]
@@ -131,7 +131,7 @@ def test_the_arrow_turns_with_its_mirror(default_layout: Layout) -> None:
         upright = outline_from_back(mirror, CUTTING)
         path = cut.outline if Polygon(cut.outline).exterior.is_ccw else cut.outline[::-1]
         loop = offset_outline(upright, CUTTING.kerf_mm / 2.0)
-        # Corner by corner the turn that nesting chose; the arrow must have made the same.
+        # The rotation by nesting, from corresponding corners; the arrow must have the same.
         turn = np.linalg.lstsq(loop - loop.mean(axis=0), path - path.mean(axis=0), rcond=None)[0].T
         np.testing.assert_allclose(turn @ turn.T, np.eye(2), atol=1e-9)
         shaft = cut.strokes[0][1] - cut.strokes[0][0]
@@ -141,10 +141,10 @@ def test_the_arrow_turns_with_its_mirror(default_layout: Layout) -> None:
 def test_an_offset_is_that_of_every_edge() -> None:
     triangle = np.array([[0.0, 0.0], [0.0, 30.0], [40.0, 0.0]])
     grown = offset_outline(triangle, 2.0)
-    # A triangle grown by d has its inradius (10 here) grown by d, and stays similar.
+    # A triangle offset by d has its inradius (10 here) larger by d, and remains similar.
     assert Polygon(grown).area == pytest.approx(600.0 * (12.0 / 10.0) ** 2)
     np.testing.assert_allclose(offset_outline(grown, -2.0)[:, 0].max(), 40.0)
-    # A corner of 180 deg moves straight out.
+    # A corner of 180 deg moves along the normal.
     flat = np.array([[0.0, 0.0], [5.0, 0.0], [10.0, 0.0], [10.0, 10.0], [0.0, 10.0]])
     np.testing.assert_allclose(sorted(map(tuple, offset_outline(flat, 1.0)))[1:3], [[-1.0, 11.0], [5.0, -1.0]])
 
@@ -182,7 +182,7 @@ def test_what_a_laser_needs_is_measured(make_parabola: Callable[..., Layout]) ->
     sheets = plan_sheets(make_parabola(2, 2), CUTTING)
     metrics = sheet_metrics(sheets)
     assert all(metric.passed for metric in metrics.values())
-    # Signs are 0.6 of half the mark's height apart, arrow and first sign 0.7: that is the narrowest here.
+    # Glyphs are 0.6 of half the mark's height apart, the arrow and the first glyph 0.7.
     assert metrics["line_gap_mm"].value == pytest.approx(0.6 * CUTTING.mark_mm / 2.0, abs=1e-5)
 
 
@@ -226,7 +226,7 @@ def test_any_layout_is_cut_whole_or_refused(
     thickness_mm: float,
     sheet_mm: tuple[float, float],
 ) -> None:
-    # Through their glass, second-surface mirrors look larger: nearer to each other their outlines would overlap.
+    # Second-surface mirrors appear larger through their glass: at a smaller gap their outlines would overlap.
     gap_mm += thickness_mm if surface == "second" else 0.0
     layout = make_parabola(
         rows, cols, scale_mm=scale_mm, gap_mm=gap_mm, surface=surface, thickness_mm=round(thickness_mm, 1)

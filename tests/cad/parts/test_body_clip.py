@@ -1,6 +1,6 @@
-"""The pieces of a tray: pads end at the points of the nest, and nothing hangs over when it lies on its slide.
+"""The pieces of a tray: pads end at the points of the nest, and nothing overhangs in print on its slide.
 
-Bodies in their trays: six points on the body as it is drawn, round ends too, and forces on all of them.
+Bodies in their trays: six points on the body's solid, also on round ends, and forces on all of them.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import pytest
 import trimesh
 from shapely import MultiPoint
 
-from mirrorcam.cad.assembly.catalogue import Y_UP, standing
+from mirrorcam.cad.assembly.catalogue import Y_UP, with_base_at
 from mirrorcam.cad.assembly.pieces import camera_solid, tessellated
 from mirrorcam.cad.checks.clashes import common_mm3
 from mirrorcam.cad.checks.exported_mesh import solid_of
@@ -48,7 +48,7 @@ def test_a_tray_prints_on_its_slide_with_nothing_to_support_it(name: str, kind: 
     plan = plan_clip(hardware)
     mesh = tessellated(make_clip(plan))
     assert thinnest_wall_mm(mesh, solid_of(mesh)) >= hardware.printer.wall_mm - 0.01
-    mesh.apply_transform(standing(Y_UP, plan.slide_y_mm))
+    mesh.apply_transform(with_base_at(Y_UP, plan.slide_y_mm))
     assert mesh.bounds[0, 2] == pytest.approx(0.0, abs=1e-6)
     failed = [
         name for name, check in check_overhangs(mesh, solid_of(mesh), hardware.printer).items() if not check.passed
@@ -63,7 +63,7 @@ def test_a_slicer_puts_no_support_into_an_oblique_nut_s_pocket(turn_deg: float, 
     plan = plan_clip(hardware_of("c920", "nut"))
     write_stl(tmp_path / "clip.stl", make_clip(plan))
     mesh = trimesh.load_mesh(tmp_path / "clip.stl")
-    mesh.apply_transform(standing(Y_UP, plan.slide_y_mm))
+    mesh.apply_transform(with_base_at(Y_UP, plan.slide_y_mm))
     mesh.apply_transform(trimesh.transformations.rotation_matrix(np.deg2rad(turn_deg), [0.0, 0.0, 1.0]))
     mesh.apply_translation([100.0, 100.0, 0.0])
     mesh.export(tmp_path / "clip.stl")
@@ -82,13 +82,13 @@ def test_nothing_of_a_nut_s_shoulder_is_over_the_hole_through_it() -> None:
 
 
 def pointing(cut: Bore | Hexagon, tip: np.ndarray, axis: np.ndarray) -> bool:
-    """Whether a cut lies on a screw's axis."""
+    """Return whether a cut is on a screw's axis."""
     return bool(np.linalg.norm(np.cross(cut.mouth - tip, axis)) < 1e-6)
 
 
 @pytest.mark.parametrize("name", ["c920", "oak_d", "iphone_13"])
 def test_each_point_of_the_nest_is_on_the_face_of_a_piece_and_on_no_other(name: str) -> None:
-    """Pads stand off everything else by their height: only they touch the body."""
+    """Pads protrude from everything else by their height: only they touch the body."""
     plan = plan_clip(hardware_of(name))
     assert plan.nest is not None
     for point, normal in zip(plan.nest.points, plan.nest.normals, strict=True):
@@ -104,7 +104,7 @@ def depth(solid: Frustum, point: np.ndarray) -> float:
 
 @pytest.mark.parametrize("name", BODIES)
 def test_nothing_of_the_far_leaf_stands_before_the_mouth_of_its_screw(name: str) -> None:
-    """Where the iron comes from; a heavy camera's leaf is thicker than its boss is long."""
+    """The soldering iron comes from there; a heavy camera's leaf is thicker than its boss is long."""
     hardware = hardware_of(name)
     nest, camera = plan_clip(hardware).nest, hardware.camera
     assert nest is not None
@@ -117,7 +117,7 @@ def test_nothing_of_the_far_leaf_stands_before_the_mouth_of_its_screw(name: str)
 
 
 def test_a_mirrored_tray_is_the_mirror_image() -> None:
-    """Seen from the stop on, the D435 and its mirror image are one tray."""
+    """The D435 and its mirror image have the same tray in coordinates from the stop."""
     camera = read_body("d435")
     assert isinstance(camera.held_by, Lips)
     other = camera.replaced(lens_x_mm=-camera.lens_x_mm)
@@ -125,12 +125,12 @@ def test_a_mirrored_tray_is_the_mirror_image() -> None:
     assert (first.side, second.side) == (-1.0, 1.0)
     np.testing.assert_allclose(first.low, second.low)
     np.testing.assert_allclose(first.high, second.high)
-    np.testing.assert_allclose(first.rig((3.0, 1.0, 2.0)), (-3.0, 1.0, 2.0))
+    np.testing.assert_allclose(first.in_rig((3.0, 1.0, 2.0)), (-3.0, 1.0, 2.0))
 
 
 @pytest.mark.parametrize("kind", ["insert", "nut"])
 def test_both_screws_have_a_hole_right_through_their_bosses(kind: str) -> None:
-    """From the mouth to beyond the tip; the insert's or nut's space lies along it."""
+    """From the mouth to past the tip; the space of the insert or nut is along it."""
     plan = plan_clip(hardware_of("c920", kind))
     assert plan.nest is not None
     for screw in plan.nest.screws:
@@ -148,7 +148,7 @@ def test_both_screws_have_a_hole_right_through_their_bosses(kind: str) -> None:
 @pytest.mark.parametrize("kind", a_few(2, ["insert", "nut"]))
 @pytest.mark.parametrize("name", ["c920", "oak_d"])
 def test_the_sprung_screws_stand_in_nothing_but_their_threads(name: str, kind: str) -> None:
-    """Also at a square corner, where the tip is beside the leaf."""
+    """Also at a square corner, where the tip is next to the leaf."""
     plan = plan_clip(hardware_of(name, kind))
     clip = solid_of(tessellated(make_clip(plan)))
     assert plan.nest is not None
@@ -173,7 +173,7 @@ def nest_of(hardware: Hardware) -> Nest:
 
 @pytest.mark.parametrize("name", BODIES)
 def test_six_points_and_both_tips_lie_on_the_drawn_body_and_look_into_it(name: str) -> None:
-    """Also where its ends are round: a box around the body would be touched where there is no body."""
+    """Also on round ends, where points on the bounding box would touch nothing."""
     hardware = with_camera(name)
     nest, body = nest_of(hardware), solid_of(tessellated(camera_solid(hardware.camera)))
     speck = manifold3d.Manifold.cube((2e-3, 2e-3, 2e-3), center=True)
@@ -191,7 +191,7 @@ def test_the_screws_press_on_all_six_points_however_the_robot_shakes_the_camera(
     weight = WEIGHT_RESERVE * camera.mass_g / 1000.0 * GRAVITY_N_PER_KG * hardware.clip.shaken_g
     assert least_contact_n(nest, body_box(camera).middle, weight, hardware.printer.plastic_mpa) >= 0.0
     assert max(screw.leaf.strain for screw in nest.screws) <= hardware.printer.plastic_strain
-    # Each alone presses on the points that it is for, and lifts the body off none.
+    # Each screw alone presses on its points, and lifts the body off none.
     tips, axes = np.array([s.tip for s in nest.screws]), np.array([s.axis for s in nest.screws])
     pressed = reactions(nest, tips, axes)
     assert (pressed[:3, 0] > 0.1).all()
@@ -213,14 +213,14 @@ def test_round_ends_rest_on_a_v_and_flat_ones_on_a_pad() -> None:
 
 
 def test_a_lens_near_one_end_has_the_stop_at_the_other() -> None:
-    """The corner over the front would cover it: of the D435 the colour camera is near the low end of x."""
+    """The corner over the front would cover the lens: the D435's colour camera is near the low end of x."""
     assert nest_of(with_camera("d435")).points[0, 0] > 0.0
     assert nest_of(with_camera("c920")).points[0, 0] < 0.0
 
 
 @pytest.mark.parametrize("name", BODIES)
 def test_the_body_goes_in_from_the_scene(name: str) -> None:
-    """A body with flat ends straight down; one with round ends with one end first, the other then turned down."""
+    """A body with flat ends enters straight, one with round ends one end first, until the other is lowered."""
     hardware = with_camera(name)
     plan, camera, nest = plan_clip(hardware), hardware.camera, nest_of(hardware)
     body = body_box(camera)
@@ -239,7 +239,7 @@ def test_the_body_goes_in_from_the_scene(name: str) -> None:
         if is_v:
             turn = side * step * np.deg2rad(40.0)
             matrix = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
-            # Turned up, a round end with a little flat moves off the V.
+            # When it is tilted, a round end with a small flat moves off the V.
             placed = (outline - pivot) @ matrix.T + pivot + [side * 0.5 * np.sin(abs(turn)), 0.0]
         else:
             placed = outline + np.array([0.0, 80.0 * step])
@@ -247,7 +247,7 @@ def test_the_body_goes_in_from_the_scene(name: str) -> None:
 
 
 def rounded(camera: CameraBody) -> np.ndarray:
-    """The outline of a body as points (n, 2) in x and y, a little smaller than it is."""
+    """The outline of a body as points (n, 2) in x and y, slightly reduced."""
     body, r = body_box(camera), camera.end_radius_mm
     half = np.array([camera.width_mm, camera.height_mm]) / 2.0 - r
     angles = np.linspace(0.0, 2.0 * np.pi, 181)
@@ -292,20 +292,20 @@ PHONES = [name for name in BODIES if not read_body(name).has_cable]
 
 @pytest.mark.parametrize("name", PHONES)
 def test_the_lens_of_a_phone_looks_past_its_clip_at_the_edge_towards_the_scene(name: str) -> None:
-    """From its lens to that edge, and 2 mm around, nothing of the clip is over the phone."""
+    """From its lens to that edge, and 2 mm around, the clip does not cover the phone."""
     hardware = with_camera(name)
     camera, body = hardware.camera, body_box(hardware.camera)
     half = camera.lens_ring_mm / 2.0 + 2.0
     over = box((-half, -half, float(body.high[2])), (half, float(body.high[1]) + 50.0, float(body.high[2]) + 50.0))
     assert max(overlap_mm(piece, over) for piece in plan_clip(hardware).pieces) <= 0.0
-    # Nearer to that edge and to one end than to the others: no clamp with the lens in its middle would do.
+    # Nearer to that edge and to one end than to the others: a clamp with the lens in its middle would not fit.
     assert body.high[1] < -body.low[1]
     assert abs(body.low[0] + body.high[0]) > camera.width_mm / 2.0
 
 
 @pytest.mark.parametrize("name", PHONES)
 def test_the_clip_of_a_phone_covers_its_port_as_the_guide_says(name: str) -> None:
-    """In the middle of the end that is far from the lens."""
+    """In the middle of the end far from the lens."""
     hardware = with_camera(name)
     body = body_box(hardware.camera)
     end = float(body.low[0]) if -body.low[0] > body.high[0] else float(body.high[0])

@@ -1,6 +1,6 @@
-"""The nest: forces in equilibrium, a leaf as a beam's closed form has it, and motion by its own definition.
+"""The nest: forces in equilibrium, a leaf against a beam in closed form, and motion by its definition.
 
-A camera's body in rig: the pupil in the origin.
+A camera's body in rig: the pupil at the origin.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def nest() -> Nest:
 
 
 def test_a_leaf_bends_as_the_beam_equation_integrated_says() -> None:
-    """Bent by a load at its end: curvature F (l - x) / (E I) up to where it is stiff, integrated twice."""
+    """Bent by a load at its end: curvature F (l - x) / (E I) up to its stiff part, integrated twice."""
     leaf = Leaf(30.0, 8.0, 20.0, 2.5, 1.0)
     force = leaf.force_n(MPA)
     x = np.linspace(0.0, 30.0, 300_001)
@@ -52,7 +52,7 @@ def test_a_leaf_bends_as_the_beam_equation_integrated_says() -> None:
 
 
 def test_an_oblique_screw_bends_its_leaf_more_and_presses_harder_than_across() -> None:
-    """By virtual work: the force's part across the leaf, over the leaf's bend, is that of a straight screw."""
+    """By virtual work: the force's component across the leaf over its deflection is as for a straight screw."""
     straight, oblique = Leaf(30.0, 8.0, 20.0, 2.5, 1.0), Leaf(30.0, 8.0, 20.0, 2.5, np.sqrt(0.5))
     assert oblique.bent_mm == pytest.approx(straight.bent_mm * np.sqrt(2.0))
     across = oblique.force_n(MPA) * np.sqrt(0.5)
@@ -73,7 +73,7 @@ def test_the_six_forces_hold_any_load_in_equilibrium(nest: Nest) -> None:
 
 
 def test_with_the_least_forces_a_point_is_just_about_to_let_go(nest: Nest) -> None:
-    """Each screw's points keep hold at the least forces; of one of them, nothing is to spare."""
+    """At the least forces, each screw's points stay in contact, one of them without reserve."""
     weight = 3.0
     forces = least_forces_n(nest, MIDDLE, weight)
     tips, axes = np.array([s.tip for s in nest.screws]), np.array([s.axis for s in nest.screws])
@@ -99,7 +99,7 @@ def directions(count: int) -> np.ndarray:
 
 
 def test_a_body_that_moves_as_the_jacobian_says_follows_the_errors(nest: Nest) -> None:
-    """Moved by a small shift and turn, the body's points have gone by these errors along their normals."""
+    """After a small shift and rotation, the body's points have moved by these errors along their normals."""
     errors = np.array([3.0, -1.0, 2.0, 1.0, -2.0, 0.5]) * 1e-3
     motion = motion_of_errors(nest) @ errors
     gone = motion[:3] + np.cross(motion[3:], nest.points)

@@ -1,6 +1,6 @@
-"""Boards on posts: every screw in its post, the board clear of the wall, and no slope beyond the slide.
+"""Boards on posts: every screw in its post, the board clear of the wall, and no slope outside the slide.
 
-The clip: what all of them have, its slide, its groove, and the slots for the tie of the cable.
+The clip: common properties, the slide, the groove, and the slots for the cable's tie.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from build123d import Box, Location
 
-from mirrorcam.cad.assembly.catalogue import Y_UP, standing
+from mirrorcam.cad.assembly.catalogue import Y_UP, with_base_at
 from mirrorcam.cad.assembly.pieces import camera_solid, tessellated
 from mirrorcam.cad.checks.clashes import common_mm3
 from mirrorcam.cad.checks.exported_mesh import solid_of
@@ -38,7 +38,7 @@ def test_a_board_rests_on_its_posts_and_its_clip_prints_on_its_slide(name: str, 
     clip = solid_of(mesh)
     assert common_mm3(clip, camera) == 0.0
     assert clip.min_gap(camera, 1.0) < 1e-4
-    mesh.apply_transform(standing(Y_UP, plan.slide_y_mm))
+    mesh.apply_transform(with_base_at(Y_UP, plan.slide_y_mm))
     assert mesh.bounds[0, 2] == pytest.approx(0.0, abs=1e-6)
     hanging, _, longest = overhangs(mesh, solid_of(mesh), hardware.printer)
     assert (hanging, longest <= hardware.printer.bridge_mm) == (0.0, True)
@@ -55,7 +55,7 @@ def test_every_hole_of_the_board_has_its_own_in_a_post() -> None:
 
 
 def test_a_heavy_lens_rests_on_two_faces_that_its_tie_draws_it_onto() -> None:
-    """Both faces are half the play of the board's holes off the barrel, and keep off the board and its screws."""
+    """Both faces are half the play of the board's holes off the barrel, and clear of the board and its screws."""
     hardware = HARDWARE.replaced(camera=read_body("pi_hq_cs"))
     body, plan = hardware.camera, plan_clip(hardware)
     assert body.held_by.kind == "board"
@@ -97,7 +97,7 @@ def deepest(plan: ClipPlan, solid: Frustum) -> float:
 def test_no_clip_reaches_into_its_cameras_box_by_more_than_round_ends_leave(name: str) -> None:
     camera = read_body(name)
     plan, body = plan_clip(HARDWARE.replaced(camera=camera)), body_box(camera)
-    # Wedges of a V stand in the corners that round ends leave.
+    # Wedges of a V are in the corners next to round ends.
     assert deepest(plan, body.solid) <= 0.5 * camera.end_radius_mm + 1e-9
     assert corners_of(plan.pieces)[:, 2].max() == pytest.approx(plan.top_mm)
     assert corners_of(plan.pieces)[:, 2].min() == pytest.approx(plan.bottom_mm)
@@ -115,7 +115,7 @@ def test_the_made_clip_is_one_solid_as_wide_as_planned(hardware: Hardware) -> No
 
 
 def test_a_tie_passes_both_slots_behind_the_wall_and_over_the_mounts_rib(hardware: Hardware) -> None:
-    """Solids of a tie: down both slots and along the outer face, above the rib; and of the cable between them."""
+    """Solids of a tie, through both slots and along the outer face, above the rib; and of the cable between them."""
     plan, mount = plan_clip(hardware), hardware.mount
     part = make_clip(plan)
     left, right, z = plan.tie_mm
@@ -129,14 +129,14 @@ def test_a_tie_passes_both_slots_behind_the_wall_and_over_the_mounts_rib(hardwar
     cable = hardware.camera.cable_mm / 2.0
     assert left + thick / 2.0 <= hardware.camera.cable_x_mm - cable + 1e-9
     assert right - thick / 2.0 >= hardware.camera.cable_x_mm + cable - 1e-9
-    # It pulls on plastic: the wall over the hollow holds it.
+    # It pulls on plastic: the wall over the hollow supports it.
     web = Location(((left + right) / 2.0, over_rib + TIE_THICK_MM + 1.5, z)) * Box(0.5, 0.5, 0.5)
     assert sum(solid.volume for solid in part.intersect(web) or []) == pytest.approx(0.125)
 
 
 @pytest.mark.parametrize("name", camera_names())
 def test_the_cable_leaves_the_camera_past_the_clip(name: str) -> None:
-    """Straight back for 20 mm, and from there to the tie: of a body also on its way in, from the scene."""
+    """Straight back for 20 mm, and from there to the tie; for a body also on its path in, from the scene."""
     hardware = HARDWARE.replaced(camera=read_body(name))
     plan, camera = plan_clip(hardware), hardware.camera
     if plan.nest is None:
@@ -154,7 +154,7 @@ def test_the_drawing_is_told_of_every_hole() -> None:
 
 @pytest.mark.parametrize("name", camera_names())
 def test_the_slides_screws_are_in_two_rows_wherever_the_wall_is_high_enough(name: str) -> None:
-    """Each with its insert within the wall, and a wall of plastic between the drivers' ways."""
+    """Each with its insert within the wall, and a wall of plastic between the drivers' holes."""
     hardware = HARDWARE.replaced(camera=read_body(name))
     plan, screw = plan_clip(hardware), hardware.screw
     around = screw.insert_hole_mm / 2.0 + screw.insert_wall_mm
@@ -182,7 +182,7 @@ def test_a_longer_rib_makes_the_tie_pass_deeper() -> None:
 
 
 def tie_depth(plan: ClipPlan) -> float:
-    """How far the hollow for the tie reaches into the wall."""
+    """Depth of the hollow for the tie in the wall."""
     hollow = plan.cuts[-1]
     assert isinstance(hollow, Frustum)
     return float(corners_of([hollow])[:, 1].max()) - plan.slide_y_mm

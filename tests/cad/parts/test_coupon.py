@@ -1,4 +1,4 @@
-"""The fit coupon: its gauges are those of the parts, and none is in the way of another."""
+"""The fit coupon: gauges as in the parts, which do not overlap."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 
 from mirrorcam.cad.parts.coupon import (
     GAUGE_WALL_MM,
-    GO_DEEP_MM,
+    GO_DEPTH_MM,
     GO_MM,
     LENS_STEPS_MM,
     MIRROR_MM,
@@ -48,7 +48,7 @@ def gauges(plan: CouponPlan) -> list[Bore]:
 
 
 def within(solids: tuple[object, ...], points: FloatArray) -> FloatArray:
-    """Which of points (n, 3) lie in one of the prisms."""
+    """Mask (n,) of the points (n, 3) in one of the prisms."""
     return np.any([solid.contains(points) for solid in solids if isinstance(solid, Frustum)], axis=0)
 
 
@@ -69,7 +69,7 @@ def test_the_seat_has_three_pads_under_the_test_mirror_as_high_as_the_glue(coupo
     assert len(pads) == 3
     for pad in pads:
         assert pad.top[:, 2] == pytest.approx(np.full(8, floor + HARDWARE.holder.bond_mm))
-        # Wherever the mirror lies in its pocket, all of each pad is behind it.
+        # Each pad is completely behind the mirror, wherever that is in its pocket.
         assert (pad.top[:, :2] > low + FREE_MM - 1e-9).all()
         assert (pad.top[:, :2] < low + np.array(MIRROR_MM) - FREE_MM + 1e-9).all()
         assert not within(coupon.cuts, pad.top).any()
@@ -106,7 +106,7 @@ def test_the_gauges_are_the_lens_ring_and_a_little_less_and_more(coupon: CouponP
 
 
 def notched(plan: CouponPlan, point: FloatArray, half_width_mm: float) -> int:
-    """How many notches a line along x through a point meets."""
+    """Number of notches that a line along x through a point meets."""
     x = np.linspace(-1.0, 1.0, 2001) * half_width_mm
     return int(np.count_nonzero(np.diff(within(plan.cuts, point + x[:, None] * [1.0, 0.0, 0.0]).astype(int)) == 1))
 
@@ -147,7 +147,7 @@ def test_the_slot_lets_the_stated_body_in_and_stops_it_at_the_step(default_layou
     low, high = corners_of(plan.pieces).min(axis=0), corners_of(plan.pieces).max(axis=0)
     x = np.arange(low[0], high[0], 0.01)
     widths = []
-    for depth in (0.5 * GO_DEEP_MM, 1.5 * GO_DEEP_MM):
+    for depth in (0.5 * GO_DEPTH_MM, 1.5 * GO_DEPTH_MM):
         line = np.column_stack([x, np.full_like(x, high[1] - depth), np.full_like(x, low[2] + 1.0)])
         widths.append(0.01 * np.count_nonzero(within(plan.cuts, line)))
         assert not within(plan.cuts, line[[0, -1]]).any()

@@ -1,4 +1,4 @@
-"""The dust cover: over all that stands on the holder, off the mount, caught by the flange."""
+"""The dust cover: over everything on the holder, clear of the mount, held by the flange."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def test_it_covers_mirrors_and_holder_with_space_over_the_highest(device: Device
 
 
 def test_its_walls_are_as_thick_as_a_wall(device: Device, cover: CoverPlan) -> None:
-    """By volume: an empty box, less its notches, and two catches whose section is that of half a square."""
+    """By volume: a hollow box minus its notches, plus two catches with a section of half a square."""
     solid = make_cover(cover)
     assert len(solid.solids()) == 1
     assert solid.is_valid
@@ -51,7 +51,7 @@ def test_its_walls_are_as_thick_as_a_wall(device: Device, cover: CoverPlan) -> N
     )
     missing = shell - solid.volume
     wide = 2.0 * (device.mount.half_width_mm + CLEAR_MM)
-    # The wall is straight where the mount passes, and oblique over a part of the other side.
+    # The wall is straight at the mount, and oblique over a part of the other side.
     notches = 2.0 * wide * HARDWARE.printer.wall_mm * (HARDWARE.holder.floor_mm + cover.rim_mm)
     catches = 2.0 * 12.0 * CATCH_MM**2
     assert notches - catches < missing < 1.05 * notches - catches
@@ -63,7 +63,7 @@ def test_its_catches_reach_behind_the_flange_beside_the_mount(device: Device, co
         corners = on_back(device, np.vstack([catch.base, catch.top]))
         assert np.abs(corners[:, 0]).min() > device.mount.half_width_mm
         assert -0.2 < corners[:, 2].min() < 0.0 < corners[:, 2].max() <= cover.rim_mm
-        # Nothing of it is in the flange, and it reaches over its edge.
+        # It does not overlap the flange, and extends over its edge.
         normals, offsets = device.holder.flange.half_spaces
         assert (corners[:, 2] > 0.0).any()
         points = np.vstack([catch.base, catch.top])

@@ -1,6 +1,6 @@
 """Long profiles on a small bed.
 
-The mount: flush with the holder, round the light, stiff enough, and refused where it cannot be.
+The mount: flush with the holder, round the light, stiff enough, and InputError if it cannot be.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ def test_what_is_longer_than_the_bed_lies_askew() -> None:
     band = Polygon([*inner, *outer[::-1]])
     assert fits(band, placement.turn_deg, BED)
     assert not fits(band, 0.0, BED)
-    # Longer than the bed's diagonal less the depth it never fits.
+    # Longer than the bed's diagonal minus the depth, it never fits.
     assert straight_laid(300.0).cut_mm is not None
 
 
@@ -95,14 +95,14 @@ def test_a_cut_has_blocks_on_both_sides_at_both_ends() -> None:
     corners = np.vstack([np.vstack([block.base, block.top]) for block in blocks])
     assert (corners[:, 0].min(), corners[:, 0].max()) == pytest.approx((-50.0, 50.0))
     assert (corners[:, 1].min(), corners[:, 1].max()) == pytest.approx((-30.0, 0.0))
-    # Pins reach half their length into both pieces.
+    # Pins extend by half their length into both pieces.
     assert (200.0 - corners[:, 2].min(), corners[:, 2].max() - 200.0) > (HARDWARE.holder.pin_mm[1] / 2.0,) * 2
     assert all(volume_mm3(block) > 0.0 for block in blocks)
     assert joint_blocks(straight_laid(200.0), 2.4, 50.0, HARDWARE) == []
 
 
 def test_blocks_stay_on_the_straight_of_a_profile_that_leans() -> None:
-    """Cut level, the far side of a deep one lies by its bend: a block there once stood out of the skin."""
+    """A level cut meets the far side of a deep profile at its bend, where a block formerly protruded from the skin."""
     lean, depth = np.deg2rad(25.0), 60.0
     along = np.array([-np.sin(lean), np.cos(lean)])
     starts = np.array([(0.0, 0.0), (-depth, -depth * np.tan(lean / 2.0))])
@@ -130,7 +130,7 @@ def planned(default_layout: Layout, device: Device) -> Planned:
 
 
 def beside(holder: HolderPlan, mount: MountPlan) -> float:
-    """How far any piece of the mount reaches into any of the holder's own convex solids."""
+    """Largest overlap of any piece of the mount with any of the holder's convex solids."""
     solids = (holder.slab, holder.flange, *holder.cores, *holder.fillers, *holder.rims)
     return max(overlap_mm(piece, solid) for piece in mount.pieces for solid in solids)
 
@@ -140,7 +140,7 @@ def test_the_mount_lies_on_the_back_and_enters_nothing(planned: Planned) -> None
     assert beside(holder, mount) == pytest.approx(0.0, abs=1e-6)
     for volumes in keep_outs(layout, HARDWARE):
         assert max(overlap_mm(piece, volume) for piece in mount.pieces for volume in volumes) < 0.0
-    # The wall of the clip touches the slide wherever it is; its groove leaves space for the rib, the last but webs.
+    # The clip's wall touches the slide over its travel; its groove has space for the rib, the last piece but the webs.
     rib = [piece for piece in mount.pieces if len(piece.base) == 3]
     assert len(rib) == 1
     for by in (-clip.travel_mm, 0.0, clip.travel_mm):
@@ -177,13 +177,13 @@ def test_the_made_mount_has_its_face_on_the_holders_back(planned: Planned) -> No
 
 
 def test_the_skin_is_thick_round_the_slides_screws_wherever_the_clip_is(planned: Planned) -> None:
-    """A ring as wide as a washer round each screw: all of it plastic, as deep as the screw grips, but the slot."""
+    """A ring as wide as a washer round each screw is plastic, as deep as the screw's grip, except in the slot."""
     *_, clip, mount = planned
     part, grip = make_mount(mount), clip.slide.grip_mm
     assert grip == HARDWARE.mount.slide_skin_mm > HARDWARE.mount.skin_mm
     for x, y, z in clip.slide_at:
         for by in (-clip.travel_mm, clip.travel_mm):
-            # Beside the slot, between it and the washer's edge, on the side away from the roof of the driver's way.
+            # Between the slot and the washer's edge, on the side away from the roof of the driver's hole.
             probe = Location((x - 3.0, y - grip / 2.0, z + by)) * Box(0.5, grip - 0.1, 0.5)
             assert sum(solid.volume for solid in part.intersect(probe) or []) == pytest.approx(0.25 * (grip - 0.1))
 
@@ -217,7 +217,7 @@ def test_a_stricter_limit_gives_a_stiffer_mount(planned: Planned) -> None:
 
 @pytest.mark.slow
 def test_of_stiff_mounts_the_lightest_is_taken(planned: Planned) -> None:
-    """Narrower than its screws need it cannot be; a heavy load is borne by more depth before more width."""
+    """It is at least as wide as its screws need; a heavy load leads to more depth before more width."""
     layout, holder, clip, mount = planned
     around = HARDWARE.screw.washer_mm / 2.0 + HARDWARE.fit.free_mm + HARDWARE.screw.insert_wall_mm
     screws = max(float(np.abs(holder.holes_in_mount_mm[:, 0]).max()), clip.slide_x_mm)
@@ -227,7 +227,7 @@ def test_of_stiff_mounts_the_lightest_is_taken(planned: Planned) -> None:
     taken = plan_mount(layout, holder, clip, strict)
     volumes = {profile.section: profile.volume_mm3 for profile in profiles(holder, clip, strict)}
     assert len({section.width_mm for section in volumes}) > 3
-    # None that is lighter is stiff.
+    # No lighter one is stiff enough.
     lighter = [profile for profile in profiles(holder, clip, strict) if profile.volume_mm3 < volumes[taken.section]]
     limit = strict.mount.tilt_deg
     as_beams = [profile for profile in lighter if beam_tilt_deg(profile, mount.load_g, mount.load_at) <= limit]
@@ -251,12 +251,12 @@ def test_a_back_turned_to_the_side_gets_a_head_cut_to_it(planned: Planned, off_m
     """Also where the holder's screws are off the middle of the mount."""
     layout, holder, clip, _ = planned
     angle = np.deg2rad(2.0)
-    turn = np.array([[np.cos(angle), -np.sin(angle), 0.0], [np.sin(angle), np.cos(angle), 0.0], [0.0, 0.0, 1.0]])
+    rotation_2d = np.array([[np.cos(angle), -np.sin(angle), 0.0], [np.sin(angle), np.cos(angle), 0.0], [0.0, 0.0, 1.0]])
     turned = layout.replaced(
         mirrors=tuple(
             type(mirror)(
-                virtual_centre_in_rig_mm=turn @ mirror.virtual_centre_in_rig_mm,
-                outline_in_rig_mm=mirror.outline_in_rig_mm @ turn.T,
+                virtual_centre_in_rig_mm=rotation_2d @ mirror.virtual_centre_in_rig_mm,
+                outline_in_rig_mm=mirror.outline_in_rig_mm @ rotation_2d.T,
             )
             for mirror in layout.mirrors
         ),

@@ -1,4 +1,4 @@
-"""Openings of the mount: the scale, the window for the cable, roofs that print."""
+"""Openings of the mount: the scale, the cable's window, printable roofs."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from mirrorcam.cad.holder.holder_body import HolderPlan
 from mirrorcam.cad.holder.holder_plan import plan_holder
 from mirrorcam.cad.parts.clip import ClipPlan, plan_clip
 from mirrorcam.cad.parts.mount import MountPlan, plan_mount
-from mirrorcam.cad.parts.mount_openings import _scale, head_end_mm, leaves_blades
+from mirrorcam.cad.parts.mount_openings import _scale_marks, head_end_mm, leaves_unprintable_web_ends
 from mirrorcam.cad.parts.truss import Webs
 from mirrorcam.cad.plan.fasteners import Bore, head_space_mm
 from mirrorcam.cad.plan.hardware import HARDWARE
@@ -39,7 +39,7 @@ def test_a_wider_cable_window_widens_the_mount(planned: Planned) -> None:
 
 @pytest.mark.slow
 def test_roofs_in_skins_that_stand_askew_are_steeper_than_those_that_slicers_bear(planned: Planned) -> None:
-    """PrusaSlicer 2.5 put support under roofs of 42 deg in the head's skin, and none under these of 36 deg."""
+    """PrusaSlicer 2.5 added support under roofs of 42 deg in the head's skin, and none under roofs of 36 deg."""
     *_, plan = planned
     away = -plan.rig_from_head[:3, 2]
     through = HARDWARE.screw.clearance_hole_mm / 2.0
@@ -60,7 +60,7 @@ def test_no_mark_of_the_scale_notches_the_ceiling_of_a_slot(
     hardware = HARDWARE.replaced(camera=read_body(camera))
     clip, holder = plan_clip(hardware), plan_holder(fold_90_layout, hardware)
     mount = plan_mount(fold_90_layout, holder, clip, hardware)
-    scale = _scale(clip, mount.half_width_mm, hardware)
+    scale = _scale_marks(clip, mount.half_width_mm, hardware)
     radius, wall = hardware.screw.clearance_hole_mm / 2.0, hardware.printer.wall_mm
     top = max(clip.slide_z_mm) + clip.travel_mm + radius + wall
     longest = 0.0
@@ -75,7 +75,7 @@ def test_no_mark_of_the_scale_notches_the_ceiling_of_a_slot(
 def test_no_web_runs_along_a_hole_for_a_driver(
     planned: Planned, along_deg: float, off_mm: float, *, blade: bool
 ) -> None:
-    """PrusaSlicer 2.5 put support under a web's end at 30.2 deg to such a hole, and none at 44 deg and more."""
+    """PrusaSlicer 2.5 added support under a web's end at 30.2 deg to such a hole, and none at 44 deg and more."""
     _, holder, _, mount = planned
     away = holder.rig_from_mount[1:3, 2] / np.linalg.norm(holder.rig_from_mount[1:3, 2])
     beside = np.array([-away[1], away[0]])
@@ -84,11 +84,11 @@ def test_no_web_runs_along_a_hole_for_a_driver(
     turned = np.cos(np.radians(along_deg)) * away + np.sin(np.radians(along_deg)) * beside
     web = np.array([middle, middle + 5.0 * turned])
     webs = Webs(np.zeros((2, 2)), np.zeros((2, 2)), web[None])
-    assert leaves_blades(holder, webs, mount.section, HARDWARE) == blade
+    assert leaves_unprintable_web_ends(holder, webs, mount.section, HARDWARE) == blade
 
 
 def test_the_head_ends_where_no_hole_for_a_driver_runs_along_its_last_web() -> None:
-    """Where a mount ended in the middle of such a hole, PrusaSlicer 2.5 put support under what was left of the web."""
+    """If a mount ended in the middle of such a hole, PrusaSlicer 2.5 added support under the rest of the web."""
     holder, hardware = planned_on_screws(), with_screws()
     web, half_width = 1.2, 25.8
     away = holder.rig_from_mount[1:3, 2] / np.linalg.norm(holder.rig_from_mount[1:3, 2])

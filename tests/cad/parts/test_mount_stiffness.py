@@ -1,6 +1,6 @@
-"""Openings in strips against the area and the factor that their shape has in closed form.
+"""Openings in strips against the area and factor of their shape in closed form.
 
-The mount as folded plates: laws that any of its compliances obeys, and what stiffens and softens it.
+The mount as folded plates: laws of its compliances, and the effects of thickness and openings.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ def test_of_a_hole_over_a_strips_end_each_strip_has_its_half() -> None:
 
 
 def test_an_oblique_strip_is_cut_over_more_of_its_length() -> None:
-    """At 45 deg a round bore is an ellipse, its long axis along the stress."""
+    """At 45 deg a round bore is an ellipse with its long axis along the stress."""
     start, end = np.array([0.0, 0.0]), np.array([10.0, 10.0])
     expected = 1.0 + np.pi * 9.0 * np.sqrt(2.0) / (np.hypot(10.0, 10.0) * 50.0) * (1.0 + 2.0 / np.sqrt(2.0))
     assert softening(start, end, HALF, [Bore(np.array([0.0, -1.0, 5.0]), ALONG_Y, 3.0, 20.0, UP, flat=True)]) == (
@@ -107,7 +107,7 @@ def test_work_is_positive_and_the_same_whichever_force_comes_first(device: Devic
 
 
 def test_it_is_softer_than_the_beam_without_openings(device: Device) -> None:
-    """Which is what lets the search pass over profiles whose beam tilts too far."""
+    """This allows the search to skip profiles that tilt too far as beams."""
     mount = device.mount
     for profile in list(profiles(device.holder, device.clip, HARDWARE))[::17]:
         matrix = compliance(device, profile)

@@ -1,4 +1,4 @@
-"""Marks of parts: signs as wide as they print, in a face that carries nothing, with material behind them."""
+"""Marks of parts: glyphs of printable width, in a free face, with material behind them."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from mirrorcam.cad.parts.part_mark import (
     SIDE_DEG,
     STROKE_MM,
     engraved,
+    glyph_outlines,
     plan_mark,
-    set_out,
 )
 from mirrorcam.cad.plan.part_plan import NamedFace
 from mirrorcam.cad.plan.stroke_font import STROKES
@@ -33,7 +33,7 @@ def block(width: float, depth: float, height: float) -> Part:
 
 @pytest.mark.parametrize("letter", sorted(STROKES))
 def test_strokes_are_as_wide_and_ridges_between_them_as_wide_as_they_print(letter: str) -> None:
-    outlines = shapely.union_all(list(set_out([letter + "8" + letter, "8" + letter])))
+    outlines = shapely.union_all(list(glyph_outlines([letter + "8" + letter, "8" + letter])))
     ridge = 0.49 * RIDGE_MM
     closed = outlines.buffer(ridge, join_style="mitre").buffer(-ridge, join_style="mitre")
     assert closed.area == pytest.approx(outlines.area, rel=1e-6)
@@ -70,7 +70,7 @@ def test_it_keeps_off_named_faces_and_the_bed(turned: tuple[float, float, float]
     top = NamedFace("top", np.array(tuple(frame.origin)) + 15.0 * up, up)
     mark = plan_mark(part, LINES, up, [top])
     assert mark is not None
-    # Not on top, which is named, nor below: on a side, upright.
+    # Not on top, which is a named face, nor below: on a side, upright.
     assert abs(mark.rig_from_face[:3, 2] @ up) < 1e-9
     np.testing.assert_allclose(mark.rig_from_face[:3, 1], up, atol=1e-9)
 

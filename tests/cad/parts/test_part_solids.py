@@ -31,7 +31,7 @@ def test_a_lying_bore_is_a_teardrop_whose_ridge_is_up() -> None:
 def test_a_flat_slot_is_two_half_circles_and_a_rectangle() -> None:
     slot = bore_solid(Bore(np.zeros(3), DOWN, 2.0, 5.0, UP, 6.0, flat=True))
     assert np.ptp([slot.bounding_box().min.Y, slot.bounding_box().max.Y]) == pytest.approx(10.0)
-    # Over its upper quarters the ceiling is level: corners stand in for the arcs between the steep tangents.
+    # Above its upper quarters the ceiling is level: corners replace the arcs between the steep tangents.
     assert slot.volume > (math.pi * 4.0 + 6.0 * 4.0) * 5.0
     assert slot.volume < 10.0 * 4.0 * 5.0
     assert pytest.approx(2.0) == slot.bounding_box().max.X

@@ -1,4 +1,4 @@
-"""How a camera repeats in its nest: against a body moved in the model, and many clampings drawn at random."""
+"""Repeatability of a camera in its nest: against a body moved in the model, and many random clampings."""
 
 from __future__ import annotations
 
@@ -8,7 +8,13 @@ from scipy.spatial.transform import Rotation
 
 from mirrorcam.cad.parts.camera_box import motion_of_errors
 from mirrorcam.cad.parts.clip import plan_clip
-from mirrorcam.cad.parts.reclamping import CONTACT_MM, _in_play, _moved_px, _on_posts, repeatability
+from mirrorcam.cad.parts.reclamping import (
+    CONTACT_MM,
+    _image_jacobian,
+    _motion_in_play,
+    _motion_of_post_errors,
+    repeatability,
+)
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.optics.geometry.camera_body import BoardHoles
 from mirrorcam.optics.geometry.camera_library import read_body
@@ -20,7 +26,7 @@ DISTANCE_MM = 500.0
 def test_pixels_move_as_points_projected_again_do(default_layout: Layout) -> None:
     camera = default_layout.camera
     shift, turn = np.array([2.0, -1.0, 3.0]) * 1e-4, np.array([1.0, 2.0, -1.5]) * 1e-5
-    moved = _moved_px(default_layout, DISTANCE_MM) @ np.concatenate([shift, turn])
+    moved = _image_jacobian(default_layout, DISTANCE_MM) @ np.concatenate([shift, turn])
     for mirror, expected in zip(default_layout.mirrors, moved, strict=True):
         middle = mirror.outline_in_rig_mm.mean(axis=0)
         point = middle * (1.0 + DISTANCE_MM / np.linalg.norm(middle))
@@ -45,15 +51,15 @@ POSTS = np.array([(-15.0, -12.0, -34.0), (15.0, -12.0, -34.0), (15.0, 18.0, -34.
 
 
 def moved(points: np.ndarray, motion: np.ndarray) -> np.ndarray:
-    """How points (n, 3) move by a shift and a turn (6,)."""
+    """Displacements of points (n, 3) by a shift and a rotation (6,)."""
     return np.asarray(motion[:3] + np.cross(motion[3:], points))
 
 
 def test_a_board_lies_on_the_plane_nearest_to_its_posts_and_stays_in_place_along_it() -> None:
     heights = np.array([0.02, -0.01, 0.03, 0.01])
-    gone = moved(POSTS, _on_posts(POSTS) @ heights)
+    gone = moved(POSTS, _motion_of_post_errors(POSTS) @ heights)
     np.testing.assert_allclose(gone[:, :2], 0.0, atol=1e-12)
-    # What is left over is what no plane has: of a rectangle, up and down in turn.
+    # The residual fits no plane: for a rectangle, alternately up and down.
     np.testing.assert_allclose(heights - gone[:, 2], np.mean(heights * [1, -1, 1, -1]) * np.array([1, -1, 1, -1]))
 
 
@@ -65,10 +71,11 @@ def test_a_board_is_as_likely_anywhere_that_its_holes_let_it_be() -> None:
     along = [drawn[:, :2] + drawn[:, 2:] * np.array([-y, x]) for x, y in holes]
     free = motions[np.all([np.hypot(*each.T) <= play for each in along], axis=0)]
     assert len(free) > 20_000
-    root = _in_play(holes, play)
+    root = _motion_in_play(holes, play)
     np.testing.assert_allclose(root @ root.T, free.T @ free / len(free), rtol=0.03, atol=1e-4)
-    assert not _in_play(holes, 0.0).any()
-    np.testing.assert_allclose(_in_play(holes, 2.0 * play) @ _in_play(holes, 2.0 * play).T, 4.0 * root @ root.T)
+    assert not _motion_in_play(holes, 0.0).any()
+    doubled = _motion_in_play(holes, 2.0 * play)
+    np.testing.assert_allclose(doubled @ doubled.T, 4.0 * root @ root.T)
 
 
 def test_a_board_with_wider_holes_repeats_worse(default_layout: Layout) -> None:

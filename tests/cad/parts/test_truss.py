@@ -1,4 +1,4 @@
-"""The foot of the mount: below the clip at its lowest, thick enough for what is screwed into it.
+"""The foot of the mount: below the clip's lowest position, thick enough for the screws in it.
 
 The truss: its plastic in closed form.
 """
@@ -13,7 +13,7 @@ from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.holder.holder_body import HolderPlan
 from mirrorcam.cad.parts.clip import ClipPlan, plan_clip
 from mirrorcam.cad.parts.mount import MountPlan, plan_mount, profiles
-from mirrorcam.cad.parts.mount_openings import over_drivers_mm
+from mirrorcam.cad.parts.mount_openings import driver_holes_top_mm
 from mirrorcam.cad.parts.truss import (
     FOOT_DEPTH_MM,
     foot_plate_mm,
@@ -44,7 +44,7 @@ def test_the_screws_of_a_back_hold_in_the_threads_of_the_plate(kind: str, grip_m
     assert held.wall_mm == stack(hardware.mount.skin_mm, hardware).wall_mm <= foot_plate_mm(FOOT_DEPTH_MM, hardware)
     least = hardware.screw.engaged_mm if kind == "insert" else hardware.screw.nut_height_mm
     assert held.engaged_mm >= least - 1e-9
-    # Under an insert there is plastic, over a nut the hollow of the truss.
+    # There is plastic under an insert, and the hollow of the truss over a nut.
     assert held.length_mm - grip_mm < (hardware.screw.insert_depth_mm if kind == "insert" else held.wall_mm + 1.0)
 
 
@@ -82,7 +82,7 @@ def planned(default_layout: Layout, device: Device) -> Planned:
 
 @pytest.mark.slow
 def test_plastic_is_foreseen_as_the_pieces_have_it(planned: Planned) -> None:
-    """Skins and webs along the middle, and the foot's plate: but for what bends and short panels add."""
+    """Skins and webs along the middle, and the foot's plate, apart from bends and short panels."""
     _, holder, clip, mount = planned
     for profile in profiles(holder, clip, HARDWARE):
         if profile.section.depth_mm > 2.0 * mount.section.depth_mm:
@@ -93,9 +93,9 @@ def test_plastic_is_foreseen_as_the_pieces_have_it(planned: Planned) -> None:
 
 
 def test_no_web_over_the_slide_runs_into_the_holes_for_its_driver(planned: Planned) -> None:
-    """In a deep mount, which leans back, the web from corner to corner once ended as a blade in the upper holes."""
+    """In a deep mount, which leans back, the web from corner to corner formerly ended thin at the upper holes."""
     _, holder, clip, _ = planned
-    highest = over_drivers_mm(clip, HARDWARE)
+    highest = driver_holes_top_mm(clip, HARDWARE)
     depths = set()
     for profile in profiles(holder, clip, HARDWARE):
         corners = profile.inner[1, 1], profile.outer[1, 1]

@@ -1,8 +1,8 @@
-"""Where parts are cut: thin walls beside a cut in closed form, corners that it keeps off, pieces and their joints.
+"""Cuts of parts: thin walls next to a cut in closed form, corners that it avoids, pieces and their joints.
 
-The printer's bed: which way a part lies on it, when it is too high, and how far cuts may be moved.
+The printer's bed: the rotation of a part on it, its height limit, and the slack of cuts.
 
-Pins between pieces: frames of their holes, the wall round them, and the two places that are farthest apart.
+Pins between pieces: frames of their holes, the wall round them, and the farthest two positions.
 """
 
 from __future__ import annotations
@@ -40,11 +40,11 @@ from mirrorcam.optics.geometry.transforms import transform
 
 
 def test_thin_walls_beside_a_cut_are_measured() -> None:
-    # A step at x = 20: a cut 0.5 mm before or behind it leaves 6 x 10 mm of a wall 0.5 mm thick, on one side.
+    # A step at x = 20: a cut 0.5 mm to either side leaves 6 x 10 mm of a wall 0.5 mm thick on one side.
     stepped = Manifold.cube((20.0, 10.0, 10.0)) + Manifold.cube((40.0, 10.0, 4.0))
     thin = thin_wall_mm2(triangles_of(stepped), 0, np.array([10.0, 18.7, 18.9, 19.5, 20.5, 21.3, 39.5]), 1.2)
     np.testing.assert_allclose(thin, [0.0, 0.0, 60.0, 60.0, 0.0, 0.0, 40.0], atol=1e-9)
-    # Of the mirrored step the other side is thin.
+    # For the mirrored step the other side is thin.
     turned = stepped.mirror((1.0, 0.0, 0.0))
     thin = thin_wall_mm2(triangles_of(turned), 0, np.array([-20.5, -19.5, -18.9]), 1.2)
     np.testing.assert_allclose(thin, [0.0, 60.0, 60.0], atol=1e-9)
@@ -67,7 +67,7 @@ def test_of_a_face_that_leans_only_what_is_near_counts(lean_deg: float, share: f
 
 
 def test_a_cut_moves_off_corners_to_the_side_that_leaves_less_thin_walls() -> None:
-    # A step down at x = 20: in front of it the cut leaves a wall that is thin, behind it none.
+    # A step down at x = 20: a cut before it leaves a thin wall, one after it none.
     stepped = triangles_of(Manifold.cube((20.0, 10.0, 10.0)) + Manifold.cube((40.0, 10.0, 4.0)))
     assert off_corners(stepped, 0, (20.0,), 1.2) == pytest.approx((20.01,))
     assert off_corners(stepped, 0, (10.0, 30.0), 1.2) == (10.0, 30.0)
@@ -111,7 +111,7 @@ def test_cuts_moved_by_their_slack_leave_pieces_that_fit(length: float, count: i
     slack = cut_slack_mm(length, count, 220.0)
     longest = length / count + (slack if count == 2 else 2.0 * slack)
     assert longest + MOVED_MM == pytest.approx(220.0)
-    # No piece is longer than the bed, so cuts of pieces that just fit cannot be moved at all.
+    # No piece may be longer than the bed, so that cuts of pieces that just fit cannot move.
     assert cut_slack_mm(440.0, 2, 220.0) == 0.0
 
 
@@ -140,7 +140,7 @@ def test_holes_are_wider_and_deeper_than_half_their_pin_and_keep_a_wall() -> Non
     assert hole_mm(HARDWARE) > DIAMETER
     assert 2.0 * hole_depth_mm(HARDWARE) > LENGTH
     assert reach_of_pin_mm(HARDWARE) - hole_depth_mm(HARDWARE) == pytest.approx(wall)
-    # The ridge of the roof is two tangents of the hole away from its axis.
+    # The ridge of the roof is the intersection of two tangents of the hole.
     ridge = hole_mm(HARDWARE) / 2.0 / np.sin(np.radians(42.0))
     assert clearance_round_pin_mm(HARDWARE) == pytest.approx(ridge + wall)
 

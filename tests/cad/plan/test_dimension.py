@@ -34,7 +34,7 @@ def test_every_hole_is_read_from_the_cuts_with_what_its_tool_cuts() -> None:
     assert [(hole.diameter_mm, hole.travel_mm) for hole in found] == [(3.4, 0.0), (6.4, 0.0), (3.4, 8.0), (5.7, 0.0)]
     assert [hole.text for hole in found] == [""] * 4
     assert [hole.form for hole in found] == ["round", "round", "round", "hexagon"]
-    # A bore begins a little outside the material; what is cut is counted from its face.
+    # A bore starts slightly outside the material; the cut is measured from the face.
     cuts: tuple[Bore | Hexagon, ...] = (screw, driver, slot, nut)
     for hole, cut in zip(found, cuts, strict=True):
         assert hole.cut_mm is not None

@@ -1,8 +1,8 @@
 """Sizes of threads by their names, against the rules that the standards follow.
 
-Screws: long enough to hold, short enough not to bottom out.
+Screws: long enough to engage, short enough not to bottom out.
 
-Frames of bought items: right-handed, along their axes; and moves that end outside.
+Frames of bought items: right-handed, along their axes; and exit moves that end outside.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 
 from mirrorcam.cad.parts.part_solids import bore_solid, hexagon_solid
 from mirrorcam.cad.plan.fasteners import (
-    CLEAR_MM,
     COUNTERSUNK,
+    EXIT_GAP_MM,
     ROOF_DEG,
     SUNK_HEAD,
     THREADS,
@@ -80,7 +80,7 @@ def test_screws_into_inserts_hold_and_never_bottom_out(grip_mm: float) -> None:
     try:
         found = stack(grip_mm, HARDWARE)
     except InputError as error:
-        # There is a gap between two lengths on the list; then no length may do.
+        # In a gap between two lengths on the list, no length may fit.
         assert "of thread" in str(error)
         assert not any(
             screw.engaged_mm <= length - grip_mm - washer <= screw.insert_depth_mm - 0.2 for length in screw.lengths_mm
@@ -111,7 +111,7 @@ def test_what_no_screw_fits_is_refused_with_the_thread_that_is_left() -> None:
 
 @pytest.mark.parametrize("roof_deg", [45.0, 42.0, 30.0])
 def test_a_lying_hole_is_a_circle_and_a_kite(roof_deg: float) -> None:
-    """The kite over the two tangents, less the sector that it shares with the circle."""
+    """The kite of the two tangents, minus the sector that it shares with the circle."""
     r, depth, steep = 2.0, 3.0, np.deg2rad(roof_deg)
     bore = Bore(np.zeros(3), Y, r, depth, X, roof_deg=roof_deg)
     tangent = r / np.tan(steep)
@@ -139,7 +139,7 @@ def test_a_flat_slot_is_no_wider_than_its_screw() -> None:
 def test_a_nuts_pocket_holds_it_by_four_sides_and_has_a_roof_that_prints() -> None:
     pocket = hexagon_solid(Hexagon(np.zeros(3), Y, X, 5.7, 2.6))
     normals = np.array([tuple(face.normal_at()) for face in pocket.faces() if abs(face.normal_at().Y) < 0.5])
-    # Normals of the tool point out of it, into the part: the part's own faces look the other way.
+    # Normals of the tool point out of it, into the part: the part's faces have opposite normals.
     down = normals[normals[:, 0] > 0.1]
     assert len(normals) == 6
     np.testing.assert_allclose(np.degrees(np.arccos(down[:, 0])), 90.0 - ROOF_DEG)
@@ -157,7 +157,7 @@ def test_threads_are_cut_for_an_insert_or_a_nut() -> None:
     assert isinstance(through, Bore)
     assert isinstance(pocket, Hexagon)
     assert through.depth_mm > 8.0
-    # The wall is thicker than the stack's: the nut is where the screw ends, and can be put there.
+    # The wall is thicker than in the stack: the nut is at the screw's end, and can be inserted there.
     assert held.wall_mm < 8.0
     assert pocket.mouth[1] == pytest.approx(held.begins_mm)
     assert pocket.mouth[1] + pocket.depth_mm > 8.0
@@ -176,4 +176,4 @@ def test_a_frame_has_its_z_along_the_axis_and_its_x_across(axis: tuple[float, fl
 def test_a_place_leaves_the_hull_with_room_to_spare() -> None:
     corners = np.array([(0.0, 0.0, 0.0), (10.0, 5.0, 2.0)])
     move = beyond(corners, np.array([4.0, 1.0, 1.0]), np.array([-1.0, 0.0, 0.0]))
-    np.testing.assert_allclose(move, [-(4.0 + CLEAR_MM), 0.0, 0.0])
+    np.testing.assert_allclose(move, [-(4.0 + EXIT_GAP_MM), 0.0, 0.0])

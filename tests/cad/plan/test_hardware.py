@@ -1,4 +1,4 @@
-"""The table of dimensions: against the tables of another library, and as files that a user writes.
+"""The table of dimensions: against the tables of another library, and from users' files.
 
 The slicer settings that guide and slicer share.
 """
@@ -19,7 +19,7 @@ from mirrorcam.optics.geometry.camera_library import read_body
 
 
 def test_fasteners_are_those_of_the_standards() -> None:
-    """ISO 4762, ISO 4032, ISO 273 and the maker of the insert, as bd_warehouse has them."""
+    """ISO 4762, ISO 4032, ISO 273 and the insert's data sheet, from bd_warehouse."""
     ours = HARDWARE.screw
     screw, nut = SocketHeadCapScrew("M3-0.5", length=8.0, simple=True), HexNut("M3-0.5", simple=True)
     insert = HeatSetNut("M3-0.5-5.7", fastener_type="CNCKitchen", simple=True)  # type: ignore[arg-type]  # not declared
@@ -29,7 +29,7 @@ def test_fasteners_are_those_of_the_standards() -> None:
     assert (ours.nut_flats_mm, ours.nut_height_mm) == (nut.nut_data["s"], nut.nut_data["m"])
     washer = PlainWasher("M3", fastener_type="iso7089").washer_data
     assert ours.washer_mm == washer["d2"]
-    # The largest thickness of the standard is there; 0.5 mm is the nominal one.
+    # bd_warehouse has the largest thickness of the standard; 0.5 mm is nominal.
     assert ours.washer_height_mm == pytest.approx(washer["h"], abs=0.06)
     assert (ours.insert_hole_mm, ours.insert_mm) == (insert.nut_data["dc"], insert.nut_data["m"])
 
@@ -75,7 +75,7 @@ def test_a_body_of_another_camera_than_the_layouts_is_refused() -> None:
     other = body.replaced(name="Pi HQ, 6 mm", field_of_view_deg=(55.3, 42.9))
     with pytest.raises(InputError, match=r"Pi HQ, 6 mm: 55\.3 x 42\.9 deg .* Logitech C920 has 70\.4 x 43\.3 deg"):
         require_same_camera(camera, other)
-    require_same_camera(camera, other.replaced(field_of_view_deg=None))  # older files do not state it
+    require_same_camera(camera, other.replaced(field_of_view_deg=None))  # older files omit it
 
 
 def test_a_board_camera_may_stand_in_a_table_of_hardware(tmp_path: Path) -> None:

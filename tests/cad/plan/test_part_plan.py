@@ -1,6 +1,6 @@
-"""Plans of parts: their identity follows the numbers and the recipe, not the place of the code; plain data only.
+"""Plans of parts: their identity depends on numbers and recipe, not on the module; plain data only.
 
-Connections of parts: they stand still unless it is said how far they slide.
+Connections of parts: fixed unless a sliding range is given.
 """
 
 from __future__ import annotations

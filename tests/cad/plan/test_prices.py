@@ -45,7 +45,7 @@ def test_a_file_replaces_prices_and_comes_back_the_same(tmp_path: Path) -> None:
     assert (prices.of_plastic("PLA+", 1000.0), prices.of_plastic("PLA", 1000.0)) == (31.0, PLASTICS["PLA"])
     path.write_text(tomli_w.dumps(prices.model_dump(mode="json")))
     assert read_model(Prices, path) == prices
-    # Devices are kept by their hardware.
+    # Devices are cached by their hardware.
     assert hash(prices) == hash(read_model(Prices, path))
 
 

@@ -27,7 +27,7 @@ def turned(solid: Frustum, angles: tuple[float, float, float]) -> Frustum:
 
 
 def shared_ball_mm(a: Frustum, b: Frustum) -> float:
-    """Radius of the largest ball in both, below 0 where there is none: another way to tell whether they meet."""
+    """Radius of the largest ball in both, below 0 if there is none: an independent test of overlap."""
     normals, offsets = (np.concatenate(pair) for pair in zip(a.half_spaces, b.half_spaces, strict=True))
     rows = np.column_stack([normals, np.ones(len(normals))])
     found = linprog([0.0, 0.0, 0.0, -1.0], A_ub=rows, b_ub=offsets, bounds=[(None, None)] * 4)

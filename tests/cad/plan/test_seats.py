@@ -1,4 +1,4 @@
-"""Where the seats, the pockets and the light lie, against the mirror's own plane and the law of reflection."""
+"""Positions of seats, pockets and light, against the mirror's plane and the law of reflection."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ def test_light_between_pupil_mirror_and_scene_lies_in_the_cones(default_layout: 
         for share in (0.01, 0.5, 0.97):
             assert camera_cone(mirror, layout.camera.pupil, HARDWARE).contains(points * share).all()
             assert reflected_beam(layout, index, HARDWARE).contains(points + share * (scene - points)).all()
-        # Light of a second-surface mirror is inside the sheet up to its front, and beside it from there on.
+        # Light of a second-surface mirror is inside the sheet up to its front, and can leave the outline after that.
         beside = points * (
             1.0 - (light_starts_mm(mirror) + np.array([-0.04, 0.04])[:, None, None]) / mirror.distance_mm
         )

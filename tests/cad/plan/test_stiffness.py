@@ -54,7 +54,7 @@ def test_pieces_of_a_path_add_up() -> None:
 
 
 def test_twist_lies_between_loose_skins_and_a_closed_box() -> None:
-    """With a core that cannot shear the skins act as the long sides of a closed box, G J = 2 G t h^2 b."""
+    """With a core rigid in shear, the skins act as the long sides of a closed box, G J = 2 G t h^2 b."""
     shear = SECTION.plastic_mpa / (2.0 * (1.0 + POISSON))
     apart = SECTION.depth_mm - SECTION.skin_mm
     box = 2.0 * shear * SECTION.skin_mm * apart**2 * SECTION.width_mm
@@ -85,7 +85,7 @@ def strip(*, pieces: int = 4, poisson: float = 0.0, along: tuple[float, float] =
 
 
 def cantilever(plates: FoldedPlates) -> FloatArray:
-    """Compliance of its end, whose whole edge is held as is the one that does not move."""
+    """Compliance of its end, with a rigid edge there and a fixed edge at the other end."""
     xs = np.linspace(-0.9, 0.9, 5) * WIDTH / 2.0
     first, last = np.zeros(5, dtype=int), np.full(5, len(plates.edges) - 1)
     return plates.compliance(supports=(first, xs), attachments=(last, xs), load=np.array([0.0, *plates.edges[-1]]))
@@ -99,7 +99,7 @@ def test_a_strip_is_a_cantilever_in_bending_tension_and_shear() -> None:
     assert end[3, 1] == pytest.approx(-(LENGTH**2) / 2.0 / bending, rel=1e-3)
     assert end[3, 3] == pytest.approx(LENGTH / bending, rel=1e-3)
     assert end[2, 2] == pytest.approx(LENGTH / MODULUS / AREA, rel=1e-3)
-    # Along x it bends on edge; Timoshenko's shear is of 5/6 of the section.
+    # Along x it bends on edge; Timoshenko's shear area is 5/6 of the section.
     shear = MODULUS / 2.0
     expected = LENGTH**3 / 3.0 / (MODULUS * ON_EDGE) + LENGTH / (5.0 / 6.0 * shear * AREA)
     assert end[0, 0] == pytest.approx(expected, rel=0.01)
@@ -109,13 +109,13 @@ def test_a_strip_is_a_cantilever_in_bending_tension_and_shear() -> None:
 def test_a_narrow_strip_twists_as_saint_venant_has_it() -> None:
     end = cantilever(strip(pieces=8))
     thin = 1.0 - 0.63 * THICK / WIDTH
-    # Its ends do not warp, which makes it a little stiffer.
+    # Its ends do not warp, which makes it slightly stiffer.
     assert end[5, 5] == pytest.approx(LENGTH / (MODULUS / 2.0 * WIDTH * THICK**3 / 3.0), rel=0.08)
     assert end[5, 5] < LENGTH / (MODULUS / 2.0 * WIDTH * THICK**3 / 3.0 * thin)
 
 
 def test_a_wide_plate_bends_as_a_plate() -> None:
-    """Where its edges do not bend the other way, by 1 - poisson^2."""
+    """Without anticlastic bending of its edges, stiffer by 1 / (1 - poisson^2)."""
     wide = strip(pieces=1, poisson=0.35)
     end = cantilever(wide)
     assert end[3, 3] < LENGTH / (MODULUS * FLAT)
@@ -130,7 +130,7 @@ def test_compliance_turns_with_the_structure() -> None:
 
 
 def test_two_strips_at_a_right_angle_bend_each_as_its_own_beam() -> None:
-    """A portal's leg and arm: the arm's end sinks by its own bending and by the turn of the leg."""
+    """A portal's leg and arm: the arm's end sinks by its own bending and by the rotation of the leg."""
     edges = np.array([[0.0, 0.0], [0.0, 100.0], [50.0, 100.0]])
     frame = FoldedPlates(edges, np.array([[0, 1], [1, 2]]), np.full(2, THICK), np.full(2, MODULUS), 0.0, WIDTH / 2.0)
     end = cantilever(frame)

@@ -1,4 +1,4 @@
-"""Signs of single strokes: as high and as wide as said, no two alike."""
+"""The single-stroke font: glyphs of the stated height and width, no two alike."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def test_signs_stand_on_the_corners_of_a_grid(sign: str) -> None:
     assert set(corners[:, 1]) <= {0, 1, 2}
     assert np.ptp(corners[:, 0]) == {"1": 0, "M": 2}.get(sign, 1)
     assert np.ptp(corners[:, 1]) == (0 if sign == "-" else 2)
-    # Strokes are straight along an axis from corner to corner, so that all grooves are at right angles.
+    # Strokes are parallel to an axis, so that all grooves meet at right angles.
     for stroke in STROKES[sign]:
         assert all((a == b) != (c == d) for (a, c), (b, d) in pairwise(stroke))
 
@@ -35,7 +35,7 @@ def test_no_two_signs_are_alike() -> None:
 
 
 def _units(start: tuple[float, float], end: tuple[float, float]) -> list[tuple[tuple[float, float], ...]]:
-    """A stroke in pieces of length 1."""
+    """A stroke divided into pieces of length 1."""
     steps = int(max(abs(end[0] - start[0]), abs(end[1] - start[1])))
     points = [
         (start[0] + (end[0] - start[0]) * k / steps, start[1] + (end[1] - start[1]) * k / steps)

@@ -1,4 +1,4 @@
-"""Torques of screws in plastic, by hand, and what limits them."""
+"""Torques of screws in plastic and their limits, against hand calculations."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def item(kind: BoughtKind, size: str, length_mm: float, at_mm: tuple[float, floa
 
 
 def arm_mm(bearing_mm: float) -> float:
-    """The factor of VDI 2230-1 for M3, whose flanks are 2.675 mm across."""
+    """The factor of VDI 2230-1 for M3, with a pitch diameter of 2.675 mm."""
     return 0.16 * 0.5 + 0.58 * 2.675 * 0.12 + bearing_mm / 2.0 * 0.12
 
 

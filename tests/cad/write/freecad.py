@@ -1,4 +1,4 @@
-"""FreeCAD without its window, as another program that reads STEP files: what a script run by it finds."""
+"""FreeCAD without its window, as an independent reader of STEP files."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import pytest
 
 PROGRAMS = ("freecadcmd", "FreeCADCmd")
 CAD_PAGE = Path(__file__).parents[3] / "docs" / "cad.md"
-# Without merge=False version 0.20.2 puts an assembly's solids into one, and crashes in what follows.
+# Without merge=False, version 0.20.2 merges an assembly's solids, and crashes later.
 LISTED = """
 import FreeCAD, Import, Part
 
@@ -39,7 +39,7 @@ def about(thing):
 
 
 def find_freecad() -> str | None:
-    """FreeCAD's program without a window, where it is installed."""
+    """FreeCAD's program without a window, if it is installed."""
     return next((path for name in PROGRAMS if (path := shutil.which(name))), None)
 
 
@@ -47,12 +47,12 @@ NEEDS_FREECAD = pytest.mark.skipif(find_freecad() is None, reason="FreeCAD is no
 
 
 def run_in_freecad(script: str, folder: Path) -> Any:
-    """What the variable `found` of a script holds at its end, which FreeCAD runs in a folder, as JSON gives it."""
+    """The variable `found` at the end of a script that FreeCAD runs in a folder, passed as JSON."""
     program = find_freecad()
     assert program is not None
     end = "\nimport json\nwith open('found.json', 'w') as file:\n    json.dump(found, file)\n"
     (folder / "script.py").write_text(script + end, encoding="utf-8")
-    # Its own Python, and none of a user's settings.
+    # FreeCAD's own Python, without a user's settings.
     kept = {name: text for name, text in os.environ.items() if name not in ("PYTHONPATH", "PYTHONHOME", "VIRTUAL_ENV")}
     home = {"HOME": str(folder), "FREECAD_USER_HOME": str(folder), "LC_ALL": "C.UTF-8"}
     run = subprocess.run(

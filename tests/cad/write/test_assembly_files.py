@@ -1,8 +1,8 @@
-"""Text of STEP files: the same whatever was written before.
+"""Text of STEP files: independent of files written before.
 
-The STEP assembly, read back: labels, colours, volumes and places; and its text in one order.
+The STEP assembly, read back: labels, colours, volumes and positions; and the order of its text.
 
-The GLB, read back: metres and +Y up, every piece a node with what a page needs to know.
+The GLB, read back: metres and +Y up, every piece a node with the data for a page.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ def test_counts_and_the_order_of_colours_leave_no_trace() -> None:
     assert ordered_step(one) == ordered_step(two)
     assert "#1 = SOLID('it''s #3',#2);\n#2 = POINT('',(0.,1.),$);" in ordered_step(two)
     assert "OCCURRENCE('1','a'" in ordered_step(two)
-    # What differs in more than that still differs.
+    # Texts with other differences still differ.
     assert ordered_step(step((1, 2), colours.format(1, 1))) != ordered_step(two)
 
 
@@ -83,7 +83,7 @@ def screw(place: np.ndarray, *joins: str) -> BoughtItem:
 
 @pytest.fixture(scope="module")
 def parts(built_block: BuiltPart, tmp_path_factory: pytest.TempPathFactory) -> list[BuiltPart]:
-    """The block in the stead of every part."""
+    """The block in place of every part."""
     folder = tmp_path_factory.mktemp("assembly")
     names = (*PRINTED, "fit_coupon")
     for name in names:
@@ -115,7 +115,7 @@ def test_everything_is_there_in_its_place_and_colour(device: Device, parts: list
     found = leaves(tmp_path / "assembly.step")
     mirrors = [f"mirror_{name}" for name in device.layout.mirror_names]
     assert list(found) == [*(*PRINTED, *mirrors, "camera", "screw_01", "screw_02")]
-    # The connections of the real device move nothing: every part is made where it belongs.
+    # The connections of the real device move nothing: every part is made in place.
     for name in PRINTED:
         assert found[name].volume == pytest.approx(18000.0)
         np.testing.assert_allclose(tuple(found[name].center(CenterOf.MASS)), [31.0, 17.0, 8.0], atol=1e-6)
@@ -127,7 +127,7 @@ def test_everything_is_there_in_its_place_and_colour(device: Device, parts: list
         corners = np.array([tuple(vertex) for vertex in found[name].vertices()])
         for corner in mirror.outline_in_rig_mm:
             assert np.linalg.norm(corners - corner, axis=1).min() < 1e-6
-        # A first-surface sheet lies behind its reflecting plane.
+        # A first-surface sheet is behind its reflecting plane.
         heights = corners @ mirror.normal_in_rig + mirror.distance_mm
         np.testing.assert_allclose([heights.min(), heights.max()], [-mirror.thickness_mm, 0.0], atol=1e-6)
     # The screw's z is the rig's x: 12 mm of shank, 3 mm of head.
@@ -226,7 +226,7 @@ def test_the_clip_slides_on_the_mount_along_the_lens_axis_as_far_as_it_may(
 
 
 def test_what_slides_is_turned_as_its_connection_says() -> None:
-    """The child's frame comes to lie on the parent's, however both are turned."""
+    """The child's frame coincides with the parent's, for any rotations."""
     rng = np.random.default_rng(3)
     frames = [np.eye(4), np.eye(4)]
     for frame in frames:
@@ -330,7 +330,7 @@ def test_mirrors_are_metal_and_colours_are_linear(written: Path, pieces: tuple[P
 
 def test_flat_faces_look_flat(written: Path) -> None:
     block = trimesh.load_scene(written).geometry["block"]
-    # Three of six flat faces meet in each of eight corners: each corner is there once per face.
+    # Three of six flat faces meet at each of eight corners: each corner occurs once per face.
     assert len(block.vertices) == 24
     assert sorted({tuple(normal) for normal in np.round(block.vertex_normals).astype(int).tolist()}) == sorted(
         [(1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1)]
@@ -338,7 +338,7 @@ def test_flat_faces_look_flat(written: Path) -> None:
 
 
 def test_normals_are_units_even_where_a_facet_has_no_area(pieces: tuple[Piece, ...], tmp_path: Path) -> None:
-    # A square of which one side is split by a point on it: one facet is a line.
+    # A square with one side split by a point on it: one facet is degenerate.
     corners = np.array([[0.0, 0.0, 0.0], [9.0, 0.0, 0.0], [9.0, 9.0, 0.0], [0.0, 9.0, 0.0], [4.0, 0.0, 0.0]])
     mesh = trimesh.Trimesh(corners, [[0, 1, 2], [0, 2, 3], [0, 4, 1]], process=False)
     write_glb(tmp_path / "flat.glb", [replace(pieces[0], mesh=mesh)])

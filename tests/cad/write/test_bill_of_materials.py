@@ -1,6 +1,6 @@
-"""The bill of materials: counted and priced right.
+"""The bill of materials: counts and prices.
 
-The three files of a bill of materials: the same, and safe to open.
+The three files of a bill of materials: equal content, and safe to open.
 """
 
 from __future__ import annotations
@@ -139,7 +139,7 @@ def test_a_hostile_name_is_text_in_every_file(
     assert "<img" not in markdown
     page = MarkdownIt("commonmark", {"html": True}).enable("table").render(markdown)
     assert "<img" not in page
-    # The plastic, the camera, and the camera as what has no price.
+    # The plastic, the camera, and the camera among the items without a price.
     assert html.unescape(page).count(name) == 3
     rows = list(csv.reader((tmp_path / "bom.csv").read_text(encoding="utf-8").splitlines()))
     assert [row[2] for row in rows if row[9] == "the camera"] == [f"'{name}"]

@@ -1,4 +1,4 @@
-"""Licence and source of a device: the source that is written gives the same device."""
+"""Licence and source of a device: the written source gives the same device."""
 
 from __future__ import annotations
 

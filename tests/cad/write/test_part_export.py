@@ -1,6 +1,6 @@
-"""Names of faces in STEP files, by the geometry that the file itself gives for each.
+"""Names of faces in STEP files, against the geometry of each face in the file.
 
-Files of a part, read back, and what it weighs, against closed forms.
+Files of a part, read back, and its mass properties, against closed forms.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ def named_planes(text: str) -> dict[str, tuple[FloatArray, FloatArray]]:
 
 
 def plate() -> Part:
-    """A plate 40 x 20 x 5 mm about the origin, with a hole amid it and a groove that halves its upper face."""
+    """A plate 40 x 20 x 5 mm about the origin, with a central hole and a groove that halves its upper face."""
     with BuildPart() as part:
         Box(40.0, 20.0, 5.0)
         Cylinder(2.0, 20.0, mode=Mode.SUBTRACT)
@@ -130,7 +130,7 @@ def test_no_facet_is_further_from_the_part_than_stated(tmp_path: Path, radius_mm
     write_stl(tmp_path / "rod.stl", Cylinder(radius_mm, 20.0))
     mesh = trimesh.load_mesh(tmp_path / "rod.stl")
     flanks = np.abs(mesh.face_normals[:, 2]) < 0.5
-    # Seen along the rod its flank is a chord, furthest from the circle where it is nearest to the axis.
+    # Along the rod its flank is a chord, which is furthest from the circle at its point nearest to the axis.
     nearest = (mesh.face_normals * mesh.triangles_center).sum(axis=1)[flanks]
     assert 0.0 < radius_mm - nearest.min() <= STL_TOLERANCE_MM
 

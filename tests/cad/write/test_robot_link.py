@@ -1,4 +1,4 @@
-"""The robot's description, read back by its XML: masses, frames and files, in the units and axes that ROS expects."""
+"""The robot description, read back from its XML: masses, frames and files, in the units and axes of ROS."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from shapely import Polygon
 from urdf_parser_py.urdf import URDF
 
 from mirrorcam.cad.assembly.device_plan import Device, plan_device
-from mirrorcam.cad.assembly.pieces import Piece, camera_piece, composed, mirror_pieces
+from mirrorcam.cad.assembly.pieces import Piece, camera_piece, combined, mirror_pieces
 from mirrorcam.cad.backs.kinova_gen2 import RingPlan
 from mirrorcam.cad.backs.plan_backs import plan_back
 from mirrorcam.cad.plan.back_table import Gen2Back
@@ -57,7 +57,7 @@ def urdf(folder: Path) -> Element:
 
 
 def pose(origin: Element | None) -> FloatArray:
-    """A URDF pose: metres, and turns about the fixed axes x, y, z, one after the other."""
+    """A URDF pose: metres, and successive rotations about the fixed axes x, y, z."""
     assert origin is not None
     roll, pitch, yaw = (float(turn) for turn in origin.get("rpy", "0 0 0").split())
     about = [Rotation.from_rotvec(angle * axis) for angle, axis in zip((roll, pitch, yaw), np.eye(3), strict=True)]
@@ -66,14 +66,14 @@ def pose(origin: Element | None) -> FloatArray:
 
 
 def attribute(element: Element, child: str, name: str) -> str:
-    """An attribute of a child, which is there."""
+    """An attribute of a child that must exist."""
     found = element.find(child)
     assert found is not None
     return found.attrib[name]
 
 
 def root_from(urdf: Element, link: str) -> FloatArray:
-    """The pose (4, 4), m, of a link in the arm's, by composing the joints on the way."""
+    """The pose (4, 4), m, of a link in the arm's frame, composed from the joints between them."""
     joints = {attribute(joint, "child", "link"): joint for joint in urdf.findall("joint")}
     matrix = np.eye(4)
     while link in joints:
@@ -142,13 +142,13 @@ def test_the_link_stands_on_the_wrist_and_looks_forward(urdf: Element, device: D
     # REP 103: x forward (the rig's y), z up (the rig's z), y left.
     np.testing.assert_allclose(link_from_rig[:3, :3] @ [0.0, 1.0, 0.0], [1.0, 0.0, 0.0], atol=1e-9)
     np.testing.assert_allclose(link_from_rig[:3, :3] @ [0.0, 0.0, 1.0], [0.0, 0.0, 1.0], atol=1e-9)
-    # The arm's fingers, and the scene, are towards its link's -z, and the clamp is 14 mm that way.
+    # The arm's fingers and the scene are towards its link's -z, and the clamp is at z = -14 mm.
     np.testing.assert_allclose(root_from(urdf, "mirrorcam_link")[:3, 3], [0.0, 0.0, -0.014], atol=1e-9)
     np.testing.assert_allclose(root_from(urdf, "mirrorcam_link")[:3, 0], [0.0, 0.0, -1.0], atol=1e-9)
 
 
 def test_mass_and_inertia_are_those_of_all_pieces(urdf: Element, pieces: tuple[Piece, ...]) -> None:
-    body = composed([piece.mass for piece in pieces])
+    body = combined([piece.mass for piece in pieces])
     (inertial,) = urdf.findall("link/inertial")
     assert float(attribute(inertial, "mass", "value")) == pytest.approx(body.mass_g / 1000.0)
     link_from_rig = np.linalg.inv(root_from(urdf, "mirrorcam_link")) @ root_from(urdf, "mirrorcam_camera_optical_frame")
@@ -198,7 +198,7 @@ def test_the_macro_is_the_same_with_its_names_left_open(folder: Path, urdf: Elem
         filled = ElementTree.tostring(element, encoding="unicode").replace("${prefix}", "mirrorcam")
         return ElementTree.canonicalize(filled.replace("${mesh_root}", ".."), strip_text=True)
 
-    # All but the arm's own link and the joint to it, whose origin the caller gives.
+    # All except the arm's own link and the joint to it, with an origin from the caller.
     for ours, theirs in zip(list(macro)[1:], list(urdf)[2:], strict=True):
         assert plain(ours).replace(' xmlns:xacro="http://www.ros.org/wiki/xacro"', "") == plain(theirs)
 
@@ -213,7 +213,7 @@ def test_the_same_device_gives_the_same_bytes(
 
 
 def test_a_hull_is_closed_though_a_face_is_flat_but_for_rounding() -> None:
-    """Corners of a holder's cut face, as an STL rounds them, and two behind it."""
+    """Corners of a holder's cut face, rounded as in an STL file, and two corners behind it."""
     points = [
         (-1.9913226424250752e-05, 21.540422439575195, 226.02523803710938),
         (-1.9085578969679773e-05, 115.0848617553711, 292.2449035644531),
@@ -228,7 +228,7 @@ def test_a_hull_is_closed_though_a_face_is_flat_but_for_rounding() -> None:
     hull = hull_of(trimesh.Trimesh(np.array(points), [(i, i + 1, i + 2) for i in range(7)], process=False))
     assert hull.is_volume
     assert hull.is_convex
-    # The face and the corner furthest from it span a pyramid, which the other lies beyond.
+    # The face and its furthest corner span a pyramid; the other corner is outside it.
     base = Polygon([point[1:] for point in points[:7]]).convex_hull.area
     assert hull.volume > base * 164.529 / 3.0
 

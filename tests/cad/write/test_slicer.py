@@ -1,6 +1,6 @@
-"""Print profiles: the same settings for every slicer, and those that times and masses are measured with.
+"""Print profiles: the same settings for every slicer as for the stated times and masses.
 
-What PrusaSlicer says of parts whose answer is known, and how its files are read.
+PrusaSlicer's verdict on parts with known answers, and the reader of its files.
 """
 
 from __future__ import annotations
@@ -94,7 +94,7 @@ def test_the_other_family_of_slicers_gets_the_same_numbers() -> None:
     assert settings["wall_loops"] == SETTINGS["perimeters"]
     assert settings["sparse_infill_density"] == SETTINGS["fill_density"]
     assert settings["enable_support"] == "0"
-    # Each with its counterpart in PrusaSlicer's names, and none besides.
+    # Each with its counterpart in PrusaSlicer's names, and no others.
     numbers = {"layer_height", "first_layer_height", *(name for name in SETTINGS if name.endswith("_speed"))}
     assert sorted(settings[name] for name, kind in ORCA_TYPES.items() if kind == "float") == sorted(
         SETTINGS[name] for name in numbers - {"small_perimeter_speed"}
@@ -114,7 +114,7 @@ def test_orca_slicer_imports_it_as_a_process() -> None:
     settings = json.loads(orca_profile())
     assert settings[ORCA_PROCESS] == settings["name"]
     assert re.fullmatch(ORCA_VERSION, settings["version"])
-    # These would make it a printer or a plastic, or have it stand on a preset which not everybody has.
+    # These would make it a printer or a plastic, or depend on a preset that not everybody has.
     others = {"printer_settings_id", "filament_settings_id", "inherits", "compatible_printers"}
     assert settings.keys().isdisjoint(others)
 
@@ -151,7 +151,7 @@ def test_without_a_slicer_nothing_is_said(block_3mf: Path, monkeypatch: pytest.M
 
 @installed
 def test_a_block_slices_to_between_its_shell_and_its_volume(block_3mf: Path) -> None:
-    """18 cm3 of PLA are 22.3 g; with an infill of 20 % it weighs more than a fifth of that."""
+    """18 cm3 of PLA are 22.3 g; with an infill of 20 % the mass is more than a fifth of that."""
     assert (slicer_version() or "").startswith("PrusaSlicer")
     checks = check_slicing(block_3mf, PRINTER)
     assert all(check.passed for check in checks.values())
@@ -174,14 +174,14 @@ def box(x: float, y: float, z: float, *at: float) -> manifold3d.Manifold:
 
 
 def leaning(lean_deg: float) -> manifold3d.Manifold:
-    """A block of 10 x 20 x 10 mm, whose side at large x leans outwards."""
+    """A block of 10 x 20 x 10 mm with a side at large x that leans outwards."""
     reach = 10.0 * np.tan(np.radians(lean_deg))
     section = manifold3d.CrossSection([[(0.0, 0.0), (10.0, 0.0), (10.0 + reach, 10.0), (0.0, 10.0)]])
     return section.extrude(20.0).rotate((90.0, 0.0, 0.0)).translate((0.0, 20.0, 0.0))
 
 
 def write_shape(solid: manifold3d.Manifold, block: PartPlan, folder: Path) -> Path:
-    """A 3MF file of a shape as it stands."""
+    """A 3MF file of a shape in its orientation."""
     mesh = solid.to_mesh64()
     stl, path = folder / "shape.stl", folder / "shape.3mf"
     trimesh.Trimesh(np.array(mesh.vert_properties)[:, :3], np.array(mesh.tri_verts)).export(stl)
@@ -224,7 +224,7 @@ def test_the_slicer_says_the_same_however_a_part_is_turned(
 @pytest.mark.slow
 @installed
 def test_a_holder_for_captive_nuts_needs_no_support(default_layout: Layout, tmp_path: Path) -> None:
-    """Where walls end over the slots that nuts slide in by, nothing hangs."""
+    """Walls that end over the slots for nuts do not overhang."""
     hardware = HARDWARE.replaced(screw=HARDWARE.screw.replaced(kind="nut"))
     parts = parts_of(plan_device(default_layout, hardware))
     (holder,) = (part for part in parts if part.name == "mirror_holder")

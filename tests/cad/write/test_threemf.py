@@ -1,6 +1,6 @@
 """3MF files, read back by lib3mf in strict mode and sliced.
 
-Print plates: every part once, within the bed and apart, in projects whose settings a slicer takes.
+Print plates: every part once, within the bed and apart, in projects with settings that a slicer accepts.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from mirrorcam.cad.write.threemf import (
     Plate,
     body_on_bed,
     check_plates,
-    lying,
+    on_bed,
     plan_plates,
     write_3mf,
     write_plates,
@@ -84,7 +84,7 @@ def test_it_lies_as_it_prints_amid_the_bed(written: Path) -> None:
     assert body.IsManifoldAndOriented()
     assert body.GetTriangleCount() == 12
     placed = item.GetOutbox()
-    # The box of 60 x 30 x 10 stands on its 60 x 10 side.
+    # The box of 60 x 30 x 10 mm is on its 60 x 10 mm side.
     size = np.array(list(placed.MaxCoordinate)) - np.array(list(placed.MinCoordinate))
     np.testing.assert_allclose(size, [60.0, 10.0, 30.0], atol=1e-4)
     np.testing.assert_allclose(list(placed.MinCoordinate), [BED[0] / 2 - 30.0, BED[1] / 2 - 5.0, 0.0], atol=1e-4)
@@ -140,18 +140,18 @@ def test_the_same_part_gives_the_same_bytes_and_another_other_ids(
 def test_a_part_turns_where_only_that_fits(block: PartPlan) -> None:
     points = np.array([[0.0, 0.0, 0.0], [200.0, 20.0, 90.0]])
     narrow = HARDWARE.printer.replaced(bed_mm=(100.0, 250.0, 250.0))
-    np.testing.assert_allclose(np.ptp(lying(points, block, narrow), axis=0), [90.0, 200.0, 20.0])
-    np.testing.assert_allclose(np.ptp(lying(points, block, HARDWARE.printer), axis=0), [200.0, 90.0, 20.0])
-    # What fits neither way is left as it lies.
+    np.testing.assert_allclose(np.ptp(on_bed(points, block, narrow), axis=0), [90.0, 200.0, 20.0])
+    np.testing.assert_allclose(np.ptp(on_bed(points, block, HARDWARE.printer), axis=0), [200.0, 90.0, 20.0])
+    # A part that fits in neither orientation is not rotated.
     small = HARDWARE.printer.replaced(bed_mm=(50.0, 60.0, 250.0))
-    np.testing.assert_allclose(np.ptp(lying(points, block, small), axis=0), [200.0, 90.0, 20.0])
+    np.testing.assert_allclose(np.ptp(on_bed(points, block, small), axis=0), [200.0, 90.0, 20.0])
 
 
 def test_a_turn_is_not_a_mirror_image(block: PartPlan) -> None:
     points = np.array([[0.0, 0.0, 0.0], [200.0, 0.0, 0.0], [0.0, 0.0, 90.0], [0.0, 20.0, 0.0]])
     narrow = HARDWARE.printer.replaced(bed_mm=(100.0, 250.0, 250.0))
     for printer in (HARDWARE.printer, narrow):
-        edges = np.diff(lying(points, block, printer), axis=0)
+        edges = np.diff(on_bed(points, block, printer), axis=0)
         before = np.diff(points, axis=0)
         assert np.linalg.det(edges) == pytest.approx(np.linalg.det(before))
 
@@ -221,10 +221,10 @@ def test_a_project_holds_the_settings(block: PartPlan, built_block: BuiltPart, t
 
 
 def test_a_project_is_plain_geometry_to_other_slicers(block: PartPlan, built_block: BuiltPart, tmp_path: Path) -> None:
-    """What the reader of OrcaSlicer 2.2.0 goes by (commit 1088d0a6c713, src/libslic3r/Format/bbs_3mf.cpp).
+    """The criteria of the reader of OrcaSlicer 2.2.0 (commit 1088d0a6c713, src/libslic3r/Format/bbs_3mf.cpp).
 
-    It takes every relationship of a type that begins and ends as below as a model, and a file as its own, with settings
-    in places of their own, where the metadata name it as the application.
+    It reads every relationship of a type that starts and ends as below as a model. A file whose metadata name it as the
+    application is read as its own, with settings in its own paths.
     """
     (tmp_path / "parts").mkdir()
     parts = [replace(block, name=f"block_{number}") for number in range(2)]

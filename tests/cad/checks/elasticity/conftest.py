@@ -1,4 +1,4 @@
-"""What tests of finite elements share: small solids, and whether the extra `fe` is installed."""
+"""Fixtures of the finite element tests: small solids, and skips without the extra `fe`."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from mirrorcam.optics.geometry.layout import Layout
 
 @pytest.fixture
 def gmsh() -> str:
-    """The program gmsh; skips the test where it is not installed."""
+    """The program gmsh; skips the test if it is not installed."""
     program = gmsh_program()
     if program is None:
         pytest.skip("gmsh is not installed (extra fe), or does not start")
@@ -24,7 +24,7 @@ def gmsh() -> str:
 
 @pytest.fixture
 def bar() -> Tetrahedra:
-    """A bar of 60 x 6 x 6 mm along x from the origin; skips the test where scikit-fem is not installed."""
+    """A bar of 60 x 6 x 6 mm along x from the origin; skips the test if scikit-fem is not installed."""
     if find_spec("skfem") is None:
         pytest.skip("scikit-fem is not installed (extra fe)")
     from skfem import MeshTet
@@ -39,9 +39,9 @@ def _same(layout: Layout, motion: FloatArray) -> dict[str, FloatArray]:
 
 @pytest.fixture
 def turning(default_layout: Layout) -> DeviceMotions:
-    """A device whose mirrors turn about x by 1 mrad for gravity along z, all about the pupil, at 1000 MPa and 1 g/cm3.
+    """A device with mirrors that rotate about x through the pupil by 1 mrad under gravity along z (1000 MPa, 1 g/cm3).
 
-    Of that, half is by the plastic's own weight. Warmth moves them apart, by their strain.
+    Half of the rotation is due to the weight of the plastic. Warmth moves the mirrors apart by their strain.
     """
     weight, strain, still = {}, {}, np.zeros(6)
     for name, mirror in zip(default_layout.mirror_names, default_layout.mirrors, strict=True):

@@ -26,7 +26,7 @@ def test_without_strain_there_is_no_force_and_all_weight_reaches_the_screws(bar:
     assert np.abs(condensed.stiffness @ rigid).max() < 1e-8 * np.abs(condensed.stiffness).max()
     weight = condensed.forces[:, :3].reshape(2, 6, 3)[:, :3].sum(axis=0)
     np.testing.assert_allclose(weight, LENGTH * AREA * np.eye(3), atol=1e-6)
-    # Cradle at both ends, it pushes by E A e on each.
+    # Fixed at both ends, it exerts E A e on each.
     push = condensed.forces[:, 6].reshape(2, 6)[:, 0]
     np.testing.assert_allclose(push, [-AREA, AREA], rtol=0.06)
 
@@ -36,7 +36,7 @@ def test_a_bar_is_timoshenkos_cantilever(bar: Tetrahedra) -> None:
     condensed = solid.condensed(ends(solid), np.array([FIRST, LAST]), {})
     free = np.linalg.inv(condensed.stiffness[6:, 6:])
     shear = 1.0 / (2.0 * (1.0 + POISSON)) * 5.0 / 6.0 * AREA
-    # Its rigid ends do not narrow, which makes it a little stiffer.
+    # Its rigid ends do not contract, which makes it slightly stiffer.
     assert free[0, 0] == pytest.approx(LENGTH / AREA, rel=0.05)
     for axis in (1, 2):
         assert free[axis, axis] == pytest.approx(LENGTH**3 / 3.0 / INERTIA + LENGTH / shear, rel=0.03)
@@ -52,18 +52,18 @@ def test_what_it_carries_sinks_and_goes_with_its_expansion(bar: Tetrahedra) -> N
     condensed = solid.condensed([first], FIRST[None], {"mass": Carried(last, LAST, 2.0, beyond)})
     by_loads = condensed.by_loads["mass"]
     assert by_loads.shape == (6, LOADS)
-    # A weight of 2 N, 10 mm beyond the end: a force and a moment there.
+    # A weight of 2 N, 10 mm past the end: a force and a moment there.
     assert by_loads[2, 5] == pytest.approx(2.0 * (LENGTH**3 / 3.0 + 10.0 * LENGTH**2 / 2.0) / INERTIA, rel=0.02)
     assert by_loads[4, 5] == pytest.approx(-2.0 * (LENGTH**2 / 2.0 + 10.0 * LENGTH) / INERTIA, rel=0.02)
     # Its own weight: a uniform load.
     assert by_loads[2, 2] == pytest.approx(AREA * LENGTH**4 / 8.0 / INERTIA, rel=0.02)
     np.testing.assert_allclose(by_loads[:3, 6], [LENGTH, 0.0, 0.0], atol=0.02 * LENGTH)
-    # It goes with the screw as a rigid body.
+    # It follows the screw as a rigid body.
     np.testing.assert_allclose(condensed.by_screws["mass"][:3], rigid_motions((LAST - FIRST)[None]), atol=1e-6)
 
 
 def test_loads_in_any_direction_are_sums(bar: Tetrahedra) -> None:
-    """Of an oblique gravity, solved at once by all the elements: turned axes give turned motions."""
+    """For oblique gravity, solved directly with all elements: rotated axes give rotated motions."""
     solid = Solid(bar)
     gravity = np.array([0.36, -0.48, 0.8])
     across = np.array([0.8, 0.6, 0.0])
@@ -89,13 +89,13 @@ def test_screws_that_hold_too_little_or_the_same_are_refused(bar: Tetrahedra) ->
 def test_a_stiff_strip_glued_to_a_bar_stretches_it_as_volkersen_says(bar: Tetrahedra) -> None:
     """A rigid strip that expands by e under a bar, in glue of k N/mm3: E A u'' = k b (u - e x), free at both ends.
 
-    Hence u = e (x - sinh(l x) / (l cosh(l L / 2))), l^2 = k b / (E A), of x from the middle. Normal to the strip the
+    Hence u = e (x - sinh(l x) / (l cosh(l L / 2))), l^2 = k b / (E A), with x from the middle. Normal to the strip the
     glue holds the bar flat. The bar's own shear, h / 3 G, is in series with it.
     """
     solid, strain, stiff = Solid(bar), 1e-3, 0.02
     middle = np.array([LENGTH / 2.0, 0.0, 0.0])
     under = np.flatnonzero(np.abs(solid.nodes[:, 1]) < 1e-6)
-    # Even glue on the quadratic nodes: those of the edge have half the share, of the corner a quarter.
+    # Uniform glue on the quadratic nodes: half the share for nodes on an edge, a quarter at corners.
     share = np.ones(len(under))
     for axis, end in ((0, LENGTH), (2, SIDE)):
         share *= np.where((solid.nodes[under, axis] < 1e-6) | (solid.nodes[under, axis] > end - 1e-6), 0.5, 1.0)
@@ -107,7 +107,7 @@ def test_a_stiff_strip_glued_to_a_bar_stretches_it_as_volkersen_says(bar: Tetrah
         "end": Carried(ends_at[1], LAST, 0.0, LAST),
         "other": Carried(ends_at[0], FIRST, 0.0, FIRST),
     }
-    # In one plane across the bar, which may grow to both sides.
+    # In one plane across the bar, which can expand to both sides.
     in_middle = np.abs(solid.nodes[:, 0] - LENGTH / 2.0) < 1e-6
     held = np.flatnonzero(in_middle & (np.linalg.norm(solid.nodes[:, 1:] - 3.0, axis=1) < 1.6))
     condensed = solid.condensed([held], np.array([[LENGTH / 2.0, 3.0, 3.0]]), carried)
@@ -116,7 +116,7 @@ def test_a_stiff_strip_glued_to_a_bar_stretches_it_as_volkersen_says(bar: Tetrah
     rate = np.sqrt(in_series * SIDE / AREA)
     half = rate * LENGTH / 2.0
     assert longer == pytest.approx(strain * LENGTH * (1.0 - np.tanh(half) / half), rel=0.02)
-    # Where both expand alike, the glue is not strained: the bar grows by as much.
+    # If both expand equally, the glue is not strained, and the bar expands by as much.
     alike = [condensed.by_loads[name][0, 6:].sum() for name in ("end", "other")]
     assert alike[0] - alike[1] == pytest.approx(LENGTH, rel=0.01)
 

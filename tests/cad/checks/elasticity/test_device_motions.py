@@ -1,6 +1,6 @@
-"""The table of plastics: what any plastic obeys, and names that it has not.
+"""The table of plastics: bounds for every plastic, and unknown names.
 
-The whole device by finite elements: against laws of statics, and the mount's stated tilt.
+The complete device by finite elements: laws of statics, and the planned tilt of the mount.
 """
 
 from __future__ import annotations
@@ -58,19 +58,19 @@ def test_motions_of_a_plastic_are_sums_of_parts(default_layout: Layout, turning:
 
 
 def test_a_device_tilted_any_way_moves_as_the_sum_of_three_directions(bar: Tetrahedra) -> None:
-    """Two bars tied by a screw, with a camera and a glued mirror, solved once more as they are tilted."""
+    """Two bars tied by a screw, with a camera and a glued mirror, solved again with the bars tilted."""
     gravity = np.array([0.36, -0.48, 0.8])
     across = np.array([0.8, 0.6, 0.0])
     turn = np.column_stack([gravity, across, np.cross(gravity, across)])
     upright = _tied_bars(bar, np.eye(3)).under_gravity(2000.0, 1.2)["mirror"] @ gravity
-    # In axes whose first is that of gravity.
+    # In axes with gravity along the first.
     tilted = _tied_bars(bar, turn).under_gravity(2000.0, 1.2)["mirror"][:, 0]
     assert np.linalg.norm(upright[3:]) > 0.0
     np.testing.assert_allclose(np.kron(np.eye(2), turn) @ tilted, upright, rtol=1e-6, atol=1e-9)
 
 
 def _tied_bars(bar: Tetrahedra, turn: FloatArray) -> DeviceMotions:
-    """One bar ends on the ground, the other stands beyond its end; both in axes that are the columns of `turn`."""
+    """One bar is fixed to the ground, the other continues it; the columns of `turn` are their axes."""
     solids = [Solid(Tetrahedra((bar.points + offset) @ turn, bar.corners)) for offset in (np.zeros(3), LAST - FIRST)]
     first, last = (np.flatnonzero(np.abs(Solid(bar).nodes[:, 0] - x) < 1e-6) for x in (0.0, LAST[0]))
     at = np.array([FIRST, LAST]) @ turn
@@ -92,7 +92,7 @@ def solved(device: Device) -> DeviceMotions:
 
 @pytest.mark.slow
 def test_where_all_expands_alike_the_device_only_grows(device: Device, solved: DeviceMotions, gmsh: str) -> None:
-    """Mirrors move off the camera by the strain, but for where it rests, and do not turn."""
+    """Mirrors move away from the camera by the strain, without rotation, except where the camera rests."""
     for name, mirror in zip(device.layout.mirror_names, device.layout.mirrors, strict=True):
         motion = solved.of_strain(1e-3, 1e-3, 1e-3)[name]
         middle = mirror.rig_from_plane[:3, 3]

@@ -1,4 +1,4 @@
-"""Errors in degrees and pixels of motions that are known, and the robot's table of them.
+"""Errors of known motions in degrees and pixels, and the robot's table of these motions.
 
 The files of `cad --elastic`: a table of plastics with a recommendation, and the robot's table.
 """
@@ -16,13 +16,13 @@ from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.checks.elasticity import elasticity_report
 from mirrorcam.cad.checks.elasticity.device_motions import PLASTICS, DeviceMotions, Plastic
 from mirrorcam.cad.checks.elasticity.elasticity_report import (
-    LEFT_BY_TABLE,
-    WARMER_K,
+    RESIDUAL_OF_TABLE,
+    RISE_K,
     all_errors,
     errors_of,
     figures,
     gravity_table,
-    part_of_limits,
+    largest_of_limits,
     recommended,
     require_solvable,
     write_elasticity,
@@ -38,12 +38,12 @@ PLAIN = Plastic("plain", 1000.0, 1.0, 50e-6, 60.0, 0.5, 0.0, "of this test")
 def test_a_turn_of_all_mirrors_moves_all_images_alike(default_layout: Layout, turning: DeviceMotions) -> None:
     errors = errors_of(default_layout, turning, 500.0, PLAIN)
     assert errors.gravity.deg == pytest.approx(np.degrees(1e-3))
-    # Mirrors double a turn; at the edges of the picture the tangent is longer.
+    # A mirror doubles a rotation; pixels are larger in angle at the edges of the picture.
     straight = 2e-3 * default_layout.camera.fy_px
     assert 0.8 * straight < errors.gravity.px < 1.8 * straight
     assert errors.gravity.apart_px < 0.02 * errors.gravity.px
     assert errors.creep == errors.gravity.times(0.5)
-    assert errors.corrected == errors.gravity.times(LEFT_BY_TABLE)
+    assert errors.corrected == errors.gravity.times(RESIDUAL_OF_TABLE)
 
 
 def test_modulus_and_density_act_as_in_closed_form(default_layout: Layout, turning: DeviceMotions) -> None:
@@ -57,12 +57,12 @@ def test_modulus_and_density_act_as_in_closed_form(default_layout: Layout, turni
 
 
 def test_warmth_scales_the_device_and_turns_nothing(default_layout: Layout, turning: DeviceMotions) -> None:
-    """A point seen at a depth moves as if it were nearer by the strain, of which the parallax tells."""
+    """A point at a depth appears nearer by the strain, through its parallax."""
     warmth = errors_of(default_layout, turning, 500.0, PLAIN).warmth
     assert warmth.deg == 0.0
     centres = default_layout.virtual_centres_in_rig_mm
     farthest = np.linalg.norm(centres, axis=1).max()
-    assert 0.0 < warmth.px < 3.0 * WARMER_K * 50e-6 * farthest / 400.0 * default_layout.camera.fx_px
+    assert 0.0 < warmth.px < 3.0 * RISE_K * 50e-6 * farthest / 400.0 * default_layout.camera.fx_px
 
 
 def test_the_robots_table_moves_a_layout_as_the_motions_say(default_layout: Layout, turning: DeviceMotions) -> None:
@@ -106,19 +106,19 @@ def test_figures_fail_past_their_limits(default_layout: Layout, turning: DeviceM
     assert not figures(large)["elastic.gravity_apart_px"].passed
     small = replace(errors, gravity=replace(errors.gravity, apart_px=0.09))
     assert figures(small)["elastic.gravity_apart_px"].passed
-    assert part_of_limits(large) == pytest.approx(1.1)
+    assert largest_of_limits(large) == pytest.approx(1.1)
     for name in ("gravity", "warmth", "creep"):
         turned = replace(small, **{name: replace(getattr(small, name), deg=0.051)})
         failed = {name for name, figure in figures(turned).items() if not figure.passed}
         assert failed == {f"elastic.{'10_k' if name == 'warmth' else name}_deg"}
-        assert part_of_limits(turned) == pytest.approx(1.02)
+        assert largest_of_limits(turned) == pytest.approx(1.02)
 
 
 def test_the_plastic_that_moves_images_least_is_recommended_unless_it_swells(
     default_layout: Layout, turning: DeviceMotions
 ) -> None:
     errors = all_errors(default_layout, turning, 500.0)
-    named = {each.plastic.name: part_of_limits(each) for each in errors}
+    named = {each.plastic.name: largest_of_limits(each) for each in errors}
     chosen = recommended(errors)
     assert chosen != "PA-CF"
     assert named[chosen] == min(share for name, share in named.items() if name != "PA-CF")

@@ -1,4 +1,4 @@
-"""Meshes by gmsh: the volume of what was meshed, its text format, and refusals in one line."""
+"""Meshes by gmsh: the volume of the solid, the text format, and errors in one line."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def test_without_gmsh_the_extra_is_named(monkeypatch: pytest.MonkeyPatch, tmp_pa
 
 
 def test_a_gmsh_that_does_not_start_counts_as_none(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """As where a library of the system is missing."""
+    """For example without a library of the system."""
     broken = tmp_path / "gmsh"
     broken.write_text("#!/bin/sh\nexit 127\n")
     broken.chmod(0o755)
