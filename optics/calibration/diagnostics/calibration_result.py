@@ -162,7 +162,7 @@ def fit_metrics(observations: Observations, solution: Solution) -> dict[str, Met
         "corners": Metric(value=len(used), unit="1"),
         "outliers": Metric(value=int((~solution.inliers).sum()), unit="1"),
         "sigma_px": Metric(value=solution.sigma_px, unit="px"),
-        **({"residual_scale": Metric(value=solution.scale, unit="1")} if observations.scattered else {}),
+        **({"residual_scale": Metric(value=solution.scale, unit="1")} if observations.has_sigmas else {}),
         "iterations": Metric(value=solution.iterations, unit="1"),
     }
     for view in np.unique(observations.view):

@@ -122,7 +122,7 @@ def _rms(parts: list[FloatArray]) -> float:
 
 def reference_of(observations: Observations, layout: Layout) -> int:
     """The direct view if a frame shows its board both directly and in a mirror, else the central mirror's view."""
-    return DIRECT if observations.both_ways else layout.central_index
+    return DIRECT if observations.direct_and_mirrored else layout.central_index
 
 
 def diagnose(

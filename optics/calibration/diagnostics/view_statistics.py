@@ -116,7 +116,7 @@ def _rms(residuals: FloatArray) -> FloatArray:
 def _name(calibration: Calibration, view: int) -> str:
     if view != DIRECT:
         return f"mirror {calibration.layout.mirror_names[view]}"
-    return "direct view" if calibration.observations.both_ways else "bare camera"
+    return "direct view" if calibration.observations.direct_and_mirrored else "bare camera"
 
 
 def _cells(outline: FloatArray) -> FloatArray:

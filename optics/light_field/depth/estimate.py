@@ -169,7 +169,7 @@ class DepthEstimator:
         reference, others = pictures[0], pictures[1:]
         own_grey = reference.grey
         gains = self._run(lambda other: first_gain(other.grey, own_grey), others)
-        others = [other.brighter(gain) for other, gain in zip(others, gains, strict=True)]
+        others = [other.multiplied(gain) for other, gain in zip(others, gains, strict=True)]
         found, others = self._searched(reference, others)
         planes = follow_edges(found.cheapest.planes, reference.colours, JUMP_PX / self._full.sweep.reach_px, self._run)
         own, *gradients = self._run(lambda each: GradientPicture.of(each.brightness, each.seen), [reference, *others])
@@ -182,7 +182,7 @@ class DepthEstimator:
         size, *larger = self._sizes
         found = search(size, reference, others, self._run, rounds=self._effort.slanted_rounds)
         gains = self._gains(reference, others, self._full.enlarged(found, size).planes)
-        others = [other.brighter(gain) for other, gain in zip(others, gains, strict=True)]
+        others = [other.multiplied(gain) for other, gain in zip(others, gains, strict=True)]
         if self._effort.with_occlusion:
             found = search(size, reference, others, self._run, known=found)
         everywhere = self._full.enlarged(found, size).rivals
