@@ -24,7 +24,7 @@ from mirrorcam.optics.calibration.detection.detect_boards import detect_frames
 from mirrorcam.optics.calibration.detection.detections import DetectedFrame
 from mirrorcam.optics.calibration.detection.frame_choice import most_informative
 from mirrorcam.optics.calibration.detection.joint_numbering import number_jointly
-from mirrorcam.optics.calibration.detection.other_boards import MOST_PICTURES, other_board
+from mirrorcam.optics.calibration.detection.other_boards import MAX_PICTURES, other_board
 from mirrorcam.optics.calibration.detection.segmentation import Extremes
 from mirrorcam.optics.calibration.diagnostics.board_scale import other_size
 from mirrorcam.optics.calibration.diagnostics.calibration_result import (
@@ -42,7 +42,7 @@ UPSIDE_DOWN = (
     "the pictures fit the layout only when they are turned by 180 deg: the camera is upside down in the device, or its "
     "pictures were turned; turn all of them"
 )
-MOST_KEPT = 24  # arrays kept from an iterator, so that memory use stays bounded
+MAX_KEPT = 24  # arrays kept from an iterator, so that memory use stays bounded
 
 
 def calibrate(
@@ -197,7 +197,7 @@ class PictureReader:
             Pixel-wise extremes of the pictures through the mirrors so far.
         mirrored
             The pictures through the mirrors so far. None replaces a damaged one, and an array from an iterator once
-            `MOST_KEPT` arrays are kept.
+            `MAX_KEPT` arrays are kept.
     """
 
     def __init__(self, camera: Camera) -> None:
@@ -221,18 +221,18 @@ class PictureReader:
             yield grey
             # The caller asks for the next picture only after it accepted this one's size.
             if mirrored:
-                keep = held or isinstance(picture, Path) or self._arrays < MOST_KEPT
+                keep = held or isinstance(picture, Path) or self._arrays < MAX_KEPT
                 self._arrays += not isinstance(picture, Path)
                 self.mirrored.append(picture if grey is not None and keep else None)
             if grey is None:
                 continue
             if mirrored:
                 self.extremes.add(grey)
-            if len(self._first[mirrored]) < MOST_PICTURES:
+            if len(self._first[mirrored]) < MAX_PICTURES:
                 self._first[mirrored].append(grey)
 
     def first(self, *, mirrored: bool) -> Sequence[Grey]:
-        """The first pictures through the mirrors or without them, at most `MOST_PICTURES`."""
+        """The first pictures through the mirrors or without them, at most `MAX_PICTURES`."""
         return self._first[mirrored]
 
     def refuse_other_board(self, target: Target, *, seen: bool, base: bool, fits: bool) -> None:

@@ -41,9 +41,9 @@ BEYOND = 1.02
 # cv2.remap accepts no table or image side of 2**15 - 1 px or more.
 LONGEST_TABLE_SIDE = 2**15 - 2
 NOWHERE_PX = -2.0
-LEAST_SHARE = 1.0 / 3.0
+MIN_SHARE = 1.0 / 3.0
 """Share of the pupil below which a pixel is left out: brightening it would amplify the noise too much."""
-MOST_CROSSTALK = 0.01
+MAX_CROSSTALK = 0.01
 """Largest share of the pupil that may see another mirror."""
 POINTS_AT_ONCE = 2**16
 
@@ -337,8 +337,8 @@ def pupil_sources(
     """Return the sensor positions (..., 2) of points (..., 3) in rig, mm, in a mirror, and its shares (...) of the
     pupil.
 
-    The share is 0 if the point is left out: the mirror fills less than `LEAST_SHARE` within `margin_px`, or another
-    mirror more than `MOST_CROSSTALK`.
+    The share is 0 if the point is left out: the mirror fills less than `MIN_SHARE` within `margin_px`, or another
+    mirror more than `MAX_CROSSTALK`.
     """
     points = points_in_rig.reshape(-1, 3)
     parts = [
@@ -370,7 +370,7 @@ def _pupil_sources(
         candidates = np.flatnonzero(share)
         candidates = candidates[_near(other, pupil, normalized[candidates])]
         crosstalk = disc_part(clear_aperture(other, normalized[candidates], pupil.focus_mm), pupil.radius_mm).share
-        share[candidates[crosstalk > MOST_CROSSTALK]] = 0.0
+        share[candidates[crosstalk > MAX_CROSSTALK]] = 0.0
     return pixels, share.astype(np.float32)
 
 
@@ -390,7 +390,7 @@ def _vignetted(
     margin_mm = margin_px * _mm_per_px(mirror, camera, normalized)
     shrunk = HalfPlanes(planes.direction, planes.distance - margin_mm)
     share_within_margin = disc_part(shrunk, pupil.radius_mm).share
-    return normalized, np.where(share_within_margin >= LEAST_SHARE, share, 0.0)
+    return normalized, np.where(share_within_margin >= MIN_SHARE, share, 0.0)
 
 
 def _mm_per_px(mirror: Mirror, camera: Camera, normalized: FloatArray) -> FloatArray:

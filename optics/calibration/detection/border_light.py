@@ -40,7 +40,7 @@ BLUR_PX = 1.2
 ON_BOARD = 0.15
 """Distance inside the print's border, in squares, from which the print at a ray's hit is known."""
 
-LARGEST_RADIUS_MM = 3.0
+MAX_RADIUS_MM = 3.0
 """Distance of a mirror from a ray, in the plane of the pupil, beyond which it adds no light."""
 
 MIN_FRAMES = 6
@@ -153,7 +153,7 @@ def _border(layout: Layout, apertures: Sequence[Mirror | None], index: int, edge
         for other in apertures
     ]
     neighbour = int(np.argmax(near))
-    return Border(index, aperture, pixels, out_px, neighbour if near[neighbour] > -LARGEST_RADIUS_MM else None)
+    return Border(index, aperture, pixels, out_px, neighbour if near[neighbour] > -MAX_RADIUS_MM else None)
 
 
 def _inside_mm(mirror: Mirror, normalized: FloatArray, focus_mm: float) -> FloatArray:
@@ -202,7 +202,7 @@ class _Rays:
             return cls(own, own, np.ones(normalized.shape[:2], dtype=bool))
         neighbour = layout.mirrors[border.neighbour]
         inside_mm = _inside_mm(neighbour, normalized.reshape(-1, 2), layout.camera.focus_mm)
-        alone = ~(inside_mm > -LARGEST_RADIUS_MM).reshape(normalized.shape[:2])
+        alone = ~(inside_mm > -MAX_RADIUS_MM).reshape(normalized.shape[:2])
         return cls(own, _beyond(layout, neighbour, normalized), alone)
 
 

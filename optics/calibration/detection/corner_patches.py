@@ -27,7 +27,7 @@ HALF_GAPS = 0.76  # and in gaps of an AprilGrid: patches of corners across a gap
 MAX_HALF_PX = 14.0  # limit of the half side: in large cells, the outer part adds little
 SAMPLES, FEW_SAMPLES = 17, 9  # along each side of the patch: for the fine and the rough refinement
 MODULATION = 0.8  # (white - black) / (white + black), if a picture shows no print
-LEAST_MODULATION, MOST_MODULATION = 0.3, 0.95  # the latter for ink that reflects 1/40 as much as paper
+MIN_MODULATION, MAX_MODULATION = 0.3, 0.95  # the latter for ink that reflects 1/40 as much as paper
 NEAR_VARIANCE = 0.6  # of the Gaussian weight about a corner, in squared half sides of the patch
 # Terms of a patch's model: level, two slopes, contrast, edge creep, blur, shift, motion blur, ghost images.
 CONTRAST, BLUR, SHIFT, GHOSTS = 3, 5, slice(6, 8), slice(10, None)
@@ -254,7 +254,7 @@ def _modulation(value: Image, seen: Image, near: Image) -> float:
     shown = (contrast > 0.0) & (level > 0.0)
     if not shown.any():
         return MODULATION
-    return float(np.clip(np.median(contrast[shown] / level[shown]), LEAST_MODULATION, MOST_MODULATION))
+    return float(np.clip(np.median(contrast[shown] / level[shown]), MIN_MODULATION, MAX_MODULATION))
 
 
 def _ghosts(

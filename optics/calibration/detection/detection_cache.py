@@ -20,7 +20,7 @@ from mirrorcam.optics.geometry.targets import Target
 FIELDS = ("view", "corner", "pixels", "sigma_px")
 UNASSIGNED = "unassigned"
 GRIDS = ("grid_mirror", "grid_of", "grid_places", "grid_pixels", "grid_sigma_px", "grid_limits")
-MOST_BYTES = 10_000_000
+MAX_BYTES = 10_000_000
 """Largest size of a file; a corner takes 40 bytes."""
 
 
@@ -42,7 +42,7 @@ def load(results: Results, name: str, *, views: int, corners: int) -> DetectedFr
     cached = results.get(name, program_of(CODE))
     try:
         content = io.BytesIO(b"" if cached is None else cached[_FRAME])
-        if sum(each.file_size for each in zipfile.ZipFile(content).infolist()) > MOST_BYTES:
+        if sum(each.file_size for each in zipfile.ZipFile(content).infolist()) > MAX_BYTES:
             return None
         with np.load(content, allow_pickle=False) as file:
             view, corner, pixels, sigma_px = (np.asarray(file[field]) for field in FIELDS)

@@ -66,14 +66,14 @@ COMPLETE = 2  # largest number of passes of a ghost image that must be complete;
 MARGIN_PX = 2.0
 EDGE_POINTS = 8  # along each edge of an outline, which lens distortion curves
 FEW = 60  # corners of a view that determine its blur and strengths
-MOST_FRAMES = 4  # that determine the encoding and the strengths
+MAX_FRAMES = 4  # that determine the encoding and the strengths
 MIN_CORNERS_FOR_STRENGTH = 40  # with fewer in total, the strengths are those of Fresnel's equations
 ROUNDS = 2  # of estimating strengths and blur: a wrong blur resembles stronger ghost images
 ROUNDS_FOR_GAMMA = 5
 FIRST_GAMMA, MAX_GAMMA = 1.5, 3.0
 GAIN = 0.7  # too large a power strengthens ghost images on white by about half the logarithm of white / black
-LEAST_STRENGTH = 0.5  # relative to Fresnel's equations: a fainter ghost image is treated as absent
-MOST_OFF = 1.15  # largest factor by which a coating strengthens or weakens a ghost image
+MIN_STRENGTH = 0.5  # relative to Fresnel's equations: a fainter ghost image is treated as absent
+MAX_OFF = 1.15  # largest factor by which a coating strengthens or weakens a ghost image
 
 
 @dataclass(frozen=True)
@@ -231,7 +231,7 @@ def without_ghost_images(
         if number in rig_from_board and pictures[number] is not None
     }
     largest = sorted((number for number, views in ghosted.items() if views), key=lambda n: _size_px(ghosted[n]))
-    look = _look([(_grey(pictures[n]), list(ghosted[n].values())) for n in largest[-MOST_FRAMES:]], target)
+    look = _look([(_grey(pictures[n]), list(ghosted[n].values())) for n in largest[-MAX_FRAMES:]], target)
 
     def refined(number: int) -> Observations:
         light = in_light(_grey(pictures[number]), look.gamma)
@@ -290,7 +290,7 @@ def _look(frames: Sequence[tuple[Grey, list[GhostedView]]], target: Target) -> _
         fits = [_blurred(view, light, target) for light, views in lights for view in views]
         factors = np.zeros(2)
         factors[there] = np.nanmedian(np.concatenate([seen.ghost_strengths for _, seen in fits]), axis=0)
-        hardly = there & (factors < LEAST_STRENGTH)
+        hardly = there & (factors < MIN_STRENGTH)
         there &= ~hardly
         if not hardly.any() or not there.any():
             blur_px = float(np.median([view.blur_px for view, _ in fits]))
@@ -322,8 +322,8 @@ def _of_one_coating(factors: FloatArray) -> FloatArray:
     """
     there = factors > 0.0
     if not there.all():
-        return np.where(there, np.clip(factors, 1.0 / MOST_OFF, MOST_OFF), 0.0)
-    better = float(np.clip(np.sqrt(factors[1] / factors[0]), 1.0 / MOST_OFF, MOST_OFF))
+        return np.where(there, np.clip(factors, 1.0 / MAX_OFF, MAX_OFF), 0.0)
+    better = float(np.clip(np.sqrt(factors[1] / factors[0]), 1.0 / MAX_OFF, MAX_OFF))
     return np.array([1.0 / better, better])
 
 

@@ -36,9 +36,9 @@ ROUGH = tuple(np.arange(0.3, 0.96, 0.06).tolist())  # trial sides of markers, in
 FINE, REACH = 0.01, 0.09  # step of the compared sides, and their range about the best rough one
 BLURS = (0.015, 0.03, 0.045, 0.06, 0.08, 0.1, 0.125, 0.155)  # sigma in squares
 LIKELY = 0.85  # correlation with the stated side above which it is about right
-MOST_MOVES = 4  # of the range of compared sides, while the best one is at its end
+MAX_MOVES = 4  # of the range of compared sides, while the best one is at its end
 ROUNDS = 2  # of alternating between the likeliest blur and side
-MOST_SQUARES = 16  # compared in each grid
+MAX_SQUARES = 16  # compared in each grid
 MIN_SQUARES = 8  # in all grids
 AS_CLEAR = 0.85  # least correlation relative to the clearest grid; others are from other boards, or flipped
 MIN_ALIKE = 0.7  # correlation of the squares with markers of the best side and blur
@@ -76,7 +76,7 @@ def marker_side(shown: Sequence[GriddedPicture], target: Charuco, *, mirrored: b
     count = sum(len(some.ids) for some in squares)
     if count < MIN_SQUARES:
         return None
-    for _ in range(MOST_MOVES):
+    for _ in range(MAX_MOVES):
         tried = np.arange(-REACH, REACH + FINE / 2.0, FINE) + np.clip(side, 0.1 + REACH, 0.99 - REACH)
         alike = np.sum([_alike(some, target, tried) for some in squares], axis=0) / count
         best = int(alike.argmax())
@@ -116,7 +116,7 @@ def _squares_in_grids(
         side, grids = max([(side, grids), *others], key=lambda one: likelihood(one[1]))
     clearest = max((grid.alike for _, grid in grids), default=0.0)
     return side, [
-        _MarkedSquares(one.picture, grid.ids[:MOST_SQUARES], grid.quads[:MOST_SQUARES])
+        _MarkedSquares(one.picture, grid.ids[:MAX_SQUARES], grid.quads[:MAX_SQUARES])
         for one, grid in grids
         if grid.alike > AS_CLEAR * clearest
     ]
@@ -143,7 +143,7 @@ def _between_markers(
         for part in some:
             warp = BoardWarp.through(middles[part], centres[part])
             if warp is not None:
-                first = part[:MOST_SQUARES]
+                first = part[:MAX_SQUARES]
                 corners = warp.at((middles[first, None] + AROUND).reshape(-1, 2)).reshape(-1, 4, 2)
                 squares.append(_MarkedSquares(one.picture, target.first_marker + ids[first], corners))
     return side, squares

@@ -35,7 +35,7 @@ NOISE_RATIO = 2.5
 """Ratio of difference to sigma in the worst view that noise alone exceeds in at most 1 % of comparisons."""
 UNLIKE = 3.0
 """Multiple of the median view's difference above which a view hardly counts in the motion."""
-MOST_STEPS, STEADY_MM, ROUNDING_PX = 100, 1e-8, 1e-9
+MAX_STEPS, STEADY_MM, ROUNDING_PX = 100, 1e-8, 1e-9
 ProjectPoints = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 """Maps points (n, 3), mm, each in its view, to pixels (n, 2) and their derivatives (n, 2, 3), px/mm."""
 
@@ -344,7 +344,7 @@ def best_motion(
     """
     b_from_a, weights = start, np.ones(len(shown_px))
     lever_mm = float(np.linalg.norm(points_in_a - points_in_a.mean(axis=0), axis=1).max())
-    for _ in range(MOST_STEPS):
+    for _ in range(MAX_STEPS):
         moved = transform(b_from_a, points_in_a)
         pixels, by_point = project_in_b(moved)
         off = pixels - shown_px

@@ -32,13 +32,13 @@ PRIOR_ROUNDS = 3
 """Number of fits after which a prior's width, which follows the fit, has converged."""
 TURN_PX = 0.5
 """Standard deviation of the camera's rotation that remains after the background's is removed, px."""
-FIRST_BOW, LEAST_BOW = 0.02, 1e-4
+FIRST_BOW, MIN_BOW = 0.02, 1e-4
 """Initial and least standard deviation of the bow of boards, relative to a board's larger side."""
-PATTERN_CELLS, LEAST_IN_CELL, PATTERN_CHANCE = (12, 7), 5, 1e-3
+PATTERN_CELLS, MIN_IN_CELL, PATTERN_CHANCE = (12, 7), 5, 1e-3
 """Cells across and down the sensor, corners required in each, and the chance of a pattern by noise."""
 STEP_DAMPING = 1e-9
 """Relative damping against rounding, if two parameters of a lens are nearly degenerate."""
-LEAST_LEFT = 1e-3
+MIN_LEFT = 1e-3
 """Least fraction of the cost after one step: its prediction is only linear."""
 PLATE_MM, PLATE_INDEX = 1.0, 1.49
 """Initial plate if the layout has first-surface mirrors; the index is acrylic's."""
@@ -161,7 +161,7 @@ def predicted_gain(addition: str, smaller: Fitted, observations: Observations) -
     added = max(len(model.intrinsics) - len(smaller.model.intrinsics), 1)
     if before == 0.0:  # simulated corners without noise
         return 0.0
-    after = max(at_start - drop, LEAST_LEFT * before)
+    after = max(at_start - drop, MIN_LEFT * before)
     return 2 * len(seen) * float(np.log(before / after)) - added * float(np.log(2 * len(seen)))
 
 
@@ -173,7 +173,7 @@ def _has_pattern(solution: Solution, observations: Observations) -> bool:
     cell = row * PATTERN_CELLS[0] + col
     counts = np.bincount(cell)
     sums = [np.bincount(cell, weights=component) for component in solution.standardised[rows].T]
-    shown = counts >= LEAST_IN_CELL
+    shown = counts >= MIN_IN_CELL
     squares = float(sum(np.sum(each[shown] ** 2 / counts[shown]) for each in sums))
     # Not relative to the noise, because simulated corners have none.
     return squares > solution.scale**2 * float(chi2.isf(PATTERN_CHANCE, 2 * int(shown.sum())))
@@ -195,7 +195,7 @@ def _fit_with_terms(name: str, smaller: Fitted, observations: Observations, addi
         fitted = fit_as(name, estimate, observations, replace(smaller.model, frame_terms=priors))
         scale, estimate = fitted.solution.scale, fitted.solution.estimate
         if bows:
-            bow_mm = max(_width_of_bows(fitted, observations), LEAST_BOW * size)
+            bow_mm = max(_width_of_bows(fitted, observations), MIN_BOW * size)
     return fitted
 
 

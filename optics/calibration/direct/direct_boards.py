@@ -18,9 +18,9 @@ from mirrorcam.optics.calibration.solver.observations import DIRECT, Corners, Ob
 from mirrorcam.optics.calibration.solver.residuals import Board, Estimate, residuals
 from mirrorcam.optics.geometry.targets import AprilGrid, Charuco, Checkerboard, Target
 
-MOST_FLIPPED = 0.003  # largest rms error of flipped pictures' first estimate, relative to the picture's diagonal
+MAX_FLIPPED = 0.003  # largest rms error of flipped pictures' first estimate, relative to the picture's diagonal
 NEAREST_MM, FARTHEST_MM = 60.0, 20000.0  # distances at which cameras with mirrors see boards in focus
-MOST_NUMBERINGS = 8  # of a partly visible board that is used to locate the mirrors
+MAX_NUMBERINGS = 8  # of a partly visible board that is used to locate the mirrors
 FLIPPED = "the pictures are flipped left to right, as from a selfie camera: switch that off, or flip all of them back"
 INVERTED = (
     "the board in the pictures has black and white exchanged, as if cols and rows were exchanged in board.toml: its "
@@ -125,7 +125,7 @@ def start_of(
             [
                 board
                 for board in (seen.inverted if inverted else seen.stated for seen in in_picture)
-                if 0 < len(board.direct) + len(board.image) <= MOST_NUMBERINGS
+                if 0 < len(board.direct) + len(board.image) <= MAX_NUMBERINGS
             ]
             for in_picture in boards
         ]
@@ -153,7 +153,7 @@ def fits_flipped(
         start, _ = start_of(flipped, target, mirrors=mirrors, width_px=width_px, height_px=height_px)
     except InputError:
         return False
-    return start.error_px < MOST_FLIPPED * float(np.hypot(width_px, height_px))
+    return start.error_px < MAX_FLIPPED * float(np.hypot(width_px, height_px))
 
 
 def nearness_note(estimate: Estimate, target: Target) -> tuple[str, ...]:

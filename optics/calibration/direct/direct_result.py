@@ -25,7 +25,7 @@ from mirrorcam.optics.calibration.solver.residuals import Estimate
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror, cut
 
-MOST_NAMED = 8
+MAX_NAMED = 8
 """Largest number of pictures that notes name one by one."""
 
 
@@ -140,11 +140,11 @@ def _views(
         used += int((counts > 0).sum())
         missing = np.flatnonzero(counts == 0)
         partial = np.flatnonzero((counts > 0) & (counts < corners))
-        if len(missing) > MOST_NAMED:
+        if len(missing) > MAX_NAMED:
             notes.append(f"{name} not found in {len(missing)} of {len(shown)} pictures")
         else:
             notes += [f"{shown[number]}: {name} not found" for number in missing]
-        if len(partial) > MOST_NAMED:
+        if len(partial) > MAX_NAMED:
             low, high = counts[partial].min(), counts[partial].max()
             notes.append(
                 f"{name} shows {low} to {high} of {corners} corners in {len(partial)} of {len(shown)} pictures"

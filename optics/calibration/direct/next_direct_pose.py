@@ -36,11 +36,11 @@ from mirrorcam.optics.geometry.targets import Target
 from mirrorcam.optics.geometry.transforms import inverse, rigid, transform
 
 DEPTHS = {0.8: "nearer by a fifth", 1.0: "", 1.25: "farther by a quarter"}
-MOST_EXAMPLES = 3
+MAX_EXAMPLES = 3
 """Number of pictures whose poses are varied: those with the most corners."""
 GROWN = 0.25
 """Assumed reach of a mirror beyond its corners, relative to the square root of their area."""
-LEAST_FACING = 0.25
+MIN_FACING = 0.25
 """Least cosine between a board's normal and the line of sight for which the print can be read."""
 CENTRE = 0.3
 """Prior standard deviation of a virtual centre, relative to its distance."""
@@ -120,7 +120,7 @@ def _placements(
     """Yield variations of the poses of the pictures with the most corners."""
     counts = np.bincount(observations.frame, minlength=len(pictures))
     regions = _regions(start, observations)
-    for frame in np.argsort(-counts, kind="stable")[:MOST_EXAMPLES].tolist():
+    for frame in np.argsort(-counts, kind="stable")[:MAX_EXAMPLES].tolist():
         for factor, tilt, x, y in product(DEPTHS, TILTS, SHIFTS, SHIFTS):
             pose, depth_mm = _changed(start.rig_from_board[frame], target, factor, tilt, (x, y))
             seen = _seen(start, pose, regions, target)
@@ -162,7 +162,7 @@ def _seen(start: Estimate, pose: FloatArray, regions: dict[int, shapely.Geometry
         towards = transform(inverse(pose), pupil) - np.array([*target.size_mm, 0.0]) / 2.0
         pixels = residuals(at, Observations.of_view(0, view, ids, np.zeros((len(ids), 2))), board)
         shown = shown_in(region, pixels)
-        if -towards[2] > LEAST_FACING * np.linalg.norm(towards) and len(spread_out(Corners(shown, pixels[shown]))):
+        if -towards[2] > MIN_FACING * np.linalg.norm(towards) and len(spread_out(Corners(shown, pixels[shown]))):
             parts.append(Observations.of_view(0, view, shown, pixels[shown]))
         elif view == DIRECT:
             break

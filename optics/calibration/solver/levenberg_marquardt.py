@@ -32,7 +32,7 @@ BoolArray = NDArray[np.bool_]
 HUBER_SCALE = 1.345
 SETTLED = 0.99
 FIND_SIGMAS, DROP_SIGMAS = 5.0, 4.0
-MOST_OUTLIERS = 0.5
+MAX_OUTLIERS = 0.5
 """Largest fraction of outliers in a mirror: more contradict the model rather than the other corners."""
 MAX_ITERATIONS = 50
 RELATIVE_GAIN = 1e-9
@@ -106,7 +106,7 @@ def fit(start: Estimate, observations: Observations, model: Model) -> Solution:
 
     Outliers follow mrcal's rule: if any corner of a view lies beyond 5 sigma, that view's corners beyond 4 sigma are
     dropped and the fit is repeated, until there are none. Sigma is re-estimated from the remaining corners. If that
-    would drop more than `MOST_OUTLIERS` of a mirror's corners, no more are dropped.
+    would drop more than `MAX_OUTLIERS` of a mirror's corners, no more are dropped.
 
     Parameters
     ----------
@@ -197,7 +197,7 @@ def _without_outliers(r: FloatArray, view: NDArray[np.int64], inliers: BoolArray
     remaining = inliers & ~(np.isin(view, view[found]) & (norm > DROP_SIGMAS * scale))
     _, mirror, corners = np.unique(view, return_inverse=True, return_counts=True)
     kept = np.bincount(mirror, weights=remaining) / corners
-    return remaining if (kept >= 1.0 - MOST_OUTLIERS).all() else inliers
+    return remaining if (kept >= 1.0 - MAX_OUTLIERS).all() else inliers
 
 
 def _robust_scale(r: FloatArray) -> float:

@@ -24,7 +24,7 @@ from mirrorcam.optics.geometry.tolerances import Tolerances
 
 PAIR_DEG = Tolerances().tilt_deg
 """Standard deviation of that rotation about the design: the assembly tolerance of mirrors."""
-LEAST_SINE = 1e-3
+MIN_SINE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -200,7 +200,7 @@ class _Line:
         normals = centres / lengths[:, None]
         direction = np.cross(normals[0], normals[1])
         sine = float(np.linalg.norm(direction))
-        if sine < LEAST_SINE:
+        if sine < MIN_SINE:
             raise InputError("both mirrors are parallel, expected planes that meet")
         direction = direction / sine
         return cls(np.linalg.solve(np.vstack([normals, direction]), [*lengths / 2.0, 0.0]), direction)

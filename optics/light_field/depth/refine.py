@@ -43,7 +43,7 @@ EDGE_PX = 0.15
 """Second difference, px of the farthest view's motion, above which a depth edge is likely."""
 ANCHOR = 1.0
 """Inverse variance, 1/px^2, that anchors a value at its previous one."""
-LEAST_AGREEING = np.float32(1e-6)
+MIN_AGREEING = np.float32(1e-6)
 SHARED_POWER = 0.8
 """Views share the errors of the reference view's gradients, so the information of many counts less than its sum."""
 LONGEST_PX, LONGEST_AT_EDGE_PX = 1.0, 0.15
@@ -82,9 +82,7 @@ class Match:
 
     def after(self, gradient: Float32, step: Float32) -> Match:
         """Return the match after a small step (v, u), px of the farthest view's motion, given its gradient."""
-        fewer = (
-            (np.float32(2.0) * gradient + self.information * step) * step / np.maximum(self.agreeing, LEAST_AGREEING)
-        )
+        fewer = (np.float32(2.0) * gradient + self.information * step) * step / np.maximum(self.agreeing, MIN_AGREEING)
         return replace(self, residual=np.maximum(self.residual + fewer, np.float32(0.0)))
 
 
@@ -206,7 +204,7 @@ class Refiner:
         list(self.run(fill, bands(planes.shape[0])))
         # Convert to px of the farthest view's motion.
         reach = np.float32(self.sweep.reach_px)
-        residual = terms.squares / np.maximum(terms.agreeing, LEAST_AGREEING)
+        residual = terms.squares / np.maximum(terms.agreeing, MIN_AGREEING)
         information, agreeing = terms.information / np.square(reach), terms.agreeing
         found = Match(information, agreeing, terms.seeing, residual, terms.products, terms.energies)
         return found, terms.gradient / reach

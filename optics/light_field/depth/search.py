@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from mirrorcam.optics.light_field.depth.competition import UNITS
 from mirrorcam.optics.light_field.depth.cost import CHANNELS, channels, matching_costs
-from mirrorcam.optics.light_field.depth.parallax import MOST_PLANES, halved, plane_inverse_distances
+from mirrorcam.optics.light_field.depth.parallax import MAX_PLANES, halved, plane_inverse_distances
 from mirrorcam.optics.light_field.depth.photometry import ViewPicture
 from mirrorcam.optics.light_field.depth.semiglobal import PATH_DIRECTIONS, Cheapest, aggregate, cheapest, slants_of
 from mirrorcam.optics.light_field.depth.sweep import Ranges, Sweep, nearest_planes, sweep
@@ -24,7 +24,7 @@ Map = Callable[..., Any]
 
 FINE_PX, COARSE_PX = 0.5, 1.0
 """Motion of the farthest view from plane to plane, in pixels of the searched size: fine and coarse."""
-MOST_SEARCHED = 192
+MAX_SEARCHED = 192
 """Most planes of a search over all planes at fine spacing; more are spaced coarsely."""
 NEXT_PLANE, ANY_PLANE = 2.5, 18.0
 """Penalties, in contrasts of eight views; more views justify larger ones."""
@@ -40,7 +40,7 @@ class Size:
     sweep: Sweep
 
     @classmethod
-    def of(cls, views: Views, near_mm: float, far_mm: float, halvings: int, most: int = MOST_PLANES) -> Size:
+    def of(cls, views: Views, near_mm: float, far_mm: float, halvings: int, most: int = MAX_PLANES) -> Size:
         """Return the size after `halvings`, with planes between two depths: finely spaced if at most `most`."""
         for _ in range(halvings):
             views = halved(views)

@@ -26,7 +26,7 @@ EDGE_GREY = 10.0
 """Step of a colour, of 255, that lowers the penalty of a depth edge by a factor of e."""
 EDGE_LEAST = 0.2
 """Share of the penalty that remains at the strongest edge."""
-LEAST_RATIO = 1.5
+MIN_RATIO = 1.5
 """Least ratio of the penalty of any step to the penalty of a step to the next plane."""
 SLOPE_REACH_PX, SLOPE_MEDIAN_PX = 3, 21
 SLOPE_MEAN_PX = (145, 49, 17, 9)
@@ -120,7 +120,7 @@ def _path(
         for colour in range(3):
             edge = max(edge, abs(picture[y, x, colour] - picture[y - dy, x - dx, colour]))
         kept = np.float32(EDGE_LEAST) + np.float32(1.0 - EDGE_LEAST) * np.exp(edge * np.float32(-1.0 / EDGE_GREY))
-        leaving = max(np.float32(LEAST_RATIO) * np.float32(next_plane), np.float32(penalties.any_plane) * kept)
+        leaving = max(np.float32(MIN_RATIO) * np.float32(next_plane), np.float32(penalties.any_plane) * kept)
         offset = ranges.low[y, x] - shift - low
         before = count
         low, count, start = ranges.low[y, x], ranges.planes[y, x], ranges.start[y, x]

@@ -21,7 +21,7 @@ from mirrorcam.optics.light_field.light_field import Views
 Float32 = NDArray[np.float32]
 DIRECTIONS = 16
 """Number of directions from the reference view: an occluder hides a place from adjacent directions."""
-MOST_RINGS = 4
+MAX_RINGS = 4
 Map = Callable[..., Any]
 NOTHING = np.float32(-1e9)
 """Plane of a pixel without a surface: it hides nothing."""
@@ -31,7 +31,7 @@ AROUND_PX = 8
 """Distance around a tile whose known depths are searched, too, so that edges can move."""
 MARGIN_PLANES = 6
 """Planes searched beyond the known ones, nearer and farther."""
-FEWEST_PLANES = 3
+MIN_PLANES = 3
 
 
 class PlaneMotion(NamedTuple):
@@ -96,7 +96,7 @@ def sweep(views: Views, inverse_distances: FloatArray) -> Sweep:
     positions = np.array([views.positions_mm[index] for index in others])
     far = np.abs(positions[:, :2]).max(axis=1)
     share = far / far.max()
-    rings = min(MOST_RINGS, len(np.unique(np.round(share, 2))))
+    rings = min(MAX_RINGS, len(np.unique(np.round(share, 2))))
     angle = np.arctan2(positions[:, 1], positions[:, 0])
     ring = np.clip(np.ceil(share * rings - 1e-6).astype(np.int64) - 1, 0, rings - 1)
     direction = np.round(angle / (2.0 * np.pi / DIRECTIONS)).astype(np.int64) % DIRECTIONS
@@ -203,8 +203,8 @@ def range_around(known: Float32, planes: int) -> Ranges:
     kernel = np.ones((side, side), np.uint8)
     nearest = cv2.dilate(grown, kernel, anchor=(0, 0))[::TILE_PX, ::TILE_PX][:rows, :columns]
     farthest = cv2.erode(grown, kernel, anchor=(0, 0))[::TILE_PX, ::TILE_PX][:rows, :columns]
-    low = np.clip(np.floor(farthest) - MARGIN_PLANES, 0, planes - FEWEST_PLANES).astype(np.int32)
-    high = np.clip(np.ceil(nearest) + (MARGIN_PLANES + 1), low + FEWEST_PLANES, planes).astype(np.int32)
+    low = np.clip(np.floor(farthest) - MARGIN_PLANES, 0, planes - MIN_PLANES).astype(np.int32)
+    high = np.clip(np.ceil(nearest) + (MARGIN_PLANES + 1), low + MIN_PLANES, planes).astype(np.int32)
 
     def each(tiles: NDArray[np.int32]) -> NDArray[np.int32]:
         return np.repeat(np.repeat(tiles, TILE_PX, axis=0), TILE_PX, axis=1)[:height, :width]

@@ -32,9 +32,9 @@ from mirrorcam.optics.light_field.features.patches import (
 MOVING_ROUNDS = 2
 SHAPING_ROUNDS = 3
 # Steps are limited to a pixel of the level, beyond which the patches' gradients are invalid.
-MOST_STEP_PX = 1.0
+MAX_STEP_PX = 1.0
 # Least similarity of a view to the reference patch, to contribute to the shape.
-LEAST_ALIKE_FOR_SHAPE = 0.7
+MIN_ALIKE_FOR_SHAPE = 0.7
 KEYPOINTS_AT_ONCE = 128
 # Prior standard deviations of surfaces: tan(slant) (60 degrees), and its change over half the side of the patch.
 USUAL_SHAPE = np.array([1.7] * 2 + [0.7] * 7)
@@ -47,7 +47,7 @@ SLOPES = np.array([[[1.0, 0.0], [0.0, 1.0]], [[1.0, 0.0], [0.0, -1.0]], [[0.0, 1
 # Matrices of shifts that no surface causes: across the view's position, and different ones along s and t.
 NO_SHAPES = np.array([[[0.0, 1.0], [-1.0, 0.0]], SLOPES[1], SLOPES[2]])
 # Least residual variance of patches of length one: 8-bit pictures are no better, however similar.
-LEAST_VARIANCE = 1e-7
+MIN_VARIANCE = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,10 +206,10 @@ def _align_level(
         difference -= each.patches
         step = (each.steps @ difference.transpose(1, 2, 0)).transpose(2, 0, 1)
         if number >= MOVING_ROUNDS:
-            step = step + solved.step(difference, looked & (alike >= LEAST_ALIKE_FOR_SHAPE))
+            step = step + solved.step(difference, looked & (alike >= MIN_ALIKE_FOR_SHAPE))
         step = (linear @ step[..., None])[..., 0]
         length = np.sqrt((step**2).sum(axis=-1, keepdims=True))
-        centre -= step * np.minimum(1.0, MOST_STEP_PX / np.maximum(length, np.float32(1e-9)))
+        centre -= step * np.minimum(1.0, MAX_STEP_PX / np.maximum(length, np.float32(1e-9)))
     return AlignedPatches(
         pixels=np.where(looked[..., None], (centre - origin).astype(np.float64) * 2**each.level, np.nan),
         alike=np.where(looked, alike, 0.0).astype(np.float64),
@@ -267,7 +267,7 @@ class PatchShapes:
         # Collinear views determine only the first.
         values = np.linalg.eigvalsh(positions)
         flat = values[:, 0] < 1e-6 * values[:, 1]
-        return np.maximum(np.where(flat, share[:, 0].mean(axis=1), share.mean(axis=(1, 2))), LEAST_VARIANCE)
+        return np.maximum(np.where(flat, share[:, 0].mean(axis=1), share.mean(axis=(1, 2))), MIN_VARIANCE)
 
     def covariance(self) -> FloatArray:
         """Covariance (n, 3, 3) of w, d, e from the uncertainty of the shapes, px of the level per mm."""

@@ -37,7 +37,7 @@ SAME_PX, SAME_OCTAVES = 2.0, 0.6
 # Lower contrast than in a single picture suffices, because noise is lower.
 CONTRAST = 0.01
 DARKEST, BRIGHTEST = 0.5, 99.5
-LEAST_RANGE_GREY = 8.0
+MIN_RANGE_GREY = 8.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -238,7 +238,7 @@ def stack_keypoints(
     reference = images[geometry.reference]
     shown = reference[seen[geometry.reference] > 0]
     low, high = np.percentile(shown, [DARKEST, BRIGHTEST]) if len(shown) else (0.0, 255.0)
-    gain = 250.0 / max(high - low, LEAST_RANGE_GREY)
+    gain = 250.0 / max(high - low, MIN_RANGE_GREY)
 
     # Exclude what cubic interpolation blends with invalid pixels.
     valid = np.stack([np.asarray(cv2.erode(mask, np.ones((5, 5), np.uint8)), dtype=np.uint8) for mask in seen])

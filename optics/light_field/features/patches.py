@@ -27,9 +27,9 @@ _SPLINE = _POLE ** np.abs(np.arange(-9, 10))
 SIDE = 2 * RADIUS_PX + 1
 SAMPLES = SIDE**2
 # Least information along the weaker direction of a patch, relative to the stronger one.
-LEAST_ROUNDNESS = 0.015
+MIN_ROUNDNESS = 0.015
 # Contrast (standard deviation in grey levels) below which a patch shows only noise.
-LEAST_CONTRAST_GREY = 1.5
+MIN_CONTRAST_GREY = 1.5
 _ACROSS, _DOWN = np.meshgrid(*[np.arange(-RADIUS_PX, RADIUS_PX + 1, dtype=np.float32)] * 2)
 OFFSETS = np.stack([_ACROSS.ravel(), _DOWN.ravel()])
 _SIDE = np.float32(2 * RADIUS_PX)
@@ -199,7 +199,7 @@ def _templates(pyramid: ImagePyramid, view: int, level: int, index: NDArray[np.i
     gradients = beyond_light(gradients)
     squares = np.einsum("nip,njp->nij", gradients, gradients).astype(np.float64)
     least, most = np.linalg.eigvalsh(squares).T
-    usable = (least > LEAST_ROUNDNESS * most) & (length >= LEAST_CONTRAST_GREY * np.sqrt(SAMPLES))
+    usable = (least > MIN_ROUNDNESS * most) & (length >= MIN_CONTRAST_GREY * np.sqrt(SAMPLES))
     gradients, shapes = gradients[usable], shapes[usable]
     steps = np.linalg.inv(squares[usable]).astype(np.float32) @ gradients
     flat = shapes.reshape(len(shapes), 2 * len(SHAPES), SAMPLES)

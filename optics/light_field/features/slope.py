@@ -26,7 +26,7 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.light_field.light_field import Views
 
 # Best accuracy of localisation in 8-bit pictures, however well views agree.
-LEAST_NOISE_PX = 0.003
+MIN_NOISE_PX = 0.003
 
 
 @dataclass(frozen=True, eq=False)
@@ -222,7 +222,7 @@ def fit_two_slopes(
 def moderated_variance(squares: FloatArray, freedom: NDArray[np.int64], prior_freedom: float) -> FloatArray:
     """Variances (n,) of points from their few residuals, shrunk towards the median variance of all.
 
-    Squares are in px^2 of the keypoints' scales, and no variance is below LEAST_NOISE_PX squared.
+    Squares are in px^2 of the keypoints' scales, and no variance is below MIN_NOISE_PX squared.
 
     Smyth, "Linear models and empirical Bayes methods", SAGMB 2004, with the prior variance from the median.
     """
@@ -231,7 +231,7 @@ def moderated_variance(squares: FloatArray, freedom: NDArray[np.int64], prior_fr
         return np.ones(len(squares))
     usual = float(np.median(squares[determined] / freedom[determined]))
     moderated = (prior_freedom * usual + squares) / (prior_freedom + np.maximum(freedom, 0))
-    return np.maximum(moderated, LEAST_NOISE_PX**2)
+    return np.maximum(moderated, MIN_NOISE_PX**2)
 
 
 def _equations(

@@ -30,7 +30,7 @@ PASSES = 3
 OUTLIER_PASSES = 12
 OUTLYING = 14.0
 """Residual, in robust standard deviations, at which a sample's weight falls to a quarter."""
-LEAST_VARIANCE = (1.0 / 255.0) ** 2
+MIN_VARIANCE = (1.0 / 255.0) ** 2
 """Least variance of residuals: below a grey level, residuals do not exceed rounding."""
 MEDIAN_OF_SQUARES = {1: 0.455, 3: 2.366}
 """Medians of chi-squared distributions."""
@@ -41,11 +41,11 @@ Complex64 = NDArray[np.complex64]
 RINGS = 48
 AT_ONCE = 60_000_000
 """Bytes of coherences in memory at a time."""
-LEAST_EXCESS = 0.1
+MIN_EXCESS = 0.1
 """Least tr(S S) / n - 1 of a ring for separating signal from noise."""
-LEAST_NOISE = 1e-5
+MIN_NOISE = 1e-5
 """Least noise relative to the signal's power: coherences are singular."""
-MOST_NOISE = 1e5
+MAX_NOISE = 1e5
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,7 +160,7 @@ def _agreement(given: Float32, kept: Float32, known: Float32) -> Float32:
     squares = np.square(given - kept).sum(axis=-1)
     smooth = np.stack([cv2.GaussianBlur(each, (0, 0), 1.0) for each in squares])
     variance = np.median(squares[known[..., 0] > 0.5]) / MEDIAN_OF_SQUARES[given.shape[-1]]
-    ratio = smooth / np.float32(max(float(variance), LEAST_VARIANCE) * OUTLYING**2)
+    ratio = smooth / np.float32(max(float(variance), MIN_VARIANCE) * OUTLYING**2)
     return (1.0 / np.square(1.0 + np.square(ratio)))[..., None].astype(np.float32)
 
 
@@ -175,18 +175,18 @@ class Power:
     @property
     def ratios(self) -> FloatArray:
         """Ratio of noise to signal (rings, components)."""
-        most = np.full_like(self.noise, MOST_NOISE)
+        most = np.full_like(self.noise, MAX_NOISE)
         ratios = np.divide(self.noise, self.signal, out=most, where=self.signal > 0)
-        return np.clip(ratios, LEAST_NOISE, MOST_NOISE)
+        return np.clip(ratios, MIN_NOISE, MAX_NOISE)
 
     @property
     def noisy(self) -> FloatArray:
         """Share (rings, components) of noise in the differences between views, as `ratios` are limited from below.
 
-        Below `LEAST_NOISE`, the views truly differ: at low frequencies, by what lies inside the borders of some views
+        Below `MIN_NOISE`, the views truly differ: at low frequencies, by what lies inside the borders of some views
         only.
         """
-        share = np.divide(self.noise, LEAST_NOISE * self.signal, out=np.ones_like(self.noise), where=self.signal > 0)
+        share = np.divide(self.noise, MIN_NOISE * self.signal, out=np.ones_like(self.noise), where=self.signal > 0)
         return np.clip(share, 0.0, 1.0)
 
     @property
@@ -225,7 +225,7 @@ def measured_power(spectra: Complex64, passband: Passband, frequencies: FloatArr
         traces += np.bincount(rings[part], np.square(coherence).sum(axis=(1, 2)), RINGS)
     some = np.maximum(counts, 1)
     mean, excess = sums / some[:, None, None], (traces / some) / views - 1.0
-    separable = excess > LEAST_EXCESS
+    separable = excess > MIN_EXCESS
     signal = (mean[:, 1] - mean[:, 0]) / views / np.where(separable, excess, 1.0)[:, None]
     noise = np.clip(mean[:, 0] / views - np.maximum(signal, 0.0), 0.0, None) / max(seen, 1e-3)
     noise = _where_known(noise, separable & (counts > 0))

@@ -48,7 +48,7 @@ _NOISE = 0.5
 _BLOCK_PX = 8
 _STRUCTURE = 0.7
 """Correlation of adjacent pixels of a small view above which it is not just noise."""
-_MOST_VIEWS, _LEAST_VIEW_PX = 32, 8
+_MAX_VIEWS, _MIN_VIEW_PX = 32, 8
 _LIKELY_VIEW_PX = 24
 """Least side of views in a suggested grid: smaller similar parts belong to a texture."""
 
@@ -107,7 +107,7 @@ def check_division(colours: Bytes, grid: Grid, order: Order) -> None:
 
     Ambiguous pictures, such as those without texture, pass.
     """
-    if min(side // count for side, count in zip(colours.shape, grid, strict=False)) < _LEAST_VIEW_PX:
+    if min(side // count for side, count in zip(colours.shape, grid, strict=False)) < _MIN_VIEW_PX:
         return
     picture = _Picture(np.asarray(cv2.cvtColor(np.ascontiguousarray(colours), cv2.COLOR_RGB2GRAY), np.float32))
     if order == "eslf":
@@ -176,9 +176,9 @@ class _Picture:
         return texture_repeats(np.ascontiguousarray(grey))
 
     def others(self) -> Iterator[Grid]:
-        """Yield grids with seams, of at most `_MOST_VIEWS` rows and columns."""
-        for rows in range(1, _MOST_VIEWS + 1):
-            for cols in range(1, _MOST_VIEWS + 1):
+        """Yield grids with seams, of at most `_MAX_VIEWS` rows and columns."""
+        for rows in range(1, _MAX_VIEWS + 1):
+            for cols in range(1, _MAX_VIEWS + 1):
                 if rows * cols > 1 and self.divides_into((rows, cols)) and self.seams((rows, cols)) > _SEAM:
                     yield rows, cols
 
@@ -246,10 +246,10 @@ def _check_lenses(picture: _Picture, grid: Grid) -> None:
     if picture.seams(grid) > _SEAM and _likeness(picture.views(grid, "tiles")) > _ALIKE:
         raise InputError("the picture shows adjacent views and no lenslets, expected a name without _eslf")
     for axis, (count, key) in enumerate(zip(grid, ("rows", "cols"), strict=True)):
-        if not 1 < count <= _MOST_VIEWS:
+        if not 1 < count <= _MAX_VIEWS:
             continue
         side = picture.grey.shape[axis]
-        counts = [each for each in range(2, _MOST_VIEWS + 1) if side % each == 0 and side // each >= _LIKELY_VIEW_PX]
+        counts = [each for each in range(2, _MAX_VIEWS + 1) if side % each == 0 and side // each >= _LIKELY_VIEW_PX]
         found = {each: picture.lens_contrast(each, axis) for each in sorted({*counts, count})}
         most = max(found.values())
         # Groups of several lenslets have the same contrast at their edges as one.

@@ -28,11 +28,11 @@ _FITS, _MISFITS = 0.35, 0.6
 """Errors of a motion, in steps, that an order explains, and that contradict it."""
 _LONGER = 0.2
 """Additional tolerance, in steps, for each further step between two views: small steps are biased."""
-_LEAST_SHARE = 0.75
+_MIN_SHARE = 0.75
 """Least share of the pairs of views that an order must explain."""
 _RIVAL = 0.1
 """Least difference of mean errors for one order to be certainly better."""
-_LEAST_STEP = 0.2
+_MIN_STEP = 0.2
 """Least ratio of the steps along the two axes."""
 _EVEN = 1e-6
 """Deviation from an even grid, in steps, that rounding explains."""
@@ -44,7 +44,7 @@ UNPLACED = re.compile(rf"(?:.*_)?{_COUNT}_{_COUNT}", re.DOTALL)
 # Not parts of longer numbers; a negative number's minus sign follows an underscore.
 _WORD = re.compile(r"(?<![0-9])(?<!_-)[0-9]{1,9}(?![0-9])|(?<=_)-[0-9]{1,9}(?![0-9])")
 _NO_WORD = -(10**10)
-_MOST_WORDS = 8
+_MAX_WORDS = 8
 """Number of numbers at the end of a name that are considered."""
 
 
@@ -89,7 +89,7 @@ class _Fit:
     def holds(self) -> bool:
         """Whether the order explains nearly all pairs."""
         least, most = np.sort(np.abs(self.steps_px))
-        return bool(np.mean(self.errors < _FITS) >= _LEAST_SHARE and least > _LEAST_STEP * most)
+        return bool(np.mean(self.errors < _FITS) >= _MIN_SHARE and least > _MIN_STEP * most)
 
     @property
     def cost(self) -> float:
@@ -108,7 +108,7 @@ class _Fit:
         if not self.holds or not differ.any():
             return False
         apart = [fit.errors[differ] * float(np.sqrt(np.mean(fit.steps_px**2))) / size for fit in (self, other)]
-        return bool(np.mean(apart[0] < _FITS) >= _LEAST_SHARE and np.median(apart[1]) > _MISFITS)
+        return bool(np.mean(apart[0] < _FITS) >= _MIN_SHARE and np.median(apart[1]) > _MISFITS)
 
 
 def in_order(light_field: LightField, *, may_change: bool = True) -> tuple[LightField, str | None]:
@@ -307,10 +307,10 @@ def _is_plane(views: NamedViews) -> bool:
 
 def _grids(files: Sequence[Path]) -> Iterator[NamedViews]:
     """Yield grids of several rows and columns formed by two numbers of the names, those nearest to the end first."""
-    words = [[int(word) for word in reversed(_WORD.findall(file.stem))][:_MOST_WORDS] for file in files]
-    numbers = np.array([each + [_NO_WORD] * (_MOST_WORDS - len(each)) for each in words]).reshape(-1, _MOST_WORDS)
-    for col in range(_MOST_WORDS):
-        for row in range(col + 1, _MOST_WORDS):
+    words = [[int(word) for word in reversed(_WORD.findall(file.stem))][:_MAX_WORDS] for file in files]
+    numbers = np.array([each + [_NO_WORD] * (_MAX_WORDS - len(each)) for each in words]).reshape(-1, _MAX_WORDS)
+    for col in range(_MAX_WORDS):
+        for row in range(col + 1, _MAX_WORDS):
             having = np.flatnonzero(numbers[:, row] > _NO_WORD)
             pairs = numbers[having][:, [row, col]]
             # A quick test for folders of many pictures: a grid has as many as its numbers span.

@@ -23,12 +23,12 @@ from mirrorcam.optics.light_field.light_field import LightField, Views
 
 SCHEMA = "mirrorcam.views/1"
 VIEWS = "views.json"
-LARGEST_SIDE_PX = 100_000
+MAX_SIDE_PX = 100_000
 ROUNDING = 1e-3
 """Tolerance for weights above 1, by rounding in other programs."""
-LARGEST_LENGTH = 1e9
+MAX_LENGTH = 1e9
 """Largest length, mm or px; larger ones would overflow in products."""
-_Margin = Annotated[int, Field(ge=0, le=LARGEST_SIDE_PX)]
+_Margin = Annotated[int, Field(ge=0, le=MAX_SIDE_PX)]
 
 
 def fields_of_views(views: Views) -> dict[str, Any]:
@@ -78,8 +78,8 @@ def _number(given: Mapping[str, Any], name: str) -> float:
 
 def _count(given: Mapping[str, Any], name: str) -> int:
     number = _number(given, name)
-    if not (1 <= number <= LARGEST_SIDE_PX and number.is_integer()):
-        raise ValueError(f"{name} is {number:g}, expected a whole number from 1 to {LARGEST_SIDE_PX}")
+    if not (1 <= number <= MAX_SIDE_PX and number.is_integer()):
+        raise ValueError(f"{name} is {number:g}, expected a whole number from 1 to {MAX_SIDE_PX}")
     return int(number)
 
 
@@ -90,8 +90,8 @@ def _is_infinity(given: Mapping[str, Any]) -> bool:
 def _check_plausible(views: Views) -> None:
     """Raise ValueError for implausible views: excessive lengths, no rotation, no single reference, a bad identity."""
     lengths = (views.positions_mm, views.centre_px, views.reference_view_in_rig_mm, views.focal_px)
-    if max(float(np.abs(each).max()) for each in lengths) > LARGEST_LENGTH:
-        raise ValueError(f"a length of more than {LARGEST_LENGTH:g} mm or px")
+    if max(float(np.abs(each).max()) for each in lengths) > MAX_LENGTH:
+        raise ValueError(f"a length of more than {MAX_LENGTH:g} mm or px")
     turn = views.view_from_rig
     if np.abs(turn @ turn.T - np.eye(3)).max() > 1e-6 or np.linalg.det(turn) < 0:
         raise ValueError("view_from_rig is no rotation")

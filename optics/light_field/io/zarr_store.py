@@ -19,7 +19,7 @@ from mirrorcam.optics.light_field.light_field import LightField
 DIMENSIONS = ("frame", "t", "s", "v", "u", "c")
 GROWTH_FRAMES = 256
 """Number of frames by which the array grows during writing."""
-MOST_FRAMES = 10_000_000
+MAX_FRAMES = 10_000_000
 """Largest number of frames of a recording that is read: days of video."""
 
 
@@ -100,7 +100,7 @@ class ZarrSink:
 def _frame_array(path: Path, name: str, kind: str) -> Any:
     """Return an array with a number per frame."""
     array = ZarrArray(path, name)
-    if len(array.shape) != 1 or array.dtype != kind or array.shape[0] > MOST_FRAMES:
+    if len(array.shape) != 1 or array.dtype != kind or array.shape[0] > MAX_FRAMES:
         raise InputError(f"{path}: {name} is {array.dtype} of shape {array.shape[:8]}, expected {kind} (frame,)")
     return array.whole()
 

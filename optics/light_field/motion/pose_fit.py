@@ -30,18 +30,18 @@ from mirrorcam.optics.light_field.features.patches import ImagePyramid, Template
 from mirrorcam.optics.light_field.features.slope import Geometry, agreeing_views, fit_slope, moderated_variance
 from mirrorcam.optics.light_field.light_field import LightField
 
-LEAST_ALIKE = 0.8
+MIN_ALIKE = 0.8
 PRIOR_FREEDOM = 4.0
 ROUNDS = 12
 # Squared error of three components, in typical variances, above which a landmark is an outlier.
 OUTLIER = 16.0
 MEDIAN_OF_THREE = 2.366
 """Median of the chi-squared distribution of three degrees of freedom."""
-LEAST_LANDMARKS = 8
+MIN_LANDMARKS = 8
 CELLS = 7
 TRIALS = 256
 SAMPLE = 3
-LEAST_INLIERS = 8
+MIN_INLIERS = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,7 +145,7 @@ def see(
     start[~shown_by_views(frame.inner, start)] = np.nan
     distance = 1.0 / np.maximum(inverse_mm, 1e-6)
     aligned = align(frame.pyramid, given, views, start, geometry.across_mm, distance, run, warp)
-    sure = (aligned.alike >= LEAST_ALIKE) & shown_by_views(frame.inner, aligned.pixels)
+    sure = (aligned.alike >= MIN_ALIKE) & shown_by_views(frame.inner, aligned.pixels)
     seen_px = np.where(sure[..., None], aligned.pixels, np.nan)
     mean = np.trace(aligned.precision, axis1=1, axis2=2) / 2.0
     precision = aligned.precision / mean[:, None, None]
@@ -221,11 +221,11 @@ def fit_pose(landmarks: Landmarks, seen: Seen, frame_from_key: FloatArray, sigma
         rest, jacobian, by_w, weight = _equations(landmarks, seen, pose)
         square = ((weight @ rest[:, :, None])[..., 0] * rest).sum(axis=1)
         candidates = seen.valid & np.isfinite(square)
-        if candidates.sum() < LEAST_LANDMARKS:
+        if candidates.sum() < MIN_LANDMARKS:
             return None
         usual = max(float(np.median(square[candidates])) / MEDIAN_OF_THREE, 1.0)
         used = candidates & (square < OUTLIER * usual)
-        if used.sum() < LEAST_LANDMARKS:
+        if used.sum() < MIN_LANDMARKS:
             return None
         robust = 1.0 / (1.0 + square[used] / (OUTLIER * usual))
         # Stack the rows of all landmarks: matrix products are faster than sums over four indices.
@@ -323,7 +323,7 @@ def robust_motion(
     seed
         Seed of the random samples.
     """
-    if len(src) < LEAST_INLIERS:
+    if len(src) < MIN_INLIERS:
         return None
     random = np.random.default_rng(seed)
     chosen = np.stack([random.choice(len(src), SAMPLE, replace=False) for _ in range(TRIALS)])
@@ -334,8 +334,8 @@ def robust_motion(
     inliers = near[near.sum(axis=1).argmax()]
     motion = None
     for _ in range(3):
-        if inliers.sum() < LEAST_INLIERS:
+        if inliers.sum() < MIN_INLIERS:
             return None
         motion = rigid_motions(src[inliers], dst[inliers], weights[inliers])
         inliers = (((transform(motion, src) - dst) / sigmas) ** 2).sum(axis=1) < 9.0 * SAMPLE
-    return None if motion is None or inliers.sum() < LEAST_INLIERS else (motion, inliers)
+    return None if motion is None or inliers.sum() < MIN_INLIERS else (motion, inliers)

@@ -38,11 +38,11 @@ from mirrorcam.optics.light_field.motion.pose_fit import (
 )
 
 # Share of visible landmarks below which a new key frame is created.
-LEAST_SHARE = 0.6
+MIN_SHARE = 0.6
 # Share of the previous landmarks below which the predicted pose is replaced by one from features.
 SAME_SHARE = 0.7
 # Shift by a pose update above which patches are aligned again, because their warp depends on the pose.
-SETTLED_PX, MOST_ALIGNMENTS = 0.5, 3
+SETTLED_PX, MAX_ALIGNMENTS = 0.5, 3
 # Standard deviation of a keypoint's repeated detection in another picture, in px of the keypoint's scale.
 REPEATED_PX = 1.0
 # Standard deviation of an error common to all slopes of a light field, in px of the view farthest from the reference
@@ -148,7 +148,7 @@ class LightFieldTracker:
         world_from_view = key.world_from_view @ inverse(found.frame_from_key)
         moved = adjoint(found.frame_from_key)
         covariance = moved @ key.covariance @ moved.T + found.covariance
-        if self._count < LEAST_SHARE * len(key.landmarks.inverse_mm):
+        if self._count < MIN_SHARE * len(key.landmarks.inverse_mm):
             features = self.finder.find(light_field) if features is None else features
             return self._new_key(frame, features, world_from_view, covariance, self._count)
         return TrackedPose(world_from_view, covariance, self._count, False)
@@ -157,7 +157,7 @@ class LightFieldTracker:
         """Refine a predicted pose by landmarks; None if too few agree."""
         assert self._key is not None
         landmarks, found = self._key.landmarks, None
-        for _ in range(MOST_ALIGNMENTS):
+        for _ in range(MAX_ALIGNMENTS):
             expected = predicted(landmarks, frame_from_key)
             seen = see(self.finder.geometry, frame, landmarks.given, *expected, self._pool.map)
             found = fit_pose(landmarks, seen, frame_from_key, self._shared)

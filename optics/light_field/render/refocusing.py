@@ -28,7 +28,7 @@ Combine = Literal["mean", "median"]
 
 SEEN = 1e-3
 """Weight below which a pixel has no sample."""
-LARGEST_SCALE = 8
+MAX_SCALE = 8
 STEEPEST_DEG = 85.0
 ROWS_AT_ONCE = 64
 
@@ -163,8 +163,8 @@ def refocus(
     """
     if view_weights is not None and combine != "mean":
         raise ValueError(f"{combine=} with weights of views, expected the mean")
-    if not 1 <= scale <= LARGEST_SCALE:
-        raise InputError(f"scale of {scale:g}, expected 1 to {LARGEST_SCALE}")
+    if not 1 <= scale <= MAX_SCALE:
+        raise InputError(f"scale of {scale:g}, expected 1 to {MAX_SCALE}")
     size = round(light_field.width_px * scale), round(light_field.height_px * scale)
     # Pixel centres: the first of `scale` fine pixels lies (1 - scale) / (2 scale) from the view's pixel.
     coarse_from_fine = np.diag([1.0 / scale, 1.0 / scale, 1.0])

@@ -40,7 +40,7 @@ FIRST, LEAST, MOST = 1e-3, 1e-4, 0.1
 """Variance of noise over gradients: of the first picture, and the range of its estimate."""
 SQUARED = 2.0
 """With absolute differences, multiple of the noise below which differences count as squares."""
-LEAST_NOISE = 1.0 / 255.0
+MIN_NOISE = 1.0 / 255.0
 DARK = 0.3
 """Least light per grey level: near black, rounding exceeds noise."""
 IN_FOCUS = 0.2
@@ -48,7 +48,7 @@ IN_FOCUS = 0.2
 UNEXPLAINED = 6.0
 """Variance, relative to noise, above which samples do not show the plane."""
 SOME = 1e-6
-FEWEST_FREE = 0.25
+MIN_FREE = 0.25
 """Least share of samples that determine noise rather than the picture."""
 AROUND_PX = 2.5
 """Radius, in pixels of a view, over which residuals are averaged."""
@@ -102,7 +102,7 @@ def super_resolved(
         smoothness = min(max((noise / SLOPE) ** 2, LEAST), MOST)
         picture, counts = first, fit.weights
         for number in range(ROUNDS):
-            counts = fit.counted(picture, max(SQUARED * noise, LEAST_NOISE)) if least_absolute else fit.weights
+            counts = fit.counted(picture, max(SQUARED * noise, MIN_NOISE)) if least_absolute else fit.weights
             picture = fit.solved(picture, counts, smoothness, STEPS, STEEP if number else np.inf)
         picture = first + fit.explained(picture, first, counts, noise) * (picture - first)
     return np.ascontiguousarray(np.moveaxis(picture[:, margin:-margin, margin:-margin], 0, -1))
@@ -160,7 +160,7 @@ class _Fit:
     def _free(self, picture: Float32) -> float:
         """Share of the samples that determine noise: the finer pixels, as unknowns, absorb the rest."""
         samples = sum(float(weight.sum()) for weight in self.weights)
-        return max(1.0 - picture[0].size / max(samples, 1.0), FEWEST_FREE)
+        return max(1.0 - picture[0].size / max(samples, 1.0), MIN_FREE)
 
     def counted(self, picture: Float32, small: float) -> list[Float32]:
         """Weights (v, u) of samples whose weighted squares equal absolute differences above `small`."""

@@ -20,10 +20,10 @@ from mirrorcam.optics.light_field.light_field import LightField
 Float32 = NDArray[np.float32]
 BINS, LEVELS = 16, 256
 """Number of brightness classes for measuring noise, and of entries in the lookup tables."""
-FEWEST_BLOCKS = 12
+MIN_BLOCKS = 12
 LOW_QUANTILES, NORMAL = (0.1, 0.25), (-1.2816, -0.6745)
 """Quantiles of the blocks of a class, the second of which is used, and of the normal distribution."""
-LEAST_SPREAD, MOST_SPREAD = 0.03, 0.16
+MIN_SPREAD, MAX_SPREAD = 0.03, 0.16
 """Limits of the spread of blocks, for 250 and for 9 independent values."""
 STEEP = 2.0
 """Largest ratio of a class's noise to its expectation from the others."""
@@ -32,7 +32,7 @@ LESSER = 0.9
 ROUNDING = 1.0 / 12.0 / 255.0**2
 """Variance of rounding to 8 bits, the least noise; for floating-point samples it is LEAST."""
 LEAST = 1e-10
-LEAST_TRUST = 1e-3
+MIN_TRUST = 1e-3
 SLOWLY, QUICKLY, LESS = 1.0 / 16.0, 0.5, 0.7
 """Update rate of the noise; a higher one if the new noise is below LESS times the old, which may have been motion."""
 BLOCK_PX = 5
@@ -40,7 +40,7 @@ STRIDE_PX, SMALL_STRIDE_PX, SMALL_VIEW = 16, 8, 20_000
 """Spacing of the blocks, and spacing in views of fewer pixels than SMALL_VIEW."""
 DARK = 16.0 / 255.0
 """Brightness below which a block carries no information on the lighting."""
-LEAST_GAIN, MOST_GAIN = 0.5, 2.0
+MIN_GAIN, MAX_GAIN = 0.5, 2.0
 MEDIAN_ERROR = 1.86
 """Standard error of the median of one normal value, in median absolute deviations: 1.4826 sqrt(pi / 2)."""
 
@@ -67,14 +67,14 @@ class Noise:
     def information(self) -> Float32:
         """Inverse variances (2, LEVELS) of both, from brightness 0 to 1."""
         places, centres = np.linspace(0.0, 1.0, LEVELS), (np.arange(BINS) + 0.5) / BINS
-        trust = max(self.trust, LEAST_TRUST)
+        trust = max(self.trust, MIN_TRUST)
         curves = [np.interp(places, centres, curve) * trust for curve in (self.colours, self.brightness)]
         return (1.0 / np.array(curves)).astype(np.float32)
 
     def followed(self, new: Noise) -> Noise:
         """Update the noise with the noise of a new frame."""
         # Take the new value entirely if only this frame certainly has no motion.
-        up = (new.trust - self.trust) / max(new.trust, LEAST_TRUST)
+        up = (new.trust - self.trust) / max(new.trust, MIN_TRUST)
         slowly = max(up, SLOWLY * new.trust)
 
         def one(old: Float32, now: Float32) -> Float32:
@@ -190,14 +190,14 @@ def _by_level(energies: Float32, level: NDArray[np.int64], second: bool) -> tupl
     Classes with few blocks are interpolated. With `second`, energies are the smaller of two.
     """
     count = np.bincount(level, minlength=BINS)
-    known = np.flatnonzero(count >= min(FEWEST_BLOCKS, count.max()))
+    known = np.flatnonzero(count >= min(MIN_BLOCKS, count.max()))
     found = np.array([_low(energies[level == number], LOW_QUANTILES[1]) for number in known])
     curve = np.interp(np.arange(BINS), known, np.minimum(found, STEEP * _expected(known, found, count[known])))
     with np.errstate(divide="ignore", invalid="ignore"):
         relative = np.nan_to_num(energies / curve[level], posinf=0.0)
     low, high = np.cbrt([_low(relative, share) for share in LOW_QUANTILES])
-    spread = float((high - low) / (NORMAL[1] * low - NORMAL[0] * high)) if high > 0 else LEAST_SPREAD
-    spread = min(max(spread, LEAST_SPREAD), MOST_SPREAD)
+    spread = float((high - low) / (NORMAL[1] * low - NORMAL[0] * high)) if high > 0 else MIN_SPREAD
+    spread = min(max(spread, MIN_SPREAD), MAX_SPREAD)
     chance = _quantile(spread, NORMAL[1]) * (1.0 - (LESSER * spread if second else 0.0))
     return (curve / chance).astype(np.float32), spread
 
@@ -276,7 +276,7 @@ def lighting(now: Float32, before: Float32) -> Float32:
     # A binomial filter has no negative frequency response: a row's correction does not grow in the next frame.
     wider = np.pad(gains, ((0, 0), (1, 1), (0, 0)), mode="edge")
     smooth = 0.25 * wider[:, :-2] + 0.5 * wider[:, 1:-1] + 0.25 * wider[:, 2:]
-    return np.clip(smooth, LEAST_GAIN, MOST_GAIN).astype(np.float32)
+    return np.clip(smooth, MIN_GAIN, MAX_GAIN).astype(np.float32)
 
 
 def _medians(values: Float32) -> Float32:

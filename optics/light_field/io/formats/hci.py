@@ -38,9 +38,9 @@ Float32 = NDArray[np.float32]
 PARAMETERS = "parameters.cfg"
 DISPARITY, DEPTH = "gt_disp_lowres.pfm", "gt_depth_lowres.pfm"
 OURS = "mirrorcam"
-MOST_VIEWS, MOST_PICTURES = 1000, 100_000
+MAX_VIEWS, MAX_PICTURES = 1000, 100_000
 """Largest number of views of a scene down or across, and in total."""
-LARGEST_BYTES = 300_000
+MAX_BYTES = 300_000
 """Largest size of the parameters: the benchmark's take 1 kB, a hundred of our exact views 10 kB."""
 SENSOR_SIZE_MM = 35.0
 """Written as the longer side of the sensor; only its ratio to the focal length matters."""
@@ -176,7 +176,7 @@ def read_hci(folder: Path, *, every: int = 1) -> HciScene:
     """
     path = folder / PARAMETERS
     parser = ConfigParser(interpolation=None)
-    raw = read_bytes(path, LARGEST_BYTES)
+    raw = read_bytes(path, MAX_BYTES)
     try:
         text = raw.decode("utf-8")
         if _LONG_BLANK.search(text):  # the parser would search for the end of a name from each position
@@ -188,15 +188,15 @@ def read_hci(folder: Path, *, every: int = 1) -> HciScene:
         reason = " ".join(str(error).split())
         raise InputError(shortened(f"{path}: not the parameters of a light field: {reason}")) from None
     # A scene focused at infinity has zero disparity there.
-    beyond = {key: MOST_VIEWS if key.startswith("num_cams") else 1e6 for key in numbers} | {"focus_distance_m": np.inf}
+    beyond = {key: MAX_VIEWS if key.startswith("num_cams") else 1e6 for key in numbers} | {"focus_distance_m": np.inf}
     wrong = next((key for key, value in numbers.items() if not 0 < value <= beyond[key]), None)
     wrong = wrong or next((key for key in _COUNTS if not numbers[key].is_integer()), None)
     if wrong is not None:
         kind = "positive number, a whole one" if wrong in _COUNTS else "positive number"
         raise InputError(f"{path}: {wrong} is {numbers[wrong]:g}, expected a {kind} to {beyond[wrong]:g}")
     width, height, cols, rows = (int(numbers[key]) for key in _COUNTS)
-    if cols * rows > MOST_PICTURES:
-        raise InputError(f"{path}: {cols}x{rows} views, expected at most {MOST_PICTURES}")
+    if cols * rows > MAX_PICTURES:
+        raise InputError(f"{path}: {cols}x{rows} views, expected at most {MAX_PICTURES}")
     if every < 1 or (cols // 2) % every or (rows // 2) % every:
         raise InputError(f"{folder}: {cols}x{rows} views, expected the central one among every {every}th")
     views = _our_views(parser, path, (width, height)) if parser.has_section(OURS) else _even_views(numbers)

@@ -27,7 +27,7 @@ from mirrorcam.optics.light_field.light_field import LightField, Views
 
 STRUCT = "MirrorCam"
 READABLE_MAT = "a .mat file that can be read"
-LARGEST_BYTES = 2**31 - 1
+MAX_BYTES = 2**31 - 1
 """Largest variable of a .mat file before version 7.3, which is HDF5."""
 
 
@@ -86,7 +86,7 @@ def write_lftoolbox(path: Path, light_field: LightField) -> None:
     samples = light_field.samples
     weights: Any = weight_bytes(light_field.weights) if samples.dtype == np.uint8 else light_field.weights
     lf = np.concatenate([samples, weights[..., None]], axis=-1)
-    if lf.nbytes > LARGEST_BYTES:
+    if lf.nbytes > MAX_BYTES:
         raise InputError(f"{path}: {lf.nbytes / 2**30:.1f} GiB of samples, a .mat file holds less than 2")
     fields = {name: getattr(light_field, name) for name in Views.__dataclass_fields__}
     variables = {

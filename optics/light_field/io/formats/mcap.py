@@ -42,7 +42,7 @@ _SHOWN = 3
 View = tuple[int, int]
 MAGIC = b"\x89MCAP0\r\n"
 _FOOTER, _CHANNEL, _CHUNK = 0x02, 0x04, 0x06
-LARGEST_TOPICS_BYTES = 400_000
+MAX_TOPICS_BYTES = 400_000
 """Largest size of the descriptions of all topics, whose quality of service is YAML that rosbags parses slowly; a light
 field's take less than 1 kB per view."""
 _RECORD = struct.Struct("<BQ")
@@ -83,7 +83,7 @@ class StoredBag(StoredFrames):
         self.path, self._store = path, get_typestore(Stores.ROS2_HUMBLE)
         files = sorted(path.glob("*.mcap")) if path.is_dir() else [path]
         if path.is_dir() and os.path.lexists(path / METADATA):
-            read_bytes(inside(path, METADATA), LARGEST_TOPICS_BYTES)
+            read_bytes(inside(path, METADATA), MAX_TOPICS_BYTES)
         chunks = {file.name: checked_chunks(file) for file in files}
         self._stored = sum(file.stat().st_size for file in files)
         for file in sorted(path.glob("*.db3")) if path.is_dir() else ():
@@ -264,7 +264,7 @@ def checked_chunks(path: Path) -> frozenset[Chunk]:
             if after > stored:
                 raise InputError(f"{path}: truncated, expected a complete MCAP file (`mcap recover` saves the rest)")
             topics += length if opcode == _CHANNEL else 0
-            if topics > LARGEST_TOPICS_BYTES:
+            if topics > MAX_TOPICS_BYTES:
                 raise ValueError("topics are described by more text than necessary")
             if opcode == _CHUNK:
                 chunks.append(_chunk(path, file, start, after, stored))
