@@ -146,7 +146,7 @@ class PointMatcher:
         distance = 1.0 / np.clip(np.where(known, inverse, 1e-3), 1e-6, None)
         found = align(pyramid, given, others, where, geometry.across_mm[others], distance)
         seen = np.full(tracked.shape, np.nan)
-        seen[others] = np.where((found.alike >= LEAST_ALIKE)[..., None], found.pixels, np.nan)
+        seen[others] = np.where((found.correlation >= LEAST_ALIKE)[..., None], found.pixels, np.nan)
         seen[self.reference] = start
         return seen
 

@@ -38,8 +38,8 @@ class SeenBoard:
     @property
     def any(self) -> Corners | None:
         """Any of its numberings; None if there is none."""
-        every = [*self.stated.direct, *self.stated.image, *self.inverted.direct, *self.inverted.image]
-        return every[0] if every else None
+        numberings = [*self.stated.direct, *self.stated.image, *self.inverted.direct, *self.inverted.image]
+        return numberings[0] if numberings else None
 
     def flipped(self, width_px: int) -> SeenBoard:
         """Return the board in the picture flipped left to right, which swaps direct and mirrored numberings."""
@@ -48,8 +48,8 @@ class SeenBoard:
 
 def _flipped(board: FoundBoard, width_px: int) -> FoundBoard:
     direct, image = (
-        [replace(one, pixels=np.array([width_px - 1.0, 0.0]) + one.pixels * [-1.0, 1.0]) for one in some]
-        for some in (board.image, board.direct)
+        [replace(one, pixels=np.array([width_px - 1.0, 0.0]) + one.pixels * [-1.0, 1.0]) for one in numberings]
+        for numberings in (board.image, board.direct)
     )
     return FoundBoard(direct, image)
 
@@ -74,7 +74,7 @@ def boards_in(pictures: Sequence[Grey], target: Target, *, most: int, progress: 
 
 def more_mirrors(boards: Sequence[Sequence[SeenBoard]], names: Sequence[str], mirrors: int) -> str:
     """Return a clause for an error if a picture shows more boards than the mirrors explain, with double reflections."""
-    count, number = max((len(some), -number) for number, some in enumerate(boards))
+    count, number = max((len(in_picture), -number) for number, in_picture in enumerate(boards))
     if count <= 1 + mirrors**2:
         return ""
     return f"; {names[-number]} shows {count} boards, expected more than --direct-view {mirrors}"
@@ -158,8 +158,8 @@ def fits_flipped(
 
 def nearness_note(estimate: Estimate, target: Target) -> tuple[str, ...]:
     """Note a board so near to the camera, or so far, that its size seems to be in a unit other than mm."""
-    middle = np.append(target.corners_in_board_mm.mean(axis=0), 1.0)
-    distance_mm = float(np.median((estimate.rig_from_board @ middle)[:, 2]))
+    centre = np.append(target.corners_in_board_mm.mean(axis=0), 1.0)
+    distance_mm = float(np.median((estimate.rig_from_board @ centre)[:, 2]))
     if NEAREST_MM < distance_mm < FARTHEST_MM:
         return ()
     return (
@@ -180,9 +180,9 @@ def confirmed(pictures: Sequence[Grey], start: Start, target: Target) -> Observa
     ids = np.arange(len(board.corners_in_board_mm))
     parts = []
     for frame, picture in enumerate(pictures):
-        alone = estimate.of_frames(np.array([frame]))
+        single_frame = estimate.of_frames(np.array([frame]))
         for view in range(DIRECT, len(estimate.virtual_centres_in_rig_mm)):
-            predicted = residuals(alone, Observations.of_view(0, view, ids, np.zeros((len(ids), 2))), board)
+            predicted = residuals(single_frame, Observations.of_view(0, view, ids, np.zeros((len(ids), 2))), board)
             if not np.isfinite(predicted).all():
                 continue
             corners = confirm(picture, predicted, target)

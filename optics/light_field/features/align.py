@@ -83,7 +83,7 @@ class AlignedPatches:
     ----------
     pixels
         Pixels (views, n, 2) of the patches; NaN where a view was skipped.
-    alike
+    correlation
         Normalised cross-correlation (views, n) with the patch; 0 where a view was skipped, and for keypoints without a
         template.
     precision
@@ -100,7 +100,7 @@ class AlignedPatches:
     """
 
     pixels: FloatArray
-    alike: FloatArray
+    correlation: FloatArray
     precision: FloatArray
     variance: FloatArray
     shape_covariance: FloatArray
@@ -152,7 +152,7 @@ def align(
             *(pyramid, part, views, start_px[:, index]),
             *(across_mm.astype(np.float32), distance_mm[index], shown.of(index)),
         )
-        pixels[:, index], alike[:, index] = found.pixels, found.alike
+        pixels[:, index], alike[:, index] = found.pixels, found.correlation
         precision[index], variance[index], covariance[index] = found.precision, found.variance, found.shape_covariance
         shapes[index] = found.shapes
 
@@ -212,7 +212,7 @@ def _align_level(
         centre -= step * np.minimum(1.0, MAX_STEP_PX / np.maximum(length, np.float32(1e-9)))
     return AlignedPatches(
         pixels=np.where(looked[..., None], (centre - origin).astype(np.float64) * 2**each.level, np.nan),
-        alike=np.where(looked, alike, 0.0).astype(np.float64),
+        correlation=np.where(looked, alike, 0.0).astype(np.float64),
         precision=(each.gradients @ each.gradients.transpose(0, 2, 1)).astype(np.float64) / 4.0**each.level,
         variance=solved.variance,
         shape_covariance=solved.covariance() * 4.0**each.level,

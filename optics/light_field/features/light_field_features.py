@@ -179,7 +179,7 @@ class FeatureFinder:
         start[~shown_by_views(inner[others], start)] = np.nan
         distance = 1.0 / np.maximum(inverse_mm, 1e-6)
         aligned = align(pyramid, reference_patches, others, start, geometry.across_mm[others], distance, self._pool.map)
-        matching = (aligned.alike >= MIN_CORRELATION) & shown_by_views(inner[others], aligned.pixels)
+        matching = (aligned.correlation >= MIN_CORRELATION) & shown_by_views(inner[others], aligned.pixels)
         seen_px = np.full((len(images), len(rows), 2), np.nan)
         seen_px[others] = np.where(matching[..., None], aligned.pixels, np.nan)
         indices = np.concatenate([np.zeros(0, np.int64), *(each.index for each in reference_patches)])

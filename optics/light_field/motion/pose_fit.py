@@ -30,7 +30,7 @@ from mirrorcam.optics.light_field.features.patches import ImagePyramid, Template
 from mirrorcam.optics.light_field.features.slope import Geometry, agreeing_views, fit_slope, moderated_variance
 from mirrorcam.optics.light_field.light_field import LightField
 
-MIN_ALIKE = 0.8
+MIN_CORRELATION = 0.8
 PRIOR_FREEDOM = 4.0
 ROUNDS = 12
 # Squared error of three components, in typical variances, above which a landmark is an outlier.
@@ -145,7 +145,7 @@ def see(
     start[~shown_by_views(frame.inner, start)] = np.nan
     distance = 1.0 / np.maximum(inverse_mm, 1e-6)
     aligned = align(frame.pyramid, given, views, start, geometry.across_mm, distance, run, warp)
-    sure = (aligned.alike >= MIN_ALIKE) & shown_by_views(frame.inner, aligned.pixels)
+    sure = (aligned.correlation >= MIN_CORRELATION) & shown_by_views(frame.inner, aligned.pixels)
     seen_px = np.where(sure[..., None], aligned.pixels, np.nan)
     mean = np.trace(aligned.precision, axis1=1, axis2=2) / 2.0
     precision = aligned.precision / mean[:, None, None]

@@ -30,7 +30,7 @@ from mirrorcam.optics.light_field.temporal.noise import (
     chi_square,
     full_brightness,
     lighting,
-    measured_noise,
+    measure_noise,
     row_gains,
 )
 from mirrorcam.optics.light_field.temporal.recursive_mean import AREA_PX, INFORMATION, LAG_SUMS, MEMORY, filter_view
@@ -148,11 +148,11 @@ class TemporalFilter:
         blocks, rows = blocks.after(before.blocks, gains), row_gains(gains, frame.height_px)
         share = own_share(frame, before.last, rows)
         trust = min(max((share - MOVING_SHARE) / (RESTING_SHARE - MOVING_SHARE), 0.0), 1.0)
-        measured = measured_noise(
+        measured = measure_noise(
             blocks, before.blocks, gains, ROUNDING if frame.samples.dtype == np.uint8 else LEAST, trust
         )
         if before.noise is not None:
-            measured = before.noise.followed(measured)
+            measured = before.noise.updated(measured)
         new, old = _by_view(frame), _by_view(before.mean)
         if old.dtype == np.uint8:
             old = old.astype(np.float32) / full_brightness(before.mean)
