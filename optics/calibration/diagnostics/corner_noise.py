@@ -145,6 +145,7 @@ class CorrelatedErrors:
     """Spread of the parameters relative to independent errors.
 
     Errors common to all frames do not affect it.
+
     Attributes
     ----------
     ratio

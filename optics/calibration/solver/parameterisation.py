@@ -33,6 +33,7 @@ class FrameTerms:
 
     A prior is the weight that turns a value into an equally improbable standardised residual: the scale of such
     residuals over the standard deviation of the value.
+
     Attributes
     ----------
     turn_per_rad

@@ -109,6 +109,7 @@ class StoredLightFields(StoredFrames):
     """The light fields of a recording in Zarr, each read on access.
 
     An interrupted recording (NAME.partial) holds its complete frames.
+
     Attributes
     ----------
     numbers, times_s

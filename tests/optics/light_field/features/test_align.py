@@ -79,8 +79,8 @@ def test_patches_are_found_to_hundredths_of_a_pixel(facing: tuple[LightField, Fl
 
 def test_slant_is_found_with_the_shift(slanted: tuple[LightField, FloatArray], monkeypatch: pytest.MonkeyPatch) -> None:
     error = np.percentile(errors_px(*slanted), 75)
-    monkeypatch.setattr(alignment, "SHAPING_ROUNDS", 0)
-    monkeypatch.setattr(alignment, "MOVING_ROUNDS", 5)
+    monkeypatch.setattr(alignment, "SHAPE_ROUNDS", 0)
+    monkeypatch.setattr(alignment, "SHIFT_ROUNDS", 5)
     plain = np.percentile(errors_px(*slanted), 75)
     assert error < 0.06
     assert plain > 2 * error
