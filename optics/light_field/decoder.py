@@ -107,7 +107,7 @@ class Decoder:
             self.views = self.views.on_regular_grid()
         self.equalisation: Equalisation | None = None
         pixels, self.weights = sensor_sources(layout, self.views, margin_px, regular_grid_at_mm)
-        self._partial = np.flatnonzero((self.weights > 0.0) & (self.weights < UNVIGNETTED))
+        self._vignetted = np.flatnonzero((self.weights > 0.0) & (self.weights < UNVIGNETTED))
         self._gain = self._brightening(LINEAR)
         table = pixels.astype(np.float32).reshape(-1, self.views.width_px, 2)
         table[self.weights.reshape(table.shape[:2]) == 0] = NOWHERE_PX
@@ -131,7 +131,7 @@ class Decoder:
 
         `exponent` is the exponent of grey levels over light.
         """
-        gain = self.weights.ravel()[self._partial, None] ** np.float32(-exponent)
+        gain = self.weights.ravel()[self._vignetted, None] ** np.float32(-exponent)
         return {channels: np.repeat(gain, channels, axis=1) for channels in (1, 3)}
 
     def decode(self, frame: Samples) -> LightField:
@@ -168,7 +168,7 @@ class Decoder:
         ]
         samples = parts[0] if len(parts) == 1 else np.concatenate(parts)
         samples = samples.reshape(*self.weights.shape, -1)
-        if len(self._partial):
+        if len(self._vignetted):
             self._brighten(samples)
         if self.equalisation is not None:
             self.equalisation.apply(samples)
@@ -179,10 +179,10 @@ class Decoder:
         channels = samples.shape[-1]
         # Pixels are gathered and scattered as single items, which is several times faster than by channel.
         pixels = samples.reshape(-1).view(f"V{channels * samples.itemsize}")
-        dark = pixels.take(self._partial).view(samples.dtype).reshape(-1, channels)
+        dark = pixels.take(self._vignetted).view(samples.dtype).reshape(-1, channels)
         depth = cv2.CV_8U if samples.dtype == np.uint8 else cv2.CV_32F
         bright: Any = cv2.multiply(dark, self._gain[channels], dtype=depth)
-        pixels[self._partial] = bright.reshape(-1).view(pixels.dtype)
+        pixels[self._vignetted] = bright.reshape(-1).view(pixels.dtype)
 
 
 def check_belongs(layout: Layout, identity: str, what: str) -> None:

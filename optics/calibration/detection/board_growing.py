@@ -11,7 +11,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from mirrorcam.core.values import FloatArray
-from mirrorcam.optics.calibration.detection.blurred_print import LOCAL, SOFTEST, Image
+from mirrorcam.optics.calibration.detection.blurred_print import LOCAL, MAX_BLUR, Image
 from mirrorcam.optics.calibration.detection.board_warp import QUINTIC, BoardWarp, corner_places, typical_cell_px
 from mirrorcam.optics.calibration.detection.corner_patches import Appearance, ExpectedCorners
 from mirrorcam.optics.calibration.detection.corner_refinement import RefinedCorners, refine
@@ -162,7 +162,7 @@ def _grow(
 
 def first_blur_px(places: FloatArray, pixels: FloatArray) -> float:
     """Return the initial blur for places (n, 2), in squares, at pixels (n, 2)."""
-    return min(FIRST_BLUR_PX, SOFTEST * typical_cell_px(places, pixels))
+    return min(FIRST_BLUR_PX, MAX_BLUR * typical_cell_px(places, pixels))
 
 
 def expected_corners(corners: Corners, target: Target) -> ExpectedCorners | None:

@@ -76,12 +76,12 @@ class Board:
     @cached_property
     def bows(self) -> FloatArray:
         """Heights (3, c) of the corners of boards bowed as x^2, y^2 and xy, with x and y from -1 to 1."""
-        x, y = self.middle_to_corners.T
+        x, y = self.corners_from_centre.T
         return np.stack([x * x, y * y, x * y])
 
     @property
-    def middle_to_corners(self) -> FloatArray:
-        """Positions (c, 2) of the corners relative to the drawing's middle, over the largest x and y."""
+    def corners_from_centre(self) -> FloatArray:
+        """Positions (c, 2) of the corners relative to the drawing's centre, over the largest x and y."""
         flat = self.corners_in_board_mm[:, :2]
         centred = flat - (flat.min(axis=0) + flat.max(axis=0)) / 2.0
         return np.asarray(centred / np.maximum(np.abs(centred).max(axis=0), 1e-9))
@@ -133,7 +133,7 @@ class Estimate:
 
     def __post_init__(self) -> None:
         mirrors = len(self.virtual_centres_in_rig_mm)
-        plain = {
+        defaults = {
             "camera_turn": np.zeros((len(self.rig_from_board), 3)),
             "bow_mm": np.zeros((len(self.rig_from_board), 3)),
             "thickness_mm": np.zeros(mirrors),
@@ -141,7 +141,7 @@ class Estimate:
             "curvature_per_m": np.zeros((mirrors, 3)),
             "middles_in_rig_mm": self.virtual_centres_in_rig_mm / 2.0,
         }
-        for name, default in plain.items():
+        for name, default in defaults.items():
             if getattr(self, name).size == 0:
                 object.__setattr__(self, name, default)
             elif getattr(self, name).shape != default.shape:
@@ -202,11 +202,11 @@ class Estimate:
         )
 
 
-def _rotated_by(turn: FloatArray, step: FloatArray) -> FloatArray:
+def _rotated_by(rotation: FloatArray, step: FloatArray) -> FloatArray:
     """Rotation vectors (f, 3) followed by steps (f, 3), if any."""
     if not step.size:
-        return turn
-    return np.asarray((Rotation.from_rotvec(step) * Rotation.from_rotvec(turn)).as_rotvec())
+        return rotation
+    return np.asarray((Rotation.from_rotvec(step) * Rotation.from_rotvec(rotation)).as_rotvec())
 
 
 def points_at_camera(
@@ -299,8 +299,8 @@ def linearized(
     camera_from_rig
         Rotations (3, 3, n) of the camera at each corner; None if it is not rotated.
     """
-    found = None if mirrors is None else images(in_rig, mirrors, bent=bent)
-    seen = in_rig if found is None else found.image_mm
+    mirrored = None if mirrors is None else images(in_rig, mirrors, bent=bent)
+    seen = in_rig if mirrored is None else mirrored.image_mm
     if camera_from_rig is not None:
         seen = np.einsum("ijn,jn->in", camera_from_rig, seen)
     pixels, by_seen, by_intrinsics = camera.project_with_jacobians(seen.T)
@@ -308,7 +308,7 @@ def linearized(
     camera_turn = _by_rotation(seen, rows)
     if camera_from_rig is not None:
         rows = np.einsum("pin,ijn->pjn", rows, camera_from_rig)
-    change = ImageDerivatives(rows, none, none, none) if found is None else found.vjp(rows)
+    change = ImageDerivatives(rows, none, none, none) if mirrored is None else mirrored.vjp(rows)
     return LinearizedResiduals(
         pixels.T,
         by_intrinsics.transpose(1, 2, 0),
@@ -350,17 +350,21 @@ def residuals_with_jacobians(
         view = observations.view[rows]
         mirrors = None if is_direct else mirrors_of_views(estimate, view)
         frame, corner = observations.frame[rows], observations.corner[rows]
-        turn = turns[frame].transpose(1, 2, 0)
-        at = linearized(estimate.camera, turned[rows].T, in_rig[rows].T, mirrors, bent=True, camera_from_rig=turn)
-        r[rows] = at.pixels.T - observations.pixels[rows]
-        by_global[rows, :, :lens] = at.intrinsics.transpose(2, 0, 1)
-        by_corner = np.einsum("ijn,njk->nik", at.corner, estimate.rig_from_board[frame, :3, :3])
+        rotations = turns[frame].transpose(1, 2, 0)
+        linear = linearized(
+            estimate.camera, turned[rows].T, in_rig[rows].T, mirrors, bent=True, camera_from_rig=rotations
+        )
+        r[rows] = linear.pixels.T - observations.pixels[rows]
+        by_global[rows, :, :lens] = linear.intrinsics.transpose(2, 0, 1)
+        by_corner = np.einsum("ijn,njk->nik", linear.corner, estimate.rig_from_board[frame, :3, :3])
         by_global[rows, :, thickness + 1 :] = np.einsum("nij,knj->nik", by_corner, board.modes[:, corner])
-        by_frame[rows, :, :9] = np.concatenate([at.turn, at.corner, at.camera_turn], axis=1).transpose(2, 0, 1)
+        by_frame[rows, :, :9] = np.concatenate([linear.turn, linear.corner, linear.camera_turn], axis=1).transpose(
+            2, 0, 1
+        )
         by_frame[rows, :, 9:] = np.einsum("ni,kn->nik", by_corner[:, :, 2], board.bows[:, corner])
         if mirrors is not None:
             for k in range(3):
-                by_global[rows, :, lens + 3 * view + k] = at.centre[:, k].T
-                by_global[rows, :, lens + 3 * (count + view) + k] = at.curvature[:, k].T
-            by_global[rows, :, thickness] = np.where(mirrors.thickness_mm > 0.0, at.thickness, 0.0).T
+                by_global[rows, :, lens + 3 * view + k] = linear.centre[:, k].T
+                by_global[rows, :, lens + 3 * (count + view) + k] = linear.curvature[:, k].T
+            by_global[rows, :, thickness] = np.where(mirrors.thickness_mm > 0.0, linear.thickness, 0.0).T
     return r, by_global, by_frame
