@@ -263,7 +263,7 @@ class _Profile:
         nearest, second = (each.reshape(shape) for each in np.partition(planes.distance, 1, axis=1)[:, :2].T)
         in_front = np.isfinite(nearest)
         slope = -np.gradient(np.where(in_front, nearest, 0.0), STEP_PX, axis=1)
-        # Skip points where the next edge of the outline cuts the pupil, too.
+        # Skip points where the next edge of the outline also cuts the pupil.
         usable = in_front & np.isfinite(light.light) & (second > 1.5 * max(pupil.radius_mm, 1.0))
         along = np.broadcast_to(np.linspace(-1.0, 1.0, STATIONS)[:, None], shape)
         across = np.broadcast_to(border.out_px / border.out_px[-1], shape)

@@ -45,7 +45,7 @@ MIN_CORRELATION = 0.7  # correlation of the squares with markers of the best sid
 AROUND = np.array([[-0.5, -0.5], [0.5, -0.5], [-0.5, 0.5], [0.5, 0.5]])  # squares, from a middle to the corners
 PADDING = 8  # px of the black squares around a white one
 MIN_PAIRS = 12
-"""Number of pairs straight above each other in grids below which single markers are searched, too."""
+"""Number of pairs straight above each other in grids below which single markers are also searched."""
 MAX_OFFSET = 2.0 * PREDICTION_ERROR + 0.1
 """Squares between a marker and its prediction from a marker two squares above; less for a nearer one."""
 BELOW = ((0, 2), (1, 1), (-1, 1))

@@ -230,7 +230,7 @@ def _frames_alone(fitted: Estimate, model: Model, rest: Estimate) -> tuple[Estim
     frames = replace(
         fitted,
         rig_from_board=rest.rig_from_board,
-        camera_turn=rest.camera_turn,
+        camera_rotation=rest.camera_rotation,
         bow_mm=rest.bow_mm,
         shape=np.zeros(0),
     )

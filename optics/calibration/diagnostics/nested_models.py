@@ -182,14 +182,14 @@ def _has_pattern(solution: Solution, observations: Observations) -> bool:
 def _fit_with_terms(name: str, smaller: Fitted, observations: Observations, addition: str) -> Fitted:
     """Fit with one more kind of per-frame parameters, under priors that follow the noise and the fitted bows."""
     scale, terms = smaller.solution.scale, smaller.model.frame_terms
-    turns = addition == "turn" or terms.turn_per_rad is not None
+    turns = addition == "turn" or terms.rotation_per_rad is not None
     bows = addition == "bow" or terms.bow_per_mm is not None
     board, estimate = smaller.model.board, smaller.solution.estimate
     size = float(np.ptp(board.corners_in_board_mm, axis=0).max())
     bow_mm = INITIAL_BOW * size
     for _ in range(PRIOR_ROUNDS):
         priors = FrameTerms(
-            turn_per_rad=scale * estimate.camera.fx_px / TURN_PX if turns else None,
+            rotation_per_rad=scale * estimate.camera.fx_px / TURN_PX if turns else None,
             bow_per_mm=scale / bow_mm if bows else None,
         )
         fitted = fit_as(name, estimate, observations, replace(smaller.model, frame_terms=priors))

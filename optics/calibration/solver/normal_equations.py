@@ -235,8 +235,8 @@ def columns_of(estimate: Estimate, chunk: Chunk, model: Model, corners: FloatArr
         camera_from_rig=_camera_from_rig(estimate, chunk),
     )
     parts = [at.turn, at.corner]
-    if model.frame_terms.turn_per_rad is not None:
-        parts.append(at.camera_turn)
+    if model.frame_terms.rotation_per_rad is not None:
+        parts.append(at.camera_rotation)
     if model.frame_terms.bow_per_mm is not None:
         parts.append(_by_board(at, estimate, chunk)[:, None, 2] * model.board.bows[:, chunk.corner])
     parts.append((at.pixels - chunk.pixels)[:, None])
@@ -273,9 +273,9 @@ def _in_rig(estimate: Estimate, chunk: Chunk, corners: FloatArray, board: Board)
 
 def _camera_from_rig(estimate: Estimate, chunk: Chunk) -> FloatArray | None:
     """Rotations (3, 3, n) of the camera at the chunk's corners; None if it is not rotated in any frame."""
-    if not estimate.camera_turn.any():
+    if not estimate.camera_rotation.any():
         return None
-    turns = Rotation.from_rotvec(estimate.camera_turn).as_matrix()
+    turns = Rotation.from_rotvec(estimate.camera_rotation).as_matrix()
     counts = [last - first for _, first, last in chunk.runs]
     return np.repeat(turns[[frame for frame, _, _ in chunk.runs]], counts, axis=0).transpose(1, 2, 0)
 

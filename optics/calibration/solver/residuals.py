@@ -114,7 +114,7 @@ class Estimate:
     middles_in_rig_mm
         Middles (m, 3) of the outlines as designed; their feet on the planes are the origins of the mirrors' own frames.
         Default: the feet of the pupil.
-    camera_turn
+    camera_rotation
         Rotation vectors (f, 3), rad, of the camera in each frame, from rig to camera axes. Default: none.
     bow_mm
         Coefficients (f, 3) of `Board.bows` in each frame. Default: none.
@@ -128,13 +128,13 @@ class Estimate:
     refractive_index: FloatArray = field(default_factory=lambda: np.zeros(0))
     curvature_per_m: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
     middles_in_rig_mm: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
-    camera_turn: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
+    camera_rotation: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
     bow_mm: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
 
     def __post_init__(self) -> None:
         mirrors = len(self.virtual_centres_in_rig_mm)
         defaults = {
-            "camera_turn": np.zeros((len(self.rig_from_board), 3)),
+            "camera_rotation": np.zeros((len(self.rig_from_board), 3)),
             "bow_mm": np.zeros((len(self.rig_from_board), 3)),
             "thickness_mm": np.zeros(mirrors),
             "refractive_index": np.ones(mirrors),
@@ -163,14 +163,14 @@ class Estimate:
     def with_poses(self, rig_from_board: FloatArray) -> Self:
         """Return camera and mirrors with other board poses (f, 4, 4), without other per-frame parameters."""
         none = np.zeros((0, 3))
-        return replace(self, rig_from_board=rig_from_board, camera_turn=none, bow_mm=none)
+        return replace(self, rig_from_board=rig_from_board, camera_rotation=none, bow_mm=none)
 
     def of_frames(self, frames: NDArray[np.bool_] | IntArray) -> Self:
         """Select some frames."""
         return replace(
             self,
             rig_from_board=self.rig_from_board[frames],
-            camera_turn=self.camera_turn[frames],
+            camera_rotation=self.camera_rotation[frames],
             bow_mm=self.bow_mm[frames],
         )
 
@@ -197,7 +197,7 @@ class Estimate:
             shape=self.shape + shape,
             thickness_mm=np.where(self.thickness_mm > 0.0, self.thickness_mm + thickness, 0.0),
             curvature_per_m=self.curvature_per_m + curvatures.reshape(-1, 3),
-            camera_turn=_rotated_by(self.camera_turn, step_turn),
+            camera_rotation=_rotated_by(self.camera_rotation, step_turn),
             bow_mm=self.bow_mm + step_bow if step_bow.size else self.bow_mm,
         )
 
@@ -233,8 +233,8 @@ def points_at_camera(
     mirrored = observations.view != DIRECT
     mirrors = mirrors_of_views(estimate, observations.view[mirrored])
     seen[mirrored] = images(in_rig[mirrored].T, mirrors).image_mm.T
-    if estimate.camera_turn.any():
-        turns = Rotation.from_rotvec(estimate.camera_turn).as_matrix()
+    if estimate.camera_rotation.any():
+        turns = Rotation.from_rotvec(estimate.camera_rotation).as_matrix()
         seen = np.einsum("nij,nj->ni", turns[observations.frame], seen)
     return turned, in_rig, seen
 
@@ -272,7 +272,7 @@ class LinearizedResiduals:
     curvature: FloatArray
     corner: FloatArray
     turn: FloatArray
-    camera_turn: FloatArray
+    camera_rotation: FloatArray
 
 
 def linearized(
@@ -305,7 +305,7 @@ def linearized(
         seen = np.einsum("ijn,jn->in", camera_from_rig, seen)
     pixels, by_seen, by_intrinsics = camera.project_with_jacobians(seen.T)
     rows, none = by_seen.transpose(1, 2, 0), np.empty((2, 0, in_rig.shape[1]))
-    camera_turn = _by_rotation(seen, rows)
+    camera_rotation = _by_rotation(seen, rows)
     if camera_from_rig is not None:
         rows = np.einsum("pin,ijn->pjn", rows, camera_from_rig)
     change = ImageDerivatives(rows, none, none, none) if mirrored is None else mirrored.vjp(rows)
@@ -317,7 +317,7 @@ def linearized(
         change.curvature,
         change.point,
         _by_rotation(turned, change.point),
-        camera_turn,
+        camera_rotation,
     )
 
 
@@ -344,7 +344,7 @@ def residuals_with_jacobians(
     r = np.empty((len(observations), 2))
     by_global = np.zeros((len(observations), 2, thickness + 1 + estimate.shape.size))
     by_frame = np.empty((len(observations), 2, 12))
-    turns = Rotation.from_rotvec(estimate.camera_turn).as_matrix()
+    turns = Rotation.from_rotvec(estimate.camera_rotation).as_matrix()
     for is_direct in (True, False):
         rows = np.flatnonzero((observations.view == DIRECT) == is_direct)
         view = observations.view[rows]
@@ -358,7 +358,7 @@ def residuals_with_jacobians(
         by_global[rows, :, :lens] = linear.intrinsics.transpose(2, 0, 1)
         by_corner = np.einsum("ijn,njk->nik", linear.corner, estimate.rig_from_board[frame, :3, :3])
         by_global[rows, :, thickness + 1 :] = np.einsum("nij,knj->nik", by_corner, board.modes[:, corner])
-        by_frame[rows, :, :9] = np.concatenate([linear.turn, linear.corner, linear.camera_turn], axis=1).transpose(
+        by_frame[rows, :, :9] = np.concatenate([linear.turn, linear.corner, linear.camera_rotation], axis=1).transpose(
             2, 0, 1
         )
         by_frame[rows, :, 9:] = np.einsum("ni,kn->nik", by_corner[:, :, 2], board.bows[:, corner])

@@ -52,8 +52,8 @@ class Parallax:
         x, y, z = (np.float32(length) for length in self.position_mm)
         (cx, cy), focal = self.centre_px, np.float32(self.focal_px)
         front = np.float32(1.0 - self.position_mm[2] / self.reference_distance_mm)
-        along = front / np.square(np.float32(1.0) - z * inverse_distance)
-        return along * (z * (columns - np.float32(cx)) - focal * x), along * (z * (rows - np.float32(cy)) - focal * y)
+        rate = front / np.square(np.float32(1.0) - z * inverse_distance)
+        return rate * (z * (columns - np.float32(cx)) - focal * x), rate * (z * (rows - np.float32(cy)) - focal * y)
 
 
 def reference_index(views: Views) -> tuple[int, int]:
@@ -92,8 +92,8 @@ def plane_inverse_distances(views: Views, near_mm: float, far_mm: float, step_px
     They are evenly spaced in inverse distance, hence in disparity; far first. Raises InputError if more than
     `MAX_PLANES` are needed.
     """
-    behind = views.reference_view_depth_mm
-    low, high = 1.0 / (far_mm - behind), 1.0 / (near_mm - behind)
+    pupil_mm = views.reference_view_depth_mm
+    low, high = 1.0 / (far_mm - pupil_mm), 1.0 / (near_mm - pupil_mm)
     reach_mm = np.abs(views.positions_mm[..., :2]).max()
     count = int(np.ceil(min(views.focal_px * reach_mm * (high - low) / step_px, 1e9))) + 1
     if count > MAX_PLANES:

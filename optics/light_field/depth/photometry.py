@@ -144,7 +144,7 @@ def matching_gain(picture: Float32, across: Float32, down: Float32, reference: F
     terms, weight = basis * picture_means[both].astype(float)[:, None], np.ones(len(target))
     for scale in OCCLUSION_SCALES:
         weighted = terms * weight[:, None]
-        # A weak prior of gain 1, so that a black picture has a gain, too.
+        # The weak prior of gain 1 gives even a black picture a gain.
         gain = np.linalg.solve(weighted.T @ terms + np.eye(3), weighted.T @ target + [1.0, 0.0, 0.0])
         weight = 1.0 / np.square(1.0 + np.square((terms @ gain - target) / scale))
     columns = np.arange(width, dtype=np.float32) / np.float32(width) - np.float32(0.5)

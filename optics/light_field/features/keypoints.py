@@ -240,7 +240,7 @@ def stack_keypoints(
     low, high = np.percentile(greys, [DARK_PERCENTILE, BRIGHT_PERCENTILE]) if len(greys) else (0.0, 255.0)
     gain = 250.0 / max(high - low, MIN_RANGE_GREY)
 
-    # Exclude what cubic interpolation blends with invalid pixels.
+    # Exclude pixels that cubic interpolation blends with invalid ones.
     valid = np.stack([np.asarray(cv2.erode(mask, np.ones((5, 5), np.uint8)), dtype=np.uint8) for mask in seen])
 
     def detect_in_slice(inverse_mm: float) -> tuple[Any, Any]:

@@ -130,8 +130,8 @@ class StoredLightFields(StoredFrames):
         self._is_weighted_in_full = weights.is_in_full
         views = self.about.get("views")
         empty = np.zeros(self._samples.shape[1:], dtype=self._samples.dtype)
-        given = {**(views if isinstance(views, dict) else {}), "samples": empty, "weights": weights.whole()}
-        self._empty = light_field_of_fields(given, str(path))
+        fields = {**(views if isinstance(views, dict) else {}), "samples": empty, "weights": weights.whole()}
+        self._empty = light_field_of_fields(fields, str(path))
 
     def _check_shapes(self, weights: ZarrArray, *, is_cut_off: bool) -> None:
         """Raise InputError if arrays are inconsistent, or a frame is not a single chunk that fits into memory."""

@@ -41,7 +41,7 @@ WINDOW_PX = 3
 MIN_DISTANCE = 0.1
 """Distance, in view distances, at which a view counts as if it were at the position itself."""
 MAX_PIXELS = 200_000_000
-"""Most pixels of all views together, at up to 16 bytes each."""
+"""Largest number of pixels of all views, at up to 16 bytes each."""
 
 
 def all_in_focus(light_field: LightField, depths: ViewDepths) -> RenderedPicture:

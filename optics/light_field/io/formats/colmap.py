@@ -45,7 +45,7 @@ def margins(views: Views) -> tuple[int, int, int, int]:
 def write_colmap(folder: Path, light_field: LightField) -> None:
     """Write `images/VIEW/0000.png`, `masks/`, `rig_config.json` and `sparse/`; the world is the rig frame.
 
-    Numbers are those of COLMAP's database: cameras and images from 1 in the order of names, then the joint rig and
+    Numbers follow COLMAP's database: cameras and images from 1 in the order of names, then the joint rig and
     frame. `colmap point_triangulator` adds points to the model.
     """
     views = light_field
