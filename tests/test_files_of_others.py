@@ -196,7 +196,7 @@ def _began(*arguments: object, **named: object) -> None:
 
 
 @pytest.mark.parametrize(
-    "name", a_few(3, [pytest.param(n, marks=needs_renderer if n in RENDERED else ()) for n in CASES])
+    "name", a_few(1, [pytest.param(n, marks=needs_renderer if n in RENDERED else ()) for n in CASES])
 )
 def test_files_of_others_stay(
     name: str, here: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

@@ -64,6 +64,7 @@ def test_design_and_export_parts(tmp_path: Path) -> None:
     assert {"index.html", "checks.json", "assembly.step", "assembly.glb"} <= {path.name for path in device.iterdir()}
 
 
+@pytest.mark.slow
 @rendering
 def test_render_and_calibrate(tmp_path: Path) -> None:
     run("render_and_calibrate", tmp_path / "out")

@@ -105,6 +105,7 @@ def test_a_picture_that_its_exif_data_turns_is_said_to_be_one(folder: Path) -> N
         decoded((folder / "turned.jpg",), folder / "out")
 
 
+@pytest.mark.slow
 def test_a_mirror_that_moved_is_told_with_the_command_that_solves_it(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:

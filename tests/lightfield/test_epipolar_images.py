@@ -13,10 +13,11 @@ from mirrorcam.lightfield.epipolar_images import LINES, draw_epi, write_epi
 from mirrorcam.optics.light_field.light_field import Axis
 from mirrorcam.optics.light_field.render.epipolar_images import epi
 from tests.drawn import drawn
+from tests.nightly import a_few
 from tests.optics.light_field.depth.surfaces import Surface, grid_views, photograph
 
 
-@pytest.mark.parametrize(("axis", "length"), [("s", 120), ("t", 90)])
+@pytest.mark.parametrize(("axis", "length"), a_few(1, [("s", 120), ("t", 90)]))
 def test_an_image_is_cut_in_the_middle_unless_a_line_is_given(axis: Axis, length: int, tmp_path: Path) -> None:
     light_field = photograph(grid_views(), [Surface(480.0, slope=(0.2, -0.3), seed=1)])[0]
     middle = {"s": light_field.height_px // 2, "t": light_field.width_px // 2}[axis]

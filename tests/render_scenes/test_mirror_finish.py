@@ -26,6 +26,7 @@ from mirrorcam.render_scenes.settings import SENSORS, RenderSettings, SurfaceFin
 from mirrorcam.render_scenes.truth.corners import Oracle
 from mirrorcam.render_scenes.truth.light_rays import reflected
 from mirrorcam.render_scenes.truth.pixel_maps import board_maps, pixel_rays
+from tests.nightly import a_few
 from tests.render_scenes.corners import TARGET, tilted_board
 
 BENT = MirrorFinish(
@@ -155,7 +156,7 @@ def bent_layout(layout: Layout, surface: str) -> Layout:
     return layout.replaced(mirrors=mirrors, kind="as-built", spec=None)
 
 
-@pytest.mark.parametrize("surface", ["first", "second"])
+@pytest.mark.parametrize("surface", a_few(1, ["first", "second"]))
 def test_bent_mirrors_are_traced_where_rays_of_their_exact_shape_go(small_layout: Layout, surface: str) -> None:
     """The mesh of the reference, its normals between vertices included, against float64: to 3 um on the board."""
     layout = bent_layout(small_layout, surface)

@@ -63,6 +63,7 @@ def test_an_unusable_library_of_the_user_is_refused_in_one_line(tmp_path: Path) 
         assert done.stderr.count("\n") == 1
 
 
+@pytest.mark.slow
 def test_an_llvm_that_aborts_never_aborts_us() -> None:
     old = [p for v in (15, 16) for p in sorted(Path("/usr/lib").glob(f"*/libLLVM-{v}.so*"))]
     if not old:

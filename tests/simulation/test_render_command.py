@@ -116,6 +116,7 @@ def test_where_no_scheduler_answers_it_is_said_in_one_line(
     )
 
 
+@pytest.mark.slow
 def test_it_says_what_the_frames_cover(folder: Path, finished_set: Path, capfd: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["render", "layout.json", *OPTIONS.split(), "--workers", "1"]) == 0
     dataset = Dataset.load(folder / "set")

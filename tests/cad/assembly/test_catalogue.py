@@ -60,6 +60,7 @@ def slide_screws(device: Device) -> int:
     return 4 if device.hardware.camera.held_by.kind == "lips" else 2
 
 
+@pytest.mark.slow
 def test_every_screw_of_the_frame_holds_in_its_own_thread(each_device: Device) -> None:
     """Along its axis a screw covers an insert by the thread that is needed, or a nut wholly, and ends soon after."""
     screw = each_device.hardware.screw

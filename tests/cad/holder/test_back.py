@@ -35,6 +35,7 @@ def on_back(plan: HolderPlan, loop: FloatArray) -> Polygon:
     return Polygon(loop @ plan.rig_from_mount[:3, :2])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", a_few(1, ["insert", "nut"]))
 def test_blind_holes_end_in_cones_that_print(default_layout: Layout, kind: Literal["insert", "nut"]) -> None:
     """Round the end of a hole there is material, and it closes steeper than the printer must be able to do."""

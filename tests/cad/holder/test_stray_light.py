@@ -19,6 +19,7 @@ from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.seats import keep_outs, mirror_prism
 from mirrorcam.optics.geometry.layout import Layout
 from tests.cad.parabolas import parabola
+from tests.nightly import a_few
 
 
 def without_walls(plan: HolderPlan) -> HolderPlan:
@@ -72,7 +73,7 @@ def test_walls_are_as_thick_as_the_table_says(plan: HolderPlan) -> None:
     assert PlanarCsg().solid(plan.walls).volume() > 1000.0
 
 
-@pytest.mark.parametrize(("reach_mm", "slit"), [(HARDWARE.holder.shade_out_mm, False), (2.0, True)])
+@pytest.mark.parametrize(("reach_mm", "slit"), a_few(1, [(HARDWARE.holder.shade_out_mm, False), (2.0, True)]))
 def test_walls_leave_no_slit_beside_the_slab(default_layout: Layout, reach_mm: float, slit: bool) -> None:
     """What is narrower than half a millimetre is closed by going out and back by a quarter; notches are a few mm2."""
     hardware = HARDWARE.replaced(holder=HARDWARE.holder.replaced(shade_out_mm=reach_mm))

@@ -31,6 +31,7 @@ from mirrorcam.cad.write.slicer import find_slicer, slice_3mf
 from mirrorcam.core.errors import InputError
 from mirrorcam.optics.geometry.camera_body import CameraBody, Lips
 from mirrorcam.optics.geometry.camera_library import camera_names, read_body
+from tests.nightly import a_few
 
 BODIES = [name for name in camera_names() if read_body(name).held_by.kind == "lips"]
 
@@ -39,7 +40,9 @@ def hardware_of(name: str, kind: str = "insert") -> Hardware:
     return HARDWARE.replaced(camera=read_body(name), screw=HARDWARE.screw.replaced(kind=kind))
 
 
-@pytest.mark.parametrize(("name", "kind"), [("c920", "insert"), ("c920", "nut"), ("d435", "insert"), ("oak_d", "nut")])
+@pytest.mark.parametrize(
+    ("name", "kind"), a_few(2, [("c920", "insert"), ("c920", "nut"), ("d435", "insert"), ("oak_d", "nut")])
+)
 def test_a_tray_prints_on_its_slide_with_nothing_to_support_it(name: str, kind: str) -> None:
     hardware = hardware_of(name, kind)
     plan = plan_clip(hardware)
@@ -142,7 +145,7 @@ def test_both_screws_have_a_hole_right_through_their_bosses(kind: str) -> None:
         assert through > screw.mouth_mm + 3.0
 
 
-@pytest.mark.parametrize("kind", ["insert", "nut"])
+@pytest.mark.parametrize("kind", a_few(2, ["insert", "nut"]))
 @pytest.mark.parametrize("name", ["c920", "oak_d"])
 def test_the_sprung_screws_stand_in_nothing_but_their_threads(name: str, kind: str) -> None:
     """Also at a square corner, where the tip is beside the leaf."""

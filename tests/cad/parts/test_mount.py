@@ -245,6 +245,7 @@ def test_a_mount_that_no_section_makes_stiff_is_refused_with_its_tilt(planned: P
         plan_mount(layout, holder, clip, soft)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("off_mm", a_few(1, [-8.0, 0.0, 8.0]))
 def test_a_back_turned_to_the_side_gets_a_head_cut_to_it(planned: Planned, off_mm: float) -> None:
     """Also where the holder's screws are off the middle of the mount."""

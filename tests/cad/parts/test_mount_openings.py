@@ -37,6 +37,7 @@ def test_a_wider_cable_window_widens_the_mount(planned: Planned) -> None:
     assert plan_mount(layout, holder, clip, wide).half_width_mm > max(mount.half_width_mm, 25.0 + 5.0 + 4.0)
 
 
+@pytest.mark.slow
 def test_roofs_in_skins_that_stand_askew_are_steeper_than_those_that_slicers_bear(planned: Planned) -> None:
     """PrusaSlicer 2.5 put support under roofs of 42 deg in the head's skin, and none under these of 36 deg."""
     *_, plan = planned

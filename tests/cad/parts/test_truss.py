@@ -80,6 +80,7 @@ def planned(default_layout: Layout, device: Device) -> Planned:
     return default_layout, holder, clip, plan_mount(default_layout, holder, clip, HARDWARE)
 
 
+@pytest.mark.slow
 def test_plastic_is_foreseen_as_the_pieces_have_it(planned: Planned) -> None:
     """Skins and webs along the middle, and the foot's plate: but for what bends and short panels add."""
     _, holder, clip, mount = planned

@@ -63,6 +63,7 @@ def test_all_that_is_bought_for_any_back_has_a_price(device: Device) -> None:
         assert [title for title in map(item_title, bought_items(carried)) if PRICES.of_item(title) is None] == []
 
 
+@pytest.mark.slow
 def test_all_that_screws_of_mirrors_need_has_a_price(device: Device) -> None:
     hardware = device.hardware.replaced(holder=device.hardware.holder.replaced(mirrors="screws"))
     titles = {item_title(each) for each in bought_items(plan_device(device.layout, hardware))}

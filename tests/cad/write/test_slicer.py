@@ -191,7 +191,8 @@ def write_shape(solid: manifold3d.Manifold, block: PartPlan, folder: Path) -> Pa
 
 @installed
 @pytest.mark.parametrize(
-    ("lean_deg", "ledge_mm", "span_mm"), [(45, 0, 9), (40, 0, 6), (47, 0, 9), (30, 3, 9), (30, 0, 8), (60, 0, 0)]
+    ("lean_deg", "ledge_mm", "span_mm"),
+    a_few(2, [(45, 0, 9), (40, 0, 6), (47, 0, 9), (30, 3, 9), (30, 0, 8), (60, 0, 0)]),
 )
 def test_the_slicer_supports_what_our_own_check_finds_hanging(
     block: PartPlan, tmp_path: Path, lean_deg: float, ledge_mm: float, span_mm: float

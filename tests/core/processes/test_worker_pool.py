@@ -21,6 +21,7 @@ from mirrorcam.core.processes.calls import Call
 from mirrorcam.core.processes.worker_pool import ATTEMPTS, Died, _Queue, call_all, in_two_processes, run_local
 from mirrorcam.core.processes.worker_process import ONE_THREAD
 from tests.core.processes.processes import ended, finding_tests, first_line
+from tests.nightly import a_few
 
 TASKS = [f"{40 + number}" for number in range(6)]
 
@@ -213,7 +214,7 @@ def busy(path: str) -> None:
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="native code is ended in the middle on Linux only")
-@pytest.mark.parametrize("start", ["fork", "spawn", "preload"])
+@pytest.mark.parametrize("start", a_few(2, ["fork", "spawn", "preload"]))
 def test_workers_end_with_a_parent_that_is_killed(start: str, tmp_path: Path) -> None:
     (tmp_path / "owner.py").write_text(OWNER)
     names = [tmp_path / "0", tmp_path / "1"]

@@ -19,6 +19,7 @@ import pytest
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.processes.worker_process import ONE_THREAD, WorkerDied, WorkerProcess
 from tests.core.processes.processes import ended, finding_tests, first_line
+from tests.nightly import a_few
 
 PRELOADED = ("mirrorcam.core.values",)
 
@@ -203,7 +204,7 @@ def call_below(path: Path, below: Path) -> None:
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="native code is ended in the middle on Linux only")
-@pytest.mark.parametrize("start", ["spawn", "preload"])
+@pytest.mark.parametrize("start", a_few(2, ["spawn", "preload"]))
 @pytest.mark.parametrize("end", ["exit", "kill"])
 def test_it_ends_with_its_parent_and_so_do_its_own(start: str, end: str, tmp_path: Path) -> None:
     (tmp_path / "owner.py").write_text(OWNER)

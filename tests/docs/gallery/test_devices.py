@@ -88,6 +88,7 @@ def built(monkeypatch: pytest.MonkeyPatch, default_layout: Layout) -> list[str]:
     return done
 
 
+@pytest.mark.slow
 def test_a_finished_device_is_kept_and_what_is_lost_is_made_again(built: list[str], tmp_path: Path) -> None:
     assert make_device(device(), tmp_path, LICENCE).startswith("design in ")
     root = tmp_path / "nine-views"

@@ -58,6 +58,7 @@ def test_tilts_of_a_device_are_within_their_deviations(default_layout: Layout) -
     assert np.mean(squares) < 1.6
 
 
+@pytest.mark.slow
 def test_a_turn_of_the_camera_is_none_of_the_mirrors(default_layout: Layout) -> None:
     pinhole = default_layout.replaced(camera=default_layout.camera.replaced(aperture_mm=0.0))
     units = np.zeros(BuiltDevice(pinhole, BuildErrors()).count)

@@ -143,6 +143,7 @@ def test_a_mirror_in_the_light_of_another_is_named(size: tuple[int, int], data: 
     assert "blocked_light" in failed(broken, spec)
 
 
+@pytest.mark.slow
 @given(SIZES, st.floats(0.01, 5.0))
 def test_mirrors_too_close_are_named(size: tuple[int, int], more_mm: float) -> None:
     layout, spec = sound(*size)
@@ -151,6 +152,7 @@ def test_mirrors_too_close_are_named(size: tuple[int, int], more_mm: float) -> N
     assert found.value == pytest.approx(spec.spacing_mm, abs=1e-3)
 
 
+@pytest.mark.slow
 @given(SIZES, st.data(), st.floats(0.0, 0.99))
 def test_a_sub_image_that_reaches_for_another_is_named(size: tuple[int, int], data: st.DataObject, part: float) -> None:
     layout, spec = sound(*size)

@@ -116,6 +116,7 @@ def test_a_design_for_depth_has_a_fifth_less_sigma_with_equal_pixels_and_field_o
         assert layout.metrics[f"fov_{axis}_deg"].value >= 0.97 * nominal.metrics[f"fov_{axis}_deg"].value
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pattern", a_few(1, [None, Pattern.ring(5)]), ids=["auto fold", "ring"])
 def test_designs_for_depth_of_other_specs(pattern: Pattern | None) -> None:
     requested = {"rows": 1, "cols": 2, "fold_deg": "auto"} if pattern is None else {"pattern": pattern}

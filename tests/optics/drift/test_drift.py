@@ -42,6 +42,7 @@ def test_a_turn_of_two_hundredths_of_a_degree_is_detected_and_solved(frames: lis
     assert np.linalg.norm(move.turn_deg + turn) < 3.0 * move.turn_sigma_deg
 
 
+@pytest.mark.slow
 def test_two_moved_mirrors_are_both_detected(frames: list[Any]) -> None:
     layout = turned(device().calibrated, 1, np.array([0.1, 0.0, 0.0]))
     layout = turned(layout, 8, np.array([0.0, 0.06, 0.06]), shift_mm=0.1)

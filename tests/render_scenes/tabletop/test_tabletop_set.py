@@ -279,6 +279,7 @@ def test_truth_says_what_it_is_of(finished: Path, built: Layout) -> None:
     assert "mm" in header["units"]
 
 
+@pytest.mark.slow
 def test_an_interrupted_set_is_continued_to_the_same_bytes(
     finished: Path, asked: TabletopRequest, tmp_path: Path
 ) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
@@ -47,6 +48,7 @@ def test_a_pinhole_sees_one_mirror_or_none(small_layout: Layout) -> None:
     assert np.isnan(maps["second.x"]).all()
 
 
+@pytest.mark.slow
 def test_obstacles_take_their_part_of_the_pupil(small_layout: Layout) -> None:
     class Half(Curtain):
         """Stops what leaves the right half of the pupil."""

@@ -17,6 +17,7 @@ from mirrorcam.optics.geometry.targets import save_board
 from mirrorcam.studio.live.engine import LiveEngine
 from mirrorcam.studio.live.server import live_app, plain
 from mirrorcam.studio.live.values import LiveRequest
+from tests.nightly import a_few
 from tests.small_set import BOARD
 from tests.studio.live.live_sets import repeated, write_live_set
 
@@ -62,7 +63,7 @@ def test_the_page_holds_all_that_it_needs(client: TestClient) -> None:
     assert "default-src 'none'" in answer.headers["content-security-policy"]
 
 
-@pytest.mark.parametrize("kind", ["frame", "views", "refocus", "depth"])
+@pytest.mark.parametrize("kind", a_few(2, ["frame", "views", "refocus", "depth"]))
 def test_pictures_are_the_newest_beyond_a_number(client: TestClient, kind: str) -> None:
     serial = "0"
     for _ in range(2):

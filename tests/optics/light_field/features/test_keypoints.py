@@ -167,6 +167,7 @@ def test_a_keypoint_is_found_once(scene: LightField) -> None:
     assert counts.max() <= 4
 
 
+@pytest.mark.slow
 def test_the_strongest_are_kept(scene: LightField) -> None:
     few, many = found(scene, 50), found(scene)
     assert len(few[1]) == 50
