@@ -244,9 +244,9 @@ def _visible_window(layout: Layout, mirror_index: int) -> tuple[FloatArray, Floa
     if len(usable) < 3:
         raise InputError(f"{name} shows nothing: its plate is too thick for its size")
     right, bottom = camera.width_px - 1.0, camera.height_px - 1.0
-    along = np.linspace(0.0, 1.0, 33)[:-1, None]
+    fractions = np.linspace(0.0, 1.0, 33)[:-1, None]
     corners = np.array([[0.0, 0.0], [right, 0.0], [right, bottom], [0.0, bottom]])
-    border = (corners[:, None] * (1.0 - along) + np.roll(corners, -1, axis=0)[:, None] * along).reshape(-1, 2)
+    border = (corners[:, None] * (1.0 - fractions) + np.roll(corners, -1, axis=0)[:, None] * fractions).reshape(-1, 2)
     border = camera.normalized_from_pixels(border)
     sensor = shapely.MultiPoint(border[np.isfinite(border).all(axis=1)]).convex_hull
     visible = shapely.get_coordinates(sensor.intersection(Polygon(usable)))[:-1]
@@ -353,6 +353,7 @@ def pupil_sources(
 def _pupil_sources(
     layout: Layout, mirror_index: int, points: FloatArray, margin_px: float
 ) -> tuple[FloatArray, NDArray[np.float32]]:
+    """Like `pupil_sources`, for points (n, 3)."""
     mirror, camera = layout.mirrors[mirror_index], layout.camera
     image = mirror.image_of(points)
     axial = np.where(image[:, 2:] > 0.0, image[:, 2:], np.nan)

@@ -42,7 +42,7 @@ def assign(
     A board belongs to the mirror whose sub-image holds most of it. Its pose by the nominal layout must roughly equal
     the pose of the frame's largest board: a mirror tilted by 2 degrees moves its image by a tenth of a frame, while the
     adjacent mirror shows the board half a frame away. If a plain board looks the same upside down, the numbering of the
-    largest board is kept, because turning the board in all views at once changes nothing.
+    largest board is kept, because rotating the board in all views changes nothing.
 
     Parameters
     ----------

@@ -39,7 +39,7 @@ MIN_CONTRAST = 0.6  # relative to the corners around
 MIN_EXPLAINED = 0.8  # share of the variance around a corner
 MAX_SIGMA_PX = 0.3
 MAX_UNEXPLAINED_RATIO = 0.7  # variance unexplained with motion blur over that without it; below, there is motion
-SAMPLE_CORNERS = 20  # corners, at least, by which motion blur is judged, if the board has as many
+SAMPLE_CORNERS = 20  # approximate number of corners used to detect motion blur
 # Limits relative to the board's median: standard deviation, and unexplained variance with an offset.
 MAX_RELATIVE_SIGMA, MAX_RELATIVE_UNEXPLAINED, UNEXPLAINED_OFFSET = 2.5, 3.0, 0.01
 ONE_COLUMN = np.array([1.0, 0.0])

@@ -88,14 +88,14 @@ def find_checkerboards(grey: Grey, target: Checkerboard) -> list[SeenGrid]:
         known = [grid.corners for grid in found]
         if not new_corners(pixels, known):
             continue
-        at, corners = grow_grid(picture, places, pixels, most=max_side)
+        grid_places, corners = grow_grid(picture, places, pixels, most=max_side)
         if len(places) >= MIN_LINKED and len(corners) < MIN_KEPT * len(places):
             # A sharpened picture matches the print only after softening.
             softened = np.asarray(cv2.GaussianBlur(picture, (0, 0), SOFTENED_PX), dtype=np.float32)
             softened_grid = grow_grid(softened, places, pixels, most=max_side)
-            at, corners = max((at, corners), softened_grid, key=lambda grid: len(grid[1]))
+            grid_places, corners = max((grid_places, corners), softened_grid, key=lambda grid: len(grid[1]))
         if new_corners(corners.pixels, known):
-            found.append(SeenGrid(at, corners, board_ends(picture, at, corners.pixels)))
+            found.append(SeenGrid(grid_places, corners, board_ends(picture, grid_places, corners.pixels)))
     if not found and (complete := complete_board(grey, target)):
         places, pixels = complete
         cells = cell_px(pixels)
@@ -132,11 +132,11 @@ def smooth_parts(places: FloatArray, pixels: FloatArray, step: float = 1.0) -> l
     parts = []
     remaining = np.arange(len(places))
     while len(remaining) >= MIN_CORNERS:
-        at, seen = places[remaining], pixels[remaining]
-        part = _smooth_around(at, seen, np.ones(len(remaining), dtype=bool), step)
+        remaining_places, remaining_pixels = places[remaining], pixels[remaining]
+        part = _smooth_around(remaining_places, remaining_pixels, np.ones(len(remaining), dtype=bool), step)
         if not part.all():
-            near = np.abs(at[:, None] - at).max(axis=2) <= SAME_BOARD
-            part = _smooth_around(at, seen, near[near.sum(axis=1).argmax()], step)
+            near = np.abs(remaining_places[:, None] - remaining_places).max(axis=2) <= SAME_BOARD
+            part = _smooth_around(remaining_places, remaining_pixels, near[near.sum(axis=1).argmax()], step)
         if part.sum() < MIN_CORNERS:
             break
         parts.append(remaining[part])
@@ -164,8 +164,9 @@ def _smooth_around(places: FloatArray, pixels: FloatArray, seeds: BoolArray, ste
 
 
 def _interpolated(grey: Grey, pixels: FloatArray) -> FloatArray:
-    at = np.clip(pixels.T[::-1], 0, np.array(grey.shape)[:, None] - 1)
-    return np.asarray(map_coordinates(grey, at, output=np.float64, order=1))
+    """Grey values (n,) at pixels (n, 2), bilinear; pixels outside are moved to the border."""
+    coordinates = np.clip(pixels.T[::-1], 0, np.array(grey.shape)[:, None] - 1)
+    return np.asarray(map_coordinates(grey, coordinates, output=np.float64, order=1))
 
 
 def confirm(grey: Grey, predicted: FloatArray, target: Checkerboard, *, max_shift: float = 0.35) -> Corners:
@@ -227,8 +228,8 @@ def board_ends(picture: Image, places: IntArray, pixels: FloatArray) -> FloatArr
     for axis in range(2):
         for side, sign in enumerate((-1, 1)):
             last = (places[:, axis] * sign).max() * sign
-            along = np.sort(places[places[:, axis] == last, 1 - axis])
-            squares = along[:-1][np.diff(along) == 1] + 0.5
+            positions = np.sort(places[places[:, axis] == last, 1 - axis])
+            squares = positions[:-1][np.diff(positions) == 1] + 0.5
             if len(squares) >= 2 * MIN_SQUARES and _ends(picture, warp, axis, int(last), sign, squares):
                 limits[side, axis] = last
     return limits
@@ -240,12 +241,12 @@ def _ends(picture: Image, warp: BoardWarp, axis: int, last: int, sign: int, squa
     def values(beyond: tuple[float, ...]) -> FloatArray:
         """Grey values (n, b, a) of each square at distances from the last corners; NaN off the picture."""
         beyond_last, along = np.meshgrid(last + sign * np.array(beyond), np.array(ALONG_END), indexing="ij")
-        at = np.empty((len(squares), *beyond_last.shape, 2))
-        at[..., axis], at[..., 1 - axis] = beyond_last, squares[:, None, None] + along
-        pixels = warp.at(at.reshape(-1, 2))
+        points = np.empty((len(squares), *beyond_last.shape, 2))
+        points[..., axis], points[..., 1 - axis] = beyond_last, squares[:, None, None] + along
+        pixels = warp.at(points.reshape(-1, 2))
         within = np.asarray(((pixels >= 0.0) & (pixels <= np.array(picture.shape[::-1]) - 1.0)).all(axis=1))
-        seen = sample(picture, np.where(within[:, None], pixels, 0.0)[None])[0]
-        return np.where(within, seen, np.nan).reshape(at.shape[:-1])
+        greys = sample(picture, np.where(within[:, None], pixels, 0.0)[None])[0]
+        return np.where(within, greys, np.nan).reshape(points.shape[:-1])
 
     # The square between corners a and a + 1 along x and y is white if a has an even sum.
     corner = np.floor(squares).astype(np.int64) + (last if sign > 0 else last - 1)

@@ -117,7 +117,7 @@ def other_markers(
             return _unreadable(gridded, target, mirrored=mirrored)
         if not isinstance(target, Charuco):
             return None
-        # Markers of a different side can hardly be read.
+        # Markers with another side are rarely readable.
         other = _pattern_with_more_corners(pictures, target, mirrored=mirrored)
         return other or _other_side(gridded, target, mirrored=mirrored)
     tags = isinstance(target, AprilGrid)

@@ -34,7 +34,7 @@ from mirrorcam.optics.geometry.transforms import rigid, transform
 NOISE_RATIO = 2.5
 """Ratio of difference to sigma in the worst view that noise alone exceeds in at most 1 % of comparisons."""
 OUTLIER_RATIO = 3.0
-"""Multiple of the median view's difference above which a view hardly counts in the motion."""
+"""Multiple of the median view's difference above which a view gets little weight in the motion."""
 MAX_STEPS, CONVERGED_MM, ROUNDING_PX = 100, 1e-8, 1e-9
 ProjectPoints = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 """Maps points (n, 3), mm, each in its view, to pixels (n, 2) and their derivatives (n, 2, 3), px/mm."""

@@ -53,9 +53,9 @@ def _rotated(frame: Observations, layout: Layout, target: Target) -> Observation
         if isinstance(target, Checkerboard) and target.looks_same_upside_down:
             numberings.append(Corners(len(target.corners_in_board_mm) - 1 - ids, pixels))
         boards.append(tuple(numberings))
-    found = assign(boards, layout, target)
+    assigned = assign(boards, layout, target)
     return Observations.join(
-        [Observations.of_view(0, mirror, corners.ids, corners.pixels, corners.sigma_px) for mirror, corners in found]
+        [Observations.of_view(0, mirror, corners.ids, corners.pixels, corners.sigma_px) for mirror, corners in assigned]
     )
 
 

@@ -225,16 +225,16 @@ def _fit_additions(
     Another lens is fitted only if one step towards it predicts an information gain close to the greatest.
     """
     plates = (current.solution.estimate.thickness_mm > 0.0).any()
-    found, notes = [], []
+    fits, notes = [], []
     gains = {name: predicted_gain(name, current, observations) for name in remaining if name in LENS_ADDITIONS}
     min_gain = max(MIN_RELATIVE_GAIN * max(gains.values(), default=0.0), MIN_GAIN)
     for name in (name for name in remaining if gains.get(name, min_gain) >= min_gain):
         addition = unplated if name == "sheet" and not plates else name
         try:
-            found.append(fit_with(addition, current, observations))
+            fits.append(fit_with(addition, current, observations))
         except UndeterminedError as error:
             notes.append(f"{current.name}+{addition} not tried: {error}")
-    return found, notes
+    return fits, notes
 
 
 def _missing_plate(fitted: Fitted) -> list[Alarm]:

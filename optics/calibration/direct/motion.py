@@ -98,11 +98,11 @@ def _track(first: Grey, other: Grey, pixels: FloatArray) -> tuple[FloatArray, Bo
     tracked_px, status, error = cv2.calcOpticalFlowPyrLK(
         first, other, seeds, seeds.copy(), winSize=SCENE_WINDOW_PX, maxLevel=PYRAMID_LEVELS, criteria=TRACKING_CRITERIA
     )
-    seen = status.ravel() > 0
+    tracked = status.ravel() > 0
     # The difference of a lost point is undefined.
-    difference = np.full(len(seen), np.inf)
-    difference[seen] = error.ravel()[seen]
-    return np.asarray(tracked_px, dtype=np.float64)[:, 0], seen, difference
+    difference = np.full(len(tracked), np.inf)
+    difference[tracked] = error.ravel()[tracked]
+    return np.asarray(tracked_px, dtype=np.float64)[:, 0], tracked, difference
 
 
 def _ransac_rotation(camera: Camera, first_px: FloatArray, other_px: FloatArray) -> FloatArray | None:

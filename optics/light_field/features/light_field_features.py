@@ -146,8 +146,8 @@ class FeatureFinder:
         detected = detect(images[described], inner[described], self._detectors, name, run)
         keypoints, others = detected[0], dict(zip(described[1:], detected[1:], strict=True))
         tolerance = MATCH_PX * keypoints.scale_px
-        found = candidates(self.geometry, keypoints, others, name, self.inverse_range_mm, tolerance, run)
-        agreed, competing = vote(found, tolerance)
+        matches = candidates(self.geometry, keypoints, others, name, self.inverse_range_mm, tolerance, run)
+        agreed, competing = vote(matches, tolerance)
         # If two slopes compete, all views decide; if the views support both, the keypoint is ambiguous.
         rows = np.concatenate([np.flatnonzero(np.isfinite(each)) for each in (agreed, competing)])
         return keypoints, rows, np.concatenate([each[np.isfinite(each)] for each in (agreed, competing)])
@@ -251,7 +251,7 @@ class FeatureFinder:
         two_slope_sigma = np.sqrt(
             np.einsum("ni,nij,nj->n", two_slopes.apart_mm, np.linalg.inv(difference_covariance), two_slopes.apart_mm)
         )
-        along = np.stack([two_slopes.matrices_mm[:, 0, 0], two_slopes.matrices_mm[:, 1, 1]], axis=1)
+        axis_slopes = np.stack([two_slopes.matrices_mm[:, 0, 0], two_slopes.matrices_mm[:, 1, 1]], axis=1)
         return Features(
             detector=self.name,
             pixels=views.focal_px * fit.directions + views.centre_px,
@@ -264,7 +264,7 @@ class FeatureFinder:
             residual_px=np.sqrt(np.square(fit.distances_px).sum(axis=0, where=agreeing) / agreeing.sum(axis=0)),
             seen=agreeing.T.reshape(-1, *grid),
             seen_px=seen.reshape(-1, *grid, 2),
-            apart_disparity_px=px_mm * (along - 1.0 / views.reference_distance_mm),
+            apart_disparity_px=px_mm * (axis_slopes - 1.0 / views.reference_distance_mm),
             two_slope_sigma=two_slope_sigma,
             refracted=np.nan_to_num(two_slope_sigma) > self.two_slope_sigma,
             descriptors=keypoints.descriptors[rows],

@@ -140,8 +140,8 @@ def _before_hdf5(path: Path) -> dict[str, Any]:
 
 def _hdf5(path: Path) -> dict[str, Any]:
     """Read `LF` and `H` from a file of MATLAB 7.3; HDF5 reverses the axes of its arrays."""
-    found = read_hdf5(path, {"LF": "LF", "H": "RectOptions/RectCamIntrinsicsH"}, READABLE_MAT)
-    return {name: array.T for name, array in found.items()}
+    arrays = read_hdf5(path, {"LF": "LF", "H": "RectOptions/RectCamIntrinsicsH"}, READABLE_MAT)
+    return {name: array.T for name, array in arrays.items()}
 
 
 def _samples_and_weights(lf: Any, path: Path) -> tuple[Any, Any]:
