@@ -28,7 +28,7 @@ from mirrorcam.cad.plan.seats import working_distance_mm
 from mirrorcam.cad.write.part_export import STL_TOLERANCE_MM
 from mirrorcam.core.values import FloatArray, Metric
 from mirrorcam.optics.design.assess.chief_rays import sampled_light, traced
-from mirrorcam.optics.geometry.layout import SLIVER, Layout
+from mirrorcam.optics.geometry.layout import MAX_HIDDEN, Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 
 # Rays start this far from the mirror: the rounding of the STL's 32-bit numbers is 1e-5 mm.
@@ -151,7 +151,9 @@ def check_light(
         "device.rim_light_stopped": Metric(
             value=_rim_light_stopped(layout, together, hardware), unit="of the light", limit=0.0
         ),
-        "device.shade_of_sheets": Metric(value=shade_of_mirrors(lights, mirrors), unit="of the light", limit=SLIVER),
+        "device.shade_of_sheets": Metric(
+            value=shade_of_mirrors(lights, mirrors), unit="of the light", limit=MAX_HIDDEN
+        ),
         **_light_gaps(lights, parts, hardware),
     }
 

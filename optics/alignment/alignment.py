@@ -23,20 +23,20 @@ from numpy.typing import NDArray
 
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
-from mirrorcam.optics.alignment.build_errors import CAMERA, BuildErrors, BuiltDevice
-from mirrorcam.optics.alignment.edge_profiles import Stations, edge_residuals, profiles, stations
-from mirrorcam.optics.drift.drift import LEAST_POINTS, deflated, explained_matches
+from mirrorcam.optics.alignment.build_errors import CAMERA_ERRORS, BuildErrors, BuiltDevice
+from mirrorcam.optics.alignment.edge_profiles import Stations, edge_residuals, edge_stations, profiles
+from mirrorcam.optics.drift.drift import MIN_POINTS, deflated, explained_matches
 from mirrorcam.optics.drift.matched_points import MatchedPoints, PointMatcher
 from mirrorcam.optics.drift.mirror_motions import (
     COMMON_DEG,
     COMMON_MM,
-    all_rows,
+    all_centre_rows,
+    centre_rows,
     common_covariance,
     common_motions,
-    mirror_covariance,
-    mirror_rows,
-    own_motion,
-    turn_of_centre,
+    covariance_of_centres,
+    motion_covariance,
+    rotation_jacobian,
 )
 from mirrorcam.optics.drift.scene_fit import SceneFit, parameter_names
 from mirrorcam.optics.geometry.layout import Layout
@@ -47,14 +47,14 @@ DETERMINED = 0.7
 SMOOTH_PX = (20.0, 10.0, 4.0, 0.0)
 """Smoothing of the picture in successive fits, to find edges far from their design positions."""
 ROUNDS = 6
-HEAVY = 2.0
+MAX_CHI_SQUARED = 2.0
 """Reduced chi squared of a station above which its weight is reduced."""
-MOST_STEP_PX = 8.0
-FARTHEST_PX, SEARCH_PX = 40.0, 4.0
+MAX_STEP_PX = 8.0
+SEARCH_RANGE_PX, SEARCH_STEP_PX = 40.0, 4.0
 """Range and step of the search for a common shift of all edges."""
-KNOWN_PX = 3.0
+MAX_SIGMA_PX = 3.0
 """Largest standard deviation of an edge's position from a single station that is reported."""
-DECENTRED = 1e-3
+DECENTRING_SIGMA = 1e-3
 """Standard deviation of the decentring terms of a lens."""
 
 
@@ -105,7 +105,7 @@ class Alignment:
     Attributes
     ----------
     source
-        The source.
+        Source of the measurement.
     mirrors
         Tilt of each mirror.
     camera_shift_mm, camera_shift_sigma_mm
@@ -129,15 +129,15 @@ class Alignment:
 
 
 def view_turns(layout: Layout, index: int) -> FloatArray:
-    """Signs (2,) of a view's turn right for a tilt about the mirror's y, and of its turn down for a tilt about x."""
+    """Signs (2,): whether a view turns right for a positive tilt about the mirror's y, and down for one about x."""
     mirror = layout.mirrors[index].apparent
     frame, normal = mirror.rig_from_plane, mirror.normal_in_rig
     ray = frame[:3, 3] / np.linalg.norm(frame[:3, 3])
     signs = np.ones(2)
-    for k, (axis, which) in enumerate(((1, 0), (0, 1))):
+    for k, (axis, direction) in enumerate(((1, 0), (0, 1))):
         change = np.cross(frame[:3, axis], normal)
         turned = -2.0 * ((change @ ray) * normal + (normal @ ray) * change)
-        signs[k] = 1.0 if (layout.view_from_rig @ turned)[which] >= 0.0 else -1.0
+        signs[k] = 1.0 if (layout.view_from_rig @ turned)[direction] >= 0.0 else -1.0
     return signs
 
 
@@ -154,7 +154,7 @@ def mirror_tilt(layout: Layout, index: int, tilts: FloatArray, covariance: Float
     return MirrorTilt(index, float(known[0]), float(known[1]), deviation, estimate)
 
 
-def grey_light(frames: Sequence[NDArray[np.uint8]], layout: Layout) -> NDArray[np.float32]:
+def mean_grey(frames: Sequence[NDArray[np.uint8]], layout: Layout) -> NDArray[np.float32]:
     """The mean (h, w) of frames (h, w, 3) in RGB or (h, w), grey levels.
 
     Raises InputError without frames, and for frames whose size differs from the layout's camera.
@@ -195,20 +195,20 @@ class EdgeAligner:
         Raises InputError without frames, and for frames whose size differs from the layout's camera.
         """
         start = None if near is None or near.edges is None else near.edges.errors
-        fit = self._fitter.fit(grey_light(frames, self.layout), start)
+        fit = self._fitter.fit(mean_grey(frames, self.layout), start)
         device, sigma = fit.device, fit.device.sigma
         covariance = fit.covariance * sigma[:, None] * sigma
-        sized, deviation = fit.errors * sigma, np.sqrt(np.diag(covariance))
+        scaled, deviation = fit.errors * sigma, np.sqrt(np.diag(covariance))
         mirrors = []
         for k in range(len(self.layout.mirrors)):
-            at = device.tilts(k)
-            mirrors.append(mirror_tilt(self.layout, k, sized[at], covariance[at, at], self.errors.tilt_deg))
+            rows = device.tilts(k)
+            mirrors.append(mirror_tilt(self.layout, k, scaled[rows], covariance[rows, rows], self.errors.tilt_deg))
         return Alignment(
             "edges",
             tuple(mirrors),
-            sized[:3],
+            scaled[:3],
             deviation[:3],
-            np.degrees(sized[3:6]),
+            np.degrees(scaled[3:6]),
             np.degrees(deviation[3:6]),
             edges=fit,
         )
@@ -220,37 +220,37 @@ class EdgeFit:
 
     Attributes
     ----------
-    device, seen
-        The device and the stations.
+    device, stations
+        The device, and the stations on its edges.
     errors, covariance
-        Errors (p,) of `BuiltDevice`, and their covariance (p, p).
+        Errors (p,) in units of their prior standard deviations, as in `BuiltDevice`, and their covariance (p, p).
     offset_px
         Offsets (n, 2) of the edges at the stations from their design, along `out`.
-    own_px, own_sigma_px
-        Offset (n, 2) from each station alone, and its standard deviation; NaN if it is not determined.
+    station_offset_px, station_sigma_px
+        Offset (n, 2) measured at each station alone, and its standard deviation; NaN if it is not determined.
     cost
         Median reduced chi squared of the stations.
     """
 
     device: BuiltDevice
-    seen: Stations
+    stations: Stations
     errors: FloatArray
     covariance: FloatArray
     offset_px: FloatArray
-    own_px: FloatArray
-    own_sigma_px: FloatArray
+    station_offset_px: FloatArray
+    station_sigma_px: FloatArray
     cost: float
 
     @property
     def seen_points(self) -> tuple[FloatArray, FloatArray]:
         """Pixels (n, 2) of edges as designed and as measured, for all stations that locate their edge."""
-        designed, seen = [], []
-        for edge, apart in enumerate((np.zeros_like(self.seen.apart_px), self.seen.apart_px)):
-            known = np.isfinite(self.own_px[:, edge])
-            at = self.seen.place + apart[:, None] * self.seen.out
+        designed, measured = [], []
+        for edge, out_px in enumerate((np.zeros_like(self.stations.gap_px), self.stations.gap_px)):
+            known = np.isfinite(self.station_offset_px[:, edge])
+            at = self.stations.position_px + out_px[:, None] * self.stations.out
             designed.append(at[known])
-            seen.append((at + self.own_px[:, edge, None] * self.seen.out)[known])
-        return np.concatenate(designed), np.concatenate(seen)
+            measured.append((at + self.station_offset_px[:, edge, None] * self.stations.out)[known])
+        return np.concatenate(designed), np.concatenate(measured)
 
 
 class EdgeFitter:
@@ -258,14 +258,14 @@ class EdgeFitter:
 
     def __init__(self, device: BuiltDevice) -> None:
         self.device = device
-        self.seen = stations(device)
+        self.stations = edge_stations(device)
 
     def fit(self, picture: NDArray[np.float32], start: FloatArray | None = None) -> EdgeFit:
-        """Fit to a picture (h, w) of light, first smoothed strongly, then less.
+        """Fit to a picture (h, w) in grey levels, smoothed less and less.
 
         `start` are errors (p,) from an earlier fit; then only the sharp picture is used.
         """
-        errors = self._started(picture) if start is None else start
+        errors = self._best_shift(picture) if start is None else start
         for smooth in SMOOTH_PX if start is None else SMOOTH_PX[-1:]:
             for _ in range(ROUNDS):
                 step = self._step(picture, errors, smooth)
@@ -274,30 +274,30 @@ class EdgeFitter:
                     break
         return self._result(picture, errors)
 
-    def _started(self, image: NDArray[np.float32]) -> FloatArray:
+    def _best_shift(self, image: NDArray[np.float32]) -> FloatArray:
         """Errors (p,) of the camera's pose that shift all edges together to the darkest positions."""
-        seen = self.seen
-        smoothed: Any = cv2.GaussianBlur(image, (0, 0), SEARCH_PX)
-        middle = np.where(seen.paired, seen.apart_px / 2.0, seen.blur_px[:, 0])
-        inner, outer = -2.0 * seen.blur_px[:, 0] - 12.0, seen.apart_px + 2.0 * seen.blur_px[:, 1] + 12.0
-        best, chosen = np.inf, np.zeros(2)
-        for right in np.arange(-FARTHEST_PX, FARTHEST_PX + 1.0, SEARCH_PX):
-            for down in np.arange(-FARTHEST_PX, FARTHEST_PX + 1.0, SEARCH_PX):
+        stations = self.stations
+        smoothed: Any = cv2.GaussianBlur(image, (0, 0), SEARCH_STEP_PX)
+        gap = np.where(stations.has_neighbour, stations.gap_px / 2.0, stations.blur_px[:, 0])
+        inner, outer = -2.0 * stations.blur_px[:, 0] - 12.0, stations.gap_px + 2.0 * stations.blur_px[:, 1] + 12.0
+        lowest, best = np.inf, np.zeros(2)
+        for right in np.arange(-SEARCH_RANGE_PX, SEARCH_RANGE_PX + 1.0, SEARCH_STEP_PX):
+            for down in np.arange(-SEARCH_RANGE_PX, SEARCH_RANGE_PX + 1.0, SEARCH_STEP_PX):
                 shift = np.array([right, down])
-                dark, inside, outside = (self._light_at(smoothed, each, shift) for each in (middle, inner, outer))
-                bright = np.where(seen.paired, np.minimum(inside, outside), inside)
-                cost = float(np.nanmean(dark / (bright + 4.0))) + 0.1 * (right**2 + down**2) / FARTHEST_PX**2
-                if cost < best:
-                    best, chosen = cost, shift
+                dark, inside, outside = (self._light_at(smoothed, each, shift) for each in (gap, inner, outer))
+                bright = np.where(stations.has_neighbour, np.minimum(inside, outside), inside)
+                cost = float(np.nanmean(dark / (bright + 4.0))) + 0.1 * (right**2 + down**2) / SEARCH_RANGE_PX**2
+                if cost < lowest:
+                    lowest, best = cost, shift
         _, jacobian = self._offsets(np.zeros(self.device.count))
-        by, wanted = jacobian[:, 0, :CAMERA], seen.out @ chosen
+        by_pose, offset = jacobian[:, 0, :CAMERA_ERRORS], stations.out @ best
         errors = np.zeros(self.device.count)
-        errors[:CAMERA] = np.linalg.solve(by.T @ by + 0.1 * np.eye(CAMERA), by.T @ wanted)
+        errors[:CAMERA_ERRORS] = np.linalg.solve(by_pose.T @ by_pose + 0.1 * np.eye(CAMERA_ERRORS), by_pose.T @ offset)
         return errors
 
     def _light_at(self, image: Any, out_px: FloatArray, shift_px: FloatArray) -> FloatArray:
         """Light (n,) at distances along `out` from the shifted stations; NaN outside the picture."""
-        at = np.rint(self.seen.place + out_px[:, None] * self.seen.out + shift_px).astype(np.int64)
+        at = np.rint(self.stations.position_px + out_px[:, None] * self.stations.out + shift_px).astype(np.int64)
         height, width = image.shape
         inside = ((at >= 0) & (at < [width, height])).all(axis=1)
         at = np.clip(at, 0, [width - 1, height - 1])
@@ -305,54 +305,54 @@ class EdgeFitter:
 
     def _offsets(self, errors: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Offsets (n, 2) of both edges along `out`, and their derivatives (n, 2, p) by the errors."""
-        seen, offsets, jacobians = self.seen, [], []
-        for points, designed in ((seen.own, 0.0), (seen.other, seen.apart_px)):
-            at, jacobian = self.device.pixels_with_jacobian(points, errors)
-            offsets.append(((at - seen.place) * seen.out).sum(axis=1) - designed)
-            jacobians.append(np.einsum("ni,nip->np", seen.out, jacobian))
+        stations, offsets, jacobians = self.stations, [], []
+        for points, designed in ((stations.own, 0.0), (stations.other, stations.gap_px)):
+            pixels, jacobian = self.device.pixels_with_jacobian(points, errors)
+            offsets.append(((pixels - stations.position_px) * stations.out).sum(axis=1) - designed)
+            jacobians.append(np.einsum("ni,nip->np", stations.out, jacobian))
         offset, jacobian = np.stack(offsets, axis=1), np.stack(jacobians, axis=1)
         return np.where(np.isfinite(offset), offset, 0.0), np.nan_to_num(jacobian)
 
-    def _linear(self, image: NDArray[np.float32], errors: FloatArray, smooth: float) -> tuple[FloatArray, ...]:
+    def _linearized(self, image: NDArray[np.float32], errors: FloatArray, smooth: float) -> tuple[FloatArray, ...]:
         """Offsets with derivatives, and each station's information (n, 2, 2), score (n, 2) and reduced chi squared."""
         offset, jacobian = self._offsets(errors)
-        measured = profiles(image, self.seen, offset, smooth)
-        residual, by_offset = edge_residuals(measured, self.seen, offset, smooth)
+        measured = profiles(image, self.stations, offset, smooth)
+        residual, by_offset = edge_residuals(measured, self.stations, offset, smooth)
         count = np.maximum(measured.weight.sum(axis=1) - 3.0, 1.0)
-        squares = (residual**2).sum(axis=1) / count
-        # Stations that the model does not explain have less weight.
-        weight = 1.0 / np.maximum(squares, 1.0) / (1.0 + np.maximum(squares - HEAVY, 0.0))
+        chi_squared = (residual**2).sum(axis=1) / count
+        # Reduce the weight of stations that the model does not explain.
+        weight = 1.0 / np.maximum(chi_squared, 1.0) / (1.0 + np.maximum(chi_squared - MAX_CHI_SQUARED, 0.0))
         information = by_offset @ np.swapaxes(by_offset, 1, 2) * weight[:, None, None]
         score = (by_offset @ residual[..., None])[..., 0] * weight[:, None]
-        return offset, jacobian, information, score, squares
+        return offset, jacobian, information, score, chi_squared
 
     def _step(self, image: NDArray[np.float32], errors: FloatArray, smooth: float) -> FloatArray:
-        _, jacobian, information, score, _ = self._linear(image, errors, smooth)
+        _, jacobian, information, score, _ = self._linearized(image, errors, smooth)
         hessian = np.einsum("nap,nab,nbq->pq", jacobian, information, jacobian, optimize=True) + np.eye(len(errors))
         gradient = np.einsum("nap,na->p", jacobian, score) - errors
         step = np.linalg.solve(hessian, gradient)
         shift = np.abs(jacobian @ step).max()
-        return np.asarray(step * min(1.0, MOST_STEP_PX / max(float(shift), 1e-12)))
+        return np.asarray(step * min(1.0, MAX_STEP_PX / max(float(shift), 1e-12)))
 
     def _result(self, image: NDArray[np.float32], errors: FloatArray) -> EdgeFit:
-        offset, jacobian, information, score, squares = self._linear(image, errors, 0.0)
+        offset, jacobian, information, score, chi_squared = self._linearized(image, errors, 0.0)
         total = np.einsum("nap,nab,nbq->pq", jacobian, information, jacobian, optimize=True)
         covariance = np.linalg.inv(total + np.eye(len(errors)))
         # The scatter of the offsets from single stations shows how well the model explains them.
         with np.errstate(divide="ignore", invalid="ignore"):
-            alone = np.diagonal(information, axis1=1, axis2=2)
-            own, sigma = offset + score / alone, 1.0 / np.sqrt(alone)
-        known = sigma < KNOWN_PX
-        known[:, 1] &= self.seen.paired
+            diagonal = np.diagonal(information, axis1=1, axis2=2)
+            own, sigma = offset + score / diagonal, 1.0 / np.sqrt(diagonal)
+        known = sigma < MAX_SIGMA_PX
+        known[:, 1] &= self.stations.has_neighbour
         return EdgeFit(
             self.device,
-            self.seen,
+            self.stations,
             errors,
             covariance,
             offset,
             np.where(known, own, np.nan),
             np.where(known, sigma, np.nan),
-            float(np.median(squares)),
+            float(np.median(chi_squared)),
         )
 
 
@@ -380,43 +380,44 @@ class SceneAligner:
     def align(self, frames: Sequence[NDArray[np.uint8]]) -> Alignment:
         """The alignment measured in frames (h, w, 3) in RGB; nothing is determined if too few points are matched."""
         layout, names, mirrors = self.layout, self._names, self.layout.mirrors
-        own = {k: own_motion(mirror, self.errors.tilt_deg, self.errors.lift_mm) for k, mirror in enumerate(mirrors)}
-        prior = mirror_covariance(own, names) + common_covariance(layout, names) + self._lens()
+        blocks = {
+            k: motion_covariance(mirror, self.errors.tilt_deg, self.errors.lift_mm) for k, mirror in enumerate(mirrors)
+        }
+        prior = covariance_of_centres(blocks, names) + common_covariance(layout, names) + self._lens_covariance()
         matches = MatchedPoints.joined([self._matcher.match(frame) for frame in frames])
-        shown = np.bincount(matches.view, minlength=len(mirrors))
-        if (shown >= LEAST_POINTS).sum() < 2:
+        points = np.bincount(matches.view, minlength=len(mirrors))
+        if (points >= MIN_POINTS).sum() < 2:
             return self._undetermined()
         matches = explained_matches(layout, matches, prior)
-        shown = np.bincount(matches.view, minlength=len(mirrors))
-        if (shown >= LEAST_POINTS).sum() < 2:
+        points = np.bincount(matches.view, minlength=len(mirrors))
+        if (points >= MIN_POINTS).sum() < 2:
             return self._undetermined()
         information, gradient = deflated(SceneFit(layout, matches, prior).solve())
-        inside = np.eye(len(prior)) + information @ prior
-        solution = np.linalg.solve(inside, np.column_stack([gradient, information]))
+        solution = np.linalg.solve(np.eye(len(prior)) + information @ prior, np.column_stack([gradient, information]))
         score, marginal = solution[:, 0], solution[:, 1:]
         tilts = []
-        for k, block in own.items():
-            rows, plane = mirror_rows(names, k), mirrors[k].rig_from_plane[:3, :2]
-            by_centre = plane.T @ turn_of_centre(layout, names, k)[:, rows]
+        for k, block in blocks.items():
+            rows, plane = centre_rows(names, k), mirrors[k].rig_from_plane[:3, :2]
+            by_centre = plane.T @ rotation_jacobian(layout, names, k)[:, rows]
             covariance = by_centre @ (block - block @ marginal[np.ix_(rows, rows)] @ block) @ by_centre.T
             tilts.append(mirror_tilt(layout, k, by_centre @ block @ score[rows], covariance, self.errors.tilt_deg))
-        motions, rows = common_motions(layout)[:, :6], all_rows(layout, names)
-        size = np.array([COMMON_DEG] * 3 + [COMMON_MM] * 3)
-        common = size * (motions.T @ score[rows])
+        motions, rows = common_motions(layout)[:, :6], all_centre_rows(layout, names)
+        sigmas = np.array([COMMON_DEG] * 3 + [COMMON_MM] * 3)
+        common = sigmas * (motions.T @ score[rows])
         covariance = np.eye(6) - motions.T @ marginal[np.ix_(rows, rows)] @ motions
-        sigma = size * np.sqrt(np.maximum(np.diag(covariance), 0.0))
+        sigma = sigmas * np.sqrt(np.maximum(np.diag(covariance), 0.0))
         # A common turn of all mirrors is equivalent to the opposite turn of the camera.
         return Alignment(
             "scene", tuple(tilts), -common[3:], sigma[3:], -common[:3], sigma[:3], points=len(matches.frame)
         )
 
-    def _lens(self) -> FloatArray:
+    def _lens_covariance(self) -> FloatArray:
         """Covariance (g, g) of the camera's intrinsics."""
         names, camera, errors = self._names, self.layout.camera, self.errors
         sigma = dict.fromkeys(camera.intrinsic_names, 0.0)
         sigma |= dict.fromkeys(("fx_px", "fy_px"), errors.focal_percent / 100.0 * camera.fx_px)
         sigma |= dict.fromkeys(("cx_px", "cy_px"), errors.centre_px)
-        sigma |= dict(zip(camera.intrinsic_names[4:], (*errors.lens, DECENTRED, DECENTRED), strict=False))
+        sigma |= dict(zip(camera.intrinsic_names[4:], (*errors.lens, DECENTRING_SIGMA, DECENTRING_SIGMA), strict=False))
         covariance = np.diag([sigma.get(name, 0.0) ** 2 for name in names])
         # Pixels are square: both focal lengths have the same error.
         fx, fy = names.index("fx_px"), names.index("fy_px")

@@ -1,4 +1,4 @@
-"""Build errors that move the edges of sub-images: in the camera's pose and lens, and in the mirrors' poses and cuts."""
+"""Build errors that move the edges of sub-images: of the camera's pose and lens, and of mirrors' poses and cuts."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from mirrorcam.optics.geometry.layout import Layout
 
 IntArray = NDArray[np.int64]
 
-CAMERA = 11
+CAMERA_ERRORS = 11
 """Number of camera errors: shift (3), turn (3), focal length (1), principal point (2), first terms of the lens (2)."""
-RIGID = 6
+RIGID_ERRORS = 6
 """Number of a mirror's rigid-body errors, in its own frame: turns about x, y and the normal (3), and shifts (3)."""
 STEP = 1e-3
 """Step of finite differences, in standard deviations."""
@@ -64,25 +64,24 @@ class BuildErrors:
 
     @property
     def camera(self) -> FloatArray:
-        """Standard deviations (CAMERA,) in mm, rad, fractions and px."""
-        turn = np.deg2rad(self.camera_deg)
-        seat = [self.camera_mm] * 3 + [turn] * 3
-        return np.array([*seat, self.focal_percent / 100.0, self.centre_px, self.centre_px, *self.lens])
+        """Standard deviations (CAMERA_ERRORS,) in mm, rad, fractions and px."""
+        pose = [self.camera_mm] * 3 + [np.deg2rad(self.camera_deg)] * 3
+        return np.array([*pose, self.focal_percent / 100.0, self.centre_px, self.centre_px, *self.lens])
 
     @property
     def rigid(self) -> FloatArray:
-        """Standard deviations (RIGID,) in rad and mm."""
+        """Standard deviations (RIGID_ERRORS,) in rad and mm."""
         tilt, twist = np.deg2rad([self.tilt_deg, self.twist_deg])
         return np.array([tilt, tilt, twist, self.slide_mm, self.slide_mm, self.lift_mm])
 
 
 @dataclass(frozen=True, eq=False)
 class EdgePoints:
-    """Points on edges: indices (n,) of mirror and edge, and the position (n,) along the edge, 0 to 1."""
+    """Points on edges: indices (n,) of mirror and edge, and the fraction (n,) of the edge's length."""
 
     mirror: IntArray
     edge: IntArray
-    part: FloatArray
+    fraction: FloatArray
 
 
 class BuiltDevice:
@@ -93,17 +92,16 @@ class BuiltDevice:
 
     def __init__(self, layout: Layout, errors: BuildErrors) -> None:
         self.layout = layout
-        seen = [mirror.apparent for mirror in layout.mirrors]
+        apparent = [mirror.apparent for mirror in layout.mirrors]
         self.edges = [len(mirror.usable_normalized) for mirror in layout.mirrors]
-        most = max(self.edges)
-        self._frames = np.array([mirror.rig_from_plane for mirror in seen])
-        self._corners = np.zeros((len(seen), most, 2))
-        for k, (mirror, count) in enumerate(zip(seen, self.edges, strict=True)):
+        self._frames = np.array([mirror.rig_from_plane for mirror in apparent])
+        self._corners = np.zeros((len(apparent), max(self.edges), 2))
+        for k, (mirror, count) in enumerate(zip(apparent, self.edges, strict=True)):
             on_plane = mirror.cut(layout.mirrors[k].usable_normalized) - self._frames[k, :3, 3]
             self._corners[k, :count] = on_plane @ self._frames[k, :3, :2]
         mirrors = [np.concatenate([errors.rigid, np.full(count, errors.cut_mm)]) for count in self.edges]
         self.sigma = np.concatenate([errors.camera, *mirrors])
-        self.starts = CAMERA + np.cumsum([0, *(RIGID + count for count in self.edges)])
+        self.starts = CAMERA_ERRORS + np.cumsum([0, *(RIGID_ERRORS + count for count in self.edges)])
 
     @property
     def count(self) -> int:
@@ -115,17 +113,16 @@ class BuiltDevice:
         return slice(int(self.starts[mirror]), int(self.starts[mirror]) + 2)
 
     @cached_property
-    def _by_mirror(self) -> list[IntArray]:
+    def _error_groups(self) -> list[IntArray]:
         """Groups of errors with disjoint effects, one per mirror, for which one finite difference suffices."""
-        most = RIGID + max(self.edges)
         starts, ends = self.starts[:-1], self.starts[1:]
-        return [(starts + place)[starts + place < ends] for place in range(most)]
+        return [(starts + k)[starts + k < ends] for k in range(RIGID_ERRORS + max(self.edges))]
 
     def pixels(self, points: EdgePoints, errors: FloatArray) -> FloatArray:
         """Pixels (n, 2) of points on edges, with errors (p,)."""
-        sized = errors * self.sigma
-        in_camera = (self._in_holder(points, sized) - sized[:3]) @ Rotation.from_rotvec(sized[3:6]).as_matrix()
-        return _with_lens(self.layout.camera, sized[6:CAMERA]).project(in_camera)
+        scaled = errors * self.sigma
+        in_camera = (self._in_holder(points, scaled) - scaled[:3]) @ Rotation.from_rotvec(scaled[3:6]).as_matrix()
+        return _with_lens(self.layout.camera, scaled[6:CAMERA_ERRORS]).project(in_camera)
 
     def depths_mm(self, points: EdgePoints) -> FloatArray:
         """Depths (n,) of points on edges along the camera's axis, without errors."""
@@ -133,20 +130,20 @@ class BuiltDevice:
 
     def pixels_with_jacobian(self, points: EdgePoints, errors: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Pixels (n, 2) of points, and their derivatives (n, 2, p) by the errors, by forward differences."""
-        at = self.pixels(points, errors)
-        jacobian = np.zeros((len(at), 2, self.count))
-        for place in range(CAMERA):
-            jacobian[:, :, place] = (self.pixels(points, _moved(errors, np.array([place]))) - at) / STEP
+        pixels = self.pixels(points, errors)
+        jacobian = np.zeros((len(pixels), 2, self.count))
+        for k in range(CAMERA_ERRORS):
+            jacobian[:, :, k] = (self.pixels(points, _stepped(errors, np.array([k]))) - pixels) / STEP
         owner = np.searchsorted(self.starts, np.arange(self.count), side="right") - 1
-        for places in self._by_mirror:
-            change = (self.pixels(points, _moved(errors, places)) - at) / STEP
-            for place in places:
-                own = points.mirror == owner[place]
-                jacobian[own, :, place] = change[own]
-        return at, jacobian
+        for group in self._error_groups:
+            change = (self.pixels(points, _stepped(errors, group)) - pixels) / STEP
+            for k in group:
+                own = points.mirror == owner[k]
+                jacobian[own, :, k] = change[own]
+        return pixels, jacobian
 
-    def _in_holder(self, points: EdgePoints, sized: FloatArray) -> FloatArray:
-        """Points (n, 3) on edges in the nominal rig frame, mm."""
+    def _in_holder(self, points: EdgePoints, scaled: FloatArray) -> FloatArray:
+        """Points (n, 3) on edges in the nominal rig frame, mm, with errors (p,) in mm, rad, fractions and px."""
         mirror, edge = points.mirror, points.edge
         following = (edge + 1) % np.array(self.edges)[mirror]
         start, end = self._corners[mirror, edge], self._corners[mirror, following]
@@ -154,19 +151,21 @@ class BuiltDevice:
         length = np.linalg.norm(along, axis=1, keepdims=True)
         out = np.column_stack([along[:, 1], -along[:, 0]]) / length
         out *= np.sign((out * start).sum(axis=1))[:, None]
-        rigid = np.array([sized[at : at + RIGID] for at in self.starts[:-1]])
-        flat = start + points.part[:, None] * along + sized[self.starts[mirror] + RIGID + edge][:, None] * out
-        own = np.column_stack([flat, np.zeros(len(flat))])
-        turns = Rotation.from_rotvec(rigid[:, :3]).as_matrix()
-        moved = np.einsum("nij,nj->ni", turns[mirror], own) + rigid[mirror, 3:]
+        rigid = np.array([scaled[at : at + RIGID_ERRORS] for at in self.starts[:-1]])
+        in_plane = (
+            start + points.fraction[:, None] * along + scaled[self.starts[mirror] + RIGID_ERRORS + edge][:, None] * out
+        )
+        in_mirror = np.column_stack([in_plane, np.zeros(len(in_plane))])
+        rotations = Rotation.from_rotvec(rigid[:, :3]).as_matrix()
+        moved = np.einsum("nij,nj->ni", rotations[mirror], in_mirror) + rigid[mirror, 3:]
         frames = self._frames[mirror]
         return np.asarray(np.einsum("nij,nj->ni", frames[:, :3, :3], moved) + frames[:, :3, 3])
 
 
-def _moved(errors: FloatArray, places: IntArray) -> FloatArray:
-    moved = errors.copy()
-    moved[places] += STEP
-    return moved
+def _stepped(errors: FloatArray, indices: IntArray) -> FloatArray:
+    stepped = errors.copy()
+    stepped[indices] += STEP
+    return stepped
 
 
 def _with_lens(camera: Camera, change: FloatArray) -> Camera:

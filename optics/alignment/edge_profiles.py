@@ -1,4 +1,4 @@
-"""Brightness profiles across the edges of sub-images, and the model of the light there.
+"""Brightness profiles across the edges of sub-images, and their model.
 
 The edge of a mirror is far nearer than the focus, so the lens blurs it over the circle of confusion, across which the
 unvignetted fraction of the pupil falls from one to zero. The model of a profile is the mirror's light times this
@@ -28,14 +28,15 @@ ENDS = 0.12
 """Fraction of an edge, at each end, to skip because the next edge is near."""
 REACH_PX = 64.0
 STEP_PX = 2.0
-LEAST_REACH_PX = 14.0
-"""Reach of a profile on each side of an edge, beyond its blur."""
+MIN_REACH_PX = 14.0
+"""Reach of a profile on each side of an edge: at most, step along it, and at least, beyond the blur."""
 MIN_LENGTH_PX = 60.0
 TEXTURE_PX = (4.0, 12.0, 40.0)
 """Correlation lengths of textures."""
-LEAST_TEXTURE = 0.05
-"""Least standard deviation of a texture, relative to its light."""
+MIN_TEXTURE = 0.05
+"""Smallest standard deviation of a texture, relative to its light."""
 DARK = 0.02
+"""Fraction of light added where the model passes none: a misplaced edge passes a little."""
 NOISE_GREY = 0.5
 """Noise of a profile, which averages pixels."""
 LENS_PX = 0.9
@@ -52,32 +53,32 @@ class Stations:
 
     Attributes
     ----------
-    place, out
-        Pixel (n, 2) of each station, and the unit vector (n, 2) out of its mirror.
+    position_px, out
+        Pixel (n, 2) of each station, and the unit vector (n, 2) out of its sub-image.
     own, other
         Points of the edge, and of the neighbour's edge that the profile meets; without a neighbour, `other` equals
         `own`.
-    wide_px
+    section_px
         Lengths (n,) of the edge's sections that profiles average.
-    paired
+    has_neighbour
         Mask (n,) of stations with a neighbour.
-    apart_px
+    gap_px
         Distance (n,) of the neighbour's edge along `out`.
     blur_px
         Radii (n, 2) of the circles of confusion of both edges.
     """
 
-    place: FloatArray
+    position_px: FloatArray
     out: FloatArray
     own: EdgePoints
     other: EdgePoints
-    wide_px: FloatArray
-    paired: NDArray[np.bool_]
-    apart_px: FloatArray
+    section_px: FloatArray
+    has_neighbour: NDArray[np.bool_]
+    gap_px: FloatArray
     blur_px: FloatArray
 
 
-def stations(device: BuiltDevice) -> Stations:
+def edge_stations(device: BuiltDevice) -> Stations:
     """The stations of a nominal device on all edges well inside the sensor; each pair of edges is used once."""
     layout, camera = device.layout, device.layout.camera
     outlines = [layout.outline_px(k, usable=True) for k in range(len(layout.mirrors))]
@@ -87,17 +88,17 @@ def stations(device: BuiltDevice) -> Stations:
         for edge in range(count):
             if (k, edge) in done:
                 continue
-            part = ENDS + (1.0 - 2.0 * ENDS) * (np.arange(STATIONS) + 0.5) / STATIONS
-            own = EdgePoints(np.full(STATIONS, k), np.full(STATIONS, edge), part)
-            place, out = _placed(device, own, np.nanmean(outlines[k], axis=0))
-            if not _is_seen(place, camera):
+            fractions = ENDS + (1.0 - 2.0 * ENDS) * (np.arange(STATIONS) + 0.5) / STATIONS
+            own = EdgePoints(np.full(STATIONS, k), np.full(STATIONS, edge), fractions)
+            pixels, out = _edge_pixels(device, own, np.nanmean(outlines[k], axis=0))
+            if not _is_inside(pixels, camera):
                 continue
-            facing = _facing(device, k, place, out)
+            facing = _facing_edge(device, k, pixels, out)
             if facing is not None:
                 done.add((int(facing[0]), int(facing[1])))
-            mirror, other, at, apart = facing if facing is not None else (k, edge, part, np.zeros(STATIONS))
-            wide_px = float(np.linalg.norm(place[-1] - place[0])) / (STATIONS - 1)
-            rows.append((place, out, k, edge, part, mirror, other, at, facing is not None, apart, wide_px))
+            mirror, other, at, gap = facing if facing is not None else (k, edge, fractions, np.zeros(STATIONS))
+            section_px = float(np.linalg.norm(pixels[-1] - pixels[0])) / (STATIONS - 1)
+            rows.append((pixels, out, k, edge, fractions, mirror, other, at, facing is not None, gap, section_px))
     if not rows:
         none, pairs, index = np.zeros(0), np.zeros((0, 2)), np.zeros(0, np.int64)
         empty = EdgePoints(index, index, none)
@@ -110,39 +111,41 @@ def stations(device: BuiltDevice) -> Stations:
     return Stations(columns[0], columns[1], edges[0], edges[1], columns[10], columns[8], columns[9], blur)
 
 
-def _is_seen(place: FloatArray, camera: Camera) -> bool:
+def _is_inside(pixels: FloatArray, camera: Camera) -> bool:
+    """Whether profiles at pixels (n, 2) of an edge fit on the sensor and the edge is long enough."""
     size = np.array([camera.width_px, camera.height_px])
-    inside = (place >= LEAST_REACH_PX) & (place <= size - 1.0 - LEAST_REACH_PX)
-    return bool(inside.all()) and float(np.linalg.norm(place[-1] - place[0])) >= MIN_LENGTH_PX
+    inside = (pixels >= MIN_REACH_PX) & (pixels <= size - 1.0 - MIN_REACH_PX)
+    return bool(inside.all()) and float(np.linalg.norm(pixels[-1] - pixels[0])) >= MIN_LENGTH_PX
 
 
-def _placed(device: BuiltDevice, points: EdgePoints, middle: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _edge_pixels(device: BuiltDevice, points: EdgePoints, centre: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Nominal pixels (n, 2) of points on an edge, and unit vectors (n, 2) out of the sub-image."""
-    place = device.pixels(points, np.zeros(device.count))
-    along = np.gradient(place, axis=0)
+    pixels = device.pixels(points, np.zeros(device.count))
+    along = np.gradient(pixels, axis=0)
     out = np.column_stack([along[:, 1], -along[:, 0]]) / np.linalg.norm(along, axis=1, keepdims=True)
-    return place, out * np.sign((out * (place - middle)).sum(axis=1))[:, None]
+    return pixels, out * np.sign((out * (pixels - centre)).sum(axis=1))[:, None]
 
 
-def _facing(
-    device: BuiltDevice, own: int, place: FloatArray, out: FloatArray
+def _facing_edge(
+    device: BuiltDevice, own: int, pixels: FloatArray, out: FloatArray
 ) -> tuple[int, int, FloatArray, FloatArray] | None:
     """The neighbour's edge that profiles meet first: mirror, edge, positions (n,) along it, and distances (n,)."""
-    none = np.zeros(device.count)
+    no_errors = np.zeros(device.count)
     best: tuple[int, int, FloatArray, FloatArray] | None = None
     for k, count in enumerate(device.edges):
         for edge in range(count) if k != own else ():
             ends = EdgePoints(np.full(2, k), np.full(2, edge), np.array([0.0, 1.0]))
-            start, end = device.pixels(ends, none)
+            start, end = device.pixels(ends, no_errors)
             along = end - start
-            # place + apart out = start + part along
+            to_start = start - pixels
+            # Solve pixels + gap out = start + fraction along.
             cross = out[:, 0] * along[1] - out[:, 1] * along[0]
             with np.errstate(divide="ignore", invalid="ignore"):
-                apart = ((start - place)[:, 0] * along[1] - (start - place)[:, 1] * along[0]) / cross
-                part = ((start - place)[:, 0] * out[:, 1] - (start - place)[:, 1] * out[:, 0]) / cross
-            meets = (apart > 0.0) & (apart < REACH_PX) & (part > 0.02) & (part < 0.98)
-            if meets.all() and (best is None or apart.mean() < best[3].mean()):
-                best = k, edge, part, apart
+                gap = (to_start[:, 0] * along[1] - to_start[:, 1] * along[0]) / cross
+                fraction = (to_start[:, 0] * out[:, 1] - to_start[:, 1] * out[:, 0]) / cross
+            meets = (gap > 0.0) & (gap < REACH_PX) & (fraction > 0.02) & (fraction < 0.98)
+            if meets.all() and (best is None or gap.mean() < best[3].mean()):
+                best = k, edge, fraction, gap
     return best
 
 
@@ -165,7 +168,7 @@ class Profiles:
     texture
         Standard deviations (n, 2) of the light in the mirror and in its neighbour.
     stray, stray_sigma
-        Stray light, and its standard deviation.
+        Stray light, half the darkest grey level, and its standard deviation.
     noise
         Standard deviation of the noise.
     """
@@ -179,31 +182,33 @@ class Profiles:
     noise: float = NOISE_GREY
 
 
-def profiles(picture: NDArray[np.float32], seen: Stations, offset_px: FloatArray, smooth_px: float) -> Profiles:
+def profiles(picture: NDArray[np.float32], stations: Stations, offset_px: FloatArray, smooth_px: float) -> Profiles:
     """Profiles at all stations of a picture (h, w), smoothed by a Gaussian, around edges with offsets (n, 2)."""
     image: Any = picture if smooth_px == 0.0 else cv2.GaussianBlur(picture, (0, 0), smooth_px)
     out_px = np.arange(-1.5 * REACH_PX, 2.0 * REACH_PX + STEP_PX / 2.0, STEP_PX)
     height, width = picture.shape
-    along = np.column_stack([-seen.out[:, 1], seen.out[:, 0]]) * seen.wide_px[:, None]
+    along = np.column_stack([-stations.out[:, 1], stations.out[:, 0]]) * stations.section_px[:, None]
     light, inside = np.zeros((len(along), len(out_px))), np.ones((len(along), len(out_px)), dtype=bool)
     for line in (np.arange(LINES) + 0.5) / LINES - 0.5:
-        at = (seen.place + line * along)[:, None] + out_px[:, None] * seen.out[:, None]
+        at = (stations.position_px + line * along)[:, None] + out_px[:, None] * stations.out[:, None]
         inside &= ((at >= 0.0) & (at <= [width - 1.0, height - 1.0])).all(axis=2)
         where = np.nan_to_num(at).astype(np.float32)
         light += np.asarray(cv2.remap(image, where[..., 0].copy(), where[..., 1].copy(), cv2.INTER_LINEAR)) / LINES
-    reach = np.minimum(LEAST_REACH_PX + seen.blur_px + 1.5 * smooth_px, REACH_PX)
-    last = np.where(seen.paired, seen.apart_px, 0.0) + reach[:, 1]
+    reach = np.minimum(MIN_REACH_PX + stations.blur_px + 1.5 * smooth_px, REACH_PX)
+    last = np.where(stations.has_neighbour, stations.gap_px, 0.0) + reach[:, 1]
     near = (out_px >= offset_px[:, :1] - reach[:, :1]) & (out_px <= last[:, None] + offset_px[:, 1:])
     stray = 0.5 * float(np.quantile(image[::4, ::4], 0.002))
-    texture = np.column_stack([_texture(light, inside & side) for side in _sides(out_px, seen, offset_px)])
+    texture = np.column_stack([_texture(light, inside & side) for side in _sides(out_px, stations, offset_px)])
     return Profiles(out_px, light, (inside & near).astype(np.float64), texture, stray, stray + 2.0)
 
 
-def _sides(out_px: FloatArray, seen: Stations, offset_px: FloatArray) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+def _sides(
+    out_px: FloatArray, stations: Stations, offset_px: FloatArray
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Masks (n, d) of positions well inside the mirror, and well inside its neighbour."""
-    one = out_px < offset_px[:, :1] - 0.7 * seen.blur_px[:, :1]
-    two = out_px > seen.apart_px[:, None] + offset_px[:, 1:] + 0.7 * seen.blur_px[:, 1:]
-    return one & (out_px > -REACH_PX), two & (out_px < 1.5 * REACH_PX)
+    inside = out_px < offset_px[:, :1] - 0.7 * stations.blur_px[:, :1]
+    inside_neighbour = out_px > stations.gap_px[:, None] + offset_px[:, 1:] + 0.7 * stations.blur_px[:, 1:]
+    return inside & (out_px > -REACH_PX), inside_neighbour & (out_px < 1.5 * REACH_PX)
 
 
 def _texture(light: FloatArray, inside: NDArray[np.bool_]) -> FloatArray:
@@ -211,7 +216,7 @@ def _texture(light: FloatArray, inside: NDArray[np.bool_]) -> FloatArray:
     count = np.maximum(inside.sum(axis=1), 1)
     mean = (light * inside).sum(axis=1) / count
     variance = ((light - mean[:, None]) ** 2 * inside).sum(axis=1) / count
-    return np.asarray(np.sqrt(1.5 * variance) + LEAST_TEXTURE * mean)
+    return np.asarray(np.sqrt(1.5 * variance) + MIN_TEXTURE * mean)
 
 
 def edge_response(inside_px: FloatArray, radius_px: FloatArray, sigma_px: float) -> tuple[FloatArray, FloatArray]:
@@ -229,7 +234,7 @@ def edge_response(inside_px: FloatArray, radius_px: FloatArray, sigma_px: float)
 
 
 def edge_residuals(
-    measured: Profiles, seen: Stations, offset_px: FloatArray, smooth_px: float
+    measured: Profiles, stations: Stations, offset_px: FloatArray, smooth_px: float
 ) -> tuple[FloatArray, FloatArray]:
     """Whitened residuals (n, d) of the best fit, and derivatives (n, 2, d) of the model by both edges' offsets (n, 2).
 
@@ -239,17 +244,19 @@ def edge_residuals(
     variable projection).
     """
     sigma = float(np.hypot(LENS_PX, smooth_px))
-    t = measured.out_px[None]
-    own, own_slope = edge_response(offset_px[:, :1] - t, seen.blur_px[:, 0], sigma)
-    other, other_slope = edge_response(t - seen.apart_px[:, None] - offset_px[:, 1:], seen.blur_px[:, 1], sigma)
-    paired = seen.paired[:, None].astype(np.float64)
-    other, other_slope = other * paired, other_slope * paired
+    out_px = measured.out_px[None]
+    own, own_slope = edge_response(offset_px[:, :1] - out_px, stations.blur_px[:, 0], sigma)
+    other, other_slope = edge_response(
+        out_px - stations.gap_px[:, None] - offset_px[:, 1:], stations.blur_px[:, 1], sigma
+    )
+    has_other = stations.has_neighbour[:, None].astype(np.float64)
+    other, other_slope = other * has_other, other_slope * has_other
     lower = np.linalg.cholesky(_covariance(measured, (own, other), smooth_px))
     kept = measured.weight > 0.0
     columns = np.stack([np.ones_like(own), own, other], axis=-1) * kept[..., None]
     design = np.linalg.solve(lower, columns)
     light = np.linalg.solve(lower, ((measured.light - measured.stray) * kept)[..., None])
-    # Priors: stray light is roughly known, and absent light is dark.
+    # The weak prior on both mirrors' light keeps the equations regular where a profile shows only one of them.
     prior = np.diag([1.0 / measured.stray_sigma**2, 1e-6, 1e-6])
     normal = np.swapaxes(design, 1, 2) @ design + prior
     levels = np.linalg.solve(normal, np.swapaxes(design, 1, 2) @ light)
@@ -263,17 +270,16 @@ def edge_residuals(
 
 def _covariance(measured: Profiles, fractions: tuple[FloatArray, FloatArray], smooth_px: float) -> FloatArray:
     """Covariance (n, d, d) of the light: noise, and texture where light passes edges; 1 where the weight is 0."""
-    apart = measured.out_px[:, None] - measured.out_px[None]
-    correlation = np.zeros(apart.shape)
+    lag_px = measured.out_px[:, None] - measured.out_px[None]
+    correlation = np.zeros(lag_px.shape)
     for length in TEXTURE_PX:
-        correlation += np.exp(-0.5 * apart**2 / (length**2 + 2.0 * smooth_px**2)) / len(TEXTURE_PX)
-    total = np.zeros((len(measured.light), *apart.shape))
+        correlation += np.exp(-0.5 * lag_px**2 / (length**2 + 2.0 * smooth_px**2)) / len(TEXTURE_PX)
+    total = np.zeros((len(measured.light), *lag_px.shape))
     for fraction, texture in zip(fractions, measured.texture.T, strict=True):
-        # A misplaced edge passes a little more light.
         sigma = (fraction + DARK) * texture[:, None]
         total += sigma[:, :, None] * sigma[:, None, :] * correlation
     kept = measured.weight > 0.0
     total *= kept[:, :, None] & kept[:, None, :]
     noise = np.where(kept, measured.noise**2, 1.0)
-    total[:, np.arange(len(apart)), np.arange(len(apart))] += noise
+    total[:, np.arange(len(lag_px)), np.arange(len(lag_px))] += noise
     return total

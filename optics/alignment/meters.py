@@ -17,12 +17,13 @@ MARGIN_PX = 24
 """Margin inside an outline that covers the blur of the mirror's edge and errors of its position."""
 CLIPPED, BLACK = 250, 8
 """Grey levels from which a channel counts as clipped, and below which it counts as black."""
-MOST_CLIPPED, MUCH_CLIPPED = 0.005, 0.05
-MOST_BLACK = 0.25
+MAX_CLIPPED, MUCH_CLIPPED = 0.005, 0.05
+"""Clipped fractions above which a frame is a little too bright, and too bright."""
+MAX_BLACK = 0.25
 DARK_GREY, BRIGHT_GREY = 40.0, 200.0
 """A frame is too dark if 99 % of its pixels are below the first, too bright if half are above the second."""
 BINS = 32
-LEAST_GREY = 4.0
+MIN_GREY = 4.0
 """Mean grey level below which a sub-image is too dark for a measurement."""
 NOISE = 0.25
 """Quantile of the energy of detail that counts as noise."""
@@ -106,11 +107,11 @@ def measure_exposure(frame: NDArray[np.uint8], sub_images: Sequence[SubImage | N
 def _advice(clipped: float, black: float, median: float, high: float) -> str:
     if clipped > MUCH_CLIPPED:
         return f"too bright: {100 * clipped:.0f} % is clipped, halve the exposure"
-    if clipped > MOST_CLIPPED:
+    if clipped > MAX_CLIPPED:
         return f"a little too bright: {100 * clipped:.1f} % is clipped, expose less"
     if high < DARK_GREY:
         return "too dark: expose longer or add light"
-    if black > MOST_BLACK and median < DARK_GREY:
+    if black > MAX_BLACK and median < DARK_GREY:
         return f"dark: {100 * black:.0f} % is black, add light"
     if median > BRIGHT_GREY:
         return "bright, nothing is clipped yet: expose a little less"
@@ -123,19 +124,19 @@ def sharpness(grey: NDArray[np.uint8], sub_images: Sequence[SubImage | None]) ->
     It does not depend on exposure. The noise level of the quarter of the area with the least detail is subtracted. NaN
     for a dark or empty sub-image. The value depends on the scene: compare only values of the same scene.
     """
-    found = np.full(len(sub_images), np.nan)
+    values = np.full(len(sub_images), np.nan)
     for k, each in enumerate(sub_images):
         if each is None:
             continue
         window: Any = grey[each.window]
         mean = float(cv2.mean(window, mask=each.mask)[0])
-        if mean < LEAST_GREY:
+        if mean < MIN_GREY:
             continue
         detail: Any = cv2.Laplacian(window, cv2.CV_32F)
         energy: Any = cv2.boxFilter(detail * detail, -1, (16, 16))[::8, ::8][each.mask[::8, ::8] > 0]
         if len(energy):
-            found[k] = np.sqrt(max(float(energy.mean() - np.quantile(energy, NOISE)), 0.0)) / mean
-    return found
+            values[k] = np.sqrt(max(float(energy.mean() - np.quantile(energy, NOISE)), 0.0)) / mean
+    return values
 
 
 class FocusMeter:
@@ -148,8 +149,8 @@ class FocusMeter:
         """Forget the best so far."""
         self.best[:] = 0.0
 
-    def measure(self, sharp: FloatArray) -> FloatArray:
+    def measure(self, sharpness: FloatArray) -> FloatArray:
         """The sharpness (mirrors,) relative to the best so far, including this one; NaN if none was measured."""
-        self.best = np.fmax(self.best, sharp)
+        self.best = np.fmax(self.best, sharpness)
         with np.errstate(divide="ignore", invalid="ignore"):
-            return np.asarray(np.where(self.best > 0.0, sharp / self.best, np.nan))
+            return np.asarray(np.where(self.best > 0.0, sharpness / self.best, np.nan))

@@ -120,12 +120,12 @@ class CameraRig:
 
 def orthogonal(matrix: object, where: str) -> FloatArray:
     """Make a rotation or reflection (3, 3) from a file exactly orthogonal; raises InputError for other matrices."""
-    turn = np.asarray(matrix, dtype=np.float64)
-    if turn.shape != (3, 3) or not np.isfinite(turn).all():
+    rotation = np.asarray(matrix, dtype=np.float64)
+    if rotation.shape != (3, 3) or not np.isfinite(rotation).all():
         raise InputError(f"{where}: expected a rotation of 3 x 3 numbers")
-    u, scales, vt = np.linalg.svd(turn)
+    u, scales, vt = np.linalg.svd(rotation)
     if np.abs(scales - 1.0).max() > ORTHOGONAL:
-        raise InputError(f"{where}: is no rotation: it stretches by {scales.max():.6g} and {scales.min():.6g}")
+        raise InputError(f"{where}: is not a rotation: it scales by {scales.max():.6g} and {scales.min():.6g}")
     return np.asarray(u @ vt)
 
 
@@ -216,18 +216,18 @@ class SphereLens:
         d = np.sqrt(r2 + z * z)
         if self.model == "unified":
             (xi,) = self.sphere
-            below, lowest = z + xi * d, -_inverted(xi) * d
+            denominator, min_z = z + xi * d, -_max_sine(xi) * d
         elif self.model == "extended_unified":
             alpha, beta = self.sphere
             rho = np.sqrt(beta * r2 + z * z)
-            below, lowest = alpha * rho + (1.0 - alpha) * z, -_inverted(_as_xi(alpha)) * rho
+            denominator, min_z = alpha * rho + (1.0 - alpha) * z, -_max_sine(_as_xi(alpha)) * rho
         else:
             xi, alpha = self.sphere
-            w, tilt = xi * d + z, _inverted(_as_xi(alpha))
-            below = alpha * np.sqrt(r2 + w * w) + (1.0 - alpha) * w
-            lowest = -(tilt + xi) / np.sqrt(2.0 * tilt * xi + xi * xi + 1.0) * d
-        below = np.where((z > lowest) & (below > 0.0), below, np.nan)
-        return self.camera.pixels_from_normalized(np.stack([x / below, y / below], axis=-1))
+            w, sine = xi * d + z, _max_sine(_as_xi(alpha))
+            denominator = alpha * np.sqrt(r2 + w * w) + (1.0 - alpha) * w
+            min_z = -(sine + xi) / np.sqrt(2.0 * sine * xi + xi * xi + 1.0) * d
+        denominator = np.where((z > min_z) & (denominator > 0.0), denominator, np.nan)
+        return self.camera.pixels_from_normalized(np.stack([x / denominator, y / denominator], axis=-1))
 
     @property
     def intrinsic_names(self) -> tuple[str, ...]:
@@ -250,6 +250,6 @@ def _as_xi(alpha: float) -> float:
     return alpha / (1.0 - alpha) if alpha < 1.0 else np.inf
 
 
-def _inverted(xi: float) -> float:
+def _max_sine(xi: float) -> float:
     """Sine of the largest angle behind the camera at which rays still have a unique image."""
     return xi if xi <= 1.0 else 1.0 / xi

@@ -20,7 +20,7 @@ from mirrorcam.optics.geometry.violation import LeastViolation, Violation
 MET_MM = 1e-3
 """Violations up to this count as met."""
 
-BEAM = 5.0
+BEAM_LENGTH = 5.0
 """Length of beams, in distances from a virtual centre to the corner of its mirror."""
 
 
@@ -79,79 +79,79 @@ def _violation(mirrors: tuple[int, ...], missing_mm: float, place: FloatArray | 
 
 def _spacing(spec: DesignSpec, mirrors: tuple[Mirror, ...]) -> list[Violation]:
     """Pairs of mirrors that are too close, with their closest points."""
-    found = []
+    violations = []
     for i, j in _pairs(mirrors):
         first, second = (mirrors[k].solid.corners_in_rig_mm for k in (i, j))
-        found += _violation((i, j), spec.spacing_mm - hull_distance(first, second), closest_points(first, second))
-    return found
+        violations += _violation((i, j), spec.spacing_mm - hull_distance(first, second), closest_points(first, second))
+    return violations
 
 
 def _seen_gap(spec: DesignSpec, mirrors: tuple[Mirror, ...]) -> list[Violation]:
     """Pairs of sub-images that are too close, with the points on the mirrors where they are closest in the image."""
-    found = []
+    violations = []
     for i, j in _pairs(mirrors):
         faces = [mirrors[k].apparent for k in (i, j)]
         line = shapely.shortest_line(*(Polygon(face.outline_normalized) for face in faces))
         place = [face.cut(np.array(end)) for face, end in zip(faces, line.coords, strict=True)]
-        found += _violation((i, j), spec.seen_gap_mm - line.length * spec.scale_mm, place)
-    return found
+        violations += _violation((i, j), spec.seen_gap_mm - line.length * spec.scale_mm, place)
+    return violations
 
 
 def _size(spec: DesignSpec, mirrors: tuple[Mirror, ...]) -> list[Violation]:
     """Mirrors with too short an edge or too small an area (compared by square root), with their shortest edge."""
-    found = []
+    violations = []
     for k, mirror in enumerate(mirrors):
         lengths, outline = edges_mm(mirror), mirror.outline_in_rig_mm
         shortest = int(lengths.argmin())
         ends = list(pairwise([*outline, outline[0]]))[shortest]
         short_mm = spec.min_edge_mm - float(lengths[shortest])
         small_mm = float(np.sqrt(spec.min_area_mm2) - np.sqrt(area_mm2(mirror)))
-        found += _violation((k,), max(short_mm, small_mm), list(ends))
-    return found
+        violations += _violation((k,), max(short_mm, small_mm), list(ends))
+    return violations
 
 
 def _depth(spec: DesignSpec, mirrors: tuple[Mirror, ...]) -> list[Violation]:
     """Mirrors that reach past the nearest depth, with the line from their farthest corner back to it."""
-    found, along = [], spec.view_from_rig[2]
+    violations, along = [], spec.view_from_rig[2]
     for k, mirror in enumerate(mirrors):
         corners = mirror.solid.corners_in_rig_mm
         farthest = corners[int((corners @ along).argmax())]
         past_mm = float(farthest @ along) - min(spec.depths_mm)
-        found += _violation((k,), past_mm, [farthest, farthest - past_mm * along])
-    return found
+        violations += _violation((k,), past_mm, [farthest, farthest - past_mm * along])
+    return violations
 
 
 def _occlusion(spec: DesignSpec, mirrors: tuple[Mirror, ...]) -> list[Violation]:
     """Mirrors that block light of others, with the closest points of solid and light; sized by the shadow's length."""
-    found = []
+    violations = []
     light = blocked_light(mirrors, max(spec.depths_mm), view_axis=spec.view_from_rig[2], pupil=spec.camera.pupil)
-    for part in light:
-        face, solid = mirrors[part.mirror].apparent, mirrors[part.occluder].solid.corners_in_rig_mm
+    for blocked in light:
+        face, solid = mirrors[blocked.mirror].apparent, mirrors[blocked.occluder].solid.corners_in_rig_mm
         outline = face.outline_in_rig_mm
-        ends = np.zeros((1, 3)) if part.leg == "in" else _beam(face)
-        shadow_mm = float(np.sqrt(part.fraction * area_mm2(face)))
+        ends = np.zeros((1, 3)) if blocked.leg == "in" else _beam(face)
+        shadow_mm = float(np.sqrt(blocked.fraction * area_mm2(face)))
         place = closest_points(np.concatenate([outline, ends]), solid)
-        found += _violation((part.mirror, part.occluder), shadow_mm, place)
-    return found
+        violations += _violation((blocked.mirror, blocked.occluder), shadow_mm, place)
+    return violations
 
 
 def _beam(face: Mirror) -> FloatArray:
     """Ends (n, 3) of the rays that leave a mirror through the corners of its face."""
     outline = face.outline_in_rig_mm
-    return outline + BEAM * (outline - face.virtual_centre_in_rig_mm)
+    return outline + BEAM_LENGTH * (outline - face.virtual_centre_in_rig_mm)
 
 
 def _body(spec: DesignSpec, mirrors: tuple[Mirror, ...]) -> list[Violation]:
     """Mirrors, or beams leaving them, inside the box around the camera's body and its clip, with closest points."""
-    found, box = [], spec.kept_free_in_rig_mm
+    violations, box = [], spec.kept_free_in_rig_mm
     for k, mirror in enumerate(mirrors):
         face = mirror.apparent
         rays = face.outline_in_rig_mm - face.virtual_centre_in_rig_mm
         sides = np.cross(rays, np.roll(rays, -1, axis=0))
         beam = np.concatenate([face.outline_in_rig_mm, _beam(face)])
         for light, normals in ((mirror.solid.corners_in_rig_mm, mirror.solid.half_spaces[0]), (beam, sides)):
-            found += _violation((k,), _depth_in_box_mm(light, normals, box), closest_points(light, box))
-    return found
+            violations += _violation((k,), _depth_in_box_mm(light, normals, box), closest_points(light, box))
+    return violations
 
 
 def _depth_in_box_mm(points: FloatArray, normals: FloatArray, box: FloatArray) -> float:
@@ -165,7 +165,7 @@ def _depth_in_box_mm(points: FloatArray, normals: FloatArray, box: FloatArray) -
 
 def _overlap(spec: DesignSpec, mirrors: tuple[Mirror, ...], regions: FloatArray | None) -> list[Violation]:
     """Mirrors that do not show the entire region, with the line from the edge to its farthest corner's reflection."""
-    found = []
+    violations = []
     for depth_mm, region in zip(spec.depths_mm, regions if regions is not None else [], strict=False):
         points = np.column_stack([region * spec.scale_mm, np.full(len(region), depth_mm)]) @ spec.view_from_rig
         for k, mirror in enumerate(mirrors):
@@ -175,8 +175,8 @@ def _overlap(spec: DesignSpec, mirrors: tuple[Mirror, ...], regions: FloatArray 
             outside = [outline.distance(Point(corner)) for corner in seen]
             line: LineString = shapely.shortest_line(outline, Point(seen[int(np.argmax(outside))]))
             place = face.cut(np.array(line.coords))
-            found += _violation((k,), float(np.linalg.norm(place[1] - place[0])), place)
-    return found
+            violations += _violation((k,), float(np.linalg.norm(place[1] - place[0])), place)
+    return violations
 
 
 FINDERS = {

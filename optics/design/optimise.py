@@ -21,10 +21,10 @@ from mirrorcam.optics.design.program.seeds import faceted_parabola, layout_of, m
 from mirrorcam.optics.design.program.separation import PairConstraint, neighbour_pairs
 from mirrorcam.optics.design.search import (
     MEETINGS,
+    best_from_detours,
+    best_from_seeds,
     best_of,
-    by_detours,
     check_at_once,
-    from_seeds,
     seed_meeting,
 )
 from mirrorcam.optics.geometry.design_spec import FIRST_FOLD_DEG, GAVE_UP, DesignSpec, InfeasibleDesign
@@ -33,7 +33,7 @@ from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.mirror_gaps import pairs_closer_than, seen_closer_than
 from mirrorcam.optics.geometry.sub_images import fields_of_view
 
-NEAR = 120
+NEAR_ITERATIONS = 120
 """Iteration limit of a search for an optimum near given values."""
 
 
@@ -104,11 +104,11 @@ def design_near(spec: DesignSpec, start: FloatArray) -> Layout | None:
     """
     pairs, values = neighbour_pairs(spec.arrangement), start
     if spec.fold_deg == "auto":
-        problem = overlap_problem(spec, seed_meeting(spec), pairs, most_iterations=NEAR)
+        problem = overlap_problem(spec, seed_meeting(spec), pairs, max_iterations=NEAR_ITERATIONS)
         outcome = problem.solver.optimise(values)
         spec, values = spec.replaced(fold_deg=_fold_deg(problem, outcome.values)), outcome.values
     while True:
-        problem = overlap_problem(spec, seed_meeting(spec), pairs, most_iterations=NEAR)
+        problem = overlap_problem(spec, seed_meeting(spec), pairs, max_iterations=NEAR_ITERATIONS)
         outcome = problem.solver.optimise(values)
         if not outcome.solved:
             return None
@@ -153,7 +153,7 @@ def _optimum(spec: DesignSpec, pairs: tuple[PairConstraint, ...], values: FloatA
     problem = overlap_problem(spec, seed_meeting(spec), pairs)
     outcome = None if values is None else best_of([problem.solver.optimise(values)])
     if outcome is None:
-        outcome = from_seeds(spec, pairs, calls) or by_detours(spec, pairs, calls)
+        outcome = best_from_seeds(spec, pairs, calls) or best_from_detours(spec, pairs, calls)
     return _Optimum(spec, problem, pairs, outcome.values)
 
 
@@ -165,7 +165,7 @@ def _with_best_fold(
     Without an optimum, the spec gets the fold from which the search starts, and there are no values.
     """
     problem = overlap_problem(spec, seed_meeting(spec), pairs)
-    outcome = from_seeds(spec, pairs, calls)
+    outcome = best_from_seeds(spec, pairs, calls)
     if outcome is None:
         return spec.replaced(fold_deg=FIRST_FOLD_DEG), None
     return spec.replaced(fold_deg=_fold_deg(problem, outcome.values)), outcome.values
@@ -181,7 +181,7 @@ def _stricter(optimum: _Optimum) -> tuple[PairConstraint, ...]:
     violated = {PairConstraint("gap", i, j) for i, j in pairs_closer_than(mirrors, spec.spacing_mm)}
     violated |= {PairConstraint("seen", i, j) for i, j in seen_closer_than(mirrors, spec.seen_gap_mm / spec.scale_mm)}
     light = blocked_light(mirrors, max(spec.depths_mm), view_axis=spec.view_from_rig[2], pupil=spec.camera.pupil)
-    violated |= {PairConstraint(part.leg, part.mirror, part.occluder) for part in light}
+    violated |= {PairConstraint(each.leg, each.mirror, each.occluder) for each in light}
     return optimum.pairs + tuple(sorted(violated - set(optimum.pairs)))
 
 

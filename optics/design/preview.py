@@ -39,16 +39,16 @@ for fold and tilts, scales for lengths, squared scales for areas."""
 
 SIDES = ("left", "top", "right", "bottom")
 
-LOCAL = 0.03
+LOCALITY = 0.03
 """Weight of the distances of the mixed designs, relative to the distance between mixture and specification."""
 
-LEAST_WEIGHT = 0.02
+MIN_WEIGHT = 0.02
 """Relative weight below which a design is dropped."""
 
-WORSE = 0.03
-"""Largest increase of a mixture's objective over its parts' mean; a larger one shows optima of different kinds."""
+MAX_INCREASE = 0.03
+"""Largest increase of a mixture's objective over the mean of its designs'; more shows optima of different kinds."""
 
-MOST_ROUNDS, SHRINKING, ON_SENSOR = 10, 0.99, 1e-6
+MAX_ROUNDS, SHRINK_FACTOR, SENSOR_TOLERANCE = 10, 0.99, 1e-6
 """Rounds in which sub-images that overlap or leave the sensor shrink, the factor, and the sensor's tolerance."""
 
 
@@ -74,10 +74,10 @@ def differences(spec: DesignSpec, other: DesignSpec) -> dict[str, float] | None:
     found["aperture_mm"] = (other.camera.aperture_mm - spec.camera.aperture_mm) / scale_mm
     if other.camera != spec.camera:
         borders, others = sensor_bounds(spec.camera), sensor_bounds(other.camera)
-        moved = (others - borders) / (borders[1] - borders[0])
-        found |= {f"camera {side}": float(by) for side, by in zip(SIDES, moved.ravel(), strict=True)}
-    in_units = {name: by / CHANGES[name.partition(" ")[0]] for name, by in found.items()}
-    return {name: by for name, by in in_units.items() if by != 0.0}
+        shifts = (others - borders) / (borders[1] - borders[0])
+        found |= {f"camera {side}": float(shift) for side, shift in zip(SIDES, shifts.ravel(), strict=True)}
+    in_units = {name: value / CHANGES[name.partition(" ")[0]] for name, value in found.items()}
+    return {name: value for name, value in in_units.items() if value != 0.0}
 
 
 def _structure(spec: DesignSpec) -> tuple[object, ...]:
@@ -108,18 +108,18 @@ def preview(spec: DesignSpec, solved: Sequence[Layout]) -> Layout | None:
         comparable, or shrinking does not separate the sub-images.
     """
     specs = ((layout, layout.spec) for layout in solved if layout.spec is not None and layout.spec.fold_deg != "auto")
-    near = [(layout, apart) for layout, other in specs if (apart := differences(spec, other)) is not None]
+    near = [(layout, found) for layout, other in specs if (found := differences(spec, other)) is not None]
     near.sort(key=lambda pair: _length(pair[1]))
     if not near:
         return None
     if spec.fold_deg == "auto":
         spec = spec.replaced(fold_deg=_spec_of(near[0][0]).fold_deg)
-    weights = _mixture([apart for _, apart in near])
+    weights = _mixture([found for _, found in near])
     parts = [(layout, weight) for (layout, _), weight in zip(near, weights, strict=True) if weight]
     if len(parts) > 1:
         mixed = _mixed(spec, parts)
         expected = sum(weight * _cost(layout) for layout, weight in parts)
-        if mixed is not None and _cost(mixed) < expected + WORSE:
+        if mixed is not None and _cost(mixed) < expected + MAX_INCREASE:
             return mixed
     return _mixed(spec, [(near[0][0], 1.0)])
 
@@ -130,30 +130,31 @@ def _spec_of(layout: Layout) -> DesignSpec:
     return layout.spec
 
 
-def _length(apart: dict[str, float]) -> float:
-    return float(np.linalg.norm(list(apart.values())))
+def _length(difference: dict[str, float]) -> float:
+    return float(np.linalg.norm(list(difference.values())))
 
 
-def _mixture(apart: Sequence[dict[str, float]]) -> FloatArray:
+def _mixture(differences: Sequence[dict[str, float]]) -> FloatArray:
     """Weights (n,) with sum 1 of the mixture nearest to a spec, for designs sorted by their differences from it.
 
-    They minimise |sum w_k x_k|^2 + (LOCAL |w_k x_k|)^2 for w >= 0, which prefers near designs.
+    They minimise |sum w_k x_k|^2 + (LOCALITY |w_k x_k|)^2 for w >= 0, which prefers near designs.
     """
-    names = sorted({name for each in apart for name in each})
-    places = np.array([[each.get(name, 0.0) for name in names] for each in apart]).reshape(len(apart), -1)
-    lengths = np.linalg.norm(places, axis=1)
+    names = sorted({name for each in differences for name in each})
+    count = len(differences)
+    vectors = np.array([[each.get(name, 0.0) for name in names] for each in differences]).reshape(count, -1)
+    lengths = np.linalg.norm(vectors, axis=1)
     if lengths[0] == 0.0:
-        return np.eye(len(apart))[0]
-    kept, weights = np.arange(len(apart)), np.zeros(len(apart))
+        return np.eye(count)[0]
+    kept, weights = np.arange(count), np.zeros(count)
     penalty = 1e3 * lengths[0]
     while True:
-        system = np.vstack([places[kept].T, LOCAL * np.diag(lengths[kept]), np.full((1, len(kept)), penalty)])
+        system = np.vstack([vectors[kept].T, LOCALITY * np.diag(lengths[kept]), np.full((1, len(kept)), penalty)])
         solution, _ = nnls(system, np.append(np.zeros(len(system) - 1), penalty))
-        counts = solution >= LEAST_WEIGHT * solution.max()
-        if counts.all():
+        large = solution >= MIN_WEIGHT * solution.max()
+        if large.all():
             weights[kept] = solution / solution.sum()
             return weights
-        kept = kept[counts]
+        kept = kept[large]
 
 
 def _mixed(spec: DesignSpec, parts: Sequence[tuple[Layout, float]]) -> Layout | None:
@@ -163,11 +164,11 @@ def _mixed(spec: DesignSpec, parts: Sequence[tuple[Layout, float]]) -> Layout | 
     for layout, weight in parts:
         own = _spec_of(layout)
         at_fold = spec if own.fold_deg == spec.fold_deg else spec.replaced(fold_deg=own.fold_deg)
-        moved = seed_meeting(at_fold).centres - seed_meeting(own).centres
-        centres += weight * (layout.virtual_centres_in_view_mm.reshape(-1, 3) / own.scale_mm + moved)
+        shift = seed_meeting(at_fold).centres - seed_meeting(own).centres
+        centres += weight * (layout.virtual_centres_in_view_mm.reshape(-1, 3) / own.scale_mm + shift)
         own_low, own_high = sensor_rectangle(own.camera)
-        seen = np.array([mirror.apparent.outline_normalized for mirror in layout.mirrors])
-        corners = corners + weight * (low + (seen - own_low) * (high - low) / (own_high - own_low))
+        outlines = np.array([mirror.apparent.outline_normalized for mirror in layout.mirrors])
+        corners = corners + weight * (low + (outlines - own_low) * (high - low) / (own_high - own_low))
     centres += spec.view_from_rig[:, 2] - [0.0, 0.0, 1.0] - centres[list(spec.arrangement.inner)].mean(axis=0)
     corners = np.clip(corners, *sensor_bounds(spec.camera))
     made_by = {
@@ -186,16 +187,16 @@ def _apart_on_sensor(spec: DesignSpec, corners: FloatArray) -> FloatArray:
 
     Raises InfeasibleDesign if that is not enough.
     """
-    sensor = sensor_polygon(spec.camera).buffer(ON_SENSOR)
-    for _ in range(MOST_ROUNDS):
+    sensor = sensor_polygon(spec.camera).buffer(SENSOR_TOLERANCE)
+    for _ in range(MAX_ROUNDS):
         polygons = shapely.polygons(corners)
         wrong = ~shapely.covered_by(polygons, sensor)
         meeting = STRtree(polygons).query(polygons, predicate="intersects")
         wrong[meeting[0, meeting[0] != meeting[1]]] = True
         if not wrong.any():
             return corners
-        middles = corners.mean(axis=1, keepdims=True)
-        corners = middles + np.where(wrong, SHRINKING, 1.0)[:, None, None] * (corners - middles)
+        centroids = corners.mean(axis=1, keepdims=True)
+        corners = centroids + np.where(wrong, SHRINK_FACTOR, 1.0)[:, None, None] * (corners - centroids)
     raise InfeasibleDesign("spacing", "interpolated sub-images overlap")
 
 
@@ -210,5 +211,5 @@ def _cost(layout: Layout) -> float:
             views.pixel_efficiency(views.common_region(depth_mm)[0], depth_mm) if depth_mm > views.reach_mm else 0.0
             for depth_mm in spec.depths_mm
         ]
-    uneven = spec.tradeoff * (grid_error(layout) / REFERENCE_GRID_ERROR) ** 2
-    return float(uneven + (1.0 - spec.tradeoff) * (1.0 - np.mean(shares)))
+    grid_cost = spec.tradeoff * (grid_error(layout) / REFERENCE_GRID_ERROR) ** 2
+    return float(grid_cost + (1.0 - spec.tradeoff) * (1.0 - np.mean(shares)))

@@ -11,7 +11,7 @@ import numpy as np
 from mirrorcam.core.processes.calls import Calls
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.design.least_violation import least_violation, past_the_pupil
-from mirrorcam.optics.design.program.design_problem import LEAST_EFFICIENCY, SLACK_WEIGHTS, overlap_problem
+from mirrorcam.optics.design.program.design_problem import MIN_EFFICIENCY, SLACK_WEIGHTS, overlap_problem
 from mirrorcam.optics.design.program.draft import SAFE_SIGMAS
 from mirrorcam.optics.design.program.nonlinear_program import SolverOutcome
 from mirrorcam.optics.design.program.seeds import Seed, seed_of, sensor_bounds
@@ -19,13 +19,13 @@ from mirrorcam.optics.design.program.separation import PairConstraint
 from mirrorcam.optics.design.program.terms import ELASTIC
 from mirrorcam.optics.geometry.design_spec import GAVE_UP, DesignSpec, InfeasibleDesign
 
-MISSED, CLEARLY_MISSED = 1e-5, 1e-3
+MET, CLEARLY_MISSED = 1e-5, 1e-3
 """Violations, in scales, up to which a limit counts as met, and beyond which it counts as clearly missed."""
 
 MEETINGS = (1.0, 3.0)
 """Depths where the chief rays of the seeds meet, relative to the working depth; the best optimum is kept."""
 
-EASIER = (0.0, 0.3, 0.6, 0.8, 1.0)
+CONTINUATION = (0.0, 0.3, 0.6, 0.8, 1.0)
 """Fractions of a spec's demands in the steps of a continuation."""
 
 
@@ -46,7 +46,7 @@ def _refusal(
         "body": f"mirrors or their light come {by_mm:.3g} mm too close to the camera's body, which needs a clearance "
         f"of {spec.body_clearance_mm:g} mm",
         "depth": f"{min(spec.depths_mm):g} mm is nearer than the mirrors, they reach {by_mm:.3g} mm past it",
-        "overlap": f"the views share no region at {depths} mm that {LEAST_EFFICIENCY:.0%} of the sensor sees, "
+        "overlap": f"the views share no region at {depths} mm that {MIN_EFFICIENCY:.0%} of the sensor sees, "
         f"the best region exceeds some views by {missed['overlap']:.0%} of a sub-image",
         "size": f"mirrors cannot have edges of {spec.min_edge_mm:g} mm and {spec.min_area_mm2:g} mm² on this sensor",
     }[worst]
@@ -73,8 +73,8 @@ def check_at_once(spec: DesignSpec) -> None:
     """
     seed = seed_of(spec, max(_working_depth_mm(spec), 2.0 * spec.scale_mm))
     start = (seed.centres, seed.corners)
-    middles_mm = seed.middles(spec.view_from_rig) * spec.scale_mm
-    beyond_mm = float(middles_mm[:, 2].max()) - min(spec.depths_mm)
+    points_mm = seed.chief_points(spec.view_from_rig) * spec.scale_mm
+    beyond_mm = float(points_mm[:, 2].max()) - min(spec.depths_mm)
     if beyond_mm >= 0:
         raise _refusal(spec, dict.fromkeys(ELASTIC, 0.0) | {"depth": beyond_mm / spec.scale_mm}, start)
     low, high = sensor_bounds(spec.camera)
@@ -94,19 +94,19 @@ def check_at_once(spec: DesignSpec) -> None:
         )
 
 
-def _easier(spec: DesignSpec, part: float) -> DesignSpec:
-    """An easier spec: scales gaps, thickness, sizes, nearness, trade-off and tolerances by `part`, from 0 to 1."""
+def _easier(spec: DesignSpec, fraction: float) -> DesignSpec:
+    """An easier spec: scales gaps, thickness, sizes, nearness, trade-off and tolerances by a fraction from 0 to 1."""
     return spec.replaced(
-        spacing_mm=part * spec.spacing_mm,
-        seen_gap_mm=part * spec.seen_gap_mm,
-        body_clearance_mm=part * spec.body_clearance_mm,
-        thickness_mm=max(part, 0.05) * spec.thickness_mm,
-        min_edge_mm=part * spec.min_edge_mm,
-        min_area_mm2=part * spec.min_area_mm2,
-        depths_mm=tuple(depth * (2.0 - part) for depth in spec.depths_mm),
-        tradeoff=part * spec.tradeoff + (1.0 - part) * 0.3,
-        robust_tilt_deg=part * spec.robust_tilt_deg,
-        robust_offset_mm=part * spec.robust_offset_mm,
+        spacing_mm=fraction * spec.spacing_mm,
+        seen_gap_mm=fraction * spec.seen_gap_mm,
+        body_clearance_mm=fraction * spec.body_clearance_mm,
+        thickness_mm=max(fraction, 0.05) * spec.thickness_mm,
+        min_edge_mm=fraction * spec.min_edge_mm,
+        min_area_mm2=fraction * spec.min_area_mm2,
+        depths_mm=tuple(depth * (2.0 - fraction) for depth in spec.depths_mm),
+        tradeoff=fraction * spec.tradeoff + (1.0 - fraction) * 0.3,
+        robust_tilt_deg=fraction * spec.robust_tilt_deg,
+        robust_offset_mm=fraction * spec.robust_offset_mm,
     )
 
 
@@ -125,7 +125,7 @@ def optimum_from(spec: DesignSpec, meeting: float, pairs: tuple[PairConstraint, 
     return overlap_problem(spec, seed_meeting(spec, meeting), pairs).solver.optimise()
 
 
-def from_seeds(spec: DesignSpec, pairs: tuple[PairConstraint, ...], calls: Calls) -> SolverOutcome | None:
+def best_from_seeds(spec: DesignSpec, pairs: tuple[PairConstraint, ...], calls: Calls) -> SolverOutcome | None:
     """The best of the optima near the seeds; None without trying the others if the first seed leads to none."""
     with closing(calls([(optimum_from, (spec, meeting, pairs)) for meeting in MEETINGS])) as outcomes:
         first: SolverOutcome = next(outcomes)
@@ -149,31 +149,31 @@ def detour_from(
     """Minimise the violation near given values, or near the seed whose chief rays meet at a relative depth."""
     problem = overlap_problem(spec, seed_meeting(spec, meeting), pairs)
     feasible, missed = problem.solver.find_feasible(start)
-    met = feasible.solved and max(missed.values()) <= MISSED
+    met = feasible.solved and max(missed.values()) <= MET
     optimum = problem.solver.optimise(feasible.values) if met else None
     mirrors, regions = problem.solution(feasible.values), problem.outlines(spec, feasible.values)
     return _Detour(feasible, missed, optimum, mirrors, regions)
 
 
-def by_detours(spec: DesignSpec, pairs: tuple[PairConstraint, ...], calls: Calls) -> SolverOutcome:
+def best_from_detours(spec: DesignSpec, pairs: tuple[PairConstraint, ...], calls: Calls) -> SolverOutcome:
     """The optimum near the nearest feasible points or, if there seem to be none, after a continuation.
 
     Raises InfeasibleDesign if both seeds lead to points that clearly violate a constraint, or no start leads to an
     optimum.
     """
-    least: list[_Detour] = []
+    found: list[_Detour] = []
     with closing(_detours(spec, pairs, calls)) as detours:
         for detour in detours:
             if not detour.feasible.solved:
                 continue
-            least.append(detour)
+            found.append(detour)
             if detour.optimum is not None and detour.optimum.solved:
                 return detour.optimum
-            if len(least) == len(MEETINGS) and _violated(least) > CLEARLY_MISSED:
+            if len(found) == len(MEETINGS) and _violated(found) > CLEARLY_MISSED:
                 break
-    if not least or _violated(least) <= MISSED:
+    if not found or _violated(found) <= MET:
         raise InfeasibleDesign(GAVE_UP, "the search found no layout that meets all constraints")
-    best = min(least, key=lambda detour: sum(detour.missed[name] * SLACK_WEIGHTS[name] for name in ELASTIC))
+    best = min(found, key=lambda detour: sum(detour.missed[name] * SLACK_WEIGHTS[name] for name in ELASTIC))
     raise _refusal(spec, best.missed, best.mirrors, best.regions)
 
 
@@ -192,8 +192,8 @@ def _detours(spec: DesignSpec, pairs: tuple[PairConstraint, ...], calls: Calls) 
 def _continued(spec: DesignSpec, pairs: tuple[PairConstraint, ...]) -> FloatArray | None:
     """Values of all unknowns at the last optimum of a continuation from an easy spec to this one."""
     values: FloatArray | None = None
-    for part in EASIER:
-        easier = _easier(spec, part)
+    for fraction in CONTINUATION:
+        easier = _easier(spec, fraction)
         outcome = overlap_problem(easier, seed_meeting(easier), pairs).solver.optimise(values)
         if outcome.solved:
             values = outcome.values

@@ -16,7 +16,7 @@ from mirrorcam.optics.design.optimise import design_near
 from mirrorcam.optics.design.program.design_problem import SLACK_WEIGHTS, overlap_draft, relaxed_fold, relaxed_program
 from mirrorcam.optics.design.program.nonlinear_program import Solver, SolverOutcome
 from mirrorcam.optics.design.program.separation import neighbour_pairs
-from mirrorcam.optics.design.search import MEETINGS, MISSED, check_at_once, optimum_from, seed_meeting
+from mirrorcam.optics.design.search import MEETINGS, MET, check_at_once, optimum_from, seed_meeting
 from mirrorcam.optics.geometry.design_spec import GAVE_UP, DesignSpec, InfeasibleDesign
 from mirrorcam.optics.geometry.layout import Layout
 
@@ -26,20 +26,20 @@ DIGITS = 3
 INTERIOR = 2e-3
 """Margin, in scales, of the nearest value in all constraints: the solver needs some space around an optimum."""
 
-BEYOND = (0.002, 0.1, 0.3)
+OVERSHOOTS = (0.002, 0.1, 0.3)
 """Fractions of the change by which to exceed the nearest value, tried in order until a design is found."""
 
 FIRST_CHANGE = 0.9
 """Start of the search for the smallest change, where a design is likely."""
 
 EASY_FOLD_DEG = 100.0
-LARGER, FARTHER, ROOM = 4.0, 4.0, 4.0
+SCALE_FACTOR, DEPTH_FACTOR, ROOMY_DEPTH = 4.0, 4.0, 4.0
 """Largest factors of scale and depths to try; nearest depth, in scales, that leaves enough room."""
 
-THIN, SMALL = 0.02, 60.0
+NEGLIGIBLE, LARGE_SCALE = 0.02, 60.0
 """Negligible fraction of a thickness; scale, in gaps and thicknesses, at which these are small."""
 
-MOST_ITERATIONS = 220
+MAX_ITERATIONS = 220
 """Iteration limit of the search for the nearest value."""
 
 
@@ -76,23 +76,23 @@ class _Parameter:
 
     def changed(self, spec: DesignSpec, change: float) -> FloatArray:
         """The value or values of the parameter between the spec's (change 0) and the limit (change 1)."""
-        now, limit = np.atleast_1d(getattr(spec, self.name)), np.atleast_1d(self.limit(spec))
+        current, limit = np.atleast_1d(getattr(spec, self.name)), np.atleast_1d(self.limit(spec))
         if self.inverse:
-            return np.asarray(1.0 / ((1.0 - change) / now + change / limit))
-        return np.asarray((1.0 - change) * now + change * limit)
+            return np.asarray(1.0 / ((1.0 - change) / current + change / limit))
+        return np.asarray((1.0 - change) * current + change * limit)
 
 
 def _larger_scale_mm(spec: DesignSpec) -> float:
     """Largest scale to try; it makes gaps and glass small in comparison."""
-    return max(LARGER * spec.scale_mm, SMALL * max(spec.spacing_mm, spec.seen_gap_mm, spec.thickness_mm))
+    return max(SCALE_FACTOR * spec.scale_mm, LARGE_SCALE * max(spec.spacing_mm, spec.seen_gap_mm, spec.thickness_mm))
 
 
 def _smaller_scale_mm(spec: DesignSpec) -> float:
-    return min(spec.scale_mm, *spec.depths_mm) / ROOM
+    return min(spec.scale_mm, *spec.depths_mm) / ROOMY_DEPTH
 
 
 def _farther_mm(spec: DesignSpec) -> tuple[float, ...]:
-    factor = max(FARTHER, ROOM * spec.scale_mm / min(spec.depths_mm))
+    factor = max(DEPTH_FACTOR, ROOMY_DEPTH * spec.scale_mm / min(spec.depths_mm))
     return tuple(factor * depth_mm for depth_mm in spec.depths_mm)
 
 
@@ -107,7 +107,7 @@ PARAMETERS = (
     _Parameter("depths_mm", frozenset({"depth", "overlap"}), _farther_mm),
     _Parameter("scale_mm", ALL - {"depth"}, _larger_scale_mm, inverse=True),
     _Parameter("scale_mm", frozenset({"depth"}), _smaller_scale_mm, inverse=True),
-    _Parameter("thickness_mm", frozenset({"spacing", "occlusion"}), lambda spec: THIN * spec.thickness_mm),
+    _Parameter("thickness_mm", frozenset({"spacing", "occlusion"}), lambda spec: NEGLIGIBLE * spec.thickness_mm),
 )
 """Parameters, sorted by how directly they relieve a constraint."""
 
@@ -140,14 +140,14 @@ def suggestions(
         Runs the independent searches, one per parameter.
     """
     violated = ALL if refusal.constraint == GAVE_UP else {refusal.constraint}
-    tried: list[Call] = [
-        (_with_one_changed, (spec, number)) for number, each in enumerate(PARAMETERS) if violated & each.relieves
+    searches: list[Call] = [
+        (_with_one_changed, (spec, index)) for index, each in enumerate(PARAMETERS) if violated & each.relieves
     ]
     if violated & FEWER_RELIEVES:
-        tried += [(_with_fewer, (spec, name)) for name in _reducible_counts(spec)]
+        searches += [(_with_fewer, (spec, name)) for name in _reducible_counts(spec)]
     if spec.fold_deg != "auto" and violated & FOLD_RELIEVES:
-        tried.append((_with_fold, (spec,)))
-    with closing(calls(tried)) as found:
+        searches.append((_with_fold, (spec,)))
+    with closing(calls(searches)) as found:
         for suggestion in found:
             if suggestion is not None:
                 yield suggestion
@@ -168,24 +168,24 @@ def _with_fewer(spec: DesignSpec, name: str) -> Suggestion | None:
     return None if layout is None else Suggestion(name, fewer, layout, 1.0 / getattr(spec, name))
 
 
-def _with_one_changed(spec: DesignSpec, number: int) -> Suggestion | None:
+def _with_one_changed(spec: DesignSpec, index: int) -> Suggestion | None:
     """The suggestion for one of the `PARAMETERS`; None if changing it alone does not help."""
-    parameter, now = PARAMETERS[number], np.atleast_1d(getattr(spec, PARAMETERS[number].name))
+    parameter, current = PARAMETERS[index], np.atleast_1d(getattr(spec, PARAMETERS[index].name))
     limit = parameter.changed(spec, 1.0)
-    if (limit == now).all():
+    if (limit == current).all():
         return None
     easy = _with_value(spec, parameter.name, limit)
     seed, pairs = seed_meeting(easy), neighbour_pairs(spec.arrangement)
     program, changed = (overlap_draft(each, seed, pairs)[0].program for each in (spec, easy))
-    outcome = _nearest(Solver(relaxed_program(program, changed, FIRST_CHANGE), SLACK_WEIGHTS, MOST_ITERATIONS))
+    outcome = _nearest(Solver(relaxed_program(program, changed, FIRST_CHANGE), SLACK_WEIGHTS, MAX_ITERATIONS))
     if outcome is None:
         return None
-    for beyond in BEYOND:
-        value = _rounded(now, parameter.changed(spec, min(float(outcome.values[-1]) * (1.0 + beyond), 1.0)))
+    for overshoot in OVERSHOOTS:
+        value = _rounded(current, parameter.changed(spec, min(float(outcome.values[-1]) * (1.0 + overshoot), 1.0)))
         relaxed = _with_value(spec, parameter.name, value)
         layout = _designed(relaxed, outcome.values[:-1])
         if layout is not None:
-            change = float((np.abs(value - now) / np.maximum(value, now)).max())
+            change = float((np.abs(value - current) / np.maximum(value, current)).max())
             return Suggestion(parameter.name, relaxed, layout, change)
     return None
 
@@ -196,17 +196,17 @@ def _with_fold(spec: DesignSpec) -> Suggestion | None:
     easy = spec.replaced(fold_deg=EASY_FOLD_DEG)
     draft, _ = overlap_draft(easy, seed_meeting(easy), neighbour_pairs(spec.arrangement))
     fold = np.deg2rad([requested, FOLD_DEG.least, FOLD_DEG.most])
-    outcome = _nearest(Solver(relaxed_fold(draft.program, draft.fold, *fold), SLACK_WEIGHTS, MOST_ITERATIONS))
+    outcome = _nearest(Solver(relaxed_fold(draft.program, draft.fold, *fold), SLACK_WEIGHTS, MAX_ITERATIONS))
     if outcome is None:
         return None
     nearest = float(np.rad2deg(outcome.values[draft.fold[0]]))
-    for beyond in BEYOND:
-        found = requested + (nearest - requested) * (1.0 + beyond)
-        away = ceil if found > requested else floor
-        relaxed = spec.replaced(fold_deg=min(max(away(found * 10.0) / 10.0, FOLD_DEG.least), FOLD_DEG.most))
+    for overshoot in OVERSHOOTS:
+        target = requested + (nearest - requested) * (1.0 + overshoot)
+        rounded = ceil if target > requested else floor
+        relaxed = spec.replaced(fold_deg=min(max(rounded(target * 10.0) / 10.0, FOLD_DEG.least), FOLD_DEG.most))
         layout = _designed(relaxed, outcome.values[:-1])
         if layout is not None:
-            change = abs(found - requested) / (FOLD_DEG.most - FOLD_DEG.least)
+            change = abs(target - requested) / (FOLD_DEG.most - FOLD_DEG.least)
             return Suggestion("fold_deg", relaxed, layout, change)
     return None
 
@@ -223,7 +223,7 @@ def _designed(spec: DesignSpec, values: FloatArray) -> Layout | None:
 def _nearest(solver: Solver) -> SolverOutcome | None:
     """The smallest change that meets all constraints; None if the search finds none."""
     outcome, missed = solver.find_relaxed(INTERIOR)
-    return outcome if outcome.solved and max(missed.values()) <= MISSED else None
+    return outcome if outcome.solved and max(missed.values()) <= MET else None
 
 
 def _with_value(spec: DesignSpec, parameter: str, value: FloatArray) -> DesignSpec:
@@ -232,11 +232,11 @@ def _with_value(spec: DesignSpec, parameter: str, value: FloatArray) -> DesignSp
     return spec.replaced(**{parameter: numbers if isinstance(getattr(spec, parameter), tuple) else numbers[0]})
 
 
-def _rounded(now: FloatArray, values: FloatArray) -> FloatArray:
+def _rounded(current: FloatArray, values: FloatArray) -> FloatArray:
     """Round values to three significant digits, away from the current ones."""
     rounded = []
-    for before, value in zip(now, values, strict=True):
+    for old, value in zip(current, values, strict=True):
         unit = 10.0 ** (floor(log10(value)) + 1 - DIGITS) if value > 0.0 else 1.0
-        steps = ceil(value / unit) if value > before else floor(value / unit)
+        steps = ceil(value / unit) if value > old else floor(value / unit)
         rounded.append(float(f"{steps * unit:.{DIGITS}g}"))
     return np.array(rounded)

@@ -19,47 +19,47 @@ from mirrorcam.optics.calibration.diagnostics.calibration_result import moved_to
 from mirrorcam.optics.drift.matched_points import IntArray, MatchedPoints
 from mirrorcam.optics.drift.mirror_motions import (
     COMMON_DEG,
-    all_rows,
+    all_centre_rows,
     calibration_covariance,
+    centre_changes,
+    centre_rows,
     common_covariance,
     common_motions,
-    hinged_motion,
-    mirror_covariance,
-    mirror_rows,
-    own_motion,
-    turn_of_centre,
-    turns_about_middle,
+    covariance_of_centres,
+    hinged_covariance,
+    motion_covariance,
+    rotation_jacobian,
 )
 from mirrorcam.optics.drift.scene_fit import SceneFit, SceneInformation, parameter_names
 from mirrorcam.optics.geometry.layout import Layout, Uncertainty
 
-LEAST_MIRRORS = 3
+MIN_MIRRORS = 3
 """With two mirrors, a turn of one cannot be distinguished from a turn of the camera in front of both."""
 RECORDINGS = 10_000
 """At most one false alarm in this many recordings without drift."""
 FLOOR_DEG, FLOOR_MM = 0.001, 0.006
 """Standard deviations of motions that do not count as drift: holders bend as much, and matching has common errors of
 some hundredths of a pixel."""
-WIDE_DEG, WIDE_MM = 1.0, 1.0
+MOVED_DEG, MOVED_MM = 1.0, 1.0
 """Standard deviations of the turn and the shift of a mirror that moved."""
-TURNS_DEG = np.geomspace(0.005, 5.0, 13).tolist()
+TURN_SIGMAS_DEG = np.geomspace(0.005, 5.0, 13).tolist()
 """Standard deviations of turns over which the likelihood is averaged."""
-WANTED_DEG = 0.02
+TARGET_DEG = 0.02
 """A turn that the test should detect."""
-MISSED = 1.64
+DETECTION_SIGMAS = 1.64
 """Turns that exceed the threshold by this many standard deviations are detected in 19 of 20 recordings."""
-LEAST_POINTS = 30
-"""Least number of points in a mirror for a test."""
-MOST_SIGMA_PX = 0.2
+MIN_POINTS = 30
+"""Smallest number of points in a mirror for a test."""
+MAX_SIGMA_PX = 0.2
 """Largest scatter of a frame's matches after fitting the motions of mirrors; larger scatter means wrong matches."""
 UNDETERMINED_DEG = 90.0
-LEAST_EXPLAINED = 0.25
-"""Least fraction of a frame's clear corners that other views must show if the frame matches the layout."""
+MIN_EXPLAINED = 0.25
+"""Smallest fraction of a frame's clear corners that other views must show if the frame matches the layout."""
 
 
 def shows_drift(layout: Layout) -> bool:
-    """Whether a layout can be tested for drift: its mirrors were measured, and there are at least LEAST_MIRRORS."""
-    return layout.kind != "nominal" and len(layout.mirrors) >= LEAST_MIRRORS
+    """Whether a layout can be tested for drift: its mirrors were measured, and there are at least MIN_MIRRORS."""
+    return layout.kind != "nominal" and len(layout.mirrors) >= MIN_MIRRORS
 
 
 @dataclass(frozen=True)
@@ -149,24 +149,28 @@ class Drift:
 
     @property
     def undetermined(self) -> tuple[MirrorMove, ...]:
-        """The mirrors that show too few points to detect a turn of WANTED_DEG."""
-        return tuple(mirror for mirror in self.mirrors if mirror.detectable_deg > WANTED_DEG)
+        """The mirrors that show too few points to detect a turn of TARGET_DEG."""
+        return tuple(mirror for mirror in self.mirrors if mirror.detectable_deg > TARGET_DEG)
 
 
 def find_drift(layout: Layout, matches: MatchedPoints) -> Drift:
     """Test the mirrors of a calibrated layout for drift with points matched between its views."""
     names, mirrors = parameter_names(layout), layout.mirrors
-    shown = np.bincount(matches.view, minlength=len(mirrors))
-    if (shown >= LEAST_POINTS).sum() < 2:
-        return _nothing(layout, names, shown.tolist(), matches)
+    points = np.bincount(matches.view, minlength=len(mirrors))
+    if (points >= MIN_POINTS).sum() < 2:
+        return _undetermined(layout, names, points.tolist(), matches)
     calibrated, common = calibration_covariance(layout, names), common_covariance(layout, names)
-    small = mirror_covariance({k: own_motion(mirror, FLOOR_DEG, FLOOR_MM) for k, mirror in enumerate(mirrors)}, names)
-    wide = mirror_covariance({k: own_motion(mirror, WIDE_DEG, WIDE_MM) for k, mirror in enumerate(mirrors)}, names)
-    prior = calibrated + common + small + wide
+    small = covariance_of_centres(
+        {k: motion_covariance(mirror, FLOOR_DEG, FLOOR_MM) for k, mirror in enumerate(mirrors)}, names
+    )
+    moved = covariance_of_centres(
+        {k: motion_covariance(mirror, MOVED_DEG, MOVED_MM) for k, mirror in enumerate(mirrors)}, names
+    )
+    prior = calibrated + common + small + moved
     matches = explained_matches(layout, matches, prior)
-    shown = np.bincount(matches.view, minlength=len(mirrors))
-    if (shown >= LEAST_POINTS).sum() < 2:
-        return _nothing(layout, names, shown.tolist(), matches)
+    points = np.bincount(matches.view, minlength=len(mirrors))
+    if (points >= MIN_POINTS).sum() < 2:
+        return _undetermined(layout, names, points.tolist(), matches)
     scene = SceneFit(layout, matches, prior).solve()
     information, gradient = deflated(scene)
     return _Test(layout, names, scene, information, gradient, calibrated, small, common).run()
@@ -177,15 +181,15 @@ def explained_matches(layout: Layout, matches: MatchedPoints, prior: FloatArray)
     kept = np.zeros(len(matches.point), dtype=bool)
     for frame in np.unique(matches.frame):
         rows = matches.frame[matches.point] == frame
-        kept[rows] = SceneFit(layout, matches.where(rows), prior).solve().sigma_px <= MOST_SIGMA_PX
+        kept[rows] = SceneFit(layout, matches.where(rows), prior).solve().sigma_px <= MAX_SIGMA_PX
     return matches.where(kept)
 
 
-def _nothing(layout: Layout, names: tuple[str, ...], shown: list[int], matches: MatchedPoints) -> Drift:
+def _undetermined(layout: Layout, names: tuple[str, ...], points: list[int], matches: MatchedPoints) -> Drift:
     """The result for too few points."""
     mirrors = tuple(
-        MirrorMove(k, np.zeros(3), 0.0, WIDE_DEG, 0.0, UNDETERMINED_DEG, count, moved=False)
-        for k, count in enumerate(shown)
+        MirrorMove(k, np.zeros(3), 0.0, MOVED_DEG, 0.0, UNDETERMINED_DEG, count, moved=False)
+        for k, count in enumerate(points)
     )
     return Drift(
         mirrors=mirrors,
@@ -204,19 +208,19 @@ def _nothing(layout: Layout, names: tuple[str, ...], shown: list[int], matches: 
 def _mismatched(matches: MatchedPoints) -> bool:
     """Whether most frames have few explained matches in comparison with their clear corners."""
     explained = np.bincount(matches.frame, minlength=len(matches.clear))
-    mismatched = (matches.clear >= LEAST_POINTS) & (explained < LEAST_EXPLAINED * matches.clear)
+    mismatched = (matches.clear >= MIN_POINTS) & (explained < MIN_EXPLAINED * matches.clear)
     return bool(2 * mismatched.sum() > len(mismatched))
 
 
 def deflated(scene: SceneInformation) -> tuple[FloatArray, FloatArray]:
-    """Information H and score h, divided by the variance inflation that the scatter of the sums over cells shows.
+    """Information H and score h, divided by the variance inflation estimated from the scatter of sums over cells.
 
     It accounts for correlated errors of neighbouring points.
     """
-    root = np.sqrt(np.maximum(np.diag(scene.information), 1e-300))
-    values, vectors = np.linalg.eigh(scene.information / np.outer(root, root))
+    scale = np.sqrt(np.maximum(np.diag(scene.information), 1e-300))
+    values, vectors = np.linalg.eigh(scene.information / np.outer(scale, scale))
     kept = values > 1e-6 * values[-1]
-    white = (vectors[:, kept] / np.sqrt(values[kept])).T / root
+    white = (vectors[:, kept] / np.sqrt(values[kept])).T / scale
     inflation = max(1.0, float(np.trace(white @ scene.scatter @ white.T)) / int(kept.sum()))
     return scene.information / inflation, scene.gradient / inflation
 
@@ -229,15 +233,15 @@ class _Marginal:
     information: FloatArray
 
     def gain(self, rows: IntArray, block: FloatArray) -> float:
-        """Twice the logarithm of the likelihood ratio of one more motion (3, 3) of the parameters `rows`."""
-        inside = np.eye(3) + self.information[np.ix_(rows, rows)] @ block
+        """Twice the log-likelihood ratio of another motion of the parameters `rows` with covariance `block` (3, 3)."""
+        system = np.eye(3) + self.information[np.ix_(rows, rows)] @ block
         score = self.score[rows]
-        return float(score @ block @ np.linalg.solve(inside, score) - np.linalg.slogdet(inside)[1])
+        return float(score @ block @ np.linalg.solve(system, score) - np.linalg.slogdet(system)[1])
 
 
 @dataclass(frozen=True)
 class _Test:
-    """The data of a test: information H and score h of changes, and covariances (g, g) without drift."""
+    """A test: information H and score h of the changes, and their prior covariances (g, g) without drift."""
 
     layout: Layout
     names: tuple[str, ...]
@@ -252,7 +256,7 @@ class _Test:
         """Add moved mirrors until the largest likelihood ratio is below the threshold."""
         moved: dict[int, FloatArray] = {}
         gains = dict.fromkeys(range(len(self.layout.mirrors)), 0.0)
-        tested = [k for k in range(len(self.layout.mirrors)) if self.scene.seen[k] >= LEAST_POINTS]
+        tested = [k for k in range(len(self.layout.mirrors)) if self.scene.seen[k] >= MIN_POINTS]
         while len(moved) < len(tested) - 1:
             marginal = self._marginal(moved)
             rest = [k for k in tested if k not in moved]
@@ -260,8 +264,8 @@ class _Test:
             best = max(rest, key=lambda k: gains[k])
             if gains[best] <= self.limit:
                 break
-            moved[best] = self._likely(marginal, best)
-        marginal, own = self._marginal(moved), mirror_covariance(moved, self.names)
+            moved[best] = self._likeliest(marginal, best)
+        marginal, own = self._marginal(moved), covariance_of_centres(moved, self.names)
         turn, sigma = self._common_turn(marginal)
         return Drift(
             mirrors=tuple(
@@ -284,30 +288,32 @@ class _Test:
 
     def _marginal(self, moved: dict[int, FloatArray]) -> _Marginal:
         """Score and information, given that some mirrors may have moved."""
-        prior = self.calibrated + self.small + self.common + mirror_covariance(moved, self.names)
-        inside = np.eye(len(prior)) + self.information @ prior
-        found = np.linalg.solve(inside, np.column_stack([self.gradient, self.information]))
+        prior = self.calibrated + self.small + self.common + covariance_of_centres(moved, self.names)
+        system = np.eye(len(prior)) + self.information @ prior
+        found = np.linalg.solve(system, np.column_stack([self.gradient, self.information]))
         return _Marginal(np.asarray(found[:, 0], np.float64), np.asarray(found[:, 1:], np.float64))
 
     def _mean_gain(self, marginal: _Marginal, k: int) -> float:
-        """Twice the logarithm of the likelihood ratio for a moved mirror, averaged over TURNS_DEG."""
-        rows = mirror_rows(self.names, k)
-        each = np.array([marginal.gain(rows, hinged_motion(self.layout.mirrors[k], turn)) for turn in TURNS_DEG])
-        return 2.0 * float(logsumexp(each / 2.0) - np.log(len(each)))
+        """Twice the logarithm of the likelihood ratio for a moved mirror, averaged over TURN_SIGMAS_DEG."""
+        rows = centre_rows(self.names, k)
+        gains = np.array(
+            [marginal.gain(rows, hinged_covariance(self.layout.mirrors[k], turn)) for turn in TURN_SIGMAS_DEG]
+        )
+        return 2.0 * float(logsumexp(gains / 2.0) - np.log(len(gains)))
 
-    def _likely(self, marginal: _Marginal, k: int) -> FloatArray:
+    def _likeliest(self, marginal: _Marginal, k: int) -> FloatArray:
         """The prior covariance (3, 3) of a mirror's motion with the greatest likelihood (empirical Bayes).
 
-        Over a short range of depths, points hardly separate a turn from a shift; this prior bounds the shift by the
+        Over a short range of depths, points hardly distinguish a turn from a shift; this prior bounds the shift by the
         turn.
         """
-        rows = mirror_rows(self.names, k)
-        motions = [hinged_motion(self.layout.mirrors[k], turn) for turn in TURNS_DEG]
+        rows = centre_rows(self.names, k)
+        motions = [hinged_covariance(self.layout.mirrors[k], turn) for turn in TURN_SIGMAS_DEG]
         return max(motions, key=lambda block: marginal.gain(rows, block))
 
     def _common_turn(self, marginal: _Marginal) -> tuple[FloatArray, FloatArray]:
         """Rotation vector (3,) of all mirrors together, and standard deviations (3,), deg."""
-        motions, rows = common_motions(self.layout), all_rows(self.layout, self.names)
+        motions, rows = common_motions(self.layout), all_centre_rows(self.layout, self.names)
         spread = np.eye(motions.shape[1]) - motions.T @ marginal.information[np.ix_(rows, rows)] @ motions
         found = motions.T @ marginal.score[rows]
         return COMMON_DEG * found[:3], COMMON_DEG * np.sqrt(np.maximum(np.diag(spread)[:3], 0.0))
@@ -315,15 +321,15 @@ class _Test:
     def _move(self, k: int, moved: dict[int, FloatArray], statistic: float) -> MirrorMove:
         """The motion of one mirror, assuming that it and the moved mirrors may have moved."""
         without = self._marginal({m: block for m, block in moved.items() if m != k})
-        block = moved[k] if k in moved else self._likely(without, k)
+        block = moved[k] if k in moved else self._likeliest(without, k)
         marginal = self._marginal(moved | {k: block})
-        rows, mirror = mirror_rows(self.names, k), self.layout.mirrors[k]
-        by_turn = turn_of_centre(self.layout, self.names, k)[:, rows]
+        rows, mirror = centre_rows(self.names, k), self.layout.mirrors[k]
+        by_centre = rotation_jacobian(self.layout, self.names, k)[:, rows]
         change = block @ marginal.score[rows]
-        spread = by_turn @ (block - block @ marginal.information[np.ix_(rows, rows)] @ block) @ by_turn.T
+        spread = by_centre @ (block - block @ marginal.information[np.ix_(rows, rows)] @ block) @ by_centre.T
         return MirrorMove(
             index=k,
-            turn_deg=np.degrees(by_turn @ change),
+            turn_deg=np.degrees(by_centre @ change),
             shift_mm=float(mirror.normal_in_rig @ change) / 2.0,
             turn_sigma_deg=float(np.degrees(np.sqrt(max(np.linalg.eigvalsh(spread)[-1], 0.0)))),
             statistic=statistic,
@@ -335,15 +341,15 @@ class _Test:
     def _detectable_deg(self, marginal: _Marginal, k: int) -> float:
         """The turn about a mirror's centre that is detected in 19 of 20 recordings, in the worst direction.
 
-        Chi squared grows by `least` per squared turn; averaging over sizes of motion raises the threshold.
+        Chi squared grows by `rate` per squared turn; averaging over sizes of motion raises the threshold.
         """
-        rows, mirror = mirror_rows(self.names, k), self.layout.mirrors[k]
-        turns = np.linalg.svd(mirror.normal_in_rig[None])[2][1:] @ turns_about_middle(mirror)
-        least = float(np.linalg.eigvalsh(turns @ marginal.information[np.ix_(rows, rows)] @ turns.T)[0])
-        if self.scene.seen[k] < LEAST_POINTS or least <= 0.0:
+        rows, mirror = centre_rows(self.names, k), self.layout.mirrors[k]
+        changes = np.linalg.svd(mirror.normal_in_rig[None])[2][1:] @ centre_changes(mirror)
+        rate = float(np.linalg.eigvalsh(changes @ marginal.information[np.ix_(rows, rows)] @ changes.T)[0])
+        if self.scene.seen[k] < MIN_POINTS or rate <= 0.0:
             return UNDETERMINED_DEG
-        needed = self.limit + 3.0 * np.log(self.limit) + 2.0 * np.log(len(TURNS_DEG))
-        return min(float(np.degrees((np.sqrt(needed) + MISSED) / np.sqrt(least))), UNDETERMINED_DEG)
+        threshold = self.limit + 3.0 * np.log(self.limit) + 2.0 * np.log(len(TURN_SIGMAS_DEG))
+        return min(float(np.degrees((np.sqrt(threshold) + DETECTION_SIGMAS) / np.sqrt(rate))), UNDETERMINED_DEG)
 
     def _covariance(self, own: FloatArray) -> FloatArray:
         """Covariance of the parameters once the moved mirrors' changes are applied (Joseph's form)."""
@@ -364,7 +370,7 @@ def resolved_layout(layout: Layout, drift: Drift, source: str) -> Layout:
     mirrors = list(layout.mirrors)
     for move in drift.moved:
         mirror = mirrors[move.index]
-        change = drift.change[mirror_rows(drift.names, move.index)]
+        change = drift.change[centre_rows(drift.names, move.index)]
         mirrors[move.index] = moved_to(mirror, mirror.virtual_centre_in_rig_mm + change)
     moved = ", ".join(layout.mirror_names[move.index] for move in drift.moved)
     return layout.replaced(
@@ -379,11 +385,11 @@ def resolved_layout(layout: Layout, drift: Drift, source: str) -> Layout:
 
 def _uncertainty(layout: Layout, drift: Drift) -> Uncertainty | None:
     """The covariance of the calibrated parameters, updated for the moved mirrors; None if the layout has none."""
-    known = layout.uncertainty
-    if known is None:
+    prior = layout.uncertainty
+    if prior is None:
         return None
-    pairs = [(index, drift.names.index(name)) for index, name in enumerate(known.parameters) if name in drift.names]
+    pairs = [(index, drift.names.index(name)) for index, name in enumerate(prior.parameters) if name in drift.names]
     rows, columns = np.array(pairs, dtype=np.int64).T
-    covariance = known.covariance.copy()
+    covariance = prior.covariance.copy()
     covariance[np.ix_(rows, rows)] = drift.covariance[np.ix_(columns, columns)]
-    return Uncertainty(parameters=known.parameters, covariance=(covariance + covariance.T) / 2.0)
+    return Uncertainty(parameters=prior.parameters, covariance=(covariance + covariance.T) / 2.0)

@@ -28,14 +28,15 @@ IntArray = NDArray[np.int64]
 
 CORNERS = 500
 """Largest number of corners of a frame; they are spread over the view."""
-LEAST_QUALITY = 0.005
+MIN_QUALITY = 0.005
+"""Smallest strength of a corner, relative to the strongest."""
 WINDOW_PX = 15
 LEVELS = 4
 PATCH_SCALE = 4.0
-LEAST_ALIKE = 0.9
-RETURNS_PX = 0.5
+MIN_CORRELATION = 0.9
+MAX_RETURN_PX = 0.5
 """Largest error of forward-backward tracking."""
-EQUALISED_PX, FLAT_GREY = 15.0, 4.0
+EQUALISED_PX, NOISE_GREY = 15.0, 4.0
 """Scale over which brightness and contrast are equalised; contrast below which noise is not amplified."""
 CLEAR_GREY = 8.0
 """RMS contrast around a corner above which it is not noise."""
@@ -137,38 +138,37 @@ class PointMatcher:
         directions, others = geometry.directions(start), np.delete(np.arange(len(grey)), self.reference)
         inverse = _inverse_mm(geometry, directions, tracked)
         known = np.isfinite(inverse)
-        where = np.stack([geometry.predict(int(view), directions, inverse) for view in others])
-        where = np.where(np.isfinite(tracked[others]), tracked[others], where)
-        where[:, ~known] = np.nan
-        where[~_within(where, self.inner[others])] = np.nan
+        predicted = np.stack([geometry.predict(int(view), directions, inverse) for view in others])
+        starts = np.where(np.isfinite(tracked[others]), tracked[others], predicted)
+        starts[:, ~known] = np.nan
+        starts[~_within(starts, self.inner[others])] = np.nan
         pyramid = ImagePyramid(grey.reshape(views.rows, views.cols, *grey.shape[1:]))
-        given = templates(pyramid, self.reference, start, np.full(len(start), PATCH_SCALE))
+        patches = templates(pyramid, self.reference, start, np.full(len(start), PATCH_SCALE))
         distance = 1.0 / np.clip(np.where(known, inverse, 1e-3), 1e-6, None)
-        found = align(pyramid, given, others, where, geometry.across_mm[others], distance)
+        aligned = align(pyramid, patches, others, starts, geometry.across_mm[others], distance)
         seen = np.full(tracked.shape, np.nan)
-        seen[others] = np.where((found.correlation >= LEAST_ALIKE)[..., None], found.pixels, np.nan)
+        seen[others] = np.where((aligned.correlation >= MIN_CORRELATION)[..., None], aligned.pixels, np.nan)
         seen[self.reference] = start
         return seen
 
     def _corners(self, image: NDArray[np.uint8]) -> FloatArray:
         """Corners (n, 2) of the reference view, inside its unvignetted part."""
         height, width = image.shape
-        apart = max(np.sqrt(height * width / (4.0 * CORNERS)), 4.0)
+        min_distance_px = max(np.sqrt(height * width / (4.0 * CORNERS)), 4.0)
         mask = self.inner[self.reference].astype(np.uint8)
-        found: Any = cv2.goodFeaturesToTrack(image, CORNERS, LEAST_QUALITY, apart, mask=mask, blockSize=7)
+        found: Any = cv2.goodFeaturesToTrack(image, CORNERS, MIN_QUALITY, min_distance_px, mask=mask, blockSize=7)
         return np.zeros((0, 2)) if found is None else np.asarray(found, dtype=np.float64).reshape(-1, 2)
 
     def _on_sensor(self, seen: FloatArray, start: FloatArray) -> MatchedPoints:
-        """Convert the pixels of views that are well inside to observations on the sensor."""
+        """Observations on the sensor of pixels (views, n, 2) of views, except those near a view's border."""
         views = self.decoder.views
         inside = _within(seen, self.inner)
         point, view = np.nonzero(inside.T)
         pixels = np.empty((len(point), 2))
-        for each in range(len(seen)):
-            rows = view == each
-            at = divmod(each, views.cols)
-            plane = views.plane_points_in_rig(views.reference_depth_mm, seen[each, point[rows]], at)
-            pixels[rows] = self.layout.project(plane, each)
+        for k in range(len(seen)):
+            rows = view == k
+            plane = views.plane_points_in_rig(views.reference_depth_mm, seen[k, point[rows]], divmod(k, views.cols))
+            pixels[rows] = self.layout.project(plane, k)
         low, high = self.extent
         column, row = np.clip(np.floor((start - low) * CELLS / (high - low)).astype(np.int64), 0, CELLS - 1).T
         matches = MatchedPoints(point, view, pixels, np.zeros(len(start), np.int64), row * CELLS + column)
@@ -184,8 +184,8 @@ def _unvignetted(layout: Layout, views: Views) -> NDArray[np.uint8]:
             continue
         start, forward = mirror.apparent.virtual_centre_in_rig_mm, layout.view_from_rig[2]
         rays = np.column_stack([outline, np.ones(len(outline))]) @ mirror.reflection
-        far = (views.reference_depth_mm - start @ forward) / (rays @ forward)
-        corners = views.project(start + far[:, None] * rays)[divmod(k, views.cols)]
+        reach = (views.reference_depth_mm - start @ forward) / (rays @ forward)
+        corners = views.project(start + reach[:, None] * rays)[divmod(k, views.cols)]
         filled: Any = masks[k]
         cv2.fillConvexPoly(filled, np.rint(np.clip(corners, -1e4, 1e4)).astype(np.int32), [1])
     return masks
@@ -194,9 +194,9 @@ def _unvignetted(layout: Layout, views: Views) -> NDArray[np.uint8]:
 def _within(pixels: FloatArray, inner: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Mask (views, n) of pixels (views, n, 2) in the inner parts (views, v, u); False for NaN."""
     height, width = inner.shape[1:]
-    near = np.rint(np.where(np.isfinite(pixels), np.clip(pixels, -1.0, 1e6), -1.0)).astype(np.int64)
-    inside = ((near >= 0) & (near < [width, height])).all(axis=2)
-    u, v = np.clip(near[..., 0], 0, width - 1), np.clip(near[..., 1], 0, height - 1)
+    nearest = np.rint(np.where(np.isfinite(pixels), np.clip(pixels, -1.0, 1e6), -1.0)).astype(np.int64)
+    inside = ((nearest >= 0) & (nearest < [width, height])).all(axis=2)
+    u, v = np.clip(nearest[..., 0], 0, width - 1), np.clip(nearest[..., 1], 0, height - 1)
     return np.asarray(inside & inner[np.arange(len(inner))[:, None], v, u])
 
 
@@ -205,8 +205,8 @@ def _inverse_mm(geometry: Geometry, directions: FloatArray, seen: FloatArray) ->
     each = np.full(seen.shape[:2], np.nan)
     for view in range(len(seen)):
         if view != geometry.reference:
-            along, off = geometry.terms(view, seen[view])
-            residual = off - geometry.focal_px[view] * directions
+            along, offset = geometry.terms(view, seen[view])
+            residual = offset - geometry.focal_px[view] * directions
             each[view] = (along * residual).sum(axis=1) / (along**2).sum(axis=1)
     known = np.isfinite(each).any(axis=0)
     inverse = np.full(len(directions), np.nan)
@@ -218,7 +218,7 @@ def _equalised(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Equalise the local brightness and contrast of a grey picture."""
     values: Any = np.float32(image)
     detail = values - cv2.GaussianBlur(values, (0, 0), EQUALISED_PX)
-    contrast = np.sqrt(cv2.GaussianBlur(detail**2, (0, 0), EQUALISED_PX)) + np.float32(FLAT_GREY)
+    contrast = np.sqrt(cv2.GaussianBlur(detail**2, (0, 0), EQUALISED_PX)) + np.float32(NOISE_GREY)
     return np.clip(128.0 + 45.0 * detail / contrast, 0.0, 255.0).round().astype(np.uint8)
 
 
@@ -239,9 +239,9 @@ def _tracked(image: NDArray[np.uint8], other: NDArray[np.uint8], start: FloatArr
         "criteria": (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 30, 0.003),
     }
     points: Any = start.astype(np.float32)[:, None]
-    nowhere: Any = None
-    there, found, _ = cv2.calcOpticalFlowPyrLK(image, other, points, nowhere, **options)
-    back, returned, _ = cv2.calcOpticalFlowPyrLK(other, image, there, nowhere, **options)
-    off = np.linalg.norm(back[:, 0] - points[:, 0], axis=1)
-    ok = (found[:, 0] > 0) & (returned[:, 0] > 0) & (off < RETURNS_PX)
+    no_guess: Any = None
+    there, found, _ = cv2.calcOpticalFlowPyrLK(image, other, points, no_guess, **options)
+    back, returned, _ = cv2.calcOpticalFlowPyrLK(other, image, there, no_guess, **options)
+    error_px = np.linalg.norm(back[:, 0] - points[:, 0], axis=1)
+    ok = (found[:, 0] > 0) & (returned[:, 0] > 0) & (error_px < MAX_RETURN_PX)
     return np.where(ok[:, None], there[:, 0].astype(np.float64), np.nan)

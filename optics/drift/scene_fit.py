@@ -18,15 +18,15 @@ from mirrorcam.optics.drift.matched_points import IntArray, MatchedPoints
 from mirrorcam.optics.geometry.layout import Layout
 
 STEPS = 8
-STEADY_PX = 1e-3
-FARTHEST_MM = 1e6
-HEAVY = 4.0
+CONVERGED_PX = 1e-3
+MAX_DISTANCE_MM = 1e6
+LOSS_SIGMAS = 4.0
 """Scale of Geman and McClure's loss in standard deviations; larger residuals have little weight."""
-LEAST_SIGMA_PX = 0.02
+MIN_SIGMA_PX = 0.02
 """Lower limit of the standard deviation of a match, due to interpolation and slanted surfaces."""
-SPEED = 0.05
-"""Standard deviation of the scene's rotation, rad, and relative shift during the readout of a frame."""
-TWIST = 6
+TWIST_SIZE, TWIST_SIGMA = 6, 0.05
+"""Rotation vector, rad, and shift, in TWIST_LENGTH_MM, of the scene during the readout; their standard deviation."""
+TWIST_LENGTH_MM = 400.0
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ class SceneInformation:
 
 @dataclass(frozen=True)
 class _State:
-    """Estimates of the changes (g,), the twists (f, 6), and the points' unit rays (p, 3) and inverse distances (p,)."""
+    """Changes (g,), twists (f, 6), and the points' unit rays (p, 3) and inverse distances (p,) from an origin (3,)."""
 
     change: FloatArray
     twist: FloatArray
@@ -77,7 +77,7 @@ class _State:
 
 
 @dataclass(frozen=True)
-class _Linear:
+class _Linearized:
     """Residuals (n, 2), derivatives by the changes and twists (n, 2, g + 6 f) and by the observed point (n, 2, 3).
 
     For a point behind its mirror, the residual is NaN and the derivatives are 0.
@@ -103,135 +103,136 @@ class SceneFit:
         """Fit by iteratively reweighted Gauss-Newton steps."""
         state = self._start()
         for _ in range(STEPS):
-            linear = self._linear(state)
+            linear = self._linearized(state)
             _, weight = self._weights(linear.residual)
-            state, moved = self._step(state, linear, weight)
-            if moved < STEADY_PX:
+            state, shift_px = self._step(state, linear, weight)
+            if shift_px < CONVERGED_PX:
                 break
         return self._information(state)
 
     def _start(self) -> _State:
-        """Initial points, nearest to the rays of all views."""
-        m, layout = self.matches, self.layout
-        rays = layout.camera.unproject(m.pixels)
-        start, turn = np.empty_like(rays), np.empty_like(rays)
+        """Initial points, each nearest to its rays in all views by least squares."""
+        matches, layout = self.matches, self.layout
+        rays = layout.camera.unproject(matches.pixels)
+        start, direction = np.empty_like(rays), np.empty_like(rays)
         for view, mirror in enumerate(layout.mirrors):
-            rows = m.view == view
+            rows = matches.view == view
             start[rows] = mirror.apparent.virtual_centre_in_rig_mm
-            turn[rows] = rays[rows] @ mirror.reflection
-        turn /= np.linalg.norm(turn, axis=1, keepdims=True)
-        across = np.eye(3) - turn[:, :, None] * turn[:, None, :]
-        count = len(m.frame)
-        normal, right = np.zeros((count, 3, 3)), np.zeros((count, 3))
-        np.add.at(normal, m.point, across)
-        np.add.at(right, m.point, np.einsum("nij,nj->ni", across, start))
-        points = np.linalg.solve(normal + 1e-12 * np.eye(3), right[..., None])[..., 0]
-        first = np.unique(m.point, return_index=True)[1]
+            direction[rows] = rays[rows] @ mirror.reflection
+        direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+        across = np.eye(3) - direction[:, :, None] * direction[:, None, :]
+        count = len(matches.frame)
+        normal, rhs = np.zeros((count, 3, 3)), np.zeros((count, 3))
+        np.add.at(normal, matches.point, across)
+        np.add.at(rhs, matches.point, np.einsum("nij,nj->ni", across, start))
+        points = np.linalg.solve(normal + 1e-12 * np.eye(3), rhs[..., None])[..., 0]
+        first = np.unique(matches.point, return_index=True)[1]
         origin = start.mean(axis=0)
-        off = points - origin
-        distance = np.einsum("ni,ni->n", off, turn[first])
-        distance = np.where(distance > 1.0, np.minimum(distance, FARTHEST_MM), FARTHEST_MM)
-        ray = np.where((distance < FARTHEST_MM)[:, None], off, turn[first])
+        from_origin = points - origin
+        distance = np.einsum("ni,ni->n", from_origin, direction[first])
+        distance = np.where(distance > 1.0, np.minimum(distance, MAX_DISTANCE_MM), MAX_DISTANCE_MM)
+        ray = np.where((distance < MAX_DISTANCE_MM)[:, None], from_origin, direction[first])
         ray /= np.linalg.norm(ray, axis=1, keepdims=True)
-        return _State(np.zeros(len(self.names)), np.zeros((self.frames, TWIST)), ray, 1.0 / distance, origin)
+        return _State(np.zeros(len(self.names)), np.zeros((self.frames, TWIST_SIZE)), ray, 1.0 / distance, origin)
 
-    def _linear(self, state: _State) -> _Linear:
-        m, points = self.matches, state.points
-        moved = _changed(self.layout, self.all_names, self.columns, state.change)
-        when = (m.pixels[:, 1] / self.height_px - 0.5)[:, None]
-        at, twist = points[m.point], state.twist[m.frame[m.point]]
-        scale = 1.0 / state.inverse_mm[m.point, None]
-        seen = at + when * (np.cross(twist[:, :3], at) + twist[:, 3:] * MEAN_MM)
-        count = len(seen)
-        rows = Observations(np.zeros(count, np.int64), m.view, np.arange(count), m.pixels)
-        residual, by_global, by_frame = residuals_with_jacobians(moved, rows, Board.rigid(seen))
-        by_seen = by_frame[:, :, 3:6]
-        by_shared = np.zeros((count, 2, len(self.columns) + TWIST * self.frames))
+    def _linearized(self, state: _State) -> _Linearized:
+        matches, points = self.matches, state.points
+        estimate = _changed(self.layout, self.all_names, self.columns, state.change)
+        time = (matches.pixels[:, 1] / self.height_px - 0.5)[:, None]
+        point, twist = points[matches.point], state.twist[matches.frame[matches.point]]
+        scale = 1.0 / state.inverse_mm[matches.point, None]
+        moved = point + time * (np.cross(twist[:, :3], point) + twist[:, 3:] * TWIST_LENGTH_MM)
+        count = len(moved)
+        observations = Observations(np.zeros(count, np.int64), matches.view, np.arange(count), matches.pixels)
+        residual, by_global, by_frame = residuals_with_jacobians(estimate, observations, Board.rigid(moved))
+        by_moved = by_frame[:, :, 3:6]
+        by_shared = np.zeros((count, 2, len(self.columns) + TWIST_SIZE * self.frames))
         by_shared[:, :, : len(self.columns)] = by_global[:, :, self.columns]
-        turned = np.cross(at[:, None, :], by_seen)
-        by_twist = when[:, :, None] * np.concatenate([turned, MEAN_MM * by_seen], axis=2)
-        place = len(self.columns) + TWIST * m.frame[m.point][:, None] + np.arange(TWIST)
-        np.put_along_axis(by_shared, np.broadcast_to(place[:, None, :], (count, 2, TWIST)), by_twist, axis=2)
-        basis = _basis(state.ray)[m.point] * np.stack([scale, scale, -scale], axis=1)
-        by_point = np.einsum("nij,nkj->nik", by_seen, basis)
+        by_rotation = np.cross(point[:, None, :], by_moved)
+        by_twist = time[:, :, None] * np.concatenate([by_rotation, TWIST_LENGTH_MM * by_moved], axis=2)
+        columns = len(self.columns) + TWIST_SIZE * matches.frame[matches.point][:, None] + np.arange(TWIST_SIZE)
+        np.put_along_axis(by_shared, np.broadcast_to(columns[:, None, :], (count, 2, TWIST_SIZE)), by_twist, axis=2)
+        basis = _basis(state.ray)[matches.point] * np.stack([scale, scale, -scale], axis=1)
+        by_point = np.einsum("nij,nkj->nik", by_moved, basis)
         lost = ~(np.isfinite(residual).all(axis=1) & np.isfinite(by_shared).all(axis=(1, 2)))
         residual[lost], by_shared[lost], by_point[lost] = np.nan, 0.0, 0.0
-        return _Linear(residual, by_shared, by_point)
+        return _Linearized(residual, by_shared, by_point)
 
     def _weights(self, residual: FloatArray) -> tuple[float, FloatArray]:
         """Standard deviation of a match per axis, and weights (n,) of the observations by each view's scatter."""
-        m = self.matches
+        matches = self.matches
         lost = np.isnan(residual[:, 0])
         squares = np.where(lost, 1e6, (residual**2).sum(axis=1))
-        seen = np.bincount(m.point, minlength=len(m.frame))[m.point]
-        spared = squares * 2.0 * seen / np.maximum(2.0 * seen - 3.0, 1.0)
-        overall = _sigma(spared)
+        views = np.bincount(matches.point, minlength=len(matches.frame))[matches.point]
+        # Each point takes three degrees of freedom.
+        unbiased = squares * 2.0 * views / np.maximum(2.0 * views - 3.0, 1.0)
+        overall = _sigma(unbiased)
         sigma = np.full(len(residual), overall)
-        for view in np.unique(m.view):
-            rows = m.view == view
-            sigma[rows] = max(_sigma(spared[rows]), 0.7 * overall)
-        return overall, np.where(lost, 0.0, 1.0 / (sigma * (1.0 + squares / (HEAVY * sigma) ** 2)) ** 2)
+        for view in np.unique(matches.view):
+            rows = matches.view == view
+            sigma[rows] = max(_sigma(unbiased[rows]), 0.7 * overall)
+        return overall, np.where(lost, 0.0, 1.0 / (sigma * (1.0 + squares / (LOSS_SIGMAS * sigma) ** 2)) ** 2)
 
-    def _reduced(self, linear: _Linear, weight: FloatArray) -> tuple[FloatArray, ...]:
+    def _reduced(self, linear: _Linearized, weight: FloatArray) -> tuple[FloatArray, ...]:
         """The Schur complement: H, each point's contribution to the gradient, and factors that recover the points."""
-        m, count, residual = self.matches, len(self.matches.frame), np.nan_to_num(linear.residual)
+        matches, count, residual = self.matches, len(self.matches.frame), np.nan_to_num(linear.residual)
         weighted = linear.by_point * weight[:, None, None]
-        own, cross = np.zeros((count, 3, 3)), np.zeros((count, 3, linear.by_shared.shape[2]))
-        np.add.at(own, m.point, np.einsum("nki,nkj->nij", weighted, linear.by_point))
-        np.add.at(cross, m.point, np.einsum("nki,nkg->nig", weighted, linear.by_shared))
-        right = np.zeros((count, 3))
-        np.add.at(right, m.point, np.einsum("nki,nk->ni", weighted, residual))
-        own += 1e-9 * np.trace(own, axis1=1, axis2=2)[:, None, None] * np.eye(3) + 1e-30 * np.eye(3)
-        follows = np.linalg.solve(own, np.concatenate([cross, right[..., None]], axis=2))
-        by = linear.by_shared.reshape(-1, linear.by_shared.shape[2])
-        rooted = by * np.repeat(np.sqrt(weight), 2)[:, None]
-        information = rooted.T @ rooted - np.einsum("pig,pih->gh", cross, follows[:, :, :-1], optimize=True)
-        gradients = np.zeros((count, by.shape[1]))
-        np.add.at(gradients, m.point, np.einsum("nkg,nk,n->ng", linear.by_shared, residual, weight))
-        gradients -= np.einsum("pig,pi->pg", follows[:, :, :-1], right)
-        return (information + information.T) / 2.0, gradients, follows
+        hessians, cross = np.zeros((count, 3, 3)), np.zeros((count, 3, linear.by_shared.shape[2]))
+        np.add.at(hessians, matches.point, np.einsum("nki,nkj->nij", weighted, linear.by_point))
+        np.add.at(cross, matches.point, np.einsum("nki,nkg->nig", weighted, linear.by_shared))
+        rhs = np.zeros((count, 3))
+        np.add.at(rhs, matches.point, np.einsum("nki,nk->ni", weighted, residual))
+        hessians += 1e-9 * np.trace(hessians, axis1=1, axis2=2)[:, None, None] * np.eye(3) + 1e-30 * np.eye(3)
+        eliminated = np.linalg.solve(hessians, np.concatenate([cross, rhs[..., None]], axis=2))
+        jacobian = linear.by_shared.reshape(-1, linear.by_shared.shape[2])
+        whitened = jacobian * np.repeat(np.sqrt(weight), 2)[:, None]
+        information = whitened.T @ whitened - np.einsum("pig,pih->gh", cross, eliminated[:, :, :-1], optimize=True)
+        gradients = np.zeros((count, jacobian.shape[1]))
+        np.add.at(gradients, matches.point, np.einsum("nkg,nk,n->ng", linear.by_shared, residual, weight))
+        gradients -= np.einsum("pig,pi->pg", eliminated[:, :, :-1], rhs)
+        return (information + information.T) / 2.0, gradients, eliminated
 
-    def _step(self, state: _State, linear: _Linear, weight: FloatArray) -> tuple[_State, float]:
+    def _step(self, state: _State, linear: _Linearized, weight: FloatArray) -> tuple[_State, float]:
         """A Gauss-Newton step, and the 90th percentile of its shifts of pixels."""
         known = len(self.columns)
-        information, gradients, follows = self._reduced(linear, weight)
+        information, gradients, eliminated = self._reduced(linear, weight)
         prior = np.zeros_like(information)
         prior[:known, :known] = self.prior
-        prior[known:, known:] = SPEED**2 * np.eye(len(prior) - known)
-        at = np.concatenate([state.change, state.twist.ravel()])
-        wanted = information @ at - gradients.sum(axis=0)
-        new = prior @ np.linalg.solve(np.eye(len(prior)) + information @ prior, wanted)
-        step = new - at
-        own = -follows[:, :, -1] - follows[:, :, :-1] @ step
-        shift = linear.by_shared @ step + np.einsum("nij,nj->ni", linear.by_point, own[self.matches.point])
+        prior[known:, known:] = TWIST_SIGMA**2 * np.eye(len(prior) - known)
+        old = np.concatenate([state.change, state.twist.ravel()])
+        rhs = information @ old - gradients.sum(axis=0)
+        new = prior @ np.linalg.solve(np.eye(len(prior)) + information @ prior, rhs)
+        step = new - old
+        point_step = -eliminated[:, :, -1] - eliminated[:, :, :-1] @ step
+        shift = linear.by_shared @ step + np.einsum("nij,nj->ni", linear.by_point, point_step[self.matches.point])
         basis = _basis(state.ray)
-        ray = state.ray + np.einsum("pi,pij->pj", np.clip(own[:, :2], -0.1, 0.1), basis[:, :2])
-        inverse = state.inverse_mm * np.exp(np.clip(own[:, 2], -0.5, 0.5))
+        ray = state.ray + np.einsum("pi,pij->pj", np.clip(point_step[:, :2], -0.1, 0.1), basis[:, :2])
+        inverse = state.inverse_mm * np.exp(np.clip(point_step[:, 2], -0.5, 0.5))
         moved = replace(
             state,
             change=new[:known],
-            twist=new[known:].reshape(-1, TWIST),
+            twist=new[known:].reshape(-1, TWIST_SIZE),
             ray=ray / np.linalg.norm(ray, axis=1, keepdims=True),
-            inverse_mm=np.clip(inverse, 1.0 / FARTHEST_MM, 1.0),
+            inverse_mm=np.clip(inverse, 1.0 / MAX_DISTANCE_MM, 1.0),
         )
         return moved, float(np.quantile(np.linalg.norm(shift, axis=1), 0.9))
 
     def _information(self, state: _State) -> SceneInformation:
-        linear, known = self._linear(state), len(self.columns)
+        linear, known = self._linearized(state), len(self.columns)
         sigma, weight = self._weights(linear.residual)
         information, gradients, _ = self._reduced(linear, weight)
-        twist = information[known:, known:] + np.eye(len(information) - known) / SPEED**2
-        follows = np.linalg.solve(twist, information[known:, :known])
-        rest = information[:known, :known] - information[:known, known:] @ follows
-        own = gradients[:, :known] - gradients[:, known:] @ follows
-        pull = own.sum(axis=0) - follows.T @ (state.twist.ravel() / SPEED**2)
+        twist = information[known:, known:] + np.eye(len(information) - known) / TWIST_SIGMA**2
+        eliminated = np.linalg.solve(twist, information[known:, :known])
+        reduced = information[:known, :known] - information[:known, known:] @ eliminated
+        by_point = gradients[:, :known] - gradients[:, known:] @ eliminated
+        gradient = by_point.sum(axis=0) - eliminated.T @ (state.twist.ravel() / TWIST_SIGMA**2)
         cells = np.unique(self.matches.cell)
-        sums = np.stack([own[self.matches.cell == cell].sum(axis=0) for cell in cells])
+        sums = np.stack([by_point[self.matches.cell == cell].sum(axis=0) for cell in cells])
         sums -= sums.mean(axis=0)
         return SceneInformation(
             names=self.names,
-            information=rest,
-            gradient=rest @ state.change - pull,
+            information=reduced,
+            gradient=reduced @ state.change - gradient,
             scatter=sums.T @ sums * (len(cells) / max(len(cells) - 1, 1)),
             sigma_px=sigma,
             seen=np.bincount(self.matches.view, minlength=len(self.layout.mirrors)),
@@ -240,19 +241,15 @@ class SceneFit:
         )
 
 
-MEAN_MM = 400.0
-"""Unit length of the scene's shift during the readout of a frame."""
-
-
 def parameter_names(layout: Layout) -> tuple[str, ...]:
     """The parameters whose changes are estimated: the lens, the mirrors, and others that were calibrated."""
-    every = global_names(layout.camera.intrinsic_names, len(layout.mirrors), 0)
-    known = () if layout.uncertainty is None else layout.uncertainty.parameters
+    names = global_names(layout.camera.intrinsic_names, len(layout.mirrors), 0)
+    calibrated = () if layout.uncertainty is None else layout.uncertainty.parameters
     return tuple(
         name
-        for name in every
+        for name in names
         if name in layout.camera.intrinsic_names
-        or name in known
+        or name in calibrated
         or (name.startswith("mirror ") and name.endswith("_mm"))
     )
 
@@ -274,4 +271,4 @@ def _basis(ray: FloatArray) -> FloatArray:
 
 def _sigma(squares: FloatArray) -> float:
     """Robust standard deviation per axis of two-dimensional normal errors, from the median of their squared lengths."""
-    return max(float(np.sqrt(np.median(squares) / (2.0 * np.log(2.0)))), LEAST_SIGMA_PX)
+    return max(float(np.sqrt(np.median(squares) / (2.0 * np.log(2.0)))), MIN_SIGMA_PX)

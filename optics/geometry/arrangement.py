@@ -15,14 +15,15 @@ from mirrorcam.core.errors import InputError
 from mirrorcam.core.names import Name
 from mirrorcam.core.values import FloatArray, Shaped, Value
 
-MOST_VIEWS = 144
+MAX_VIEWS = 144
 RINGS = Bounds(1, 6)
 """Rings of views around the centre of a hexagonal pattern."""
-RING_VIEWS = Bounds(3, MOST_VIEWS)
-CLOSEST = 1e-3
+RING_VIEWS = Bounds(3, MAX_VIEWS)
+MIN_SEPARATION = 1e-3
 """Smallest distance between two positions of a pattern, relative to its size."""
-SAME_DISTANCE = 1e-6
-NEIGHBOURS = 1.2
+DISTANCE_TOLERANCE = 1e-6
+"""Difference, in steps, up to which two distances are equal."""
+MAX_NEIGHBOUR_STEPS = 1.2
 """Largest distance between neighbours, in steps."""
 
 
@@ -45,11 +46,11 @@ class Pattern(Value):
     @model_validator(mode="after")
     def _check(self) -> Self:
         count = len(self.positions)
-        if not 2 <= count <= MOST_VIEWS:
-            raise ValueError(f"pattern {self.name} has {count} positions, expected 2 to {MOST_VIEWS}")
+        if not 2 <= count <= MAX_VIEWS:
+            raise ValueError(f"pattern {self.name} has {count} positions, expected 2 to {MAX_VIEWS}")
         distances = _distances(self.positions)
         i, j = np.unravel_index(int(distances.argmin()), distances.shape)
-        if distances[i, j] <= CLOSEST * np.ptp(self.positions, axis=0).max():
+        if distances[i, j] <= MIN_SEPARATION * np.ptp(self.positions, axis=0).max():
             raise ValueError(f"pattern {self.name} has positions {i} and {j} in the same place, expected them apart")
         return self
 
@@ -57,16 +58,16 @@ class Pattern(Value):
     def hexagonal(cls, rings: int) -> Self:
         """Hexagonal rings around a centre, row by row: 7 views with one ring, 19 with two."""
         rows = range(-rings, rings + 1)
-        places = [
+        positions = [
             (column - (2 * rings - abs(row)) / 2.0, row * np.sqrt(0.75))
             for row in rows
             for column in range(2 * rings + 1 - abs(row))
         ]
-        return cls(name=f"hex{len(places)}", positions=np.array(places))
+        return cls(name=f"hex{len(positions)}", positions=np.array(positions))
 
     @classmethod
     def ring(cls, count: int) -> Self:
-        """Views evenly spaced on a circle, clockwise from the highest."""
+        """Views evenly spaced on a circle, clockwise from the top."""
         angle = 2.0 * np.pi * np.arange(count) / count
         return cls(name=f"ring{count}", positions=np.column_stack([np.sin(angle), -np.cos(angle)]).round(15) + 0.0)
 
@@ -134,13 +135,13 @@ class Arrangement:
             across = np.tile(np.arange(self.cols) - (self.cols - 1) / 2.0, self.rows)
             down = np.repeat(np.arange(self.rows) - (self.rows - 1) / 2.0, self.cols)
             return np.column_stack([across, down])
-        places = self.pattern.positions - self.pattern.positions.mean(axis=0)
-        return np.asarray((places / _distances(places).min(axis=1).mean()).round(12) + 0.0)
+        centred = self.pattern.positions - self.pattern.positions.mean(axis=0)
+        return np.asarray((centred / _distances(centred).min(axis=1).mean()).round(12) + 0.0)
 
     @property
     def neighbours(self) -> list[tuple[int, int]]:
         """Pairs of views that lie about one step apart: horizontal and vertical neighbours in a grid."""
-        near = np.triu(_distances(self.steps) <= NEIGHBOURS)
+        near = np.triu(_distances(self.steps) <= MAX_NEIGHBOUR_STEPS)
         return [(int(i), int(j)) for i, j in np.argwhere(near)]
 
     @cached_property
@@ -150,21 +151,21 @@ class Arrangement:
 
     @property
     def central_index(self) -> int:
-        """Index of the central mirror: in a grid with an even count the one after the centre; the first of equals."""
+        """Index of the mirror nearest to the centre; of several, the last in a grid, the first in a pattern."""
         if self.pattern is None:
             return (self.rows // 2) * self.cols + self.cols // 2
         return self._innermost[0]
 
     @property
     def _innermost(self) -> list[int]:
-        from_middle = np.hypot(*self.steps.T)
-        return [int(index) for index in np.flatnonzero(from_middle <= from_middle.min() + SAME_DISTANCE)]
+        from_centre = np.hypot(*self.steps.T)
+        return [int(index) for index in np.flatnonzero(from_centre <= from_centre.min() + DISTANCE_TOLERANCE)]
 
     @property
     def inner(self) -> list[int]:
         """Indices of the mirrors nearest to the centre; all mirrors if their mean is not the centre."""
         nearest = self._innermost
-        balanced = np.abs(self.steps[nearest].mean(axis=0)).max() <= SAME_DISTANCE
+        balanced = np.abs(self.steps[nearest].mean(axis=0)).max() <= DISTANCE_TOLERANCE
         return nearest if balanced else list(range(len(self.steps)))
 
     def fitted(self, centres: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -178,17 +179,17 @@ class Arrangement:
         tuple of ndarray
             Positions (..., n, 3) and spacings (..., 2) of one step along x and y; 0 along an axis without steps.
         """
-        middle = centres.mean(axis=-2, keepdims=True)
-        places = np.broadcast_to(middle, centres.shape).copy()
+        mean = centres.mean(axis=-2, keepdims=True)
+        positions = np.broadcast_to(mean, centres.shape).copy()
         spacings = np.zeros((*centres.shape[:-2], 2))
         for axis, steps in enumerate(self.steps.T):
             if steps.any():
-                # Sum line by line, so that the lines of a grid weigh exactly 1.
+                # Sum line by line: then all lines of a grid have a weight of exactly 1.
                 lines, members, counts = np.unique(steps, return_inverse=True, return_counts=True)
                 along = np.stack(
                     [centres[..., members == line, axis].mean(axis=-1) for line in range(len(lines))], axis=-1
                 )
                 weighted = lines * (counts / counts.max())
                 spacings[..., axis] = along @ weighted / (weighted @ lines)
-                places[..., axis] += spacings[..., axis, None] * steps
-        return places, spacings
+                positions[..., axis] += spacings[..., axis, None] * steps
+        return positions, spacings

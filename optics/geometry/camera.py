@@ -194,14 +194,14 @@ class Camera(Value):
         x, y = x / z, y / z
         # Component-first storage: each assignment below then runs through memory once.
         d_intrinsics = np.zeros((2, len(self.intrinsics), x.size)).transpose(2, 0, 1)
-        at = self.lens.linearized(x, y, (self.fx_px, self.fy_px), d_intrinsics[:, :, 4:])
+        lens = self.lens.linearized(x, y, (self.fx_px, self.fy_px), d_intrinsics[:, :, 4:])
         d_points = np.empty((2, 3, x.size)).transpose(2, 0, 1)
-        d_points[:, 0, 0], d_points[:, 0, 1] = self.fx_px * at.xx / z, self.fx_px * at.xy / z
-        d_points[:, 1, 0], d_points[:, 1, 1] = self.fy_px * at.yx / z, self.fy_px * at.yy / z
+        d_points[:, 0, 0], d_points[:, 0, 1] = self.fx_px * lens.xx / z, self.fx_px * lens.xy / z
+        d_points[:, 1, 0], d_points[:, 1, 1] = self.fy_px * lens.yx / z, self.fy_px * lens.yy / z
         d_points[:, :, 2] = -(d_points[:, :, 0] * x[:, None] + d_points[:, :, 1] * y[:, None])
-        d_intrinsics[:, 0, 0], d_intrinsics[:, 1, 1] = at.x, at.y
+        d_intrinsics[:, 0, 0], d_intrinsics[:, 1, 1] = lens.x, lens.y
         d_intrinsics[:, 0, 2] = d_intrinsics[:, 1, 3] = 1.0
-        pixels = np.stack([self.fx_px * at.x + self.cx_px, self.fy_px * at.y + self.cy_px], axis=-1)
+        pixels = np.stack([self.fx_px * lens.x + self.cx_px, self.fy_px * lens.y + self.cy_px], axis=-1)
         return pixels, d_points, d_intrinsics
 
     def normalized_from_pixels(self, pixels: FloatArray) -> FloatArray:
@@ -213,7 +213,7 @@ class Camera(Value):
         normalized = (target - np.array([self.cx_px, self.cy_px])) / focal
         if self.is_undistorted:
             return normalized.reshape(shape)
-        normalized = np.column_stack(self.lens.undistorted_roughly(*normalized.T))
+        normalized = np.column_stack(self.lens.undistorted_estimate(*normalized.T))
         for _ in range(20):
             points = np.column_stack([normalized, np.ones(len(normalized))])
             found, d_points, _ = self.project_with_jacobians(points)

@@ -23,7 +23,7 @@ from mirrorcam.optics.geometry.camera import SENSOR_PX, Camera
 from mirrorcam.optics.geometry.camera_body import CameraBody, ViewAngle
 
 CAMERAS = Path(__file__).parent / "cameras"
-AGREE = 0.03
+MAX_DISAGREEMENT = 0.03
 """Largest relative difference between a published figure and the figure of the optics."""
 _PIXEL_UM = Bounds(0.1, 100.0)
 

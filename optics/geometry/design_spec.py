@@ -30,7 +30,7 @@ from mirrorcam.optics.geometry.camera_library import named_camera
 if TYPE_CHECKING:
     from mirrorcam.optics.geometry.violation import LeastViolation
 
-MOST_DEPTHS = 10
+MAX_DEPTHS = 10
 FIRST_FOLD_DEG = 110.0
 """Start of the search for the best fold."""
 
@@ -75,8 +75,8 @@ class DesignSpec(Value):
     depths_mm: tuple[Annotated[float, DEPTH_MM.each], ...] = Field(
         default=(300.0, 500.0),
         min_length=1,
-        max_length=MOST_DEPTHS,
-        description=f"scene depths at which the views overlap, from the pupil: 1 to {MOST_DEPTHS} of {DEPTH_MM}",
+        max_length=MAX_DEPTHS,
+        description=f"scene depths at which the views overlap, from the pupil: 1 to {MAX_DEPTHS} of {DEPTH_MM}",
     )
     spacing_mm: float = GAP_MM.field(1.0, "smallest gap between any two mirrors")
     seen_gap_mm: float = GAP_MM.field(0.5, "smallest gap between sub-images, in mm at the distance of scale_mm")

@@ -20,9 +20,9 @@ from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.mirror import Mirror
 
 FOLD_90_VIEW_FROM_RIG = ((1.0, 0.0, 0.0), (0.0, 0.0, -1.0), (0.0, 1.0, 0.0))
-SLIVER = 0.02
+MAX_HIDDEN = 0.02
 """Fraction of a sub-image that another may hide in a device as built; a larger overlap means wrong mirrors."""
-METRIC = "working_distance_mm"
+WORKING_DISTANCE = "working_distance_mm"
 """Median distance of the calibration's corners from the views, in the metrics of a calibrated layout."""
 VOLUME = (0.7, 1.0, 1.4)
 """Distances within the working volume, relative to the working distance."""
@@ -93,14 +93,14 @@ class Layout(Value):
         if len(self.mirrors) != self.rows * self.cols:
             raise ValueError(f"{len(self.mirrors)} mirrors, expected rows x cols = {self.rows * self.cols}")
         _ = self.arrangement
-        turn = self.view_from_rig
-        if not np.allclose(turn @ turn.T, np.eye(3), atol=1e-9) or np.linalg.det(turn) < 0:
+        rotation = self.view_from_rig
+        if not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-9) or np.linalg.det(rotation) < 0:
             raise ValueError("view_from_rig is not a rotation")
         polygons = np.array([Polygon(mirror.apparent.outline_normalized) for mirror in self.mirrors])
         touching = STRtree(polygons).query(polygons, predicate="intersects").T
         for i, j in sorted(pair for pair in touching.tolist() if pair[0] < pair[1]):
             shared = polygons[i].intersection(polygons[j]).area
-            allowed = 1e-12 if self.kind == "nominal" else SLIVER * min(polygons[i].area, polygons[j].area)
+            allowed = 1e-12 if self.kind == "nominal" else MAX_HIDDEN * min(polygons[i].area, polygons[j].area)
             if shared > allowed:
                 pair = f"{self.mirror_names[i]} and {self.mirror_names[j]}"
                 raise ValueError(f"outlines of mirrors {pair} overlap in the image, expected a gap")
@@ -189,7 +189,7 @@ class Layout(Value):
 
 def working_distance_mm(layout: Layout) -> float | None:
     """Distance of the calibration's boards or, without a calibration, the mean of the depths of the design."""
-    measured = layout.metrics.get(METRIC)
+    measured = layout.metrics.get(WORKING_DISTANCE)
     if measured is not None and measured.known:
         return measured.value
     return None if layout.spec is None else float(np.mean(layout.spec.depths_mm))
@@ -198,7 +198,7 @@ def working_distance_mm(layout: Layout) -> float | None:
 def working_range_mm(layout: Layout) -> tuple[float, float] | None:
     """Least and greatest distance of the working volume around the boards and the depths of the design."""
     depths = [] if layout.spec is None else list(layout.spec.depths_mm)
-    measured = layout.metrics.get(METRIC)
+    measured = layout.metrics.get(WORKING_DISTANCE)
     if measured is not None and measured.known:
         depths += [factor * measured.value for factor in VOLUME]
     return (min(depths), max(depths)) if depths else None

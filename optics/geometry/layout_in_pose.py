@@ -15,7 +15,7 @@ from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray, Shaped, Value
 from mirrorcam.optics.geometry.layout import Layout
 
-MOST_G = 3.0  # 1 g is a unit vector; a robot that accelerates may exceed it
+MAX_G = 3.0  # 1 g is a unit vector; a robot that accelerates may exceed it
 
 
 class MirrorMotion(Value):
@@ -93,8 +93,8 @@ def layout_in_pose(
     mirrors = []
     for name, mirror in zip(layout.mirror_names, layout.mirrors, strict=True):
         motion = table.mirrors[name]
-        turn = Rotation.from_rotvec(motion.turn_rad @ change).as_matrix()
-        mirrors.append(mirror.moved(turn, motion.shift_mm @ change))
+        rotation = Rotation.from_rotvec(motion.turn_rad @ change).as_matrix()
+        mirrors.append(mirror.moved(rotation, motion.shift_mm @ change))
     return layout.replaced(
         kind="as-built" if layout.kind == "nominal" else layout.kind, mirrors=tuple(mirrors), metrics={}, verdict={}
     )
@@ -102,15 +102,15 @@ def layout_in_pose(
 
 def _gravity(vector: FloatArray) -> FloatArray:
     gravity = np.asarray(vector, dtype=np.float64)
-    if gravity.shape != (3,) or not np.isfinite(gravity).all() or np.linalg.norm(gravity) > MOST_G:
-        raise InputError(f"gravity {gravity.tolist()}, expected a vector of 3 numbers, at most {MOST_G:g} g long")
+    if gravity.shape != (3,) or not np.isfinite(gravity).all() or np.linalg.norm(gravity) > MAX_G:
+        raise InputError(f"gravity {gravity.tolist()}, expected a vector of 3 numbers, at most {MAX_G:g} g long")
     return gravity
 
 
 def image_shifts_px(layout: Layout, moved: Layout, depth_mm: float) -> list[FloatArray]:
     """Shifts (n, 2), px, of the scene's image in each sub-image between a layout and one with moved mirrors.
 
-    The scene points lie at `depth_mm` in view axes, where the layout shows them at the corners and in the middle of
+    The scene points lie at `depth_mm` in view axes, where the layout shows them at the corners and at the centre of
     each mirror.
     """
     shifts = []
@@ -118,8 +118,8 @@ def image_shifts_px(layout: Layout, moved: Layout, depth_mm: float) -> list[Floa
     for index, mirror in enumerate(layout.mirrors):
         apparent = mirror.apparent
         corners = mirror.usable_normalized
-        seen = np.vstack([corners, corners.mean(axis=0)])
-        rays = np.column_stack([seen, np.ones(len(seen))]) @ apparent.reflection.T
+        normalized = np.vstack([corners, corners.mean(axis=0)])
+        rays = np.column_stack([normalized, np.ones(len(normalized))]) @ apparent.reflection.T
         start = apparent.virtual_centre_in_rig_mm
         points = start + ((depth_mm - start @ forward) / (rays @ forward))[:, None] * rays
         shifts.append(moved.project(points, index) - layout.project(points, index))

@@ -22,15 +22,15 @@ FAMILIES = tuple(name for name in NAMES if not name.endswith(tuple(f"_{count}" f
 """The largest dictionary of each family; the smaller ones hold its first markers."""
 
 
-def dictionary(name: str, most: int | None = None) -> cv2.aruco.Dictionary:
-    """The dictionary with a name of `NAMES`, or its first `most` markers."""
+def dictionary(name: str, markers: int | None = None) -> cv2.aruco.Dictionary:
+    """The dictionary with a name of `NAMES`, or its first `markers` markers."""
     full = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
-    if most is None:
+    if markers is None:
         return full
-    return cv2.aruco.Dictionary(full.bytesList[:most], full.markerSize, full.maxCorrectionBits)
+    return cv2.aruco.Dictionary(full.bytesList[:markers], full.markerSize, full.maxCorrectionBits)
 
 
-def as_named(name: str) -> str | None:
+def canonical_name(name: str) -> str | None:
     """The name of `NAMES` that equals `name` up to case; None if there is none."""
     return next((known for known in NAMES if known.lower() == name.lower()), None)
 

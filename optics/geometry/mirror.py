@@ -87,11 +87,11 @@ class Mirror(Value):
             raise ValueError("outline crosses itself, expected a convex polygon")
         edges = np.roll(polygon, -1, axis=0) - polygon
         following = np.roll(edges, -1, axis=0)
-        turns = edges[:, 0] * following[:, 1] - edges[:, 1] * following[:, 0]
+        areas = edges[:, 0] * following[:, 1] - edges[:, 1] * following[:, 0]
         scale = np.square(edges).sum(axis=1).max()
         if Polygon(polygon).area <= 1e-6 * scale:
             raise ValueError("outline has no area, expected a convex polygon")
-        if not (turns > -1e-9 * scale).all() and not (turns < 1e-9 * scale).all():
+        if not (areas > -1e-9 * scale).all() and not (areas < 1e-9 * scale).all():
             raise ValueError("outline is not convex, expected a convex polygon")
         return self
 
@@ -126,7 +126,7 @@ class Mirror(Value):
 
     @cached_property
     def _chief(self) -> tuple[FloatArray, float]:
-        """Vector (3,), mm, on the plane from the pupil's foot to the outline's centre; tangent of the chief ray."""
+        """Vector (3,), mm, from the plane's point nearest to the pupil to the outline's centre; chief ray's tangent."""
         across = self.outline_in_rig_mm.mean(axis=0) + self.distance_mm * self.normal_in_rig
         across_mm = float(np.linalg.norm(across))
         if not self.is_second_surface:
@@ -156,10 +156,10 @@ class Mirror(Value):
         """The first- or second-surface mirror with the same image along its chief ray; `thickness_mm` None keeps it."""
         if surface == "first":
             return self.apparent
-        thick = self.thickness_mm if thickness_mm is None else thickness_mm
+        thickness = self.thickness_mm if thickness_mm is None else thickness_mm
         apparent = self.apparent
         centre, outline = apparent.virtual_centre_in_rig_mm, apparent.outline_in_rig_mm
-        second = Mirror.second_surface(centre, outline, thickness_mm=thick, refractive_index=self.refractive_index)
+        second = Mirror.second_surface(centre, outline, thickness_mm=thickness, refractive_index=self.refractive_index)
         return second.replaced(curvature_per_m=self.curvature_per_m)
 
     @cached_property
@@ -173,20 +173,20 @@ class Mirror(Value):
         if not self.is_second_surface:
             return self.outline_normalized
         across, tangent = self._chief
-        inside = float(inner_tangent(np.array(tangent), self.refractive_index))
+        inner = float(inner_tangent(np.array(tangent), self.refractive_index))
         across_mm = float(np.linalg.norm(across))
-        shift = self.thickness_mm * inside * across / across_mm if across_mm > 0 else across
-        flat = shift @ self.rig_from_plane[:3, :2]
-        shown = Polygon(self.outline_in_plane_mm + flat).intersection(Polygon(self.outline_in_plane_mm - flat))
+        shift = self.thickness_mm * inner * across / across_mm if across_mm > 0 else across
+        shift = shift @ self.rig_from_plane[:3, :2]
+        shown = Polygon(self.outline_in_plane_mm + shift).intersection(Polygon(self.outline_in_plane_mm - shift))
         if shown.area <= 0.0:
             return np.zeros((0, 2))
-        seen = self.apparent.rig_from_plane
-        points = np.array(shown.exterior.coords)[:-1] @ seen[:3, :2].T + seen[:3, 3]
+        frame = self.apparent.rig_from_plane
+        points = np.array(shown.exterior.coords)[:-1] @ frame[:3, :2].T + frame[:3, 3]
         return points[:, :2] / points[:, 2:]
 
     @property
     def is_second_surface(self) -> bool:
-        """True if the back reflects, so that light passes through the glass."""
+        """Whether the back reflects, so that light passes through the glass."""
         return self.surface == "second"
 
     @property
@@ -234,7 +234,7 @@ class Mirror(Value):
             return self.reflect(points_in_rig)
         mirrors = MirrorArrays(
             centre_mm=self.virtual_centre_in_rig_mm[:, None],
-            middle_mm=self.outline_in_rig_mm.mean(axis=0)[:, None],
+            centroid_mm=self.outline_in_rig_mm.mean(axis=0)[:, None],
             thickness_mm=np.array([self.front_mm]),
             refractive_index=np.array([self.refractive_index]),
             curvature_per_m=self.curvature_per_m[:, None],
@@ -276,10 +276,10 @@ class Mirror(Value):
         """The mirror moved as a rigid body: rotated (3, 3) about its outline's mean, then shifted by (3,), in rig."""
         centre = self.outline_in_rig_mm.mean(axis=0)
         normal = rotation @ self.normal_in_rig
-        # The frame's x axis stays along the rig's, so the mirror turns within its frame.
-        turned = (rotation @ self.rig_from_plane[:3, :2]).T @ np.column_stack(plane_axes(normal[:, None]))
+        # The frame's x axis follows the rig's, not the mirror, so the mirror also rotates within its frame.
+        rotated = (rotation @ self.rig_from_plane[:3, :2]).T @ np.column_stack(plane_axes(normal[:, None]))
         xx, yy, xy = self.curvature_per_m
-        bend = turned.T @ np.array([[xx, xy], [xy, yy]]) @ turned
+        curvature = rotated.T @ np.array([[xx, xy], [xy, yy]]) @ rotated
         return type(self).from_plane(
             centre + translation_mm,
             normal,
@@ -287,7 +287,7 @@ class Mirror(Value):
             surface=self.surface,
             thickness_mm=self.thickness_mm,
             refractive_index=self.refractive_index,
-            curvature_per_m=[bend[0, 0], bend[1, 1], bend[0, 1]],
+            curvature_per_m=[curvature[0, 0], curvature[1, 1], curvature[0, 1]],
         )
 
 
@@ -310,10 +310,10 @@ class MirrorSolid:
     def half_spaces(self) -> tuple[FloatArray, FloatArray]:
         """Outward unit normals (k, 3) and offsets (k,) of the faces: a point x is inside where n.x <= d, mm."""
         face, opposite = np.split(self.corners_in_rig_mm, 2)
-        middle = self.corners_in_rig_mm.mean(axis=0)
+        centroid = self.corners_in_rig_mm.mean(axis=0)
         sides = np.cross(np.roll(face, -1, axis=0) - face, opposite - face)
         normals = np.concatenate([[self.normal_in_rig, self.normal_in_rig], sides])
         points = np.concatenate([face[:1], opposite[:1], face])
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-        normals *= np.sign(np.sum(normals * (points - middle), axis=1, keepdims=True))
+        normals *= np.sign(np.sum(normals * (points - centroid), axis=1, keepdims=True))
         return normals, np.sum(normals * points, axis=1)

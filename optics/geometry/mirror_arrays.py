@@ -17,14 +17,14 @@ class MirrorArrays:
     Attributes
     ----------
     centre_mm : virtual centres (3, n) of the reflecting planes.
-    middle_mm : means (3, n) of the outlines' corners.
+    centroid_mm : means (3, n) of the outlines' corners.
     thickness_mm : thickness (n,) of the plate in front of the reflecting surface; 0 for first-surface mirrors.
     refractive_index : refractive index (n,) of the plate.
     curvature_per_m : curvatures (3, n): xx, yy and xy; see `Mirror`.
     """
 
     centre_mm: FloatArray
-    middle_mm: FloatArray
+    centroid_mm: FloatArray
     thickness_mm: FloatArray
     refractive_index: FloatArray
     curvature_per_m: FloatArray

@@ -33,15 +33,15 @@ def closest_points(first: FloatArray, second: FloatArray) -> FloatArray:
     See `hull_distance`.
     """
     _, weights = _least_distance(first, second)
-    each = (weights / weights.sum()).reshape(len(first), len(second))
-    return np.array([each.sum(axis=1) @ first, each.sum(axis=0) @ second])
+    pairs = (weights / weights.sum()).reshape(len(first), len(second))
+    return np.array([pairs.sum(axis=1) @ first, pairs.sum(axis=0) @ second])
 
 
 def _least_distance(first: FloatArray, second: FloatArray) -> tuple[FloatArray, FloatArray]:
     """All differences (3, n m) of two point sets, and their weights for the point of their hull nearest the origin."""
     differences = (first[:, None] - second[None, :]).reshape(-1, 3).T
-    size = float(np.abs(differences).max())
-    system = np.vstack([differences / size, np.ones(differences.shape[1])])
+    scale = float(np.abs(differences).max())
+    system = np.vstack([differences / scale, np.ones(differences.shape[1])])
     weights, _ = nnls(system, np.array([0.0, 0.0, 0.0, 1.0]))
     return differences, weights
 
@@ -52,20 +52,20 @@ def stacked(arrays: Sequence[FloatArray]) -> FloatArray:
     return np.stack([np.concatenate([a, np.repeat(a[-1:], longest - len(a), axis=0)]) for a in arrays])
 
 
-def _least_gaps_mm(mirrors: Sequence[Mirror]) -> FloatArray:
+def _min_gaps_mm(mirrors: Sequence[Mirror]) -> FloatArray:
     """Lower bounds (n, n) of the distances between solids, mm: the largest distance along the normal of a face."""
     corners = stacked([mirror.solid.corners_in_rig_mm for mirror in mirrors])
     faces = [mirror.solid.half_spaces for mirror in mirrors]
     normals, offsets = stacked([normals for normals, _ in faces]), stacked([offsets for _, offsets in faces])
     heights = np.tensordot(normals, corners, axes=(2, 2)) - offsets[:, :, None, None]
-    beyond = heights.min(axis=3).max(axis=1)
-    return np.maximum(np.maximum(beyond, beyond.T), 0.0)
+    gaps = heights.min(axis=3).max(axis=1)
+    return np.maximum(np.maximum(gaps, gaps.T), 0.0)
 
 
 def pairs_closer_than(mirrors: Sequence[Mirror], gap_mm: float) -> list[tuple[int, int]]:
     """Pairs i < j of mirrors whose solids are less than `gap_mm` apart."""
     corners = [mirror.solid.corners_in_rig_mm for mirror in mirrors]
-    candidates = np.argwhere(np.triu(_least_gaps_mm(mirrors) < gap_mm, 1))
+    candidates = np.argwhere(np.triu(_min_gaps_mm(mirrors) < gap_mm, 1))
     return [(int(i), int(j)) for i, j in candidates if hull_distance(corners[i], corners[j]) < gap_mm]
 
 
@@ -73,10 +73,10 @@ def smallest_gap_mm(layout: Layout) -> float:
     """Smallest distance between the solids of any two mirrors, mm; 0 if two meet, infinite for a single mirror."""
     corners = [mirror.solid.corners_in_rig_mm for mirror in layout.mirrors]
     first, second = np.triu_indices(len(corners), 1)
-    least = _least_gaps_mm(layout.mirrors)[first, second]
+    bounds = _min_gaps_mm(layout.mirrors)[first, second]
     smallest = float("inf")
-    for k in np.argsort(least, kind="stable"):
-        if least[k] >= smallest:
+    for k in np.argsort(bounds, kind="stable"):
+        if bounds[k] >= smallest:
             break
         smallest = min(smallest, hull_distance(corners[first[k]], corners[second[k]]))
     return smallest
@@ -96,14 +96,14 @@ def area_mm2(mirror: Mirror) -> float:
 
 def _seen_gaps(mirrors: Sequence[Mirror]) -> tuple[NDArray[np.int64], NDArray[np.int64], FloatArray]:
     """All pairs i < j and the distances between their sub-images, in normalized coordinates."""
-    seen = np.array([Polygon(mirror.apparent.outline_normalized) for mirror in mirrors])
-    first, second = np.triu_indices(len(seen), 1)
-    return first, second, shapely.distance(seen[first], seen[second])
+    sub_images = np.array([Polygon(mirror.apparent.outline_normalized) for mirror in mirrors])
+    first, second = np.triu_indices(len(sub_images), 1)
+    return first, second, shapely.distance(sub_images[first], sub_images[second])
 
 
 def seen_closer_than(mirrors: Sequence[Mirror], gap: float) -> list[tuple[int, int]]:
     """Pairs i < j of mirrors whose sub-images are less than `gap` apart, in normalized coordinates."""
-    return [(int(i), int(j)) for i, j, apart in zip(*_seen_gaps(mirrors), strict=True) if apart < gap]
+    return [(int(i), int(j)) for i, j, distance in zip(*_seen_gaps(mirrors), strict=True) if distance < gap]
 
 
 def smallest_seen_gap(mirrors: Sequence[Mirror]) -> float:

@@ -4,7 +4,7 @@
 each point.
 
 The surface of a bent mirror is n.x + d = h(u, v), h = (k_xx u^2 + k_yy v^2) / 2 + k_xy u v, in the mirror's own frame,
-whose origin is the foot of the outline's centre on the plane. Light is reflected as if by the tangent plane at the
+whose origin is the outline's centre projected on the plane. Light is reflected as if by the tangent plane at the
 point (u, v) = E(u, v) where it meets the reflecting surface. The chord method solves this fixed-point equation;
 its derivative is implicit, (I - E') d(u, v) = dE.
 
@@ -33,7 +33,7 @@ from mirrorcam.optics.geometry.mirror_arrays import (
 from mirrorcam.optics.geometry.plate import PlaneDerivatives, PlateImages, PlatePath
 
 CHORD_STEPS = 40
-MET_MM = 1e-9
+CONVERGED_MM = 1e-9
 """Tolerance between the assumed and the computed point of reflection."""
 Pair = tuple[FloatArray, FloatArray]
 
@@ -96,25 +96,25 @@ class _Base:
         Distances (n,) of the planes from the pupil.
     axes
         The x and y axis (3, n) of each mirror's own frame.
-    middle_mm
-        Means (3, n) of the outlines' corners, with the coordinates `middle_uv_mm` along the axes.
-    bend_per_mm
+    centroid_mm
+        Means (3, n) of the outlines' corners, with the coordinates `centroid_uv_mm` along the axes.
+    curvature_per_mm
         Curvatures (3, n).
     """
 
     normal: FloatArray
     distance_mm: FloatArray
     axes: Pair
-    middle_mm: FloatArray
-    middle_uv_mm: Pair
-    bend_per_mm: FloatArray
+    centroid_mm: FloatArray
+    centroid_uv_mm: Pair
+    curvature_per_mm: FloatArray
 
     @classmethod
     def of(cls, mirrors: MirrorArrays) -> _Base:
         normal, distance = plane_of(mirrors.centre_mm)
         x_axis, y_axis = plane_axes(normal)
-        middle_uv = dot(x_axis, mirrors.middle_mm), dot(y_axis, mirrors.middle_mm)
-        return cls(normal, distance, (x_axis, y_axis), mirrors.middle_mm, middle_uv, mirrors.curvature_per_m / 1e3)
+        centroid_uv = dot(x_axis, mirrors.centroid_mm), dot(y_axis, mirrors.centroid_mm)
+        return cls(normal, distance, (x_axis, y_axis), mirrors.centroid_mm, centroid_uv, mirrors.curvature_per_m / 1e3)
 
 
 @dataclass(frozen=True)
@@ -134,7 +134,7 @@ class _TangentPlanes:
     length
         Lengths (n,) of the normals before normalization.
     reach_mm
-        Coordinates (n,), (n,) of the points of contact from the foot of the pupil.
+        Coordinates (n,), (n,) of the points of contact from the point of the plane nearest to the pupil.
     slope
         Slopes dh/du, dh/dv (n,), (n,).
     """
@@ -149,14 +149,14 @@ class _TangentPlanes:
 
     @classmethod
     def at(cls, uv_mm: Pair, base: _Base) -> _TangentPlanes:
-        (u, v), (xx, yy, xy), (x_axis, y_axis) = uv_mm, base.bend_per_mm, base.axes
+        (u, v), (xx, yy, xy), (x_axis, y_axis) = uv_mm, base.curvature_per_mm, base.axes
         slope_u, slope_v = xx * u + xy * v, yy * v + xy * u
         height = (slope_u * u + slope_v * v) / 2.0
-        leaning = base.normal - slope_u * x_axis - slope_v * y_axis
+        tilted = base.normal - slope_u * x_axis - slope_v * y_axis
         length = np.sqrt(1.0 + slope_u**2 + slope_v**2)
-        reach = u + base.middle_uv_mm[0], v + base.middle_uv_mm[1]
+        reach = u + base.centroid_uv_mm[0], v + base.centroid_uv_mm[1]
         distance = (base.distance_mm - height + slope_u * reach[0] + slope_v * reach[1]) / length
-        return cls(base, uv_mm, leaning / length, distance, length, reach, (slope_u, slope_v))
+        return cls(base, uv_mm, tilted / length, distance, length, reach, (slope_u, slope_v))
 
     @property
     def plane(self) -> Pair:
@@ -167,15 +167,15 @@ class _TangentPlanes:
         """Derivatives (a, 3, n) by the unnormalized normal n - h_u e1 - h_v e2, and (a, n) by its slopes h_u, h_v."""
         scaled = by_distance / self.length
         across = by_normal - dot(by_normal, self.normal)[:, None] * self.normal
-        by_leaning = across / self.length - (scaled * self.distance_mm)[:, None] * self.normal
+        by_tilted = across / self.length - (scaled * self.distance_mm)[:, None] * self.normal
         by_u, by_v = (
-            scaled * reach - dot(by_leaning, axis) for reach, axis in zip(self.reach_mm, self.base.axes, strict=True)
+            scaled * reach - dot(by_tilted, axis) for reach, axis in zip(self.reach_mm, self.base.axes, strict=True)
         )
-        return by_leaning, by_u, by_v
+        return by_tilted, by_u, by_v
 
     def uv_vjp(self, by_normal: FloatArray, by_distance: FloatArray) -> Pair:
         """Pull derivatives by the tangent plane back to u and v (a, n)."""
-        xx, yy, xy = self.base.bend_per_mm
+        xx, yy, xy = self.base.curvature_per_mm
         _, by_u, by_v = self._slopes_vjp(by_normal, by_distance)
         return by_u * xx + by_v * xy, by_u * xy + by_v * yy
 
@@ -191,7 +191,7 @@ class _TangentPlanes:
         de1 = q e2 - (dn.e1) n, de2 = -q e1 - (dn.e2) n, q = -n_x (e2.dn) / sqrt(1 - n_x^2).
         """
         (u, v), (e1, e2), n = self.uv_mm, self.base.axes, self.base.normal
-        by_leaning, by_u, by_v = self._slopes_vjp(by_normal, by_distance)
+        by_tilted, by_u, by_v = self._slopes_vjp(by_normal, by_distance)
         scaled = by_distance / self.length
         by_height = -scaled
         by_curvature = 1e-3 * np.stack(
@@ -203,13 +203,13 @@ class _TangentPlanes:
             axis=1,
         )
         by_e1, by_e2 = (
-            extra + slope * (scaled[:, None] * self.base.middle_mm - by_leaning)
+            extra + slope * (scaled[:, None] * self.base.centroid_mm - by_tilted)
             for extra, slope in zip(by_axes, self.slope, strict=True)
         )
-        aside = np.sqrt(1.0 - n[0] ** 2)
-        turn = np.divide(n[0], aside, out=np.zeros_like(aside), where=aside > 1e-6)
-        by_turn = (dot(by_e1, e2) - dot(by_e2, e1)) * turn
-        by_base = by_leaning - dot(by_e1, n)[:, None] * e1 - (dot(by_e2, n) + by_turn)[:, None] * e2
+        sine = np.sqrt(1.0 - n[0] ** 2)
+        cotangent = np.divide(n[0], sine, out=np.zeros_like(sine), where=sine > 1e-6)
+        by_rotation = (dot(by_e1, e2) - dot(by_e2, e1)) * cotangent
+        by_base = by_tilted - dot(by_e1, n)[:, None] * e1 - (dot(by_e2, n) + by_rotation)[:, None] * e2
         return plane_vjp(by_base, scaled, (n, self.base.distance_mm)), by_curvature
 
 
@@ -224,41 +224,41 @@ class BentImages:
     @classmethod
     def of(cls, points_mm: FloatArray, mirrors: MirrorArrays) -> BentImages:
         base = _Base.of(mirrors)
-        meets = PlatePath.through(points_mm, (base.normal, base.distance_mm), mirrors).reflection_point_mm()
-        u, v = (dot(axis, meets - mirrors.middle_mm) for axis in base.axes)
+        contact = PlatePath.through(points_mm, (base.normal, base.distance_mm), mirrors).reflection_point_mm()
+        u, v = (dot(axis, contact - mirrors.centroid_mm) for axis in base.axes)
         chord = None
         for _ in range(CHORD_STEPS):
             tangent = _TangentPlanes.at((u, v), base)
             path = PlatePath.through(points_mm, tangent.plane, mirrors)
-            meets = path.reflection_point_mm() - mirrors.middle_mm
-            off_u, off_v = (dot(axis, meets) - was for axis, was in zip(base.axes, (u, v), strict=True))
-            missed = ~(np.abs(off_u) + np.abs(off_v) <= MET_MM)
-            if not (missed & ~np.isnan(off_u)).any():
+            contact = path.reflection_point_mm() - mirrors.centroid_mm
+            error_u, error_v = (dot(axis, contact) - old for axis, old in zip(base.axes, (u, v), strict=True))
+            unsolved = ~(np.abs(error_u) + np.abs(error_v) <= CONVERGED_MM)
+            if not (unsolved & ~np.isnan(error_u)).any():
                 break
             if chord is None:
                 chord = tangent.implicit_matrix(path.reflection_point_vjp(np.stack(base.axes)))
-            du, dv = _solved(chord, off_u, off_v)
+            du, dv = _solved(chord, error_u, error_v)
             u, v = u + du, v + dv
-        return cls(np.where(missed, np.nan, path.image_mm()), path, tangent)
+        return cls(np.where(unsolved, np.nan, path.image_mm()), path, tangent)
 
     def vjp(self, by_image: FloatArray) -> ImageDerivatives:
         """See `MirrorImages.vjp`."""
         tangent, path = self._tangent, self._path
-        direct, meets = path.image_vjp(by_image), path.reflection_point_vjp(np.stack(tangent.base.axes))
+        direct, contact = path.image_vjp(by_image), path.reflection_point_vjp(np.stack(tangent.base.axes))
         by_uv = tangent.uv_vjp(direct.normal, direct.distance)
-        by_u, by_v = _solved(np.swapaxes(tangent.implicit_matrix(meets), 0, 1), *by_uv)
+        by_u, by_v = _solved(np.swapaxes(tangent.implicit_matrix(contact), 0, 1), *by_uv)
 
         def total(partial: FloatArray, uv_by_input: FloatArray) -> FloatArray:
             """Total derivatives from the partial ones at constant (u, v) and the derivatives (2, ..., n) of (u, v)."""
             u, v = (by_u, by_v) if uv_by_input.ndim == 2 else (by_u[:, None], by_v[:, None])
             return np.asarray(partial + u * uv_by_input[0] + v * uv_by_input[1])
 
-        offset = path.reflection_point_mm() - tangent.base.middle_mm
+        offset = path.reflection_point_mm() - tangent.base.centroid_mm
         by_axes = by_u[:, None] * offset, by_v[:, None] * offset
-        by_plane = total(direct.normal, meets.normal), total(direct.distance, meets.distance)
+        by_plane = total(direct.normal, contact.normal), total(direct.distance, contact.distance)
         centre, curvature = tangent.mirror_vjp(*by_plane, by_axes)
         return ImageDerivatives(
-            total(direct.point, meets.point), centre, total(direct.thickness, meets.thickness), curvature
+            total(direct.point, contact.point), centre, total(direct.thickness, contact.thickness), curvature
         )
 
 

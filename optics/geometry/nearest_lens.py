@@ -14,16 +14,16 @@ from mirrorcam.optics.geometry.camera import PINHOLE_NAMES, Camera
 from mirrorcam.optics.geometry.lenses.families import NUMBERED, LensName
 from mirrorcam.optics.geometry.lenses.spline import LensGrid, Spline
 
-SAMPLES = 40  # across and down the fitted part of the picture
+SAMPLES = 40  # along each side of the fitted part of the picture
 EXACT_PX = 1e-9
-LEAST_PX = 1e-3  # residual of the prior for a coefficient of one prior sigma
+PRIOR_PX = 1e-3  # residual of the prior for a coefficient of one prior sigma
 
 
 def with_lens(camera: Camera, model: LensName) -> Camera:
     """The camera in another model: it keeps the coefficients that both models have; the others are zero.
 
-    The result is equivalent if the other model has all nonzero coefficients. A fisheye's coefficients have another
-    meaning, so none is kept. A spline lens gets a grid over the entire sensor.
+    The result is equivalent if all coefficients that the other model lacks are zero. A fisheye's coefficients have a
+    different meaning, so none is kept. A spline lens gets a grid over the entire sensor.
     """
     if model == camera.lens_model:
         return camera
@@ -39,8 +39,8 @@ def _border(camera: Camera) -> FloatArray:
     along = np.linspace(-0.5, 0.5, SAMPLES)
     x, y = along * camera.width_px, along * camera.height_px
     edges = [np.column_stack(np.broadcast_arrays(*edge)) for edge in ((x[0], y), (x[-1], y), (x, y[0]), (x, y[-1]))]
-    middle = np.array([camera.width_px - 1.0, camera.height_px - 1.0]) / 2.0
-    normalized = camera.normalized_from_pixels(np.concatenate(edges) + middle)
+    centre = np.array([camera.width_px - 1.0, camera.height_px - 1.0]) / 2.0
+    normalized = camera.normalized_from_pixels(np.concatenate(edges) + centre)
     known = np.isfinite(normalized).all(axis=1)
     if not known.any():
         raise InputError(f"camera {camera.name}: its lens is not defined at the border of the sensor")
@@ -82,16 +82,16 @@ def nearest_lens(
     names = fitted.intrinsic_names
     fitted = fitted.with_intrinsics(np.where([name in zero for name in names], 0.0, fitted.intrinsics))
     free = [index for index, name in enumerate(names) if name not in zero]
-    if _worst(fitted, rays, pixels) < EXACT_PX:
+    if _max_error_px(fitted, rays, pixels) < EXACT_PX:
         return fitted, 0.0
-    with np.errstate(all="ignore"):  # intermediate lenses may be absurd
+    with np.errstate(all="ignore"):  # intermediate lenses may overflow
         try:
             best = fitted.with_intrinsics(_least_squares(fitted, free, rays, pixels))
         except (ValueError, np.linalg.LinAlgError):  # not finite, or not a valid camera
-            raise InputError(f"camera {camera.name}: no {model} lens is near its own, expected another lens") from None
-        error_px = _worst(best, rays, pixels)
+            raise InputError(f"camera {camera.name}: no {model} lens fits its own, expected another model") from None
+        error_px = _max_error_px(best, rays, pixels)
     if not np.isfinite(error_px):
-        raise InputError(f"camera {camera.name}: no {model} lens is near its own, expected another lens")
+        raise InputError(f"camera {camera.name}: no {model} lens fits its own, expected another model")
     return best, error_px
 
 
@@ -103,24 +103,24 @@ def _least_squares(start: Camera, free: Sequence[int], rays: FloatArray, pixels:
         intrinsics[free] = values
         return start.with_intrinsics(intrinsics)
 
-    # The prior selects the smallest values of coefficients that hardly matter.
+    # Where pixels hardly determine coefficients, the prior selects the smallest.
     sigmas = np.array([*[np.inf] * len(PINHOLE_NAMES), *start.lens.prior_sigmas])[free]
-    least = np.diag(LEAST_PX / sigmas)[np.isfinite(sigmas)]
+    prior = np.diag(PRIOR_PX / sigmas)[np.isfinite(sigmas)]
 
     def residuals(values: FloatArray) -> FloatArray:
-        off = camera(values).project_with_jacobians(rays)[0] - pixels
-        return np.concatenate([off.ravel(), least @ values])
+        errors = camera(values).project_with_jacobians(rays)[0] - pixels
+        return np.concatenate([errors.ravel(), prior @ values])
 
     def jacobian(values: FloatArray) -> FloatArray:
         by_free = camera(values).project_with_jacobians(rays)[2][:, :, free].reshape(-1, len(free))
-        return np.concatenate([by_free, least])
+        return np.concatenate([by_free, prior])
 
-    lowest = np.where(np.isin(free, [0, 1]), FOCAL_PX.least, -np.inf)
+    lower = np.where(np.isin(free, [0, 1]), FOCAL_PX.least, -np.inf)
     found = least_squares(
-        residuals, start.intrinsics[free], jac=jacobian, bounds=(lowest, np.inf), x_scale="jac", xtol=1e-12, ftol=1e-12
+        residuals, start.intrinsics[free], jac=jacobian, bounds=(lower, np.inf), x_scale="jac", xtol=1e-12, ftol=1e-12
     )
     return camera(found.x).intrinsics
 
 
-def _worst(camera: Camera, rays: FloatArray, pixels: FloatArray) -> float:
+def _max_error_px(camera: Camera, rays: FloatArray, pixels: FloatArray) -> float:
     return float(np.linalg.norm(camera.project_with_jacobians(rays)[0] - pixels, axis=1).max())

@@ -87,7 +87,7 @@ def perturbed_camera(camera: Camera, perturbations: Perturbations, device: int) 
         fy_px=camera.fy_px * focal,
         cx_px=camera.cx_px + centre[0],
         cy_px=camera.cy_px + centre[1],
-        distortion=camera.lens.disturbed(lens).coefficients,
+        distortion=camera.lens.perturbed(lens).coefficients,
     )
 
 
@@ -99,7 +99,7 @@ class Devices:
     ----------
     normals
         Unit normals (n, m, 3) on the reflecting side.
-    middles_mm
+    centroids_mm
         Means (n, m, 3) of the outlines' corners, on the reflecting planes.
     axes
         The x and y axis (n, m, 3, 2) of each mirror's own frame.
@@ -114,7 +114,7 @@ class Devices:
     """
 
     normals: FloatArray
-    middles_mm: FloatArray
+    centroids_mm: FloatArray
     axes: FloatArray
     outlines_mm: FloatArray
     thicknesses_mm: FloatArray
@@ -129,20 +129,22 @@ def perturbed_mirrors(layout: Layout, perturbations: Perturbations) -> Devices:
     thicker second-surface mirror reflects at the same place, behind more glass.
     """
     shape = perturbations.shifts_mm.shape
-    designed = np.array([mirror.normal_in_rig for mirror in layout.mirrors])
+    normals = np.array([mirror.normal_in_rig for mirror in layout.mirrors])
     frames = np.array([mirror.rig_from_plane for mirror in layout.mirrors])
-    middles = np.array([mirror.outline_in_rig_mm.mean(axis=0) for mirror in layout.mirrors])
-    spokes = stacked([mirror.outline_in_rig_mm - mirror.outline_in_rig_mm.mean(axis=0) for mirror in layout.mirrors])
+    centroids = np.array([mirror.outline_in_rig_mm.mean(axis=0) for mirror in layout.mirrors])
+    from_centroid = stacked(
+        [mirror.outline_in_rig_mm - mirror.outline_in_rig_mm.mean(axis=0) for mirror in layout.mirrors]
+    )
     thicknesses = np.array([mirror.thickness_mm for mirror in layout.mirrors])
-    lifts = np.array([not mirror.is_second_surface for mirror in layout.mirrors])
+    lifted = np.array([not mirror.is_second_surface for mirror in layout.mirrors])
     vectors = (frames[:, :3, :2] @ perturbations.tilts_rad[..., None])[..., 0]
-    turns = Rotation.from_rotvec(vectors.reshape(-1, 3)).as_matrix().reshape(*shape, 3, 3)
-    shifts = (perturbations.shifts_mm + np.where(lifts, perturbations.thickness_mm[:, None], 0.0))[..., None] * designed
+    rotations = Rotation.from_rotvec(vectors.reshape(-1, 3)).as_matrix().reshape(*shape, 3, 3)
+    shifts = (perturbations.shifts_mm + np.where(lifted, perturbations.thickness_mm[:, None], 0.0))[..., None] * normals
     return Devices(
-        normals=(turns @ designed[..., None])[..., 0],
-        middles_mm=middles + shifts,
-        axes=turns @ frames[:, :3, :2],
-        outlines_mm=spokes @ np.swapaxes(turns, -1, -2) + middles[:, None] + shifts[..., None, :],
+        normals=(rotations @ normals[..., None])[..., 0],
+        centroids_mm=centroids + shifts,
+        axes=rotations @ frames[:, :3, :2],
+        outlines_mm=from_centroid @ np.swapaxes(rotations, -1, -2) + centroids[:, None] + shifts[..., None, :],
         thicknesses_mm=thicknesses + perturbations.thickness_mm[:, None],
         pupils_mm=perturbations.camera_shifts_mm,
         holder_from_camera=Rotation.from_rotvec(perturbations.camera_turns_rad).as_matrix(),
@@ -152,12 +154,12 @@ def perturbed_mirrors(layout: Layout, perturbations: Perturbations) -> Devices:
 def _built(layout: Layout, perturbations: Perturbations) -> Layout:
     """The first device as a layout in its own rig frame, the frame of its camera."""
     devices = perturbed_mirrors(layout, perturbations)
-    turn, pupil = devices.holder_from_camera[0], devices.pupils_mm[0]
+    rotation, pupil = devices.holder_from_camera[0], devices.pupils_mm[0]
     mirrors = tuple(
         Mirror.from_plane(
-            (devices.middles_mm[0, k] - pupil) @ turn,
-            devices.normals[0, k] @ turn,
-            outline_in_rig_mm=(devices.outlines_mm[0, k, : len(mirror.outline_in_rig_mm)] - pupil) @ turn,
+            (devices.centroids_mm[0, k] - pupil) @ rotation,
+            devices.normals[0, k] @ rotation,
+            outline_in_rig_mm=(devices.outlines_mm[0, k, : len(mirror.outline_in_rig_mm)] - pupil) @ rotation,
             surface=mirror.surface,
             thickness_mm=float(devices.thicknesses_mm[0, k]),
             refractive_index=mirror.refractive_index,
@@ -168,7 +170,7 @@ def _built(layout: Layout, perturbations: Perturbations) -> Layout:
         kind="as-built",
         camera=perturbed_camera(layout.camera, perturbations, 0),
         mirrors=mirrors,
-        view_from_rig=layout.view_from_rig @ turn,
+        view_from_rig=layout.view_from_rig @ rotation,
         metrics={},
         verdict={},
         provenance={"drawn_from": layout.identity},
@@ -202,20 +204,20 @@ def draw_as_built(layout: Layout, tolerances: Tolerances, random: np.random.Gene
         try:
             built = _built(layout, perturbations)
         except InvalidValue as error:
-            blame = f"{workmanship(tolerances)}: {error.reason}"
+            reason = f"{workmanship(tolerances)}: {error.reason}"
             if error.title == Camera.__name__:
-                blame = f"focal_percent {tolerances.focal_percent}: {error.reason}"
+                reason = f"focal_percent {tolerances.focal_percent}: {error.reason}"
             continue
         if not covers_sensor(built.camera):
-            blame = f"distortion_mean {list(tolerances.distortion_mean)}: the lens model folds before the sensor ends"
+            reason = f"distortion_mean {list(tolerances.distortion_mean)}: the lens model folds before the sensor ends"
         elif lost := [k for k, shown in enumerate(sub_image_polygons(built)) if shown.is_empty]:
-            blame = (
+            reason = (
                 f"{workmanship(tolerances)}, focal_percent {tolerances.focal_percent}, "
                 f"centre_px {tolerances.centre_px}: mirror {built.mirror_names[lost[0]]} lies outside the sensor"
             )
         else:
             return built
-    raise InputError(f"tolerances {blame} (in each of {DRAWS} draws), expected smaller ones")
+    raise InputError(f"tolerances {reason} (in each of {DRAWS} draws), expected smaller ones")
 
 
 def workmanship(tolerances: Tolerances) -> str:

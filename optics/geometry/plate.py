@@ -40,11 +40,11 @@ def outer_tangent(
     across, air = np.broadcast_arrays(np.asarray(across_mm, dtype=np.float64), air_mm)
     tangent = across / (air + glass_mm)
     # d tan' / d tan = n^2 (tan' / tan)^3, which is 1 / n at normal incidence.
-    upright = np.full_like(tangent, 1.0 / refractive_index)
+    at_normal = np.full_like(tangent, 1.0 / refractive_index)
     for _ in range(NEWTON_STEPS):
         inner = inner_tangent(tangent, refractive_index)
-        bend = np.divide(inner, tangent, out=upright.copy(), where=tangent > 0)
-        step = (across - air * tangent - glass_mm * inner) / (air + glass_mm * refractive_index**2 * bend**3)
+        ratio = np.divide(inner, tangent, out=at_normal.copy(), where=tangent > 0)
+        step = (across - air * tangent - glass_mm * inner) / (air + glass_mm * refractive_index**2 * ratio**3)
         tangent = tangent + step
         if (np.abs(step) <= 1e-15 * (1.0 + tangent)).all():
             break
@@ -57,8 +57,8 @@ def rise_mm(tangent: FloatArray, thickness_mm: float, refractive_index: float) -
     The extended incoming and outgoing rays meet there, directly above the point of reflection.
     """
     tangent = np.asarray(tangent, dtype=np.float64)
-    straight = np.full_like(tangent, 1.0 / refractive_index)
-    ratio = np.divide(inner_tangent(tangent, refractive_index), tangent, out=straight, where=tangent > 1e-12)
+    at_normal = np.full_like(tangent, 1.0 / refractive_index)
+    ratio = np.divide(inner_tangent(tangent, refractive_index), tangent, out=at_normal, where=tangent > 1e-12)
     return thickness_mm * (1.0 - ratio)
 
 
@@ -67,9 +67,9 @@ def surface_reflectance(tangent: FloatArray, refractive_index: float) -> FloatAr
     tangent = np.asarray(tangent, dtype=np.float64)
     cosine = 1.0 / np.sqrt(1.0 + tangent**2)
     inner_cosine = np.sqrt(1.0 - (1.0 - cosine**2) / refractive_index**2)
-    across = (cosine - refractive_index * inner_cosine) / (cosine + refractive_index * inner_cosine)
+    perpendicular = (cosine - refractive_index * inner_cosine) / (cosine + refractive_index * inner_cosine)
     parallel = (inner_cosine - refractive_index * cosine) / (inner_cosine + refractive_index * cosine)
-    return 0.5 * (across**2 + parallel**2)
+    return 0.5 * (perpendicular**2 + parallel**2)
 
 
 @dataclass(frozen=True)
@@ -120,7 +120,7 @@ class PlatePath:
     alpha_per_mm
         The term 2 t s^2 dg / dtan^2 (n,).
     slope_mm
-        The sum A + 2 t g + 2 alpha l^2 (n,), the derivative in the implicit equation of s.
+        The sum A + 2 t g + 2 alpha l^2 (n,), the divisor D in the derivatives of s.
     """
 
     point_mm: FloatArray
@@ -163,13 +163,13 @@ class PlatePath:
         """Images (3, n), at the height -A along the normal from the pupil."""
         return np.asarray(self.air_mm * (self.s_per_mm * self.across_mm - self.normal))
 
-    def _ahead_mm(self) -> FloatArray:
-        """Distance of the point of reflection from the pupil's foot, divided by the tangent: air plus glass times g."""
+    def _sideways_mm(self) -> FloatArray:
+        """Sideways distance from the pupil to the reflection, divided by the tangent in air: air plus glass times g."""
         return self.distance_mm - self.thickness_mm + self.thickness_mm * self.g
 
     def reflection_point_mm(self) -> FloatArray:
         """Points (3, n) where the light meets the reflecting surface."""
-        return np.asarray(self.s_per_mm * self._ahead_mm() * self.across_mm - self.distance_mm * self.normal)
+        return np.asarray(self.s_per_mm * self._sideways_mm() * self.across_mm - self.distance_mm * self.normal)
 
     def image_vjp(self, by_image: FloatArray) -> PlaneDerivatives:
         """Pull derivatives (a, 3, n) with respect to the image back to the inputs."""
@@ -180,14 +180,14 @@ class PlatePath:
     def reflection_point_vjp(self, by_point: FloatArray) -> PlaneDerivatives:
         """Pull derivatives (a, 3, n) with respect to the point of reflection back to the inputs."""
         along, by_stretch = dot(by_point, self.normal), dot(by_point, self.across_mm)
-        ahead = self._ahead_mm()
+        sideways = self._sideways_mm()
         partials = _Partials(
-            s=by_stretch * (ahead + self.alpha_per_mm * dot(self.across_mm, self.across_mm)),
+            s=by_stretch * (sideways + self.alpha_per_mm * dot(self.across_mm, self.across_mm)),
             squared=by_stretch * self.alpha_per_mm * self.s_per_mm / 2.0,
             distance=by_stretch * self.s_per_mm - along,
             thickness=-by_stretch * self.s_per_mm * (1.0 - self.g),
         )
-        return self._chained((by_point, along), (self.s_per_mm * ahead, self.distance_mm), partials)
+        return self._chained((by_point, along), (self.s_per_mm * sideways, self.distance_mm), partials)
 
     def _chained(
         self, rows: tuple[FloatArray, FloatArray], combination: tuple[FloatArray, FloatArray], partials: _Partials

@@ -21,9 +21,7 @@ if TYPE_CHECKING:
 
 CHORDS = 32
 """Number of chords in the integration over a part of the disc."""
-
 FOCUS_MM = 500.0
-
 SHARP_VARIANCE_PX2 = 0.8**2 + 1.0 / 12.0
 """Variance along an axis of the blur of a webcam's lens in focus and its square pixels."""
 
@@ -44,7 +42,7 @@ class Pupil:
     def radius_mm(self) -> float:
         return self.aperture_mm / 2.0
 
-    def middle_mm(self, normalized: FloatArray) -> FloatArray:
+    def centre_mm(self, normalized: FloatArray) -> FloatArray:
         """Points (..., 2) on z = 0 of rays from the pupil's centre to the points in focus on chief rays (..., 2)."""
         along = self.walk_mm * np.square(normalized).sum(axis=-1, keepdims=True)
         return np.asarray(-normalized * along / (1.0 - along / self.focus_mm))
@@ -115,7 +113,8 @@ def outline_aperture(
     focus_mm
         Distance in focus, along the axis.
     shift_mm
-        Shift (n,), away from the pupil's foot, from the points where rays meet the front to those where they leave it.
+        Shift (n,) along the front between the points where rays enter and leave it, away from its point nearest to
+        the pupil.
     """
     rays = np.column_stack([normalized, np.ones(len(normalized))])
     corners = mirror.outline_in_rig_mm + mirror.front_mm * mirror.normal_in_rig
@@ -148,19 +147,20 @@ def edge_clearance(
     rays
         Chief rays (..., n, 3).
     nearness
-        Inverse distance in focus, 1/mm.
+        Inverse of the distance in focus, 1/mm.
 
     Returns
     -------
-    Constants (..., n, m), slopes (..., n, m, 2), and vectors (..., m, 3) along the edges, with the inside positive.
+    Constants (..., n, m), slopes (..., n, m, 2), and vectors (..., m, 3) along the edges, oriented so that the
+    inside is positive.
     """
-    sides = np.cross(edges_mm[0], edges_mm[1])
-    sign = np.sign(sides @ within_mm[..., None])
-    sides, along = sides * sign, (edges_mm[1] - edges_mm[0]) * sign
+    normals = np.cross(edges_mm[0], edges_mm[1])
+    sign = np.sign(normals @ within_mm[..., None])
+    normals, along = normals * sign, (edges_mm[1] - edges_mm[0]) * sign
     x, y = rays[..., 0, None], rays[..., 1, None]
     dx, dy, dz = np.moveaxis(along[..., None, :, :], -1, 0)
-    slope = np.stack([y * dz - dy, dx - x * dz], axis=-1) - nearness * sides[..., None, :, :2]
-    return rays @ np.swapaxes(sides, -1, -2), slope, along
+    slope = np.stack([y * dz - dy, dx - x * dz], axis=-1) - nearness * normals[..., None, :, :2]
+    return rays @ np.swapaxes(normals, -1, -2), slope, along
 
 
 def clear_aperture(mirror: Mirror, normalized: FloatArray, focus_mm: float, passes: int = 1) -> HalfPlanes:
@@ -192,9 +192,9 @@ def disc_part(planes: HalfPlanes, radius_mm: float) -> DiscPart:
     nearest = planes.distance.min(axis=1)
     share = (nearest > 0.0).astype(np.float64)
     centroid, spread = np.zeros((len(nearest), 2)), share[:, None] * [0.25, 0.25, 0.0]
-    cuts = (np.abs(planes.distance) < radius_mm).sum(axis=1)
+    borders = (np.abs(planes.distance) < radius_mm).sum(axis=1)
     is_cut = np.abs(nearest) < radius_mm
-    for chosen, part_of in ((is_cut & (cuts == 1), _segment), (is_cut & (cuts > 1), _integrated)):
+    for chosen, part_of in ((is_cut & (borders == 1), _segment), (is_cut & (borders > 1), _integrated)):
         if chosen.any():
             part = part_of(planes.direction[chosen], planes.distance[chosen] / radius_mm)
             share[chosen], centroid[chosen], spread[chosen] = part.share, part.centroid, part.spread
@@ -225,10 +225,10 @@ def _integrated(direction: FloatArray, distance: FloatArray) -> DiscPart:
     Chords along the bisector of the normals of the two nearest borders are cut exactly and integrated by the
     Gauss-Chebyshev rule.
     """
-    first, second = (_nearest(direction, distance, place) for place in range(2))
-    length = np.linalg.norm(first + second, axis=1)
-    opposite = length < 0.1
-    x_axis = np.where(opposite[:, None], first, (first + second) / np.maximum(length, 0.1)[:, None])
+    first, second = (_nearest(direction, distance, rank) for rank in range(2))
+    norm = np.linalg.norm(first + second, axis=1)
+    opposite = norm < 0.1
+    x_axis = np.where(opposite[:, None], first, (first + second) / np.maximum(norm, 0.1)[:, None])
     y_axis = np.column_stack([-x_axis[:, 1], x_axis[:, 0]])
     angles = np.pi * np.arange(1, CHORDS + 1) / (CHORDS + 1)
     y, half = np.cos(angles), np.sin(angles)
@@ -242,19 +242,19 @@ def _integrated(direction: FloatArray, distance: FloatArray) -> DiscPart:
         high = np.where(along < 0.0, np.minimum(high, border), high)
     high = np.maximum(low, high)
     weight = half / (CHORDS + 1)
-    length, squares, cubes = (((high**power - low**power) * weight / power) for power in (1, 2, 3))
-    share = length.sum(axis=1)
+    lengths, squares, cubes = (((high**power - low**power) * weight / power) for power in (1, 2, 3))
+    share = lengths.sum(axis=1)
     area = np.where(share > 0.0, share, 1.0)
-    x_mean, y_mean = squares.sum(axis=1) / area, (length * y).sum(axis=1) / area
+    x_mean, y_mean = squares.sum(axis=1) / area, (lengths * y).sum(axis=1) / area
     xx = cubes.sum(axis=1) / area - x_mean**2
-    yy = (length * y**2).sum(axis=1) / area - y_mean**2
+    yy = (lengths * y**2).sum(axis=1) / area - y_mean**2
     xy = (squares * y).sum(axis=1) / area - x_mean * y_mean
     return _turned(share, (x_mean, y_mean), (xx, yy, xy), x_axis)
 
 
-def _nearest(direction: FloatArray, distance: FloatArray, place: int) -> FloatArray:
+def _nearest(direction: FloatArray, distance: FloatArray, rank: int) -> FloatArray:
     """Unit vectors (n, 2) into the half-plane whose border has the given rank (from 0) by distance."""
-    order = np.argpartition(distance, place, axis=1)[:, place]
+    order = np.argpartition(distance, rank, axis=1)[:, rank]
     return np.asarray(direction[np.arange(len(order)), order])
 
 

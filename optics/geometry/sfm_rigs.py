@@ -64,11 +64,11 @@ def rig_config(cameras: Sequence[SfmCamera], reference: int) -> str:
     entries: list[dict[str, object]] = []
     for camera in (cameras[reference], *cameras[:reference], *cameras[reference + 1 :]):
         values = _pose(camera.camera_from_world @ world_from_reference)
-        place: dict[str, object] = {"cam_from_rig_rotation": values[:4], "cam_from_rig_translation": values[4:]}
+        pose: dict[str, object] = {"cam_from_rig_rotation": values[:4], "cam_from_rig_translation": values[4:]}
         if camera is cameras[reference]:
-            place = {"ref_sensor": True}
+            pose = {"ref_sensor": True}
         model = {"camera_model_name": camera.model, "camera_params": list(camera.parameters)}
-        entries.append({"image_prefix": f"{camera.name}/", **place, **model})
+        entries.append({"image_prefix": f"{camera.name}/", **pose, **model})
     return json.dumps([{"cameras": entries}], indent=1, allow_nan=False) + "\n"
 
 

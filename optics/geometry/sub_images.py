@@ -21,8 +21,8 @@ from mirrorcam.optics.geometry.mirror import Mirror, reflect
 from mirrorcam.optics.geometry.pupil import PINHOLE, Pupil, edge_clearance
 
 POINTS_PER_EDGE = 32
-FARTHEST_PARTS = 10.0
-"""Limit on the position of an unvignetted border, in distances from its edge to the middle of the outline."""
+MAX_FRACTION = 10.0
+"""Limit on the position of an unvignetted border, in distances from its edge to the centre of the outline."""
 
 
 def clipped(polygon: FloatArray, heights: FloatArray) -> FloatArray:
@@ -43,8 +43,8 @@ def each_clipped(polygons: FloatArray, heights: FloatArray) -> FloatArray:
     points, kept = _cut(polygons, heights)
     count = kept.sum(axis=1)
     order = np.argsort(~kept, axis=1, kind="stable")
-    place = np.minimum(np.arange(max(count.max(), 3)), np.maximum(count - 1, 0)[:, None])
-    parts = np.take_along_axis(points, np.take_along_axis(order, place, axis=1)[..., None], axis=1)
+    index = np.minimum(np.arange(max(count.max(), 3)), np.maximum(count - 1, 0)[:, None])
+    parts = np.take_along_axis(points, np.take_along_axis(order, index, axis=1)[..., None], axis=1)
     return np.asarray(np.where((count > 0)[:, None, None], parts, 0.0))
 
 
@@ -132,10 +132,10 @@ class FieldsOfView:
         corners = (self.origins_mm + steps[:, None] * self.directions)[:, :2]
         counts = [part.stop - part.start for part in self.corners_of.values()]
         rings = shapely.linearrings(corners, indices=np.repeat(np.arange(len(counts)), counts))
-        seen = [Polygon()] * len(self.layout.mirrors)
+        footprints = [Polygon()] * len(self.layout.mirrors)
         for k, polygon in zip(self.corners_of, shapely.polygons(rings), strict=True):
-            seen[k] = polygon
-        return seen
+            footprints[k] = polygon
+        return footprints
 
     def common_region(self, depth_mm: float) -> tuple[Polygon, list[Polygon]]:
         """The region of the plane at a depth that all views see, which may be empty, and the footprint of each."""
@@ -152,9 +152,9 @@ class FieldsOfView:
         if region.is_empty:
             return np.zeros(len(self.layout.mirrors))
         camera = self.layout.camera
-        seen = camera.project(images_in_rig(self.layout, region, depth_mm))
-        following = np.roll(seen, -1, axis=1)
-        areas = (seen[..., 0] * following[..., 1] - seen[..., 1] * following[..., 0]).sum(axis=1) / 2.0
+        pixels = camera.project(images_in_rig(self.layout, region, depth_mm))
+        following = np.roll(pixels, -1, axis=1)
+        areas = (pixels[..., 0] * following[..., 1] - pixels[..., 1] * following[..., 0]).sum(axis=1) / 2.0
         return np.asarray(np.abs(areas) / (camera.width_px * camera.height_px))
 
 
@@ -163,7 +163,7 @@ def fields_of_view(layout: Layout, pupil: Pupil = PINHOLE) -> FieldsOfView:
 
     Rays that are not reflected towards the scene are omitted.
     """
-    turn = layout.view_from_rig.T
+    rig_from_view = layout.view_from_rig.T
     leaving, directions, corners_of = np.zeros((0, 3)), np.zeros((0, 3)), {}
     shown = tuple(sub_image_polygons(layout, pupil))
     for k, (mirror, sub_image) in enumerate(zip(layout.mirrors, shown, strict=True)):
@@ -174,9 +174,9 @@ def fields_of_view(layout: Layout, pupil: Pupil = PINHOLE) -> FieldsOfView:
             continue
         corners_of[k] = slice(len(leaving), len(leaving) + len(forward))
         rays = np.column_stack([forward, np.ones(len(forward))])
-        leaving = np.concatenate([leaving, apparent.cut(forward) @ turn])
-        directions = np.concatenate([directions, rays @ apparent.reflection @ turn])
-    reach_mm = max(float((mirror.solid.corners_in_rig_mm @ turn)[:, 2].max()) for mirror in layout.mirrors)
+        leaving = np.concatenate([leaving, apparent.cut(forward) @ rig_from_view])
+        directions = np.concatenate([directions, rays @ apparent.reflection @ rig_from_view])
+    reach_mm = max(float((mirror.solid.corners_in_rig_mm @ rig_from_view)[:, 2].max()) for mirror in layout.mirrors)
     return FieldsOfView(layout, reach_mm, leaving, directions, corners_of, shown)
 
 
@@ -253,12 +253,12 @@ def unvignetted_outlines(shown: FloatArray, normals: FloatArray, distances_mm: F
     """
     following = np.roll(shown, -1, axis=1)
     distinct = (following != shown).any(axis=2)
-    middles = (shown * distinct[..., None]).sum(axis=1) / np.maximum(distinct.sum(axis=1), 1)[:, None]
+    centroids = (shown * distinct[..., None]).sum(axis=1) / np.maximum(distinct.sum(axis=1), 1)[:, None]
     ends = np.stack([shown, following], axis=2)
-    inwards = middles[:, None, None] - ends
-    parts = _parts_to_unvignetted(ends, middles, normals, distances_mm, pupil)
-    found = ((parts >= 0.0) & (parts < FARTHEST_PARTS)).all(axis=2) | ~distinct
-    borders = ends + np.where(found[..., None], parts, 0.0)[..., None] * inwards
+    inwards = centroids[:, None, None] - ends
+    fractions = _fractions_to_unvignetted(ends, centroids, normals, distances_mm, pupil)
+    found = ((fractions >= 0.0) & (fractions < MAX_FRACTION)).all(axis=2) | ~distinct
+    borders = ends + np.where(found[..., None], fractions, 0.0)[..., None] * inwards
     along = borders[:, :, 1] - borders[:, :, 0]
     across = np.stack([-along[..., 1], along[..., 0]], axis=-1)
     across *= np.sign((inwards[:, :, 0] * across).sum(axis=-1, keepdims=True))
@@ -269,30 +269,30 @@ def unvignetted_outlines(shown: FloatArray, normals: FloatArray, distances_mm: F
     return kept
 
 
-def _parts_to_unvignetted(
-    ends: FloatArray, middles: FloatArray, normals: FloatArray, distances_mm: FloatArray, pupil: Pupil
+def _fractions_to_unvignetted(
+    ends: FloatArray, centroids: FloatArray, normals: FloatArray, distances_mm: FloatArray, pupil: Pupil
 ) -> FloatArray:
-    """Fractions (n, k, 2) of the lines from the ends of edges (n, k, 2, 2) to middles (n, 2) where vignetting ends.
+    """Fractions (n, k, 2) of the lines from the ends of edges (n, k, 2, 2) to centroids (n, 2) where vignetting ends.
 
     Along these lines, constant and slope of `edge_clearance` are linear. Vignetting ends where their quotient equals
     the pupil's radius: a quadratic equation. NaN if it has no solution.
     """
-    middles = np.broadcast_to(middles[:, None, None], (*ends.shape[:2], 1, 2))
-    chief = np.concatenate([ends, middles], axis=2)
+    centroids = np.broadcast_to(centroids[:, None, None], (*ends.shape[:2], 1, 2))
+    chief = np.concatenate([ends, centroids], axis=2)
     rays = np.concatenate([chief, np.ones((*chief.shape[:3], 1))], axis=3)
     points = rays * (-distances_mm[:, None, None] / (rays @ normals[:, None, :, None])[..., 0])[..., None]
     edges = np.stack([points[:, :, None, 0], points[:, :, None, 1]])
     constants, slopes, _ = edge_clearance(edges, points[:, :, 2], rays, 1.0 / pupil.focus_mm)
     constant, slope = constants[..., 0], pupil.radius_mm * slopes[..., 0, :]
-    more, turn = constant[:, :, 2:] - constant[:, :, :2], slope[:, :, 2:] - slope[:, :, :2]
+    d_constant, d_slope = constant[:, :, 2:] - constant[:, :, :2], slope[:, :, 2:] - slope[:, :, :2]
     constant, slope = constant[:, :, :2], slope[:, :, :2]
-    square, product, least = (
+    quadratic, linear, absolute = (
         one * other - (first * second).sum(axis=-1)
         for one, other, first, second in (
-            (more, more, turn, turn),
-            (constant, more, slope, turn),
+            (d_constant, d_constant, d_slope, d_slope),
+            (constant, d_constant, slope, d_slope),
             (constant, constant, slope, slope),
         )
     )
     with np.errstate(divide="ignore", invalid="ignore"):
-        return np.asarray(-least / (product + np.sqrt(product**2 - square * least)))
+        return np.asarray(-absolute / (linear + np.sqrt(linear**2 - quadratic * absolute)))

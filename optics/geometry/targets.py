@@ -25,7 +25,7 @@ from mirrorcam.core.values import FloatArray, Value
 from mirrorcam.optics.geometry import marker_dictionaries as dictionaries
 
 SQUARES = Bounds(3, 500)
-MOST_MARKERS = 10000
+MAX_MARKERS = 10000
 KALIBR_KEYS = ("tagCols", "tagRows", "tagSize", "tagSpacing")
 TAGS = Bounds(2, 100)
 SPACING = Bounds(0.05, 0.8)
@@ -118,14 +118,14 @@ class Charuco(_Grid):
         description="printed by OpenCV before 4.6 (setLegacyPattern): with an even number of rows, top-left is white",
     )
     first_marker: int = Field(
-        default=0, ge=0, le=MOST_MARKERS, exclude_if=_is_default, description="id of the first marker"
+        default=0, ge=0, le=MAX_MARKERS, exclude_if=_is_default, description="id of the first marker"
     )
 
     @model_validator(mode="after")
     def _check(self) -> Self:
         if self.marker_mm >= self.square_mm:
             raise ValueError(f"marker_mm {self.marker_mm} is not smaller than square_mm {self.square_mm}")
-        known = dictionaries.as_named(self.dictionary)
+        known = dictionaries.canonical_name(self.dictionary)
         if known is None:
             raise ValueError(
                 f"dictionary {self.dictionary[:40]!r} is unknown, expected one of {', '.join(dictionaries.NAMES)}"
@@ -300,11 +300,11 @@ def default_board() -> Charuco:
 def load_board(path: Path) -> Target:
     """Read `board.toml` or Kalibr's YAML file of an AprilGrid; raises InputError with a one-line message."""
     if path.suffix.lower() in (".yaml", ".yml"):
-        return _of_kalibr(path)
+        return _read_kalibr(path)
     return read_model(_BoardFile, path).root
 
 
-def _of_kalibr(path: Path) -> AprilGrid:
+def _read_kalibr(path: Path) -> AprilGrid:
     """Read an AprilGrid from Kalibr's flat `key: value` file, with the size of a tag in metres."""
     lines = (
         line.split("#")[0]
@@ -320,7 +320,7 @@ def _of_kalibr(path: Path) -> AprilGrid:
     try:
         cols, rows, tag, spacing = (float(given[key]) for key in KALIBR_KEYS)
         return AprilGrid.model_validate({"cols": cols, "rows": rows, "tag_mm": 1000.0 * tag, "spacing": spacing})
-    except ValueError as error:  # InvalidValue is a ValueError, too
+    except ValueError as error:  # includes InvalidValue
         raise InputError(f"{path}: {error}") from None
 
 

@@ -9,9 +9,9 @@ from pydantic import Field
 from mirrorcam.core.bounds import TOLERANCE_DEG, TOLERANCE_MM, Bounds
 from mirrorcam.core.values import Value
 
-LARGEST_TERM = 10.0
-_Term = Annotated[float, Field(ge=-LARGEST_TERM, le=LARGEST_TERM)]
-_Sigma = Annotated[float, Field(ge=0.0, le=LARGEST_TERM)]
+MAX_TERM = 10.0
+_Term = Annotated[float, Field(ge=-MAX_TERM, le=MAX_TERM)]
+_Sigma = Annotated[float, Field(ge=0.0, le=MAX_TERM)]
 Lens = tuple[_Term, _Term, _Term, _Term, _Term]
 LensSigma = tuple[_Sigma, _Sigma, _Sigma, _Sigma, _Sigma]
 
@@ -65,7 +65,7 @@ class Tolerances(Value):
         return cls.none().replaced(**made_by_hand)
 
     def times(self, factor: float) -> Self:
-        """Scale the tolerances of printing and assembly by a factor; those of the camera stay."""
+        """Scale the tolerances of printing and assembly by a factor, but not the camera's."""
         return self.replaced(**{name: factor * getattr(self, name) for name in WORKMANSHIP})
 
     def only(self, *names: str) -> Self:

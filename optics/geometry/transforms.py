@@ -10,16 +10,16 @@ from mirrorcam.core.values import FloatArray
 
 def rigid(rotation: ArrayLike, translation: ArrayLike) -> FloatArray:
     """Rigid transforms (..., 4, 4) from rotations (..., 3, 3) and translations (..., 3), which broadcast."""
-    turn, shift = np.asarray(rotation, dtype=np.float64), np.asarray(translation, dtype=np.float64)
-    dst_from_src = np.zeros((*np.broadcast_shapes(turn.shape[:-2], shift.shape[:-1]), 4, 4))
-    dst_from_src[..., :3, :3], dst_from_src[..., :3, 3], dst_from_src[..., 3, 3] = turn, shift, 1.0
+    r, t = np.asarray(rotation, dtype=np.float64), np.asarray(translation, dtype=np.float64)
+    dst_from_src = np.zeros((*np.broadcast_shapes(r.shape[:-2], t.shape[:-1]), 4, 4))
+    dst_from_src[..., :3, :3], dst_from_src[..., :3, 3], dst_from_src[..., 3, 3] = r, t, 1.0
     return dst_from_src
 
 
 def inverse(dst_from_src: FloatArray) -> FloatArray:
     """Invert rigid transforms (..., 4, 4): src_from_dst."""
-    turn = np.swapaxes(dst_from_src[..., :3, :3], -1, -2)
-    return rigid(turn, -(turn @ dst_from_src[..., :3, 3:])[..., 0])
+    rotation = np.swapaxes(dst_from_src[..., :3, :3], -1, -2)
+    return rigid(rotation, -(rotation @ dst_from_src[..., :3, 3:])[..., 0])
 
 
 def transform(dst_from_src: FloatArray, points_in_src: FloatArray) -> FloatArray:

@@ -185,7 +185,7 @@ class _SensorGrid:
     ) -> PixelFootprints:
         points = self.points(square)
         x, y = points.T
-        pupil_x, pupil_y = (pupil.radius_mm * part.centroid + pupil.middle_mm(points)).T
+        pupil_x, pupil_y = (pupil.radius_mm * part.centroid + pupil.centre_mm(points)).T
 
         def single(values: FloatArray) -> NDArray[np.float32]:
             return np.ascontiguousarray(values, dtype=np.float32)
@@ -279,8 +279,8 @@ def _span(hit: NDArray[np.bool_]) -> tuple[int, int]:
 def _served(mirror: Mirror, normalized: FloatArray, pupil: Pupil, passes: int) -> HalfPlanes:
     """Return the mirror's part of the pupil for rays (n, 2), as half-planes about the middle of the walked pupil."""
     planes = clear_aperture(mirror, normalized, pupil.focus_mm, passes)
-    middle_mm = pupil.middle_mm(normalized)[:, None]
-    return HalfPlanes(planes.direction, planes.distance + (planes.direction * middle_mm).sum(axis=-1))
+    centre_mm = pupil.centre_mm(normalized)[:, None]
+    return HalfPlanes(planes.direction, planes.distance + (planes.direction * centre_mm).sum(axis=-1))
 
 
 def _reach_mm(nearest: FloatArray) -> float:

@@ -11,7 +11,7 @@ from mirrorcam.core.names import Line
 from mirrorcam.core.values import FloatArray, InvalidValue, Shaped, Value, with_tuples
 from mirrorcam.optics.geometry.arrangement import Pattern
 from mirrorcam.optics.geometry.camera import Camera
-from mirrorcam.optics.geometry.design_spec import MOST_DEPTHS, DesignSpec
+from mirrorcam.optics.geometry.design_spec import MAX_DEPTHS, DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.lenses.families import LensName
 from mirrorcam.optics.geometry.targets import Target, default_board
@@ -101,7 +101,7 @@ class SetRecipe(Value):
     tolerances: Annotated[Tolerances, BeforeValidator(_tolerances)] = Tolerances()
     sensor: Annotated[SensorModel, BeforeValidator(_sensor)] = SENSORS["c920"]
     board: Target = Field(default_factory=default_board)
-    depths_mm: tuple[Annotated[float, DEPTH_MM.each], ...] = Field(default=(), max_length=MOST_DEPTHS)
+    depths_mm: tuple[Annotated[float, DEPTH_MM.each], ...] = Field(default=(), max_length=MAX_DEPTHS)
     frames: int = PICTURES.cut(least=1).field(20)
     base_frames: int = PICTURES.field(10)
     seed: int = SEED.field(0)

@@ -71,7 +71,7 @@ def test_several_sets_have_means(folder: Path, tmp_path: Path, capfd: pytest.Cap
 
 def test_bad_input_is_refused_in_one_line(folder: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     arguments = ["score", str(folder / "set"), "--out", str(tmp_path / "out"), "--calibration"]
-    assert_refused_here([*arguments, str(folder / "true")], capfd, "calibrations as kalibr, opencv, expected --format")
+    assert_refused_here([*arguments, str(folder / "true")], capfd, "calibrations as kalibr, opencv")
     assert_refused_here([*arguments, str(tmp_path)], capfd, "no calibration in a known format")
     assert_refused_here(["score", str(folder / "set")], capfd, "--calibration")
     limits = tmp_path / "limits.toml"

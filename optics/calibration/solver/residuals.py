@@ -243,7 +243,7 @@ def mirrors_of_views(estimate: Estimate, view: IntArray) -> MirrorArrays:
     """Gather the mirrors of views (n,)."""
     return MirrorArrays(
         centre_mm=estimate.virtual_centres_in_rig_mm.T[:, view],
-        middle_mm=estimate.middles_in_rig_mm.T[:, view],
+        centroid_mm=estimate.middles_in_rig_mm.T[:, view],
         thickness_mm=estimate.thickness_mm[view],
         refractive_index=estimate.refractive_index[view],
         curvature_per_m=estimate.curvature_per_m.T[:, view],

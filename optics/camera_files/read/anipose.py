@@ -22,7 +22,7 @@ from mirrorcam.optics.geometry.transforms import rigid
 
 FORMAT, SUFFIX = "anipose", ".toml"
 FLIPS: dict[str, PictureFlip] = {"hflip": "left-right", "vflip": "top-bottom"}
-_MADE = re.compile(
+_CROP_COMMENT = re.compile(
     rf"^# pictures of this camera: (?:{re.escape(FFMPEG)}|ffmpeg -i FRAMES) "  # version 0.2.0 wrote the latter
     r"-vf (?:(hflip|vflip),)?crop=\d+:\d+:(\d{1,5}):(\d{1,5}) "
 )
@@ -42,7 +42,7 @@ def read_value(path: Path) -> Any:
 def read_anipose(path: Path) -> CameraRig:
     """The cameras of a file except the direct view; raises InputError for an invalid file."""
     values = table(read_value(path), str(path))
-    made = _made(read_text(path))
+    crops = _crops(read_text(path))
     cameras, flips = [], set()
     for key in (key for key in values if re.fullmatch(r"cam_\d+", key)):
         where = f"{path}: {key}"
@@ -50,7 +50,7 @@ def read_anipose(path: Path) -> CameraRig:
         name = str(part.get("name", key))[:100]
         if name == DIRECT:
             continue
-        flip, first = made.get(key, (None, None))
+        flip, first = crops.get(key, (None, None))
         flips.add(flip)
         cameras.append(_camera(part, name, where, first))
     if not cameras:
@@ -58,8 +58,8 @@ def read_anipose(path: Path) -> CameraRig:
     notes = (
         [f"the camera {DIRECT} is not scored"] if len(cameras) < sum(key.startswith("cam_") for key in values) else []
     )
-    if not made:
-        notes.append("the file states no unit of poses: mm is assumed")
+    if not crops:
+        notes.append("the file does not state the unit of poses: mm is assumed")
     flip = flips.pop() if len(flips) == 1 else None
     return CameraRig(
         FORMAT, tuple(cameras), unit_mm=1.0, pictures=None if flip is None else FLIPS[flip], notes=tuple(notes)
@@ -71,20 +71,22 @@ def _camera(part: dict[str, Any], name: str, where: str, first: tuple[int, int] 
     size = size_of(entry(part, "size", where), f"{where}: size")
     model = "fisheye" if part.get("fisheye") is True else "pinhole"
     lens = lens_of(where, entry(part, "matrix", where), entry(part, "distortions", where), model, size)
-    turn, shift = (numbers_of(entry(part, key, where), f"{where}: {key}", 3) for key in ("rotation", "translation"))
-    pose = rigid(Rotation.from_rotvec(turn).as_matrix(), shift)
+    rotvec, translation = (
+        numbers_of(entry(part, key, where), f"{where}: {key}", 3) for key in ("rotation", "translation")
+    )
+    pose = rigid(Rotation.from_rotvec(rotvec).as_matrix(), translation)
     if first is None:
         return RigCamera(name, lens, pose, size)
     return RigCamera(name, lens.replaced(cx_px=lens.cx_px + first[0], cy_px=lens.cy_px + first[1]), pose, None)
 
 
-def _made(text: str) -> dict[str, tuple[str | None, tuple[int, int]]]:
+def _crops(text: str) -> dict[str, tuple[str | None, tuple[int, int]]]:
     """Flip and first pixel in the flipped frame of each camera's pictures, from its comment."""
-    origins: dict[str, tuple[str | None, tuple[int, int]]] = {}
+    crops: dict[str, tuple[str | None, tuple[int, int]]] = {}
     camera = ""
     for line in text.splitlines():
         if named := _CAMERA.match(line):
             camera = named[1]
-        elif camera and (made := _MADE.match(line)):
-            origins[camera] = made[1], (int(made[2]), int(made[3]))
-    return origins
+        elif camera and (crop := _CROP_COMMENT.match(line)):
+            crops[camera] = crop[1], (int(crop[2]), int(crop[3]))
+    return crops

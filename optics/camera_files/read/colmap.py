@@ -28,6 +28,7 @@ from mirrorcam.optics.geometry.transforms import rigid
 
 FORMAT = "colmap"
 _F, _FXY = (0, 0, 1, 2), (0, 1, 2, 3)
+"""Indices of fx, fy, cx, cy among parameters f, cx, cy or fx, fy, cx, cy."""
 _NONE = (None,) * 5
 Item = TypeVar("Item")
 MODELS = {
@@ -50,15 +51,15 @@ MODELS = {
     16: ("EUCM", 6),
 }
 """Name and number of parameters by model id."""
-COUNTS = dict(MODELS.values())
+PARAMETER_COUNTS = dict(MODELS.values())
 CAMERA_SENSOR = 0
-LARGEST_BYTES = 300_000_000
+MAX_IMAGES_BYTES = 300_000_000
 """Limit for `images`, which lists the points of every picture."""
-LARGEST_CAMERAS_BYTES = 5_000_000
+MAX_CAMERAS_BYTES = 5_000_000
 """Limit for `cameras` and `rigs`; a hundred cameras take 0.02 MB."""
-MOST_IMAGES = 100_000
+MAX_IMAGES = 100_000
 """Limit for the pictures of a model; `images.txt` has two lines per picture."""
-LONGEST_NAME = 1000
+MAX_NAME_BYTES = 1000
 IDENTITY = (1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
@@ -66,7 +67,7 @@ IDENTITY = (1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 class _Lens:
     """Mapping of a model's parameters to one of our lenses.
 
-    `core` are the indices of fx, fy, cx, cy, `distortion` the indices of the coefficients; None: zero.
+    `core` are the indices of fx, fy, cx, cy, `distortion` the indices of the coefficients, None for zero.
     """
 
     lens_model: str
@@ -143,12 +144,12 @@ def _matrix(pose: tuple[float, ...]) -> FloatArray:
 def _projection(camera: ColmapCamera, where: str) -> Projection:
     if camera.model not in LENSES:
         raise InputError(f"{where}: {camera.model[:40]}, expected one of {', '.join(LENSES)}")
-    known, given = LENSES[camera.model], camera.parameters
-    fx, fy, cx, cy = (given[place] for place in known.core)
+    mapping, values = LENSES[camera.model], camera.parameters
+    fx, fy, cx, cy = (values[index] for index in mapping.core)
     core = [fx, fy, cx - HALF_PIXEL, cy - HALF_PIXEL]
-    distortion = [0.0 if place is None else given[place] for place in known.distortion]
-    lens = camera_of(where, core, known.lens_model, distortion, (camera.width_px, camera.height_px))
-    return SphereLens("extended_unified", np.array(given[4:6]), lens) if camera.model == "EUCM" else lens
+    distortion = [0.0 if index is None else values[index] for index in mapping.distortion]
+    lens = camera_of(where, core, mapping.lens_model, distortion, (camera.width_px, camera.height_px))
+    return SphereLens("extended_unified", np.array(values[4:6]), lens) if camera.model == "EUCM" else lens
 
 
 @dataclass(frozen=True)
@@ -185,31 +186,33 @@ def read_model(folder: Path) -> ColmapModel:
     cameras, images, rigs = (folder / f"{name}.{'bin' if binary else 'txt'}" for name in ("cameras", "images", "rigs"))
     model = ColmapModel(
         dict(_parsed(cameras, _binary_cameras if binary else _text_cameras)),
-        tuple(_parsed(images, _binary_images if binary else _text_images, LARGEST_BYTES)),
+        tuple(_parsed(images, _binary_images if binary else _text_images, MAX_IMAGES_BYTES)),
         tuple(_parsed(rigs, _binary_rigs if binary else _text_rigs) if rigs.is_file() else ()),
     )
     _check(model, folder)
     return model
 
 
-def _parsed(path: Path, parse: Callable[[bytes], list[Item]], most: int = LARGEST_CAMERAS_BYTES) -> list[Item]:
-    raw = read_bytes(path, most)
+def _parsed(path: Path, parse: Callable[[bytes], list[Item]], max_bytes: int = MAX_CAMERAS_BYTES) -> list[Item]:
+    raw = read_bytes(path, max_bytes)
     try:
         return parse(raw)
     except (struct.error, ValueError, IndexError) as error:
-        raise InputError(f"{path}: invalid file of COLMAP: {' '.join(str(error).split())[:120]}") from None
+        raise InputError(f"{path}: invalid COLMAP file: {' '.join(str(error).split())[:120]}") from None
 
 
 def _check(model: ColmapModel, folder: Path) -> None:
     """Raise InputError for impossible sizes, quaternions and numbers."""
-    for number, camera in model.cameras.items():
+    for camera_id, camera in model.cameras.items():
         if not (1 <= camera.width_px <= UNSIZED_PX and 1 <= camera.height_px <= UNSIZED_PX):
-            raise InputError(f"{folder}: camera {number} is {camera.width_px} x {camera.height_px} px")
-        if camera.model in COUNTS and len(camera.parameters) != COUNTS[camera.model]:
+            raise InputError(f"{folder}: camera {camera_id} is {camera.width_px} x {camera.height_px} px")
+        if camera.model in PARAMETER_COUNTS and len(camera.parameters) != PARAMETER_COUNTS[camera.model]:
             count = len(camera.parameters)
-            raise InputError(f"{folder}: camera {number}: {count} parameters, expected {COUNTS[camera.model]}")
+            raise InputError(
+                f"{folder}: camera {camera_id}: {count} parameters, expected {PARAMETER_COUNTS[camera.model]}"
+            )
         if not np.isfinite(camera.parameters).all():
-            raise InputError(f"{folder}: camera {number} has parameters that are not finite")
+            raise InputError(f"{folder}: camera {camera_id} has parameters that are not finite")
     poses = [image.pose for image in model.images] + [pose for rig in model.rigs for pose in rig.values()]
     if any(len(pose) != len(IDENTITY) for pose in poses):
         raise InputError(f"{folder}: a pose does not have {len(IDENTITY)} numbers: a quaternion and a translation")
@@ -217,7 +220,7 @@ def _check(model: ColmapModel, folder: Path) -> None:
     if not np.isfinite(poses).all() or any(
         max(map(abs, pose[:4])) > 2.0 or abs(np.linalg.norm(pose[:4]) - 1.0) > 1e-3 for pose in poses
     ):
-        raise InputError(f"{folder}: a pose is not finite, or its quaternion is not of length 1")
+        raise InputError(f"{folder}: a pose is not finite, or its quaternion is not a unit quaternion")
 
 
 def _lines(raw: bytes) -> list[str]:
@@ -234,8 +237,8 @@ def _text_cameras(raw: bytes) -> list[tuple[int, ColmapCamera]]:
 def _text_images(raw: bytes) -> list[ColmapImage]:
     """Each picture has a line, followed by a line of points, which may be empty."""
     text = raw.decode("utf-8").lstrip()
-    if text.count("\n") > 2 * MOST_IMAGES:
-        raise ValueError(f"more than {MOST_IMAGES} pictures")
+    if text.count("\n") > 2 * MAX_IMAGES:
+        raise ValueError(f"more than {MAX_IMAGES} pictures")
     lines = [line for line in text.split("\n") if not line.startswith("#")]
     first = next((number for number, line in enumerate(lines) if line.strip()), 0)
     words = [line.split(maxsplit=9) for line in lines[first::2] if line.strip()]
@@ -273,16 +276,16 @@ class _Reader:
         self.at += struct.calcsize(f"<{layout}")
         return values
 
-    def count(self, least_bytes: int) -> int:
-        """Read a number of items; raises ValueError if the file is too short for items of at least `least_bytes`."""
+    def count(self, min_bytes: int) -> int:
+        """Read a number of items; raises ValueError if the file is too short for items of at least `min_bytes`."""
         (number,) = self.take("Q")
-        if number * least_bytes > len(self.raw) - self.at:
+        if number * min_bytes > len(self.raw) - self.at:
             raise ValueError(f"{number} items in {len(self.raw)} bytes")
         return int(number)
 
     def name(self) -> str:
         """Read a null-terminated string."""
-        end = self.raw.index(b"\x00", self.at, self.at + LONGEST_NAME)
+        end = self.raw.index(b"\x00", self.at, self.at + MAX_NAME_BYTES)
         text = self.raw[self.at : end].decode("utf-8")
         self.at = end + 1
         return text
@@ -302,8 +305,8 @@ def _binary_cameras(raw: bytes) -> list[tuple[int, ColmapCamera]]:
 def _binary_images(raw: bytes) -> list[ColmapImage]:
     reader, images = _Reader(raw), []
     count = reader.count(73)
-    if count > MOST_IMAGES:
-        raise ValueError(f"more than {MOST_IMAGES} pictures")
+    if count > MAX_IMAGES:
+        raise ValueError(f"more than {MAX_IMAGES} pictures")
     for _ in range(count):
         reader.take("I")
         pose = reader.take("7d")

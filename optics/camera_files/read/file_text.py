@@ -18,11 +18,11 @@ from mirrorcam.core.disk.nested_text import PARSER_ERRORS, integer_of, reason_of
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.messages import shortened
 
-LARGEST_BYTES = 5_000_000
+MAX_BYTES = 5_000_000
 """Limit for a calibration as text; a hundred cameras take 0.1 MB."""
 YAML_SUFFIXES = (".yaml", ".yml")
-DEEPEST = 32
-MOST_VALUES = 300_000
+MAX_DEPTH = 32
+MAX_VALUES = 300_000
 """Limit on the values of a file; each use of an alias counts all its values."""
 OPENCV_TAGS = frozenset(f"tag:yaml.org,2002:opencv-{kind}" for kind in ("matrix", "nd-matrix"))
 """OpenCV's matrices, read as mappings."""
@@ -30,7 +30,7 @@ OPENCV_TAGS = frozenset(f"tag:yaml.org,2002:opencv-{kind}" for kind in ("matrix"
 _LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 _OPENCV_HEAD = "%YAML:1.0"
 _TAG_DIRECTIVE = re.compile(r"^%TAG", re.MULTILINE)
-_NAMED: dict[str, Any] = {
+_NAMED_SCALARS: dict[str, Any] = {
     **dict.fromkeys(("", "~", "null", "Null", "NULL"), None),
     **dict.fromkeys(("true", "True", "TRUE"), True),
     **dict.fromkeys(("false", "False", "FALSE"), False),
@@ -64,7 +64,7 @@ def _without_header(value: Any) -> Any:
 def read_text(path: Path) -> str:
     """Text of a UTF-8 file; raises InputError for anything else."""
     try:
-        return read_bytes(path, LARGEST_BYTES).decode("utf-8-sig")
+        return read_bytes(path, MAX_BYTES).decode("utf-8-sig")
     except UnicodeDecodeError:
         raise InputError(f"{path}: is not UTF-8, expected a calibration as text") from None
 
@@ -87,8 +87,8 @@ def yaml_documents(text: str) -> list[Any]:
     """Content of all documents of a text; raises InputError for anything but plain values."""
     if text.startswith(_OPENCV_HEAD):  # invalid YAML
         text = text.partition("\n")[2]
-    if _TAG_DIRECTIVE.search(text):  # PyYAML's time is quadratic in their number
-        raise InputError("not valid YAML: a directive %TAG, expected plain values")
+    if _TAG_DIRECTIVE.search(text):  # PyYAML takes quadratic time for many of them
+        raise InputError("not valid YAML: a %TAG directive, expected plain values")
     composer = _Composer()
     try:
         for event in yaml.parse(text, Loader=_LOADER):
@@ -102,11 +102,11 @@ def yaml_documents(text: str) -> list[Any]:
 
 @dataclass
 class _Open:
-    """An open list or mapping, and the key whose value comes next."""
+    """An open list or mapping, the count of values at its start, and the key whose value comes next."""
 
     value: dict[str, Any] | list[Any]
     anchor: str | None
-    begun: int
+    count_at_start: int
     key: Any = _NO_KEY
 
 
@@ -122,29 +122,29 @@ class _Composer:
     def take(self, event: yaml.Event) -> None:
         """Process the next event; raises InputError for anything but plain values."""
         if isinstance(event, yaml.ScalarEvent):
-            self._counted(1)
+            self._count_values(1)
             if event.tag is not None:
                 raise _refusal(f"a tag {event.tag[:60]!r}, expected none", event)
             self._put(event.value if self._at_key else _scalar(event), event)
         elif isinstance(event, yaml.CollectionStartEvent):
-            self._counted(1)
-            if len(self._open) >= DEEPEST:
-                raise _refusal(f"nested deeper than {DEEPEST}", event)
+            self._count_values(1)
+            if len(self._open) >= MAX_DEPTH:
+                raise _refusal(f"nested deeper than {MAX_DEPTH}", event)
             if event.tag is not None and event.tag not in OPENCV_TAGS:
                 raise _refusal(f"a tag {event.tag[:60]!r}, expected none", event)
             value: dict[str, Any] | list[Any] = {} if isinstance(event, yaml.MappingStartEvent) else []
             self._open.append(_Open(value, event.anchor, self._count))
         elif isinstance(event, yaml.CollectionEndEvent):
-            ended = self._open.pop()
-            self._put(ended.value, event, ended.anchor, self._count - ended.begun + 1)
+            closed = self._open.pop()
+            self._put(closed.value, event, closed.anchor, self._count - closed.count_at_start + 1)
         elif isinstance(event, yaml.AliasEvent):
             if event.anchor not in self._anchors:
                 raise _refusal(f"an alias {event.anchor[:40]!r} without an anchor before it", event)
             value, size = self._anchors[event.anchor]
-            self._counted(size)
+            self._count_values(size)
             self._put(value, event)
         elif isinstance(event, yaml.DocumentStartEvent):
-            self._counted(1)
+            self._count_values(1)
             self._anchors = {}
 
     @property
@@ -152,10 +152,10 @@ class _Composer:
         """Whether a key comes next. Keys remain strings: crafted integers could all collide."""
         return bool(self._open) and isinstance(self._open[-1].value, dict) and self._open[-1].key is _NO_KEY
 
-    def _counted(self, size: int) -> None:
+    def _count_values(self, size: int) -> None:
         self._count += size
-        if self._count > MOST_VALUES:
-            raise InputError(f"not valid YAML: more than {MOST_VALUES} values")
+        if self._count > MAX_VALUES:
+            raise InputError(f"not valid YAML: more than {MAX_VALUES} values")
 
     def _put(self, value: Any, event: yaml.Event, anchor: str | None = None, size: int = 1) -> None:
         """Add a value to the innermost open list or mapping; without one, it is a document."""
@@ -165,19 +165,19 @@ class _Composer:
         if not self._open:
             self.documents.append(value)
             return
-        into = self._open[-1]
-        if isinstance(into.value, list):
-            into.value.append(value)
-        elif into.key is not _NO_KEY:
-            into.value[into.key], into.key = value, _NO_KEY
+        parent = self._open[-1]
+        if isinstance(parent.value, list):
+            parent.value.append(value)
+        elif parent.key is not _NO_KEY:
+            parent.value[parent.key], parent.key = value, _NO_KEY
         elif not isinstance(value, str):
-            raise _refusal("a key that is no string, expected a name", event)
-        elif value in into.value:
+            raise _refusal("a key that is not a string, expected a name", event)
+        elif value in parent.value:
             raise _refusal(f"the key {value[:40]!r} appears twice", event)
         elif value == "<<":
             raise _refusal("a merge key <<, expected plain names", event)
         else:
-            into.key = value
+            parent.key = value
 
 
 def _scalar(event: yaml.ScalarEvent) -> Any:
@@ -185,8 +185,8 @@ def _scalar(event: yaml.ScalarEvent) -> Any:
     text: str = event.value
     if not event.implicit[0]:
         return text
-    if text in _NAMED:
-        return _NAMED[text]
+    if text in _NAMED_SCALARS:
+        return _NAMED_SCALARS[text]
     if _INTEGER.fullmatch(text):
         return integer_of(text)
     return float(text) if _FLOAT.fullmatch(text) else text

@@ -30,9 +30,9 @@ from mirrorcam.optics.geometry.transforms import rigid
 FORMAT, SUFFIX = "mrcal", ".cameramodel"
 PREFIX = "LENSMODEL_"
 OPENCV = {"OPENCV4": 4, "OPENCV5": 5, "OPENCV8": 8, "OPENCV12": 12}
-LARGEST_BYTES = 50_000_000
+MAX_BYTES = 50_000_000
 """Files include the inputs of their optimisation, which are ignored."""
-LARGEST_OUTLINE_BYTES = 300_000
+MAX_OUTLINE_BYTES = 300_000
 """Limit for a file without its strings, which hold those inputs: Python parses this much in half a second."""
 _TEXTS = re.compile(rb"\"(?:[^\"\\\n]|\\.?)*+\"?|'(?:[^'\\\n]|\\.?)*+'?|#[^\n]*+", re.DOTALL)
 POSE_KEYS = ("extrinsics", "rt_cam_ref")
@@ -54,18 +54,18 @@ def _camera(path: Path) -> RigCamera:
 
 
 def _literal(path: Path) -> Any:
-    raw = read_bytes(path, LARGEST_BYTES)
-    if len(_TEXTS.sub(b"", raw)) > LARGEST_OUTLINE_BYTES:
-        raise InputError(f"{path}: no camera model of mrcal: too large")
+    raw = read_bytes(path, MAX_BYTES)
+    if len(_TEXTS.sub(b"", raw)) > MAX_OUTLINE_BYTES:
+        raise InputError(f"{path}: not an mrcal camera model: too large")
     try:
         with catch_warnings(action="ignore"):  # about invalid escapes and comparisons
             tree = ast.parse(raw.decode("utf-8-sig").strip(" \t\r\n"), mode="eval")
         if not all(map(_is_plain, ast.walk(tree))):
-            raise ValueError("a set, or a key that is no string")
+            raise ValueError("a set, or a key that is not a string")
         return ast.literal_eval(tree)
     except (ValueError, SyntaxError, TypeError, MemoryError, RecursionError) as error:
         reason = " ".join(str(error).partition(": <ast")[0].split())  # drop the node's address
-        raise InputError(shortened(f"{path}: no camera model of mrcal: {reason}", 200)) from None
+        raise InputError(shortened(f"{path}: not an mrcal camera model: {reason}", 200)) from None
 
 
 def _is_plain(node: ast.AST) -> bool:

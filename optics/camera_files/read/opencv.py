@@ -44,7 +44,7 @@ CORE = np.array([[True, False, True], [False, True, True], [False, False, False]
 """Mask of fx, fy, cx and cy in a camera matrix."""
 KEYS = ("camera_matrix", "K", "cameraMatrix")
 DISTORTION_KEYS = ("distortion_coefficients", "D", "distCoeffs", "distortion")
-TURN_KEYS, SHIFT_KEYS = ("R", "rvec", "rotation"), ("T", "tvec", "translation", "t")
+ROTATION_KEYS, TRANSLATION_KEYS = ("R", "rvec", "rotation"), ("T", "tvec", "translation", "t")
 
 
 def is_opencv(value: Any) -> bool:
@@ -65,7 +65,7 @@ def read_value(path: Path) -> Any:
     if path.suffix.lower() == ".xml":
         raise InputError(f"{path}: a FileStorage as XML, expected YAML or JSON")
     if path.suffix.lower() == ".json":
-        return read_json(path, LARGEST_LAYOUT_BYTES)  # may be one of our layouts
+        return read_json(path, LARGEST_LAYOUT_BYTES)  # may be a layout
     return read_yaml(path)
 
 
@@ -99,7 +99,7 @@ def read_opencv(paths: tuple[Path, ...]) -> CameraRig:
 
 def _unit_note(files: list[tuple[Path, dict[str, Any]]]) -> tuple[str, ...]:
     stated = any("unit" in values for _, values in files)
-    return () if stated else ("the file states no unit of poses: mm is assumed",)
+    return () if stated else ("the file does not state the unit of poses: mm is assumed",)
 
 
 def _unit_mm(files: list[tuple[Path, dict[str, Any]]]) -> float:
@@ -177,12 +177,12 @@ def matrix_of(value: Any, where: str) -> FloatArray:
 
 
 def _pose(part: dict[str, Any], where: str) -> FloatArray | None:
-    turn, shift = _first(part, TURN_KEYS), _first(part, SHIFT_KEYS)
-    if turn is None and shift is None:
+    r, t = _first(part, ROTATION_KEYS), _first(part, TRANSLATION_KEYS)
+    if r is None and t is None:
         return None
-    if turn is None or shift is None:
+    if r is None or t is None:
         raise InputError(f"{where}: expected both R and T")
-    rotation, translation = matrix_of(turn, f"{where}: R"), matrix_of(shift, f"{where}: T").ravel()
+    rotation, translation = matrix_of(r, f"{where}: R"), matrix_of(t, f"{where}: T").ravel()
     if rotation.size == 3:
         rotation = Rotation.from_rotvec(rotation.ravel()).as_matrix()
     if translation.shape != (3,):

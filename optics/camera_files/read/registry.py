@@ -13,7 +13,7 @@ from mirrorcam.core.disk.files import is_inside
 from mirrorcam.core.errors import InputError
 from mirrorcam.optics.camera_files.camera_rig import CameraRig, MirrorProjection, RigCamera
 from mirrorcam.optics.camera_files.read import anipose, colmap, kalibr, mrcal, opencv, ros
-from mirrorcam.optics.camera_files.read.file_text import LARGEST_BYTES, YAML_SUFFIXES, read_yaml
+from mirrorcam.optics.camera_files.read.file_text import MAX_BYTES, YAML_SUFFIXES, read_yaml
 from mirrorcam.optics.camera_files.write.virtual_cameras import view_name
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.transforms import rigid
@@ -24,9 +24,9 @@ UNITS_MM: dict[str, float | None] = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "none":
 """Values of `--unit`; `none` for poses without scale."""
 SUBFOLDERS = {name: name for name in ("ros", "colmap", "anipose")}
 """Subfolders in which `mirrorcam camera export` puts files."""
-FARTHEST = 1e12
+MAX_POSE = 1e12
 """Largest number in a pose, whatever its unit."""
-MOST_FILES = 1000
+MAX_FILES = 1000
 """Largest number of files to examine in a folder."""
 UNREAD = {
     ".pickle": "pickles, such as DeepLabCut's, are never opened",
@@ -90,12 +90,12 @@ def read_rig(path: Path, format: FormatName | None = None, unit: str | None = No
         raise InputError(f"{path}: {f'{why}, expected layout.json or opencv.yaml' if why else known}")
     if len(detected) > 1:
         names = ", ".join(each.format for each in detected)
-        raise InputError(f"{path}: calibrations as {names}, expected --format of one of them")
+        raise InputError(f"{path}: calibrations as {names}, expected one of them as --format")
     rig = READERS[detected[0].format](detected[0].paths)
     for camera in rig.cameras:
-        if camera.camera_from_rig is not None and not (np.abs(camera.camera_from_rig) <= FARTHEST).all():
+        if camera.camera_from_rig is not None and not (np.abs(camera.camera_from_rig) <= MAX_POSE).all():
             raise InputError(
-                f"{path}: the pose of camera {camera.name[:40]!r} is out of range, expected numbers up to {FARTHEST:g}"
+                f"{path}: the pose of camera {camera.name[:40]!r} is out of range, expected numbers up to {MAX_POSE:g}"
             )
     return rig if unit is None else replace(rig, unit_mm=UNITS_MM[unit])
 
@@ -111,7 +111,7 @@ def _detect(path: Path) -> list[Detected]:
 
 def reason_unread(path: Path) -> str:
     """Why a file, or a file in a folder, is known to contain no cameras to score; "" if it is not known."""
-    names = [path.name] if not path.is_dir() else [each.name for each in path.iterdir()][:MOST_FILES]
+    names = [path.name] if not path.is_dir() else [each.name for each in path.iterdir()][:MAX_FILES]
     return next((why for name in names for ending, why in UNREAD.items() if name.endswith(ending)), "")
 
 
@@ -158,18 +158,18 @@ def _in_folder(folder: Path) -> list[Detected]:
     """The calibrations in a folder, at most one per format; files with one camera each form one calibration."""
     files: dict[FormatName, list[Path]] = {}
     names = sorted(path for path in folder.iterdir() if path.is_file())
-    if sum(path.stat().st_size for path in names[:MOST_FILES] if path.suffix.lower() in YAML_SUFFIXES) > LARGEST_BYTES:
-        most = LARGEST_BYTES // 1_000_000
+    if sum(path.stat().st_size for path in names[:MAX_FILES] if path.suffix.lower() in YAML_SUFFIXES) > MAX_BYTES:
+        most = MAX_BYTES // 1_000_000
         raise InputError(f"{folder}: contains more than {most} MB of YAML, expected the files of one calibration")
-    for path in names[:MOST_FILES]:
+    for path in names[:MAX_FILES]:
         kind = _kind(path)
         if kind is not None:
             files.setdefault(kind, []).append(path)
     if "opencv" in files:  # the extrinsics of `stereo_calib` contain no camera to detect
         stereo = [path for path in names if path.stem == "extrinsics" and path.suffix in YAML_SUFFIXES][:1]
         files["opencv"] += [path for path in stereo if path not in files["opencv"]]
-    single: tuple[FormatName, ...] = ("kalibr", "anipose", "mirrorcam")
-    for kind in single:
+    one_file: tuple[FormatName, ...] = ("kalibr", "anipose", "mirrorcam")
+    for kind in one_file:
         if len(files.get(kind, ())) > 1:
             listed = ", ".join(path.name for path in files[kind][:5])
             raise InputError(f"{folder}: several calibrations as {kind} ({listed}), expected one")

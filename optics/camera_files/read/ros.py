@@ -1,8 +1,8 @@
 """ROS `camera_info` files of `camera_calibration` and `camera_info_manager`, one per camera.
 
 Messages printed by `ros2 topic echo` (or `rostopic echo`) are accepted too; they have shorter keys. The files contain
-no poses. Poses, in metres, are those of the optical frames in a URDF or in the `/tf_static` message as YAML, in the
-same folder or its parent. Without poses, cameras are scored individually.
+no poses. Poses, in metres, come from the optical frames in a URDF or in a `/tf_static` message as YAML, in the same
+folder or its parent. Without poses, cameras are scored individually.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ KEYS = {"image_width": "width", "image_height": "height", "camera_matrix": "k", 
 MESSAGES = tuple({"header", "width", "height", *names} for names in ("kdp", "KDP"))
 """Keys of messages in ROS 2 and ROS 1."""
 ABBREVIATED = "..."
-DEEPEST = 1000
+MAX_DEPTH = 1000
 """Largest number of links from the root of a robot to a camera."""
 
 
@@ -95,19 +95,19 @@ def _lens(path: Path, values: dict[str, Any], size: tuple[int, int]) -> Camera:
 
 def _adjacent_frames(folder: Path) -> dict[str, FloatArray]:
     """root_from_frame (4, 4), m, by frame name, from a URDF or message of transforms in this folder or its parent."""
-    for place in (folder, folder.parent):
-        urdfs = sorted(place.glob("*.urdf"))
+    for each in (folder, folder.parent):
+        urdfs = sorted(each.glob("*.urdf"))
         if len(urdfs) > 1:
-            raise InputError(f"{place}: {len(urdfs)} URDF files, expected one")
+            raise InputError(f"{each}: {len(urdfs)} URDF files, expected one")
         if urdfs:
-            return _of_urdf(urdfs[0])
-        for path in sorted(place.glob("*tf*")):
+            return _urdf_frames(urdfs[0])
+        for path in sorted(each.glob("*tf*")):
             if path.suffix.lower() in YAML_SUFFIXES and is_tf(value := read_yaml(path)):
-                return _of_tf(path, value)
+                return _tf_frames(path, value)
     return {}
 
 
-def _of_urdf(path: Path) -> dict[str, FloatArray]:
+def _urdf_frames(path: Path) -> dict[str, FloatArray]:
     text = read_text(path)
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
         raise InputError(f"{path}: contains a document type, expected a plain URDF")
@@ -125,41 +125,42 @@ def _of_urdf(path: Path) -> dict[str, FloatArray]:
             numbers_of((("0 0 0" if origin is None else origin.get(key)) or "0 0 0").split(), where, 3)
             for key in ("xyz", "rpy")
         )
-        pose = rigid(Rotation.from_euler("xyz", rpy).as_matrix(), xyz)
-        edges[str(child.get("link"))] = str(parent.get("link")), pose
+        parent_from_child = rigid(Rotation.from_euler("xyz", rpy).as_matrix(), xyz)
+        edges[str(child.get("link"))] = str(parent.get("link")), parent_from_child
     return _from_root(edges, path)
 
 
-def _of_tf(path: Path, value: dict[str, Any]) -> dict[str, FloatArray]:
+def _tf_frames(path: Path, value: dict[str, Any]) -> dict[str, FloatArray]:
     edges = {}
-    for each in value["transforms"]:
-        given = table(each, f"{path}: transforms")
-        child = str(entry(given, "child_frame_id", f"{path}: transforms"))
+    for item in value["transforms"]:
+        stamped = table(item, f"{path}: transforms")
+        child = str(entry(stamped, "child_frame_id", f"{path}: transforms"))
         where = f"{path}: {child[:60]}"
-        header, moved = (table(entry(given, key, where), where) for key in ("header", "transform"))
-        shift, turn = (table(entry(moved, key, where), where) for key in ("translation", "rotation"))
-        xyz = [number_of(entry(shift, axis, where), where) for axis in "xyz"]
-        quaternion = [number_of(entry(turn, axis, where), where) for axis in "xyzw"]
+        header, pose = (table(entry(stamped, key, where), where) for key in ("header", "transform"))
+        translation, rotation = (table(entry(pose, key, where), where) for key in ("translation", "rotation"))
+        xyz = [number_of(entry(translation, axis, where), where) for axis in "xyz"]
+        quaternion = [number_of(entry(rotation, axis, where), where) for axis in "xyzw"]
         if not any(quaternion):
             raise InputError(f"{where}: rotation is zero, expected a quaternion")
-        pose = rigid(Rotation.from_quat(quaternion).as_matrix(), xyz)
-        edges[child] = str(entry(header, "frame_id", where)), pose
+        parent_from_child = rigid(Rotation.from_quat(quaternion).as_matrix(), xyz)
+        edges[child] = str(entry(header, "frame_id", where)), parent_from_child
     return _from_root(edges, path)
 
 
 def _from_root(edges: dict[str, tuple[str, FloatArray]], path: Path) -> dict[str, FloatArray]:
+    """root_from_frame (4, 4) by frame, from the parent and parent_from_frame of each frame."""
     poses = {}
     roots = set()
     for frame in edges:
-        pose, at = np.eye(4), frame
-        for _ in range(DEEPEST):
-            if at not in edges:
+        pose, ancestor = np.eye(4), frame
+        for _ in range(MAX_DEPTH):
+            if ancestor not in edges:
                 break
-            at, step = edges[at]
-            pose = step @ pose
+            ancestor, parent_from_child = edges[ancestor]
+            pose = parent_from_child @ pose
         else:
             raise InputError(f"{path}: frame {frame[:60]!r} is its own ancestor, expected a tree")
-        roots.add(at)
+        roots.add(ancestor)
         poses[frame] = pose
     if len(roots) > 1:
         raise InputError(f"{path}: {len(roots)} unconnected trees of frames, expected one")

@@ -73,9 +73,9 @@ class LensFormat:
             )
         if exact:
             return FormatLens(camera, 0.0)
-        cut = view.sub_image
-        first = np.array([cut.x, cut.y], dtype=np.float64)
-        last = first + np.array([cut.width - 1, cut.height - 1])
+        crop = view.sub_image
+        first = np.array([crop.x, crop.y], dtype=np.float64)
+        last = first + np.array([crop.width - 1, crop.height - 1])
         return FormatLens(*nearest_lens(camera, self.nearest, (first, last), self.lacks))
 
 
@@ -111,7 +111,7 @@ def opencv_yaml(views: tuple[VirtualCamera, ...]) -> str:
         file.write("distortion_model", "fisheye")
     file.startWriteStruct("views", cv2.FILE_NODE_SEQ)
     for view in views:
-        cut = view.sub_image
+        crop = view.sub_image
         file.startWriteStruct("", cv2.FILE_NODE_MAP)
         file.write("name", view.name)
         camera = OPENCV.of(view).camera
@@ -119,7 +119,7 @@ def opencv_yaml(views: tuple[VirtualCamera, ...]) -> str:
         file.write("distortion_coefficients", camera.distortion[None])
         file.write("R", view.camera_from_rig[:3, :3])
         file.write("T", view.camera_from_rig[:3, 3:])
-        file.write("roi", np.array([[cut.x, cut.y, cut.width, cut.height]], dtype=np.int32))
+        file.write("roi", np.array([[crop.x, crop.y, crop.width, crop.height]], dtype=np.int32))
         file.endWriteStruct()
     file.endWriteStruct()
     return str(file.releaseAndGetString())
@@ -136,7 +136,7 @@ def camera_info_yaml(view: VirtualCamera) -> str:
     K describes the entire flipped frame, as CameraInfo requires even if an image covers only its `roi`. ROS's parser
     ignores `frame_id` and `roi`; a driver copies them into header.frame_id and roi.
     """
-    camera, cut = ROS.of(view).camera, view.sub_image
+    camera, roi = ROS.of(view).camera, view.sub_image
     fx, fy, cx, cy = (number(value) for value in camera.intrinsics[:4])
     return (
         f"image_width: {camera.width_px}\n"
@@ -150,7 +150,7 @@ def camera_info_yaml(view: VirtualCamera) -> str:
         f"  data: [{fx}, 0.0, {cx}, 0.0, 0.0, {fy}, {cy}, 0.0, 0.0, 0.0, 1.0, 0.0]\n"
         f"frame_id: {frame_id(view)}\n"
         "roi:\n"
-        f"  x_offset: {cut.x}\n  y_offset: {cut.y}\n  height: {cut.height}\n  width: {cut.width}\n  do_rectify: false\n"
+        f"  x_offset: {roi.x}\n  y_offset: {roi.y}\n  height: {roi.height}\n  width: {roi.width}\n  do_rectify: false\n"
     )
 
 
@@ -174,8 +174,8 @@ def _urdf_frame(robot: Element, name: str, parent: str, parent_from_frame: Float
     """Add a link and its fixed joint; rpy are rotations about the fixed x, y and z."""
     SubElement(robot, "link", name=name)
     joint = SubElement(robot, "joint", name=f"{name}_joint", type="fixed")
-    turns = Rotation.from_matrix(parent_from_frame[:3, :3]).as_euler("xyz")
-    SubElement(joint, "origin", xyz=numbers(parent_from_frame[:3, 3] / 1000.0, " "), rpy=numbers(turns, " "))
+    rpy = Rotation.from_matrix(parent_from_frame[:3, :3]).as_euler("xyz")
+    SubElement(joint, "origin", xyz=numbers(parent_from_frame[:3, 3] / 1000.0, " "), rpy=numbers(rpy, " "))
     SubElement(joint, "parent", link=parent)
     SubElement(joint, "child", link=name)
 
@@ -228,7 +228,7 @@ def transforms_json(views: tuple[VirtualCamera, ...], view_from_rig: FloatArray)
     world_from_rig = rigid(WORLD_FROM_VIEW @ view_from_rig, np.zeros(3))
     frames = []
     for view in views:
-        camera = view.cut_to_sub_image(NERFSTUDIO.of(view).camera)
+        camera = view.crop_to_sub_image(NERFSTUDIO.of(view).camera)
         frames.append(
             frame(
                 view.name,

@@ -26,7 +26,7 @@ MARGIN = 0.15
 """Margin of a cropped picture around the sub-image, on each side, relative to the sub-image."""
 FFMPEG = "ffmpeg -noautorotate -i FRAMES"
 """Reads frames in the sensor's orientation, ignoring the rotation flag of a phone's video."""
-MOST_PAIRED = 12
+MAX_PAIRED = 12
 """Largest number of cameras for which all pairs are written for DeepLabCut; else only pairs with the first camera."""
 
 
@@ -54,8 +54,7 @@ class PoseCamera:
     @property
     def filters(self) -> str:
         """Argument of ffmpeg's `-vf` that makes the pictures from frames."""
-        cut = self.crop
-        crop = f"crop={cut.width}:{cut.height}:{cut.x}:{cut.y}"
+        crop = f"crop={self.crop.width}:{self.crop.height}:{self.crop.x}:{self.crop.y}"
         return f"{self.flip},{crop}" if self.flip else crop
 
 
@@ -78,10 +77,10 @@ def _pose_camera(name: str, camera: Camera, camera_from_rig: FloatArray, flip: s
         first = np.array([crop.x, crop.y], dtype=np.float64)
         last = first + np.array([crop.width - 1, crop.height - 1])
         camera, error_px = nearest_lens(camera, "brown_conrady", (first, last))
-    cut = camera.replaced(
+    cropped = camera.replaced(
         width_px=crop.width, height_px=crop.height, cx_px=camera.cx_px - crop.x, cy_px=camera.cy_px - crop.y
     )
-    return PoseCamera(name, cut, camera_from_rig, flip, crop, error_px)
+    return PoseCamera(name, cropped, camera_from_rig, flip, crop, error_px)
 
 
 def _crop(view: VirtualCamera) -> Rectangle:
@@ -125,15 +124,15 @@ def stereo_params(cameras: Sequence[PoseCamera]) -> bytes:
     direction to be rectified. With R1 = 1, P1 = K1 [1 | 0], R2 = R^T and P2 = K2 [R | T], undistorted pixels are
     pinhole pixels, and points are in the frame of the first camera, in mm.
     """
-    pairs = list(permutations(cameras, 2)) if len(cameras) <= MOST_PAIRED else [(cameras[0], b) for b in cameras[1:]]
+    pairs = list(permutations(cameras, 2)) if len(cameras) <= MAX_PAIRED else [(cameras[0], b) for b in cameras[1:]]
     return pickle.dumps({f"{a.name}-{b.name}": _stereo(a, b) for a, b in pairs}, protocol=4)
 
 
 def _stereo(a: PoseCamera, b: PoseCamera) -> dict[str, object]:
     b_from_a = b.camera_from_rig @ np.linalg.inv(a.camera_from_rig)
-    turn, shift = b_from_a[:3, :3], b_from_a[:3, 3:]
-    x, y, z = shift.ravel()
-    essential = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]) @ turn
+    rotation, translation = b_from_a[:3, :3], b_from_a[:3, 3:]
+    x, y, z = translation.ravel()
+    essential = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]) @ rotation
     first, second = a.camera.matrix, b.camera.matrix
     sizes = [(each.camera.width_px, each.camera.height_px) for each in (a, b)]
     return {
@@ -141,12 +140,12 @@ def _stereo(a: PoseCamera, b: PoseCamera) -> dict[str, object]:
         "cameraMatrix2": second,
         "distCoeffs1": np.array(a.camera.distortion)[None],
         "distCoeffs2": np.array(b.camera.distortion)[None],
-        "R": turn,
-        "T": shift,
+        "R": rotation,
+        "T": translation,
         "E": essential,
         "F": np.linalg.inv(second).T @ essential @ np.linalg.inv(first),
         "R1": np.eye(3),
-        "R2": turn.T.copy(),
+        "R2": rotation.T.copy(),
         "P1": first @ np.eye(3, 4),
         "P2": second @ b_from_a[:3],
         "roi1": (0, 0, *sizes[0]),

@@ -38,10 +38,10 @@ POINTS_PER_EDGE = 16
 GRID = 12  # samples across and down a sub-image
 DISTANCES_MM = (300.0, 1000.0)
 """Range of distances from the virtual centre for layouts without a working range."""
-BEYOND = 1.05
+NEAREST = 1.05
 """Distance of the nearest points, relative to the mirror's distance along the ray."""
 STEPS = 8
-FREE = ("fx_px", "fy_px", "k1", "k2", "p1", "p2")
+FREE_NAMES = ("fx_px", "fy_px", "k1", "k2", "p1", "p2")
 """Parameters fitted together with the pose; the principal point correlates with the rotation and stays fixed."""
 EXACT_PX = 1e-9
 
@@ -100,13 +100,13 @@ class VirtualCamera:
     @cached_property
     def cropped(self) -> Camera:
         """The camera for the flipped frame cropped to `sub_image`."""
-        return self.cut_to_sub_image(self.camera)
+        return self.crop_to_sub_image(self.camera)
 
-    def cut_to_sub_image(self, camera: Camera) -> Camera:
+    def crop_to_sub_image(self, camera: Camera) -> Camera:
         """Crop a camera of the flipped frame to `sub_image`."""
-        cut = self.sub_image
+        crop = self.sub_image
         return camera.replaced(
-            width_px=cut.width, height_px=cut.height, cx_px=camera.cx_px - cut.x, cy_px=camera.cy_px - cut.y
+            width_px=crop.width, height_px=crop.height, cx_px=camera.cx_px - crop.x, cy_px=camera.cy_px - crop.y
         )
 
     @cached_property
@@ -133,7 +133,7 @@ def view_name(row: int, column: int) -> str:
 
 
 def virtual_cameras(layout: Layout) -> tuple[VirtualCamera, ...]:
-    """All mirrors of a layout as cameras, row by row; mirrors that are no pinholes are fitted (`nearest_pinhole`).
+    """All mirrors of a layout as cameras, row by row; mirrors that are not pinholes are fitted (`nearest_pinhole`).
 
     Raises InputError if a mirror shows nothing, or reaches beyond the lens model.
     """
@@ -159,8 +159,8 @@ def virtual_cameras(layout: Layout) -> tuple[VirtualCamera, ...]:
         except InputError as error:
             raise InputError(f"{name} {error}") from None
         camera_from_rig = rigid(
-            axes @ pinhole.turn @ mirror.apparent.reflection,
-            axes @ (pinhole.turn @ mirror.apparent.virtual_centre_in_rig_mm + pinhole.shift_mm),
+            axes @ pinhole.rotation @ mirror.apparent.reflection,
+            axes @ (pinhole.rotation @ mirror.apparent.virtual_centre_in_rig_mm + pinhole.translation_mm),
         )
         views.append(
             VirtualCamera(
@@ -185,11 +185,11 @@ def flip_axes(flip: Flip) -> FloatArray:
 def upright_flip(layout: Layout) -> Flip:
     """The flip with the least rotation between its cameras and the layout's view axes, over all mirrors."""
     reflections = np.sum([mirror.apparent.reflection for mirror in layout.mirrors], axis=0)
-    turned = reflections @ layout.view_from_rig.T
+    rotated = reflections @ layout.view_from_rig.T
     # trace(F S V^T) = 1 + 2 cos of the angle between the two rotations.
     return (
         "left-right"
-        if np.trace(flip_axes("left-right") @ turned) > np.trace(flip_axes("top-bottom") @ turned)
+        if np.trace(flip_axes("left-right") @ rotated) > np.trace(flip_axes("top-bottom") @ rotated)
         else "top-bottom"
     )
 
@@ -210,15 +210,15 @@ def flipped_pixels(pixels: FloatArray, camera: Camera, flip: Flip) -> FloatArray
 
 @dataclass(frozen=True)
 class NearestPinhole:
-    """A camera that sees the apparent mirror's images X' of points at `turn` X' + `shift_mm` in its frame.
+    """A camera that sees the apparent mirror's images X' of points at `rotation` X' + `translation_mm` in its frame.
 
     `error_px` is the largest distance between a point's exact pixel and this camera's, over the sub-image and the range
     of depths.
     """
 
     camera: Camera
-    turn: FloatArray
-    shift_mm: FloatArray
+    rotation: FloatArray
+    translation_mm: FloatArray
     error_px: float
 
 
@@ -234,35 +234,35 @@ def nearest_pinhole(layout: Layout, number: int, outline_px: FloatArray) -> Near
     pixels = np.concatenate([outline_px, _grid(outline_px)])
     rays = layout.camera.unproject(pixels)
     rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
-    nearest = BEYOND * np.linalg.norm(apparent.cut(rays[:, :2] / rays[:, 2:]), axis=-1, keepdims=True)
+    nearest = NEAREST * np.linalg.norm(apparent.cut(rays[:, :2] / rays[:, 2:]), axis=-1, keepdims=True)
     near, far = fitted_distances_mm(layout)
     images = np.concatenate([rays * np.maximum(mm, nearest) for mm in (near, 2.0 / (1.0 / near + 1.0 / far), far)])
-    seen = layout.camera.project(mirror.image_of(apparent.reflect(images)))
-    camera, turn, shift = layout.camera, np.eye(3), np.zeros(3)
-    best = NearestPinhole(camera, turn, shift, _worst(camera, images, seen))
+    exact = layout.camera.project(mirror.image_of(apparent.reflect(images)))
+    camera, rotation, translation = layout.camera, np.eye(3), np.zeros(3)
+    best = NearestPinhole(camera, rotation, translation, _max_error_px(camera, images, exact))
     if best.error_px < EXACT_PX:
         return best
-    free = [index for index, name in enumerate(layout.camera.intrinsic_names) if name in FREE]
+    free = [index for index, name in enumerate(layout.camera.intrinsic_names) if name in FREE_NAMES]
     for _ in range(STEPS):
-        turned = images @ turn.T + shift
-        found, by_point, by_intrinsic = camera.project_with_jacobians(turned)
-        by_turn = -np.cross(by_point, turned[:, None])  # d(w x X)/dw, row by row: r . (w x X) = w . (X x r)
-        columns = np.concatenate([by_turn, by_point, by_intrinsic[:, :, free]], axis=2).reshape(-1, 6 + len(free))
+        points = images @ rotation.T + translation
+        found, by_point, by_intrinsic = camera.project_with_jacobians(points)
+        by_rotation = -np.cross(by_point, points[:, None])  # d(w x X)/dw, row by row: r . (w x X) = w . (X x r)
+        columns = np.concatenate([by_rotation, by_point, by_intrinsic[:, :, free]], axis=2).reshape(-1, 6 + len(free))
         scale = np.linalg.norm(columns, axis=0)
-        if not (np.isfinite(columns / scale).all() and np.isfinite(seen - found).all()):
+        if not (np.isfinite(columns / scale).all() and np.isfinite(exact - found).all()):
             break
-        step = np.linalg.lstsq(columns / scale, (seen - found).ravel(), rcond=1e-9)[0] / scale
-        rotation = Rotation.from_rotvec(step[:3]).as_matrix()
-        turn, shift = rotation @ turn, rotation @ shift + step[3:6]
+        step = np.linalg.lstsq(columns / scale, (exact - found).ravel(), rcond=1e-9)[0] / scale
+        change = Rotation.from_rotvec(step[:3]).as_matrix()
+        rotation, translation = change @ rotation, change @ translation + step[3:6]
         intrinsics = camera.intrinsics.copy()
         intrinsics[free] += step[6:]
         try:
             camera = camera.with_intrinsics(intrinsics)
         except InvalidValue:
             break
-        error_px = _worst(camera, images @ turn.T + shift, seen)
+        error_px = _max_error_px(camera, images @ rotation.T + translation, exact)
         if error_px < best.error_px:
-            best = NearestPinhole(camera, turn, shift, error_px)
+            best = NearestPinhole(camera, rotation, translation, error_px)
     if not np.isfinite(best.error_px):
         raise InputError("shows points where the lens model or the plate of the mirror is not defined, expected others")
     return best
@@ -279,5 +279,5 @@ def _grid(outline_px: FloatArray) -> FloatArray:
     return np.asarray(grid[shapely.contains_xy(shapely.Polygon(outline_px), grid)])
 
 
-def _worst(camera: Camera, points: FloatArray, seen: FloatArray) -> float:
-    return float(np.linalg.norm(camera.project(points) - seen, axis=1).max())
+def _max_error_px(camera: Camera, points: FloatArray, pixels: FloatArray) -> float:
+    return float(np.linalg.norm(camera.project(points) - pixels, axis=1).max())

@@ -124,10 +124,10 @@ def readme(layout: Layout, views: tuple[VirtualCamera, ...]) -> str:
     option = "hflip" if flip == "left-right" else "vflip"
     rows = ""
     for view in views:
-        cut = view.sub_image
+        crop = view.sub_image
         errors_px = (view.pinhole_error_px, *(lens.of(view).error_px for lens in FORMATS.values()))
         errors = " | ".join(f"{error:.2g}" if error > 1e-6 else "0" for error in errors_px)
-        rows += f"| {view.name} | {cut.x}, {cut.y} | {cut.width} x {cut.height} | {errors} |\n"
+        rows += f"| {view.name} | {crop.x}, {crop.y} | {crop.width} x {crop.height} | {errors} |\n"
     depths = " to ".join(f"{mm:.4g}" for mm in fitted_distances_mm(layout))
     return f"""# A mirror camera for other tools
 

@@ -26,7 +26,7 @@ from mirrorcam.optics.geometry.sub_images import POINTS_PER_EDGE, sensor_polygon
 Polygons = NDArray[np.object_]
 Indices = NDArray[np.int64]
 
-LEAST_FORWARD = 1e-6
+MIN_FORWARD = 1e-6
 FAR_NORMALIZED = 1e3
 
 
@@ -86,13 +86,13 @@ class BuiltViews:
         normals, offsets = self.normals[device, mirror], points - self.pupils_mm[device]
         distances = self._distances(device, mirror)
         reflected = offsets - 2.0 * (np.sum(offsets * normals, axis=-1) + distances)[..., None] * normals
-        seen = (reflected[..., None, :] @ self.view_from_camera[device])[..., 0, :]
+        in_camera = (reflected[..., None, :] @ self.view_from_camera[device])[..., 0, :]
         if len(set(map(id, self.cameras))) == 1:
-            return self.cameras[0].project(seen)
-        devices = np.broadcast_to(device, seen.shape[:-1])
-        pixels = np.empty((*seen.shape[:-1], 2))
+            return self.cameras[0].project(in_camera)
+        devices = np.broadcast_to(device, in_camera.shape[:-1])
+        pixels = np.empty((*in_camera.shape[:-1], 2))
         for number, camera in enumerate(self.cameras):
-            pixels[devices == number] = camera.project(seen[devices == number])
+            pixels[devices == number] = camera.project(in_camera[devices == number])
         return pixels
 
     def _distances(self, device: Indices, mirror: Indices) -> FloatArray:
@@ -101,15 +101,15 @@ class BuiltViews:
     def landing(self, normalized: FloatArray, device: Indices, mirror: Indices, depth_mm: float) -> FloatArray:
         """Points (..., 2) where rays (..., 2) via mirrors (...) of devices (...) meet the plane at a depth."""
         rays = np.concatenate([normalized, np.ones((*normalized.shape[:-1], 1))], axis=-1)
-        turned = (self.view_from_camera[device] @ rays[..., None])[..., 0]
+        arriving = (self.view_from_camera[device] @ rays[..., None])[..., 0]
         normals, centres = self.normals[device, mirror], self.centres_mm[device, mirror]
-        leaving = turned - 2.0 * np.sum(turned * normals, axis=-1, keepdims=True) * normals
+        leaving = arriving - 2.0 * np.sum(arriving * normals, axis=-1, keepdims=True) * normals
         return centres[..., :2] + leaving[..., :2] * ((depth_mm - centres[..., 2:]) / leaving[..., 2:])
 
     def common_regions(self, depth_mm: float) -> tuple[Polygons, Polygons]:
         """The region (n,) of the plane at a depth that all views of each device see, and all footprints (n, m)."""
         count = self.sub_images.shape[1]
-        footprints = _placed(
+        footprints = _mapped(
             self.sub_images, lambda points, of: self.landing(points, of // count, of % count, depth_mm)
         )
         return _with_area(shapely.intersection_all(footprints, axis=1)), footprints
@@ -158,7 +158,7 @@ def built_views(layout: Layout, perturbations: Perturbations) -> BuiltViews:
     cameras = tuple(
         perturbed_camera(layout.camera, perturbations, device) for device in range(len(perturbations.focal))
     )
-    behind = (devices.pupils_mm[:, None] - devices.middles_mm)[..., None, :] @ devices.normals[..., None]
+    behind = (devices.pupils_mm[:, None] - devices.centroids_mm)[..., None, :] @ devices.normals[..., None]
     distances, thicknesses = behind[..., 0, 0], devices.thicknesses_mm
     if (thicknesses <= 0).any():
         raise InputError(f"a drawn mirror is {thicknesses.min():.3g} mm thick, expected smaller tolerances")
@@ -193,7 +193,7 @@ def _windows(layout: Layout, devices: Devices, distances: FloatArray) -> tuple[F
         if not mirror.is_second_surface:
             continue
         index, glass = mirror.refractive_index, devices.thicknesses_mm[:, k]
-        across = devices.middles_mm[:, k] - devices.pupils_mm + distances[:, k, None] * devices.normals[:, k]
+        across = devices.centroids_mm[:, k] - devices.pupils_mm + distances[:, k, None] * devices.normals[:, k]
         lengths = np.linalg.norm(across, axis=1)
         cases = zip(lengths, distances[:, k] - glass, glass, strict=True)
         tangents = np.array([outer_tangent(float(a), float(b), float(c), index) for a, b, c in cases])
@@ -205,25 +205,25 @@ def _windows(layout: Layout, devices: Devices, distances: FloatArray) -> tuple[F
     outlines = shapely.polygons(_normalized(raised, devices))
     shown = outlines.copy()
     for k, shift in shifts.items():
-        flat = layout.mirrors[k].outline_in_plane_mm
-        inside = shapely.intersection(*(shapely.polygons(flat + side * shift[:, None]) for side in (1.0, -1.0)))
-        middles = devices.middles_mm[:, k] + rises[:, k, None] * devices.normals[:, k]
+        outline = layout.mirrors[k].outline_in_plane_mm
+        inside = shapely.intersection(*(shapely.polygons(outline + sign * shift[:, None]) for sign in (1.0, -1.0)))
+        centroids = devices.centroids_mm[:, k] + rises[:, k, None] * devices.normals[:, k]
 
-        def place(points: FloatArray, of: Indices, k: int = k, middles: FloatArray = middles) -> FloatArray:
-            corners = middles[of] + (devices.axes[of, k] @ points[..., None])[..., 0]
-            seen = ((corners - devices.pupils_mm[of])[:, None] @ devices.holder_from_camera[of])[:, 0]
-            return seen[:, :2] / seen[:, 2:]
+        def to_camera(points: FloatArray, of: Indices, k: int = k, centroids: FloatArray = centroids) -> FloatArray:
+            corners = centroids[of] + (devices.axes[of, k] @ points[..., None])[..., 0]
+            in_camera = ((corners - devices.pupils_mm[of])[:, None] @ devices.holder_from_camera[of])[:, 0]
+            return in_camera[:, :2] / in_camera[:, 2:]
 
-        shown[:, k] = _placed(_with_area(inside), place)
+        shown[:, k] = _mapped(_with_area(inside), to_camera)
     return rises, outlines, shown
 
 
 def _normalized(points: FloatArray, devices: Devices) -> FloatArray:
     """Normalized coordinates (n, m, k, 2) of points (n, m, k, 3) of each device in its own camera."""
-    seen = (points - devices.pupils_mm[:, None, None]) @ devices.holder_from_camera[:, None]
-    if (seen[..., 2] <= 0).any():
+    in_camera = (points - devices.pupils_mm[:, None, None]) @ devices.holder_from_camera[:, None]
+    if (in_camera[..., 2] <= 0).any():
         raise InputError("a drawn mirror reaches behind the camera, expected smaller tolerances")
-    return seen[..., :2] / seen[..., 2:]
+    return in_camera[..., :2] / in_camera[..., 2:]
 
 
 def _forward(polygons: Polygons, normals: FloatArray, view_from_camera: FloatArray) -> Polygons:
@@ -233,11 +233,11 @@ def _forward(polygons: Polygons, normals: FloatArray, view_from_camera: FloatArr
     flat = polygons.ravel().copy()
     points, of = shapely.get_coordinates(flat, return_index=True)
     heights = np.sum(points * slopes[of, :2], axis=1) + slopes[of, 2]
-    for number in np.unique(of[heights <= LEAST_FORWARD]):
+    for number in np.unique(of[heights <= MIN_FORWARD]):
         a, b, c = slopes[number]
         across = np.hypot(a, b)
         up = np.array([a, b]) / across
-        start, side = up * (LEAST_FORWARD - c) / across, FAR_NORMALIZED * np.array([-up[1], up[0]])
+        start, side = up * (MIN_FORWARD - c) / across, FAR_NORMALIZED * np.array([-up[1], up[0]])
         end = start + FAR_NORMALIZED * up
         flat[number] = shapely.intersection(flat[number], Polygon([start - side, start + side, end + side, end - side]))
     return _with_area(flat.reshape(polygons.shape))
@@ -249,14 +249,14 @@ def _with_area(shapes: Polygons) -> Polygons:
     return np.where(kept, shapes, Polygon())
 
 
-def _placed(polygons: Polygons, place: Callable[[FloatArray, Indices], FloatArray]) -> Polygons:
-    """Map the corners of polygons (...) by `place(corners (c, 2), index of the polygon (c,)) -> (c, 2)`."""
+def _mapped(polygons: Polygons, mapping: Callable[[FloatArray, Indices], FloatArray]) -> Polygons:
+    """Map the corners of polygons (...) by `mapping(corners (c, 2), index of the polygon (c,)) -> (c, 2)`."""
     flat = polygons.ravel()
     points, of = shapely.get_coordinates(flat, return_index=True)
     moved = np.full(flat.shape, Polygon(), dtype=np.object_)
     if len(points):
         present, ring = np.unique(of, return_inverse=True)
-        moved[present] = shapely.polygons(shapely.linearrings(place(points, of), indices=ring))
+        moved[present] = shapely.polygons(shapely.linearrings(mapping(points, of), indices=ring))
     return moved.reshape(polygons.shape)
 
 

@@ -17,6 +17,7 @@ from mirrorcam.optics.geometry.pupil import PINHOLE, Pupil
 from mirrorcam.optics.geometry.sub_images import unvignetted_outline
 
 TOUCH_MM = 1e-6
+"""Length inside a solid up to which a ray only touches it."""
 SAMPLES = 24
 RIM_POINTS = 8
 
@@ -66,21 +67,21 @@ def traced(
     rays = np.column_stack([normalized, np.ones(len(normalized))])
     normal = mirror.normal_in_rig
     glass_mm = mirror.front_mm
-    towards = -rays @ normal
+    approach = -rays @ normal
     starts = np.zeros_like(rays) if origins_mm is None else origins_mm
-    met = starts + rays * ((mirror.distance_mm - glass_mm + starts @ normal) / towards)[:, None]
-    along = rays + towards[:, None] * normal
-    leaving = met
+    entering = starts + rays * ((mirror.distance_mm - glass_mm + starts @ normal) / approach)[:, None]
+    along = rays + approach[:, None] * normal
+    leaving = entering
     if glass_mm > 0.0:
-        tangent = np.linalg.norm(along, axis=1) / towards
-        bend = np.divide(
+        tangent = np.linalg.norm(along, axis=1) / approach
+        ratio = np.divide(
             inner_tangent(tangent, mirror.refractive_index),
             tangent,
             out=np.full_like(tangent, 1.0 / mirror.refractive_index),
             where=tangent > 0,
         )
-        leaving = met + 2.0 * glass_mm * (bend / towards)[:, None] * along
-    return met, leaving, rays @ mirror.reflection
+        leaving = entering + 2.0 * glass_mm * (ratio / approach)[:, None] * along
+    return entering, leaving, rays @ mirror.reflection
 
 
 def sampled_light(mirror: Mirror, pupil: Pupil, steps: int = SAMPLES) -> tuple[FloatArray, FloatArray]:
@@ -91,8 +92,8 @@ def sampled_light(mirror: Mirror, pupil: Pupil, steps: int = SAMPLES) -> tuple[F
     chief = sampled(unvignetted_outline(mirror, pupil), steps)
     if pupil.radius_mm == 0.0:
         return np.zeros((len(chief), 3)), chief
-    around = 2.0 * np.pi * np.arange(RIM_POINTS) / RIM_POINTS
-    rim = pupil.radius_mm * np.column_stack([np.cos(around), np.sin(around), np.zeros(RIM_POINTS)])
+    angles = 2.0 * np.pi * np.arange(RIM_POINTS) / RIM_POINTS
+    rim = pupil.radius_mm * np.column_stack([np.cos(angles), np.sin(angles), np.zeros(RIM_POINTS)])
     origins = np.concatenate([np.zeros((1, 3)), rim])
     rays = chief[:, None] - origins[:, :2] / pupil.focus_mm
     return np.tile(origins, (len(chief), 1)), rays.reshape(-1, 2)
@@ -106,11 +107,11 @@ def traced_to(
     Returns the points in the pupil, where rays enter the front, where they leave it, and at a depth along `view_axis`.
     """
     origins, rays = sampled_light(mirror, pupil, steps)
-    met, leaving, directions = traced(mirror, rays, origins)
+    entering, leaving, directions = traced(mirror, rays, origins)
     forward = directions @ view_axis > 1e-9
-    origins, met, leaving, directions = origins[forward], met[forward], leaving[forward], directions[forward]
+    origins, entering, leaving, directions = (each[forward] for each in (origins, entering, leaving, directions))
     reach = (depth_mm - leaving @ view_axis) / (directions @ view_axis)
-    return origins, met, leaving, leaving + directions * reach[:, None]
+    return origins, entering, leaving, leaving + directions * reach[:, None]
 
 
 def apparent_offset_mm(mirror: Mirror) -> float:
@@ -129,13 +130,13 @@ def apparent_offset_mm(mirror: Mirror) -> float:
     return float(np.abs(2.0 * higher * sine).max())
 
 
-def _may_meet(points: FloatArray, planes: FloatArray, bodies: FloatArray) -> FloatArray:
+def _may_meet(points: FloatArray, normals: FloatArray, bodies: FloatArray) -> FloatArray:
     """Mask (n,) of the solids with corners (n, k, 3) that may meet the convex hull of points (m, 3).
 
-    A plane with one of the normals `planes` (p, 3) separates the others.
+    Planes with the given normals (p, 3) separate the others from it.
     """
-    beyond = (points @ planes.T).max(axis=0)
-    return ~((bodies @ planes.T).min(axis=1) >= beyond).any(axis=1)
+    beyond = (points @ normals.T).max(axis=0)
+    return ~((bodies @ normals.T).min(axis=1) >= beyond).any(axis=1)
 
 
 def blocked_light(
@@ -166,20 +167,20 @@ def blocked_light(
     faces = [mirror.solid.half_spaces for mirror in mirrors]
     bodies = stacked([mirror.solid.corners_in_rig_mm for mirror in mirrors])
     for index, mirror in enumerate(mirrors):
-        origins, met, leaving, at_depth = traced_to(mirror, pupil, depth_mm, axis, steps)
-        if len(met) == 0:
+        origins, entering, leaving, at_depth = traced_to(mirror, pupil, depth_mm, axis, steps)
+        if len(entering) == 0:
             continue
         outline = mirror.outline_in_rig_mm
         legs: tuple[tuple[Literal["in", "out"], FloatArray, FloatArray, FloatArray], ...] = (
-            ("in", origins, met, np.zeros(3)),
+            ("in", origins, entering, np.zeros(3)),
             ("out", leaving, at_depth, mirror.apparent.virtual_centre_in_rig_mm),
         )
         for leg, starts, ends, source in legs:
             # The light is bounded by planes through its source and each edge, and by the mirror plane.
             sides = np.cross(outline - source, np.roll(outline, -1, axis=0) - source)
-            planes = np.concatenate([sides, -sides, -mirror.normal_in_rig[None]])
-            close = _may_meet(np.concatenate([starts, ends]), planes, bodies)
-            for occluder in np.flatnonzero(close):
+            normals = np.concatenate([sides, -sides, -mirror.normal_in_rig[None]])
+            near = _may_meet(np.concatenate([starts, ends]), normals, bodies)
+            for occluder in np.flatnonzero(near):
                 if occluder == index:
                     continue
                 fraction = float(np.mean(length_inside_mm(starts, ends, *faces[occluder]) > TOUCH_MM))

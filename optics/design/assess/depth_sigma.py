@@ -43,10 +43,10 @@ from any distance; blur and coarser sampling reduce it.
 WINDOW_PX = 25.0
 """Pixels of the central view that share one depth."""
 
-PLACES = 9
+GRID_POINTS = 9
 """Number of points along each side of the box around the common region at which the bound is computed."""
 
-ANGLES, RADII, LARGEST_RADIUS = 16, 24, 3.5
+ANGLES, RADII, MAX_RADIUS = 16, 24, 3.5
 """Directions and lengths of frequencies; greatest length, in standard deviations of sharp pixels' contrast."""
 
 
@@ -75,10 +75,10 @@ def mean_depth_sigma_mm(views: FieldsOfView, depth_mm: float) -> float | None:
     None also for a single view, which shows no depth. Infinite if it would exceed the depth, because the bound holds
     only for small errors and is astronomical for blurred views.
     """
-    places = _places(views, depth_mm)
-    if len(places) == 0 or len(views.layout.mirrors) == 1:
+    points = _points(views, depth_mm)
+    if len(points) == 0 or len(views.layout.mirrors) == 1:
         return None
-    sigma = float(depth_sigma_mm(views.layout, places).mean())
+    sigma = float(depth_sigma_mm(views.layout, points).mean())
     return sigma if sigma <= depth_mm else math.inf
 
 
@@ -87,20 +87,20 @@ def depth_sigma_mm(layout: Layout, points_in_view_mm: FloatArray) -> FloatArray:
 
     Infinite if the views are too blurred to show texture or lie in the same place.
     """
-    moves, jacobians, variances = _shifts(layout, points_in_view_mm)
+    motions, jacobians, variances = _motions(layout, points_in_view_mm)
     density = np.abs(np.linalg.det(jacobians))
     steps = np.linalg.inv(jacobians)
     blur = variances[..., None, None] * (steps @ np.swapaxes(steps, -1, -2))
     central = layout.central_index
     unit = np.sqrt(density[:, central] / SHARP_VARIANCE_PX2)
     angles = np.pi * (np.arange(ANGLES) + 0.5) / ANGLES
-    radii = LARGEST_RADIUS * (np.arange(RADII) + 0.5) / RADII
+    radii = MAX_RADIUS * (np.arange(RADII) + 0.5) / RADII
     information = np.zeros(len(points_in_view_mm))
     for along in np.column_stack([np.cos(angles), np.sin(angles)]):
         spread = np.einsum("i,nmij,j->nm", along, blur, along) * unit[:, None] ** 2
-        moved = moves @ along
-        moved -= moved.mean(axis=1, keepdims=True)
-        powers = np.stack([density, density * moved, density * moved**2], axis=1)
+        along_motions = motions @ along
+        along_motions -= along_motions.mean(axis=1, keepdims=True)
+        powers = np.stack([density, density * along_motions, density * along_motions**2], axis=1)
         # Contrasts relative to the sharpest view's. Only that one may underflow to 0; then there is nothing to match.
         sharpest = spread.min(axis=1, keepdims=True)
         relative = np.exp(-(spread - sharpest)[..., None] * radii**2)
@@ -108,7 +108,7 @@ def depth_sigma_mm(layout: Layout, points_in_view_mm: FloatArray) -> FloatArray:
         information += (np.exp(-sharpest * radii**2) * np.maximum(second - first**2 / total, 0.0)) @ radii
     # The sharp picture of a slope spectrum C k dk has the mean square slope C / (4 SHARP_VARIANCE_PX2) along an axis.
     strength = SLOPE_GREY**2 * 4.0 * SHARP_VARIANCE_PX2 / NOISE_GREY**2
-    cell = unit**2 * (LARGEST_RADIUS / RADII) / ANGLES
+    cell = unit**2 * (MAX_RADIUS / RADII) / ANGLES
     per_mm2 = strength * cell * information
     known = per_mm2 > 0.0
     sigma = np.full(len(known), np.inf)
@@ -116,37 +116,37 @@ def depth_sigma_mm(layout: Layout, points_in_view_mm: FloatArray) -> FloatArray:
     return sigma
 
 
-def _places(views: FieldsOfView, depth_mm: float) -> FloatArray:
+def _points(views: FieldsOfView, depth_mm: float) -> FloatArray:
     """Points (n, 3) of the common region at a depth, in view axes."""
     region, _ = views.common_region(depth_mm)
     if region.is_empty:
         return np.zeros((0, 3))
     left, low, right, high = region.bounds
-    parts = (np.arange(PLACES) + 0.5) / PLACES
-    x, y = (grid.ravel() for grid in np.meshgrid(left + parts * (right - left), low + parts * (high - low)))
+    fractions = (np.arange(GRID_POINTS) + 0.5) / GRID_POINTS
+    x, y = (grid.ravel() for grid in np.meshgrid(left + fractions * (right - left), low + fractions * (high - low)))
     inside = shapely.contains_xy(region, x, y)
     return np.column_stack([x, y, np.full(len(x), depth_mm)])[inside]
 
 
-def _shifts(layout: Layout, points_in_view_mm: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _motions(layout: Layout, points_in_view_mm: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Motion m (n, views, 2) of the texture, Jacobian (n, views, 2, 2), px per mm, and blur variance (n, views), px^2.
 
     All at points (n, 3), in view axes. The variance of a circle of confusion is (diameter / 4)^2.
     """
-    camera, turn = layout.camera, layout.view_from_rig
+    camera = layout.camera
     centres = layout.virtual_centres_in_view_mm.reshape(-1, 3)
-    away = points_in_view_mm[:, None] - centres
-    moves = away[..., :2] / away[..., 2:]
+    offsets = points_in_view_mm[:, None] - centres
+    motions = offsets[..., :2] / offsets[..., 2:]
 
-    def seen(points: FloatArray) -> tuple[FloatArray, FloatArray]:
-        images = reflect((points @ turn)[:, None], layout.virtual_centres_in_rig_mm)
+    def projected(points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        images = reflect((points @ layout.view_from_rig)[:, None], layout.virtual_centres_in_rig_mm)
         return camera.project(images), images[..., 2]
 
     step = 1e-3
-    _, z = seen(points_in_view_mm)
+    _, z = projected(points_in_view_mm)
     columns = [
-        (seen(points_in_view_mm + by)[0] - seen(points_in_view_mm - by)[0]) / (2.0 * step)
-        for by in step * np.eye(3)[:2]
+        (projected(points_in_view_mm + change)[0] - projected(points_in_view_mm - change)[0]) / (2.0 * step)
+        for change in step * np.eye(3)[:2]
     ]
     circles = max(camera.fx_px, camera.fy_px) * camera.aperture_mm * np.abs(1.0 / z - 1.0 / camera.focus_mm)
-    return moves, np.stack(columns, axis=-1), SHARP_VARIANCE_PX2 + (circles / 4.0) ** 2
+    return motions, np.stack(columns, axis=-1), SHARP_VARIANCE_PX2 + (circles / 4.0) ** 2

@@ -61,11 +61,11 @@ def focus_metrics(views: FieldsOfView, depths_mm: Sequence[float]) -> dict[str, 
         )
         for depth_mm, nearness in at_depths.items()
     }
-    every = np.concatenate(list(at_depths.values()))
-    best_mm = best_focus_mm(every)
+    all_nearness = np.concatenate(list(at_depths.values()))
+    best_mm = best_focus_mm(all_nearness)
     found["best_focus_mm"] = Metric(value=best_mm, unit="mm")
-    least_px = float(circles_px(camera, every, best_mm).max())
-    found["circle_at_best_focus_px"] = Metric(value=least_px, unit="px", limit=CIRCLE_LIMIT_PX)
+    smallest_px = float(circles_px(camera, all_nearness, best_mm).max())
+    found["circle_at_best_focus_px"] = Metric(value=smallest_px, unit="px", limit=CIRCLE_LIMIT_PX)
     return found
 
 
@@ -79,12 +79,12 @@ def out_of_focus(layout: Layout) -> str:
     figures = focus_figures(layout)
     if not figures:
         return ""
-    least = figures["circle_at_best_focus_px"]
+    smallest = figures["circle_at_best_focus_px"]
     worst = max(metric.value for name, metric in figures.items() if name.startswith("circle_of_confusion"))
-    if least.limit is None or worst <= least.limit or not all(metric.known for metric in figures.values()):
+    if smallest.limit is None or worst <= smallest.limit or not all(metric.known for metric in figures.values()):
         return ""
     found = f"with the focus at {layout.camera.focus_mm:g} mm, circles of confusion reach {worst:.3g} px"
-    best = f"the focus at {figures['best_focus_mm'].value:.0f} mm reduces them to {least.value:.3g} px"
-    smaller_mm = layout.camera.aperture_mm * least.limit / least.value
-    advice = best if least.passed else f"{best}, also an aperture of {smaller_mm:.3g} mm to {least.limit:g} px"
-    return f"{found}, more than {least.limit:g} px: {advice}"
+    best = f"the focus at {figures['best_focus_mm'].value:.0f} mm reduces them to {smallest.value:.3g} px"
+    smaller_mm = layout.camera.aperture_mm * smallest.limit / smallest.value
+    advice = best if smallest.passed else f"{best}, also an aperture of {smaller_mm:.3g} mm to {smallest.limit:g} px"
+    return f"{found}, more than {smallest.limit:g} px: {advice}"

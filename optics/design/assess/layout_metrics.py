@@ -19,13 +19,13 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror_gaps import area_mm2, edges_mm, smallest_gap_mm
 from mirrorcam.optics.geometry.sub_images import FieldsOfView, fields_of_view, vertices
 
-HALF = 0.5
+MIN_RELATIVE_EFFICIENCY = 0.5
 """Views overlap at depths where pixel efficiency is at least this fraction of the best of the working depths."""
 
-FARTHEST_MM = 1e5
+MAX_DEPTH_MM = 1e5
 """Far limit of the search for the depth range: for a webcam, 100 m is practically infinity."""
 
-NEAREST_MM = 1.0
+MIN_DEPTH_MM = 1.0
 """Near limit of the search for the depth range, where mirrors fold light past the pupil."""
 
 DEPTH_STEP, CROSSING_PRECISION = 1.15, 1e-4
@@ -38,8 +38,8 @@ def fitted_grid(layout: Layout) -> tuple[FloatArray, FloatArray]:
     It is aligned with the view axes; its origin (3,) and two spacings are fitted by least squares. The spacing along an
     axis with a single row or column is 0.
     """
-    places, spacings = layout.arrangement.fitted(layout.virtual_centres_in_view_mm.reshape(-1, 3))
-    return places.reshape(layout.rows, layout.cols, 3), spacings
+    grid, spacings = layout.arrangement.fitted(layout.virtual_centres_in_view_mm.reshape(-1, 3))
+    return grid.reshape(layout.rows, layout.cols, 3), spacings
 
 
 def grid_error(layout: Layout) -> float:
@@ -69,7 +69,7 @@ def depth_range_mm(views: FieldsOfView, depths_mm: Sequence[float]) -> tuple[flo
 
     As for a depth of field, this is the full width at half maximum: contiguous depths around the best working depth
     with at least half its pixel efficiency. It measures how quickly the overlap is lost, not how good it is. The limits
-    are bracketed in steps of 15 %, then solved to a relative 1e-4 by Brent's method. A farthest depth of `FARTHEST_MM`
+    are bracketed in steps of 15 %, then solved to a relative 1e-4 by Brent's method. A farthest depth of `MAX_DEPTH_MM`
     stands for infinity.
     """
 
@@ -83,20 +83,20 @@ def depth_range_mm(views: FieldsOfView, depths_mm: Sequence[float]) -> tuple[flo
         return None
 
     def margin(depth_mm: float) -> float:
-        return efficiency(depth_mm) - HALF * best
+        return efficiency(depth_mm) - MIN_RELATIVE_EFFICIENCY * best
 
-    def crossing(within_mm: float, without_mm: float) -> float:
-        return float(brentq(margin, within_mm, without_mm, rtol=CROSSING_PRECISION, xtol=CROSSING_PRECISION))
+    def crossing(inside_mm: float, outside_mm: float) -> float:
+        return float(brentq(margin, inside_mm, outside_mm, rtol=CROSSING_PRECISION, xtol=CROSSING_PRECISION))
 
-    while farthest_mm < FARTHEST_MM:
-        further_mm = min(farthest_mm * DEPTH_STEP, FARTHEST_MM)
+    while farthest_mm < MAX_DEPTH_MM:
+        further_mm = min(farthest_mm * DEPTH_STEP, MAX_DEPTH_MM)
         if margin(further_mm) < 0.0:
             farthest_mm = crossing(farthest_mm, further_mm)
             break
         farthest_mm = further_mm
-    least_mm = max(views.reach_mm * (1.0 + 1e-6), NEAREST_MM)
-    while nearest_mm > least_mm:
-        nearer_mm = max(nearest_mm / DEPTH_STEP, least_mm)
+    limit_mm = max(views.reach_mm * (1.0 + 1e-6), MIN_DEPTH_MM)
+    while nearest_mm > limit_mm:
+        nearer_mm = max(nearest_mm / DEPTH_STEP, limit_mm)
         if margin(nearer_mm) < 0.0:
             nearest_mm = crossing(nearest_mm, nearer_mm)
             break
@@ -154,7 +154,7 @@ def _depth_range(views: FieldsOfView, depths_mm: Sequence[float]) -> dict[str, M
     return {
         "depth_nearest_mm": Metric(value=nearest_mm, unit="mm"),
         "depth_farthest_mm": Metric(
-            value=farthest_mm, unit="mm" if farthest_mm < FARTHEST_MM else "mm or more", lower_is_better=False
+            value=farthest_mm, unit="mm" if farthest_mm < MAX_DEPTH_MM else "mm or more", lower_is_better=False
         ),
     }
 

@@ -67,8 +67,8 @@ class Study:
     devices
         Number of devices drawn.
     spreads
-        Spread by accuracy, then by figure. The accuracy is a factor on the tolerances of printing and assembly; those
-        of the camera stay.
+        Spread by accuracy, then by figure. The accuracy is a factor on the tolerances of printing and assembly; the
+        camera's are not scaled.
     hidden
         Fraction of devices in which one mirror hides part of another from the camera, by accuracy.
     shares
@@ -249,8 +249,8 @@ def _probe(design: BuiltViews, depth_mm: float) -> Probe:
     triangles = np.stack([np.broadcast_to(corners[0], corners[1:-1].shape), corners[1:-1], corners[2:]], axis=1)
     sides = triangles[:, 1:] - triangles[:, :1]
     areas = np.abs(sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0]) / 2.0
-    inside = (np.full((3, 3), 1.0) + 3.0 * np.eye(3)) / 6.0
-    across = (inside @ triangles).reshape(-1, 2)
+    barycentric = (np.full((3, 3), 1.0) + 3.0 * np.eye(3)) / 6.0
+    across = (barycentric @ triangles).reshape(-1, 2)
     points = np.column_stack([across, np.full(len(across), depth_mm)])
     mirrors = np.arange(design.sub_images.shape[1])[:, None]
     pixels = design.pixels(points, np.array(0), mirrors)
@@ -267,9 +267,9 @@ def _probe(design: BuiltViews, depth_mm: float) -> Probe:
 def _grids(views: BuiltViews) -> dict[str, FloatArray]:
     """Grid error and baselines (n,); see `layout_metrics.fitted_grid` for a single layout."""
     arrangement = views.layout.arrangement
-    places, spacings = arrangement.fitted(views.centres_mm)
+    grid, spacings = arrangement.fitted(views.centres_mm)
     used = arrangement.extent > 0
-    errors = np.sqrt(np.mean(np.sum((views.centres_mm - places) ** 2, axis=-1), axis=1))
+    errors = np.sqrt(np.mean(np.sum((views.centres_mm - grid) ** 2, axis=-1), axis=1))
     baselines_mm = np.abs(spacings) * arrangement.extent
     figures = {"grid_error": errors / np.exp(np.mean(np.log(np.abs(spacings[:, used])), axis=1))}
     return figures | {f"baseline_{name}_mm": baselines_mm[:, k] for k, name in enumerate("xy") if used[k]}
@@ -278,8 +278,8 @@ def _grids(views: BuiltViews) -> dict[str, FloatArray]:
 def _fields_of_view_deg(views: BuiltViews, regions: Polygons, depth_mm: float) -> FloatArray:
     """Angles (n, 2) that regions (n,) at a depth subtend at the mean virtual centre; 0 for empty regions."""
     points, of = shapely.get_coordinates(regions, return_index=True)
-    middles = views.centres_mm.mean(axis=1)[of]
-    angles = np.degrees(np.arctan2(points - middles[:, :2], depth_mm - middles[:, 2:]))
+    centres = views.centres_mm.mean(axis=1)[of]
+    angles = np.degrees(np.arctan2(points - centres[:, :2], depth_mm - centres[:, 2:]))
     low, high = (np.full((len(regions), 2), start) for start in (np.inf, -np.inf))
     np.minimum.at(low, of, angles)
     np.maximum.at(high, of, angles)
@@ -291,8 +291,8 @@ def _decode_errors_px(views: BuiltViews, design: BuiltViews, probe: Probe) -> tu
     devices, mirrors = np.arange(len(views.pupils_mm))[:, None, None], np.arange(views.centres_mm.shape[1])[:, None]
     pixels = views.pixels(probe.points_mm, devices, mirrors)
     error = _rms(pixels - probe.pixels, probe.weights)
-    taken = _landings(design, pixels, probe.depth_mm) - probe.landings_mm
-    return error, probe.px_per_mm * _rms(taken - _mean_over_views(taken), probe.weights)
+    shifts = _landings(design, pixels, probe.depth_mm) - probe.landings_mm
+    return error, probe.px_per_mm * _rms(shifts - _mean_over_views(shifts), probe.weights)
 
 
 def _landings(design: BuiltViews, pixels: FloatArray, depth_mm: float) -> FloatArray:

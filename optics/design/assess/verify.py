@@ -16,7 +16,7 @@ LENGTH_TOLERANCE_MM = 1e-4
 AREA_TOLERANCE_MM2 = 1e-3
 SENSOR_TOLERANCE_PX = 0.05
 AXES_TOLERANCE = 1e-9
-LEAST_COMMON_AREA_MM2 = 1.0
+MIN_COMMON_AREA_MM2 = 1.0
 
 FINDINGS = {
     "unlike_spec": ("spec", "{value:g} of camera, counts, view axes and mirrors differ from the spec"),
@@ -52,7 +52,7 @@ def _unlike_spec(layout: Layout, spec: DesignSpec) -> int:
     )
     rotated = not np.allclose(layout.view_from_rig, spec.view_from_rig, rtol=0.0, atol=AXES_TOLERANCE)
     return (
-        sum(found != wanted for found, wanted in properties)
+        sum(found != expected for found, expected in properties)
         + int(rotated)
         + sum(_differs(mirror, spec) for mirror in layout.mirrors)
     )
@@ -86,15 +86,15 @@ def verify(layout: Layout, spec: DesignSpec) -> dict[str, Metric]:
         "unlike_spec": Metric(value=_unlike_spec(layout, spec), unit="parts", limit=0.0),
         "outside_sensor_px": Metric(value=_outside_sensor_px(layout), unit="px", limit=SENSOR_TOLERANCE_PX),
     }
-    least = {
+    minima = {
         "shortest_edge_mm": (min(edges_mm(m).min() for m in mirrors), spec.min_edge_mm, LENGTH_TOLERANCE_MM, "mm"),
         "smallest_area_mm2": (min(area_mm2(m) for m in mirrors), spec.min_area_mm2, AREA_TOLERANCE_MM2, "mm²"),
     }
     if len(mirrors) > 1:
         seen_mm = smallest_seen_gap(mirrors) * spec.scale_mm
-        least["smallest_seen_gap_mm"] = (seen_mm, spec.seen_gap_mm, LENGTH_TOLERANCE_MM, "mm")
-        least["smallest_gap_mm"] = (smallest_gap_mm(layout), spec.spacing_mm, LENGTH_TOLERANCE_MM, "mm")
-    for name, (value, requested, tolerance, unit) in least.items():
+        minima["smallest_seen_gap_mm"] = (seen_mm, spec.seen_gap_mm, LENGTH_TOLERANCE_MM, "mm")
+        minima["smallest_gap_mm"] = (smallest_gap_mm(layout), spec.spacing_mm, LENGTH_TOLERANCE_MM, "mm")
+    for name, (value, requested, tolerance, unit) in minima.items():
         limit = max(requested - tolerance, 0.0)
         verdict[name] = Metric(value=float(value), unit=unit, limit=limit, lower_is_better=False)
     views = fields_of_view(layout)
@@ -103,16 +103,16 @@ def verify(layout: Layout, spec: DesignSpec) -> dict[str, Metric]:
     for depth_mm in spec.depths_mm:
         area = views.common_region(depth_mm)[0].area if depth_mm > views.reach_mm else 0.0
         verdict[f"common_area_{depth_mm:g}mm"] = Metric(
-            value=area, unit="mm²", limit=LEAST_COMMON_AREA_MM2, lower_is_better=False
+            value=area, unit="mm²", limit=MIN_COMMON_AREA_MM2, lower_is_better=False
         )
     blocked = blocked_light(mirrors, max(spec.depths_mm), view_axis=layout.view_from_rig[2], pupil=layout.camera.pupil)
-    stopped = max((found.fraction for found in blocked), default=0.0)
-    verdict["blocked_light"] = Metric(value=stopped, unit="of the light", limit=0.0)
+    fraction = max((found.fraction for found in blocked), default=0.0)
+    verdict["blocked_light"] = Metric(value=fraction, unit="of the light", limit=0.0)
     return verdict | _clear_of_body(layout, spec)
 
 
 def _clear_of_body(layout: Layout, spec: DesignSpec) -> dict[str, Metric]:
-    """Fraction of rays that meet the box around the camera and its clip, and the least gap from mirrors to camera."""
+    """Fraction of rays that meet the box around the camera and its clip, and the smallest gap of a mirror from it."""
     box, body = spec.kept_free_in_rig_mm, spec.camera.body_mm
     if body is None:
         return {}
@@ -124,10 +124,10 @@ def _clear_of_body(layout: Layout, spec: DesignSpec) -> dict[str, Metric]:
         if len(leaving):
             shares.append(float(np.mean(length_inside_mm(leaving, ends, faces, offsets) > TOUCH_MM)))
         gaps.append(hull_distance(mirror.solid.corners_in_rig_mm, corners_mm))
-    least = max(spec.body_clearance_mm - LENGTH_TOLERANCE_MM, 0.0)
+    limit = max(spec.body_clearance_mm - LENGTH_TOLERANCE_MM, 0.0)
     return {
         "light_on_body": Metric(value=max(shares), unit="of the light", limit=0.0),
-        "smallest_body_gap_mm": Metric(value=min(gaps), unit="mm", limit=least, lower_is_better=False),
+        "smallest_body_gap_mm": Metric(value=min(gaps), unit="mm", limit=limit, lower_is_better=False),
     }
 
 

@@ -19,12 +19,12 @@ from mirrorcam.optics.design.program.mirror_variables import (
     MirrorVariables,
     Optics,
     add_mirror,
+    cross_2d,
     edges_of,
     pixels,
     polygon_area,
     reflected,
     subdivided,
-    turn,
     view_from_rig,
 )
 from mirrorcam.optics.design.program.terms import Expression, Term, TermBuilder
@@ -32,10 +32,10 @@ from mirrorcam.optics.geometry.arrangement import Arrangement
 
 MARGIN = 1e-6
 """Margin on every limit, in scales, so that the rounded layout still meets it."""
-LEAST_TURN = 1e-3
-"""Smallest turn at a corner of a sub-image: the area spanned by its two edges, relative to a tile of the sensor."""
-LEAST_INCIDENCE = 0.1
-LEAST_GRID_SPACING = 0.05
+MIN_CORNER_AREA = 1e-3
+"""Smallest area spanned by the two edges at a corner of a sub-image, relative to a tile of the sensor."""
+MIN_INCIDENCE = 0.1
+MIN_GRID_SPACING = 0.05
 REGION_CORNERS = 8
 """Corners of the region at a depth that all views must show."""
 ANGLES = 8
@@ -54,9 +54,9 @@ def mirror_term(kind: Kind) -> Term:
     min_edge, min_area, depth, tile_area, reward = (term.parameter() for _ in range(5))
     mirror = add_mirror(kind, optics, term)
     for corner in mirror.corners:
-        term.require(ca.dot(optics.view_from_rig @ ca.vertcat(corner, 1.0), mirror.centre) - LEAST_INCIDENCE)
+        term.require(ca.dot(optics.view_from_rig @ ca.vertcat(corner, 1.0), mirror.centre) - MIN_INCIDENCE)
     for before, after in edges_of([b - a for a, b in edges_of(mirror.corners)]):
-        term.require(turn(before, after) / tile_area - LEAST_TURN)
+        term.require(cross_2d(before, after) / tile_area - MIN_CORNER_AREA)
     for a, b in edges_of(mirror.face):
         term.require(ca.sumsqr(b - a) - min_edge**2 - MARGIN, "size")
     fans = [ca.cross(a - mirror.face[0], b - mirror.face[0]) for a, b in pairwise(mirror.face[1:])]
@@ -81,8 +81,8 @@ def region_directions() -> FloatArray:
 
     They run from +x to +y in a mirror's sub-image.
     """
-    around = 2.0 * np.pi * (np.arange(REGION_CORNERS) + 0.5) / REGION_CORNERS
-    return np.column_stack([np.cos(around), -np.sin(around)])
+    angles = 2.0 * np.pi * (np.arange(REGION_CORNERS) + 0.5) / REGION_CORNERS
+    return np.column_stack([np.cos(angles), -np.sin(angles)])
 
 
 @lru_cache
@@ -92,13 +92,13 @@ def region_term() -> Term:
     Unknowns: centre (2), corners (2 each). Parameters: half the initial size (2).
     """
     term = TermBuilder()
-    middle, corners, half_size = term.unknown(2), term.unknown(2 * REGION_CORNERS), term.parameter(2)
+    centre, corners, half_size = term.unknown(2), term.unknown(2 * REGION_CORNERS), term.parameter(2)
     directions = region_directions()
     borders = directions + np.roll(directions, -1, axis=0)
     for k in range(REGION_CORNERS):
-        spoke = (corners[2 * k : 2 * k + 2] - middle) / half_size
-        term.require(-turn(ca.DM(borders[k - 1]), spoke))
-        term.require(turn(ca.DM(borders[k]), spoke))
+        corner = (corners[2 * k : 2 * k + 2] - centre) / half_size
+        term.require(-cross_2d(ca.DM(borders[k - 1]), corner))
+        term.require(cross_2d(ca.DM(borders[k]), corner))
     return term.built()
 
 
@@ -108,13 +108,13 @@ def view_term(kind: Kind) -> Term:
 
     Unknowns: fold, virtual centre, corners, the region's corners as tangents of angles from its aim point, so that
     their size does not depend on depth. Parameters: optics, intrinsics, sensor px (2), depth, area of a tile, weight of
-    the fraction, least fraction, tilt (2) of the mirror as built.
+    the fraction, smallest fraction, tilt (2) of the mirror as built.
 
     The tilt moves the image in the mirror, but not its outline, which moves far less.
     """
     term = TermBuilder()
     optics, intrinsics, size_px = Optics.of_term(term), term.parameter(kind.intrinsics), term.parameter(2)
-    depth, tile_area, weight, least = (term.parameter() for _ in range(4))
+    depth, tile_area, weight, min_share = (term.parameter() for _ in range(4))
     tilt = term.parameter(2)
     mirror = add_mirror(kind, optics, term)
     centre = mirror.tilted_centre(tilt)
@@ -126,9 +126,9 @@ def view_term(kind: Kind) -> Term:
         image = rig_from_view @ reflected(point, centre)
         seen.append(image[:2] / image[2])
     for a, b in _usable_edges(kind, mirror):
-        before, following = ((rig_from_view @ end)[:2] / (rig_from_view @ end)[2] for end in (a, b))
+        start, following = ((rig_from_view @ end)[:2] / (rig_from_view @ end)[2] for end in (a, b))
         for point in seen:
-            inside = turn(following - before, point - before)
+            inside = cross_2d(following - start, point - start)
             if not kind.pinhole:
                 inside = _inside_for_whole_pupil(mirror, optics, a, b, rig_from_view.T @ ca.vertcat(point, 1.0))
             term.require(inside / tile_area, "overlap")
@@ -137,7 +137,7 @@ def view_term(kind: Kind) -> Term:
     else:
         area_px = polygon_area(seen) * intrinsics[0] * intrinsics[1]
     share = area_px / (size_px[0] * size_px[1])
-    term.require(share - least)
+    term.require(share - min_share)
     term.minimise(-weight * share)
     return term.built()
 
@@ -149,12 +149,12 @@ def _usable_edges(kind: Kind, mirror: MirrorVariables) -> list[tuple[Expression,
     """
     if not kind.second_surface:
         return edges_of(mirror.face)
-    moved = []
+    inset = []
     for a, b in edges_of(mirror.face):
         inwards = ca.cross(mirror.normal, b - a) / ca.sqrt(ca.sumsqr(b - a))
         by = ca.sqrt(ca.dot(inwards, mirror.entry) ** 2 + 1e-10) * inwards
-        moved.append((a + by, b + by))
-    return moved
+        inset.append((a + by, b + by))
+    return inset
 
 
 def _inside_for_whole_pupil(
@@ -164,11 +164,11 @@ def _inside_for_whole_pupil(
 
     Rays from the points p of the pupil have the clearance constant + slope . p (`geometry.pupil.edge_clearance`).
     """
-    away = ca.sqrt(ca.sumsqr(mirror.centre)) / 2.0
+    distance = ca.sqrt(ca.sumsqr(mirror.centre)) / 2.0
     inwards = ca.cross(mirror.normal, b - a)
-    along, across, reach = ca.dot(mirror.normal, ray), ca.dot(inwards, ray), ca.dot(inwards, a)
-    constant = away * across - along * reach
-    slope = (along - away * optics.nearness) * inwards - (across - optics.nearness * reach) * mirror.normal
+    along, across, offset = ca.dot(mirror.normal, ray), ca.dot(inwards, ray), ca.dot(inwards, a)
+    constant = distance * across - along * offset
+    slope = (along - distance * optics.nearness) * inwards - (across - optics.nearness * offset) * mirror.normal
     return constant - optics.radius * optics.along_pupil(slope)
 
 
@@ -193,7 +193,7 @@ def add_grid_error(term: TermBuilder, arrangement: Arrangement) -> Expression:
     """Add virtual centres to a term's unknowns, require positive spacings, and return their squared grid error."""
     error, spacings = squared_grid_error([term.unknown(3) for _ in arrangement.names], arrangement)
     for spacing in spacings:
-        term.require(spacing - LEAST_GRID_SPACING)
+        term.require(spacing - MIN_GRID_SPACING)
     return error
 
 
@@ -232,11 +232,11 @@ def depth_information(
     view with the Jacobian J, px per length, has the weight |J| / (s |J^-T u|)^2 in the direction u. s^2 is the variance
     of its blur relative to a sharp picture, 1 + (blur (1 / z - nearness))^2.
     """
-    turn = view_from_rig(fold)
-    density, moves, steps, variances = [], [], [], []
+    rotation = view_from_rig(fold)
+    density, shifts, steps, variances = [], [], [], []
     for centre in centres:
-        image = turn.T @ reflected(point, centre)
-        across = turn.T @ (ca.DM.eye(3) - 2.0 * centre @ centre.T / ca.sumsqr(centre))[:, :2]
+        image = rotation.T @ reflected(point, centre)
+        across = rotation.T @ (ca.DM.eye(3) - 2.0 * centre @ centre.T / ca.sumsqr(centre))[:, :2]
         z = image[2]
         jacobian = (across[:2, :] * z - image[:2] @ across[2, :]) / z**2
         area = jacobian[0, 0] * jacobian[1, 1] - jacobian[0, 1] * jacobian[1, 0]
@@ -244,15 +244,15 @@ def depth_information(
         density.append(ca.sqrt(area**2))
         steps.append(adjoint / area)
         variances.append(1.0 + (blur * (1.0 / z - nearness)) ** 2)
-        moves.append((point[:2] - centre[:2]) / (point[2] - centre[2]))
-    found: Expression = ca.SX(0.0)
+        shifts.append((point[:2] - centre[:2]) / (point[2] - centre[2]))
+    information: Expression = ca.SX(0.0)
     for angle in np.pi * (np.arange(ANGLES) + 0.5) / ANGLES:
         along = ca.DM([np.cos(angle), np.sin(angle)])
         weights = [n / (v * ca.sumsqr(step @ along)) for n, v, step in zip(density, variances, steps, strict=True)]
-        moved = [ca.dot(move, along) for move in moves]
-        mean = sum(w * m for w, m in zip(weights, moved, strict=True)) / sum(weights)
-        found += sum(w * (m - mean) ** 2 for w, m in zip(weights, moved, strict=True))
-    return found / density[central]
+        along_shifts = [ca.dot(shift, along) for shift in shifts]
+        mean = sum(w * m for w, m in zip(weights, along_shifts, strict=True)) / sum(weights)
+        information += sum(w * (m - mean) ** 2 for w, m in zip(weights, along_shifts, strict=True))
+    return information / density[central]
 
 
 @lru_cache
@@ -287,11 +287,11 @@ def field_of_view(corners: Expression, centres: list[Expression], depth: Express
 
 @lru_cache
 def field_of_view_term(count: int) -> Term:
-    """A region of at least a given size. Unknowns: corners, virtual centres. Parameters: depth, least size (2)."""
+    """A region of at least a given size. Unknowns: corners, virtual centres. Parameters: depth, smallest size (2)."""
     term = TermBuilder()
     corners, centres = term.unknown(2 * REGION_CORNERS), [term.unknown(3) for _ in range(count)]
-    depth, least = term.parameter(), term.parameter(2)
-    term.require(field_of_view(corners, centres, depth) - least)
+    depth, min_size = term.parameter(), term.parameter(2)
+    term.require(field_of_view(corners, centres, depth) - min_size)
     return term.built()
 
 

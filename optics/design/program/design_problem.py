@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.design.program import constraints
 from mirrorcam.optics.design.program.draft import TIE_BREAK, Draft, tilts
-from mirrorcam.optics.design.program.nonlinear_program import MOST_ITERATIONS, Program, Solver
+from mirrorcam.optics.design.program.nonlinear_program import MAX_ITERATIONS, Program, Solver
 from mirrorcam.optics.design.program.seeds import Seed
 from mirrorcam.optics.design.program.separation import PairConstraint, add_body, add_pairs
 from mirrorcam.optics.design.program.terms import ELASTIC, Indices, Term, TermBuilder
@@ -25,14 +25,14 @@ from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.pupil import SHARP_VARIANCE_PX2
 
 REFERENCE_GRID_ERROR = 0.25
-"""Grid error with the cost of a sensor without any overlap; about that of the faceted parabola."""
-LEAST_EFFICIENCY = 0.02
+"""Grid error with the cost of a sensor without any overlap; about the error of the faceted parabola."""
+MIN_EFFICIENCY = 0.02
 """Smallest pixel efficiency of an acceptable layout at any depth."""
-PLACES = np.vstack([np.full(8, 0.125), 0.7 * np.eye(8)[::2] + 0.3 * 0.125])
+SAMPLES = np.vstack([np.full(8, 0.125), 0.7 * np.eye(8)[::2] + 0.3 * 0.125])
 """Weights (5, 8) of a region's corners: the objective for depth is evaluated at its centre and near corners."""
-LEAST_TRADEOFF = 1e-3
+MIN_TRADEOFF = 1e-3
 """Trade-off below which the grid error of a design for depth is practically unlimited."""
-LEAST_OF_OVERLAP = 0.99
+KEPT_OF_OVERLAP = 0.99
 """Fraction of field of view and pixels of each view that a design for depth keeps of the design for overlap."""
 SLACK_WEIGHTS = {
     "spacing": 1.0,
@@ -115,7 +115,7 @@ def overlap_problem(
     pairs: tuple[PairConstraint, ...],
     devices: int = 0,
     *,
-    most_iterations: int = MOST_ITERATIONS,
+    max_iterations: int = MAX_ITERATIONS,
 ) -> Problem:
     """The program for maximum overlap, started from a seed, in view axes; lengths in units of `scale_mm`.
 
@@ -129,9 +129,9 @@ def overlap_problem(
     pairs : constraints on pairs of mirrors. Their unknowns follow all others of the design, so that a solution remains
         usable after more are appended.
     devices : number of devices as built in the objective. Their unknowns come last.
-    most_iterations : iteration limit of the solver.
+    max_iterations : iteration limit of the solver.
     """
-    return _problem(*overlap_draft(spec, seed, pairs, devices), most_iterations)
+    return _problem(*overlap_draft(spec, seed, pairs, devices), max_iterations)
 
 
 def overlap_draft(
@@ -143,10 +143,10 @@ def overlap_draft(
     draft.program.add(grid, draft.centres, [spec.tradeoff / REFERENCE_GRID_ERROR**2])
     built = tilts(spec, devices)
     weight = (1.0 - spec.tradeoff + TIE_BREAK) / len(built)
-    regions = _add_regions(draft, built[:1], weight, _least_shares(spec))
+    regions = _add_regions(draft, built[:1], weight, _min_shares(spec))
     add_body(draft)
     add_pairs(draft, pairs)
-    _add_regions(draft, built[1:], weight, _least_shares(spec))
+    _add_regions(draft, built[1:], weight, _min_shares(spec))
     return draft, regions
 
 
@@ -158,11 +158,11 @@ def depth_problem(spec: DesignSpec, seed: Seed, pairs: tuple[PairConstraint, ...
     overlap if that is larger. See `overlap_problem` for the other parameters and the unknowns.
     """
     draft = _draft_in_place(spec, seed)
-    most = max(largest_grid_error(spec.tradeoff), 1.01 * overlap.grid_error)
-    draft.program.add(constraints.grid_limit_term(spec.arrangement), draft.centres, [most])
-    none = tilts(spec, 0)
-    shares = np.maximum(_least_shares(spec), LEAST_OF_OVERLAP * overlap.shares)
-    regions = _add_regions(draft, none, TIE_BREAK, shares)
+    max_error = max(largest_grid_error(spec.tradeoff), 1.01 * overlap.grid_error)
+    draft.program.add(constraints.grid_limit_term(spec.arrangement), draft.centres, [max_error])
+    exact = tilts(spec, 0)
+    shares = np.maximum(_min_shares(spec), KEPT_OF_OVERLAP * overlap.shares)
+    regions = _add_regions(draft, exact, TIE_BREAK, shares)
     _add_depth_sigma(draft, regions, overlap)
     add_body(draft)
     add_pairs(draft, pairs)
@@ -171,12 +171,12 @@ def depth_problem(spec: DesignSpec, seed: Seed, pairs: tuple[PairConstraint, ...
 
 def largest_grid_error(tradeoff: float) -> float:
     """The grid error g with tradeoff * (g / 0.25)^2 = 1 - tradeoff."""
-    return REFERENCE_GRID_ERROR * float(np.sqrt((1.0 - tradeoff) / max(tradeoff, LEAST_TRADEOFF)))
+    return REFERENCE_GRID_ERROR * float(np.sqrt((1.0 - tradeoff) / max(tradeoff, MIN_TRADEOFF)))
 
 
-def _problem(draft: Draft, regions: list[Indices], most_iterations: int = MOST_ITERATIONS) -> Problem:
+def _problem(draft: Draft, regions: list[Indices], max_iterations: int = MAX_ITERATIONS) -> Problem:
     return Problem(
-        solver=Solver(draft.program, SLACK_WEIGHTS, most_iterations),
+        solver=Solver(draft.program, SLACK_WEIGHTS, max_iterations),
         fold=draft.fold,
         centres=np.array(draft.centres),
         corners=np.array([corners for _, corners in draft.mirrors]).reshape(len(draft.mirrors), draft.spec.sides, 2),
@@ -195,26 +195,26 @@ def _draft_in_place(spec: DesignSpec, seed: Seed) -> Draft:
     return draft
 
 
-def _least_shares(spec: DesignSpec) -> FloatArray:
-    """Least fraction (depths, n) of the sensor's pixels with which each view sees the region at each depth."""
+def _min_shares(spec: DesignSpec) -> FloatArray:
+    """Smallest fraction (depths, n) of the sensor's pixels with which each view sees the region at each depth."""
     mirrors = len(spec.arrangement.steps)
-    return np.full((len(spec.depths_mm), mirrors), LEAST_EFFICIENCY / mirrors)
+    return np.full((len(spec.depths_mm), mirrors), MIN_EFFICIENCY / mirrors)
 
 
-def _add_regions(draft: Draft, devices: FloatArray, weight: float, least: FloatArray) -> list[Indices]:
+def _add_regions(draft: Draft, devices: FloatArray, weight: float, min_shares: FloatArray) -> list[Indices]:
     """Add unknown regions that all views show, and reward their pixel efficiency; returns their corners' indices.
 
     There is a region at each depth for each of the devices (k, n, 2), given by the tilts of their mirrors. `weight` is
-    the weight of a device for all depths together, `least` (depths, n) are least fractions of the sensor's pixels.
+    the weight of a device for all depths together, `min_shares` (depths, n) limit the fractions of the sensor's pixels.
     """
     depths_mm, half_size, regions = draft.spec.depths_mm, 0.6 * draft.seed.half_tile, []
-    for device_tilts, (depth_mm, shares) in product(devices, zip(depths_mm, least, strict=True)):
-        middle = draft.program.unknown([0.0, 0.0])
+    for device_tilts, (depth_mm, shares) in product(devices, zip(depths_mm, min_shares, strict=True)):
+        centre = draft.program.unknown([0.0, 0.0])
         region = draft.program.unknown((constraints.region_directions() * half_size).ravel())
-        draft.program.add(constraints.region_term(), [middle, region], [half_size])
-        depth, each = depth_mm / draft.spec.scale_mm, weight / len(depths_mm)
+        draft.program.add(constraints.region_term(), [centre, region], [half_size])
+        depth, depth_weight = depth_mm / draft.spec.scale_mm, weight / len(depths_mm)
         for mirror, tilt, share in zip(draft.mirrors, device_tilts, shares, strict=True):
-            parameters: list[ArrayLike] = [*draft.lens, depth, draft.tile_area, each, share, tilt]
+            parameters: list[ArrayLike] = [*draft.lens, depth, draft.tile_area, depth_weight, share, tilt]
             draft.add(constraints.view_term(draft.kind), [*mirror, region], parameters)
         regions.append(region)
     return regions
@@ -226,14 +226,14 @@ def _add_depth_sigma(draft: Draft, regions: list[Indices], overlap: OverlapDesig
     sigma = constraints.depth_sigma_term(len(draft.mirrors), spec.arrangement.central_index)
     field = constraints.field_of_view_term(len(draft.mirrors))
     blur = camera.fx_px * camera.aperture_mm / spec.scale_mm / 4.0 / float(np.sqrt(SHARP_VARIANCE_PX2))
-    unknowns, before = [draft.fold, *draft.centres], np.concatenate([[overlap.fold], overlap.centres.ravel()])
+    unknowns, overlap_values = [draft.fold, *draft.centres], np.concatenate([[overlap.fold], overlap.centres.ravel()])
     for depth_mm, region, corners, fields in zip(spec.depths_mm, regions, overlap.regions, overlap.fields, strict=True):
         depth = depth_mm / spec.scale_mm
-        parameters = [[depth, *point, spec.scale_mm / camera.focus_mm, blur] for point in PLACES @ corners]
-        reference = sum(float(sigma.value(before, [*numbers, 1.0])[0]) for numbers in parameters)
+        parameters = [[depth, *point, spec.scale_mm / camera.focus_mm, blur] for point in SAMPLES @ corners]
+        reference = sum(float(sigma.value(overlap_values, [*numbers, 1.0])[0]) for numbers in parameters)
         for numbers in parameters:
             draft.program.add(sigma, unknowns, [*numbers, 1.0 / reference / len(spec.depths_mm)])
-        draft.program.add(field, [region, *draft.centres], [depth, LEAST_OF_OVERLAP * fields])
+        draft.program.add(field, [region, *draft.centres], [depth, KEPT_OF_OVERLAP * fields])
 
 
 @lru_cache
@@ -255,8 +255,8 @@ def relaxed_term(term: Term) -> Term:
 def distance_term() -> Term:
     """The weighted squared distance of a number from a target. Parameters: target, weight."""
     builder = TermBuilder()
-    number, other, weight = builder.unknown(1), builder.parameter(), builder.parameter()
-    builder.minimise(weight * (number - other) ** 2)
+    number, target, weight = builder.unknown(1), builder.parameter(), builder.parameter()
+    builder.minimise(weight * (number - target) ** 2)
     return builder.built()
 
 
@@ -272,9 +272,9 @@ def relaxed_program(program: Program, changed: Program, first: float) -> Program
     """
     relaxed = _without_terms(changed, *program.bounds)
     change = relaxed.unknown(first, 0.0, 1.0)
-    for (term, places, numbers), (_, _, others) in zip(program.uses, changed.uses, strict=True):
-        for where, now, then in zip(places, numbers, others, strict=True):
-            relaxed.add(relaxed_term(term), [where, change], [now, then - now])
+    for (term, uses, numbers), (_, _, others) in zip(program.uses, changed.uses, strict=True):
+        for indices, old, new in zip(uses, numbers, others, strict=True):
+            relaxed.add(relaxed_term(term), [indices, change], [old, new - old])
     relaxed.add(distance_term(), [change], [0.0, CHANGE_COST])
     return relaxed
 
@@ -288,9 +288,9 @@ def relaxed_fold(program: Program, fold: Indices, requested: float, least: float
     low[fold], high[fold] = least, most
     relaxed = _without_terms(program, low, high)
     change = relaxed.unknown(0.0, 0.0, 0.0)
-    for term, places, numbers in program.uses:
-        for where, now in zip(places, numbers, strict=True):
-            relaxed.add(relaxed_term(term), [where, change], [now, np.zeros_like(now)])
+    for term, uses, numbers in program.uses:
+        for indices, parameters in zip(uses, numbers, strict=True):
+            relaxed.add(relaxed_term(term), [indices, change], [parameters, np.zeros_like(parameters)])
     relaxed.add(distance_term(), [fold], [requested, CHANGE_COST])
     return relaxed
 

@@ -57,10 +57,10 @@ class Draft:
             for polygon in seed.corners
         ]
         draft = cls(spec, seed, program, fold, tuple(zip(centres, corners, strict=True)))
-        cut = [spec.min_edge_mm / spec.scale_mm, spec.min_area_mm2 / spec.scale_mm**2]
+        limits = [spec.min_edge_mm / spec.scale_mm, spec.min_area_mm2 / spec.scale_mm**2]
         nearest, reward = min(spec.depths_mm) / spec.scale_mm, TIE_BREAK / len(draft.mirrors)
         for mirror in draft.mirrors:
-            parameters: list[ArrayLike] = [*draft.lens, cut, nearest, draft.tile_area, reward]
+            parameters: list[ArrayLike] = [*draft.lens, limits, nearest, draft.tile_area, reward]
             draft.add(constraints.mirror_term(draft.kind), [*mirror], parameters)
         return draft
 
@@ -107,13 +107,13 @@ def _spread(centres: FloatArray, steps: FloatArray) -> FloatArray:
     Otherwise the spacing that divides the grid error could be zero, for example if views on a slant have adjacent
     tiles.
     """
-    moved = centres.copy()
+    spread = centres.copy()
     for axis, along in enumerate(steps.T):
         if along.any():
-            spacing = moved[:, axis] @ along / (along @ along)
-            if spacing < constraints.LEAST_GRID_SPACING / 2.0:
-                moved[:, axis] += (constraints.LEAST_GRID_SPACING - spacing) * along
-    return moved
+            spacing = spread[:, axis] @ along / (along @ along)
+            if spacing < constraints.MIN_GRID_SPACING / 2.0:
+                spread[:, axis] += (constraints.MIN_GRID_SPACING - spacing) * along
+    return spread
 
 
 def _start_and_range_deg(spec: DesignSpec) -> tuple[float, float, float]:
@@ -134,9 +134,9 @@ def displacements(spec: DesignSpec, seed: Seed) -> FloatArray:
     depths = 0.5 * (centres**2).sum(axis=-1)[:, None] / (rays @ centres[..., None])[..., 0]
     corners = rays * depths[..., None]
     levers = np.linalg.norm(corners - corners.mean(axis=1, keepdims=True), axis=-1)
-    along = np.hypot(spec.robust_offset_mm / spec.scale_mm, levers * np.deg2rad(spec.robust_tilt_deg))
+    shifts = np.hypot(spec.robust_offset_mm / spec.scale_mm, levers * np.deg2rad(spec.robust_tilt_deg))
     normals = (centres / np.linalg.norm(centres, axis=-1, keepdims=True))[:, None]
-    return np.asarray((normals[..., :2] - normals[..., 2:] * seed.corners) * (along / depths)[..., None])
+    return np.asarray((normals[..., :2] - normals[..., 2:] * seed.corners) * (shifts / depths)[..., None])
 
 
 def safe_gap(moved: FloatArray, across: FloatArray) -> float:
@@ -155,5 +155,5 @@ def tilts(spec: DesignSpec, devices: int) -> FloatArray:
     """
     mirrors = len(spec.arrangement.steps)
     drawn = np.random.default_rng(SEED).standard_normal(((devices + 1) // 2, mirrors, 2))
-    both = np.stack([drawn, -drawn], axis=1).reshape(-1, mirrors, 2)[:devices]
-    return np.concatenate([np.zeros((1, mirrors, 2)), np.deg2rad(spec.robust_tilt_deg) * both])
+    pairs = np.stack([drawn, -drawn], axis=1).reshape(-1, mirrors, 2)[:devices]
+    return np.concatenate([np.zeros((1, mirrors, 2)), np.deg2rad(spec.robust_tilt_deg) * pairs])

@@ -46,7 +46,7 @@ class Kind:
 
 @dataclass(frozen=True)
 class Optics:
-    """What all mirrors share: rotation to view axes, thickness and index of glass, radius of the pupil, 1 / focus."""
+    """Shared by all mirrors: rotation to view axes, thickness and index of glass, radius of the pupil, 1 / focus."""
 
     view_from_rig: Expression
     thickness: Expression
@@ -97,16 +97,16 @@ class MirrorVariables:
     entry: Expression
 
     def tilted_centre(self, tilt: Expression) -> Expression:
-        """Virtual centre (3) after tilting the mirror about its centre by small angles (2) about axes in its plane."""
-        middle = sum(self.face[1:], start=self.face[0]) / len(self.face)
+        """Virtual centre (3) after a tilt about the mirror's centroid, by small angles (2) about axes in its plane."""
+        centroid = sum(self.face[1:], start=self.face[0]) / len(self.face)
         rightwards = ca.vertcat(1.0, 0.0, 0.0) - self.normal[0] * self.normal
         rightwards /= ca.sqrt(ca.sumsqr(rightwards))
         normal = self.normal + tilt[0] * rightwards + tilt[1] * ca.cross(self.normal, rightwards)
-        return 2.0 * ca.dot(normal, middle) / ca.sumsqr(normal) * normal
+        return 2.0 * ca.dot(normal, centroid) / ca.sumsqr(normal) * normal
 
     @property
     def solid(self) -> list[Expression]:
-        """All corners (3) of the solid: those of its front, then those of its back."""
+        """All corners (3) of the solid, first of its front, then of its back."""
         return [point + self.normal * by for by in (-self.before, self.behind) for point in self.face]
 
 
@@ -118,17 +118,17 @@ def expressible(camera: Camera) -> Camera:
     """
     if camera.lens_model != "spline":
         return camera
-    near, error_px = nearest_lens(camera, "thin_prism")
-    edge = int(np.ceil(error_px))
-    return near.replaced(
-        width_px=near.width_px - 2 * edge,
-        height_px=near.height_px - 2 * edge,
-        cx_px=near.cx_px - edge,
-        cy_px=near.cy_px - edge,
+    nearest, error_px = nearest_lens(camera, "thin_prism")
+    margin = int(np.ceil(error_px))
+    return nearest.replaced(
+        width_px=nearest.width_px - 2 * margin,
+        height_px=nearest.height_px - 2 * margin,
+        cx_px=nearest.cx_px - margin,
+        cy_px=nearest.cy_px - margin,
     )
 
 
-def turn(a: Expression, b: Expression) -> Expression:
+def cross_2d(a: Expression, b: Expression) -> Expression:
     """The 2-D cross product."""
     return a[0] * b[1] - a[1] * b[0]
 
@@ -145,7 +145,7 @@ def edges_of(vertices: list[Expression]) -> list[tuple[Expression, Expression]]:
 
 def polygon_area(vertices: list[Expression]) -> Expression:
     """Signed area of a polygon (shoelace), positive when it runs from +x to +y."""
-    return 0.5 * sum(turn(a, b) for a, b in edges_of(vertices))
+    return 0.5 * sum(cross_2d(a, b) for a, b in edges_of(vertices))
 
 
 def subdivided(vertices: list[Expression], per_edge: int) -> list[Expression]:

@@ -17,13 +17,13 @@ from mirrorcam.core.processes import interruption
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.design.program.terms import ELASTIC, Expression, Indices, Term
 
-LARGEST_SLACK = 10.0
+MAX_SLACK = 10.0
 
-HOLD = 1e-5
-"""Weight of the squared distance from the start. It keeps undetermined unknowns in place, such as planes between
+ANCHOR_WEIGHT = 1e-5
+"""Weight of the squared distance from the start. It fixes undetermined unknowns, such as planes between
 distant mirrors; IPOPT converges faster if no direction is free."""
 
-MOST_ITERATIONS = 300
+MAX_ITERATIONS = 300
 
 IPOPT: dict[str, Any] = {
     "print_time": False,
@@ -71,9 +71,9 @@ class Program:
             raise ValueError(
                 f"{indices.size} unknowns and {numbers.size} parameters, expected {term.unknowns} and {term.parameters}"
             )
-        _, used, given = self._uses.setdefault(id(term), (term, [], []))
-        used.append(indices)
-        given.append(numbers)
+        _, indices_of_uses, numbers_of_uses = self._uses.setdefault(id(term), (term, [], []))
+        indices_of_uses.append(indices)
+        numbers_of_uses.append(numbers)
 
     @property
     def uses(self) -> list[tuple[Term, Indices, FloatArray]]:
@@ -129,56 +129,56 @@ class Assembled:
         self._elastic = np.flatnonzero(self.family >= 0)
         self._start = program.start
 
-    def _mapped(self, function: ca.Function, which: int, *more: Expression) -> list[Expression]:
-        x, p = self._inputs[which]
+    def _mapped(self, function: ca.Function, k: int, *more: Expression) -> list[Expression]:
+        x, p = self._inputs[k]
         return list(function.map(x.shape[1]).call([x, p, *more]))
 
     def objective_and_constraints(self) -> tuple[Expression, Expression]:
         """The design's objective f, and the constraints g (m,) including slacks."""
         f: Expression = ca.MX(0.0)
         g: list[Expression] = []
-        for which, (term, _, _) in enumerate(self.uses):
-            shares, constraints = self._mapped(term.value, which)
+        for k, (term, _, _) in enumerate(self.uses):
+            shares, constraints = self._mapped(term.value, k)
             f += ca.sum2(shares)
             g.append(ca.vec(constraints))
         rows, cols = self._elastic, self.family[self._elastic]
         slack = ca.Sparsity.triplet(int(self._offsets[-1]), len(ELASTIC), rows.tolist(), cols.tolist())
         return f, ca.vertcat(*g) + ca.mtimes(ca.DM(slack, 1.0), self.x[: len(ELASTIC)])
 
-    def nearby(self) -> Expression:
+    def squared_distance(self) -> Expression:
         """Squared distance of all unknowns except the slacks from the start."""
         return ca.sumsqr(self.x[len(ELASTIC) :] - ca.DM(self._start[len(ELASTIC) :]))
 
     def gradient(self) -> Expression:
         """Gradient (n) of the design's objective."""
         total = ca.MX(self._size, 1)
-        for which, (term, indices, _) in enumerate(self.uses):
-            (parts,) = self._mapped(term.gradient, which)
-            spread = ca.Sparsity.triplet(self._size, indices.size, indices.ravel().tolist(), list(range(indices.size)))
-            total += ca.mtimes(ca.DM(spread, 1.0), ca.vec(parts))
+        for k, (term, indices, _) in enumerate(self.uses):
+            (parts,) = self._mapped(term.gradient, k)
+            scatter = ca.Sparsity.triplet(self._size, indices.size, indices.ravel().tolist(), list(range(indices.size)))
+            total += ca.mtimes(ca.DM(scatter, 1.0), ca.vec(parts))
         return total
 
     def jacobian(self) -> Expression:
         """dg/dx (m, n)."""
         rows, cols = [self._elastic], [self.family[self._elastic]]
         values: list[Expression] = [ca.MX(ca.DM.ones(self._elastic.size))]
-        for which, (term, indices, _) in enumerate(self.uses):
-            (parts,) = self._mapped(term.jacobian, which)
-            first = self._offsets[which] + np.arange(len(indices)) * term.family.size
+        for k, (term, indices, _) in enumerate(self.uses):
+            (parts,) = self._mapped(term.jacobian, k)
+            first = self._offsets[k] + np.arange(len(indices)) * term.family.size
             rows.append((first[:, None] + term.rows).ravel())
             cols.append(indices[:, term.cols].ravel())
             values.append(ca.vec(parts))
         return _summed((int(self._offsets[-1]), self._size), rows, cols, values)
 
-    def hessian(self, weight: Expression, hold: Expression, multipliers: Expression) -> Expression:
-        """Upper half of the second derivative (n, n) of weight * f + hold * nearby + multipliers . g."""
+    def hessian(self, weight: Expression, anchor: Expression, multipliers: Expression) -> Expression:
+        """Upper half of the second derivative (n, n) of weight * f + anchor * squared distance + multipliers . g."""
         free = np.arange(len(ELASTIC), self._size)
         rows, cols = [free], [free]
-        values: list[Expression] = [2.0 * hold * ca.MX(ca.DM.ones(free.size))]
-        for which, (term, indices, _) in enumerate(self.uses):
-            mine = multipliers[int(self._offsets[which]) : int(self._offsets[which + 1])]
-            per_use = ca.reshape(mine, term.family.size, len(indices))
-            (parts,) = self._mapped(term.hessian, which, ca.repmat(weight, 1, len(indices)), per_use)
+        values: list[Expression] = [2.0 * anchor * ca.MX(ca.DM.ones(free.size))]
+        for k, (term, indices, _) in enumerate(self.uses):
+            own = multipliers[int(self._offsets[k]) : int(self._offsets[k + 1])]
+            per_use = ca.reshape(own, term.family.size, len(indices))
+            (parts,) = self._mapped(term.hessian, k, ca.repmat(weight, 1, len(indices)), per_use)
             i, j = indices[:, term.upper_rows].ravel(), indices[:, term.upper_cols].ravel()
             rows.append(np.minimum(i, j))
             cols.append(np.maximum(i, j))
@@ -189,9 +189,9 @@ class Assembled:
 def _summed(shape: tuple[int, int], rows: list[Indices], cols: list[Indices], values: list[Expression]) -> Expression:
     """A sparse MX matrix with entries at (rows, cols); entries at the same position are added."""
     i, j = np.concatenate(rows), np.concatenate(cols)
-    indices, which = np.unique(j * shape[0] + i, return_inverse=True)
+    indices, position = np.unique(j * shape[0] + i, return_inverse=True)
     sparsity = ca.Sparsity.triplet(*shape, (indices % shape[0]).tolist(), (indices // shape[0]).tolist())
-    add = ca.Sparsity.triplet(indices.size, i.size, which.tolist(), list(range(i.size)))
+    add = ca.Sparsity.triplet(indices.size, i.size, position.tolist(), list(range(i.size)))
     return ca.MX(sparsity, ca.mtimes(ca.DM(add, 1.0), ca.vertcat(*values)))
 
 
@@ -202,20 +202,18 @@ class Solver:
     elastic families and otherwise stays near the start. `find_relaxed` combines both.
     """
 
-    def __init__(
-        self, program: Program, slack_weights: dict[str, float], most_iterations: int = MOST_ITERATIONS
-    ) -> None:
+    def __init__(self, program: Program, slack_weights: dict[str, float], max_iterations: int = MAX_ITERATIONS) -> None:
         self.program = program
         assembled = Assembled(program)
         x, searching = assembled.x, ca.MX.sym("searching")
         f, g = assembled.objective_and_constraints()
         weights = ca.DM([slack_weights[family] for family in ELASTIC])
         violation = ca.dot(weights, x[: len(ELASTIC)])
-        objective = (1.0 - searching) * f + searching * violation + HOLD * assembled.nearby()
-        pull = ca.vertcat(searching * weights, 2.0 * HOLD * (x - ca.DM(program.start))[len(ELASTIC) :])
+        objective = (1.0 - searching) * f + searching * violation + ANCHOR_WEIGHT * assembled.squared_distance()
+        added = ca.vertcat(searching * weights, 2.0 * ANCHOR_WEIGHT * (x - ca.DM(program.start))[len(ELASTIC) :])
         weight, multipliers = ca.MX.sym("w"), ca.MX.sym("l", g.numel())
-        hessian = assembled.hessian(weight * (1.0 - searching), weight * HOLD, multipliers)
-        gradient, jacobian = (1.0 - searching) * assembled.gradient() + pull, assembled.jacobian()
+        hessian = assembled.hessian(weight * (1.0 - searching), weight * ANCHOR_WEIGHT, multipliers)
+        gradient, jacobian = (1.0 - searching) * assembled.gradient() + added, assembled.jacobian()
         self._upper_limits = np.where(assembled.equality, 0.0, np.inf)
         names = {"x": x, "p": searching, "f": objective, "g": g}
         self.derivatives = {
@@ -229,7 +227,7 @@ class Solver:
                 ["triu_hess_gamma_x_x"],
             ),
         }
-        self._nlp = ca.nlpsol("design", "ipopt", names, IPOPT | self.derivatives | {"ipopt.max_iter": most_iterations})
+        self._nlp = ca.nlpsol("design", "ipopt", names, IPOPT | self.derivatives | {"ipopt.max_iter": max_iterations})
 
     def _solve(
         self, start: FloatArray, slack: tuple[float, float], searching: float, margin: float = 0.0
@@ -261,15 +259,15 @@ class Solver:
         return self._solve(first, (0.0, 0.0), 0.0)
 
     def find_feasible(self, start: FloatArray | None = None) -> tuple[SolverOutcome, dict[str, float]]:
-        """The values with the least violation of the elastic families, and the violation of each family."""
-        outcome = self._solve(self.program.start if start is None else start, (0.1, LARGEST_SLACK), 1.0)
+        """The values with the smallest violation of the elastic families, and the violation of each family."""
+        outcome = self._solve(self.program.start if start is None else start, (0.1, MAX_SLACK), 1.0)
         return outcome, dict(zip(ELASTIC, outcome.values[: len(ELASTIC)].tolist(), strict=True))
 
     def find_relaxed(self, margin: float) -> tuple[SolverOutcome, dict[str, float]]:
-        """The least objective with the least violation of the elastic families, and the violation of each family.
+        """The smallest objective with the smallest violation of the elastic families, and the violation of each family.
 
         The violation takes precedence as long as it costs more than the objective gains. A family that is met is met by
         the margin: its violation is -margin.
         """
-        outcome = self._solve(self.program.start, (0.1, LARGEST_SLACK), 0.5, margin)
+        outcome = self._solve(self.program.start, (0.1, MAX_SLACK), 0.5, margin)
         return outcome, dict(zip(ELASTIC, outcome.values[: len(ELASTIC)].tolist(), strict=True))

@@ -1,4 +1,4 @@
-"""Seeds of a design: flat facets of a paraboloid (the paper's start) or an ellipsoid, tiled over the sensor."""
+"""Seeds of a design: flat facets of a paraboloid (the paper's seed) or an ellipsoid, tiled over the sensor."""
 
 from __future__ import annotations
 
@@ -48,13 +48,13 @@ class Seed:
     half_tile: FloatArray
 
     @cached_property
-    def chief(self) -> FloatArray:
+    def chief_rays(self) -> FloatArray:
         """Normalized coordinates (n, 2) of the chief rays, through the centres of the sub-images."""
         return self.corners.mean(axis=1)
 
-    def middles(self, view_from_rig: FloatArray) -> FloatArray:
+    def chief_points(self, view_from_rig: FloatArray) -> FloatArray:
         """Points (n, 3) in view axes where chief rays meet the mirrors."""
-        rays = np.column_stack([self.chief, np.ones(len(self.corners))]) @ view_from_rig.T
+        rays = np.column_stack([self.chief_rays, np.ones(len(self.corners))]) @ view_from_rig.T
         reach = 0.5 * (self.centres**2).sum(axis=1) / (rays * self.centres).sum(axis=1)
         return rays * reach[:, None]
 
@@ -67,9 +67,9 @@ def sensor_rectangle(camera: Camera) -> FloatArray:
     """
     along = np.linspace(-0.5, 0.5, 65)
     x, y = along * camera.width_px, along * camera.height_px
-    middle = np.array([(camera.width_px - 1) / 2.0, (camera.height_px - 1) / 2.0])
+    centre = np.array([(camera.width_px - 1) / 2.0, (camera.height_px - 1) / 2.0])
     left, right, top, bottom = (
-        camera.normalized_from_pixels(np.column_stack(np.broadcast_arrays(*edge)) + middle)
+        camera.normalized_from_pixels(np.column_stack(np.broadcast_arrays(*edge)) + centre)
         for edge in ((x[0], y), (x[-1], y), (x, y[0]), (x, y[-1]))
     )
     rectangle = np.array(
@@ -99,7 +99,7 @@ def corner_pattern(sides: int) -> FloatArray:
 
 
 def _ranks(order: Booleans) -> tuple[FloatArray, FloatArray]:
-    """Earliest and latest rank (n,) of each item in a partial order, within the length of the longest chain.
+    """Earliest and latest rank (n,) of each item in a partial order; the longest chain has one item per rank.
 
     `order[i, j]` states that i precedes j by at least one rank; it holds only for i < j.
     """
@@ -112,26 +112,25 @@ def _ranks(order: Booleans) -> tuple[FloatArray, FloatArray]:
     return first, first.max() - after
 
 
-def _places_along(steps: FloatArray, apart: Booleans) -> FloatArray:
+def _positions_along(steps: FloatArray, apart: Booleans) -> FloatArray:
     """Positions (n,) along one axis, near the steps (n,), and at least 1 apart for pairs in `apart` (n, n)."""
     by_step = np.argsort(steps, kind="stable")
     order = np.triu(apart[np.ix_(by_step, by_step)], 1)
     first, last = _ranks(order)
-    most = float(last.max())
     ordered = steps[by_step]
-    wanted = (ordered - ordered[0]) / max(ordered[-1] - ordered[0], 1e-12) * most
+    target = (ordered - ordered[0]) / max(ordered[-1] - ordered[0], 1e-12) * float(last.max())
     rising, falling = first.copy(), last.copy()
     for k in range(len(steps)):
-        rising[k] = min(last[k], max(wanted[k], (rising[:k][order[:k, k]] + 1.0).max(initial=first[k])))
+        rising[k] = min(last[k], max(target[k], (rising[:k][order[:k, k]] + 1.0).max(initial=first[k])))
     for k in reversed(range(len(steps))):
-        falling[k] = max(first[k], min(wanted[k], (falling[k + 1 :][order[k, k + 1 :]] - 1.0).min(initial=last[k])))
-    places = np.empty(len(steps))
-    places[by_step] = (rising + falling) / 2.0
-    return places
+        falling[k] = max(first[k], min(target[k], (falling[k + 1 :][order[k, k + 1 :]] - 1.0).min(initial=last[k])))
+    positions = np.empty(len(steps))
+    positions[by_step] = (rising + falling) / 2.0
+    return positions
 
 
 @lru_cache
-def tile_places(arrangement: Arrangement) -> FloatArray:
+def tile_positions(arrangement: Arrangement) -> FloatArray:
     """Positions (n, 2) of equal tiles that do not overlap, in tiles across and down; for a grid, columns and rows.
 
     Two tiles are separated along the axis with the greater distance between their views. Among trial ratios between
@@ -144,12 +143,12 @@ def tile_places(arrangement: Arrangement) -> FloatArray:
         found.append(
             np.column_stack(
                 [
-                    _places_along(steps, apart)
+                    _positions_along(steps, apart)
                     for steps, apart in zip(arrangement.steps.T, (horizontal, ~horizontal), strict=True)
                 ]
             )
         )
-    return min(found, key=lambda places: float(np.prod(places.max(axis=0) + 1.0)))
+    return min(found, key=lambda positions: float(np.prod(positions.max(axis=0) + 1.0)))
 
 
 def tiles(spec: DesignSpec, gap: float) -> FloatArray:
@@ -159,44 +158,46 @@ def tiles(spec: DesignSpec, gap: float) -> FloatArray:
     `corner_pattern`.
     """
     low, high = sensor_rectangle(spec.camera)
-    places = tile_places(spec.arrangement)
-    most = places.max(axis=0)
-    size = (high - low - most * gap) / (most + 1.0)
-    origins = low + np.column_stack([places[:, 0], most[1] - places[:, 1]]) * (size + gap)
+    positions = tile_positions(spec.arrangement)
+    last = positions.max(axis=0)
+    size = (high - low - last * gap) / (last + 1.0)
+    origins = low + np.column_stack([positions[:, 0], last[1] - positions[:, 1]]) * (size + gap)
     return np.asarray(origins[:, None] + corner_pattern(spec.sides) * size)
 
 
-def _rays(chief: FloatArray, view_from_rig: FloatArray) -> FloatArray:
+def _rays(chief_rays: FloatArray, view_from_rig: FloatArray) -> FloatArray:
     """Unit viewing rays (..., 3) in view axes of normalized coordinates (..., 2)."""
-    rays = np.concatenate([chief, np.ones((*chief.shape[:-1], 1))], axis=-1) @ view_from_rig.T
+    rays = np.concatenate([chief_rays, np.ones((*chief_rays.shape[:-1], 1))], axis=-1) @ view_from_rig.T
     return rays / np.linalg.norm(rays, axis=-1, keepdims=True)
 
 
-def parabola_centres(chief: FloatArray, scale: float, view_from_rig: FloatArray) -> FloatArray:
+def parabola_centres(chief_rays: FloatArray, scale: float, view_from_rig: FloatArray) -> FloatArray:
     """Virtual centres (..., 3), in view axes, of facets tangent to a paraboloid where chief rays meet it.
 
-    The paraboloid has its focus at the pupil and the view axis as its axis. `chief` (..., 2) are normalized
+    The paraboloid has its focus at the pupil and the view axis as its axis. `chief_rays` (..., 2) are normalized
     coordinates. All virtual centres lie in the directrix plane, so all chief rays leave along the view axis.
     """
-    rays = _rays(chief, view_from_rig)
+    rays = _rays(chief_rays, view_from_rig)
     reach = scale * (1.0 - view_from_rig[2, 2]) / (1.0 - rays[..., 2:])
     return reach * (rays - [0.0, 0.0, 1.0])
 
 
-def ellipsoid_centres(chief: FloatArray, scale: float, target_depth: float, view_from_rig: FloatArray) -> FloatArray:
+def ellipsoid_centres(
+    chief_rays: FloatArray, scale: float, target_depth: float, view_from_rig: FloatArray
+) -> FloatArray:
     """Virtual centres (..., 3), in view axes, of facets tangent to an ellipsoid with foci at the pupil and at a target.
 
     The target is the point of the folded optical axis at `target_depth`; all chief rays meet there. The paraboloid is
     the limit for an infinitely distant target. A point P on the surface has |P| + |P - target| = constant; its virtual
     centre lies at this distance from the target on the line through P.
     """
-    rays = _rays(chief, view_from_rig)
-    turn = scale * view_from_rig[:, 2]  # where the optical axis meets its mirror
-    target = np.array([turn[0], turn[1], target_depth])
-    total = scale + target_depth - turn[2]
+    rays = _rays(chief_rays, view_from_rig)
+    vertex = scale * view_from_rig[:, 2]  # where the optical axis meets its mirror
+    target = np.array([vertex[0], vertex[1], target_depth])
+    total = scale + target_depth - vertex[2]
     points = rays * ((total**2 - target @ target) / (2.0 * (total - rays @ target)))[..., None]
-    away = points - target
-    return target + total * away / np.linalg.norm(away, axis=-1, keepdims=True)
+    from_target = points - target
+    return target + total * from_target / np.linalg.norm(from_target, axis=-1, keepdims=True)
 
 
 def seed_of(spec: DesignSpec, target_depth_mm: float) -> Seed:
@@ -205,9 +206,9 @@ def seed_of(spec: DesignSpec, target_depth_mm: float) -> Seed:
     If that would leave little of the sensor, gaps are half a tile.
     """
     tile = tiles(spec, 0.0)[0]
-    most = 0.5 * float((tile.max(axis=0) - tile.min(axis=0)).min())
+    max_gap = 0.5 * float((tile.max(axis=0) - tile.min(axis=0)).min())
     gap_mm = max(1.3 * spec.spacing_mm, spec.seen_gap_mm)
-    corners = tiles(spec, min(gap_mm / spec.scale_mm, most))
+    corners = tiles(spec, min(gap_mm / spec.scale_mm, max_gap))
     centres = ellipsoid_centres(corners.mean(axis=1), 1.0, target_depth_mm / spec.scale_mm, spec.view_from_rig)
     return Seed(centres, corners, (corners[0].max(axis=0) - corners[0].min(axis=0)) / 2.0)
 
@@ -259,26 +260,25 @@ def _parabola_with_gap(spec: DesignSpec, gap: float) -> Layout:
 
 
 def faceted_parabola(spec: DesignSpec) -> Layout:
-    """The paper's start: sub-images tile the sensor; facets are tangent to a paraboloid with its focus at the pupil.
+    """The paper's seed: sub-images tile the sensor; facets are tangent to a paraboloid with its focus at the pupil.
 
     Mirrors have four corners. The gap in the image is the smallest that leaves `spacing_mm` between all mirrors. Raises
     InfeasibleDesign if there is none.
     """
     low, high = sensor_rectangle(spec.camera)
-    widest = float(((high - low) / np.maximum(tile_places(spec.arrangement).max(axis=0), 1)).min())
+    max_gap = float(((high - low) / np.maximum(tile_positions(spec.arrangement).max(axis=0), 1)).min())
 
     def excess_mm(gap: float) -> float:
         return smallest_gap_mm(_parabola_with_gap(spec, gap)) - spec.spacing_mm
 
-    least = 1e-7
-    if excess_mm(least) >= 0:
-        return _parabola_with_gap(spec, least)
-    greatest = 0.98 * widest
-    missing_mm = -excess_mm(greatest)
+    lower, upper = 1e-7, 0.98 * max_gap
+    if excess_mm(lower) >= 0:
+        return _parabola_with_gap(spec, lower)
+    missing_mm = -excess_mm(upper)
     if missing_mm > 0:
         raise InfeasibleDesign(
             "spacing",
             f"facets {spec.spacing_mm:g} mm apart do not fit the parabola at scale {spec.scale_mm:g} mm: "
             f"they are {missing_mm:.3g} mm too close at any size",
         )
-    return _parabola_with_gap(spec, brentq(excess_mm, least, greatest, xtol=1e-7) + 2e-7)
+    return _parabola_with_gap(spec, brentq(excess_mm, lower, upper, xtol=1e-7) + 2e-7)

@@ -20,14 +20,14 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.design.program.constraints import MARGIN
 from mirrorcam.optics.design.program.draft import Draft, displacements, safe_gap
 from mirrorcam.optics.design.program.mirror_variables import Kind, MirrorVariables, Optics, add_mirror
-from mirrorcam.optics.design.program.seeds import Seed, tile_places
+from mirrorcam.optics.design.program.seeds import Seed, tile_positions
 from mirrorcam.optics.design.program.terms import Expression, Term, TermBuilder
 from mirrorcam.optics.geometry.arrangement import Arrangement
 
 BEAM_OFFSET = 0.1
 """Largest offset, in thicknesses, between the beams of a second-surface mirror and its apparent mirror."""
 BOX_CORNERS = 8
-NEAR_TILES = 1e-6
+TILE_TOLERANCE = 1e-6
 """Tolerance for the positions of tiles."""
 PairKind = Literal["seen", "gap", "in", "out"]
 
@@ -105,8 +105,8 @@ def incoming_term(kind: Kind) -> Term:
     optics = Optics.of_term(term)
     light, other = add_mirror(kind, optics, term), add_mirror(kind, optics, term)
     plane = SeparatingPlane.unknown(term)
-    reach = ca.SX(0.0) if kind.pinhole else optics.radius * optics.along_pupil(plane.normal)
-    term.require(plane.offset - reach)
+    extent = ca.SX(0.0) if kind.pinhole else optics.radius * optics.along_pupil(plane.normal)
+    term.require(plane.offset - extent)
     plane.require_below(light.face)
     plane.require_above(other.solid, "occlusion")
     return term.built()
@@ -182,10 +182,10 @@ def neighbour_pairs(arrangement: Arrangement) -> tuple[PairConstraint, ...]:
     Neighbours have touching tiles in the seed. They get gaps and unblocked light in both directions; diagonal
     neighbours need no constraint on outgoing beams.
     """
-    places, pairs = tile_places(arrangement), []
-    for i, j in combinations(range(len(places)), 2):
-        across, down = np.abs(places[j] - places[i]) + NEAR_TILES
-        if max(down, across) > 1.0 + 2.0 * NEAR_TILES:
+    tiles, pairs = tile_positions(arrangement), []
+    for i, j in combinations(range(len(tiles)), 2):
+        across, down = np.abs(tiles[j] - tiles[i]) + TILE_TOLERANCE
+        if max(down, across) > 1.0 + 2.0 * TILE_TOLERANCE:
             continue
         diagonal = min(down, across) >= 1.0
         pairs += [PairConstraint("seen", i, j), PairConstraint("gap", i, j)]
@@ -200,13 +200,13 @@ def add_body(draft: Draft) -> None:
     box = (spec.kept_free_in_rig_mm / spec.scale_mm).ravel()
     if box.size == 0:
         return
-    for mirror, middle in zip(draft.mirrors, draft.seed.middles(spec.view_from_rig), strict=True):
-        sideways = -_unit(middle * [1.0, 1.0, 0.0])
+    for mirror, point in zip(draft.mirrors, draft.seed.chief_points(spec.view_from_rig), strict=True):
+        sideways = -_unit(point * [1.0, 1.0, 0.0])
         for term, normal in (
-            (body_gap_term(draft.kind), -_unit(middle)),
+            (body_gap_term(draft.kind), -_unit(point)),
             (body_light_term(draft.kind), sideways),
         ):
-            plane = draft.program.unknown([*normal, normal @ middle / 2.0], *_plane_range(3))
+            plane = draft.program.unknown([*normal, normal @ point / 2.0], *_plane_range(3))
             draft.add(term, [*mirror, plane], [box])
 
 
@@ -219,9 +219,9 @@ def add_pairs(draft: Draft, pairs: tuple[PairConstraint, ...]) -> None:
         "out": outgoing_term(kind),
     }
     gap, seen_gap = spec.spacing_mm / spec.scale_mm, spec.seen_gap_mm / spec.scale_mm
-    moved, middles = displacements(spec, draft.seed), draft.seed.middles(spec.view_from_rig)
+    moved, points = displacements(spec, draft.seed), draft.seed.chief_points(spec.view_from_rig)
     for pair in pairs:
-        plane = _first_plane(pair, draft.seed, middles)
+        plane = _first_plane(pair, draft.seed, points)
         unknown = draft.program.unknown(plane, *_plane_range(plane.size - 1))
         first, second = draft.mirrors[pair.first], draft.mirrors[pair.second]
         if pair.kind == "seen":
@@ -234,25 +234,25 @@ def add_pairs(draft: Draft, pairs: tuple[PairConstraint, ...]) -> None:
 
 def _plane_range(size: int) -> tuple[FloatArray, FloatArray]:
     """Lower and upper limits of the normal (size) of a plane or line, and of its offset."""
-    reach = np.array([*np.ones(size), np.inf])
-    return -reach, reach
+    limit = np.array([*np.ones(size), np.inf])
+    return -limit, limit
 
 
-def _first_plane(pair: PairConstraint, seed: Seed, middles: FloatArray) -> FloatArray:
-    """Start value of a pair's plane (normal, offset) or line (3); chief rays meet their mirrors at `middles`."""
+def _first_plane(pair: PairConstraint, seed: Seed, points: FloatArray) -> FloatArray:
+    """Start value of a pair's plane (normal, offset) or line (3); chief rays meet their mirrors at `points` (n, 3)."""
     if pair.kind == "seen":
-        p, q = seed.chief[pair.first], seed.chief[pair.second]
+        p, q = seed.chief_rays[pair.first], seed.chief_rays[pair.second]
         across = _unit(q - p)
         return np.array([*across, -across @ (p + q) / 2.0])
-    a, b, centre = middles[pair.first], middles[pair.second], seed.centres[pair.first]
+    a, b, centre = points[pair.first], points[pair.second], seed.centres[pair.first]
     if pair.kind == "gap":
         normal = _unit(b - a)
         return np.array([*normal, normal @ (a + b) / 2.0])
     between = _unit(_unit(b) - _unit(a))
     if pair.kind == "in":
         return np.array([*between, 0.0])
-    turned = between - 2.0 * (between @ centre) / (centre @ centre) * centre
-    return np.array([*turned, turned @ centre])
+    reflected = between - 2.0 * (between @ centre) / (centre @ centre) * centre
+    return np.array([*reflected, reflected @ centre])
 
 
 def _unit(vector: FloatArray) -> FloatArray:

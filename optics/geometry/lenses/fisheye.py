@@ -12,7 +12,7 @@ from mirrorcam.optics.geometry.lenses.lens import Lens, Linearized
 
 TINY = 1e-30
 NEWTON_STEPS = 20
-REACHED = 1e-6  # the Newton residual is larger if no ray below 90 degrees has the distorted radius
+CONVERGED = 1e-6  # the Newton residual is larger if no ray below 90 degrees has the distorted radius
 
 
 class Fisheye(Lens):
@@ -43,14 +43,14 @@ class Fisheye(Lens):
         angle = np.arctan(r)
         radius, slope = self._radius(angle)
         factor = radius / r
-        bend = (slope / (1.0 + r2) - factor) / r2  # the derivative of the factor by r, divided by r
+        d_factor = (slope / (1.0 + r2) - factor) / r2  # the derivative of the factor by r, divided by r
         a2 = angle * angle
         power = angle / r
         for k in range(4):
             power = power * a2
             out[:, 0, k], out[:, 1, k] = focal[0] * x * power, focal[1] * y * power
-        cross = x * y * bend
-        return Linearized(x * factor, y * factor, factor + x * x * bend, cross, cross, factor + y * y * bend)
+        cross = x * y * d_factor
+        return Linearized(x * factor, y * factor, factor + x * x * d_factor, cross, cross, factor + y * y * d_factor)
 
     @property
     def is_identity(self) -> bool:
@@ -63,19 +63,19 @@ class Fisheye(Lens):
         turning = roots[(np.abs(roots.imag) < 1e-12) & (roots.real > 4.0 / np.pi**2)].real  # in 1 / a^2
         return float(np.tan(1.0 / np.sqrt(turning.max()))) if turning.size else float("inf")
 
-    def undistorted_roughly(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def undistorted_estimate(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
         target = np.hypot(x, y)
-        largest = min(float(np.arctan(self.valid_radius)), 1.56)
-        angle = np.minimum(target, 0.9 * largest)
+        max_angle = min(float(np.arctan(self.valid_radius)), 1.56)
+        angle = np.minimum(target, 0.9 * max_angle)
         for _ in range(NEWTON_STEPS):
             radius, slope = self._radius(angle)
-            angle = np.clip(angle - (radius - target) / np.maximum(slope, 1e-3), 0.0, largest)
-        reached = np.abs(self._radius(angle)[0] - target) < REACHED
+            angle = np.clip(angle - (radius - target) / np.maximum(slope, 1e-3), 0.0, max_angle)
+        converged = np.abs(self._radius(angle)[0] - target) < CONVERGED
         factor = np.where(target > 1e-12, np.tan(angle) / np.maximum(target, 1e-12), 1.0)
-        factor = np.where(reached, factor, np.nan)
+        factor = np.where(converged, factor, np.nan)
         return x * factor, y * factor
 
-    def disturbed(self, change: FloatArray) -> Self:
+    def perturbed(self, change: FloatArray) -> Self:
         """The lens with changed k1, k2 and k3; changes of p1 and p2 have no effect."""
         return replace(self, coefficients=self.coefficients + np.append(change[[0, 1, 4]], 0.0))
 

@@ -65,7 +65,7 @@ class Lens(ABC):
     def flipped(self, axis: int) -> Self:
         """The lens for pictures flipped left-right (axis 0) or top-bottom (axis 1)."""
 
-    def disturbed(self, change: FloatArray) -> Self:
+    def perturbed(self, change: FloatArray) -> Self:
         """The lens with changed k1, k2, p1, p2, k3 (5,), as individual lenses of one type differ."""
         coefficients = self.coefficients.copy()
         coefficients[:5] += change
@@ -73,10 +73,10 @@ class Lens(ABC):
 
     @property
     def prior_sigmas(self) -> FloatArray:
-        """Prior standard deviations (k,) of the coefficients around zero for fits; infinite: no prior."""
+        """Prior standard deviations (k,) of the coefficients around zero for fits; infinite without a prior."""
         return np.full(len(self.coefficients), np.inf)
 
-    def undistorted_roughly(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def undistorted_estimate(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Approximate normalized coordinates (n,) of distorted ones, from which Newton's method converges."""
         if not np.isfinite(self.valid_radius):
             return x, y

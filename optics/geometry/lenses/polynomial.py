@@ -10,7 +10,7 @@ import numpy as np
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.lenses.lens import Lens, Linearized
 
-DIVISOR_SIGMA = 0.3
+DENOMINATOR_SIGMA = 0.3
 
 
 class BrownConrady(Lens):
@@ -33,15 +33,15 @@ class BrownConrady(Lens):
         r4, r6 = r2 * r2, r2 * r2 * r2
         radial = 1.0 + k1 * r2 + k2 * r4 + k3 * r6
         d_radial = k1 + 2.0 * k2 * r2 + 3.0 * k3 * r4
-        for row, along, coordinate in ((0, focal[0], x), (1, focal[1], y)):
+        for row, focal_px, coordinate in ((0, focal[0], x), (1, focal[1], y)):
             for column, power in ((0, r2), (1, r4), (4, r6)):
-                out[:, row, column] = along * coordinate * power
+                out[:, row, column] = focal_px * coordinate * power
         _tangential_by_coefficients(x, y, r2, focal, out)
         return _linearized(x, y, r2, radial, d_radial, (p1, p2))
 
     @property
     def valid_radius(self) -> float:
-        """Radius at which the radial part turns back; the tangential part is small in comparison."""
+        """Radius at which the radial part stops increasing; the tangential part is small in comparison."""
         k1, k2, _, _, k3 = self.coefficients
         roots = np.roots([1.0, 3.0 * k1, 5.0 * k2, 7.0 * k3])
         turning = roots[(np.abs(roots.imag) < 1e-12) & (roots.real > 1e-12)].real  # r > 1e6 counts as never
@@ -109,31 +109,31 @@ class Rational(Lens):
         r2 = x * x + y * y
         r4 = r2 * r2
         powers = (r2, r4, r4 * r2)
-        below = 1.0 / (1.0 + r2 * (k4 + r2 * (k5 + r2 * k6)))
-        radial = (1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))) * below
-        d_radial = (k1 + 2.0 * k2 * r2 + 3.0 * k3 * r4 - radial * (k4 + 2.0 * k5 * r2 + 3.0 * k6 * r4)) * below
-        for row, scaled in ((0, focal[0] * x * below), (1, focal[1] * y * below)):
-            for above, beneath, power in zip((0, 1, 4), (5, 6, 7), powers, strict=True):
-                out[:, row, above] = scaled * power
-                out[:, row, beneath] = -scaled * power * radial
+        inverse = 1.0 / (1.0 + r2 * (k4 + r2 * (k5 + r2 * k6)))
+        radial = (1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))) * inverse
+        d_radial = (k1 + 2.0 * k2 * r2 + 3.0 * k3 * r4 - radial * (k4 + 2.0 * k5 * r2 + 3.0 * k6 * r4)) * inverse
+        for row, scaled in ((0, focal[0] * x * inverse), (1, focal[1] * y * inverse)):
+            for upper, lower, power in zip((0, 1, 4), (5, 6, 7), powers, strict=True):
+                out[:, row, upper] = scaled * power
+                out[:, row, lower] = -scaled * power * radial
         _tangential_by_coefficients(x, y, r2, focal, out)
         return _linearized(x, y, r2, radial, d_radial, (p1, p2))
 
     @property
     def valid_radius(self) -> float:
-        """Radius at which the radial part turns back or has a pole."""
+        """Radius at which the radial part stops increasing or has a pole."""
         k1, k2, _, _, k3, k4, k5, k6 = self.coefficients[:8]
-        above, below = np.array([k3, k2, k1, 1.0]), np.array([k6, k5, k4, 1.0])  # of s = r^2
+        upper, lower = np.array([k3, k2, k1, 1.0]), np.array([k6, k5, k4, 1.0])  # polynomials A and B of s = r^2
         # d (r A / B) / dr = (A B + 2 s (A' B - A B')) / B^2
-        bend: FloatArray = np.polysub(np.polymul(np.polyder(above), below), np.polymul(above, np.polyder(below)))
-        slope = np.polyadd(np.polymul(above, below), np.polymul([2.0, 0.0], bend))
-        return float(np.sqrt(min(_first_root(slope), _first_root(below))))
+        wronskian: FloatArray = np.polysub(np.polymul(np.polyder(upper), lower), np.polymul(upper, np.polyder(lower)))
+        slope = np.polyadd(np.polymul(upper, lower), np.polymul([2.0, 0.0], wronskian))
+        return float(np.sqrt(min(_first_root(slope), _first_root(lower))))
 
     @property
     def prior_sigmas(self) -> FloatArray:
-        """Finite only for k4, k5 and k6: without a prior, many quotients would describe a nearly polynomial lens."""
+        """Finite only for k4, k5 and k6: without a prior, many quotients describe a nearly polynomial lens."""
         sigmas = np.full(len(self.coefficients), np.inf)
-        sigmas[5:8] = DIVISOR_SIGMA
+        sigmas[5:8] = DENOMINATOR_SIGMA
         return sigmas
 
     def flipped(self, axis: int) -> Self:
@@ -169,19 +169,19 @@ class ThinPrism(Rational):
 
     def linearized(self, x: FloatArray, y: FloatArray, focal: tuple[float, float], out: FloatArray) -> Linearized:
         s1, s2, s3, s4 = self.coefficients[8:]
-        at = super().linearized(x, y, focal, out)
+        base = super().linearized(x, y, focal, out)
         r2 = x * x + y * y
         r4 = r2 * r2
         out[:, 0, 8], out[:, 0, 9] = focal[0] * r2, focal[0] * r4
         out[:, 1, 10], out[:, 1, 11] = focal[1] * r2, focal[1] * r4
         by_x, by_y = 2.0 * s1 + 4.0 * s2 * r2, 2.0 * s3 + 4.0 * s4 * r2
         return Linearized(
-            at.x + s1 * r2 + s2 * r4,
-            at.y + s3 * r2 + s4 * r4,
-            at.xx + by_x * x,
-            at.xy + by_x * y,
-            at.yx + by_y * x,
-            at.yy + by_y * y,
+            base.x + s1 * r2 + s2 * r4,
+            base.y + s3 * r2 + s4 * r4,
+            base.xx + by_x * x,
+            base.xy + by_x * y,
+            base.yx + by_y * x,
+            base.yy + by_y * y,
         )
 
     def flipped(self, axis: int) -> Self:

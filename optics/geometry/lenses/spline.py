@@ -76,11 +76,11 @@ class Spline(Lens):
 
     @property
     def names(self) -> tuple[str, ...]:
-        places = [f"{row}-{col}" for row in range(self.grid.rows) for col in range(self.grid.cols)]
-        return (*BrownConrady.NAMES, *(f"field {axis} {place}" for axis in "xy" for place in places))
+        nodes = [f"{row}-{col}" for row in range(self.grid.rows) for col in range(self.grid.cols)]
+        return (*BrownConrady.NAMES, *(f"field {axis} {node}" for axis in "xy" for node in nodes))
 
     @property
-    def _plain(self) -> BrownConrady:
+    def _brown_conrady(self) -> BrownConrady:
         return BrownConrady(self.coefficients[:5])
 
     @property
@@ -90,56 +90,56 @@ class Spline(Lens):
 
     def _weights(self, u: FloatArray, v: FloatArray) -> _Weights:
         """The weights of the control points at stereographic coordinates (n,)."""
-        col, across, across_by = _basis(u, self.grid.reach_x, self.grid.cols)
-        row, down, down_by = _basis(v, self.grid.reach_y, self.grid.rows)
+        col, across, d_across = _basis(u, self.grid.reach_x, self.grid.cols)
+        row, down, d_down = _basis(v, self.grid.reach_y, self.grid.rows)
         step = np.arange(4)[:, None]
         index = ((row + step)[:, None] * self.grid.cols + (col + step)[None]).reshape(16, -1)
         return _Weights(
             index,
             (down[:, None] * across[None]).reshape(16, -1),
-            (down[:, None] * across_by[None]).reshape(16, -1),
-            (down_by[:, None] * across[None]).reshape(16, -1),
+            (down[:, None] * d_across[None]).reshape(16, -1),
+            (d_down[:, None] * across[None]).reshape(16, -1),
         )
 
     def distorted(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-        xd, yd = self._plain.distorted(x, y)
+        xd, yd = self._brown_conrady.distorted(x, y)
         half = 2.0 / (1.0 + np.sqrt(1.0 + x * x + y * y))
-        at = self._weights((half * x).ravel(), (half * y).ravel())
-        dx, dy = np.einsum("akn,kn->an", self._field[:, at.index], at.weight)
+        weights = self._weights((half * x).ravel(), (half * y).ravel())
+        dx, dy = np.einsum("akn,kn->an", self._field[:, weights.index], weights.weight)
         return xd + dx.reshape(np.shape(x)), yd + dy.reshape(np.shape(y))
 
     def linearized(self, x: FloatArray, y: FloatArray, focal: tuple[float, float], out: FloatArray) -> Linearized:
-        plain = self._plain.linearized(x, y, focal, out[:, :, :5])
+        base = self._brown_conrady.linearized(x, y, focal, out[:, :, :5])
         root = np.sqrt(1.0 + x * x + y * y)
-        half, bend = 2.0 / (1.0 + root), -2.0 / (root * (1.0 + root) ** 2)  # `bend` is d half / dx, divided by x
-        at = self._weights(half * x, half * y)
-        controls = self._field[:, at.index]
-        dx, dy = np.einsum("akn,kn->an", controls, at.weight)
-        (x_u, y_u), (x_v, y_v) = (np.einsum("akn,kn->an", controls, by) for by in (at.by_u, at.by_v))
-        u_x, cross, v_y = half + bend * x * x, bend * x * y, half + bend * y * y
+        half, d_half = 2.0 / (1.0 + root), -2.0 / (root * (1.0 + root) ** 2)  # d_half: d half / dx, divided by x
+        weights = self._weights(half * x, half * y)
+        controls = self._field[:, weights.index]
+        dx, dy = np.einsum("akn,kn->an", controls, weights.weight)
+        (x_u, y_u), (x_v, y_v) = (np.einsum("akn,kn->an", controls, by) for by in (weights.by_u, weights.by_v))
+        u_x, cross, v_y = half + d_half * x * x, d_half * x * y, half + d_half * y * y
         rows, count = np.arange(len(x)), self.grid.count
-        for index, weight in zip(at.index, at.weight, strict=True):
+        for index, weight in zip(weights.index, weights.weight, strict=True):
             out[rows, 0, 5 + index] = focal[0] * weight
             out[rows, 1, 5 + count + index] = focal[1] * weight
         return Linearized(
-            plain.x + dx,
-            plain.y + dy,
-            plain.xx + x_u * u_x + x_v * cross,
-            plain.xy + x_u * cross + x_v * v_y,
-            plain.yx + y_u * u_x + y_v * cross,
-            plain.yy + y_u * cross + y_v * v_y,
+            base.x + dx,
+            base.y + dy,
+            base.xx + x_u * u_x + x_v * cross,
+            base.xy + x_u * cross + x_v * v_y,
+            base.yx + y_u * u_x + y_v * cross,
+            base.yy + y_u * cross + y_v * v_y,
         )
 
     @property
     def valid_radius(self) -> float:
-        """Radius at which the plain lens turns back, or the first at which the field folds the view."""
-        largest = min(self._plain.valid_radius, 1.5 * float(np.hypot(*self._normalized_reach)))
+        """Smallest radius at which the Brown-Conrady lens stops increasing or the field folds the view."""
+        max_radius = min(self._brown_conrady.valid_radius, 1.5 * float(np.hypot(*self._normalized_reach)))
         angle = 2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
-        radius = np.repeat(largest * (np.arange(RADII) + 1.0) / RADII, DIRECTIONS)
+        radius = np.repeat(max_radius * (np.arange(RADII) + 1.0) / RADII, DIRECTIONS)
         x, y = radius * np.tile(np.cos(angle), RADII), radius * np.tile(np.sin(angle), RADII)
-        at = self.linearized(x, y, (1.0, 1.0), np.zeros((len(x), 2, len(self.coefficients))))
-        folded = radius[at.xx * at.yy - at.xy * at.yx <= 0.0]
-        return float(folded.min()) if folded.size else self._plain.valid_radius
+        lens = self.linearized(x, y, (1.0, 1.0), np.zeros((len(x), 2, len(self.coefficients))))
+        folded = radius[lens.xx * lens.yy - lens.xy * lens.yx <= 0.0]
+        return float(folded.min()) if folded.size else self._brown_conrady.valid_radius
 
     @property
     def _normalized_reach(self) -> tuple[float, float]:
@@ -157,17 +157,17 @@ class Spline(Lens):
     def flipped(self, axis: int) -> Self:
         field = np.flip(self._field.reshape(2, self.grid.rows, self.grid.cols), axis=2 - axis).copy()
         field[axis] *= -1.0
-        return replace(self, coefficients=np.append(self._plain.flipped(axis).coefficients, field.ravel()))
+        return replace(self, coefficients=np.append(self._brown_conrady.flipped(axis).coefficients, field.ravel()))
 
 
-def _basis(at: FloatArray, reach: float, controls: int) -> tuple[NDArray[np.int64], FloatArray, FloatArray]:
+def _basis(position: FloatArray, reach: float, controls: int) -> tuple[NDArray[np.int64], FloatArray, FloatArray]:
     """First of the four control points at each position (n,), their cubic weights (4, n), and the weights' slopes."""
     cells = controls - 3
     per_unit = cells / (2.0 * reach)
-    along = np.clip((at + reach) * per_unit, 0.0, cells)
+    along = np.clip((position + reach) * per_unit, 0.0, cells)
     first = np.clip(np.floor(np.nan_to_num(along)), 0, cells - 1).astype(np.int64)
     t = along - first
     weights = np.array([(1.0 - t) ** 3, 3.0 * t**3 - 6.0 * t**2 + 4.0, -3.0 * t**3 + 3.0 * t**2 + 3.0 * t + 1.0, t**3])
     slopes = np.array([-3.0 * (1.0 - t) ** 2, 9.0 * t**2 - 12.0 * t, -9.0 * t**2 + 6.0 * t + 3.0, 3.0 * t**2])
-    inside = np.where(np.abs(at) <= reach, per_unit, 0.0)
-    return first, weights / 6.0, slopes / 6.0 * inside
+    scale = np.where(np.abs(position) <= reach, per_unit, 0.0)
+    return first, weights / 6.0, slopes / 6.0 * scale

@@ -19,7 +19,7 @@ from mirrorcam.core.images.pictures import is_picture, read_image
 from mirrorcam.core.values import Metric
 from mirrorcam.core.video.frames import SpreadFrames, WatchedSource
 from mirrorcam.core.video.video import Video
-from mirrorcam.optics.drift.drift import LEAST_MIRRORS, WANTED_DEG, Drift, find_drift, resolved_layout, shows_drift
+from mirrorcam.optics.drift.drift import MIN_MIRRORS, TARGET_DEG, Drift, find_drift, resolved_layout, shows_drift
 from mirrorcam.optics.drift.matched_points import MatchedPoints, PointMatcher
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.frame_checks import check_frames
@@ -76,7 +76,7 @@ def drift_check(
         return DriftReporter(layout, layout_path, reference_depth_mm, output, reporter)
     if layout.kind != "nominal":
         count = count_text(len(layout.mirrors), "mirror")
-        reporter.note("decode", f"not tested whether {count} moved: the test needs {LEAST_MIRRORS} or more")
+        reporter.note("decode", f"not tested whether {count} moved: the test needs {MIN_MIRRORS} or more")
     return None
 
 
@@ -98,7 +98,7 @@ def drift_line(layout: Layout, drift: Drift) -> str:
         which = f"{count} of {len(names)} mirrors" if count > 1 else f"mirror {names[worst.index]}"
         detectable = f"turns from {worst.detectable_deg:.2g}° on" if worst.detectable_deg < 10.0 else "nothing"
         return (
-            f"not enough texture to determine whether {which} moved by {WANTED_DEG:g}°: "
+            f"not enough texture to determine whether {which} moved by {TARGET_DEG:g}°: "
             f"{count_text(worst.points, 'point')} matched in mirror {names[worst.index]} show {detectable}; expected a "
             f"scene with detail all over, in more frames"
         )
@@ -128,7 +128,7 @@ def drift_metrics(layout: Layout, drift: Drift) -> dict[str, Metric]:
             "turn_deg": Metric(value=mirror.size_deg, unit="deg"),
             "turn_sigma_deg": Metric(value=mirror.turn_sigma_deg, unit="deg"),
             "shift_mm": Metric(value=mirror.shift_mm, unit="mm"),
-            "tells_deg": Metric(value=mirror.detectable_deg, unit="deg", limit=WANTED_DEG),
+            "tells_deg": Metric(value=mirror.detectable_deg, unit="deg", limit=TARGET_DEG),
             "points": Metric(value=mirror.points, unit=""),
         }
         figures |= {f"view_{row}_{column}_{name}": value for name, value in values.items()}
@@ -189,7 +189,7 @@ def find_drift_files(
     if not shows_drift(layout):
         nominal = layout.kind == "nominal"
         what = "is a nominal layout" if nominal else f"has {count_text(len(layout.mirrors), 'mirror')}"
-        raise InputError(f"{layout_path}: {what}, expected a calibrated one of {LEAST_MIRRORS} mirrors or more")
+        raise InputError(f"{layout_path}: {what}, expected a calibrated one of {MIN_MIRRORS} mirrors or more")
     check_frames(paths, layout, layout_path, on_note)
     seen = SpreadFrames()
     for path in paths:

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from mirrorcam.core.disk.files import atomic
-from mirrorcam.optics.design.assess.layout_metrics import FARTHEST_MM
+from mirrorcam.optics.design.assess.layout_metrics import MAX_DEPTH_MM
 from mirrorcam.optics.design.spec_grid import Outcome, pareto_front, summary_figures
 
 FRONT, BEST = "#bbbbbb", "#333333"
@@ -65,7 +65,7 @@ def _count(outcome: Outcome) -> tuple[int, int]:
 
 def _endless(outcome: Outcome) -> bool:
     farthest = outcome.metrics.get("depth_farthest_mm")
-    return farthest is not None and farthest.value >= FARTHEST_MM
+    return farthest is not None and farthest.value >= MAX_DEPTH_MM
 
 
 def pareto(outcomes: Sequence[Outcome], path: Path) -> None:

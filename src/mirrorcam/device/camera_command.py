@@ -12,7 +12,7 @@ from mirrorcam.core.console.options import Force
 from mirrorcam.core.console.progress import print_table, say
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.extras import require
-from mirrorcam.optics.geometry.camera_library import AGREE, CameraProfile, library, read_profile
+from mirrorcam.optics.geometry.camera_library import MAX_DISAGREEMENT, CameraProfile, library, read_profile
 
 app = App(name="camera")
 
@@ -140,7 +140,7 @@ def described(profile: CameraProfile) -> list[tuple[str, str]]:
     lines.append(("held by", "lips over its front" if body.held_by.kind == "lips" else "screws through its board"))
     for name, relative in profile.disagreements.items():
         stated = f"{name} {getattr(profile.published, name):g}"
-        reason = profile.set_aside.get(name, "" if abs(relative) <= AGREE else "not followed")
+        reason = profile.set_aside.get(name, "" if abs(relative) <= MAX_DISAGREEMENT else "not followed")
         lines.append(("published", f"{stated}; here {relative:+.1%}{': ' if reason else ''}{reason}"))
     if guesses := _guesses(profile):
         lines.append(("guessed", f"{', '.join(guesses)}: measure these of yours"))

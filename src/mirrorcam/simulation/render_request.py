@@ -13,7 +13,7 @@ from mirrorcam.core.bounds import DEPTH_MM, PICTURES, SEED
 from mirrorcam.core.disk.files import LARGEST_FILE_BYTES, read_model
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray, InvalidValue, Shaped, Value
-from mirrorcam.optics.geometry.design_spec import MOST_DEPTHS
+from mirrorcam.optics.geometry.design_spec import MAX_DEPTHS
 from mirrorcam.optics.geometry.tolerances import Tolerances
 from mirrorcam.render_scenes.settings import POSES_HZ, RATE_HZ, SENSORS, RendererName, RenderSettings, SensorModel
 
@@ -158,8 +158,8 @@ class SceneRequest(Value):
 
     depths_mm: tuple[Annotated[float, DEPTH_MM.each], ...] = Field(
         default=(),
-        max_length=MOST_DEPTHS,
-        description=f"depths of the objects, nearest first: {MOST_DEPTHS} at most, {DEPTH_MM}. [default: the layout's]",
+        max_length=MAX_DEPTHS,
+        description=f"depths of the objects, nearest first: {MAX_DEPTHS} at most, {DEPTH_MM}. [default: the layout's]",
     )
     mesh: Annotated[tuple[str, ...], Parameter(metavar="FILE[:x,y,z]...")] = Field(
         default=(),

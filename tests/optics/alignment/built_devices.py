@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.alignment.alignment import view_turns
-from mirrorcam.optics.alignment.build_errors import CAMERA, RIGID, BuildErrors, BuiltDevice
+from mirrorcam.optics.alignment.build_errors import CAMERA_ERRORS, RIGID_ERRORS, BuildErrors, BuiltDevice
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 
@@ -23,7 +23,7 @@ def built(layout: Layout, errors: BuildErrors, units: FloatArray) -> Layout:
     turn = Rotation.from_rotvec(sized[3:6]).as_matrix()
     mirrors = []
     for mirror, start in zip(layout.mirrors, device.starts, strict=False):
-        rigid, cut = np.split(sized[start : start + RIGID + len(mirror.outline_in_rig_mm)], [RIGID])
+        rigid, cut = np.split(sized[start : start + RIGID_ERRORS + len(mirror.outline_in_rig_mm)], [RIGID_ERRORS])
         flat = np.column_stack([recut(mirror.outline_in_plane_mm, cut), np.zeros(len(cut))])
         frame = mirror.rig_from_plane
         moved = Rotation.from_rotvec(rigid[:3]).as_matrix()
@@ -36,7 +36,7 @@ def built(layout: Layout, errors: BuildErrors, units: FloatArray) -> Layout:
         )
     intrinsics = layout.camera.intrinsics.copy()
     intrinsics[:2] *= 1.0 + sized[6]
-    intrinsics[2:6] += sized[7:CAMERA]
+    intrinsics[2:6] += sized[7:CAMERA_ERRORS]
     return layout.replaced(
         kind="as-built",
         camera=layout.camera.with_intrinsics(intrinsics),

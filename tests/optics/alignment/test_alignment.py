@@ -12,11 +12,11 @@ from mirrorcam.optics.alignment.alignment import (
     EdgeFitter,
     MirrorTilt,
     SceneAligner,
-    grey_light,
+    mean_grey,
     mirror_tilt,
     view_turns,
 )
-from mirrorcam.optics.alignment.build_errors import CAMERA, BuildErrors, BuiltDevice
+from mirrorcam.optics.alignment.build_errors import CAMERA_ERRORS, BuildErrors, BuiltDevice
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
@@ -89,11 +89,11 @@ def test_a_tilt_hardly_better_than_its_prior_is_undetermined(default_layout: Lay
 
 def test_frames_are_averaged_and_others_refused(default_layout: Layout) -> None:
     dark, bright = (np.full((1080, 1920, 3), value, np.uint8) for value in (10, 30))
-    assert np.allclose(grey_light([dark, bright[..., 0]], default_layout), 20.0)
+    assert np.allclose(mean_grey([dark, bright[..., 0]], default_layout), 20.0)
     with pytest.raises(InputError, match="no frame is given"):
-        grey_light([], default_layout)
+        mean_grey([], default_layout)
     with pytest.raises(InputError, match="frame is 640x480 px, expected 1920x1080"):
-        grey_light([np.zeros((480, 640, 3), np.uint8)], default_layout)
+        mean_grey([np.zeros((480, 640, 3), np.uint8)], default_layout)
 
 
 @pytest.fixture(scope="module")
@@ -113,11 +113,11 @@ def drawn(fitter: EdgeFitter, seed: int) -> FloatArray:
 def test_edges_of_a_white_sheet_are_found_where_they_are(pinhole: Layout, fitter: EdgeFitter) -> None:
     units = drawn(fitter, 0)
     found = fitter.fit(sheet(built(pinhole, BuildErrors(), units)))
-    for place, points in enumerate((found.seen.own, found.seen.other)):
+    for place, points in enumerate((found.stations.own, found.stations.other)):
         truth = fitter.device.pixels(points, units)
         designed = fitter.device.pixels(points, np.zeros(fitter.device.count))
-        off = ((truth - designed) * found.seen.out).sum(axis=1) - found.offset_px[:, place]
-        kept = found.seen.paired if place else np.ones(len(off), bool)
+        off = ((truth - designed) * found.stations.out).sum(axis=1) - found.offset_px[:, place]
+        kept = found.stations.has_neighbour if place else np.ones(len(off), bool)
         assert np.sqrt(np.mean(off[kept] ** 2)) < 0.6
         assert np.abs(truth - designed).max() > 8.0
 
@@ -135,11 +135,11 @@ def test_the_turn_of_the_camera_is_found(pinhole: Layout, fitter: EdgeFitter) ->
 def test_a_dark_frame_determines_nothing(fitter: EdgeFitter) -> None:
     random = np.random.default_rng(0)
     found = fitter.fit(random.normal(3.0, 1.0, (1080, 1920)).clip(0.0).astype(np.float32))
-    assert np.isnan(found.own_px).mean() > 0.9
-    mirrors = np.sqrt(np.diag(found.covariance))[CAMERA:]
+    assert np.isnan(found.station_offset_px).mean() > 0.9
+    mirrors = np.sqrt(np.diag(found.covariance))[CAMERA_ERRORS:]
     assert mirrors.min() > 0.5
     designed, seen = found.seen_points
-    assert len(designed) == len(seen) < 0.1 * found.own_px.size
+    assert len(designed) == len(seen) < 0.1 * found.station_offset_px.size
 
 
 @pytest.mark.slow

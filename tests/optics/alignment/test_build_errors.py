@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mirrorcam.optics.alignment.build_errors import CAMERA, RIGID, BuildErrors, BuiltDevice, EdgePoints
+from mirrorcam.optics.alignment.build_errors import CAMERA_ERRORS, RIGID_ERRORS, BuildErrors, BuiltDevice, EdgePoints
 from mirrorcam.optics.geometry.layout import Layout
 from tests.optics.alignment.built_devices import built
 
@@ -25,7 +25,7 @@ def some_points(device: BuiltDevice) -> EdgePoints:
 def test_without_errors_edges_are_on_the_outlines(default_layout: Layout, device: BuiltDevice) -> None:
     points = some_points(device)
     at = device.pixels(points, np.zeros(device.count))
-    for mirror, edge, part, pixel in zip(points.mirror, points.edge, points.part, at, strict=True):
+    for mirror, edge, part, pixel in zip(points.mirror, points.edge, points.fraction, at, strict=True):
         corners = default_layout.mirrors[mirror].usable_normalized
         on_edge = corners[edge] + part * (corners[(edge + 1) % len(corners)] - corners[edge])
         # Positions along an edge count on the mirror, not in the picture: the pixel is on the line.
@@ -59,8 +59,10 @@ def test_derivatives_are_those_of_finite_differences(device: BuiltDevice) -> Non
 
 
 def test_errors_are_those_of_the_camera_then_of_each_mirror(device: BuiltDevice) -> None:
-    assert device.count == CAMERA + sum(RIGID + count for count in device.edges)
-    assert device.tilts(1) == slice(CAMERA + RIGID + device.edges[0], CAMERA + RIGID + device.edges[0] + 2)
+    assert device.count == CAMERA_ERRORS + sum(RIGID_ERRORS + count for count in device.edges)
+    assert device.tilts(1) == slice(
+        CAMERA_ERRORS + RIGID_ERRORS + device.edges[0], CAMERA_ERRORS + RIGID_ERRORS + device.edges[0] + 2
+    )
 
 
 def test_the_camera_of_a_calibrated_layout_is_known(default_layout: Layout) -> None:

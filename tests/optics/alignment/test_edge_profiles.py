@@ -12,42 +12,42 @@ from mirrorcam.optics.alignment.edge_profiles import (
     Stations,
     edge_residuals,
     edge_response,
+    edge_stations,
     profiles,
-    stations,
 )
 from mirrorcam.optics.geometry.layout import Layout
 
 
 @pytest.fixture(scope="module")
 def seen(default_layout: Layout) -> Stations:
-    return stations(BuiltDevice(default_layout, BuildErrors()))
+    return edge_stations(BuiltDevice(default_layout, BuildErrors()))
 
 
 def test_stations_lie_inside_the_sensor_on_edges_that_point_outwards(default_layout: Layout, seen: Stations) -> None:
-    assert len(seen.place) > 60
-    assert (seen.place > 0.0).all() and (seen.place < [1919.0, 1079.0]).all()
+    assert len(seen.position_px) > 60
+    assert (seen.position_px > 0.0).all() and (seen.position_px < [1919.0, 1079.0]).all()
     middles = np.array([default_layout.outline_px(k).mean(axis=0) for k in range(9)])
-    assert (((seen.place - middles[seen.own.mirror]) * seen.out).sum(axis=1) > 0.0).all()
+    assert (((seen.position_px - middles[seen.own.mirror]) * seen.out).sum(axis=1) > 0.0).all()
 
 
 def test_each_pair_of_edges_has_its_stations_once(seen: Stations) -> None:
     pairs = {
         frozenset([(int(a), int(b)), (int(c), int(d))])
         for a, b, c, d, paired in zip(
-            seen.own.mirror, seen.own.edge, seen.other.mirror, seen.other.edge, seen.paired, strict=True
+            seen.own.mirror, seen.own.edge, seen.other.mirror, seen.other.edge, seen.has_neighbour, strict=True
         )
         if paired
     }
-    assert len(pairs) * STATIONS == seen.paired.sum()
+    assert len(pairs) * STATIONS == seen.has_neighbour.sum()
     assert len(pairs) == 12  # 3 x 3 mirrors: six horizontal and six vertical pairs
-    assert (seen.apart_px[seen.paired] > 0.0).all() and (seen.apart_px < REACH_PX).all()
-    assert (seen.own.mirror != seen.other.mirror)[seen.paired].all()
+    assert (seen.gap_px[seen.has_neighbour] > 0.0).all() and (seen.gap_px < REACH_PX).all()
+    assert (seen.own.mirror != seen.other.mirror)[seen.has_neighbour].all()
 
 
 def test_a_pinhole_blurs_no_edge(default_layout: Layout, seen: Stations) -> None:
     assert seen.blur_px.min() > 8.0
     pinhole = default_layout.replaced(camera=default_layout.camera.replaced(aperture_mm=0.0))
-    assert stations(BuiltDevice(pinhole, BuildErrors())).blur_px.max() == 0.0
+    assert edge_stations(BuiltDevice(pinhole, BuildErrors())).blur_px.max() == 0.0
 
 
 @pytest.mark.parametrize("radius_px", [0.0, 5.0, 14.0])
@@ -69,16 +69,16 @@ def test_a_blurred_edge_is_the_part_of_a_disc_that_it_leaves() -> None:
 
 
 def test_light_of_the_model_leaves_nothing_and_pulls_to_the_edge(default_layout: Layout, seen: Stations) -> None:
-    given = profiles(np.zeros((1080, 1920), np.float32), seen, np.zeros((len(seen.place), 2)), 0.0)
-    true = np.full((len(seen.place), 2), 1.5)
+    given = profiles(np.zeros((1080, 1920), np.float32), seen, np.zeros((len(seen.position_px), 2)), 0.0)
+    true = np.full((len(seen.position_px), 2), 1.5)
     own, _ = edge_response(true[:, :1] - given.out_px, seen.blur_px[:, 0], 0.9)
-    other, _ = edge_response(given.out_px - seen.apart_px[:, None] - true[:, 1:], seen.blur_px[:, 1], 0.9)
-    given.light[:] = 3.0 + 100.0 * own + 80.0 * other * seen.paired[:, None]
+    other, _ = edge_response(given.out_px - seen.gap_px[:, None] - true[:, 1:], seen.blur_px[:, 1], 0.9)
+    given.light[:] = 3.0 + 100.0 * own + 80.0 * other * seen.has_neighbour[:, None]
     given.texture[:] = 5.0
     at_truth, _ = edge_residuals(given, seen, true, 0.0)
     displaced, change = edge_residuals(given, seen, np.zeros_like(true), 0.0)
     assert np.abs(at_truth).max() < 0.4 < np.abs(displaced).max()
-    paired = seen.paired
+    paired = seen.has_neighbour
     by = (change @ np.swapaxes(change, 1, 2))[paired]
     step = np.linalg.solve(by, (change @ displaced[..., None])[paired])[..., 0]
     assert np.abs(step - 1.5).max() < 0.8

@@ -121,7 +121,7 @@ def test_a_mixture_worse_than_its_parts_is_not_taken(monkeypatch: pytest.MonkeyP
     low, high = designed(SMALL), designed(SMALL.replaced(scale_mm=90.0))
     spec = SMALL.replaced(scale_mm=82.0)
     for worse, parts in ((0.03, 2), (-0.5, 1)):
-        monkeypatch.setattr("mirrorcam.optics.design.preview.WORSE", worse)
+        monkeypatch.setattr("mirrorcam.optics.design.preview.MAX_INCREASE", worse)
         found = preview(spec, [low, high])
         assert found is not None
         assert len(found.provenance["designs"].split()) == parts

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mirrorcam.optics.drift.drift import WANTED_DEG, Drift, find_drift, resolved_layout
+from mirrorcam.optics.drift.drift import TARGET_DEG, Drift, find_drift, resolved_layout
 from mirrorcam.optics.drift.matched_points import MatchedPoints, PointMatcher
 from mirrorcam.optics.geometry.layout import Layout
 from tests.nightly import a_few
@@ -54,7 +54,7 @@ def test_without_texture_mirrors_are_undetermined(frames: list[Any]) -> None:
     drift = drift_in(layout, [np.full_like(frames[0], 120)])
     assert not drift.moved
     assert len(drift.undetermined) == len(layout.mirrors)
-    assert all(mirror.detectable_deg > WANTED_DEG for mirror in drift.mirrors)
+    assert all(mirror.detectable_deg > TARGET_DEG for mirror in drift.mirrors)
     assert not any(mirror.tested for mirror in drift.mirrors)
     noise = np.random.default_rng(0).normal(120.0, 3.0, frames[0].shape).astype(np.uint8)
     assert not drift.mismatched

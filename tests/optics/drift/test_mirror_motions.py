@@ -7,13 +7,13 @@ import pytest
 
 from mirrorcam.optics.drift.mirror_motions import (
     calibration_covariance,
+    centre_changes,
+    centre_rows,
     common_covariance,
-    hinged_motion,
-    mirror_covariance,
-    mirror_rows,
-    own_motion,
-    turn_of_centre,
-    turns_about_middle,
+    covariance_of_centres,
+    hinged_covariance,
+    motion_covariance,
+    rotation_jacobian,
 )
 from mirrorcam.optics.drift.scene_fit import parameter_names
 from tests.optics.drift.calibrated_device import device, turned
@@ -27,33 +27,33 @@ def test_the_derivative_of_the_turn_is_that_of_differences() -> None:
     centre = turned(layout, 3, np.degrees(turn)).mirrors[3].virtual_centre_in_rig_mm
     change = np.zeros(len(names))
     change[[names.index(f"mirror 3 {axis}_mm") for axis in "xyz"]] = centre - mirror.virtual_centre_in_rig_mm
-    assert turn_of_centre(layout, names, 3) @ change == pytest.approx(turn, abs=2e-3 * float(np.linalg.norm(turn)))
+    assert rotation_jacobian(layout, names, 3) @ change == pytest.approx(turn, abs=2e-3 * float(np.linalg.norm(turn)))
 
 
 def test_turns_about_the_middle_are_those_of_differences() -> None:
     layout = device().truth
     mirror, turn = layout.mirrors[3], np.array([0.0003, -0.0005, 0.0008])
     moved = turned(layout, 3, np.degrees(turn)).mirrors[3].virtual_centre_in_rig_mm - mirror.virtual_centre_in_rig_mm
-    assert turn @ turns_about_middle(mirror) == pytest.approx(moved, abs=2e-3 * float(np.linalg.norm(moved)))
+    assert turn @ centre_changes(mirror) == pytest.approx(moved, abs=2e-3 * float(np.linalg.norm(moved)))
 
 
 def test_a_shift_and_a_turn_have_their_variances() -> None:
     mirror = device().truth.mirrors[3]
     n = mirror.normal_in_rig
-    assert n @ own_motion(mirror, 0.0, 0.3) @ n == pytest.approx(0.6**2)
+    assert n @ motion_covariance(mirror, 0.0, 0.3) @ n == pytest.approx(0.6**2)
     across = np.linalg.svd(n[None])[2][1]
     size = 2.0 * mirror.distance_mm * np.radians(0.02)
-    assert across @ own_motion(mirror, 0.02, 0.0) @ across == pytest.approx(size**2)
-    assert n @ hinged_motion(mirror, 0.02) @ n > n @ own_motion(mirror, 0.02, 0.0) @ n
+    assert across @ motion_covariance(mirror, 0.02, 0.0) @ across == pytest.approx(size**2)
+    assert n @ hinged_covariance(mirror, 0.02) @ n > n @ motion_covariance(mirror, 0.02, 0.0) @ n
 
 
 def test_covariances_are_placed_by_the_names_of_the_parameters() -> None:
     layout = device().calibrated
     names = parameter_names(layout)
-    assert mirror_rows(names, 1).tolist() == [names.index(f"mirror 1 {axis}_mm") for axis in "xyz"]
-    covariance = mirror_covariance({2: np.eye(3)}, names)
+    assert centre_rows(names, 1).tolist() == [names.index(f"mirror 1 {axis}_mm") for axis in "xyz"]
+    covariance = covariance_of_centres({2: np.eye(3)}, names)
     assert np.trace(covariance) == 3.0
-    assert covariance[np.ix_(mirror_rows(names, 2), mirror_rows(names, 2))] == pytest.approx(np.eye(3))
+    assert covariance[np.ix_(centre_rows(names, 2), centre_rows(names, 2))] == pytest.approx(np.eye(3))
     known = layout.uncertainty
     assert known is not None
     place, row = known.parameters.index("fx_px"), names.index("fx_px")

@@ -7,7 +7,7 @@ import pytest
 
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.drift.matched_points import MatchedPoints
-from mirrorcam.optics.drift.mirror_motions import calibration_covariance, common_covariance, mirror_rows
+from mirrorcam.optics.drift.mirror_motions import calibration_covariance, centre_rows, common_covariance
 from mirrorcam.optics.drift.scene_fit import SceneFit, parameter_names
 from mirrorcam.optics.geometry.layout import Layout
 from tests.optics.drift.calibrated_device import device, turned
@@ -46,7 +46,7 @@ def seen(layout: Layout, noise_px: float, twist: FloatArray | None = None) -> Ma
 def told_change(layout: Layout, matches: MatchedPoints) -> FloatArray:
     """Change (3,) of one mirror's virtual centre if only that mirror may have moved."""
     names = parameter_names(layout)
-    rows = mirror_rows(names, INDEX)
+    rows = centre_rows(names, INDEX)
     prior = calibration_covariance(layout, names)
     prior[rows, rows] += 1.0
     fit = SceneFit(layout, matches, prior).solve()

@@ -11,8 +11,8 @@ import pytest
 from mirrorcam.core.errors import InputError
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.camera_library import (
-    AGREE,
     CAMERAS,
+    MAX_DISAGREEMENT,
     CameraProfile,
     camera_names,
     library,
@@ -84,7 +84,7 @@ def test_optics_agree_with_what_is_published(name: str) -> None:
     profile = read_profile(name)
     assert profile.disagreements
     for figure, relative in profile.disagreements.items():
-        assert (abs(relative) > AGREE) == (figure in profile.set_aside), figure
+        assert (abs(relative) > MAX_DISAGREEMENT) == (figure in profile.set_aside), figure
     assert profile.published.f_number or "aperture_mm" in profile.guessed
 
 

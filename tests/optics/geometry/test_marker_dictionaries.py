@@ -9,7 +9,7 @@ import pytest
 from mirrorcam.optics.geometry.marker_dictionaries import (
     FAMILIES,
     NAMES,
-    as_named,
+    canonical_name,
     count,
     dictionary,
     family,
@@ -23,10 +23,10 @@ def test_every_predefined_dictionary_of_opencv_is_known() -> None:
     numbers = {getattr(cv2.aruco, name) for name in dir(cv2.aruco) if name.startswith("DICT_")}
     assert {getattr(cv2.aruco, name) for name in NAMES} == numbers
     for name in (name for name in dir(cv2.aruco) if name.startswith("DICT_")):
-        known = as_named(name)
+        known = canonical_name(name)
         assert known is not None
         assert getattr(cv2.aruco, known) == getattr(cv2.aruco, name)
-    assert as_named("DICT_9X9_50") is None
+    assert canonical_name("DICT_9X9_50") is None
 
 
 @pytest.mark.parametrize("name", NAMES)

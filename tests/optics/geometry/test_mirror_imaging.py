@@ -46,7 +46,7 @@ def test_derivatives_agree_with_finite_differences(kind: str) -> None:
     at = {
         "point": points,
         "centre_mm": centre,
-        "middle_mm": centre / 2 + random.normal(0, 5.0, (3, 7)),
+        "centroid_mm": centre / 2 + random.normal(0, 5.0, (3, 7)),
         "thickness_mm": np.full(7, thickness),
         "refractive_index": np.full(7, 1.49),
         "curvature_per_m": bend * random.normal(size=(3, 7)),

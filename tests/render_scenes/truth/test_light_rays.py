@@ -148,7 +148,7 @@ def test_chief_rays_start_on_the_axis_and_meet_the_point_in_focus() -> None:
     np.testing.assert_allclose(start + along[:, None] * unit, 500.0 * np.column_stack([x, y, 1.0 + 0.0 * x]), atol=1e-9)
     # The thin lens of `Pupil` lies in z = 0: there it is the same ray.
     at_zero = start - (start[:, 2] / unit[:, 2])[:, None] * unit
-    np.testing.assert_allclose(at_zero[:, :2], WALKING.middle_mm(np.column_stack([x, y])), atol=1e-12)
+    np.testing.assert_allclose(at_zero[:, :2], WALKING.centre_mm(np.column_stack([x, y])), atol=1e-12)
 
 
 def test_points_on_the_ray_of_a_walking_pupil_have_their_image_in_its_pixel() -> None:

@@ -15,7 +15,7 @@ from mirrorcam.core.images.pictures import read_image
 from mirrorcam.optics.alignment.alignment import Alignment, EdgeAligner, SceneAligner
 from mirrorcam.optics.calibration.detection.detect_boards import sub_images
 from mirrorcam.optics.calibration.detection.next_pose import NextPosePlanner, pose_by_layout
-from mirrorcam.optics.drift.drift import LEAST_MIRRORS
+from mirrorcam.optics.drift.drift import MIN_MIRRORS
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import load_board
 
@@ -104,7 +104,7 @@ class LiveSetup:
         """Measure the alignment in frames (h, w); `anew` ignores earlier results."""
         if self._edges is None:
             self._edges = EdgeAligner(self.layout)
-        if self._scene is None and len(self.layout.mirrors) >= LEAST_MIRRORS:
+        if self._scene is None and len(self.layout.mirrors) >= MIN_MIRRORS:
             self._scene = SceneAligner(self.layout)
         edges = self._near = self._edges.align(frames, None if anew else self._near)
         scene = None if self._scene is None else self._scene.align(frames[-FRAMES:])

@@ -176,7 +176,7 @@ def test_a_file_that_ends_early_is_refused(name: str, binary_model: Path, tmp_pa
         with pytest.raises(InputError) as caught:
             read_model(tmp_path / "cut")
         assert "\n" not in str(caught.value)
-        assert "invalid file of COLMAP" in str(caught.value)
+        assert "invalid COLMAP file" in str(caught.value)
 
 
 @pytest.mark.parametrize("name", ["cameras.bin", "images.bin", "rigs.bin"])
@@ -196,11 +196,11 @@ def test_a_count_beyond_the_file_is_refused_before_anything_is_read(
         ("cameras.txt", "1 PINHOLE 640 480 1 2 3\n", "camera 1: 3 parameters, expected 4"),
         ("cameras.txt", "1 PINHOLE 640 480 1 2 3 inf\n", "not finite"),
         ("cameras.txt", "1 PINHOLE 0 480 1 2 3 4\n", "camera 1 is 0 x 480 px"),
-        ("cameras.txt", "one PINHOLE 640 480 1 2 3 4\n", "invalid file of COLMAP"),
-        ("images.txt", "1 1 1 0 0 0 0 0 1 a/b.png\n\n", "quaternion is not of length 1"),
-        ("images.txt", "1 1 0 0\n\n", "invalid file of COLMAP"),
+        ("cameras.txt", "one PINHOLE 640 480 1 2 3 4\n", "invalid COLMAP file"),
+        ("images.txt", "1 1 1 0 0 0 0 0 1 a/b.png\n\n", "not a unit quaternion"),
+        ("images.txt", "1 1 0 0\n\n", "invalid COLMAP file"),
         ("images.txt", "1 nan 0 0 0 0 0 0 1 a/b.png\n\n", "not finite"),
-        ("rigs.txt", "1 2 CAMERA\n", "invalid file of COLMAP"),
+        ("rigs.txt", "1 2 CAMERA\n", "invalid COLMAP file"),
     ],
 )
 def test_text_that_is_no_model_is_refused(name: str, text: str, complaint: str, exported: Path, tmp_path: Path) -> None:

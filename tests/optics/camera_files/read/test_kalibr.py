@@ -126,7 +126,7 @@ def test_a_chain_with_a_gap_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="cam0, cam1 and so on"):
         read_kalibr(written(tmp_path, cam0=CAMERA, cam7=CAMERA))
     stretched = (2.0 * T).tolist()
-    with pytest.raises(InputError, match="is no rotation"):
+    with pytest.raises(InputError, match="not a rotation"):
         read_kalibr(written(tmp_path, cam0=CAMERA, cam1=CAMERA | {"T_cn_cnm1": stretched}))
 
 

@@ -103,12 +103,12 @@ def test_a_stereographic_lens_is_twice_the_tangent_of_half_the_angle(tmp_path: P
 @pytest.mark.parametrize(
     ("text", "complaint"),
     [
-        ("1" + "+1" * 500_000, "no camera model of mrcal: too large"),
-        ("[" * 900_000, "no camera model of mrcal"),
-        ("__import__('os').system('touch hacked')", "no camera model of mrcal"),
-        ("{'lensmodel': open('/etc/passwd').read()}", "no camera model of mrcal"),
-        ("{", "no camera model of mrcal"),
-        ("(" * 100_000, "no camera model of mrcal"),
+        ("1" + "+1" * 500_000, "not an mrcal camera model: too large"),
+        ("[" * 900_000, "not an mrcal camera model"),
+        ("__import__('os').system('touch hacked')", "not an mrcal camera model"),
+        ("{'lensmodel': open('/etc/passwd').read()}", "not an mrcal camera model"),
+        ("{", "not an mrcal camera model"),
+        ("(" * 100_000, "not an mrcal camera model"),
         ("[1, 2]", "expected names with values"),
         ("{'lensmodel': 'LENSMODEL_PINHOLE'}", "extrinsics is missing"),
     ],

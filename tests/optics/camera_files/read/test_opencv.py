@@ -129,7 +129,7 @@ def test_the_sample_stereo_calib(tmp_path: Path) -> None:
     assert [camera.name for camera in rig.cameras] == ["first", "second"]
     np.testing.assert_allclose(pose_of(rig.cameras[0]), np.eye(4))
     np.testing.assert_allclose(pose_of(rig.cameras[1])[:3], np.hstack([TURN, SHIFT]), atol=1e-12)
-    assert rig.notes == ("the file states no unit of poses: mm is assumed",)
+    assert rig.notes == ("the file does not state the unit of poses: mm is assumed",)
     (tmp_path / "extrinsics.yml").unlink()
     with pytest.raises(InputError, match="M1 and M2 without R and T"):
         read_rig(tmp_path)

@@ -120,7 +120,7 @@ def test_it_is_none_with_the_reason_where_it_would_exceed_the_depth(
     aperture_mm: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(
-        "mirrorcam.optics.design.assess.depth_sigma._places", lambda *_: np.array([[25.0, -70.0, DEPTH_MM]])
+        "mirrorcam.optics.design.assess.depth_sigma._points", lambda *_: np.array([[25.0, -70.0, DEPTH_MM]])
     )
     layout = upright_views(110.0, 80.0, camera=Camera.c920().replaced(aperture_mm=aperture_mm, focus_mm=1e5))
     (metric,) = depth_sigma_metrics(fields_of_view(layout), (DEPTH_MM,)).values()

@@ -11,8 +11,8 @@ from shapely import Polygon
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import NOT_FINITE, FloatArray
 from mirrorcam.optics.design.assess.layout_metrics import (
-    FARTHEST_MM,
-    NEAREST_MM,
+    MAX_DEPTH_MM,
+    MIN_DEPTH_MM,
     depth_range_mm,
     evaluate,
     fitted_grid,
@@ -170,7 +170,7 @@ def test_depth_range_is_around_the_best_working_depth() -> None:
 def test_a_depth_range_without_end_says_so() -> None:
     # The fields separate by b (1 - D / 380) and are 2 a D wide, a / b > 1 / 380: at infinity half is still common.
     metrics = evaluate(two_views(60.0, 0.18), [DEPTH_MM])
-    assert (metrics["depth_farthest_mm"].value, metrics["depth_farthest_mm"].unit) == (FARTHEST_MM, "mm or more")
+    assert (metrics["depth_farthest_mm"].value, metrics["depth_farthest_mm"].unit) == (MAX_DEPTH_MM, "mm or more")
     assert metrics["depth_nearest_mm"].value < 150.0
 
 
@@ -261,7 +261,7 @@ def test_a_depth_range_ends_before_the_pupil_if_mirrors_fold_light_past_it() -> 
     assert views.reach_mm < 0.0
     found = depth_range_mm(views, [2.0, 3.0])
     assert found is not None
-    assert found[0] == NEAREST_MM
+    assert found[0] == MIN_DEPTH_MM
 
 
 @pytest.mark.filterwarnings("error")

@@ -18,7 +18,7 @@ from mirrorcam.optics.design.assess.chief_rays import blocked_light
 from mirrorcam.optics.design.program import separation
 from mirrorcam.optics.design.program.design_problem import SLACK_WEIGHTS, Problem, overlap_problem
 from mirrorcam.optics.design.program.mirror_variables import Kind
-from mirrorcam.optics.design.program.nonlinear_program import HOLD, Assembled, Program, Solver
+from mirrorcam.optics.design.program.nonlinear_program import ANCHOR_WEIGHT, Assembled, Program, Solver
 from mirrorcam.optics.design.program.seeds import seed_of
 from mirrorcam.optics.design.program.separation import neighbour_pairs
 from mirrorcam.optics.design.program.terms import ELASTIC, Indices, Term, TermBuilder
@@ -119,7 +119,7 @@ def test_a_search_asks_for_the_slacks_alone_and_to_stay_near() -> None:
     at = nearby(solver)
     count = len(ELASTIC)
     weights = np.array([SLACK_WEIGHTS[family] for family in ELASTIC])
-    away = HOLD * float(np.sum((at - solver.program.start)[count:] ** 2))
+    away = ANCHOR_WEIGHT * float(np.sum((at - solver.program.start)[count:] ** 2))
     assert float(solver.derivatives["grad_f"](at, 1.0)[0]) == pytest.approx(weights @ at[:count] + away)
     assembled = Assembled(solver.program)
     f, g = ca.Function("f", [assembled.x], list(assembled.objective_and_constraints()))(at)
@@ -179,7 +179,7 @@ def test_uses_of_one_term_add_up() -> None:
     program.add(fixed, [x[2:]])
     outcome = Solver(program, SLACK_WEIGHTS).optimise()
     assert outcome.solved
-    # x0 = 1; x1 halfway between 1 and 4; x2 = 3 is requested. HOLD shifts the optimum slightly.
+    # x0 = 1; x1 halfway between 1 and 4; x2 = 3 is requested. ANCHOR_WEIGHT shifts the optimum slightly.
     assert_allclose(outcome.values[x], [1.0, 2.5, 3.0], atol=1e-4)
     assert outcome.objective == pytest.approx(0.0 + 2 * 1.5**2 + 1.0, abs=1e-3)
 
@@ -194,7 +194,7 @@ def test_the_upper_half_of_the_hessian_holds_terms_used_in_any_order() -> None:
     solver = Solver(program, SLACK_WEIGHTS)
     upper = dense(solver.derivatives["hess_lag"](program.start, 0.0, 1.0, ca.DM(0, 1)))[len(ELASTIC) :, len(ELASTIC) :]
     # f = x1^2 x0 at (2, 3).
-    assert_allclose(upper, np.array([[0.0, 6.0], [0.0, 4.0]]) + 2.0 * HOLD * np.eye(2))
+    assert_allclose(upper, np.array([[0.0, 6.0], [0.0, 4.0]]) + 2.0 * ANCHOR_WEIGHT * np.eye(2))
 
 
 # Separated bodies.

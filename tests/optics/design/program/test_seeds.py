@@ -20,7 +20,7 @@ from mirrorcam.optics.design.program.seeds import (
     parabola_centres,
     seed_of,
     sensor_rectangle,
-    tile_places,
+    tile_positions,
     tiles,
 )
 from mirrorcam.optics.geometry.arrangement import Arrangement, Pattern
@@ -142,7 +142,7 @@ def test_a_right_angle_gives_the_closed_forms() -> None:
 def test_a_seed_knows_where_its_chief_rays_meet_the_mirrors(fold_deg: float) -> None:
     spec = DesignSpec(rows=2, cols=3, fold_deg=fold_deg, sides=5)
     seed = seed_of(spec, 375.0)
-    middles, rays = seed.middles(spec.view_from_rig), rays_in_view(seed.chief, spec.view_from_rig)
+    middles, rays = seed.chief_points(spec.view_from_rig), rays_in_view(seed.chief_rays, spec.view_from_rig)
     assert_allclose(np.cross(middles, rays), 0.0, atol=1e-12)
     assert_allclose(np.linalg.norm(middles, axis=1), np.linalg.norm(middles - seed.centres, axis=1))
     sizes = np.ptp(seed.corners, axis=1)
@@ -271,7 +271,7 @@ def test_outlines_are_rounded_and_lie_on_their_planes() -> None:
 
 @pytest.mark.parametrize(("rows", "cols"), [(1, 2), (3, 3), (7, 4)])
 def test_tiles_of_a_grid_lie_in_its_rows_and_columns(rows: int, cols: int) -> None:
-    places = tile_places(Arrangement(rows, cols)).reshape(rows, cols, 2)
+    places = tile_positions(Arrangement(rows, cols)).reshape(rows, cols, 2)
     assert (places == np.stack(np.meshgrid(np.arange(cols), np.arange(rows)), axis=-1)).all()
 
 
@@ -287,7 +287,7 @@ def test_tiles_of_a_grid_lie_in_its_rows_and_columns(rows: int, cols: int) -> No
 )
 def test_tiles_of_a_pattern_lie_apart_in_its_order(pattern: Pattern, size: tuple[int, int]) -> None:
     arrangement = Arrangement(1, len(pattern.positions), pattern)
-    places = tile_places(arrangement)
+    places = tile_positions(arrangement)
     assert places.min() == 0.0
     assert (places.max(axis=0) + 1 == size).all()
     for i, j in combinations(range(len(places)), 2):

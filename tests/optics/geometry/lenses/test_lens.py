@@ -16,5 +16,5 @@ def test_only_a_lens_without_distortion_is_the_identity() -> None:
 
 def test_the_approximate_inverse_stays_within_the_valid_radius() -> None:
     folding = BrownConrady(np.array([-1 / 3, 0.0, 0.0, 0.0, 0.0]))
-    x, y = folding.undistorted_roughly(np.array([0.1, 3.0]), np.array([0.0, 4.0]))
+    x, y = folding.undistorted_estimate(np.array([0.1, 3.0]), np.array([0.0, 4.0]))
     np.testing.assert_allclose([x, y], [[0.1, 0.57], [0.0, 0.76]])
