@@ -85,9 +85,9 @@ def prediction_floor(fitted: Fitted, observations: Observations, fold: IntArray,
     errors = []
     for _ in range(rounds):
         truth = solution.estimate
-        if terms.turn_per_rad is not None:
-            turn = random.normal(0.0, solution.scale / terms.turn_per_rad, truth.camera_turn.shape)
-            truth = replace(truth, camera_turn=turn)
+        if terms.rotation_per_rad is not None:
+            turn = random.normal(0.0, solution.scale / terms.rotation_per_rad, truth.camera_rotation.shape)
+            truth = replace(truth, camera_rotation=turn)
         if terms.bow_per_mm is not None:
             truth = replace(truth, bow_mm=random.normal(0.0, solution.scale / terms.bow_per_mm, truth.bow_mm.shape))
         noise = random.normal(0.0, solution.scale * observations.sigma_px[:, None], (len(observations), 2))

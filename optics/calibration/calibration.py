@@ -24,7 +24,7 @@ from mirrorcam.optics.calibration.detection.detect_boards import detect_frames
 from mirrorcam.optics.calibration.detection.detections import DetectedFrame
 from mirrorcam.optics.calibration.detection.frame_choice import most_informative
 from mirrorcam.optics.calibration.detection.joint_numbering import number_jointly
-from mirrorcam.optics.calibration.detection.other_boards import MOST_PICTURES, other_board
+from mirrorcam.optics.calibration.detection.other_boards import MAX_PICTURES, other_board
 from mirrorcam.optics.calibration.detection.segmentation import Extremes
 from mirrorcam.optics.calibration.diagnostics.board_scale import other_size
 from mirrorcam.optics.calibration.diagnostics.calibration_result import (
@@ -39,10 +39,10 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import AprilGrid, Charuco, Checkerboard, Target
 
 UPSIDE_DOWN = (
-    "the pictures fit the layout only when they are turned by 180 deg: the camera is upside down in the device, or its "
-    "pictures were turned; turn all of them"
+    "the pictures fit the layout only when rotated by 180 deg: the camera is upside down in the device, or its "
+    "pictures were rotated; rotate all of them"
 )
-MOST_KEPT = 24  # arrays kept from an iterator, so that memory use stays bounded
+MAX_KEPT = 24  # arrays kept from an iterator, so that memory use stays bounded
 
 
 def calibrate(
@@ -108,14 +108,14 @@ def calibrate(
     model.check_mirrored()
     frames, base_frames = (checked_pictures(*given) for given in (("frames", frames), ("base_frames", base_frames)))
     detect = partial(detect_frames, layout=layout, target=target, folder=cache, workers=workers)
-    taken = PictureReader(layout.camera)
+    reader = PictureReader(layout.camera)
 
     def report(found: Sequence[DetectedFrame]) -> None:
         on_frame(len(found))
         on_seen([frame.corners for frame in found])
 
-    found = detect(taken.read(frames, mirrored=True), mirrored=True, on_frame=report)
-    pictures = taken.read(base_frames, mirrored=False)
+    found = detect(reader.read(frames, mirrored=True), mirrored=True, on_frame=report)
+    pictures = reader.read(base_frames, mirrored=False)
     found_in_base = detect(pictures, mirrored=False, on_frame=lambda done: on_frame(len(found) + len(done)))
     if isinstance(target, Checkerboard):
         found = number_jointly(found, found_in_base, layout, target)
@@ -125,11 +125,11 @@ def calibrate(
         [detected[number].corners for number in numbers]
         for detected, numbers in zip((found, found_in_base), chosen, strict=True)
     )
-    # A board that is often partly out of view is found in few pictures: one detection confirms the stated board.
-    shown = any(len(o) for o in seen), any(len(o) for o in base)
-    taken.refuse_other_board(target, seen=shown[0], base=shown[1], fits=True)
-    if taken.damaged and not any(map(len, seen)):
-        raise InputError(f"{taken.damaged[0]}; no corner of the board found in other frames")
+    # A board often partly out of view is found in few pictures only, so one detection confirms the stated board.
+    board_found = any(len(o) for o in seen), any(len(o) for o in base)
+    reader.refuse_other_board(target, seen=board_found[0], base=board_found[1], fits=True)
+    if reader.damaged and not any(map(len, seen)):
+        raise InputError(f"{reader.damaged[0]}; no corner of the board found in other frames")
     try:
         calibration = calibrate_corners(
             seen,
@@ -137,20 +137,20 @@ def calibrate(
             layout,
             target.corners_in_board_mm,
             model=model,
-            extremes=taken.extremes,
-            pictures=BoardPictures([taken.mirrored[number] for number in chosen[0]], target, workers),
+            extremes=reader.extremes,
+            pictures=BoardPictures([reader.mirrored[number] for number in chosen[0]], target, workers),
             unknown=unknown_mirrors(layout, found),
             names=None if names is None else [of[n] for of, some in zip(names, chosen, strict=True) for n in some],
         )
     except InputError:
         # The stated board was found but does not fit: a larger checkerboard can pass for it in places.
-        taken.refuse_other_board(target, seen=shown[0], base=shown[1], fits=False)
-        if other := other_size(taken.first(mirrored=True), layout, target):
+        reader.refuse_other_board(target, seen=board_found[0], base=board_found[1], fits=False)
+        if other := other_size(reader.first(mirrored=True), layout, target):
             raise InputError(other) from None
         if fits_upside_down(seen, layout, target):
             raise InputError(UPSIDE_DOWN) from None
         raise
-    return calibration.with_damaged_pictures(taken.damaged)
+    return calibration.with_damaged_pictures(reader.damaged)
 
 
 def _chosen(
@@ -192,12 +192,12 @@ class PictureReader:
     Attributes
     ----------
     damaged
-            Errors of the damaged files so far.
-        extremes
-            Pixel-wise extremes of the pictures through the mirrors so far.
-        mirrored
-            The pictures through the mirrors so far. None replaces a damaged one, and an array from an iterator once
-            `MOST_KEPT` arrays are kept.
+        Errors of the damaged files so far.
+    extremes
+        Pixel-wise extremes of the pictures through the mirrors so far.
+    mirrored
+        The pictures through the mirrors so far. None replaces a damaged one, and an array from an iterator once
+        `MAX_KEPT` arrays are kept.
     """
 
     def __init__(self, camera: Camera) -> None:
@@ -213,26 +213,26 @@ class PictureReader:
 
         Raises InputError if a picture file's size differs from the camera's.
         """
-        held = isinstance(pictures, Sequence)
-        if held:
+        in_memory = isinstance(pictures, Sequence)
+        if in_memory:
             agree_on_bits([each for each in pictures if isinstance(each, Path)])
         for picture in pictures:
             grey = self._grey(picture)
             yield grey
             # The caller asks for the next picture only after it accepted this one's size.
             if mirrored:
-                keep = held or isinstance(picture, Path) or self._arrays < MOST_KEPT
+                keep = in_memory or isinstance(picture, Path) or self._arrays < MAX_KEPT
                 self._arrays += not isinstance(picture, Path)
                 self.mirrored.append(picture if grey is not None and keep else None)
             if grey is None:
                 continue
             if mirrored:
                 self.extremes.add(grey)
-            if len(self._first[mirrored]) < MOST_PICTURES:
+            if len(self._first[mirrored]) < MAX_PICTURES:
                 self._first[mirrored].append(grey)
 
     def first(self, *, mirrored: bool) -> Sequence[Grey]:
-        """The first pictures through the mirrors or without them, at most `MOST_PICTURES`."""
+        """The first pictures through the mirrors or without them, at most `MAX_PICTURES`."""
         return self._first[mirrored]
 
     def refuse_other_board(self, target: Target, *, seen: bool, base: bool, fits: bool) -> None:

@@ -101,14 +101,14 @@ def calibrate_corners(
         screened = screen(seen, base, start, corners_in_board_mm)
         if pictures is not None and any(mirror.is_second_surface for mirror in layout.mirrors):
             seen = _without_ghost_images(screened, start, corners_in_board_mm, extremes, pictures)
-            notes += (*screened.notes, *_not_kept(screened.seen, pictures))
+            notes += (*screened.notes, *_missing_pictures(screened.seen, pictures))
             screened = screen(seen, screened.base, start, corners_in_board_mm)
         select = partial(select_model, model=model, prior=pair_prior(layout))
         fitted = _fitted(screened, start, corners_in_board_mm, select, extremes, pictures)
         if names is None:
             names = [f"frame {n}" for n in range(len(seen))] + [f"base frame {n}" for n in range(len(base))]
         pictures_used = tuple(names[number] for number in fitted.frames)
-        return _concluded(fitted, layout, extremes, (*notes, *screened.notes), unknown, pictures_used)
+        return _result(fitted, layout, extremes, (*notes, *screened.notes), unknown, pictures_used)
     except UndeterminedError as error:
         raise unknown.explained(f"the frames do not determine camera and mirrors: {error}") from None
     except InvalidValue as error:
@@ -140,7 +140,7 @@ def _fitted(
     pictures: BoardPictures | None,
 ) -> _Fitted:
     """Fit the corners of all frames that show any, those with mirrors first."""
-    numbers, observations, start = _started(screened, layout, corners_in_board_mm)
+    numbers, observations, start = _first_estimate(screened, layout, corners_in_board_mm)
     camera = start.camera
     metrics: dict[str, Metric] = {}
     notes: tuple[str, ...] = ()
@@ -158,7 +158,7 @@ def _fitted(
     return _Fitted(selection.widened_to(screened.widened), observations, numbers, metrics, notes)
 
 
-def _started(
+def _first_estimate(
     screened: ScreenedFrames, layout: Layout, corners_in_board_mm: FloatArray
 ) -> tuple[tuple[int, ...], Observations, Estimate]:
     """Return numbers of the frames that show corners, the corners with renumbered frames, and a starting estimate."""
@@ -177,7 +177,7 @@ def _first_fit(
     corners_in_board_mm: FloatArray,
     extremes: Extremes | None,
 ) -> tuple[Estimate, Layout]:
-    """Fit the smallest model; return it, and the layout it gives with the outlines that the frames show."""
+    """Fit the smallest model; return the estimate, and its layout with the outlines that the frames show."""
     first = first_fit(start, observations, corners_in_board_mm, pair_prior(layout))
     layout = as_estimated(layout, first)
     return first, layout if extremes is None else outlined(layout, seen_edges(layout, extremes))[0]
@@ -191,7 +191,7 @@ def _without_ghost_images(
     pictures: BoardPictures,
 ) -> list[Observations]:
     """Refine the corners of the frames with mirrors by the ghost images of second-surface mirrors."""
-    numbers, observations, start = _started(screened, layout, corners_in_board_mm)
+    numbers, observations, start = _first_estimate(screened, layout, corners_in_board_mm)
     first, layout = _first_fit(start, observations, layout, corners_in_board_mm, extremes)
     poses = dict(zip(numbers, first.rig_from_board, strict=True))
     return without_ghost_images(
@@ -199,7 +199,7 @@ def _without_ghost_images(
     )
 
 
-def _not_kept(seen: list[Observations], pictures: BoardPictures) -> list[str]:
+def _missing_pictures(seen: list[Observations], pictures: BoardPictures) -> list[str]:
     return [
         f"frame {number}: not kept in memory, so its corners in second-surface mirrors are not used"
         for number, (rows, picture) in enumerate(zip(seen, pictures.frames, strict=True))
@@ -207,7 +207,7 @@ def _not_kept(seen: list[Observations], pictures: BoardPictures) -> list[str]:
     ]
 
 
-def _concluded(
+def _result(
     fitted: _Fitted,
     layout: Layout,
     extremes: Extremes | None,
@@ -224,10 +224,10 @@ def _concluded(
     what: Literal["square", "tag"] = "square" if np.isclose(side_mm, next_mm) or next_mm < 0.0 else "tag"
     mismatches, doubts = scale_doubt(layout, calibrated.virtual_centres_in_rig_mm, edges, float(side_mm), what)
     if selection.other_surface is not None:
-        mismatches = ()  # plates of another thickness or index change the scale, too
+        mismatches = ()  # plates of another thickness or index also change the scale
     if edges:
-        calibrated, moved = outlined(calibrated, edges)
-        notes += moved
+        calibrated, outline_notes = outlined(calibrated, edges)
+        notes += outline_notes
     diagnostics = diagnose(selection, observations, calibrated, mismatches=(*unknown.alarms, *mismatches))
     selection = selection.widened_to(diagnostics.widened)
     solution = selection.solution

@@ -23,7 +23,7 @@ from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibrat
 from mirrorcam.optics.calibration.solver.observations import DIRECT, MIN_CORNERS, Observations
 from mirrorcam.optics.geometry.layout import Layout
 
-NEEDED = ("picture", "view", "corner", "x_px", "y_px")
+REQUIRED = ("picture", "view", "corner", "x_px", "y_px")
 OPTIONAL = ("sigma_px", "used")
 DIRECT_NAME = "direct"
 HEADER = """\
@@ -34,9 +34,8 @@ HEADER = """\
 # sigma_px: standard deviation per axis; used: 1, or 0 where the corner was left out of the fit
 """
 SUFFIX = ".vnl"
-COLUMNS = ("filename", "x", "y")
-SURE = ("level", "weight")
-HIGHEST_LEVEL = 9
+VNL_COLUMNS = ("filename", "x", "y")
+MAX_LEVEL = 9
 _VIEW = re.compile(r"view_\d+_\d+")
 
 
@@ -67,7 +66,7 @@ def save_corners(path: Path, calibration: Calibration) -> None:
     with atomic(path) as temporary, temporary.open("w", encoding="utf-8", errors="replace", newline="") as file:
         file.write(HEADER)
         table = csv.writer(file, lineterminator="\n")
-        table.writerow((*NEEDED, *OPTIONAL))
+        table.writerow((*REQUIRED, *OPTIONAL))
         for frame, view, corner, (x, y), sigma, used in zip(*(each.tolist() for each in columns), strict=True):
             table.writerow((pictures[frame], names[view], corner, f"{x:.6f}", f"{y:.6f}", f"{sigma:.6g}", int(used)))
 
@@ -78,7 +77,7 @@ def load_corners(path: Path, layout: Layout, corners: int) -> CornerTable:
     Parameters
     ----------
     path
-        A CSV file with the columns `NEEDED`, and optionally those of `OPTIONAL`; lines that begin with # before the
+        A CSV file with the columns `REQUIRED`, and optionally those of `OPTIONAL`; lines that begin with # before the
         header are comments. Or mrcal's corners.vnl, for pictures of the bare camera.
     layout
         The layout whose mirrors name the views and whose camera took the pictures.
@@ -104,13 +103,13 @@ def load_corners(path: Path, layout: Layout, corners: int) -> CornerTable:
             raise reader.wrong(line, "corner", row, "each corner of a view once in a picture")
         picture.corners[found.view, found.corner] = found
     if not pictures:
-        raise InputError(f"{path}: no corners, expected lines of columns {', '.join(NEEDED)}")
+        raise InputError(f"{path}: no corners, expected lines of columns {', '.join(REQUIRED)}")
     tables = {name: picture.observations() for name, picture in pictures.items()}
-    few = sum(len(picture.used()) - len(tables[name]) for name, picture in pictures.items())
+    left_out = sum(len(picture.used()) - len(tables[name]) for name, picture in pictures.items())
     return CornerTable(
         seen={name: tables[name] for name, picture in pictures.items() if not picture.direct},
         base={name: tables[name] for name, picture in pictures.items() if picture.direct},
-        notes=(f"{path.name}: {few} corners in views of fewer than {MIN_CORNERS}, not used",) if few else (),
+        notes=(f"{path.name}: {left_out} corners in views of fewer than {MIN_CORNERS}, not used",) if left_out else (),
     )
 
 
@@ -177,11 +176,11 @@ def _rows(path: Path, corners: int) -> Iterator[tuple[int, dict[str, str]]]:
 
 def _columns(path: Path, line: int, cells: Sequence[str]) -> Sequence[str]:
     """Return the column names of the header, checked."""
-    missing = [name for name in NEEDED if name not in cells]
-    unknown = [name for name in cells if name not in (*NEEDED, *OPTIONAL)]
+    missing = [name for name in REQUIRED if name not in cells]
+    unknown = [name for name in cells if name not in (*REQUIRED, *OPTIONAL)]
     if missing or unknown or len(set(cells)) != len(cells):
         raise InputError(
-            f"{path}, line {line}: expected the columns {', '.join(NEEDED)} and optionally {' and '.join(OPTIONAL)}"
+            f"{path}, line {line}: expected the columns {', '.join(REQUIRED)} and optionally {' and '.join(OPTIONAL)}"
         )
     return cells
 
@@ -231,7 +230,7 @@ class _Reader:
 
 def is_vnl(path: Path, lines: list[str]) -> bool:
     """Return whether a file is a corners.vnl, by its suffix or by its column names."""
-    return path.suffix.lower() == SUFFIX or _legend(lines)[:3] == COLUMNS
+    return path.suffix.lower() == SUFFIX or _legend(lines)[:3] == VNL_COLUMNS
 
 
 def vnl_rows(path: Path, lines: list[str], corners: int, view: str) -> Iterator[tuple[int, dict[str, str]]]:
@@ -240,10 +239,10 @@ def vnl_rows(path: Path, lines: list[str], corners: int, view: str) -> Iterator[
     Raises InputError in one line, which names the format, if mrcal would not accept the file for this board.
     """
     legend = _legend(lines)
-    if legend and (legend[:3] != COLUMNS or len(legend) > 4):
-        raise _wrong(path, f"columns {' '.join(legend)[:60]!r}, expected {' '.join(COLUMNS)} and level or weight")
+    if legend and (legend[:3] != VNL_COLUMNS or len(legend) > 4):
+        raise _wrong(path, f"columns {' '.join(legend)[:60]!r}, expected {' '.join(VNL_COLUMNS)} and level or weight")
     weighted, listed = legend[3:] == ("weight",), dict[str, int]()
-    ended, picture = set[str](), ""
+    earlier, picture = set[str](), ""
     for number, line in enumerate(lines, start=1):
         cells = line.split()
         if not cells or line.lstrip().startswith("#"):
@@ -252,17 +251,17 @@ def vnl_rows(path: Path, lines: list[str], corners: int, view: str) -> Iterator[
             raise _wrong(path, f"line {number}: {len(cells)} values, expected a file name, x, y and level or weight")
         if cells[0] != picture:
             _refuse_short(path, picture, listed.get(picture, corners), corners)
-            if cells[0] in ended:
+            if cells[0] in earlier:
                 raise _wrong(path, f"line {number}: {cells[0][:40]!r} again, expected the lines of a picture together")
             if _VIEW.search(cells[0]):
                 raise _wrong(
                     path, f"{cells[0][:40]!r} is a mirror's view, expected a table like corners.csv, with a column view"
                 )
             picture = cells[0]
-            ended.add(picture)
+            earlier.add(picture)
         listed[picture] = listed.get(picture, 0) + 1
         sigma = _sigma_px(path, number, cells[3:], weighted=weighted)
-        if sigma and not any(cell.startswith("-") for cell in cells[1:3]):  # mrcal ignores negative pixels, too
+        if sigma and not any(cell.startswith("-") for cell in cells[1:3]):  # mrcal also ignores negative pixels
             row = {"picture": picture, "view": view, "corner": f"{listed[picture] - 1}"}
             yield number, row | {"x_px": cells[1], "y_px": cells[2], "sigma_px": sigma}
     _refuse_short(path, picture, listed.get(picture, corners), corners)
@@ -285,8 +284,8 @@ def _sigma_px(path: Path, number: int, cells: list[str], *, weighted: bool) -> s
         sigma = (1.0 / value if value > 0.0 else 0.0) if weighted else 2.0**value if value >= 0.0 else 0.0
     except (ValueError, OverflowError):
         sigma = -1.0
-    if not 0.0 <= sigma <= 2.0**HIGHEST_LEVEL:
-        raise _wrong(path, f"line {number}: {cells[0][:40]!r}, expected a level up to {HIGHEST_LEVEL}, a weight, or -")
+    if not 0.0 <= sigma <= 2.0**MAX_LEVEL:
+        raise _wrong(path, f"line {number}: {cells[0][:40]!r}, expected a level up to {MAX_LEVEL}, a weight, or -")
     return f"{sigma!r}" if sigma else ""
 
 

@@ -31,23 +31,23 @@ from mirrorcam.optics.geometry.pupil import Pupil, clear_aperture, outline_apert
 from mirrorcam.optics.geometry.targets import Target
 
 MARGIN_PX = 9.0
-"""Distance of a corner from the border of the unvignetted part: the corner's patch must be unvignetted, too."""
+"""Distance of a corner from the border of the unvignetted part: the corner's patch must be unvignetted as well."""
 MIN_KEPT = 1.0 / 3.0
 """Share of a mirror's corners that must be unvignetted; otherwise all are kept."""
-MOST_FRAMES = 24
+MAX_FRAMES = 24
 """Number of frames used: more would not improve the estimate of the pupil."""
 PASSES = 2
 """Estimates of the pupil; each traces rays through the parts of the previous one."""
-LEAST_LENS_PX, LEAST_HALF_PX = 0.5, 0.5
-"""Least sigma of the blur of lens and pixels, and least half width of the pupil's blur, for every border."""
+MIN_LENS_PX, MIN_HALF_WIDTH_PX = 0.5, 0.5
+"""Lower bounds on the sigma of the blur of lens and pixels, and on the half width of the pupil's blur, per border."""
 NODES, WEIGHTS = np.polynomial.hermite_e.hermegauss(5)
-MIN_POINTS, MIN_BESIDE = 150, 20
+MIN_POINTS, MIN_POINTS_PER_SIDE = 150, 20
 """Least number of points of a border, and on either side of it."""
 INSIDE, OUTSIDE = -0.5, 0.2
-"""Limits beyond which a point lies entirely on one side, in `REACH_PX`."""
+"""Positions across the border beyond which a point lies entirely on one side, in `REACH_PX`."""
 MIN_CONTRAST = 8.0
 """Least half difference between black and white, in grey levels."""
-MODEL_PX2, MODEL_PART = 0.15, 0.02
+MODEL_PX2, MODEL_RELATIVE = 0.15, 0.02
 """Standard deviations of model errors: of a border's variance, and of the diameter as a fraction of it."""
 NEARNESS_SIGMA = 0.002
 """Prior standard deviation of 1 / focus about the value of the layout's camera, 1/mm."""
@@ -70,9 +70,9 @@ class BoardPictures:
     workers: int = 1
 
     def placed(self, numbers: Sequence[int], rig_from_board: FloatArray) -> list[BoardFrame]:
-        """Return up to `MOST_FRAMES` available pictures of these frame numbers, with their board poses (n, 4, 4)."""
+        """Return up to `MAX_FRAMES` available pictures of these frame numbers, with their board poses (n, 4, 4)."""
         pairs = ((self.frames[number], pose) for number, pose in zip(numbers, rig_from_board, strict=False))
-        return [BoardFrame(picture, pose) for picture, pose in pairs if picture is not None][:MOST_FRAMES]
+        return [BoardFrame(picture, pose) for picture, pose in pairs if picture is not None][:MAX_FRAMES]
 
 
 @dataclass(frozen=True)
@@ -96,48 +96,48 @@ def estimated_pupil(layout: Layout, frames: Sequence[BoardFrame], target: Target
     target
         The board.
     """
-    seen, trial = _seen(layout, frames, target), layout
+    fit, trial = _fit_pupil_of(layout, frames, target), layout
     for _ in range(PASSES - 1):
-        if seen is not None:
-            trial = layout.replaced(camera=_with_pupil(layout.camera, seen))
-            seen = _seen(trial, frames, target)
-    if seen is None:
-        return EstimatedPupil(layout.camera, {}, _unseen(layout.camera))
-    camera = _with_pupil(layout.camera, seen)
+        if fit is not None:
+            trial = layout.replaced(camera=_with_pupil(layout.camera, fit))
+            fit = _fit_pupil_of(trial, frames, target)
+    if fit is None:
+        return EstimatedPupil(layout.camera, {}, _undetermined_note(layout.camera))
+    camera = _with_pupil(layout.camera, fit)
     metrics = {
-        "aperture_mm": Metric(value=seen.aperture_mm, unit="mm"),
-        "aperture_sigma_mm": Metric(value=seen.aperture_sigma_mm, unit="mm"),
+        "aperture_mm": Metric(value=fit.aperture_mm, unit="mm"),
+        "aperture_sigma_mm": Metric(value=fit.aperture_sigma_mm, unit="mm"),
     }
-    if seen.shows_focus:
+    if fit.shows_focus:
         metrics["focus_mm"] = Metric(value=camera.focus_mm, unit="mm")
-        metrics["focus_sigma_per_m"] = Metric(value=1e3 * seen.nearness_sigma, unit="1/m")
-    return EstimatedPupil(camera, metrics, _note(seen, camera))
+        metrics["focus_sigma_per_m"] = Metric(value=1e3 * fit.nearness_sigma, unit="1/m")
+    return EstimatedPupil(camera, metrics, _note(fit, camera))
 
 
-def _seen(layout: Layout, frames: Sequence[BoardFrame], target: Target) -> SeenPupil | None:
-    return seen_pupil(layout, border_light(layout, frames, target))
+def _fit_pupil_of(layout: Layout, frames: Sequence[BoardFrame], target: Target) -> PupilFit | None:
+    return fit_pupil(layout, border_light(layout, frames, target))
 
 
-def _with_pupil(camera: Camera, seen: SeenPupil) -> Camera:
-    if seen.is_pinhole:
+def _with_pupil(camera: Camera, fit: PupilFit) -> Camera:
+    if fit.is_pinhole:
         return camera.with_pupil(Pupil(0.0, camera.focus_mm))
-    focus_mm = float(np.clip(1.0 / seen.nearness, DEPTH_MM.least, DEPTH_MM.most))
-    return camera.with_pupil(Pupil(seen.aperture_mm, focus_mm if seen.shows_focus else camera.focus_mm))
+    focus_mm = float(np.clip(1.0 / fit.nearness, DEPTH_MM.least, DEPTH_MM.most))
+    return camera.with_pupil(Pupil(fit.aperture_mm, focus_mm if fit.shows_focus else camera.focus_mm))
 
 
-def _unseen(camera: Camera) -> str:
-    given = f"{camera.aperture_mm:g} mm wide and in focus at {camera.focus_mm:g} mm"
-    kept = given if camera.aperture_mm > 0.0 else "a pinhole"
-    return f"the frames show the blur of too few mirror edges to estimate the pupil: {kept}, as in the layout"
+def _undetermined_note(camera: Camera) -> str:
+    stated = f"{camera.aperture_mm:g} mm wide and in focus at {camera.focus_mm:g} mm"
+    initial = stated if camera.aperture_mm > 0.0 else "a pinhole"
+    return f"the frames show the blur of too few mirror edges to estimate the pupil: {initial}, as in the layout"
 
 
-def _note(seen: SeenPupil, camera: Camera) -> str:
-    width = f"the pupil is {seen.aperture_mm:.2f} ± {seen.aperture_sigma_mm:.2f} mm wide"
-    edges = f"by the blur of {seen.borders} mirror edges"
-    if seen.is_pinhole:
+def _note(fit: PupilFit, camera: Camera) -> str:
+    width = f"the pupil is {fit.aperture_mm:.2f} ± {fit.aperture_sigma_mm:.2f} mm wide"
+    edges = f"by the blur of {fit.borders} mirror edges"
+    if fit.is_pinhole:
         return f"{width}, {edges}: a pinhole, so the distance in focus is undetermined"
-    per_m, sigma_per_m = 1e3 * seen.nearness, 1e3 * seen.nearness_sigma
-    if seen.shows_focus:
+    per_m, sigma_per_m = 1e3 * fit.nearness, 1e3 * fit.nearness_sigma
+    if fit.shows_focus:
         return f"{width} and in focus at {camera.focus_mm:.0f} mm ({per_m:.2f} ± {sigma_per_m:.2f} per metre), {edges}"
     return f"{width}, {edges}; they do not determine the distance in focus, kept at {camera.focus_mm:g} mm"
 
@@ -153,7 +153,7 @@ def unvignetted(layout: Layout, observations: Observations) -> tuple[NDArray[np.
     notes = []
     for index, mirror in enumerate(layout.mirrors):
         rows = np.flatnonzero(observations.view == index)
-        inside = _beyond_px(layout.camera, mirror, observations.pixels[rows]) > MARGIN_PX
+        inside = _inside_px(layout.camera, mirror, observations.pixels[rows]) > MARGIN_PX
         if inside.sum() < MIN_KEPT * len(rows):
             name = layout.mirror_names[index]
             notes.append(f"mirror {name}: hardly any corner is unvignetted, so all are used")
@@ -167,15 +167,15 @@ def unvignetted(layout: Layout, observations: Observations) -> tuple[NDArray[np.
     return kept, tuple(notes)
 
 
-def _beyond_px(camera: Camera, mirror: Mirror, pixels: FloatArray) -> FloatArray:
+def _inside_px(camera: Camera, mirror: Mirror, pixels: FloatArray) -> FloatArray:
     """Signed distance (n,) of pixels inwards from the border of the mirror's unvignetted part, px."""
 
-    def inside_mm(at: FloatArray) -> FloatArray:
-        return clear_aperture(mirror, camera.normalized_from_pixels(at), camera.focus_mm).distance
+    def inside_mm(at_pixels: FloatArray) -> FloatArray:
+        return clear_aperture(mirror, camera.normalized_from_pixels(at_pixels), camera.focus_mm).distance
 
-    here = inside_mm(pixels)
-    slope = np.hypot(*(inside_mm(pixels + step) - here for step in np.eye(2)))
-    return np.asarray(((here - camera.pupil.radius_mm) / slope).min(axis=1))
+    distance_mm = inside_mm(pixels)
+    slope = np.hypot(*(inside_mm(pixels + step) - distance_mm for step in np.eye(2)))
+    return np.asarray(((distance_mm - camera.pupil.radius_mm) / slope).min(axis=1))
 
 
 @dataclass(frozen=True)
@@ -198,7 +198,7 @@ class BorderBlur:
 
 
 @dataclass(frozen=True)
-class SeenPupil:
+class PupilFit:
     """The pupil that explains the blur of the borders.
 
     Attributes
@@ -255,25 +255,25 @@ class _Profile:
     middle: float
 
     @classmethod
-    def of(cls, layout: Layout, seen: BorderLight) -> _Profile:
-        border, pupil = seen.border, layout.camera.pupil
+    def of(cls, layout: Layout, light: BorderLight) -> _Profile:
+        border, pupil = light.border, layout.camera.pupil
         normalized = border.normalized(layout)
         shape = normalized.shape[:2]
         planes = outline_aperture(border.aperture, normalized.reshape(-1, 2), pupil.focus_mm)
         nearest, second = (each.reshape(shape) for each in np.partition(planes.distance, 1, axis=1)[:, :2].T)
-        faces = np.isfinite(nearest)
-        slope = -np.gradient(np.where(faces, nearest, 0.0), STEP_PX, axis=1)
-        # Skip points where the next edge of the outline cuts the pupil, too.
-        good = faces & np.isfinite(seen.light) & (second > 1.5 * max(pupil.radius_mm, 1.0))
+        in_front = np.isfinite(nearest)
+        slope = -np.gradient(np.where(in_front, nearest, 0.0), STEP_PX, axis=1)
+        # Skip points where the next edge of the outline also cuts the pupil.
+        usable = in_front & np.isfinite(light.light) & (second > 1.5 * max(pupil.radius_mm, 1.0))
         along = np.broadcast_to(np.linspace(-1.0, 1.0, STATIONS)[:, None], shape)
         across = np.broadcast_to(border.out_px / border.out_px[-1], shape)
         return cls(
-            light=seen.light[good],
-            sigma=seen.sigma[good],
-            inside_mm=nearest[good],
-            mm_per_px=slope[good],
-            along=along[good],
-            across=across[good],
+            light=light.light[usable],
+            sigma=light.sigma[usable],
+            inside_mm=nearest[usable],
+            mm_per_px=slope[usable],
+            along=along[usable],
+            across=across[usable],
             middle=float(slope[shape[0] // 2, shape[1] // 2]),
         )
 
@@ -281,76 +281,81 @@ class _Profile:
     def gain(self) -> float:
         """The light inside the border, or 0 if either side has too few points."""
         inside = self.across < INSIDE
-        enough = len(self.light) >= MIN_POINTS and min(inside.sum(), (self.across > OUTSIDE).sum()) >= MIN_BESIDE
+        per_side = min(inside.sum(), (self.across > OUTSIDE).sum())
+        enough = len(self.light) >= MIN_POINTS and per_side >= MIN_POINTS_PER_SIDE
         return float(np.median(self.light[inside])) if enough else 0.0
 
     def residuals(self, p: FloatArray) -> FloatArray:
         """Model minus light in sigmas, for p (6,): light in the middle, its two slopes, shift, rotation, variance."""
-        radius_mm = 2.0 * np.sqrt(p[5] - LEAST_LENS_PX**2) * self.middle
+        radius_mm = 2.0 * np.sqrt(p[5] - MIN_LENS_PX**2) * self.middle
         inside_mm = self.inside_mm + (p[3] + p[4] * self.along) * self.mm_per_px
-        served = sum(
-            weight * segment_share((inside_mm + LEAST_LENS_PX * node * self.mm_per_px) / radius_mm)
+        share = sum(
+            weight * segment_share((inside_mm + MIN_LENS_PX * node * self.mm_per_px) / radius_mm)
             for node, weight in zip(NODES, WEIGHTS / WEIGHTS.sum(), strict=True)
         )
-        return np.asarray(((p[0] + p[1] * self.along + p[2] * self.across) * served - self.light) / self.sigma)
+        return np.asarray(((p[0] + p[1] * self.along + p[2] * self.across) * share - self.light) / self.sigma)
 
 
-def border_blur(layout: Layout, seen: BorderLight) -> BorderBlur | None:
+def border_blur(layout: Layout, light: BorderLight) -> BorderBlur | None:
     """Fit the blur of a border by least squares, with its position and linear light; None if it is too faint."""
-    profile = _Profile.of(layout, seen)
+    profile = _Profile.of(layout, light)
     gain = profile.gain
     if gain < MIN_CONTRAST:
         return None
     half_px = max(layout.camera.pupil.radius_mm, 0.2) / profile.middle
-    lens_px2 = LEAST_LENS_PX**2
-    start = np.array([gain, 0.0, 0.0, 0.0, 0.0, lens_px2 + max(half_px, 2.0 * LEAST_HALF_PX) ** 2 / 4.0])
-    least = np.append(np.full(5, -np.inf), lens_px2 + LEAST_HALF_PX**2 / 4.0)
+    lens_px2 = MIN_LENS_PX**2
+    start = np.array([gain, 0.0, 0.0, 0.0, 0.0, lens_px2 + max(half_px, 2.0 * MIN_HALF_WIDTH_PX) ** 2 / 4.0])
+    lower_bounds = np.append(np.full(5, -np.inf), lens_px2 + MIN_HALF_WIDTH_PX**2 / 4.0)
     scale = np.array([gain, gain, gain, 1.0, 1.0, start[5]])
-    found = least_squares(
-        profile.residuals, start, bounds=(least, np.full(6, np.inf)), x_scale=scale, loss="soft_l1", f_scale=3.0
+    fit = least_squares(
+        profile.residuals, start, bounds=(lower_bounds, np.full(6, np.inf)), x_scale=scale, loss="soft_l1", f_scale=3.0
     )
-    spread = max(2.0 * found.cost / (len(profile.light) - len(start)), 1.0)
-    covariance = np.linalg.inv(found.jac.T @ found.jac + np.diag(1e-12 / scale**2)) * spread
+    variance_factor = max(2.0 * fit.cost / (len(profile.light) - len(start)), 1.0)
+    covariance = np.linalg.inv(fit.jac.T @ fit.jac + np.diag(1e-12 / scale**2)) * variance_factor
     sigma = float(np.hypot(np.sqrt(covariance[5, 5]), MODEL_PX2))
-    row, column = seen.border.pixels.shape[0] // 2, seen.border.pixels.shape[1] // 2
-    ends = seen.border.normalized(layout)[row, [column - 1, column + 1]]
-    return BorderBlur(seen.border.aperture, float(found.x[5]), sigma, ends, 2.0 * STEP_PX)
+    row, column = light.border.pixels.shape[0] // 2, light.border.pixels.shape[1] // 2
+    ends = light.border.normalized(layout)[row, [column - 1, column + 1]]
+    return BorderBlur(light.border.aperture, float(fit.x[5]), sigma, ends, 2.0 * STEP_PX)
 
 
-def seen_pupil(layout: Layout, lights: Sequence[BorderLight]) -> SeenPupil | None:
+def fit_pupil(layout: Layout, lights: Sequence[BorderLight]) -> PupilFit | None:
     """Fit the pupil to the light across the borders of a calibrated layout; None if too few borders are usable.
 
     Outlying borders are dropped; the scatter of the others scales the covariance.
     """
     blurs = [blur for light in lights if (blur := border_blur(layout, light)) is not None]
     while len(blurs) >= MIN_BORDERS:
-        found, off, covariance = _fitted(layout, blurs)
-        limit = OUTLIER_SIGMAS * max(1.4826 * float(np.median(np.abs(off))), 1.0)
-        kept = [blur for blur, each in zip(blurs, np.abs(off), strict=True) if each < limit]
+        parameters, residuals, covariance = _fit_pupil(layout, blurs)
+        limit = OUTLIER_SIGMAS * max(1.4826 * float(np.median(np.abs(residuals))), 1.0)
+        kept = [blur for blur, residual in zip(blurs, np.abs(residuals), strict=True) if residual < limit]
         if len(kept) == len(blurs):
-            covariance = covariance * max(float(np.square(off).sum()) / (len(off) - 2), 1.0)
-            square_sigma = np.hypot(np.sqrt(covariance[0, 0]), 2.0 * MODEL_PART * max(found[0], 0.0))
+            covariance = covariance * max(float(np.square(residuals).sum()) / (len(residuals) - 2), 1.0)
+            square_sigma = np.hypot(np.sqrt(covariance[0, 0]), 2.0 * MODEL_RELATIVE * max(parameters[0], 0.0))
             nearness_sigma = float(np.sqrt(covariance[1, 1]))
-            return SeenPupil(float(found[0]), float(square_sigma), float(found[1]), nearness_sigma, len(blurs))
+            return PupilFit(float(parameters[0]), float(square_sigma), float(parameters[1]), nearness_sigma, len(blurs))
         blurs = kept
     return None
 
 
-def _fitted(layout: Layout, blurs: Sequence[BorderBlur]) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _fit_pupil(layout: Layout, blurs: Sequence[BorderBlur]) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return squared diameter, 1 / focus and blur variance of the lens (3,); residuals in sigmas (n,); covariance."""
-    given = np.array([0.0, 1.0 / layout.camera.focus_mm, LENS_PX2[0]])
-    trust = np.array([0.0, 1.0 / NEARNESS_SIGMA, 1.0 / LENS_PX2[1]])
+    prior = np.array([0.0, 1.0 / layout.camera.focus_mm, LENS_PX2[0]])
+    prior_weights = np.array([0.0, 1.0 / NEARNESS_SIGMA, 1.0 / LENS_PX2[1]])
     variance, sigma = np.array([(blur.variance_px2, blur.sigma_px2) for blur in blurs]).T
-    p = np.array([max(layout.camera.aperture_mm, 0.5) ** 2, *given[1:]])
+    p = np.array([max(layout.camera.aperture_mm, 0.5) ** 2, *prior[1:]])
     step = 1e-6
     for _ in range(STEPS):
-        here, nearer = (np.array([blur.px_per_mm(p[1] + more) ** 2 / 16.0 for blur in blurs]) for more in (0.0, step))
-        slopes = np.column_stack([here, p[0] * (nearer - here) / step, np.ones(len(blurs))]) / sigma[:, None]
-        off = (variance - p[0] * here - p[2]) / sigma
-        information = slopes.T @ slopes + np.diag(trust**2)
-        move = np.linalg.solve(information, slopes.T @ off + trust**2 * (given - p))
+        per_mm2, per_mm2_nearer = (
+            np.array([blur.px_per_mm(p[1] + change) ** 2 / 16.0 for blur in blurs]) for change in (0.0, step)
+        )
+        slopes = (
+            np.column_stack([per_mm2, p[0] * (per_mm2_nearer - per_mm2) / step, np.ones(len(blurs))]) / sigma[:, None]
+        )
+        residuals = (variance - p[0] * per_mm2 - p[2]) / sigma
+        information = slopes.T @ slopes + np.diag(prior_weights**2)
+        move = np.linalg.solve(information, slopes.T @ residuals + prior_weights**2 * (prior - p))
         p = p + move
         p[1] = np.clip(p[1], 1e-6, 0.1)  # beyond a kilometre, or within a centimetre
         if (np.abs(move) < 1e-6 * np.array([1.0, 1e-3, 1.0])).all():
             break
-    return p, off, np.linalg.inv(information)
+    return p, residuals, np.linalg.inv(information)

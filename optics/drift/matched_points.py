@@ -147,7 +147,7 @@ class PointMatcher:
         distance = 1.0 / np.clip(np.where(known, inverse, 1e-3), 1e-6, None)
         aligned = align(pyramid, patches, others, starts, geometry.across_mm[others], distance)
         seen = np.full(tracked.shape, np.nan)
-        seen[others] = np.where((aligned.alike >= MIN_CORRELATION)[..., None], aligned.pixels, np.nan)
+        seen[others] = np.where((aligned.correlation >= MIN_CORRELATION)[..., None], aligned.pixels, np.nan)
         seen[self.reference] = start
         return seen
 

@@ -1,7 +1,7 @@
 """Decoding by one table lookup: undistort, slice and rotate every sub-image into the common view orientation at once.
 
 Towards the border of a sub-image, a mirror fills less and less of the lens's pupil; the rest of the pupil sees the gap,
-assumed dark, or another mirror. A vignetted pixel is seen from the centroid of the part that is left, and known factors
+assumed dark, or another mirror. A vignetted pixel is seen from the centroid of the remaining part, and known factors
 compensate its darkening.
 """
 
@@ -33,17 +33,17 @@ Field = Literal["common", "union"]
 # centre: two pixels inside the outline, a pinhole camera receives no light from beyond the mirror's edge. With a lens,
 # the pupil blurs that edge, and the part of the pupil that sees the mirror is computed for each pixel.
 OUTLINE_MARGIN_PX = 2.0
-WHOLE = 1.0 - 1.0 / 512.0
+UNVIGNETTED = 1.0 - 1.0 / 512.0
 """Share of the pupil above which an 8-bit sample needs no brightening."""
 DEFAULT_REFERENCE_DEPTH_MM = 400.0
 BEYOND = 1.02
-"""Least default reference depth, in depths of the farthest mirror's farthest point."""
+"""Least default reference depth, relative to the depth of the farthest point of any mirror."""
 # cv2.remap accepts no table or image side of 2**15 - 1 px or more.
 LONGEST_TABLE_SIDE = 2**15 - 2
 NOWHERE_PX = -2.0
-LEAST_SHARE = 1.0 / 3.0
+MIN_SHARE = 1.0 / 3.0
 """Share of the pupil below which a pixel is left out: brightening it would amplify the noise too much."""
-MOST_CROSSTALK = 0.01
+MAX_CROSSTALK = 0.01
 """Largest share of the pupil that may see another mirror."""
 POINTS_AT_ONCE = 2**16
 
@@ -62,8 +62,8 @@ class Decoder:
     reference_depth_mm
         Depth of zero disparity, from the pupil along view z. Default: `default_reference_depth_mm`.
     field
-        `common` is the bounding box of the field that all views see at the reference depth; `union`, that any view
-        sees.
+        Which part of the reference plane the views cover: `common`, the bounding box of the part that all views see;
+        `union`, the bounding box of the part that at least one view sees.
     width_px
         Width of every view; the height follows from the field. Default: the resolution of the sub-images, above which
         views gain no detail and below which they lose some.
@@ -107,7 +107,7 @@ class Decoder:
             self.views = self.views.on_regular_grid()
         self.equalisation: Equalisation | None = None
         pixels, self.weights = sensor_sources(layout, self.views, margin_px, regular_grid_at_mm)
-        self._partial = np.flatnonzero((self.weights > 0.0) & (self.weights < WHOLE))
+        self._vignetted = np.flatnonzero((self.weights > 0.0) & (self.weights < UNVIGNETTED))
         self._gain = self._brightening(LINEAR)
         table = pixels.astype(np.float32).reshape(-1, self.views.width_px, 2)
         table[self.weights.reshape(table.shape[:2]) == 0] = NOWHERE_PX
@@ -131,7 +131,7 @@ class Decoder:
 
         `exponent` is the exponent of grey levels over light.
         """
-        gain = self.weights.ravel()[self._partial, None] ** np.float32(-exponent)
+        gain = self.weights.ravel()[self._vignetted, None] ** np.float32(-exponent)
         return {channels: np.repeat(gain, channels, axis=1) for channels in (1, 3)}
 
     def decode(self, frame: Samples) -> LightField:
@@ -163,10 +163,12 @@ class Decoder:
             )
         if frame.dtype not in (np.uint8, np.float32):
             raise InputError(f"frame is {frame.dtype}, expected uint8 or float32")
-        parts: list[Any] = [cv2.remap(frame, where, fraction, cv2.INTER_LINEAR) for where, fraction in self.tables]
+        parts: list[Any] = [
+            cv2.remap(frame, coordinates, fraction, cv2.INTER_LINEAR) for coordinates, fraction in self.tables
+        ]
         samples = parts[0] if len(parts) == 1 else np.concatenate(parts)
         samples = samples.reshape(*self.weights.shape, -1)
-        if len(self._partial):
+        if len(self._vignetted):
             self._brighten(samples)
         if self.equalisation is not None:
             self.equalisation.apply(samples)
@@ -177,16 +179,16 @@ class Decoder:
         channels = samples.shape[-1]
         # Pixels are gathered and scattered as single items, which is several times faster than by channel.
         pixels = samples.reshape(-1).view(f"V{channels * samples.itemsize}")
-        dark = pixels.take(self._partial).view(samples.dtype).reshape(-1, channels)
+        dark = pixels.take(self._vignetted).view(samples.dtype).reshape(-1, channels)
         depth = cv2.CV_8U if samples.dtype == np.uint8 else cv2.CV_32F
         bright: Any = cv2.multiply(dark, self._gain[channels], dtype=depth)
-        pixels[self._partial] = bright.reshape(-1).view(pixels.dtype)
+        pixels[self._vignetted] = bright.reshape(-1).view(pixels.dtype)
 
 
 def check_belongs(layout: Layout, identity: str, what: str) -> None:
     """Raise InputError unless `identity` is this layout's, or the design's that it was calibrated or drawn from.
 
-    `what` names the frames, such as "video.mp4", whose record holds `identity`.
+    `what` names the frames in the error, such as "video.mp4"; `identity` is the layout recorded with them.
     """
     origins = (layout.provenance.get(key) for key in ("nominal", "drawn_from"))
     known = [layout.identity, *(origin for origin in origins if origin is not None)]
@@ -207,7 +209,7 @@ def default_reference_depth_mm(layout: Layout) -> float:
         return DEFAULT_REFERENCE_DEPTH_MM
     depths_mm, nearest_mm = [], 0.0
     for number in range(len(layout.mirrors)):
-        centre, window, _ = _seen_window(layout, number)
+        centre, window, _ = _visible_window(layout, number)
         ray = window.mean(axis=0) - centre
         depths_mm.append(float(centre[2] + distance_mm * ray[2] / np.linalg.norm(ray)))
         nearest_mm = max(nearest_mm, BEYOND * float(window[:, 2].max()))
@@ -220,7 +222,7 @@ def footprint(layout: Layout, mirror_index: int, depth_mm: float) -> tuple[Polyg
     The polygon is in view axes, (x, y) in mm from the pupil, clipped to the sensor.
     """
     name = f"mirror {layout.mirror_names[mirror_index]}"
-    centre, window, area_px = _seen_window(layout, mirror_index)
+    centre, window, area_px = _visible_window(layout, mirror_index)
     rays = window - centre
     if (rays[:, 2] <= 0).any():
         raise InputError(f"{name} does not look forward along the view axis")
@@ -231,28 +233,28 @@ def footprint(layout: Layout, mirror_index: int, depth_mm: float) -> tuple[Polyg
     return Polygon(points[:, :2]), area_px
 
 
-def _seen_window(layout: Layout, mirror_index: int) -> tuple[FloatArray, FloatArray, float]:
-    """Return a view's centre (3,), corners (n, 3) of its mirror's part within the sensor, and that part's area in px.
+def _visible_window(layout: Layout, mirror_index: int) -> tuple[FloatArray, FloatArray, float]:
+    """Return a view's centre (3,), the corners (n, 3) of the mirror region that the sensor sees, and its area in px.
 
     Points are in view axes, in mm from the pupil.
     """
     mirror, camera = layout.mirrors[mirror_index].apparent, layout.camera
-    shown = layout.mirrors[mirror_index].usable_normalized
+    usable = layout.mirrors[mirror_index].usable_normalized
     name = f"mirror {layout.mirror_names[mirror_index]}"
-    if len(shown) < 3:
+    if len(usable) < 3:
         raise InputError(f"{name} shows nothing: its plate is too thick for its size")
     right, bottom = camera.width_px - 1.0, camera.height_px - 1.0
-    along = np.linspace(0.0, 1.0, 33)[:-1, None]
+    fractions = np.linspace(0.0, 1.0, 33)[:-1, None]
     corners = np.array([[0.0, 0.0], [right, 0.0], [right, bottom], [0.0, bottom]])
-    border = (corners[:, None] * (1.0 - along) + np.roll(corners, -1, axis=0)[:, None] * along).reshape(-1, 2)
+    border = (corners[:, None] * (1.0 - fractions) + np.roll(corners, -1, axis=0)[:, None] * fractions).reshape(-1, 2)
     border = camera.normalized_from_pixels(border)
     sensor = shapely.MultiPoint(border[np.isfinite(border).all(axis=1)]).convex_hull
-    seen = shapely.get_coordinates(sensor.intersection(Polygon(shown)))[:-1]
-    if len(seen) < 3:
-        raise InputError(f"{name} lies outside the image, expected each mirror to be seen")
-    window = mirror.cut(seen) @ layout.view_from_rig.T
+    visible = shapely.get_coordinates(sensor.intersection(Polygon(usable)))[:-1]
+    if len(visible) < 3:
+        raise InputError(f"{name} lies outside the image, expected all mirrors in view")
+    window = mirror.cut(visible) @ layout.view_from_rig.T
     centre = mirror.virtual_centre_in_rig_mm @ layout.view_from_rig.T
-    pixels = camera.pixels_from_normalized(seen)
+    pixels = camera.pixels_from_normalized(visible)
     return centre, window, float(Polygon(pixels[np.isfinite(pixels).all(axis=1)]).area)
 
 
@@ -268,7 +270,7 @@ def choose_views(layout: Layout, reference_depth_mm: float, field: Field, width_
             f"the views share no field at depth {reference_depth_mm:g} mm, expected another --reference-depth-mm"
         )
     left, top, right, bottom = area.bounds
-    px_per_mm = float(np.median([np.sqrt(px / shown.area) for px, shown in zip(areas_px, footprints, strict=True)]))
+    px_per_mm = float(np.median([np.sqrt(px / region.area) for px, region in zip(areas_px, footprints, strict=True)]))
     if width_px is not None:
         if width_px < 2:
             raise InputError(f"views of {width_px} px in width, expected at least 2")
@@ -278,11 +280,11 @@ def choose_views(layout: Layout, reference_depth_mm: float, field: Field, width_
         raise InputError(f"the {field} field would take {width}x{height} px a view, more than the whole sensor")
     centres = layout.virtual_centres_in_view_mm
     reference = centres.reshape(-1, 3)[layout.central_index]
-    middle = np.array([(left + right) / 2, (top + bottom) / 2]) - reference[:2]
+    field_centre = np.array([(left + right) / 2, (top + bottom) / 2]) - reference[:2]
     views = Views(
         positions_mm=centres - reference,
         focal_px=px_per_mm * float(reference_depth_mm - reference[2]),
-        centre_px=(np.array([width, height]) - 1.0) / 2.0 - px_per_mm * middle,
+        centre_px=(np.array([width, height]) - 1.0) / 2.0 - px_per_mm * field_centre,
         width_px=width,
         height_px=height,
         reference_depth_mm=reference_depth_mm,
@@ -335,8 +337,8 @@ def pupil_sources(
     """Return the sensor positions (..., 2) of points (..., 3) in rig, mm, in a mirror, and its shares (...) of the
     pupil.
 
-    The share is 0 if the point is left out: the mirror fills less than `LEAST_SHARE` within `margin_px`, or another
-    mirror more than `MOST_CROSSTALK`.
+    The share is 0 if the point is left out: the mirror fills less than `MIN_SHARE` within `margin_px`, or another
+    mirror more than `MAX_CROSSTALK`.
     """
     points = points_in_rig.reshape(-1, 3)
     parts = [
@@ -351,6 +353,7 @@ def pupil_sources(
 def _pupil_sources(
     layout: Layout, mirror_index: int, points: FloatArray, margin_px: float
 ) -> tuple[FloatArray, NDArray[np.float32]]:
+    """Like `pupil_sources`, for points (n, 3)."""
     mirror, camera = layout.mirrors[mirror_index], layout.camera
     image = mirror.image_of(points)
     axial = np.where(image[:, 2:] > 0.0, image[:, 2:], np.nan)
@@ -360,49 +363,51 @@ def _pupil_sources(
     shapely.prepare(within)
     share[shapely.contains_xy(within, normalized)] = 1.0
     border = np.flatnonzero((share == 0.0) & _near(mirror, pupil, normalized))
-    normalized[border], share[border] = _partial(mirror, camera, normalized[border], axial[border], margin_px)
+    normalized[border], share[border] = _vignetted(mirror, camera, normalized[border], axial[border], margin_px)
     pixels = camera.pixels_from_normalized(normalized)
     u, v = pixels.T
     share[~((u >= 0.0) & (u <= camera.width_px - 1.0) & (v >= 0.0) & (v <= camera.height_px - 1.0))] = 0.0
     for other in (*layout.mirrors[:mirror_index], *layout.mirrors[mirror_index + 1 :]):
-        at = np.flatnonzero(share)
-        at = at[_near(other, pupil, normalized[at])]
-        crosstalk = disc_part(clear_aperture(other, normalized[at], pupil.focus_mm), pupil.radius_mm).share
-        share[at[crosstalk > MOST_CROSSTALK]] = 0.0
+        candidates = np.flatnonzero(share)
+        candidates = candidates[_near(other, pupil, normalized[candidates])]
+        crosstalk = disc_part(clear_aperture(other, normalized[candidates], pupil.focus_mm), pupil.radius_mm).share
+        share[candidates[crosstalk > MAX_CROSSTALK]] = 0.0
     return pixels, share.astype(np.float32)
 
 
-def _partial(
+def _vignetted(
     mirror: Mirror, camera: Camera, chief: FloatArray, axial_mm: FloatArray, margin_px: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return where (n, 2) vignetted points appear, normalized, and their shares of the pupil, by chief rays (n, 2).
+    """Return the normalized positions (n, 2) at which vignetted points appear, and the shares (n,) of the pupil.
 
-    `axial_mm` (n, 1) are the distances of the points along the axis. An image out of focus shifts with the centroid of
-    the part of the pupil that sees it.
+    `chief` are the points' chief rays (n, 2), `axial_mm` (n, 1) their distances along the axis. An image out of focus
+    shifts with the centroid of the part of the pupil that sees it.
     """
     pupil = camera.pupil
     centroid = disc_part(clear_aperture(mirror, chief, pupil.focus_mm), pupil.radius_mm).centroid
     normalized = chief - pupil.radius_mm * centroid * (1.0 / axial_mm - 1.0 / pupil.focus_mm)
     planes = clear_aperture(mirror, normalized, pupil.focus_mm)
     share = disc_part(planes, pupil.radius_mm).share
-    margin_mm = margin_px * _mm_of_a_px(mirror, camera, normalized)
-    farther_out = HalfPlanes(planes.direction, planes.distance - margin_mm)
-    least = disc_part(farther_out, pupil.radius_mm).share
-    return normalized, np.where(least >= LEAST_SHARE, share, 0.0)
+    margin_mm = margin_px * _mm_per_px(mirror, camera, normalized)
+    shrunk = HalfPlanes(planes.direction, planes.distance - margin_mm)
+    share_within_margin = disc_part(shrunk, pupil.radius_mm).share
+    return normalized, np.where(share_within_margin >= MIN_SHARE, share, 0.0)
 
 
-def _mm_of_a_px(mirror: Mirror, camera: Camera, normalized: FloatArray) -> FloatArray:
-    """Return how far (n, m) in mm an edge's half-plane moves in the pupil per px across the edge's image.
+def _mm_per_px(mirror: Mirror, camera: Camera, normalized: FloatArray) -> FloatArray:
+    """Distances (n, m) by which the half-planes of edges move in the pupil, in mm per px across the edge's image.
 
-    0 where the ray points away from the mirror.
+    They are 0 where the ray points away from the mirror.
     """
-    here, right, down = (
+    distance, after_right, after_down = (
         clear_aperture(mirror, normalized + step, camera.focus_mm).distance
         for step in ((0.0, 0.0), (1.0 / camera.fx_px, 0.0), (0.0, 1.0 / camera.fy_px))
     )
-    ahead = np.isfinite(here) & np.isfinite(right) & np.isfinite(down)
-    across, along = (np.subtract(there, here, out=np.zeros_like(here), where=ahead) for there in (right, down))
-    return np.hypot(across, along)
+    ahead = np.isfinite(distance) & np.isfinite(after_right) & np.isfinite(after_down)
+    by_u, by_v = (
+        np.subtract(moved, distance, out=np.zeros_like(distance), where=ahead) for moved in (after_right, after_down)
+    )
+    return np.hypot(by_u, by_v)
 
 
 def _near(mirror: Mirror, pupil: Pupil, normalized: FloatArray) -> NDArray[np.bool_]:

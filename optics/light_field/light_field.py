@@ -16,7 +16,7 @@ from mirrorcam.core.values import FloatArray, InvalidValue, Shaped
 Axis = Literal["s", "t"]
 Samples = NDArray[np.uint8] | NDArray[np.float32]
 
-UNEVEN = 0.5
+MAX_UNEVENNESS = 0.5
 """Largest RMS deviation of views from an even grid, in steps of the grid."""
 
 _SHAPES = {
@@ -38,7 +38,7 @@ class Views:
 
         u = f_i (X - x_i) / (Z - z_i) + cx + f x_i / Z0,    f_i = f (1 - z_i / Z0)
 
-    (v alike, with y), and u = f X / Z + cx + f x_i (1 / Z0 - 1 / Z) if z_i is zero. The disparity is zero on the whole
+    (v with y), and u = f X / Z + cx + f x_i (1 / Z0 - 1 / Z) if z_i is zero. The disparity is zero on the entire
     reference plane even if the grid is uneven. Z0 may be infinite: the views are then pinholes with equal principal
     points.
 
@@ -141,12 +141,12 @@ class Views:
         The default is the reference view. At the reference depth, equal pixels of all views see equal points.
         """
         distance = depth_mm - self.reference_view_depth_mm
-        place, matrix = np.zeros(3), np.diag([self.focal_px, self.focal_px, 1.0])
+        position, matrix = np.zeros(3), np.diag([self.focal_px, self.focal_px, 1.0])
         matrix[:2, 2] = self.centre_px
         if view is not None:
-            place, matrix = self.positions_mm[view], self.matrices[view]
-        across = (np.asarray(pixels, dtype=np.float64) - matrix[:2, 2]) * ((distance - place[2]) / matrix[0, 0])
-        in_view = np.concatenate([across + place[:2], np.full((*across.shape[:-1], 1), distance)], axis=-1)
+            position, matrix = self.positions_mm[view], self.matrices[view]
+        offset = (np.asarray(pixels, dtype=np.float64) - matrix[:2, 2]) * ((distance - position[2]) / matrix[0, 0])
+        in_view = np.concatenate([offset + position[:2], np.full((*offset.shape[:-1], 1), distance)], axis=-1)
         return in_view @ self.view_from_rig + self.reference_view_in_rig_mm
 
     def pixel_grid(self) -> FloatArray:
@@ -160,13 +160,14 @@ class Views:
         Their RMS deviation from the best even grid, of any two directions, is at most half its smaller step.
         """
         t, s = np.indices((self.rows, self.cols)).reshape(2, -1)
-        places = self.positions_mm[..., :2].reshape(-1, 2)
-        counted = [steps - steps.mean() for steps, count in ((s, self.cols), (t, self.rows)) if count > 1]
-        if not counted:
+        positions = self.positions_mm[..., :2].reshape(-1, 2)
+        indices = [steps - steps.mean() for steps, count in ((s, self.cols), (t, self.rows)) if count > 1]
+        if not indices:
             return True
-        steps_mm = np.array([(steps @ places) / (steps @ steps) for steps in counted])
-        off = places - places.mean(axis=0) - np.array(counted).T @ steps_mm
-        return float(np.sqrt((off**2).sum(axis=1).mean())) <= UNEVEN * float(np.linalg.norm(steps_mm, axis=1).min())
+        steps_mm = np.array([(steps @ positions) / (steps @ steps) for steps in indices])
+        deviations = positions - positions.mean(axis=0) - np.array(indices).T @ steps_mm
+        rms_mm = float(np.sqrt((deviations**2).sum(axis=1).mean()))
+        return rms_mm <= MAX_UNEVENNESS * float(np.linalg.norm(steps_mm, axis=1).min())
 
     def require_grid(self, purpose: str) -> None:
         """Raise InputError, naming the purpose, unless the views form a grid."""
@@ -181,10 +182,10 @@ class Views:
         If the views are no grid: the mean distance of a view to its nearest neighbour, for either axis.
         """
         if not self.is_grid:
-            places = self.positions_mm[..., :2].reshape(-1, 2)
-            apart = np.linalg.norm(places[:, None] - places, axis=-1)
-            np.fill_diagonal(apart, np.inf)
-            return float(apart.min(axis=1).mean())
+            positions = self.positions_mm[..., :2].reshape(-1, 2)
+            distances = np.linalg.norm(positions[:, None] - positions, axis=-1)
+            np.fill_diagonal(distances, np.inf)
+            return float(distances.min(axis=1).mean())
         ends = self.positions_mm[:, [0, -1], 0] if axis == "s" else self.positions_mm[[0, -1], :, 1].T
         count = self.cols if axis == "s" else self.rows
         if count < 2:

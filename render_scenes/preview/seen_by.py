@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.light_field.decoder import WHOLE, Decoder
+from mirrorcam.optics.light_field.decoder import UNVIGNETTED, Decoder
 from mirrorcam.optics.light_field.depth import DepthEstimator, DepthMap
 from mirrorcam.optics.light_field.depth.parallax import reference_index
 from mirrorcam.optics.light_field.equalisation import Equalisation
@@ -137,4 +137,4 @@ def _true_depth(decoder: Decoder, frame: PreviewFrame) -> FloatArray:
     # Pixels that mix a surface with the background have no depth.
     shown = np.where(decoded[..., 1] == 0.0, decoded[..., 0].astype(np.float64), np.nan)
     shown[decoded[..., 1] == 1.0] = np.inf
-    return np.where(decoder.weights[reference] >= WHOLE, shown, np.nan)
+    return np.where(decoder.weights[reference] >= UNVIGNETTED, shown, np.nan)

@@ -19,7 +19,7 @@ from mirrorcam.optics.geometry.transforms import transform
 
 MIN_INSIDE = 0.5  # fraction of a board's corners inside a mirror's sub-image, to belong to the mirror
 MAX_OFFSET = 0.7  # in sub-image sizes, between a board and its prediction by another view's pose
-MIN_STRAY = 0.5  # corners relative to the frame's typical board, for a board to count as stray
+MIN_STRAY = 0.5  # number of corners for a stray board, relative to the frame's typical board
 
 
 @dataclass(frozen=True)
@@ -41,8 +41,8 @@ def assign(
 
     A board belongs to the mirror whose sub-image holds most of it. Its pose by the nominal layout must roughly equal
     the pose of the frame's largest board: a mirror tilted by 2 degrees moves its image by a tenth of a frame, while the
-    adjacent mirror shows the board half a frame away. If a plain board looks the same upside down, the largest board
-    decides, because turning the board in all views at once changes nothing.
+    adjacent mirror shows the board half a frame away. If a plain board looks the same upside down, the numbering of the
+    largest board is kept, because rotating the board in all views changes nothing.
 
     Parameters
     ----------
@@ -60,15 +60,15 @@ def assign(
     """
     regions = regions_px(layout)
     sizes_px = np.array([np.sqrt(region.area) for region in regions])
-    places = [_places(board, regions, layout, target) for board in boards]
-    certain = [options for options in places if options]
-    if not certain:
+    candidates = [_possible_mirrors(board, regions, layout, target) for board in boards]
+    located = [options for options in candidates if options]
+    if not located:
         return []
-    first = max(certain, key=lambda options: options[0].inside * len(options[0].corners))[0]
-    points = transform(first.rig_from_board, target.corners_in_board_mm)
+    largest = max(located, key=lambda options: options[0].inside * len(options[0].corners))[0]
+    points = transform(largest.rig_from_board, target.corners_in_board_mm)
     gains = np.zeros((len(boards), len(layout.mirrors)))
     chosen: dict[tuple[int, int], Corners] = {}
-    for number, options in enumerate(places):
+    for number, options in enumerate(candidates):
         for option in options:
             expected = layout.project(points[option.corners.ids], option.mirror)
             offset = float(np.median(np.nan_to_num(np.linalg.norm(expected - option.corners.pixels, axis=1), nan=1e9)))
@@ -78,8 +78,8 @@ def assign(
                 gains[number, option.mirror] = gain
                 chosen[number, option.mirror] = option.corners
     rows, columns = linear_sum_assignment(-gains)
-    taken = [(int(mirror), int(number)) for number, mirror in zip(rows, columns, strict=True)]
-    return [(mirror, chosen[number, mirror]) for mirror, number in sorted(taken) if (number, mirror) in chosen]
+    pairs = [(int(mirror), int(number)) for number, mirror in zip(rows, columns, strict=True)]
+    return [(mirror, chosen[number, mirror]) for mirror, number in sorted(pairs) if (number, mirror) in chosen]
 
 
 def regions_px(layout: Layout) -> list[shapely.Polygon]:
@@ -117,26 +117,26 @@ def unassigned_px(
     Returns
     -------
     array
-        Middles (k, 2) of the stray boards, px.
+        Centroids (k, 2) of the stray boards, px.
     """
-    taken = {id(corners) for _, corners in assigned}
-    stray = [board for board in boards if not any(id(corners) in taken for corners in board)]
+    assigned_ids = {id(corners) for _, corners in assigned}
+    stray = [board for board in boards if not any(id(corners) in assigned_ids for corners in board)]
     sizes = [len(corners) for _, corners in assigned] or [max((len(board[0]) for board in stray), default=0)]
-    regions, least = regions_px(layout), MIN_STRAY * np.median(sizes)
-    middles = []
+    regions, min_corners = regions_px(layout), MIN_STRAY * np.median(sizes)
+    centroids = []
     for board in stray:
-        shown = [corners for mirror, corners in assigned if _inside(regions[mirror], board[0]) >= MIN_INSIDE]
-        if len(board[0]) >= least and not any(_same_or_part(board, corners) for corners in shown):
-            middles.append(board[0].pixels.mean(axis=0))
-    return np.array(middles).reshape(-1, 2)
+        in_mirror = [corners for mirror, corners in assigned if _inside(regions[mirror], board[0]) >= MIN_INSIDE]
+        if len(board[0]) >= min_corners and not any(_same_or_part(board, corners) for corners in in_mirror):
+            centroids.append(board[0].pixels.mean(axis=0))
+    return np.array(centroids).reshape(-1, 2)
 
 
-def _same_or_part(board: tuple[Corners, ...], shown: Corners) -> bool:
+def _same_or_part(board: tuple[Corners, ...], assigned: Corners) -> bool:
     """Return whether a board continues one in the same mirror, or is the same one found twice."""
     for corners in board:
-        _, own, others = np.intersect1d(corners.ids, shown.ids, return_indices=True)
-        apart = np.linalg.norm(corners.pixels[own] - shown.pixels[others], axis=1)
-        if 2 * len(own) < len(corners) or np.median(apart) < np.median(cell_px(corners.pixels)):
+        _, first, second = np.intersect1d(corners.ids, assigned.ids, return_indices=True)
+        distances = np.linalg.norm(corners.pixels[first] - assigned.pixels[second], axis=1)
+        if 2 * len(first) < len(corners) or np.median(distances) < np.median(cell_px(corners.pixels)):
             return True
     return False
 
@@ -146,7 +146,7 @@ def _inside(region: shapely.Polygon, corners: Corners) -> float:
     return float(shapely.contains_xy(region, *corners.pixels.T).mean())
 
 
-def _places(
+def _possible_mirrors(
     board: tuple[Corners, ...], regions: Sequence[shapely.Polygon], layout: Layout, target: Target
 ) -> list[_PossibleMirror]:
     """Return all mirrors that may show a board, in all of its numberings; the most likely mirror first."""

@@ -21,7 +21,7 @@ PX_PER_SQUARE = 40
 PX_OF_TAGS = range(32, 61)  # per pitch of an AprilGrid
 BLUR_STEP = 2.0**0.125
 LOCAL = Checkerboard(cols=6, rows=6, square_mm=1.0)
-SHARPEST, SOFTEST = 0.008, 0.35  # sigma in cells
+MIN_BLUR, MAX_BLUR = 0.008, 0.35  # sigma in cells
 
 
 def sample(image: Image, at: Floats) -> Image:
@@ -29,12 +29,12 @@ def sample(image: Image, at: Floats) -> Image:
 
     OpenCV is exact for one, three and four channels, and to 1/32 of a pixel for others.
     """
-    found = np.empty((*at.shape[:-1], *image.shape[2:]), dtype=np.float32)
+    sampled = np.empty((*at.shape[:-1], *image.shape[2:]), dtype=np.float32)
     pixels = np.ascontiguousarray(at, dtype=np.float32)
     for start in range(0, len(at), 2**14):  # cv2.remap takes maps of less than 2^15 rows
-        part = slice(start, start + 2**14)
-        cv2.remap(image, pixels[part], BOTH, cv2.INTER_LINEAR, found[part], borderMode=cv2.BORDER_REPLICATE)
-    return found
+        rows = slice(start, start + 2**14)
+        cv2.remap(image, pixels[rows], BOTH, cv2.INTER_LINEAR, sampled[rows], borderMode=cv2.BORDER_REPLICATE)
+    return sampled
 
 
 def moved(points: Image, by: FloatArray) -> Image:
@@ -143,28 +143,28 @@ def sample_blurred(target: Target, places: Floats, blur: FloatArray) -> PrintSam
     steps = _step(np.linalg.det(blur) ** 0.25)
     count, samples = places.shape[:2]
     value, derivatives = np.empty((count, samples), dtype=np.float32), np.empty((count, 5, samples), dtype=np.float32)
-    rest = blur.copy()
+    remaining = blur.copy()
     for step in np.unique(steps):
         rows = np.flatnonzero(steps == step)
-        print_ = _blurred(target, int(step))
-        value[rows] = sample(print_.value, at[rows])
-        derivatives[rows, :4] = sample(print_.derivatives, at[rows]).transpose(0, 2, 1)
-        derivatives[rows, 4] = sample(print_.mixed, at[rows])
-        rest[rows] -= print_.sigma**2 * np.eye(2)
+        blurred = _blurred(target, int(step))
+        value[rows] = sample(blurred.value, at[rows])
+        derivatives[rows, :4] = sample(blurred.derivatives, at[rows]).transpose(0, 2, 1)
+        derivatives[rows, 4] = sample(blurred.mixed, at[rows])
+        remaining[rows] -= blurred.sigma**2 * np.eye(2)
     first, second = derivatives[:, :2], derivatives[:, [2, 4, 3]]
-    spread = np.stack([rest[:, 0, 0] / 2.0, rest[:, 0, 1], rest[:, 1, 1] / 2.0], axis=1)
+    spread = np.stack([remaining[:, 0, 0] / 2.0, remaining[:, 0, 1], remaining[:, 1, 1] / 2.0], axis=1)
     value += (spread.astype(np.float32)[:, None] @ second)[:, 0]
     return PrintSamples(value, first, second)
 
 
 def _step(blur_cells: FloatArray) -> NDArray[np.int64]:
-    return np.rint(np.log(np.clip(blur_cells, SHARPEST, SOFTEST)) / np.log(BLUR_STEP)).astype(np.int64)
+    return np.rint(np.log(np.clip(blur_cells, MIN_BLUR, MAX_BLUR)) / np.log(BLUR_STEP)).astype(np.int64)
 
 
 def local_print(target: Target, places: FloatArray) -> tuple[Target, FloatArray]:
     """Return a print that equals a target around places (n, 2) of corners, and these places on it.
 
-    All plain checkerboards look alike around inner corners, so a small one stands for all.
+    All plain checkerboards look the same around inner corners, so a small one represents them.
     """
     if isinstance(target, Checkerboard):
         return LOCAL, 2.0 + places % 2.0

@@ -11,7 +11,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from mirrorcam.core.values import FloatArray
-from mirrorcam.optics.calibration.detection.blurred_print import LOCAL, SOFTEST, Image
+from mirrorcam.optics.calibration.detection.blurred_print import LOCAL, MAX_BLUR, Image
 from mirrorcam.optics.calibration.detection.board_warp import QUINTIC, BoardWarp, corner_places, typical_cell_px
 from mirrorcam.optics.calibration.detection.corner_patches import Appearance, ExpectedCorners
 from mirrorcam.optics.calibration.detection.corner_refinement import RefinedCorners, refine
@@ -22,11 +22,11 @@ BoolArray = NDArray[np.bool_]
 
 REACH = 1.6  # squares beyond the known points up to which the warp is extrapolated
 MAX_MOVE = 0.25  # cells between the expected and the refined position of a corner
-ROUNDS = 15
-LINKED = 1.1  # largest distance of adjacent corners, in the longest side of a square
-TRIES = 2  # per corner: its expected position improves once its neighbours are found
-MANY = 40  # known points that predict positions well enough at the first try
-LEAST_GROWTH = 0.03  # share of the corners that a round must add: less is often growth into another mirror's board
+MAX_ROUNDS = 15
+MAX_LINK = 1.1  # largest distance of adjacent corners, in the longest side of a square
+MAX_TRIES = 2  # per corner, since its expected position improves once its neighbours are found
+MANY_POINTS = 40  # known points that predict positions well enough at the first try
+MIN_GROWTH = 0.03  # share of the corners that a round must add: less is often growth into another mirror's board
 NEIGHBOURS = 12
 OUTLIER_SIGMAS = 6.0
 MIN_OUTLIER_PX = 0.1
@@ -38,11 +38,11 @@ MIN_GREY = 6.0  # contrast of a corner in grey levels
 MIN_CONTRAST = 0.6  # relative to the corners around
 MIN_EXPLAINED = 0.8  # share of the variance around a corner
 MAX_SIGMA_PX = 0.3
-UNEXPLAINED_WITHOUT_MOTION = 0.7  # largest unexplained variance with motion blur over that without, if there is motion
-JUDGED = 20  # least number of corners to judge a board by, if it has as many
+MAX_UNEXPLAINED_RATIO = 0.7  # variance unexplained with motion blur over that without it; below, there is motion
+SAMPLE_CORNERS = 20  # approximate number of corners used to detect motion blur
 # Limits relative to the board's median: standard deviation, and unexplained variance with an offset.
-MAX_RELATIVE_SIGMA, MAX_RELATIVE_UNEXPLAINED, UNEXPLAINED = 2.5, 3.0, 0.01
-RIGHT = np.array([1.0, 0.0])
+MAX_RELATIVE_SIGMA, MAX_RELATIVE_UNEXPLAINED, UNEXPLAINED_OFFSET = 2.5, 3.0, 0.01
+ONE_COLUMN = np.array([1.0, 0.0])
 
 
 def grow_board(picture: Image, places: FloatArray, pixels: FloatArray, target: Target, *, mirrored: bool) -> Corners:
@@ -65,9 +65,9 @@ def grow_board(picture: Image, places: FloatArray, pixels: FloatArray, target: T
     Returns
     -------
     Corners
-        Empty if the points lie on no surface of the right handedness.
+        Empty if the points lie on no surface with the expected handedness.
     """
-    return _seen_corners(picture, places, pixels, corner_places(target), target, mirrored=mirrored)
+    return _visible_corners(picture, places, pixels, corner_places(target), target, mirrored=mirrored)
 
 
 def grow_grid(picture: Image, places: IntArray, pixels: FloatArray, *, most: int) -> tuple[IntArray, Corners]:
@@ -89,80 +89,80 @@ def grow_grid(picture: Image, places: IntArray, pixels: FloatArray, *, most: int
     corners
         The corners (m,), with ids numbering them in this order.
     """
-    # Grid: a corner with even coordinate sum has white to its lower right. Print: black.
-    shifted = places + RIGHT
+    # A corner with an even coordinate sum has white at its lower right on the grid, but black on the print.
+    shifted = places + ONE_COLUMN
     low, high = shifted.min(axis=0) - most, shifted.max(axis=0) + most
     x, y = np.meshgrid(np.arange(low[0], high[0] + 1), np.arange(low[1], high[1] + 1))
     lattice = np.stack([x.ravel(), y.ravel()], axis=1).astype(np.float64)
-    found = _seen_corners(picture, shifted, pixels, lattice, LOCAL, mirrored=False)
-    return np.rint(lattice[found.ids] - RIGHT).astype(np.int64), replace(found, ids=np.arange(len(found)))
+    found = _visible_corners(picture, shifted, pixels, lattice, LOCAL, mirrored=False)
+    return np.rint(lattice[found.ids] - ONE_COLUMN).astype(np.int64), replace(found, ids=np.arange(len(found)))
 
 
-def _seen_corners(
+def _visible_corners(
     picture: Image, places: FloatArray, pixels: FloatArray, corners: FloatArray, target: Target, *, mirrored: bool
 ) -> Corners:
     """Return the visible corners among all corners (c, 2) of a print, with their indices as ids."""
-    found, look = _grown(picture, places, pixels, corners, target, mirrored=mirrored)
-    have = np.flatnonzero(np.isfinite(found[:, 0]))
-    have = have[smooth(corners[have], found[have], target.longest_step)]
-    warp = BoardWarp.through(corners[have], found[have], degree=QUINTIC)
+    found, appearance = _grow(picture, places, pixels, corners, target, mirrored=mirrored)
+    found_ids = np.flatnonzero(np.isfinite(found[:, 0]))
+    found_ids = found_ids[smooth(corners[found_ids], found[found_ids], target.longest_step)]
+    warp = BoardWarp.through(corners[found_ids], found[found_ids], degree=QUINTIC)
     if warp is None:
         return Corners.none()
-    expected = warp.expected(corners[have], found[have])
-    look = replace(look, rough=False, motion=_is_blurred_by_motion(picture, expected, look))
-    ids, seen = _confirmed(picture, have, expected, look, mirrored=mirrored)
-    good = _as_bright(corners[ids], seen.contrast) & _like_the_others(seen)
-    board = Corners(ids.astype(np.int64), seen.pixels, seen.sigma_px).where(good)
+    expected = warp.expected(corners[found_ids], found[found_ids])
+    appearance = replace(appearance, rough=False, motion=_is_blurred_by_motion(picture, expected, appearance))
+    ids, refined = _confirmed(picture, found_ids, expected, appearance, mirrored=mirrored)
+    valid = _similar_contrast(corners[ids], refined.contrast) & _typical_quality(refined)
+    board = Corners(ids.astype(np.int64), refined.pixels, refined.sigma_px).where(valid)
     return board.where(smooth(corners[board.ids], board.pixels, target.longest_step))
 
 
-def _is_blurred_by_motion(picture: Image, expected: ExpectedCorners, look: Appearance) -> bool:
+def _is_blurred_by_motion(picture: Image, expected: ExpectedCorners, appearance: Appearance) -> bool:
     """Return whether motion blur explains much of the variance that the print leaves unexplained at typical corners.
 
     Without motion, a model with motion blur would only make partly covered corners look valid.
     """
-    some = expected.where(np.arange(len(expected.places)) % max(len(expected.places) // JUDGED, 1) == 0)
-    without, known = (
-        float(np.median(1.0 - refine(picture, some, replace(look, motion=motion)).explained))
+    sample = expected.where(np.arange(len(expected.places)) % max(len(expected.places) // SAMPLE_CORNERS, 1) == 0)
+    without_motion, with_motion = (
+        float(np.median(1.0 - refine(picture, sample, replace(appearance, motion=motion)).explained))
         for motion in (False, True)
     )
-    return known < UNEXPLAINED_WITHOUT_MOTION * without
+    return with_motion < MAX_UNEXPLAINED_RATIO * without_motion
 
 
-def _grown(
+def _grow(
     picture: Image, places: FloatArray, pixels: FloatArray, corners: FloatArray, target: Target, *, mirrored: bool
 ) -> tuple[FloatArray, Appearance]:
     """Return pixels (c, 2) of all corners, NaN if not found, and the print's appearance with the estimated blur."""
     found = np.full((len(corners), 2), np.nan)
     tries = np.zeros(len(corners), dtype=np.int64)
     known_places, known_pixels, reach = places, pixels, REACH * target.longest_step
-    look = Appearance(target, first_blur_px(places, pixels), motion=False, rough=True)
-    most_tries = 1 if len(places) >= MANY else TRIES
-    for _ in range(ROUNDS):
+    appearance = Appearance(target, first_blur_px(places, pixels), motion=False, rough=True)
+    max_tries = 1 if len(places) >= MANY_POINTS else MAX_TRIES
+    for _ in range(MAX_ROUNDS):
         near = cKDTree(known_places).query(corners, distance_upper_bound=reach)[0] < reach
-        new = np.flatnonzero(near & (tries < most_tries) & np.isnan(found[:, 0]))
+        new = np.flatnonzero(near & (tries < max_tries) & np.isnan(found[:, 0]))
         warp = BoardWarp.through(known_places, known_pixels) if len(new) else None
         if warp is None:
             break
         tries[new] += 1
         expected = warp.expected(corners[new], warp.at(corners[new]))
-        ids, seen = _confirmed(picture, new, expected, look, mirrored=mirrored)
-        first = np.isnan(found[:, 0]).all()
-        found[ids] = seen.pixels
+        ids, refined = _confirmed(picture, new, expected, appearance, mirrored=mirrored)
+        none_found = np.isnan(found[:, 0]).all()
+        found[ids] = refined.pixels
         # The last corners are few, and some are false: they must not change the assumed blur.
-        if len(ids) >= (1 if first else MIN_CORNERS):
-            look = replace(look, blur_px=float(np.median(seen.blur_px)))
-        have = np.flatnonzero(np.isfinite(found[:, 0]))
-        if len(ids) < LEAST_GROWTH * len(have):
+        if len(ids) >= (1 if none_found else MIN_CORNERS):
+            appearance = replace(appearance, blur_px=float(np.median(refined.blur_px)))
+        found_ids = np.flatnonzero(np.isfinite(found[:, 0]))
+        if len(ids) < MIN_GROWTH * len(found_ids):
             break
-        if len(have) >= MIN_CORNERS:
-            known_places, known_pixels = corners[have], found[have]
-    return found, look
+        if len(found_ids) >= MIN_CORNERS:
+            known_places, known_pixels = corners[found_ids], found[found_ids]
+    return found, appearance
 
 
 def first_blur_px(places: FloatArray, pixels: FloatArray) -> float:
     """Return the initial blur for places (n, 2), in squares, at pixels (n, 2)."""
-    return min(FIRST_BLUR_PX, SOFTEST * typical_cell_px(places, pixels))
+    return min(FIRST_BLUR_PX, MAX_BLUR * typical_cell_px(places, pixels))
 
 
 def expected_corners(corners: Corners, target: Target) -> ExpectedCorners | None:
@@ -173,17 +173,17 @@ def expected_corners(corners: Corners, target: Target) -> ExpectedCorners | None
 
 
 def _confirmed(
-    picture: Image, ids: IntArray, expected: ExpectedCorners, look: Appearance, *, mirrored: bool
+    picture: Image, ids: IntArray, expected: ExpectedCorners, appearance: Appearance, *, mirrored: bool
 ) -> tuple[IntArray, RefinedCorners]:
     """Return the ids and refined positions of those expected corners (n,) that the picture confirms."""
     size = np.array(picture.shape[::-1], dtype=np.float64)
-    fits = _fits(expected.pixels, expected.cells, size, mirrored=mirrored)
-    ids, expected = ids[fits], expected.where(fits)
-    seen = refine(picture, expected, look)
-    moved = np.linalg.norm(seen.pixels - expected.pixels, axis=1)
-    good = (moved < MAX_MOVE * _short_side(expected.cells)) & (seen.contrast > MIN_GREY)
-    good &= (seen.explained > MIN_EXPLAINED) & (seen.sigma_px < MAX_SIGMA_PX)
-    return ids[good], seen.where(good)
+    detectable = _detectable(expected.pixels, expected.cells, size, mirrored=mirrored)
+    ids, expected = ids[detectable], expected.where(detectable)
+    refined = refine(picture, expected, appearance)
+    moved = np.linalg.norm(refined.pixels - expected.pixels, axis=1)
+    confirmed = (moved < MAX_MOVE * _short_side(expected.cells)) & (refined.contrast > MIN_GREY)
+    confirmed &= (refined.explained > MIN_EXPLAINED) & (refined.sigma_px < MAX_SIGMA_PX)
+    return ids[confirmed], refined.where(confirmed)
 
 
 def same_board(first: Corners, second: Corners) -> bool:
@@ -196,13 +196,13 @@ def _short_side(cells: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.norm(cells, axis=1).min(axis=1))
 
 
-def _fits(expected: FloatArray, cells: FloatArray, size: FloatArray, *, mirrored: bool) -> BoolArray:
+def _detectable(expected: FloatArray, cells: FloatArray, size: FloatArray, *, mirrored: bool) -> BoolArray:
     """Mask of corners (n, 2) well inside the picture whose cells (n, 2, 2) are large enough and not flipped."""
-    handed = np.linalg.det(np.nan_to_num(cells)) * (-1.0 if mirrored else 1.0)
-    short = _short_side(np.nan_to_num(cells))
+    handedness = np.linalg.det(np.nan_to_num(cells)) * (-1.0 if mirrored else 1.0)
+    short_side_px = _short_side(np.nan_to_num(cells))
     margin = np.maximum(0.5 * np.nan_to_num(np.linalg.norm(cells, axis=1)).max(axis=1), 3.0)[:, None]
     inside = (expected > margin) & (expected < size - 1.0 - margin)
-    return np.asarray(inside.all(axis=1) & (handed > 0) & (short >= MIN_CELL_PX))
+    return np.asarray(inside.all(axis=1) & (handedness > 0) & (short_side_px >= MIN_CELL_PX))
 
 
 def _neighbours(places: FloatArray) -> IntArray:
@@ -211,21 +211,21 @@ def _neighbours(places: FloatArray) -> IntArray:
     return np.asarray(cKDTree(places).query(places, k=count + 1)[1][:, 1:], dtype=np.int64)
 
 
-def _as_bright(places: FloatArray, contrast: FloatArray) -> BoolArray:
-    """Mask of corners with about the contrast of their neighbours; a partly covered corner has less."""
+def _similar_contrast(places: FloatArray, contrast: FloatArray) -> BoolArray:
+    """Mask of corners with about the contrast of their neighbours; partly covered corners have less."""
     if len(places) < 2:
         return np.zeros(len(places), dtype=bool)
-    around = np.median(contrast[_neighbours(places)], axis=1)
-    return np.asarray(contrast > MIN_CONTRAST * around)
+    neighbours_contrast = np.median(contrast[_neighbours(places)], axis=1)
+    return np.asarray(contrast > MIN_CONTRAST * neighbours_contrast)
 
 
-def _like_the_others(seen: RefinedCorners) -> BoolArray:
+def _typical_quality(refined: RefinedCorners) -> BoolArray:
     """Mask of corners about as certain and as well explained as most of the board, which excludes glare."""
-    if not len(seen.pixels):
+    if not len(refined.pixels):
         return np.zeros(0, dtype=bool)
-    rest = 1.0 - seen.explained
-    sure = seen.sigma_px < MAX_RELATIVE_SIGMA * np.median(seen.sigma_px)
-    return np.asarray(sure & (rest < MAX_RELATIVE_UNEXPLAINED * np.median(rest) + UNEXPLAINED))
+    unexplained = 1.0 - refined.explained
+    precise = refined.sigma_px < MAX_RELATIVE_SIGMA * np.median(refined.sigma_px)
+    return np.asarray(precise & (unexplained < MAX_RELATIVE_UNEXPLAINED * np.median(unexplained) + UNEXPLAINED_OFFSET))
 
 
 def _largest_part(warp: BoardWarp, places: FloatArray, pixels: FloatArray, step: float) -> BoolArray:
@@ -234,9 +234,9 @@ def _largest_part(warp: BoardWarp, places: FloatArray, pixels: FloatArray, step:
     Two mirrors may show a board as if it continued from one to the other, but for a step of a few pixels. The residuals
     to the warp through both then differ across the step.
     """
-    off = pixels - warp.at(places)
-    first, second = cKDTree(places).query_pairs(LINKED * step, output_type="ndarray").T
-    change = np.linalg.norm(off[first] - off[second], axis=1)
+    residual = pixels - warp.at(places)
+    first, second = cKDTree(places).query_pairs(MAX_LINK * step, output_type="ndarray").T
+    change = np.linalg.norm(residual[first] - residual[second], axis=1)
     linked = change < max(OUTLIER_SIGMAS * 1.4826 * float(np.median(change)) if len(change) else 0.0, MIN_STEP_PX)
     linked &= change < MAX_STEP_PX
     graph = coo_array((np.ones(int(linked.sum())), (first[linked], second[linked])), shape=(len(places),) * 2)
@@ -246,7 +246,7 @@ def _largest_part(warp: BoardWarp, places: FloatArray, pixels: FloatArray, step:
 
 def connected(places: FloatArray, step: float = 1.0) -> BoolArray:
     """Mask (n,) of the largest connected part of corners (n, 2), at most `step` squares apart on their grid."""
-    first, second = cKDTree(places).query_pairs(LINKED * step, output_type="ndarray").T
+    first, second = cKDTree(places).query_pairs(MAX_LINK * step, output_type="ndarray").T
     graph = coo_array((np.ones(len(first)), (first, second)), shape=(len(places),) * 2)
     labels = connected_components(graph, directed=False)[1]
     return np.asarray(labels == np.bincount(labels).argmax())
@@ -267,10 +267,10 @@ def smooth(places: FloatArray, pixels: FloatArray, step: float = 1.0) -> BoolArr
             warp = BoardWarp.through(places[keep], pixels[keep]) if keep.sum() >= MIN_CORNERS else None
         if warp is None:
             return none
-        off = np.linalg.norm(pixels - warp.at(places), axis=1)
-        sigma = float(np.median(off[keep])) / 1.1774
-        still = keep & (off < np.clip(OUTLIER_SIGMAS * sigma, MIN_OUTLIER_PX, MAX_STEP_PX))
-        if (still == keep).all():
+        deviation = np.linalg.norm(pixels - warp.at(places), axis=1)
+        sigma = float(np.median(deviation[keep])) / 1.1774
+        inliers = keep & (deviation < np.clip(OUTLIER_SIGMAS * sigma, MIN_OUTLIER_PX, MAX_STEP_PX))
+        if (inliers == keep).all():
             break
-        keep = still
+        keep = inliers
     return keep

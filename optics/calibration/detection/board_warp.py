@@ -13,8 +13,8 @@ from mirrorcam.optics.geometry.targets import Target
 
 MIN_POINTS = 4
 CUBIC, QUINTIC = 3, 5  # degrees of the correction
-MIN_POINTS_OF_DEGREE = ((QUINTIC, 63), (CUBIC, 24))
-EXPONENTS = [np.tril_indices(degree + 1) for degree in range(QUINTIC + 1)]  # of each term: total, and of y
+MIN_POINTS_BY_DEGREE = ((QUINTIC, 63), (CUBIC, 24))
+EXPONENTS = [np.tril_indices(degree + 1) for degree in range(QUINTIC + 1)]  # per term: total, and of y
 OUTLIER_CELLS = 0.12  # distance of a corner from the map through the others
 
 
@@ -48,31 +48,31 @@ class BoardWarp:
         """
         if len(places) < MIN_POINTS:
             return None
-        off_px = max(OUTLIER_CELLS * typical_cell_px(places, pixels), 1.0)
-        homography = _homography(places, pixels, off_px)
+        outlier_px = max(OUTLIER_CELLS * typical_cell_px(places, pixels), 1.0)
+        homography = _homography(places, pixels, outlier_px)
         if homography is None:
             return None
         middle = places.mean(axis=0)
         half = max(float(np.abs(places - middle).max()), 1.0)
         warp = cls(np.asarray(homography), middle, half, np.zeros((1, 2)))
-        for most, points in MIN_POINTS_OF_DEGREE:
-            if most <= degree and len(places) >= points:
-                return warp._corrected(places, pixels, off_px, most)
+        for max_degree, points in MIN_POINTS_BY_DEGREE:
+            if max_degree <= degree and len(places) >= points:
+                return warp._corrected(places, pixels, outlier_px, max_degree)
         return warp
 
-    def _corrected(self, places: FloatArray, pixels: FloatArray, off_px: float, degree: int) -> BoardWarp:
+    def _corrected(self, places: FloatArray, pixels: FloatArray, outlier_px: float, degree: int) -> BoardWarp:
         """Return the warp with a polynomial fitted by Cauchy weights, because some outliers remain."""
-        off = pixels - self.at(places)
+        residual = pixels - self.at(places)
         terms = self._terms(places, degree)
-        weights = 1.0 / (1.0 + (np.linalg.norm(off, axis=1) / off_px) ** 2)
+        weights = 1.0 / (1.0 + (np.linalg.norm(residual, axis=1) / outlier_px) ** 2)
         ridge = 1e-3 * np.eye(terms.shape[1])
         polynomial = np.zeros((terms.shape[1], 2))
         for _ in range(3):
             weighted = terms * weights[:, None]
-            polynomial = np.linalg.solve(terms.T @ weighted + ridge, weighted.T @ off)
-            rest = np.linalg.norm(off - terms @ polynomial, axis=1)
-            scale = max(3.0 * 1.4826 * float(np.partition(rest, len(rest) // 2)[len(rest) // 2]), 0.02)
-            weights = 1.0 / (1.0 + (rest / scale) ** 2)
+            polynomial = np.linalg.solve(terms.T @ weighted + ridge, weighted.T @ residual)
+            deviation = np.linalg.norm(residual - terms @ polynomial, axis=1)
+            scale = max(3.0 * 1.4826 * float(np.partition(deviation, len(deviation) // 2)[len(deviation) // 2]), 0.02)
+            weights = 1.0 / (1.0 + (deviation / scale) ** 2)
         return replace(self, polynomial=polynomial)
 
     def _terms(self, places: FloatArray, degree: int) -> FloatArray:
@@ -96,29 +96,29 @@ class BoardWarp:
     def shapes(self, places: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return derivatives (n, 2, 2) of pixels by squares (columns x, y), and half the second ones (n, 2, 3)."""
         step = 0.25
-        around = [(0, 0), (1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, -1), (1, -1), (-1, 1)]
-        near = places + step * np.array(around)[:, None]
-        here, east, west, south, north, *diagonal = self.at(near.reshape(-1, 2)).reshape(near.shape)
+        offsets = [(0, 0), (1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, -1), (1, -1), (-1, 1)]
+        near = places + step * np.array(offsets)[:, None]
+        centre, east, west, south, north, *diagonal = self.at(near.reshape(-1, 2)).reshape(near.shape)
         mixed = diagonal[0] + diagonal[1] - diagonal[2] - diagonal[3]
         cells = np.stack([east - west, south - north], axis=2) / (2.0 * step)
-        bends = np.stack([east + west - 2.0 * here, mixed / 2.0, south + north - 2.0 * here], axis=2)
-        return cells, bends / (2.0 * step**2)
+        second_derivatives = np.stack([east + west - 2.0 * centre, mixed / 2.0, south + north - 2.0 * centre], axis=2)
+        return cells, second_derivatives / (2.0 * step**2)
 
     def expected(self, places: FloatArray, pixels: FloatArray) -> ExpectedCorners:
         """Return corners at places (n, 2) and expected pixels (n, 2), with the warp's derivatives there."""
-        cells, bends = self.shapes(places)
-        return ExpectedCorners(places, pixels, cells, bends)
+        cells, second_derivatives = self.shapes(places)
+        return ExpectedCorners(places, pixels, cells, second_derivatives)
 
 
-def _homography(places: FloatArray, pixels: FloatArray, off_px: float) -> FloatArray | None:
-    """Fit a homography (3, 3) to all points if it fits each within `off_px`, otherwise to most of them."""
-    fitted, _ = cv2.findHomography(places, pixels, 0)
-    if fitted is not None:
-        lifted = np.column_stack([places, np.ones(len(places))]) @ fitted.T
-        if (np.abs(lifted[:, :2] - pixels * lifted[:, 2:]) < off_px * np.abs(lifted[:, 2:])).all():
-            return np.asarray(fitted)
-    most, _ = cv2.findHomography(places, pixels, cv2.RANSAC, off_px, None, 2000, 0.9999)
-    return None if most is None else np.asarray(most)
+def _homography(places: FloatArray, pixels: FloatArray, outlier_px: float) -> FloatArray | None:
+    """Fit a homography (3, 3) to all points if it fits each within `outlier_px`, otherwise to most of them."""
+    exact, _ = cv2.findHomography(places, pixels, 0)
+    if exact is not None:
+        lifted = np.column_stack([places, np.ones(len(places))]) @ exact.T
+        if (np.abs(lifted[:, :2] - pixels * lifted[:, 2:]) < outlier_px * np.abs(lifted[:, 2:])).all():
+            return np.asarray(exact)
+    robust, _ = cv2.findHomography(places, pixels, cv2.RANSAC, outlier_px, None, 2000, 0.9999)
+    return None if robust is None else np.asarray(robust)
 
 
 def corner_places(target: Target) -> FloatArray:

@@ -30,17 +30,17 @@ STEP_PX = 2.0
 STATIONS = 25
 """Number of profiles across a border."""
 
-ENDS = 0.12
+SKIPPED_ENDS = 0.12
 """Share of a border's length that is skipped at either end, near the adjacent border."""
 
 MIN_LENGTH_PX = 60.0
 BLUR_PX = 1.2
-"""Assumed sigma of the print's blur in the picture; an error scales a profile as a whole."""
+"""Assumed sigma of the print's blur in the picture; an error scales an entire profile."""
 
-ON_BOARD = 0.15
+BOARD_MARGIN = 0.15
 """Distance inside the print's border, in squares, from which the print at a ray's hit is known."""
 
-LARGEST_RADIUS_MM = 3.0
+MAX_RADIUS_MM = 3.0
 """Distance of a mirror from a ray, in the plane of the pupil, beyond which it adds no light."""
 
 MIN_FRAMES = 6
@@ -104,15 +104,15 @@ class BorderLight:
 
 
 def _aperture(mirror: Mirror) -> Mirror | None:
-    """Return the plane mirror on a mirror's front whose outline bounds the light likewise; None if it shows nothing.
+    """Return the plane mirror on a mirror's front whose outline bounds the light equally; None if it shows nothing.
 
     For a first-surface mirror, it is the mirror itself.
     """
-    shown = mirror.usable_normalized
-    if not mirror.is_second_surface or not len(shown):
-        return mirror if len(shown) else None
+    usable = mirror.usable_normalized
+    if not mirror.is_second_surface or not len(usable):
+        return mirror if len(usable) else None
     centre = mirror.virtual_centre_in_rig_mm * (1.0 - mirror.front_mm / mirror.distance_mm)
-    return Mirror(virtual_centre_in_rig_mm=centre, outline_in_rig_mm=cut(shown, centre))
+    return Mirror(virtual_centre_in_rig_mm=centre, outline_in_rig_mm=cut(usable, centre))
 
 
 def borders(layout: Layout) -> list[Border]:
@@ -134,26 +134,26 @@ def _border(layout: Layout, apertures: Sequence[Mirror | None], index: int, edge
     if aperture is None:
         return None
     corners = aperture.outline_normalized
-    start, end, middle = corners[edge], corners[(edge + 1) % len(corners)], corners.mean(axis=0)
+    start, end, centre = corners[edge], corners[(edge + 1) % len(corners)], corners.mean(axis=0)
     camera = layout.camera
-    parts = np.linspace(ENDS, 1.0 - ENDS, STATIONS)[:, None]
-    at = camera.pixels_from_normalized(start + parts * (end - start))
+    fractions = np.linspace(SKIPPED_ENDS, 1.0 - SKIPPED_ENDS, STATIONS)[:, None]
+    points = camera.pixels_from_normalized(start + fractions * (end - start))
     size = np.array([camera.width_px, camera.height_px])
-    if not ((at >= 0.0) & (at <= size - 1.0)).all() or np.linalg.norm(at[-1] - at[0]) < MIN_LENGTH_PX:
+    if not ((points >= 0.0) & (points <= size - 1.0)).all() or np.linalg.norm(points[-1] - points[0]) < MIN_LENGTH_PX:
         return None
-    along = np.gradient(at, axis=0)
-    out = np.column_stack([along[:, 1], -along[:, 0]]) / np.linalg.norm(along, axis=1)[:, None]
-    out *= np.sign((out * (at - camera.pixels_from_normalized(middle))).sum(axis=1))[:, None]
+    tangents = np.gradient(points, axis=0)
+    outward = np.column_stack([tangents[:, 1], -tangents[:, 0]]) / np.linalg.norm(tangents, axis=1)[:, None]
+    outward *= np.sign((outward * (points - camera.pixels_from_normalized(centre))).sum(axis=1))[:, None]
     out_px = np.arange(-REACH_PX, REACH_PX + STEP_PX / 2.0, STEP_PX)
-    pixels = at[:, None] + out_px[:, None] * out[:, None]
+    pixels = points[:, None] + out_px[:, None] * outward[:, None]
     pixels[~((pixels >= 0.0) & (pixels <= size - 1.0)).all(axis=2)] = np.nan
     normalized = camera.normalized_from_pixels(pixels.reshape(-1, 2))
-    near = [
+    inside_mm = [
         -np.inf if other in (None, aperture) else float(np.nanmax(_inside_mm(other, normalized, np.inf)))
         for other in apertures
     ]
-    neighbour = int(np.argmax(near))
-    return Border(index, aperture, pixels, out_px, neighbour if near[neighbour] > -LARGEST_RADIUS_MM else None)
+    neighbour = int(np.argmax(inside_mm))
+    return Border(index, aperture, pixels, out_px, neighbour if inside_mm[neighbour] > -MAX_RADIUS_MM else None)
 
 
 def _inside_mm(mirror: Mirror, normalized: FloatArray, focus_mm: float) -> FloatArray:
@@ -173,14 +173,14 @@ def border_light(layout: Layout, frames: Sequence[BoardFrame], target: Target) -
     target
         The board.
     """
-    found = [(_Rays.of(layout, border), _Sums.of(border)) for border in borders(layout)]
+    measured = [(_Rays.of(layout, border), _Sums.of(border)) for border in borders(layout)]
     for frame in frames:
         grey = frame.grey
         board_from_rig = inverse(frame.rig_from_board)
-        for rays, sums in found:
-            own, other = (_shown(target, *rays_beyond, board_from_rig) for rays_beyond in (rays.own, rays.other))
+        for rays, sums in measured:
+            own, other = (_print_values(target, *reflected, board_from_rig) for reflected in (rays.own, rays.other))
             sums.add(sample(grey, sums.border.pixels).astype(np.float64), own, np.where(rays.alone, 0.0, other))
-    return [sums.light() for _, sums in found]
+    return [sums.light() for _, sums in measured]
 
 
 @dataclass(frozen=True)
@@ -197,40 +197,40 @@ class _Rays:
     @classmethod
     def of(cls, layout: Layout, border: Border) -> _Rays:
         normalized = border.normalized(layout)
-        own = _beyond(layout, layout.mirrors[border.mirror], normalized)
+        own = _reflected_rays(layout, layout.mirrors[border.mirror], normalized)
         if border.neighbour is None:
             return cls(own, own, np.ones(normalized.shape[:2], dtype=bool))
         neighbour = layout.mirrors[border.neighbour]
         inside_mm = _inside_mm(neighbour, normalized.reshape(-1, 2), layout.camera.focus_mm)
-        alone = ~(inside_mm > -LARGEST_RADIUS_MM).reshape(normalized.shape[:2])
-        return cls(own, _beyond(layout, neighbour, normalized), alone)
+        alone = ~(inside_mm > -MAX_RADIUS_MM).reshape(normalized.shape[:2])
+        return cls(own, _reflected_rays(layout, neighbour, normalized), alone)
 
 
-def _beyond(layout: Layout, mirror: Mirror, normalized: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _reflected_rays(layout: Layout, mirror: Mirror, normalized: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Reflected rays from the centroid of the part of the pupil that a mirror fills: starts and directions."""
-    pupil, flat, seen = layout.camera.pupil, normalized.reshape(-1, 2), mirror.apparent
+    pupil, flat, apparent = layout.camera.pupil, normalized.reshape(-1, 2), mirror.apparent
     start = np.zeros((len(flat), 3))
     start[:, :2] = pupil.radius_mm * disc_part(outline_aperture(mirror, flat, pupil.focus_mm), pupil.radius_mm).centroid
     rays = np.column_stack([flat, np.ones(len(flat))]) - start / pupil.focus_mm
     shape = (*normalized.shape[:2], 3)
-    return seen.reflect(start).reshape(shape), (rays @ seen.reflection).reshape(shape)
+    return apparent.reflect(start).reshape(shape), (rays @ apparent.reflection).reshape(shape)
 
 
-def _shown(target: Target, starts: FloatArray, directions: FloatArray, board_from_rig: FloatArray) -> FloatArray:
+def _print_values(target: Target, starts: FloatArray, directions: FloatArray, board_from_rig: FloatArray) -> FloatArray:
     """Values of the print, from -1 to 1, where rays (s, d, 3) hit it; NaN where they miss the board."""
     rotation = board_from_rig[:3, :3].T
-    start, along = starts @ rotation + board_from_rig[:3, 3], directions @ rotation
+    start, direction = starts @ rotation + board_from_rig[:3, 3], directions @ rotation
     with np.errstate(divide="ignore", invalid="ignore"):
-        length = -start[..., 2] / along[..., 2]
-        at = (start + length[..., None] * along)[..., :2] / target.pitch_mm
-    inside = (length > 0.0) & (along[..., 2] > 0.0)
-    inside &= ((at > ON_BOARD) & (at < np.array(target.size_mm) / target.pitch_mm - ON_BOARD)).all(axis=-1)
-    steps = np.linalg.norm(np.diff(np.nan_to_num(at), axis=1), axis=2)[inside[:, 1:] & inside[:, :-1]]
+        length = -start[..., 2] / direction[..., 2]
+        hits = (start + length[..., None] * direction)[..., :2] / target.pitch_mm
+    inside = (length > 0.0) & (direction[..., 2] > 0.0)
+    inside &= ((hits > BOARD_MARGIN) & (hits < np.array(target.size_mm) / target.pitch_mm - BOARD_MARGIN)).all(axis=-1)
+    steps = np.linalg.norm(np.diff(np.nan_to_num(hits), axis=1), axis=2)[inside[:, 1:] & inside[:, :-1]]
     if not len(steps):
-        return np.full(at.shape[:2], np.nan)
-    at = np.nan_to_num(at)
+        return np.full(hits.shape[:2], np.nan)
+    hits = np.nan_to_num(hits)
     square_px = STEP_PX / max(float(np.median(steps)), 1e-6)
-    value = sample(blurred_print(target, BLUR_PX / square_px).value, in_print_px(target, at))
+    value = sample(blurred_print(target, BLUR_PX / square_px).value, in_print_px(target, hits))
     return np.where(inside, value, np.nan)
 
 
@@ -260,9 +260,9 @@ class _Sums:
     def light(self) -> BorderLight:
         """Solve for half the difference in grey values, black to white, that the mirror adds."""
         inverse = np.linalg.inv(self.normal + 1e-6 * np.eye(3))
-        found = (inverse @ self.right[..., None])[..., 0]
-        rest = np.maximum(self.squares - (found * self.right).sum(axis=-1), 0.0)
-        enough = (self.count >= MIN_FRAMES) & (1.0 / inverse[..., 1, 1] > MIN_VARIANCE * self.count)
-        noise = np.sqrt(rest[enough].sum() / max(float((self.count - 3.0)[enough].sum()), 1.0))
-        sigma = np.where(enough, noise * np.sqrt(np.maximum(inverse[..., 1, 1], 0.0)), np.inf)
-        return BorderLight(self.border, np.where(enough, found[..., 1], np.nan), sigma)
+        coefficients = (inverse @ self.right[..., None])[..., 0]
+        residual_squares = np.maximum(self.squares - (coefficients * self.right).sum(axis=-1), 0.0)
+        determined = (self.count >= MIN_FRAMES) & (1.0 / inverse[..., 1, 1] > MIN_VARIANCE * self.count)
+        noise = np.sqrt(residual_squares[determined].sum() / max(float((self.count - 3.0)[determined].sum()), 1.0))
+        sigma = np.where(determined, noise * np.sqrt(np.maximum(inverse[..., 1, 1], 0.0)), np.inf)
+        return BorderLight(self.border, np.where(determined, coefficients[..., 1], np.nan), sigma)

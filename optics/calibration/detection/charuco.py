@@ -32,11 +32,11 @@ from mirrorcam.optics.geometry.targets import TAG_BORDER, TAG_FAMILY, AprilGrid,
 WHITE_QUANTILE = 0.995
 WINDOWS_PX = (15, 31, 7)  # sides of the adaptive threshold's window, tried in turn
 MIN_PERIMETER = 0.01  # of a marker, in sides of the picture
-NEAR = 2.3  # squares between the centres of markers that predict each other
+NEIGHBOUR_SQUARES = 2.3  # squares between the centres of markers that predict each other
 PREDICTION_ERROR = 0.12  # error of a marker's predicted position, per square between the two markers
 MIN_MARKERS = 2
-SAME_PLACE = 0.3  # squares between a marker and its place on a board that shows it
-MIN_RATIO = 0.5  # logarithm of tag over gap: least value in the picture, relative to the print
+MAX_OFFSET = 0.3  # of a marker from its place on the board that holds it, in squares
+MIN_LOG_RATIO = 0.5  # least logarithm of tag over gap in the picture, relative to the print
 
 
 def find_marked_boards(grey: Grey, target: Charuco | AprilGrid, *, mirrored: bool, most: int) -> list[Corners]:
@@ -100,36 +100,36 @@ def _from_markers(grey: Grey, target: Charuco | AprilGrid, known: list[Corners],
     found = list(known)
     taken = np.zeros(len(ids), dtype=bool)
     for board in known:
-        taken |= _shown(board, places, quads, target)
-    waiting = groups(places, quads)
-    while waiting:
-        members = waiting.pop(0)
+        taken |= _on_board(board, places, quads, target)
+    queue = groups(places, quads)
+    while queue:
+        members = queue.pop(0)
         members = members[~taken[members]]
         if len(members) < MIN_MARKERS:
             continue
-        at, seen = places[members].reshape(-1, 2), quads[members].reshape(-1, 2)
-        board = grow_board(picture, at, seen, target, mirrored=mirrored)
+        known_places, known_pixels = places[members].reshape(-1, 2), quads[members].reshape(-1, 2)
+        board = grow_board(picture, known_places, known_pixels, target, mirrored=mirrored)
         if not len(board) or any(same_board(board, other) for other in found):
             continue
         found.append(board)
-        shown = _shown(board, places, quads, target)
-        taken |= shown
+        on_board = _on_board(board, places, quads, target)
+        taken |= on_board
         # A group may hold two boards that seem to continue each other; one of them is found now.
-        rest = members[~shown[members]]
-        if MIN_MARKERS <= len(rest) < len(members):
-            waiting = [rest[part] for part in groups(places[rest], quads[rest])] + waiting
+        remaining = members[~on_board[members]]
+        if MIN_MARKERS <= len(remaining) < len(members):
+            queue = [remaining[part] for part in groups(places[remaining], quads[remaining])] + queue
     return found
 
 
-def _shown(board: Corners, places: FloatArray, quads: FloatArray, target: Charuco | AprilGrid) -> BoolArray:
+def _on_board(board: Corners, places: FloatArray, quads: FloatArray, target: Charuco | AprilGrid) -> BoolArray:
     """Mask of the markers (n, 4, 2), with places (n, 4, 2) on the print, that match a detected board."""
     warp = BoardWarp.through(corner_places(target)[board.ids], board.pixels)
     if warp is None:
         return np.zeros(len(places), dtype=bool)
-    middles = places.mean(axis=1)
-    cells, _ = warp.shapes(middles)
-    off = np.linalg.norm(warp.at(middles) - quads.mean(axis=1), axis=1)
-    return np.asarray(off < SAME_PLACE * np.sqrt(np.abs(np.linalg.det(cells))))
+    centres = places.mean(axis=1)
+    cells, _ = warp.shapes(centres)
+    distance = np.linalg.norm(warp.at(centres) - quads.mean(axis=1), axis=1)
+    return np.asarray(distance < MAX_OFFSET * np.sqrt(np.abs(np.linalg.det(cells))))
 
 
 def marker_places(target: Charuco | AprilGrid) -> FloatArray:
@@ -140,8 +140,8 @@ def marker_places(target: Charuco | AprilGrid) -> FloatArray:
         low = 2 * np.stack([numbers % target.cols, numbers // target.cols], axis=1)
         return target.line_mm(low[:, None] + np.array([[1, 1], [0, 1], [0, 0], [1, 0]])) / target.pitch_mm
     half = target.marker_mm / target.square_mm / 2.0
-    middles = target.marker_squares[:, None, ::-1] + 0.5
-    return np.asarray(middles + half * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]))
+    centres = target.marker_squares[:, None, ::-1] + 0.5
+    return np.asarray(centres + half * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]))
 
 
 def find_markers(grey: Grey, target: Charuco | AprilGrid, *, mirrored: bool) -> tuple[IntArray, FloatArray]:
@@ -149,34 +149,34 @@ def find_markers(grey: Grey, target: Charuco | AprilGrid, *, mirrored: bool) -> 
 
     A few suffice to grow boards; if there are too few, other window sizes are tried.
     """
-    bright, parameters = _as_searched(grey, mirrored=mirrored)
+    bright, parameters = _prepared(grey, mirrored=mirrored)
     parameters.markerBorderBits = TAG_BORDER if isinstance(target, AprilGrid) else 1
     dictionary, first, count = _dictionary(target)
     for window_px in WINDOWS_PX:
         parameters.adaptiveThreshWinSizeMin = parameters.adaptiveThreshWinSizeMax = window_px
         detector = cv2.aruco.ArucoDetector(dictionary, parameters)
         quads, ids, _ = detector.detectMarkers(bright)
-        names = (np.empty(0, dtype=np.int64) if ids is None else np.asarray(ids, dtype=np.int64).ravel()) - first
-        known = (names >= 0) & (names < count)
+        numbers = (np.empty(0, dtype=np.int64) if ids is None else np.asarray(ids, dtype=np.int64).ravel()) - first
+        known = (numbers >= 0) & (numbers < count)
         if known.sum() >= MIN_MARKERS:
             break
     corners = np.array(quads, dtype=np.float64).reshape(-1, 4, 2)
     if mirrored:
         corners[..., 0] = grey.shape[1] - 1 - corners[..., 0]
-    return names[known], corners[known]
+    return numbers[known], corners[known]
 
 
 def families_seen(grey: Grey, families: Sequence[str], first: int, *, mirrored: bool) -> IntArray:
     """Count, for each of some dictionary families (f,), how many of its first markers a picture shows."""
-    bright, parameters = _as_searched(grey, mirrored=mirrored)
+    bright, parameters = _prepared(grey, mirrored=mirrored)
     parameters.adaptiveThreshWinSizeMin = parameters.adaptiveThreshWinSizeMax = WINDOWS_PX[0]
     detector = cv2.aruco.ArucoDetector([dictionaries.dictionary(name, first) for name in families], parameters)
     _, _, _, seen = detector.detectMarkersMultiDict(bright)
     return np.bincount(np.zeros(0, np.int64) if seen is None else np.ravel(seen), minlength=len(families))
 
 
-def _as_searched(grey: Grey, *, mirrored: bool) -> tuple[Grey, cv2.aruco.DetectorParameters]:
-    """Return the picture, brightened and unmirrored, and the marker detector's parameters."""
+def _prepared(grey: Grey, *, mirrored: bool) -> tuple[Grey, cv2.aruco.DetectorParameters]:
+    """Return the picture, brightened and flipped if mirrored, and the marker detector's parameters."""
     image = cv2.flip(grey, 1) if mirrored else grey
     white = float(np.quantile(image[::4, ::4], WHITE_QUANTILE))
     parameters = cv2.aruco.DetectorParameters()
@@ -213,15 +213,15 @@ def linked_markers(places: FloatArray, quads: FloatArray) -> csr_array:
     The affine map of each marker predicts the positions of its neighbours on the print; two markers that agree belong
     to one board. A misread marker agrees with none.
     """
-    middles, centres = places.mean(axis=1), quads.mean(axis=1)
+    centres, centres_px = places.mean(axis=1), quads.mean(axis=1)
     affine = marker_maps(places[0], quads)
-    squares_apart = middles[None] - middles[:, None]
+    squares_apart = centres[None] - centres[:, None]
     distance = np.linalg.norm(squares_apart, axis=2)
-    first, second = np.nonzero((distance > 0.5) & (distance < NEAR))
-    expected = centres[first] + np.einsum("njk,nk->nj", affine[first], squares_apart[first, second])
+    first, second = np.nonzero((distance > 0.5) & (distance < NEIGHBOUR_SQUARES))
+    expected = centres_px[first] + np.einsum("njk,nk->nj", affine[first], squares_apart[first, second])
     cell = np.sqrt(np.abs(np.linalg.det(affine)))
-    off = np.linalg.norm(expected - centres[second], axis=1) / cell[first]
-    agree = off < PREDICTION_ERROR * distance[first, second] + 0.1
+    error = np.linalg.norm(expected - centres_px[second], axis=1) / cell[first]
+    agree = error < PREDICTION_ERROR * distance[first, second] + 0.1
     matrix = coo_array((agree.astype(float), (first, second)), shape=(len(places),) * 2).tocsr()
     return matrix.multiply(matrix.T)
 
@@ -234,17 +234,17 @@ def linked_tags(grey: Grey, target: AprilGrid) -> list[tuple[IntArray, FloatArra
     points = saddle_points(grey)
     found = []
     for members, places in corner_grids(points, alternating=True):
-        placed = _tags_placed(places, points.pixels[members], target)
-        if placed is None:
+        aligned = _aligned_with_tags(places, points.pixels[members], target)
+        if aligned is None:
             continue
         # Lines of corners on a print whose first tag begins at (1, 0).
-        on_print = target.line_mm(placed - np.array([1, 0])) / target.pitch_mm
+        on_print = target.line_mm(aligned - np.array([1, 0])) / target.pitch_mm
         parts = smooth_parts(on_print, points.pixels[members], target.longest_step)
-        found += [(placed[part], points.pixels[members[part]]) for part in parts]
+        found += [(aligned[part], points.pixels[members[part]]) for part in parts]
     return found
 
 
-def _tags_placed(places: IntArray, pixels: FloatArray, target: AprilGrid) -> IntArray | None:
+def _aligned_with_tags(places: IntArray, pixels: FloatArray, target: AprilGrid) -> IntArray | None:
     """Shift the places so that tags begin at odd x and even y; None unless widths alternate as on the print."""
     order = {(x, y): number for number, (x, y) in enumerate(places.tolist())}
     ratios = []
@@ -252,12 +252,12 @@ def _tags_placed(places: IntArray, pixels: FloatArray, target: AprilGrid) -> Int
         step = np.eye(2, dtype=np.int64)[axis]
         sides: tuple[list[float], list[float]] = ([], [])
         for (x, y), number in order.items():
-            after = order.get((x + int(step[0]), y + int(step[1])))
-            if after is not None:
-                length = float(np.linalg.norm(pixels[after] - pixels[number]))
+            following = order.get((x + int(step[0]), y + int(step[1])))
+            if following is not None:
+                length = float(np.linalg.norm(pixels[following] - pixels[number]))
                 sides[((x, y)[axis] + wide) % 2].append(np.log(max(length, 1e-6)))
         if sides[0] and sides[1]:
             ratios.append(float(np.median(sides[0]) - np.median(sides[1])))
-    if not ratios or abs(np.mean(ratios)) < MIN_RATIO * -np.log(target.spacing):
+    if not ratios or abs(np.mean(ratios)) < MIN_LOG_RATIO * -np.log(target.spacing):
         return None
     return places if np.mean(ratios) > 0 else places + 1

@@ -1,8 +1,8 @@
-"""Detection of plain checkerboards in a picture: boards or parts of them, their ends, and confirmed predictions.
+"""Detection of plain checkerboards in a picture: boards or parts of them, their edges, and confirmed predictions.
 
-A board's end is recognised by the white paper around it: there, black squares turn white where the board should end,
-and white ones stay white. An obstacle hardly ever ends along a grid line one square beyond the last corners, and is
-hardly ever as bright as the paper.
+A board's edge is recognised by the white paper around it: beyond it, where black and white squares would continue, all
+is white. An obstacle hardly ever ends along a grid line one square beyond the last corners, and is hardly ever as
+bright as the paper.
 
 Under a distortion too strong for corners to link into grids, OpenCV finds a completely visible board: it links squares,
 which bend less than rows of corners.
@@ -29,22 +29,22 @@ from mirrorcam.optics.geometry.targets import Checkerboard
 
 Grey = NDArray[np.uint8]
 CHECKERBOARD_WINDOW = 0.4
-COMPLETE_WINDOW, MAX_REFINED = 0.2, 0.1  # under strong distortion: half-window and largest move of a corner, in cells
+COMPLETE_WINDOW, MAX_REFINEMENT = 0.2, 0.1  # under strong distortion: half-window and largest move, in cells
 MIN_LINKED, MIN_KEPT = 12, 0.85  # linked corners, and the share of them that match the print on a valid board
 SOFTENED_PX = 1.0  # sigma of the blur applied to sharpened pictures
 MIN_SPREAD = 0.3  # rms distance from the line through the corners, in cells; two rows have 0.5
 SAME_CONTRAST = 0.6  # least contrast of an uncovered corner, relative to the board's
 # Sample points, in cells, in the squares at a corner's lower right and upper left.
 AROUND = [(sign * x, sign * y) for sign in (-1, 1) for x, y in ((0.3, 0.3), (0.4, 0.15), (0.15, 0.4))]
-SAME = 0.3  # cells, between two positions of one corner
-NEAR = 2  # squares within which corners certainly belong to one board
-ROUNDS = 20
-STRAY = 0.25  # cells, between a linked corner and the smooth surface through the others
+SAME_CORNER = 0.3  # largest distance between two detections of one corner, in cells
+SAME_BOARD = 2  # squares within which corners certainly belong to one board
+MAX_ROUNDS = 20
+MAX_DEVIATION = 0.25  # of a linked corner from the smooth surface through the others, in cells
 INSIDE, OUTSIDE = (0.5, 0.7, 0.8), (1.2, 1.3)  # squares from the last corners, to sample a square and the paper
-ACROSS = (-0.2, 0.0, 0.2)  # squares from the middle of a square, along the end
-MAX_OFF = 0.3  # of the contrast between white and black
-MIN_SQUARES = 2  # of each colour
-MIN_AGREEING = 0.8  # of the squares of each colour
+ALONG_END = (-0.2, 0.0, 0.2)  # squares from the middle of a square, along the end
+MAX_GREY_ERROR = 0.3  # relative to the contrast between white and black
+MIN_SQUARES = 2  # number of each colour
+MIN_AGREEING = 0.8  # share of the squares of each colour
 FLAGS = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_FAST_CHECK
 
 
@@ -82,26 +82,26 @@ def find_checkerboards(grey: Grey, target: Checkerboard) -> list[SeenGrid]:
     are none, as with a fisheye lens, OpenCV searches for a completely visible board by its squares.
     """
     picture = np.asarray(grey, dtype=np.float32)
-    most = max(target.cols, target.rows)
+    max_side = max(target.cols, target.rows)
     found: list[SeenGrid] = []
     for places, pixels in linked_grids(grey):
         known = [grid.corners for grid in found]
         if not new_corners(pixels, known):
             continue
-        at, corners = grow_grid(picture, places, pixels, most=most)
+        grid_places, corners = grow_grid(picture, places, pixels, most=max_side)
         if len(places) >= MIN_LINKED and len(corners) < MIN_KEPT * len(places):
             # A sharpened picture matches the print only after softening.
-            soft = np.asarray(cv2.GaussianBlur(picture, (0, 0), SOFTENED_PX), dtype=np.float32)
-            again = grow_grid(soft, places, pixels, most=most)
-            at, corners = max((at, corners), again, key=lambda grid: len(grid[1]))
+            softened = np.asarray(cv2.GaussianBlur(picture, (0, 0), SOFTENED_PX), dtype=np.float32)
+            softened_grid = grow_grid(softened, places, pixels, most=max_side)
+            grid_places, corners = max((grid_places, corners), softened_grid, key=lambda grid: len(grid[1]))
         if new_corners(corners.pixels, known):
-            found.append(SeenGrid(at, corners, board_ends(picture, at, corners.pixels)))
+            found.append(SeenGrid(grid_places, corners, board_ends(picture, grid_places, corners.pixels)))
     if not found and (complete := complete_board(grey, target)):
         places, pixels = complete
         cells = cell_px(pixels)
         refined = refine_saddles(grey, pixels, cells, COMPLETE_WINDOW)
-        stays = np.linalg.norm(refined - pixels, axis=1) < MAX_REFINED * cells
-        pixels = np.where(stays[:, None], refined, pixels)
+        stable = np.linalg.norm(refined - pixels, axis=1) < MAX_REFINEMENT * cells
+        pixels = np.where(stable[:, None], refined, pixels)
         found.append(SeenGrid(places, Corners(np.arange(len(places)), pixels), NO_LIMITS))
     return sorted(found, key=lambda grid: -len(grid))
 
@@ -120,8 +120,8 @@ def new_corners(pixels: FloatArray, found: Sequence[Corners]) -> bool:
     """Return whether corners (n, 2) include enough new ones for another board besides those found."""
     if len(pixels) < MIN_CORNERS or not found:
         return len(pixels) >= MIN_CORNERS
-    apart, _ = cKDTree(np.concatenate([corners.pixels for corners in found])).query(pixels)
-    return bool((apart > SAME * np.median(cell_px(pixels))).sum() >= MIN_CORNERS)
+    distances, _ = cKDTree(np.concatenate([corners.pixels for corners in found])).query(pixels)
+    return bool((distances > SAME_CORNER * np.median(cell_px(pixels))).sum() >= MIN_CORNERS)
 
 
 def smooth_parts(places: FloatArray, pixels: FloatArray, step: float = 1.0) -> list[IntArray]:
@@ -130,30 +130,30 @@ def smooth_parts(places: FloatArray, pixels: FloatArray, step: float = 1.0) -> l
     Adjacent corners are at most `step` squares apart.
     """
     parts = []
-    left = np.arange(len(places))
-    while len(left) >= MIN_CORNERS:
-        at, seen = places[left], pixels[left]
-        part = _smooth_around(at, seen, np.ones(len(left), dtype=bool), step)
+    remaining = np.arange(len(places))
+    while len(remaining) >= MIN_CORNERS:
+        remaining_places, remaining_pixels = places[remaining], pixels[remaining]
+        part = _smooth_around(remaining_places, remaining_pixels, np.ones(len(remaining), dtype=bool), step)
         if not part.all():
-            near = np.abs(at[:, None] - at).max(axis=2) <= NEAR
-            part = _smooth_around(at, seen, near[near.sum(axis=1).argmax()], step)
+            near = np.abs(remaining_places[:, None] - remaining_places).max(axis=2) <= SAME_BOARD
+            part = _smooth_around(remaining_places, remaining_pixels, near[near.sum(axis=1).argmax()], step)
         if part.sum() < MIN_CORNERS:
             break
-        parts.append(left[part])
-        left = left[~part]
+        parts.append(remaining[part])
+        remaining = remaining[~part]
     return parts
 
 
-def _smooth_around(places: FloatArray, pixels: FloatArray, first: BoolArray, step: float) -> BoolArray:
-    """Mask (n,) of the corners connected with `first` on the smooth surface grown from them."""
-    part = first
-    for _ in range(ROUNDS):
+def _smooth_around(places: FloatArray, pixels: FloatArray, seeds: BoolArray, step: float) -> BoolArray:
+    """Mask (n,) of the corners connected with the `seeds` (n,), a mask, on the smooth surface grown from them."""
+    part = seeds
+    for _ in range(MAX_ROUNDS):
         warp = BoardWarp.through(places[part], pixels[part])
         if warp is None:
             return np.zeros(len(places), dtype=bool)
-        off = np.linalg.norm(warp.at(places) - pixels, axis=1)
+        deviation = np.linalg.norm(warp.at(places) - pixels, axis=1)
         near = cKDTree(places[part]).query(places)[0] < REACH * step
-        grown = near & (off < STRAY * typical_cell_px(places[part], pixels[part]))
+        grown = near & (deviation < MAX_DEVIATION * typical_cell_px(places[part], pixels[part]))
         grown[grown] = connected(places[grown], step) if grown.any() else False
         if (grown == part).all():
             break
@@ -163,9 +163,10 @@ def _smooth_around(places: FloatArray, pixels: FloatArray, first: BoolArray, ste
     return part
 
 
-def _sample(grey: Grey, pixels: FloatArray) -> FloatArray:
-    at = np.clip(pixels.T[::-1], 0, np.array(grey.shape)[:, None] - 1)
-    return np.asarray(map_coordinates(grey, at, output=np.float64, order=1))
+def _interpolated(grey: Grey, pixels: FloatArray) -> FloatArray:
+    """Grey values (n,) at pixels (n, 2), bilinear; pixels outside are moved to the border."""
+    coordinates = np.clip(pixels.T[::-1], 0, np.array(grey.shape)[:, None] - 1)
+    return np.asarray(map_coordinates(grey, coordinates, output=np.float64, order=1))
 
 
 def confirm(grey: Grey, predicted: FloatArray, target: Checkerboard, *, max_shift: float = 0.35) -> Corners:
@@ -173,6 +174,7 @@ def confirm(grey: Grey, predicted: FloatArray, target: Checkerboard, *, max_shif
 
     A corner is confirmed if its refined position is near the prediction and its four squares are black and white as
     printed, with most of the board's contrast. A hand or a mirror's edge in front of the corner fails this test.
+
     Parameters
     ----------
     grey
@@ -200,13 +202,13 @@ def confirm(grey: Grey, predicted: FloatArray, target: Checkerboard, *, max_shif
     # Corner (r, c) has square (r, c) at its upper left, black if r + c is even, and the same colour at its lower right.
     black_first = (ids // cols + ids % cols) % 2 == 0
     first, second = (
-        np.array([_sample(grey, refined + x * across + sign * y * down) for x, y in AROUND]) for sign in (1, -1)
+        np.array([_interpolated(grey, refined + x * across + sign * y * down) for x, y in AROUND]) for sign in (1, -1)
     )
     black, white = np.where(black_first, (first, second), (second, first))
     contrast = white.min(axis=0) - black.max(axis=0)
     typical = np.median(contrast[near]) if near.any() else 0.0
-    good = near & (contrast > max(SAME_CONTRAST * typical, 8.0))
-    return Corners(ids[good].astype(np.int64), refined[good])
+    confirmed = near & (contrast > max(SAME_CONTRAST * typical, 8.0))
+    return Corners(ids[confirmed].astype(np.int64), refined[confirmed])
 
 
 def board_ends(picture: Image, places: IntArray, pixels: FloatArray) -> FloatArray:
@@ -226,8 +228,8 @@ def board_ends(picture: Image, places: IntArray, pixels: FloatArray) -> FloatArr
     for axis in range(2):
         for side, sign in enumerate((-1, 1)):
             last = (places[:, axis] * sign).max() * sign
-            along = np.sort(places[places[:, axis] == last, 1 - axis])
-            squares = along[:-1][np.diff(along) == 1] + 0.5
+            positions = np.sort(places[places[:, axis] == last, 1 - axis])
+            squares = positions[:-1][np.diff(positions) == 1] + 0.5
             if len(squares) >= 2 * MIN_SQUARES and _ends(picture, warp, axis, int(last), sign, squares):
                 limits[side, axis] = last
     return limits
@@ -238,13 +240,13 @@ def _ends(picture: Image, warp: BoardWarp, axis: int, last: int, sign: int, squa
 
     def values(beyond: tuple[float, ...]) -> FloatArray:
         """Grey values (n, b, a) of each square at distances from the last corners; NaN off the picture."""
-        out, along = np.meshgrid(last + sign * np.array(beyond), np.array(ACROSS), indexing="ij")
-        at = np.empty((len(squares), *out.shape, 2))
-        at[..., axis], at[..., 1 - axis] = out, squares[:, None, None] + along
-        pixels = warp.at(at.reshape(-1, 2))
+        beyond_last, along = np.meshgrid(last + sign * np.array(beyond), np.array(ALONG_END), indexing="ij")
+        points = np.empty((len(squares), *beyond_last.shape, 2))
+        points[..., axis], points[..., 1 - axis] = beyond_last, squares[:, None, None] + along
+        pixels = warp.at(points.reshape(-1, 2))
         within = np.asarray(((pixels >= 0.0) & (pixels <= np.array(picture.shape[::-1]) - 1.0)).all(axis=1))
-        seen = sample(picture, np.where(within[:, None], pixels, 0.0)[None])[0]
-        return np.where(within, seen, np.nan).reshape(at.shape[:-1])
+        greys = sample(picture, np.where(within[:, None], pixels, 0.0)[None])[0]
+        return np.where(within, greys, np.nan).reshape(points.shape[:-1])
 
     # The square between corners a and a + 1 along x and y is white if a has an even sum.
     corner = np.floor(squares).astype(np.int64) + (last if sign > 0 else last - 1)
@@ -252,13 +254,13 @@ def _ends(picture: Image, warp: BoardWarp, axis: int, last: int, sign: int, squa
     if min(white.sum(), (~white).sum()) < MIN_SQUARES:
         return False
     inside, outside = values(INSIDE), values(OUTSIDE)
-    paper, ink = np.median(inside[white]), np.median(inside[~white])
-    off = MAX_OFF * (paper - ink)
-    if not off > 0.0:
+    white_grey, black_grey = np.median(inside[white]), np.median(inside[~white])
+    max_error = MAX_GREY_ERROR * (white_grey - black_grey)
+    if not max_error > 0.0:
         return False
-    good = np.asarray((np.abs(outside - paper) < off).all(axis=(1, 2)))
-    good &= (np.abs(inside - np.where(white, paper, ink)[:, None, None]) < off).all(axis=(1, 2))
-    return bool(min(good[white].mean(), good[~white].mean()) >= MIN_AGREEING)
+    agreeing = np.asarray((np.abs(outside - white_grey) < max_error).all(axis=(1, 2)))
+    agreeing &= (np.abs(inside - np.where(white, white_grey, black_grey)[:, None, None]) < max_error).all(axis=(1, 2))
+    return bool(min(agreeing[white].mean(), agreeing[~white].mean()) >= MIN_AGREEING)
 
 
 def complete_board(grey: NDArray[np.uint8], target: Checkerboard) -> tuple[IntArray, FloatArray] | None:
@@ -271,8 +273,8 @@ def complete_board(grey: NDArray[np.uint8], target: Checkerboard) -> tuple[IntAr
     if not found:
         return None
     pixels = np.asarray(corners, dtype=np.float64).reshape(down, across, 2)
-    along = [np.diff(pixels, axis=axis).reshape(-1, 2).sum(axis=0) for axis in (1, 0)]
-    if np.linalg.det(np.array(along)) < 0.0:
+    directions = [np.diff(pixels, axis=axis).reshape(-1, 2).sum(axis=0) for axis in (1, 0)]
+    if np.linalg.det(np.array(directions)) < 0.0:
         pixels = pixels[:, ::-1]
     y, x = np.indices(pixels.shape[:2])
     # A corner with an even coordinate sum has white at its lower right.

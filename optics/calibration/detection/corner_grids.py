@@ -1,7 +1,7 @@
 """Saddle points that look like corners of a checkerboard, linked into grids.
 
 Two edges cross at a corner of a checkerboard, so grey values have a saddle point there: the Hessian's determinant is
-negative. On a small circle around it, opposite sides are alike, and grey values change four times between black and
+negative. On a small circle around it, opposite sides are equal, and grey values change four times between black and
 white, at the edges.
 
 Every corner has four edges, which lead to its neighbours. The colours on the two sides of an edge stay the same from
@@ -28,16 +28,16 @@ from mirrorcam.optics.calibration.solver.observations import IntArray
 SCALES = (1, 2, 4)  # factors by which the picture is reduced
 SMOOTHING_PX = 1.0  # sigma, in px of the reduced picture, like all lengths below
 BAND_PX = 64  # rows searched at a time
-SUPPRESSED_PX = 5  # side of the window in which only the strongest saddle point counts
+SUPPRESSION_PX = 5  # side of the window in which only the strongest saddle point counts
 RINGS_PX = (3.0, 4.5)  # radii of the circles; the smaller one is for small cells
 RING_POINTS = 32
 MIN_CURVATURE = 0.6  # grey levels per squared px
 MIN_CONTRAST = 8.0  # grey levels on the circle, from black to white
-MAX_ODD = 0.35  # difference between opposite sides, relative to the signal on the circle
-MOST = 6000  # saddle points at each scale
+MAX_ASYMMETRY = 0.35  # difference between opposite sides, relative to the signal on the circle
+MAX_POINTS = 6000  # saddle points at each scale
 SAME_PX = 2.5  # between saddle points found at two scales, in px of the more reduced one
 NEIGHBOURS = 24
-NEIGHBOURS_ALTERNATING = 64  # more, because there are saddle points inside tags, too
+NEIGHBOURS_ALTERNATING = 64  # more, because tags contain saddle points as well
 MAX_ANGLE = np.deg2rad(20.0)  # between an edge and the line to the next corner
 MAX_ANGLE_ALTERNATING = np.deg2rad(10.0)  # smaller than the angle to saddle points inside a tag
 MAX_RATIO = 1.7  # between opposite sides of a square
@@ -73,10 +73,10 @@ class SaddlePoints:
         """The saddle points of a mask (n,) or of indices."""
         return type(self)(*(getattr(self, field.name)[rows] for field in fields(self)))
 
-    def and_others(self, other: Self, apart_px: float) -> Self:
-        """Append the saddle points of `other` that are farther than `apart_px` from all of these."""
+    def with_new(self, other: Self, min_distance_px: float) -> Self:
+        """Append the saddle points of `other` that are farther than `min_distance_px` from all of these."""
         if len(self) and len(other):
-            other = other.where(cKDTree(self.pixels).query(other.pixels)[0] > apart_px)
+            other = other.where(cKDTree(self.pixels).query(other.pixels)[0] > min_distance_px)
         return type(self)(
             *(np.concatenate([getattr(self, field.name), getattr(other, field.name)]) for field in fields(self))
         )
@@ -92,48 +92,48 @@ def saddle_points(grey: NDArray[np.uint8]) -> SaddlePoints:
             picture = np.asarray(cv2.resize(picture, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA))
         if min(picture.shape) < 16:
             break
-        seen = _at_one_scale(picture)
-        at = (seen.pixels + 0.5) * scale - 0.5
-        found = found.and_others(SaddlePoints(at, seen.axes, seen.strength), SAME_PX * scale)
+        at_scale = _saddles_at_scale(picture)
+        pixels = (at_scale.pixels + 0.5) * scale - 0.5
+        found = found.with_new(SaddlePoints(pixels, at_scale.axes, at_scale.strength), SAME_PX * scale)
     return found
 
 
-def _at_one_scale(picture: NDArray[np.float32]) -> SaddlePoints:
+def _saddles_at_scale(picture: NDArray[np.float32]) -> SaddlePoints:
     smooth = np.asarray(cv2.GaussianBlur(picture, (0, 0), SMOOTHING_PX), dtype=np.float32)
-    bands = [_curved(smooth, top) for top in range(0, len(smooth), BAND_PX)]
+    bands = [_band_saddles(smooth, top) for top in range(0, len(smooth), BAND_PX)]
     rows, cols, hessian = (np.concatenate(parts, axis=-1) for parts in zip(*bands, strict=True))
     strength = np.sqrt(hessian[2] ** 2 - hessian[0] * hessian[1])
-    if len(rows) > MOST:
-        strongest = np.argsort(-strength, kind="stable")[:MOST]
+    if len(rows) > MAX_POINTS:
+        strongest = np.argsort(-strength, kind="stable")[:MAX_POINTS]
         rows, cols, hessian, strength = rows[strongest], cols[strongest], hessian[:, strongest], strength[strongest]
-    pixels = np.stack([cols, rows], axis=1) + _to_the_saddle(smooth, rows, cols, hessian)
+    pixels = np.stack([cols, rows], axis=1) + _subpixel_offsets(smooth, rows, cols, hessian)
     axes = np.full((len(pixels), 2), np.nan)
     for radius in RINGS_PX:
-        left = np.isnan(axes[:, 0])
-        axes[left] = _axes(smooth, pixels[left], radius)
-    good = np.isfinite(axes[:, 0])
-    return SaddlePoints(pixels[good], axes[good], strength[good])
+        missing = np.isnan(axes[:, 0])
+        axes[missing] = _axes(smooth, pixels[missing], radius)
+    valid = np.isfinite(axes[:, 0])
+    return SaddlePoints(pixels[valid], axes[valid], strength[valid])
 
 
-def _curved(smooth: NDArray[np.float32], top: int) -> tuple[IntArray, IntArray, FloatArray]:
+def _band_saddles(smooth: NDArray[np.float32], top: int) -> tuple[IntArray, IntArray, FloatArray]:
     """Return rows and columns (n,) of a band's strongest saddle points, and the Hessian (3, n) there: xx, yy, xy.
 
     A band fits the processor's cache, and no memory is allocated.
     """
-    above = min(SUPPRESSED_PX, top)  # rows that the band's derivatives and maxima depend on
-    part = smooth[top - above : top + BAND_PX + SUPPRESSED_PX]
+    above = min(SUPPRESSION_PX, top)  # rows that the band's derivatives and maxima depend on
+    part = smooth[top - above : top + BAND_PX + SUPPRESSION_PX]
     xx, yy, xy = (
         np.asarray(cv2.Sobel(part, cv2.CV_32F, *order, ksize=3, scale=0.25)) for order in ((2, 0), (0, 2), (1, 1))
     )
     curvature = xy * xy - xx * yy
-    highest = np.asarray(cv2.dilate(curvature, np.ones((SUPPRESSED_PX, SUPPRESSED_PX), np.uint8)))
+    highest = np.asarray(cv2.dilate(curvature, np.ones((SUPPRESSION_PX, SUPPRESSION_PX), np.uint8)))
     band = np.s_[above : above + BAND_PX]
     rows, cols = np.nonzero((curvature[band] >= highest[band]) & (curvature[band] > MIN_CURVATURE**2))
     hessian = np.stack([each[band][rows, cols] for each in (xx, yy, xy)]).astype(np.float64)
     return rows + top, cols, hessian
 
 
-def _to_the_saddle(smooth: NDArray[np.float32], rows: IntArray, cols: IntArray, hessian: FloatArray) -> FloatArray:
+def _subpixel_offsets(smooth: NDArray[np.float32], rows: IntArray, cols: IntArray, hessian: FloatArray) -> FloatArray:
     """Offsets (n, 2) from pixels to where the gradient vanishes, at most 1 px; `hessian` (3, n) holds xx, yy, xy."""
     height, width = smooth.shape
     right, left = np.minimum(cols + 1, width - 1), np.maximum(cols - 1, 0)
@@ -150,26 +150,26 @@ def _axes(smooth: NDArray[np.float32], pixels: FloatArray, radius: float) -> Flo
     if not len(pixels):
         return np.empty((0, 2))
     angles = np.arange(RING_POINTS) * (2.0 * np.pi / RING_POINTS)
-    around = radius * np.stack([np.cos(angles), np.sin(angles)])
-    x, y = pixels.T.astype(np.float32)[:, None] + around.astype(np.float32)[:, :, None]
+    offsets = radius * np.stack([np.cos(angles), np.sin(angles)])
+    x, y = pixels.T.astype(np.float32)[:, None] + offsets.astype(np.float32)[:, :, None]
     ring = np.asarray(cv2.remap(smooth, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
     half = RING_POINTS // 2
     even, odd = (ring[:half] + ring[half:]) / 2.0, (ring[:half] - ring[half:]) / 2.0
-    middle = (even.max(axis=0) + even.min(axis=0)) / 2.0
+    mid_grey = (even.max(axis=0) + even.min(axis=0)) / 2.0
     contrast = even.max(axis=0) - even.min(axis=0)
-    signal = even - middle
+    signal = even - mid_grey
     after = np.roll(signal, -1, axis=0)
     rising, falling = (signal <= 0) & (after > 0), (signal > 0) & (after <= 0)
-    good = (rising.sum(axis=0) == 1) & (falling.sum(axis=0) == 1) & (contrast > MIN_CONTRAST)
-    good &= np.sqrt((odd**2).mean(axis=0)) < MAX_ODD * contrast / 2.0
+    valid = (rising.sum(axis=0) == 1) & (falling.sum(axis=0) == 1) & (contrast > MIN_CONTRAST)
+    valid &= np.sqrt((odd**2).mean(axis=0)) < MAX_ASYMMETRY * contrast / 2.0
     height, width = smooth.shape
-    good &= ((pixels > radius) & (pixels < [width - 1 - radius, height - 1 - radius])).all(axis=1)
+    valid &= ((pixels > radius) & (pixels < [width - 1 - radius, height - 1 - radius])).all(axis=1)
     axes = np.full((len(pixels), 2), np.nan)
-    points = np.flatnonzero(good)
+    points = np.flatnonzero(valid)
     for column, crossing in enumerate((rising, falling)):
         first = np.argmax(crossing[:, points], axis=0)
-        before, behind = signal[first, points], after[first, points]
-        axes[points, column] = ((first + before / (before - behind)) * (np.pi / half)) % np.pi
+        grey_before, grey_after = signal[first, points], after[first, points]
+        axes[points, column] = ((first + grey_before / (grey_before - grey_after)) * (np.pi / half)) % np.pi
     return axes
 
 
@@ -196,27 +196,27 @@ def corner_grids(points: SaddlePoints, *, alternating: bool = False) -> list[tup
         neighbour, back = _links(points, NEIGHBOURS_ALTERNATING, MAX_ANGLE_ALTERNATING)
     else:
         neighbour, back = _links(points, NEIGHBOURS, MAX_ANGLE)
-    neighbour = _straight(points.pixels, neighbour, back, alternating=alternating)
-    closed = _closed(points.pixels, neighbour, back)
+    neighbour = _straight_links(points.pixels, neighbour, back, alternating=alternating)
+    closed = _closed_links(points.pixels, neighbour, back)
     grids = []
     done = np.zeros(len(points), dtype=bool)
     for seed in np.flatnonzero(closed.any(axis=1)):
         if not done[seed]:
-            members, places = _walked(int(seed), neighbour, back, closed & ~done[:, None])
+            members, places = _grid_from(int(seed), neighbour, back, closed & ~done[:, None])
             done[members] = True
             if len(members) >= MIN_CORNERS:
                 grids.append((members, places))
     return sorted(grids, key=lambda grid: -len(grid[0]))
 
 
-def _links(points: SaddlePoints, most: int, max_angle: float) -> tuple[IntArray, IntArray]:
+def _links(points: SaddlePoints, max_neighbours: int, max_angle: float) -> tuple[IntArray, IntArray]:
     """Return the neighbour (n, 4) of each saddle point in each direction, and its direction (n, 4) back.
 
     Directions 0 to 3 are the first edge, the second one, and their opposites. `NO_NEIGHBOUR` marks a missing or a
     one-sided link.
     """
     count = len(points)
-    distance, other = cKDTree(points.pixels).query(points.pixels, k=min(most + 1, count))
+    distance, other = cKDTree(points.pixels).query(points.pixels, k=min(max_neighbours + 1, count))
     distance, other = distance[:, 1:], other[:, 1:]
     towards = (points.pixels[other] - points.pixels[:, None]) / np.maximum(distance, 1e-9)[..., None]
     first, second = points.axes[:, 0], points.axes[:, 1]
@@ -224,15 +224,15 @@ def _links(points: SaddlePoints, most: int, max_angle: float) -> tuple[IntArray,
     edges = np.stack([np.cos(angles), np.sin(angles)], axis=2)
     directions = np.concatenate([edges, -edges], axis=1)
     # Cosines of the angles between the four edges and the lines to the other points, at both ends.
-    here = directions @ towards.transpose(0, 2, 1)
-    row, side, rank = np.nonzero(here > np.cos(max_angle))
-    there = -(directions[other[row, rank]] @ towards[row, rank, :, None])[..., 0]
+    cosines = directions @ towards.transpose(0, 2, 1)
+    row, side, rank = np.nonzero(cosines > np.cos(max_angle))
+    return_cosines = -(directions[other[row, rank]] @ towards[row, rank, :, None])[..., 0]
     # An edge of the first kind here is one of the second kind there.
-    there[(side[:, None] + np.arange(4)) % 2 == 0] = -1.0
-    cost, returning = np.full(here.shape, np.inf), np.zeros(here.shape, dtype=np.int64)
-    worst = np.arccos(np.clip(np.minimum(here[row, side, rank], there.max(axis=1)), -1.0, 1.0))
+    return_cosines[(side[:, None] + np.arange(4)) % 2 == 0] = -1.0
+    cost, returning = np.full(cosines.shape, np.inf), np.zeros(cosines.shape, dtype=np.int64)
+    worst = np.arccos(np.clip(np.minimum(cosines[row, side, rank], return_cosines.max(axis=1)), -1.0, 1.0))
     cost[row, side, rank] = np.where(worst < max_angle, distance[row, rank] * (1.0 + worst), np.inf)
-    returning[row, side, rank] = there.argmax(axis=1)
+    returning[row, side, rank] = return_cosines.argmax(axis=1)
     best = cost.argmin(axis=2)
     rows, sides = np.meshgrid(np.arange(count), np.arange(4), indexing="ij")
     linked = np.isfinite(cost[rows, sides, best])
@@ -242,8 +242,8 @@ def _links(points: SaddlePoints, most: int, max_angle: float) -> tuple[IntArray,
     return np.where(mutual, neighbour, NO_NEIGHBOUR).astype(np.int64), back.astype(np.int64)
 
 
-def _straight(pixels: FloatArray, neighbour: IntArray, back: IntArray, *, alternating: bool) -> IntArray:
-    """Drop neighbours (n, 4) whose link continues neither the previous link nor the next one, where there are any.
+def _straight_links(pixels: FloatArray, neighbour: IntArray, back: IntArray, *, alternating: bool) -> IntArray:
+    """Drop neighbours (n, 4) whose link continues neither the previous link nor the next, if there is one.
 
     If squares are alternately wide and narrow, the second next links are compared.
     """
@@ -264,42 +264,42 @@ def _straight(pixels: FloatArray, neighbour: IntArray, back: IntArray, *, altern
     return np.where(linked & smooth, neighbour, NO_NEIGHBOUR)
 
 
-def _closed(pixels: FloatArray, neighbour: IntArray, back: IntArray) -> np.ndarray:
+def _closed_links(pixels: FloatArray, neighbour: IntArray, back: IntArray) -> np.ndarray:
     """Mask (n, 4) of the links on a closed square of four links with similar opposite sides."""
     rows, sides = np.meshgrid(np.arange(len(neighbour)), np.arange(4), indexing="ij")
-    corners, turns = [rows], [sides]
-    good = np.ones(neighbour.shape, dtype=bool)
+    corners, sides_walked = [rows], [sides]
+    valid = np.ones(neighbour.shape, dtype=bool)
     for _ in range(3):
-        at, side = corners[-1], turns[-1]
-        good &= neighbour[at, side] != NO_NEIGHBOUR
-        corners.append(neighbour[at, side])
+        point, side = corners[-1], sides_walked[-1]
+        valid &= neighbour[point, side] != NO_NEIGHBOUR
+        corners.append(neighbour[point, side])
         # The reverse direction is behind; the next side is to the right of the forward direction.
-        turns.append((back[at, side] + 3) % 4)
-    good &= neighbour[corners[3], turns[3]] == rows
+        sides_walked.append((back[point, side] + 3) % 4)
+    valid &= neighbour[corners[3], sides_walked[3]] == rows
     lengths = [np.linalg.norm(pixels[corners[i]] - pixels[corners[(i + 1) % 4]], axis=2) for i in range(4)]
     for a, b in ((0, 2), (1, 3)):
-        good &= np.maximum(lengths[a], lengths[b]) < MAX_RATIO * np.minimum(lengths[a], lengths[b])
-    closed = np.zeros_like(good)
-    for at, side in zip(corners, turns, strict=True):
-        closed[at[good], side[good]] = True
-        closed[neighbour[at[good], side[good]], back[at[good], side[good]]] = True
+        valid &= np.maximum(lengths[a], lengths[b]) < MAX_RATIO * np.minimum(lengths[a], lengths[b])
+    closed = np.zeros_like(valid)
+    for point, side in zip(corners, sides_walked, strict=True):
+        closed[point[valid], side[valid]] = True
+        closed[neighbour[point[valid], side[valid]], back[point[valid], side[valid]]] = True
     return closed
 
 
-def _walked(seed: int, neighbour: IntArray, back: IntArray, closed: np.ndarray) -> tuple[IntArray, IntArray]:
-    """Return the saddle points that closed links reach from a seed, and their places, each taken once."""
-    place, turn, at = {seed: (0, 0)}, {seed: 0}, {(0, 0): seed}
+def _grid_from(seed: int, neighbour: IntArray, back: IntArray, closed: np.ndarray) -> tuple[IntArray, IntArray]:
+    """Return the saddle points (m,) that closed links reach from a seed, and their places (m, 2), all distinct."""
+    places, turns, taken = {seed: (0, 0)}, {seed: 0}, {(0, 0): seed}
     waiting = deque([seed])
     while waiting:
-        here = waiting.popleft()
+        point = waiting.popleft()
         for side in range(4):
-            there = int(neighbour[here, side])
-            if not closed[here, side] or there in place:
+            other = int(neighbour[point, side])
+            if not closed[point, side] or other in places:
                 continue
-            step = (side + turn[here]) % 4
-            to = (place[here][0] + int(STEPS[step, 0]), place[here][1] + int(STEPS[step, 1]))
-            if to in at:
+            step = (side + turns[point]) % 4
+            new_place = (places[point][0] + int(STEPS[step, 0]), places[point][1] + int(STEPS[step, 1]))
+            if new_place in taken:
                 continue
-            place[there], turn[there], at[to] = to, (step + 2 - int(back[here, side])) % 4, there
-            waiting.append(there)
-    return np.array(list(place), dtype=np.int64), np.array(list(place.values()), dtype=np.int64)
+            places[other], turns[other], taken[new_place] = new_place, (step + 2 - int(back[point, side])) % 4, other
+            waiting.append(other)
+    return np.array(list(places), dtype=np.int64), np.array(list(places.values()), dtype=np.int64)

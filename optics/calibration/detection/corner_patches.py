@@ -23,11 +23,11 @@ from mirrorcam.optics.calibration.detection.blurred_print import (
 from mirrorcam.optics.geometry.targets import AprilGrid, Target
 
 HALF_CELLS = 0.5  # half side of the compared patch, in cells
-HALF_GAPS = 0.76  # and in gaps of an AprilGrid: patches of corners across a gap would share most of their errors
-MAX_HALF_PX = 14.0  # limit of the half side: in large cells, the outer part adds little
+HALF_GAPS = 0.76  # the same in gaps of an AprilGrid: patches across a gap would share most of their errors
+MAX_HALF_PX = 14.0  # largest half side: in large cells, the outer part adds little
 SAMPLES, FEW_SAMPLES = 17, 9  # along each side of the patch: for the fine and the rough refinement
 MODULATION = 0.8  # (white - black) / (white + black), if a picture shows no print
-LEAST_MODULATION, MOST_MODULATION = 0.3, 0.95  # the latter for ink that reflects 1/40 as much as paper
+MIN_MODULATION, MAX_MODULATION = 0.3, 0.95  # the latter for ink that reflects 1/40 as much as paper
 NEAR_VARIANCE = 0.6  # of the Gaussian weight about a corner, in squared half sides of the patch
 # Terms of a patch's model: level, two slopes, contrast, edge creep, blur, shift, motion blur, ghost images.
 CONTRAST, BLUR, SHIFT, GHOSTS = 3, 5, slice(6, 8), slice(10, None)
@@ -45,14 +45,14 @@ class ExpectedCorners:
         Pixels (n, 2), wrong by a few px at most.
     cells
         Derivatives (n, 2, 2) of pixels by squares; columns: right, down.
-    bends
+    second_derivatives
         Half the second derivatives (n, 2, 3): xx, xy + yx, yy.
     """
 
     places: FloatArray
     pixels: FloatArray
     cells: FloatArray
-    bends: FloatArray
+    second_derivatives: FloatArray
 
     def where(self, mask: NDArray[np.bool_]) -> ExpectedCorners:
         """Select the corners of a boolean mask (n,)."""
@@ -75,10 +75,10 @@ class ExpectedCorners:
         squares_per_px = self.squares_per_px
         per_normal = squares_per_px @ squares_per_px.transpose(0, 2, 1)
         length = np.linalg.norm(squares_per_px, axis=2)
-        along = per_normal / length[:, None]  # squares (n, 2, 2) per px along the normal of each edge, in columns
-        x, y = along[:, 0], along[:, 1]
-        bent = squares_per_px @ (self.bends @ np.stack([x * x, x * y, y * y], axis=1))
-        squares = -0.5 * blur_px[:, None] ** 2 * np.diagonal(bent, axis1=1, axis2=2)
+        per_px = per_normal / length[:, None]  # squares (n, 2, 2) per px along the normal of each edge, in columns
+        x, y = per_px[:, 0], per_px[:, 1]
+        second_derivative = squares_per_px @ (self.second_derivatives @ np.stack([x * x, x * y, y * y], axis=1))
+        squares = -0.5 * blur_px[:, None] ** 2 * np.diagonal(second_derivative, axis1=1, axis2=2)
         return np.asarray((self.cells @ squares[..., None])[..., 0])
 
 
@@ -99,9 +99,9 @@ class GhostImages:
 
     def of_kinds(self, mask: NDArray[np.bool_]) -> GhostImages:
         """Select the ghost images of some kinds, renumbered."""
-        kept = [place for place, kind in enumerate(self.kind) if mask[kind]]
+        kept = [index for index, kind in enumerate(self.kind) if mask[kind]]
         numbers = np.cumsum(mask) - 1
-        kind = tuple(int(numbers[self.kind[place]]) for place in kept)
+        kind = tuple(int(numbers[self.kind[index]]) for index in kept)
         return GhostImages(self.offsets_px[:, kept], self.strengths[:, kept], kind)
 
     def times(self, factors: FloatArray) -> GhostImages:
@@ -124,7 +124,7 @@ class Appearance:
     fit_strengths
         Whether to estimate the strength of each ghost image at each corner instead of keeping it fixed.
     fit_encoding
-        Whether to estimate, too, how much more ghost images show on white than on black: not at all if grey values are
+        Whether to estimate also how much stronger ghost images are on white than on black: equal if grey values are
         proportional to light.
     motion
         Whether to model motion blur.
@@ -171,7 +171,9 @@ class Patches:
         half = np.minimum(half_cells, MAX_HALF_PX / np.maximum(side_px, 1e-6))
         on_print = half.astype(np.float32)[:, None, None] * np.stack([u, v], axis=1)
         side = half[:, None, None]
-        to_px = np.concatenate([expected.cells * side, expected.bends * side**2], axis=2).astype(np.float32)
+        to_px = np.concatenate([expected.cells * side, expected.second_derivatives * side**2], axis=2).astype(
+            np.float32
+        )
         offsets = np.stack([u, v, u * u, u * v, v * v], axis=1) @ to_px.transpose(0, 2, 1)
         return cls(u, v, near, on_print, offsets, side_px, half_cells)
 
@@ -185,9 +187,9 @@ class Patches:
         """
         half = np.minimum(self.half_cells * self.side_px, MAX_HALF_PX)
         samples = round(np.sqrt(len(self.u)))
-        apart = np.maximum(2.0 * half / (samples - 1), 1e-6)[:, None] * np.arange(samples)
-        far = np.clip(2.0 - apart, 0.0, None) ** 3 / 6.0
-        share = np.where(apart < 1.0, 2.0 / 3.0 - apart**2 + apart**3 / 2.0, far)
+        distances = np.maximum(2.0 * half / (samples - 1), 1e-6)[:, None] * np.arange(samples)
+        beyond_one = np.clip(2.0 - distances, 0.0, None) ** 3 / 6.0
+        share = np.where(distances < 1.0, 2.0 / 3.0 - distances**2 + distances**3 / 2.0, beyond_one)
         return np.asarray(2.0 * share.sum(axis=1) / share[:, 0] - 1.0)
 
 
@@ -206,8 +208,8 @@ class LinearModel:
     scale: Image
 
     @classmethod
-    def of(cls, expected: ExpectedCorners, patches: Patches, appearance: Appearance, seen: Image) -> LinearModel:
-        """Build the model at corners (n); `seen` (n, m) are the grey values at the expected positions."""
+    def of(cls, expected: ExpectedCorners, patches: Patches, appearance: Appearance, greys: Image) -> LinearModel:
+        """Build the model at corners (n); `greys` (n, m) are the grey values at the expected positions."""
         local, places = local_print(appearance.target, expected.places)
         squares_per_px = expected.squares_per_px
         metric = squares_per_px @ squares_per_px.transpose(0, 2, 1)
@@ -224,13 +226,13 @@ class LinearModel:
         elif appearance.fit_encoding:
             ghosts = [*ghosts, value * sum(ghosts)]
         right, down = np.moveaxis(squares_per_px.transpose(0, 2, 1).astype(np.float32) @ printed.first, 1, 0)
-        # A brightness gradient dims what is printed, and black little. Subtracting it from black and white alike would
-        # let a lens's vignetting pull all corners inwards.
-        level = 1.0 + _modulation(value, seen, patches.near) * value
-        look = [np.ones_like(value), level * patches.u, level * patches.v, value, np.hypot(right, down), xx + yy]
+        # A brightness gradient scales the print: it changes white more than black. Subtracting it equally from both
+        # would let the lens's vignetting pull all corners inwards.
+        level = 1.0 + _modulation(value, greys, patches.near) * value
+        basis = [np.ones_like(value), level * patches.u, level * patches.v, value, np.hypot(right, down), xx + yy]
         # Motion blur acts along the motion and would shift corners of opposite polarity apart by a tenth of a pixel.
         motion = [xx - yy, xy] if appearance.motion else []
-        terms = np.stack([*look, right, down, *motion, *ghosts], axis=1)
+        terms = np.stack([*basis, right, down, *motion, *ghosts], axis=1)
         scale = np.maximum(np.sqrt(np.einsum("ncm,ncm->nc", terms, terms) / terms.shape[2]), 1e-9)
         terms /= scale[:, :, None]
         return cls(terms, scale)
@@ -244,17 +246,17 @@ def _second_by_px(squares_per_px: FloatArray) -> FloatArray:
     )
 
 
-def _modulation(value: Image, seen: Image, near: Image) -> float:
+def _modulation(value: Image, greys: Image, near: Image) -> float:
     """(white - black) / (white + black) of a print of values (n, m) in a picture: the median over patches (n)."""
     weights = near / near.sum()
-    mean, level = value @ weights, seen @ weights
+    mean, level = value @ weights, greys @ weights
     variance = (value * value) @ weights - mean**2
-    contrast = ((value * seen) @ weights - mean * level) / np.maximum(variance, 1e-9)
+    contrast = ((value * greys) @ weights - mean * level) / np.maximum(variance, 1e-9)
     level = level - contrast * mean
-    shown = (contrast > 0.0) & (level > 0.0)
-    if not shown.any():
+    visible = (contrast > 0.0) & (level > 0.0)
+    if not visible.any():
         return MODULATION
-    return float(np.clip(np.median(contrast[shown] / level[shown]), LEAST_MODULATION, MOST_MODULATION))
+    return float(np.clip(np.median(contrast[visible] / level[visible]), MIN_MODULATION, MAX_MODULATION))
 
 
 def _ghosts(
@@ -268,4 +270,7 @@ def _ghosts(
         for shift, strength in zip(np.moveaxis(shifts, 1, 0), ghosts.strengths.T.astype(np.float32), strict=True)
     ]
     kinds = range(max(ghosts.kind, default=-1) + 1)
-    return [sum(image for image, of in zip(images, ghosts.kind, strict=True) if of == kind) for kind in kinds]
+    return [
+        sum(image for image, kind_of_image in zip(images, ghosts.kind, strict=True) if kind_of_image == kind)
+        for kind in kinds
+    ]

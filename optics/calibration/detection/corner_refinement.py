@@ -28,7 +28,7 @@ from mirrorcam.optics.calibration.detection.corner_patches import (
 )
 
 ITERATIONS, ROUGH_ITERATIONS, STRENGTH_ITERATIONS = 5, 3, 2
-SETTLED_PX, ROUGH_PX = 2e-3, 0.05
+CONVERGED_PX, ROUGH_PX = 2e-3, 0.05
 OUTLIER_SIGMAS = 4.0  # noise levels around a corner beyond which a sample has no weight
 MIN_SIGMA = 0.04  # of the contrast: prints are no more even than this
 MAX_STEP_CELLS = 0.15  # per iteration
@@ -69,14 +69,14 @@ class RefinedCorners:
 
 @dataclass(frozen=True)
 class _Fit:
-    """Weighted least-squares fit of grey values `seen` (n, m): coefficients (n, c), residuals `rest` (n, m), noise
+    """Weighted least-squares fit of grey values `seen` (n, m): coefficients (n, c), `residuals` (n, m), noise
     (n,).
 
     `variance` (n,) is the variance of the shift, averaged over both axes, for independent samples of unit variance.
     """
 
     seen: Image
-    rest: Image
+    residuals: Image
     coefficients: FloatArray
     variance: FloatArray
     noise: FloatArray
@@ -125,14 +125,14 @@ class _Fit:
             return np.asarray(assumed * np.sqrt(np.clip(1.0 + added, 0.25, 4.0)))
 
     def explained(self, near: Image) -> Image:
-        off = self.seen - (self.seen @ near / near.sum())[:, None]
-        return np.asarray(1.0 - self.rest**2 @ near / np.maximum(off**2 @ near, 1e-9))
+        centred = self.seen - (self.seen @ near / near.sum())[:, None]
+        return np.asarray(1.0 - self.residuals**2 @ near / np.maximum(centred**2 @ near, 1e-9))
 
     def weights(self, near: Image) -> Image:
         """Tukey's biweight (n, m): unexplained samples, as under glare, lose their weight."""
         tolerance = OUTLIER_SIGMAS * np.maximum(self.noise, MIN_SIGMA * np.abs(self.contrast))
-        off = self.rest / np.maximum(tolerance, 1e-9).astype(np.float32)[:, None]
-        return np.asarray(near * np.maximum(1.0 - off**2, 0.0) ** 2)
+        ratio = self.residuals / np.maximum(tolerance, 1e-9).astype(np.float32)[:, None]
+        return np.asarray(near * np.maximum(1.0 - ratio**2, 0.0) ** 2)
 
 
 def refine(picture: Image, expected: ExpectedCorners, appearance: Appearance) -> RefinedCorners:
@@ -158,35 +158,35 @@ def refine(picture: Image, expected: ExpectedCorners, appearance: Appearance) ->
     """
     samples = FEW_SAMPLES if appearance.rough else SAMPLES
     patches = Patches.around(expected, samples, half_cells(appearance.target))
-    seen = sample(picture, moved(patches.offsets_px, expected.pixels))
-    model = LinearModel.of(expected, patches, appearance, seen)
+    greys = sample(picture, moved(patches.offsets_px, expected.pixels))
+    model = LinearModel.of(expected, patches, appearance, greys)
     count, near = len(expected.places), patches.near
-    found = np.array(expected.pixels, dtype=np.float64)
+    pixels = np.array(expected.pixels, dtype=np.float64)
     explained, contrast = np.zeros(count), np.zeros(count)
     sigma_px, blur = np.full(count, np.inf), np.full(count, appearance.blur_px)
     strengths = np.zeros((count, model.terms[:, GHOSTS].shape[1]))
     weights = np.tile(near, (count, 1))
     moving = np.arange(count)
-    iterations, settled_px = (ROUGH_ITERATIONS, ROUGH_PX) if appearance.rough else (ITERATIONS, SETTLED_PX)
+    iterations, converged_px = (ROUGH_ITERATIONS, ROUGH_PX) if appearance.rough else (ITERATIONS, CONVERGED_PX)
     if appearance.fit_strengths:
         iterations = STRENGTH_ITERATIONS
     for iteration in range(iterations):
         if iteration:
-            seen = sample(picture, moved(patches.offsets_px[moving], found[moving]))
-        fit = _Fit.of(seen, model.terms[moving], model.scale[moving], weights[moving])
+            greys = sample(picture, moved(patches.offsets_px[moving], pixels[moving]))
+        fit = _Fit.of(greys, model.terms[moving], model.scale[moving], weights[moving])
         move = fit.shift_px
         length = np.linalg.norm(move, axis=1)
         move *= np.minimum(1.0, MAX_STEP_CELLS * patches.side_px[moving] / np.maximum(length, 1e-12))[:, None]
-        found[moving] += move
+        pixels[moving] += move
         weights[moving] = fit.weights(near)
         explained[moving], contrast[moving] = fit.explained(near), 2.0 * fit.contrast
         strengths[moving], sigma_px[moving] = fit.ghost_strengths, fit.sigma_px
         blur[moving] = fit.blur_px(appearance.blur_px)
         visible = fit.contrast > 0
-        moving = moving[visible & (length > settled_px)] if iteration else moving[visible]
+        moving = moving[visible & (length > converged_px)] if iteration else moving[visible]
         if not len(moving):
             break
     sigma_px *= patches.noise_gain
-    found -= expected.skew_px(blur)
-    found[~(contrast > 0)] = np.nan
-    return RefinedCorners(found, sigma_px, contrast, explained, blur, strengths)
+    pixels -= expected.skew_px(blur)
+    pixels[~(contrast > 0)] = np.nan
+    return RefinedCorners(pixels, sigma_px, contrast, explained, blur, strengths)

@@ -35,7 +35,7 @@ def find_boards(grey: Grey, target: Target, *, mirrored: bool, most: int) -> lis
 
 
 def direct_view(grey: Grey, target: Target) -> Observations:
-    """Return the corners that the bare camera sees, as frame 0; if there are several boards, of the largest."""
+    """Return the corners of the largest board that the bare camera sees, as frame 0."""
     for numberings in find_boards(grey, target, mirrored=False, most=1):
         return Observations.of_view(0, DIRECT, numberings[0].ids, numberings[0].pixels, numberings[0].sigma_px)
     return Observations.none()
@@ -53,7 +53,7 @@ def sub_images(grey: Grey, layout: Layout, target: Target, results: Results | No
     cached = _cached(
         grey, target, most, results, lambda: _as_views(find_boards(grey, target, mirrored=True, most=most))
     )
-    parts = [cached.corners.where(cached.corners.view == place) for place in np.unique(cached.corners.view)]
+    parts = [cached.corners.where(cached.corners.view == number) for number in np.unique(cached.corners.view)]
     boards = [(Corners(part.corner, part.pixels, part.sigma_px),) for part in parts]
     assigned = assign(boards, layout, target)
     views = [Observations.of_view(0, index, seen.ids, seen.pixels, seen.sigma_px) for index, seen in assigned]
@@ -81,7 +81,8 @@ def _as_grids(grids: Sequence[SeenGrid]) -> DetectedFrame:
 def _as_views(boards: Sequence[tuple[Corners, ...]]) -> DetectedFrame:
     """Return boards of one numbering each as the views of a frame, numbered in order."""
     parts = [
-        Observations.of_view(0, place, board.ids, board.pixels, board.sigma_px) for place, (board,) in enumerate(boards)
+        Observations.of_view(0, number, board.ids, board.pixels, board.sigma_px)
+        for number, (board,) in enumerate(boards)
     ]
     return DetectedFrame(Observations.join(parts))
 
@@ -149,14 +150,14 @@ def detect_frames(
     expected = (layout.camera.height_px, layout.camera.width_px)
     results = None if folder is None else Results(folder)
 
-    def look(grey: Grey | None) -> DetectedFrame:
+    def detect(grey: Grey | None) -> DetectedFrame:
         if grey is None:
             return DetectedFrame(Observations.none())
         if mirrored:
             return sub_images(grey, layout, target, results)
         return _cached(grey, target, 0, results, lambda: DetectedFrame(direct_view(grey, target)))
 
-    def sized() -> Iterator[Grey | None]:
+    def checked() -> Iterator[Grey | None]:
         for number, grey in enumerate(pictures):
             if grey is not None and grey.shape != expected:
                 height, width = grey.shape[:2]
@@ -165,23 +166,23 @@ def detect_frames(
             yield grey
 
     detected: list[DetectedFrame] = []
-    for seen in _in_order(look, sized(), workers):
-        detected.append(seen)
+    for frame in _in_order(detect, checked(), workers):
+        detected.append(frame)
         on_frame(detected)
     return detected
 
 
 def _in_order(
-    look: Callable[[Grey | None], DetectedFrame], pictures: Iterator[Grey | None], workers: int
+    detect: Callable[[Grey | None], DetectedFrame], pictures: Iterator[Grey | None], workers: int
 ) -> Iterator[DetectedFrame]:
     if workers == 1:
-        yield from map(look, pictures)
+        yield from map(detect, pictures)
         return
     with ThreadPoolExecutor(workers) as pool:
-        waiting: deque[Future[DetectedFrame]] = deque()
+        pending: deque[Future[DetectedFrame]] = deque()
         for picture in pictures:
-            waiting.append(pool.submit(look, picture))
-            if len(waiting) >= 2 * workers:
-                yield waiting.popleft().result()
-        while waiting:
-            yield waiting.popleft().result()
+            pending.append(pool.submit(detect, picture))
+            if len(pending) >= 2 * workers:
+                yield pending.popleft().result()
+        while pending:
+            yield pending.popleft().result()

@@ -20,7 +20,7 @@ from mirrorcam.optics.geometry.targets import Target
 FIELDS = ("view", "corner", "pixels", "sigma_px")
 UNASSIGNED = "unassigned"
 GRIDS = ("grid_mirror", "grid_of", "grid_places", "grid_pixels", "grid_sigma_px", "grid_limits")
-MOST_BYTES = 10_000_000
+MAX_BYTES = 10_000_000
 """Largest size of a file; a corner takes 40 bytes."""
 
 
@@ -29,7 +29,7 @@ _FRAME = "frame.npz"
 
 
 def name_of(grey: Grey, target: Target, boards: int) -> str:
-    """Return 64 hexadecimal digits for a picture (h, w), the target, and the number of boards to find in mirrors."""
+    """Return the cache key (64 hexadecimal digits) of a picture (h, w), a target and the number of boards to find."""
     request = f"{target.model_dump_json()} {boards} {grey.shape}\n"
     return digest(request.encode(), np.ascontiguousarray(grey).data)
 
@@ -42,24 +42,29 @@ def load(results: Results, name: str, *, views: int, corners: int) -> DetectedFr
     cached = results.get(name, program_of(CODE))
     try:
         content = io.BytesIO(b"" if cached is None else cached[_FRAME])
-        if sum(each.file_size for each in zipfile.ZipFile(content).infolist()) > MOST_BYTES:
+        if sum(each.file_size for each in zipfile.ZipFile(content).infolist()) > MAX_BYTES:
             return None
         with np.load(content, allow_pickle=False) as file:
             view, corner, pixels, sigma_px = (np.asarray(file[field]) for field in FIELDS)
             seen = Observations(np.zeros(view.size, dtype=np.int64), view, corner, pixels, sigma_px)
             frame = DetectedFrame(seen, file[UNASSIGNED], _grids(*(np.asarray(file[name]) for name in GRIDS)))
     except (OSError, ValueError, TypeError, KeyError, EOFError, MemoryError, zipfile.BadZipFile, zlib.error):
-        return None  # nothing is cached, or another program wrote it
+        return None  # not cached, or written by another program
 
     known = (seen.view >= DIRECT) & (seen.view < views) & (seen.corner >= 0) & (seen.corner < corners)
     return frame if known.all() and all(0 <= mirror < views for mirror, _ in frame.grids) else None
 
 
 def _grids(
-    mirrors: IntArray, of: IntArray, places: IntArray, pixels: FloatArray, sigma_px: FloatArray, limits: FloatArray
+    mirrors: IntArray,
+    grid_numbers: IntArray,
+    places: IntArray,
+    pixels: FloatArray,
+    sigma_px: FloatArray,
+    limits: FloatArray,
 ) -> tuple[tuple[int, SeenGrid], ...]:
-    """Build the grids (k), with corners (n) assigned by grid numbers `of` (n,); raises ValueError for other shapes."""
-    count, rows = len(mirrors), len(of)
+    """Build the grids (k), with corners (n) assigned by `grid_numbers` (n,); raises ValueError for other shapes."""
+    count, rows = len(mirrors), len(grid_numbers)
     shapes = [places.shape, pixels.shape, sigma_px.shape, limits.shape]
     if shapes != [(rows, 2), (rows, 2), (rows,), (count, 2, 2)] or not (
         np.isfinite(pixels).all() and (sigma_px > 0).all()
@@ -67,9 +72,9 @@ def _grids(
         raise ValueError(f"grids of {count} mirrors and {rows} corners have arrays of shapes {shapes}")
     found = []
     for number, mirror in enumerate(mirrors.tolist()):
-        own = of == number
-        corners = Corners(np.arange(own.sum()), pixels[own], sigma_px[own])
-        found.append((int(mirror), SeenGrid(places[own].astype(np.int64), corners, limits[number])))
+        in_grid = grid_numbers == number
+        corners = Corners(np.arange(in_grid.sum()), pixels[in_grid], sigma_px[in_grid])
+        found.append((int(mirror), SeenGrid(places[in_grid].astype(np.int64), corners, limits[number])))
     return tuple(found)
 
 

@@ -49,12 +49,12 @@ class SeenGrid:
     @property
     def as_printed(self) -> SeenGrid:
         """The grid of a mirrored board as on the print: with the print's handedness and colours."""
-        return replace(self, places=self.places @ FLIP + RIGHT, limits=_turned(self.limits, FLIP) + RIGHT)
+        return replace(self, places=self.places @ FLIP + RIGHT, limits=_rotated_limits(self.limits, FLIP) + RIGHT)
 
-    def moved(self, turn: int, by: IntArray) -> SeenGrid:
-        """Rotate the coordinates by quarter turns and shift them by (2,); turn and shift must have an even sum."""
+    def moved(self, turn: int, shift: IntArray) -> SeenGrid:
+        """Rotate the coordinates by quarter turns, then add a shift (2,); turn and shift must have an even sum."""
         matrix = TURNS[turn]
-        return replace(self, places=self.places @ matrix.T + by, limits=_turned(self.limits, matrix) + by)
+        return replace(self, places=self.places @ matrix.T + shift, limits=_rotated_limits(self.limits, matrix) + shift)
 
     def where(self, mask: NDArray[np.bool_]) -> SeenGrid:
         """Select the corners of a mask (n,)."""
@@ -81,10 +81,10 @@ class SeenGrid:
         last = np.array([target.cols - 2, target.rows - 2])
         found = []
         for turn in range(4):
-            for by in _shifts(self.moved(turn, np.zeros(2, dtype=np.int64)), last):
+            for shift in _shifts(self.moved(turn, np.zeros(2, dtype=np.int64)), last):
                 # On the print, black is right of and below corners with an even sum.
-                if (by.sum() + turn) % 2 == 1:
-                    col, row = self.moved(turn, by).places.T
+                if (shift.sum() + turn) % 2 == 1:
+                    col, row = self.moved(turn, shift).places.T
                     found.append(replace(self.corners, ids=(row * (last[0] + 1) + col).astype(np.int64)))
         return found
 
@@ -115,7 +115,7 @@ def _shifts(grid: SeenGrid, last: IntArray) -> list[IntArray]:
     ]
 
 
-def _turned(limits: FloatArray, matrix: IntArray) -> FloatArray:
+def _rotated_limits(limits: FloatArray, matrix: IntArray) -> FloatArray:
     """Limits (2, 2) after a rotation or flip of the coordinates."""
     turned = np.empty_like(limits)
     for axis in range(2):
@@ -131,9 +131,9 @@ class DetectedFrame:
     Attributes
     ----------
     corners
-        The corners, as frame 0.
+        The corners, numbered as frame 0.
     unassigned_px
-        Middles (k, 2) of boards that no mirror of the layout explains, px.
+        Centroids (k, 2) of boards that no mirror of the layout explains, px.
     grids
         Checkerboards, or parts of them, with the index of the mirror that shows each, numbered or not; empty if all
         could be numbered.
@@ -149,8 +149,8 @@ class DetectedFrame:
     grids: tuple[tuple[int, SeenGrid], ...] = ()
 
     def __post_init__(self) -> None:
-        middles = np.array(self.unassigned_px, dtype=np.float64)
-        if middles.ndim != 2 or middles.shape[1] != 2 or not np.isfinite(middles).all():
-            raise ValueError(f"unassigned_px has shape {middles.shape}, expected (k, 2) of finite numbers")
-        middles.flags.writeable = False
-        object.__setattr__(self, "unassigned_px", middles)
+        centroids = np.array(self.unassigned_px, dtype=np.float64)
+        if centroids.ndim != 2 or centroids.shape[1] != 2 or not np.isfinite(centroids).all():
+            raise ValueError(f"unassigned_px has shape {centroids.shape}, expected (k, 2) of finite numbers")
+        centroids.flags.writeable = False
+        object.__setattr__(self, "unassigned_px", centroids)

@@ -14,7 +14,7 @@ from mirrorcam.optics.calibration.solver.observations import Corners
 
 CELLS_ACROSS = 16
 """Number of cells across a picture; corners in one cell count as the same place."""
-TURN_BIN_DEG, SHORTENED_BIN, SIZE_BIN = 20.0, 0.12, 0.35
+ROTATION_BIN_DEG, FORESHORTENING_BIN, SIZE_BIN = 20.0, 0.12, 0.35
 """Bin sizes of board poses: direction, foreshortening, and logarithm of the size."""
 MIN_CORNERS = 4
 
@@ -114,15 +114,15 @@ def _features(
         cells = np.unique((board.pixels // cell_px).astype(np.int64), axis=0)
         yield from ((("corner", *cell), 1.0 / len(cells)) for cell in cells.tolist())
         drawn = corners_in_board_mm[board.ids, :2]
-        places = np.column_stack([drawn, np.ones(len(drawn))])
-        by_drawn = np.linalg.lstsq(places, board.pixels, rcond=None)[0][:2]
-        turn, stretch, _ = np.linalg.svd(by_drawn)
-        across = by_drawn.T @ [1.0, 0.0]
+        homogeneous = np.column_stack([drawn, np.ones(len(drawn))])
+        linear_map = np.linalg.lstsq(homogeneous, board.pixels, rcond=None)[0][:2]
+        rotation, stretch, _ = np.linalg.svd(linear_map)
+        x_axis = linear_map.T @ [1.0, 0.0]
         pose = (
             *(board.pixels.mean(axis=0) // (2.0 * cell_px)).astype(int).tolist(),
-            int(np.degrees(np.arctan2(across[1], across[0])) // TURN_BIN_DEG),
-            int(np.degrees(np.arctan2(turn[1, 0], turn[0, 0])) % 180.0 // (2.0 * TURN_BIN_DEG)),
-            int(stretch[1] / max(stretch[0], 1e-9) // SHORTENED_BIN),
+            int(np.degrees(np.arctan2(x_axis[1], x_axis[0])) // ROTATION_BIN_DEG),
+            int(np.degrees(np.arctan2(rotation[1, 0], rotation[0, 0])) % 180.0 // (2.0 * ROTATION_BIN_DEG)),
+            int(stretch[1] / max(stretch[0], 1e-9) // FORESHORTENING_BIN),
             int(np.log(max(stretch.prod(), 1e-9)) / 2.0 // SIZE_BIN),
         )
         yield ("pose", *pose), 1.0

@@ -61,19 +61,19 @@ from mirrorcam.optics.geometry.transforms import transform
 
 REFLECTANCE = 0.92  # assumed for the coating; `without_ghost_images` corrects it
 PASSES = (0, 2, 3)  # of each ghost image, to the coating and back; the picture itself has one
-KIND = (0, 1, 1)  # reflected at the front from outside; reflected back to the coating
+KINDS = (0, 1, 1)  # reflected at the front from outside; reflected back to the coating
 COMPLETE = 2  # largest number of passes of a ghost image that must be complete; more carry 1/500 of the light
 MARGIN_PX = 2.0
 EDGE_POINTS = 8  # along each edge of an outline, which lens distortion curves
-FEW = 60  # corners of a view that determine its blur and strengths
-MOST_FRAMES = 4  # that determine the encoding and the strengths
+SAMPLE_CORNERS = 60  # corners of a view that determine its blur and strengths
+MAX_FRAMES = 4  # frames that determine the encoding and the strengths
 MIN_CORNERS_FOR_STRENGTH = 40  # with fewer in total, the strengths are those of Fresnel's equations
-ROUNDS = 2  # of estimating strengths and blur: a wrong blur resembles stronger ghost images
-ROUNDS_FOR_GAMMA = 5
+BLUR_ROUNDS = 2  # of strengths and blur in turn: a wrong blur resembles stronger ghost images
+GAMMA_ROUNDS = 5
 FIRST_GAMMA, MAX_GAMMA = 1.5, 3.0
 GAIN = 0.7  # too large a power strengthens ghost images on white by about half the logarithm of white / black
-LEAST_STRENGTH = 0.5  # relative to Fresnel's equations: a fainter ghost image is treated as absent
-MOST_OFF = 1.15  # largest factor by which a coating strengthens or weakens a ghost image
+MIN_STRENGTH = 0.5  # relative to Fresnel's equations: a fainter ghost image is treated as absent
+MAX_COATING_FACTOR = 1.15  # largest factor by which a coating strengthens or weakens a ghost image
 
 
 @dataclass(frozen=True)
@@ -89,9 +89,9 @@ class GhostedView:
         return len(self.ids)
 
     @property
-    def few(self) -> GhostedView:
-        """About `FEW` of the corners, from all over the board."""
-        kept = np.arange(len(self)) % max(round(len(self) / FEW), 1) == 0
+    def sample(self) -> GhostedView:
+        """About `SAMPLE_CORNERS` of the corners, spread over the board."""
+        kept = np.arange(len(self)) % max(round(len(self) / SAMPLE_CORNERS), 1) == 0
         return replace(self, ids=self.ids[kept], expected=self.expected.where(kept), ghosts=self.ghosts.where(kept))
 
     def of_ghosts(self, mask: NDArray[np.bool_]) -> GhostedView:
@@ -104,17 +104,17 @@ class GhostedView:
 
     def fitted(self, light: Image, target: Target, *, fit_encoding: bool = False) -> tuple[GhostedView, RefinedCorners]:
         """Fit a picture of light; return the view at the fitted positions and blur, and the fit with the strengths."""
-        look = Appearance(target, self.blur_px, self.ghosts, fit_strengths=True, fit_encoding=fit_encoding)
-        seen = refine(light, self.expected, look)
-        pixels = np.where(np.isfinite(seen.pixels), seen.pixels, self.expected.pixels)
+        appearance = Appearance(target, self.blur_px, self.ghosts, fit_strengths=True, fit_encoding=fit_encoding)
+        fit = refine(light, self.expected, appearance)
+        pixels = np.where(np.isfinite(fit.pixels), fit.pixels, self.expected.pixels)
         expected = replace(self.expected, pixels=pixels)
-        return replace(self, expected=expected, blur_px=float(np.median(seen.blur_px))), seen
+        return replace(self, expected=expected, blur_px=float(np.median(fit.blur_px))), fit
 
     def corners(self, light: Image, target: Target) -> Corners:
         """Return the corners in a picture of light, without those off the smooth surface through the others."""
-        seen = refine(light, self.expected, Appearance(target, self.blur_px, self.ghosts))
-        found = np.asarray(np.isfinite(seen.pixels).all(axis=1))
-        refined = Corners(self.ids, seen.pixels, seen.sigma_px).where(found)
+        fit = refine(light, self.expected, Appearance(target, self.blur_px, self.ghosts))
+        found = np.asarray(np.isfinite(fit.pixels).all(axis=1))
+        refined = Corners(self.ids, fit.pixels, fit.sigma_px).where(found)
         return refined.where(smooth(corner_places(target)[refined.ids], refined.pixels, target.longest_step))
 
 
@@ -146,11 +146,11 @@ def ghost_images_of(
     if not np.isfinite(offsets).all():
         return None
     rays = camera.unproject(corners.pixels)
-    along = (rays @ mirror.normal_in_rig) / np.linalg.norm(rays, axis=1)
-    lost = surface_reflectance(np.sqrt(np.maximum(along**-2 - 1.0, 0.0)), mirror.refractive_index)
-    again = REFLECTANCE * lost
-    strengths = np.stack([lost / ((1.0 - lost) ** 2 * REFLECTANCE), again, again**2], axis=1)
-    return GhostImages(offsets, strengths, KIND)
+    cosine = (rays @ mirror.normal_in_rig) / np.linalg.norm(rays, axis=1)
+    reflected = surface_reflectance(np.sqrt(np.maximum(cosine**-2 - 1.0, 0.0)), mirror.refractive_index)
+    returned = REFLECTANCE * reflected
+    strengths = np.stack([reflected / ((1.0 - reflected) ** 2 * REFLECTANCE), returned, returned**2], axis=1)
+    return GhostImages(offsets, strengths, KINDS)
 
 
 def _passed(mirror: Mirror, passes: int) -> Mirror:
@@ -172,8 +172,8 @@ def _inside(corners: Corners, camera: Camera, mirror: Mirror, target: Target) ->
     outline = mirror.usable_normalized
     if not len(outline) or len(corners) < 2:
         return np.zeros(len(corners), dtype=np.bool_)
-    part = (np.arange(EDGE_POINTS) / EDGE_POINTS)[:, None]
-    edges = outline[:, None] * (1.0 - part) + np.roll(outline, -1, axis=0)[:, None] * part
+    fraction = (np.arange(EDGE_POINTS) / EDGE_POINTS)[:, None]
+    edges = outline[:, None] * (1.0 - fraction) + np.roll(outline, -1, axis=0)[:, None] * fraction
     pixels = camera.pixels_from_normalized(edges.reshape(-1, 2))
     shown = shapely.Polygon(pixels[np.isfinite(pixels).all(axis=1)])
     points = shapely.points(corners.pixels)
@@ -184,7 +184,7 @@ def _inside(corners: Corners, camera: Camera, mirror: Mirror, target: Target) ->
 
 
 @dataclass(frozen=True)
-class _Look:
+class _Rendering:
     """The power law of the camera's encoding, the blur, and a factor for each kind of ghost image; 0 if absent."""
 
     gamma: float
@@ -208,7 +208,7 @@ def without_ghost_images(
     Parameters
     ----------
     seen
-        Corners of each frame, as frame 0.
+        Corners of each frame, numbered as frame 0.
     pictures
         The frames. None: not available, so its corners in second-surface mirrors are dropped.
     rig_from_board
@@ -231,11 +231,11 @@ def without_ghost_images(
         if number in rig_from_board and pictures[number] is not None
     }
     largest = sorted((number for number, views in ghosted.items() if views), key=lambda n: _size_px(ghosted[n]))
-    look = _look([(_grey(pictures[n]), list(ghosted[n].values())) for n in largest[-MOST_FRAMES:]], target)
+    rendering = _rendering([(_grey(pictures[n]), list(ghosted[n].values())) for n in largest[-MAX_FRAMES:]], target)
 
     def refined(number: int) -> Observations:
-        light = in_light(_grey(pictures[number]), look.gamma)
-        views = ((mirror, _refined(light, view, look, target)) for mirror, view in ghosted[number].items())
+        light = in_light(_grey(pictures[number]), rendering.gamma)
+        views = ((mirror, _refined(light, view, rendering, target)) for mirror, view in ghosted[number].items())
         return Observations.join(
             [Observations.of_view(0, mirror, found.ids, found.pixels, found.sigma_px) for mirror, found in views]
         )
@@ -260,8 +260,8 @@ def _ghosted(rows: Observations, rig_from_board: FloatArray, layout: Layout, tar
     """Return a frame's views in second-surface mirrors, by mirror index."""
     views = {}
     for mirror in np.intersect1d(rows.view, _second_surface(layout)).tolist():
-        own = rows.where(rows.view == mirror)
-        corners = Corners(own.corner, own.pixels, own.sigma_px)
+        in_mirror = rows.where(rows.view == mirror)
+        corners = Corners(in_mirror.corner, in_mirror.pixels, in_mirror.sigma_px)
         view = ghosted_view(corners, rig_from_board, layout.camera, layout.mirrors[mirror], target)
         if view is not None:
             views[mirror] = view
@@ -278,40 +278,40 @@ def _grey(picture: Grey | Path | None) -> Grey:
     return read_image(picture, grey=True) if isinstance(picture, Path) else picture
 
 
-def _look(frames: Sequence[tuple[Grey, list[GhostedView]]], target: Target) -> _Look:
+def _rendering(frames: Sequence[tuple[Grey, list[GhostedView]]], target: Target) -> _Rendering:
     """Estimate encoding, blur and strengths jointly from corners of some frames."""
-    few = [(grey, [view.few for view in views]) for grey, views in frames]
-    there = np.ones(2, dtype=np.bool_)
-    if sum(len(view) for _, views in few for view in views) < MIN_CORNERS_FOR_STRENGTH:
-        return _Look(1.0, there.astype(np.float64))
+    samples = [(grey, [view.sample for view in views]) for grey, views in frames]
+    present = np.ones(2, dtype=np.bool_)
+    if sum(len(view) for _, views in samples for view in views) < MIN_CORNERS_FOR_STRENGTH:
+        return _Rendering(1.0, present.astype(np.float64))
     while True:
-        gamma, shown = _gamma([(grey, [view.of_ghosts(there) for view in views]) for grey, views in few], target)
-        lights = [(in_light(grey, gamma), views) for grey, views in shown]
+        gamma, fitted = _gamma([(grey, [view.of_ghosts(present) for view in views]) for grey, views in samples], target)
+        lights = [(in_light(grey, gamma), views) for grey, views in fitted]
         fits = [_blurred(view, light, target) for light, views in lights for view in views]
         factors = np.zeros(2)
-        factors[there] = np.nanmedian(np.concatenate([seen.ghost_strengths for _, seen in fits]), axis=0)
-        hardly = there & (factors < LEAST_STRENGTH)
-        there &= ~hardly
-        if not hardly.any() or not there.any():
+        factors[present] = np.nanmedian(np.concatenate([fit.ghost_strengths for _, fit in fits]), axis=0)
+        faint = present & (factors < MIN_STRENGTH)
+        present &= ~faint
+        if not faint.any() or not present.any():
             blur_px = float(np.median([view.blur_px for view, _ in fits]))
-            return _Look(gamma, _of_one_coating(factors * there), blur_px)
+            return _Rendering(gamma, _of_one_coating(factors * present), blur_px)
 
 
 def _gamma(
     frames: Sequence[tuple[Grey, list[GhostedView]]], target: Target
 ) -> tuple[float, list[tuple[Grey, list[GhostedView]]]]:
     """Return the power for which ghost images are equally strong on white and black, and views with fitted blur."""
-    gamma, shown = FIRST_GAMMA, list(frames)
-    for _ in range(ROUNDS_FOR_GAMMA):
-        lights = [in_light(grey, gamma) for grey, _ in shown]
+    gamma, fitted = FIRST_GAMMA, list(frames)
+    for _ in range(GAMMA_ROUNDS):
+        lights = [in_light(grey, gamma) for grey, _ in fitted]
         fits = [
             [view.fitted(light, target, fit_encoding=True) for view in views]
-            for light, (_, views) in zip(lights, shown, strict=True)
+            for light, (_, views) in zip(lights, fitted, strict=True)
         ]
-        shown = [(grey, [view for view, _ in of_frame]) for (grey, _), of_frame in zip(shown, fits, strict=True)]
-        on_white = np.concatenate([seen.ghost_strengths[:, -1] for of_frame in fits for _, seen in of_frame])
+        fitted = [(grey, [view for view, _ in of_frame]) for (grey, _), of_frame in zip(fitted, fits, strict=True)]
+        on_white = np.concatenate([fit.ghost_strengths[:, -1] for of_frame in fits for _, fit in of_frame])
         gamma = float(np.clip(gamma * np.exp(-GAIN * np.nanmedian(on_white)), 1.0, MAX_GAMMA))
-    return gamma, shown
+    return gamma, fitted
 
 
 def _of_one_coating(factors: FloatArray) -> FloatArray:
@@ -320,22 +320,22 @@ def _of_one_coating(factors: FloatArray) -> FloatArray:
     Relative to the picture, light reflected at the front is inversely proportional to the reflectance, and light
     reflected back to the coating is proportional to it.
     """
-    there = factors > 0.0
-    if not there.all():
-        return np.where(there, np.clip(factors, 1.0 / MOST_OFF, MOST_OFF), 0.0)
-    better = float(np.clip(np.sqrt(factors[1] / factors[0]), 1.0 / MOST_OFF, MOST_OFF))
-    return np.array([1.0 / better, better])
+    present = factors > 0.0
+    if not present.all():
+        return np.where(present, np.clip(factors, 1.0 / MAX_COATING_FACTOR, MAX_COATING_FACTOR), 0.0)
+    reflectance_factor = float(np.clip(np.sqrt(factors[1] / factors[0]), 1.0 / MAX_COATING_FACTOR, MAX_COATING_FACTOR))
+    return np.array([1.0 / reflectance_factor, reflectance_factor])
 
 
 def _blurred(view: GhostedView, light: Image, target: Target) -> tuple[GhostedView, RefinedCorners]:
     """Fit a view's blur to a picture of light; return the view and the last fit."""
-    for _ in range(ROUNDS):
-        view, seen = view.fitted(light, target)
-    return view, seen
+    for _ in range(BLUR_ROUNDS):
+        view, fit = view.fitted(light, target)
+    return view, fit
 
 
-def _refined(light: Image, view: GhostedView, look: _Look, target: Target) -> Corners:
+def _refined(light: Image, view: GhostedView, rendering: _Rendering, target: Target) -> Corners:
     """Return the corners of a view, with the blur estimated from some of them."""
-    view = view.times(look.factors)
-    start = view.few if look.blur_px is None else replace(view.few, blur_px=look.blur_px)
+    view = view.times(rendering.factors)
+    start = view.sample if rendering.blur_px is None else replace(view.sample, blur_px=rendering.blur_px)
     return replace(view, blur_px=_blurred(start, light, target)[0].blur_px).corners(light, target)

@@ -25,17 +25,17 @@ from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.targets import Checkerboard
 from mirrorcam.optics.geometry.transforms import inverse, transform
 
-MIN_CORNERS = 20  # of a part whose pose is used
-MIN_FRAMES = 4  # that must agree on a motion
-MIN_AGREEING = 0.8  # of the frames that show the board in both mirrors
+MIN_CORNERS = 20  # corners of a part whose pose is used
+MIN_FRAMES = 4  # frames that must agree on a motion
+MIN_AGREEING = 0.8  # share of the frames that show the board in both mirrors
 MAX_RIVAL = 0.5  # frames that agree on another motion, relative to those that agree on the best
-MAX_OFF = 0.2  # squares, between two mirrors' images of one board
-FARTHEST = 8  # squares of apparent shift of a board, if mirrors are off their nominal positions
-MAX_TURN = np.deg2rad(20.0)  # apparent rotation, likewise
-SAME = 0.5  # squares, between the shifts of one motion as two frames propose it
-POSED = 24  # parts, and other pictures, used to estimate the camera
-PROPOSING = 3  # frames that propose motions
-SAMPLED = 20  # corners of a part that vote
+MAX_DISTANCE = 0.2  # between two mirrors' images of one board, in squares
+MAX_SHIFT = 8  # apparent shift of a board by deviations of the mirrors from the layout, in squares
+MAX_ROTATION = np.deg2rad(20.0)  # apparent rotation by the same deviations
+SAME_MOTION = 0.5  # between the shifts of one motion proposed by two frames, in squares
+CAMERA_VIEWS = 24  # parts, and other pictures, used to estimate the camera
+PROPOSING_FRAMES = 3  # frames that propose motions
+SAMPLED_CORNERS = 20  # corners of a part that vote
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class _Part:
         pose = initial_estimates.camera_from_flat_board(camera, grid.corners, points)
         if pose is None:
             return None
-        some = np.linspace(0, len(grid) - 1, min(SAMPLED, len(grid))).astype(np.int64)
+        some = np.linspace(0, len(grid) - 1, min(SAMPLED_CORNERS, len(grid))).astype(np.int64)
         return cls(grid, pose, camera.unproject(grid.corners.pixels[some]), grid.places[some])
 
     def __len__(self) -> int:
@@ -67,19 +67,19 @@ class _Part:
     def seen_on(self, camera_from_board: FloatArray) -> FloatArray:
         """Intersect the rays with boards at poses (..., 4, 4): places (..., n, 2)."""
         board_from_camera = inverse(camera_from_board)
-        along = self.rays @ board_from_camera[..., :3, :3].swapaxes(-1, -2)
-        start = board_from_camera[..., None, :3, 3]
+        directions = self.rays @ board_from_camera[..., :3, :3].swapaxes(-1, -2)
+        origin = board_from_camera[..., None, :3, 3]
         with np.errstate(divide="ignore", invalid="ignore"):
-            return np.asarray(start[..., :2] - along[..., :2] * (start[..., 2:] / along[..., 2:]))
+            return np.asarray(origin[..., :2] - directions[..., :2] * (origin[..., 2:] / directions[..., 2:]))
 
 
 @dataclass(frozen=True)
 class _Fit:
-    """How a part continues another view's: quarter turns (...), shifts (..., 2), and error (...) in squares."""
+    """How a part continues another view's part: quarter turns (...), shifts (..., 2) and errors (...), in squares."""
 
     turn: IntArray
-    by: IntArray
-    off: FloatArray
+    shift: IntArray
+    error: FloatArray
 
     @classmethod
     def of(cls, part: _Part, camera_from_board: FloatArray) -> _Fit:
@@ -87,13 +87,13 @@ class _Fit:
         places = part.seen_on(camera_from_board)
         finite = np.asarray(np.isfinite(places).all(axis=(-2, -1)))
         places = np.where(finite[..., None, None], places, 0.0)
-        own = part.places @ _ALL_TURNS  # (4, n, 2)
-        apart = places[..., None, :, :] - own
-        shifts = np.median(apart, axis=-2)
-        turn = np.linalg.norm(apart - shifts[..., None, :], axis=-1).mean(axis=-1).argmin(axis=-1)
-        by = np.rint(np.take_along_axis(shifts, turn[..., None, None], axis=-2)[..., 0, :]).astype(np.int64)
-        off = np.linalg.norm(places - own[turn] - by[..., None, :], axis=-1).max(axis=-1)
-        return cls(turn, by, np.where(finite & ((by.sum(axis=-1) + turn) % 2 == 0), off, np.inf))
+        turned_places = part.places @ _ALL_TURNS  # (4, n, 2)
+        differences = places[..., None, :, :] - turned_places
+        shifts = np.median(differences, axis=-2)
+        turn = np.linalg.norm(differences - shifts[..., None, :], axis=-1).mean(axis=-1).argmin(axis=-1)
+        shift = np.rint(np.take_along_axis(shifts, turn[..., None, None], axis=-2)[..., 0, :]).astype(np.int64)
+        error = np.linalg.norm(places - turned_places[turn] - shift[..., None, :], axis=-1).max(axis=-1)
+        return cls(turn, shift, np.where(finite & ((shift.sum(axis=-1) + turn) % 2 == 0), error, np.inf))
 
 
 _ALL_TURNS = np.array([turn.T for turn in TURNS])
@@ -137,9 +137,9 @@ def _camera(
 
     Each part is a view of a flat board; its numbering does not matter.
     """
-    largest = sorted((grid for frame in frames for _, grid in frame.grids), key=len, reverse=True)[:POSED]
+    largest = sorted((grid for frame in frames for _, grid in frame.grids), key=len, reverse=True)[:CAMERA_VIEWS]
     views = [(grid.places, grid.corners.pixels) for grid in largest]
-    for seen in [frame.corners for frame in base if len(frame.corners)][:POSED]:
+    for seen in [frame.corners for frame in base if len(frame.corners)][:CAMERA_VIEWS]:
         row, col = np.divmod(seen.corner, target.cols - 1)
         views.append((np.stack([col, row], axis=1), seen.pixels))
     places = np.concatenate([at for at, _ in views])
@@ -155,75 +155,77 @@ def _camera(
 
 def _parts(frame: DetectedFrame, camera: Camera) -> dict[int, _Part]:
     """Return the largest part with a known pose in each mirror."""
-    found: dict[int, _Part] = {}
-    for mirror, seen in sorted(frame.grids, key=lambda pair: -len(pair[1])):
-        part = None if mirror in found else _Part.of(seen, camera)
+    parts: dict[int, _Part] = {}
+    for mirror, grid in sorted(frame.grids, key=lambda pair: -len(pair[1])):
+        part = None if mirror in parts else _Part.of(grid, camera)
         if part is not None:
-            found[mirror] = part
-    return found
+            parts[mirror] = part
+    return parts
 
 
 def _motions(parts: list[dict[int, _Part]], layout: Layout, square_mm: float) -> dict[int, FloatArray]:
     """Return the motions (4, 4) from images in one mirror to images in each other mirror on which the frames agree."""
-    shown = [sum(len(p[m]) >= MIN_CORNERS for p in parts if m in p) for m in range(len(layout.mirrors))]
-    order = np.argsort(shown)[::-1].tolist()
+    part_counts = [sum(len(p[m]) >= MIN_CORNERS for p in parts if m in p) for m in range(len(layout.mirrors))]
+    order = np.argsort(part_counts)[::-1].tolist()
     reflections = [_reflection(mirror, square_mm) for mirror in layout.mirrors]
     motions = {order[0]: np.eye(4)}
-    again = True
-    while again:
-        again = False
+    found_more = True
+    while found_more:
+        found_more = False
         for mirror in order:
             if mirror not in motions:
-                motion = _agreed(parts, mirror, motions, reflections[mirror] @ reflections[order[0]])
+                motion = _agreed_motion(parts, mirror, motions, reflections[mirror] @ reflections[order[0]])
                 if motion is not None:
                     motions[mirror] = motion
-                    again = True
+                    found_more = True
     return motions
 
 
 def _reflection(mirror: Mirror, square_mm: float) -> FloatArray:
     """Return the reflection (4, 4) in a mirror, in squares."""
-    seen = mirror.apparent
-    normal = seen.normal_in_rig
+    plane = mirror.apparent
+    normal = plane.normal_in_rig
     matrix = np.eye(4)
     matrix[:3, :3] -= 2.0 * np.outer(normal, normal)
-    matrix[:3, 3] = seen.virtual_centre_in_rig_mm / square_mm
+    matrix[:3, 3] = plane.virtual_centre_in_rig_mm / square_mm
     return matrix
 
 
-def _agreed(
+def _agreed_motion(
     parts: list[dict[int, _Part]], mirror: int, motions: dict[int, FloatArray], nominal: FloatArray
 ) -> FloatArray | None:
-    """Return the motion by which a mirror continues the other views in most frames; None if there is none."""
+    """Return the motion (4, 4) by which a mirror continues the other views in most frames; None if there is none."""
     pairs = [
         (pose, in_frame[mirror])
         for in_frame in parts
         if mirror in in_frame and len(in_frame[mirror]) >= MIN_CORNERS
-        if (pose := _reference(in_frame, motions)) is not None
+        if (pose := _first_mirror_pose(in_frame, motions)) is not None
     ]
     if len(pairs) < MIN_FRAMES:
         return None
-    largest = sorted(pairs, key=lambda pair: -len(pair[1]))[:PROPOSING]
-    proposed = np.array([motion for pose, part in largest for motion in _proposed(pose, part, nominal)])
+    largest = sorted(pairs, key=lambda pair: -len(pair[1]))[:PROPOSING_FRAMES]
+    proposed = np.array([motion for pose, part in largest for motion in _propose(pose, part, nominal)])
     if not len(proposed):
         return None
-    off = np.array([_Fit.of(other, proposed @ at).off for at, other in pairs])
-    votes = (off < MAX_OFF).sum(axis=0)
-    best = int(np.lexsort((np.minimum(off, MAX_OFF).sum(axis=0), -votes))[0])
-    rival = votes[~_same(proposed, proposed[best], pairs)].max(initial=0)
+    errors = np.array([_Fit.of(other, proposed @ at).error for at, other in pairs])
+    votes = (errors < MAX_DISTANCE).sum(axis=0)
+    best = int(np.lexsort((np.minimum(errors, MAX_DISTANCE).sum(axis=0), -votes))[0])
+    rival = votes[~_same_motion(proposed, proposed[best], pairs)].max(initial=0)
     enough = votes[best] >= max(MIN_FRAMES, MIN_AGREEING * len(pairs))
     return proposed[best] if enough and rival <= MAX_RIVAL * votes[best] else None
 
 
-def _same(motions: FloatArray, other: FloatArray, pairs: Sequence[tuple[FloatArray, _Part]]) -> NDArray[np.bool_]:
-    """Mask of the motions (m, 4, 4) that move the middles of the boards to about the same place as `other`."""
-    middles = np.array([transform(pose, part.places.mean(axis=0) @ np.eye(2, 3)) for pose, part in pairs])
-    moved = middles @ motions[:, :3, :3].swapaxes(1, 2) + motions[:, None, :3, 3]
-    apart = np.linalg.norm(moved - transform(other, middles), axis=2)
-    return np.asarray(np.median(apart, axis=1) < SAME)
+def _same_motion(
+    motions: FloatArray, other: FloatArray, pairs: Sequence[tuple[FloatArray, _Part]]
+) -> NDArray[np.bool_]:
+    """Mask of the motions (m, 4, 4) that move the boards' centroids to about the same points as `other`."""
+    centroids = np.array([transform(pose, part.places.mean(axis=0) @ np.eye(2, 3)) for pose, part in pairs])
+    moved = centroids @ motions[:, :3, :3].swapaxes(1, 2) + motions[:, None, :3, 3]
+    distances = np.linalg.norm(moved - transform(other, centroids), axis=2)
+    return np.asarray(np.median(distances, axis=1) < SAME_MOTION)
 
 
-def _reference(in_frame: dict[int, _Part], motions: dict[int, FloatArray]) -> FloatArray | None:
+def _first_mirror_pose(in_frame: dict[int, _Part], motions: dict[int, FloatArray]) -> FloatArray | None:
     """Return the pose (4, 4) of the board's image in the first mirror, from the largest part with a known motion."""
     known = [m for m in in_frame if m in motions and len(in_frame[m]) >= MIN_CORNERS]
     if not known:
@@ -232,40 +234,40 @@ def _reference(in_frame: dict[int, _Part], motions: dict[int, FloatArray]) -> Fl
     return inverse(motions[mirror]) @ in_frame[mirror].camera_from_image
 
 
-def _proposed(pose: FloatArray, part: _Part, nominal: FloatArray) -> list[FloatArray]:
+def _propose(pose: FloatArray, part: _Part, nominal: FloatArray) -> list[FloatArray]:
     """Propose motions that make a part an image of the board at a pose, for all shifts near the nominal one."""
-    found: list[FloatArray] = []
+    motions: list[FloatArray] = []
     places = part.seen_on(nominal @ pose)
     if not np.isfinite(places).all():
-        return found
-    reach = np.arange(-FARTHEST, FARTHEST + 1)
-    around = np.stack(np.meshgrid(reach, reach), axis=-1).reshape(-1, 2)
-    around = around[np.linalg.norm(around, axis=1) <= FARTHEST]
+        return motions
+    reach = np.arange(-MAX_SHIFT, MAX_SHIFT + 1)
+    shifts = np.stack(np.meshgrid(reach, reach), axis=-1).reshape(-1, 2)
+    shifts = shifts[np.linalg.norm(shifts, axis=1) <= MAX_SHIFT]
     for turn, matrix in enumerate(TURNS):
         board_from_part = np.eye(4)
         board_from_part[:2, :2] = matrix
         rotation = (part.camera_from_image @ inverse(board_from_part) @ inverse(pose))[:3, :3] @ nominal[:3, :3].T
-        if np.arccos(np.clip((np.trace(rotation) - 1.0) / 2.0, -1.0, 1.0)) > MAX_TURN:
+        if np.arccos(np.clip((np.trace(rotation) - 1.0) / 2.0, -1.0, 1.0)) > MAX_ROTATION:
             continue
-        near = np.rint(np.median(places - part.places @ matrix.T, axis=0)).astype(np.int64)
-        for by in near + around:
-            if (by.sum() + turn) % 2 == 0:
-                board_from_part[:2, 3] = by
-                found.append(part.camera_from_image @ inverse(board_from_part) @ inverse(pose))
-    return found
+        nominal_shift = np.rint(np.median(places - part.places @ matrix.T, axis=0)).astype(np.int64)
+        for shift in nominal_shift + shifts:
+            if (shift.sum() + turn) % 2 == 0:
+                board_from_part[:2, 3] = shift
+                motions.append(part.camera_from_image @ inverse(board_from_part) @ inverse(pose))
+    return motions
 
 
 def _numbered(
     frame: DetectedFrame, in_frame: dict[int, _Part], motions: dict[int, FloatArray], target: Checkerboard
 ) -> DetectedFrame:
-    pose = _reference(in_frame, motions)
+    pose = _first_mirror_pose(in_frame, motions)
     if pose is None:
         return frame
     fits = {m: _Fit.of(part, motions[m] @ pose) for m, part in in_frame.items() if m in motions}
-    views = [m for m in sorted(fits) if fits[m].off < MAX_OFF]
+    views = [m for m in sorted(fits) if fits[m].error < MAX_DISTANCE]
     if len(views) < 2:
         return frame
-    moved = [in_frame[m].grid.moved(int(fits[m].turn), fits[m].by) for m in views]
+    moved = [in_frame[m].grid.moved(int(fits[m].turn), fits[m].shift) for m in views]
     joined = SeenGrid.join(moved)
     view = np.repeat(views, [len(grid) for grid in moved])
     numberings = [
@@ -277,16 +279,16 @@ def _numbered(
     if len(numberings) > 1 + target.looks_same_upside_down:
         return frame
     best = max(numberings, key=lambda found: _agreement(found, frame.corners))
-    alone = frame.corners.where(~np.isin(frame.corners.view, views))
-    contradicted = len(alone) < len(frame.corners) and _agreement(best, frame.corners) == 0
-    return replace(frame, corners=best if contradicted else Observations.join([best, alone]))
+    unjoined = frame.corners.where(~np.isin(frame.corners.view, views))
+    contradicted = len(unjoined) < len(frame.corners) and _agreement(best, frame.corners) == 0
+    return replace(frame, corners=best if contradicted else Observations.join([best, unjoined]))
 
 
 def _agreement(found: Observations, other: Observations) -> int:
     """Number of common corners of two numberings of a frame."""
     common = 0
     for view in np.unique(found.view):
-        own, others = found.where(found.view == view), other.where(other.view == view)
-        _, first, second = np.intersect1d(own.corner, others.corner, return_indices=True)
-        common += int((np.abs(own.pixels[first] - others.pixels[second]) < 1.0).all(axis=1).sum())
+        found_rows, other_rows = found.where(found.view == view), other.where(other.view == view)
+        _, first, second = np.intersect1d(found_rows.corner, other_rows.corner, return_indices=True)
+        common += int((np.abs(found_rows.pixels[first] - other_rows.pixels[second]) < 1.0).all(axis=1).sum())
     return common

@@ -36,17 +36,17 @@ ROUGH = tuple(np.arange(0.3, 0.96, 0.06).tolist())  # trial sides of markers, in
 FINE, REACH = 0.01, 0.09  # step of the compared sides, and their range about the best rough one
 BLURS = (0.015, 0.03, 0.045, 0.06, 0.08, 0.1, 0.125, 0.155)  # sigma in squares
 LIKELY = 0.85  # correlation with the stated side above which it is about right
-MOST_MOVES = 4  # of the range of compared sides, while the best one is at its end
+MAX_MOVES = 4  # of the range of compared sides, while the best one is at its end
 ROUNDS = 2  # of alternating between the likeliest blur and side
-MOST_SQUARES = 16  # compared in each grid
+MAX_SQUARES = 16  # compared in each grid
 MIN_SQUARES = 8  # in all grids
 AS_CLEAR = 0.85  # least correlation relative to the clearest grid; others are from other boards, or flipped
-MIN_ALIKE = 0.7  # correlation of the squares with markers of the best side and blur
+MIN_CORRELATION = 0.7  # correlation of the squares with markers of the best side and blur
 AROUND = np.array([[-0.5, -0.5], [0.5, -0.5], [-0.5, 0.5], [0.5, 0.5]])  # squares, from a middle to the corners
 PADDING = 8  # px of the black squares around a white one
-FEW = 12
-"""Number of pairs straight above each other in grids below which single markers are searched, too."""
-OFF = 2.0 * PREDICTION_ERROR + 0.1
+MIN_PAIRS = 12
+"""Number of pairs straight above each other in grids below which single markers are also searched."""
+MAX_OFFSET = 2.0 * PREDICTION_ERROR + 0.1
 """Squares between a marker and its prediction from a marker two squares above; less for a nearer one."""
 BELOW = ((0, 2), (1, 1), (-1, 1))
 """Squares from a marker of a checkerboard to its nearest neighbours below; AprilGrids have only the first."""
@@ -67,29 +67,29 @@ def marker_side(shown: Sequence[GriddedPicture], target: Charuco, *, mirrored: b
 
     `mirrored` states whether the pictures show the board in mirrors; None: both directly and in mirrors.
     Every marker is compared with its print at several sides and blurs. Blur and brightness change the edges of the
-    square and of the marker alike, so they do not bias the side.
+    square and of the marker equally, so they do not bias the side.
     """
     flips = (False, True) if mirrored is None else (mirrored,)
     side, squares = _squares_in_grids(shown, target, flips)
-    if sum(len(some.ids) for some in squares) < MIN_SQUARES:
+    if sum(len(marked.ids) for marked in squares) < MIN_SQUARES:
         side, squares = _between_markers(shown, target, flips)
-    count = sum(len(some.ids) for some in squares)
+    count = sum(len(marked.ids) for marked in squares)
     if count < MIN_SQUARES:
         return None
-    for _ in range(MOST_MOVES):
-        tried = np.arange(-REACH, REACH + FINE / 2.0, FINE) + np.clip(side, 0.1 + REACH, 0.99 - REACH)
-        alike = np.sum([_alike(some, target, tried) for some in squares], axis=0) / count
-        best = int(alike.argmax())
-        if 0 < best < len(tried) - 1:
+    for _ in range(MAX_MOVES):
+        sides = np.arange(-REACH, REACH + FINE / 2.0, FINE) + np.clip(side, 0.1 + REACH, 0.99 - REACH)
+        correlations = np.sum([_correlations(marked, target, sides) for marked in squares], axis=0) / count
+        best = int(correlations.argmax())
+        if 0 < best < len(sides) - 1:
             break
-        side = float(tried[best])
+        side = float(sides[best])
     else:
         return None
-    if alike[best] < MIN_ALIKE:
+    if correlations[best] < MIN_CORRELATION:
         return None
-    before, at, after = alike[best - 1 : best + 2]
-    bend = before - 2.0 * at + after
-    return float(tried[best] + (FINE * 0.5 * (before - after) / bend if bend < 0.0 else 0.0))
+    before, peak, after = correlations[best - 1 : best + 2]
+    curvature = before - 2.0 * peak + after
+    return float(sides[best] + (FINE * 0.5 * (before - after) / curvature if curvature < 0.0 else 0.0))
 
 
 def _sized(target: Charuco, side: float) -> Charuco:
@@ -107,25 +107,25 @@ def _squares_in_grids(
         return [(one, grid) for one, grid in grids if len(grid.ids)]
 
     def likelihood(grids: list[tuple[GriddedPicture, ReadMarkers]]) -> float:
-        return sum(grid.alike * len(grid.ids) for _, grid in grids)
+        return sum(grid.correlation * len(grid.ids) for _, grid in grids)
 
     side = target.marker_mm / target.square_mm
     grids = read(side)
     if likelihood(grids) < LIKELY * sum(len(grid.ids) for _, grid in grids):
         others = [(other, read(other)) for other in ROUGH]
         side, grids = max([(side, grids), *others], key=lambda one: likelihood(one[1]))
-    clearest = max((grid.alike for _, grid in grids), default=0.0)
+    clearest = max((grid.correlation for _, grid in grids), default=0.0)
     return side, [
-        _MarkedSquares(one.picture, grid.ids[:MOST_SQUARES], grid.quads[:MOST_SQUARES])
+        _MarkedSquares(one.picture, grid.ids[:MAX_SQUARES], grid.quads[:MAX_SQUARES])
         for one, grid in grids
-        if grid.alike > AS_CLEAR * clearest
+        if grid.correlation > AS_CLEAR * clearest
     ]
 
 
 def _between_markers(
     shown: Sequence[GriddedPicture], target: Charuco, flips: Sequence[bool]
 ) -> tuple[float, list[_MarkedSquares]]:
-    """Like `_squares_in_grids`, for squares located by the middles of single markers."""
+    """Like `_squares_in_grids`, for squares located by the centres of single markers."""
     seen = [(one, *find_markers(one.grey, target, mirrored=flipped)) for one in shown for flipped in flips]
 
     def grouped(side: float) -> list[list[IntArray]]:
@@ -139,39 +139,39 @@ def _between_markers(
     side, parts = max(((side, grouped(side)) for side in sides), key=lambda one: count(one[1]))
     squares = []
     for (one, ids, quads), some in zip(seen, parts, strict=True):
-        middles, centres = marker_places(target).mean(axis=1)[ids], quads.mean(axis=1)
+        centres, centres_px = marker_places(target).mean(axis=1)[ids], quads.mean(axis=1)
         for part in some:
-            warp = BoardWarp.through(middles[part], centres[part])
+            warp = BoardWarp.through(centres[part], centres_px[part])
             if warp is not None:
-                first = part[:MOST_SQUARES]
-                corners = warp.at((middles[first, None] + AROUND).reshape(-1, 2)).reshape(-1, 4, 2)
+                first = part[:MAX_SQUARES]
+                corners = warp.at((centres[first, None] + AROUND).reshape(-1, 2)).reshape(-1, 4, 2)
                 squares.append(_MarkedSquares(one.picture, target.first_marker + ids[first], corners))
     return side, squares
 
 
-def _alike(squares: _MarkedSquares, target: Charuco, sides: FloatArray) -> FloatArray:
+def _correlations(squares: _MarkedSquares, target: Charuco, sides: FloatArray) -> FloatArray:
     """Sum (s,) of the correlations of squares with their markers at sides (s,), at the likeliest blur."""
-    at = (np.arange(PX_PER_SQUARE) + 0.5) / PX_PER_SQUARE
-    v, u = (axis.ravel() for axis in np.meshgrid(at, at, indexing="ij"))
+    positions = (np.arange(PX_PER_SQUARE) + 0.5) / PX_PER_SQUARE
+    v, u = (axis.ravel() for axis in np.meshgrid(positions, positions, indexing="ij"))
     shares = np.stack([(1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v], axis=1)
-    seen = standardised(sample(squares.picture, shares @ squares.quads).astype(np.float64))
+    sampled = standardised(sample(squares.picture, shares @ squares.quads).astype(np.float64))
     white = dictionaries.white_modules(target.dictionary)[squares.ids]
 
     def with_side(side: float, blur: float) -> float:
         edges = PX_PER_SQUARE * (0.5 + side * (np.arange(white.shape[1] + 1) / white.shape[1] - 0.5))
         cover = covers(edges, PX_PER_SQUARE).astype(np.float32)
-        drawn = 1.0 - cover.T @ (~white).astype(np.float32) @ cover
-        padded = np.pad(drawn, ((0, 0), (PADDING, PADDING), (PADDING, PADDING))).transpose(1, 2, 0)
-        soft = np.asarray(cv2.GaussianBlur(np.ascontiguousarray(padded), (0, 0), blur * PX_PER_SQUARE))
-        inner = soft.reshape(padded.shape)[PADDING:-PADDING, PADDING:-PADDING].transpose(2, 0, 1)
-        return float((seen * standardised(inner.reshape(len(white), -1).astype(np.float64))).sum())
+        printed = 1.0 - cover.T @ (~white).astype(np.float32) @ cover
+        padded = np.pad(printed, ((0, 0), (PADDING, PADDING), (PADDING, PADDING))).transpose(1, 2, 0)
+        blurred = np.asarray(cv2.GaussianBlur(np.ascontiguousarray(padded), (0, 0), blur * PX_PER_SQUARE))
+        inner = blurred.reshape(padded.shape)[PADDING:-PADDING, PADDING:-PADDING].transpose(2, 0, 1)
+        return float((sampled * standardised(inner.reshape(len(white), -1).astype(np.float64))).sum())
 
-    likely = sides[len(sides) // 2 :: len(sides)]
+    likely_sides = sides[len(sides) // 2 :: len(sides)]
     for _ in range(ROUNDS):
-        blur = max(BLURS, key=lambda blur: max(with_side(side, blur) for side in likely.tolist()))
-        alike = np.array([with_side(side, blur) for side in sides.tolist()])
-        likely = sides[alike.argmax() :][:1]
-    return alike
+        blur = max(BLURS, key=lambda blur: max(with_side(side, blur) for side in likely_sides.tolist()))
+        correlations = np.array([with_side(side, blur) for side in sides.tolist()])
+        likely_sides = sides[correlations.argmax() :][:1]
+    return correlations
 
 
 @dataclass(frozen=True)
@@ -313,7 +313,7 @@ def marker_pairs(shown: GriddedPicture, target: Charuco | AprilGrid, *, mirrored
     Markers are read in grids of corners or, if these show few, one by one by OpenCV.
     """
     pairs = _pairs_in_grids(shown.read(target, mirrored=mirrored))
-    if len(pairs.steps(target).columns) < FEW:
+    if len(pairs.steps(target).columns) < MIN_PAIRS:
         pairs = MarkerPairs.join([pairs, _one_by_one(shown.grey, target, mirrored=mirrored)])
     return pairs
 
@@ -338,8 +338,10 @@ def _one_by_one(grey: Grey, target: Charuco | AprilGrid, *, mirrored: bool) -> M
     side = np.sqrt(np.abs(np.linalg.det(between)))
     pairs = []
     for by in BELOW[:1] if isinstance(target, AprilGrid) else BELOW:
-        off = np.linalg.norm(centres - centres[:, None] - between @ np.array(by, dtype=np.float64), axis=2)
-        pairs += [(int(ids[a]), int(ids[b]), by) for a, b in np.argwhere(off < OFF / 2.0 * np.hypot(*by) * side)]
+        distances = np.linalg.norm(centres - centres[:, None] - between @ np.array(by, dtype=np.float64), axis=2)
+        pairs += [
+            (int(ids[a]), int(ids[b]), by) for a, b in np.argwhere(distances < MAX_OFFSET / 2.0 * np.hypot(*by) * side)
+        ]
     return MarkerPairs.of(pairs, inner=False)
 
 

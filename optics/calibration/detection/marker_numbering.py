@@ -1,4 +1,4 @@
-"""Numbering of a grid of corners by the markers between them, all compared at once where they must be.
+"""Numbering of a grid of corners by all the markers between them jointly.
 
 Every square of the grid that may hold a marker is sampled at the positions of the marker's modules. Its agreement with
 each marker counts for the numbering that puts that marker there, so markers too blurred to be read one by one can still
@@ -18,9 +18,9 @@ from mirrorcam.optics.calibration.detection.detections import SeenGrid
 from mirrorcam.optics.calibration.solver.observations import IntArray
 
 MIN_CORRELATION = 0.5  # mean correlation of the squares with the markers of a numbering
-MIN_SIGMAS = 5.0  # of chance, for that mean
-MAX_RIVAL = 0.6  # of that mean, for any other numbering
-WITHIN = (-0.2, 0.2)  # sample positions from a module's middle, in modules
+MIN_SIGMAS = 5.0  # of this mean, in standard deviations of chance
+MAX_RIVAL = 0.6  # mean correlation of any other numbering, relative to the best
+OFFSETS = (-0.2, 0.2)  # of the samples from a module's centre, in modules
 
 
 @dataclass(frozen=True)
@@ -70,27 +70,27 @@ def numbered_by_markers(picture: Image, grid: SeenGrid, markers: Markers) -> See
     codes = standardised(markers.codes.reshape(len(markers.codes), -1).astype(np.float64))
     scores: list[tuple[float, int, IntArray, int]] = []
     for turn in range(4):
-        low, quads = _turned(grid, turn, markers)
+        low, quads = _candidate_squares(grid, turn, markers)
         if not len(low):
             continue
         agreement = standardised(_modules(picture, quads, markers)) @ codes.T
         shifts = markers.places - low[:, None]
-        first = shifts.min(axis=(0, 1))
+        lowest = shifts.min(axis=(0, 1))
         width = np.ptp(shifts, axis=(0, 1)) + 1
         total = np.zeros(width)
-        np.add.at(total, tuple(np.moveaxis(shifts - first, -1, 0)), agreement)
+        np.add.at(total, tuple(np.moveaxis(shifts - lowest, -1, 0)), agreement)
         best = np.argsort(total, axis=None)[-2:][::-1]
         scores += [
-            (float(total.flat[at]) / len(low), turn, first + np.unravel_index(at, width), len(low)) for at in best
+            (float(total.flat[at]) / len(low), turn, lowest + np.unravel_index(at, width), len(low)) for at in best
         ]
     scores.sort(key=lambda score: -score[0])
     if not scores:
         return None
-    mean, turn, by, count = scores[0]
+    mean, turn, shift, count = scores[0]
     chance = 1.0 / np.sqrt(codes.shape[1] * count)
     if mean < max(MIN_CORRELATION, MIN_SIGMAS * chance) or any(other[0] > MAX_RIVAL * mean for other in scores[1:]):
         return None
-    return grid.moved(turn, np.asarray(by, dtype=np.int64))
+    return grid.moved(turn, np.asarray(shift, dtype=np.int64))
 
 
 @dataclass(frozen=True)
@@ -105,14 +105,14 @@ class ReadMarkers:
         Marker (n,) in each square.
     quads
         Pixels (n, 4, 2) of their corners, row by row.
-    alike
+    correlation
         Mean correlation of all candidate squares with their most similar markers.
     """
 
     low: IntArray
     ids: IntArray
     quads: FloatArray
-    alike: float
+    correlation: float
 
 
 def read_markers(picture: Image, grid: SeenGrid, markers: Markers) -> ReadMarkers:
@@ -131,33 +131,33 @@ def read_markers(picture: Image, grid: SeenGrid, markers: Markers) -> ReadMarker
     none = np.empty(0, dtype=np.int64)
     best = ReadMarkers(np.empty((0, 2), dtype=np.int64), none, np.empty((0, 4, 2)), 0.0)
     for turn in range(4):
-        low, quads = _turned(grid, turn, markers)
+        low, quads = _candidate_squares(grid, turn, markers)
         if not len(low):
             continue
         agreement = standardised(_modules(picture, quads, markers)) @ codes.T
-        alike = agreement.max(axis=1)
-        if alike.mean() > best.alike:
-            known = alike > MIN_CORRELATION
+        correlation = agreement.max(axis=1)
+        if correlation.mean() > best.correlation:
+            known = correlation > MIN_CORRELATION
             ids = agreement.argmax(axis=1)[known].astype(np.int64)
-            best = ReadMarkers(low[known], ids, quads[known], float(alike.mean()))
+            best = ReadMarkers(low[known], ids, quads[known], float(correlation.mean()))
     return best
 
 
-def _turned(grid: SeenGrid, turn: int, markers: Markers) -> tuple[IntArray, FloatArray]:
+def _candidate_squares(grid: SeenGrid, turn: int, markers: Markers) -> tuple[IntArray, FloatArray]:
     """Return lowest coordinates (n, 2) and corner pixels (n, 4, 2) of the candidate squares, after quarter turns."""
     turned = grid.moved(turn, np.zeros(2, dtype=np.int64))
     # An even corner has white at its lower right on a grid, black on a print; a quarter turn swaps them.
     low, quads = _squares(turned, markers.parity + turn + 1)
     if markers.every_other:
-        held = low[:, 0] % 2 == (turn < 2)
-        low, quads = low[held], quads[held]
+        holds_marker = low[:, 0] % 2 == (turn < 2)
+        low, quads = low[holds_marker], quads[holds_marker]
     return low, quads
 
 
 def standardised(values: FloatArray) -> FloatArray:
     """Normalise rows to mean 0 and norm 1."""
-    apart = values - values.mean(axis=1, keepdims=True)
-    return np.asarray(apart / np.maximum(np.linalg.norm(apart, axis=1, keepdims=True), 1e-9))
+    centred = values - values.mean(axis=1, keepdims=True)
+    return np.asarray(centred / np.maximum(np.linalg.norm(centred, axis=1, keepdims=True), 1e-9))
 
 
 def _squares(grid: SeenGrid, parity: int) -> tuple[IntArray, FloatArray]:
@@ -168,18 +168,18 @@ def _squares(grid: SeenGrid, parity: int) -> tuple[IntArray, FloatArray]:
     corners = np.stack([index[:-1, :-1], index[1:, :-1], index[:-1, 1:], index[1:, 1:]], axis=-1)
     x, y = np.nonzero((corners >= 0).all(axis=-1))
     squares = np.stack([x, y], axis=1) + low
-    right = (squares.sum(axis=1) - parity) % 2 == 0
-    return squares[right], grid.corners.pixels[corners[x, y][right]]
+    of_colour = (squares.sum(axis=1) - parity) % 2 == 0
+    return squares[of_colour], grid.corners.pixels[corners[x, y][of_colour]]
 
 
 def _modules(picture: Image, quads: FloatArray, markers: Markers) -> FloatArray:
     """Mean grey values (n, b * b) of squares (n, 4, 2) at the modules of a marker, row by row."""
     count = markers.codes.shape[1]
-    middles = 0.5 + markers.side * ((np.arange(count) + 1.5) / (count + 2) - 0.5)
-    at = (middles[:, None] + np.array(WITHIN) * markers.side / (count + 2)).ravel()
-    v, u = (axis.ravel() for axis in np.meshgrid(at, at, indexing="ij"))
+    centres = 0.5 + markers.side * ((np.arange(count) + 1.5) / (count + 2) - 0.5)
+    positions = (centres[:, None] + np.array(OFFSETS) * markers.side / (count + 2)).ravel()
+    v, u = (axis.ravel() for axis in np.meshgrid(positions, positions, indexing="ij"))
     shares = np.stack([(1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v], axis=1)
-    seen = sample(picture, shares @ quads)
+    sampled = sample(picture, shares @ quads)
     return np.asarray(
-        seen.reshape(len(quads), count, len(WITHIN), count, len(WITHIN)).mean(axis=(2, 4)).reshape(len(quads), -1)
+        sampled.reshape(len(quads), count, len(OFFSETS), count, len(OFFSETS)).mean(axis=(2, 4)).reshape(len(quads), -1)
     )

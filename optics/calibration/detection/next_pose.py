@@ -26,11 +26,11 @@ TILT_DEG = 30.0
 TILTS = ((0.0, 0.0), (TILT_DEG, 0.0), (-TILT_DEG, 0.0), (0.0, TILT_DEG), (0.0, -TILT_DEG))
 SHIFTS = (-0.6, 0.0, 0.6)  # in half sizes of the board
 NOISE_PX = 0.1  # of a corner, in frames of a webcam
-BUILT_MM = 3.5  # prior sigma of a virtual centre about the nominal one: 2 degrees or 2 mm of the mirror
-PRIOR = 0.02, 0.02, 0.2  # sigmas of the intrinsics: relative focal length and centre, distortion coefficients
-ENOUGH_DEG, ENOUGH_PICTURES = 0.01, 8  # for every mirror's normal; pictures, so that frames can be held out
-HELD_DEG = 1e-3  # prior sigma of two mirrors' common rotation, which no picture determines and no pose should lower
-NORM = 8  # p-norm instead of the maximum, so that a picture that helps the second worst mirror counts, too
+CENTRE_SIGMA_MM = 3.5  # prior sigma of a virtual centre about the nominal one: 2 degrees or 2 mm of the mirror
+INTRINSIC_SIGMAS = 0.02, 0.02, 0.2  # prior: relative focal length and centre, distortion coefficients
+ENOUGH_DEG, ENOUGH_PICTURES = 0.01, 8  # sigma of every mirror's normal; and pictures, so that frames can be held out
+COMMON_ROTATION_DEG = 1e-3  # prior sigma of two mirrors' common rotation, which no picture determines
+P_NORM = 8  # p-norm instead of the maximum, so that a picture that helps the second worst mirror counts as well
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class NextPose:
     rig_from_board
         Pose (4, 4) of the board in rig, mm.
     depth_mm
-        Depth of the board's middle, mm.
+        Depth of the board's centre, mm.
     tilt_deg
         Tilts about the view's x and y axes, degrees.
     mirror
@@ -76,7 +76,7 @@ class Placement:
     rig_from_board
         Pose (4, 4) of the board in rig, mm.
     depth_mm
-        Depth of the board's middle, mm.
+        Depth of the board's centre, mm.
     tilt_deg
         Tilts about the view's x and y axes, degrees.
     words
@@ -131,13 +131,15 @@ class NextPosePlanner:
 
     @classmethod
     def designed(cls, layout: Layout, target: Target) -> Self:
-        """Return a planner for a device built to a layout within `BUILT_MM`."""
-        camera, (focal, centre, distortion) = layout.camera, PRIOR
+        """Return a planner for a device built to a layout within `CENTRE_SIGMA_MM`."""
+        camera, (focal, centre, distortion) = layout.camera, INTRINSIC_SIGMAS
         intrinsics = [focal * camera.fx_px, focal * camera.fy_px, centre * camera.width_px, centre * camera.width_px]
         return cls(
             Estimate.of(camera, layout.mirrors, np.zeros((0, 4, 4))),
-            replace(planning_model(camera.intrinsic_names, target), centres_prior=pair_prior(layout, HELD_DEG)),
-            [*intrinsics, *[distortion] * (len(camera.intrinsics) - 4), *[BUILT_MM] * (3 * len(layout.mirrors))],
+            replace(
+                planning_model(camera.intrinsic_names, target), centres_prior=pair_prior(layout, COMMON_ROTATION_DEG)
+            ),
+            [*intrinsics, *[distortion] * (len(camera.intrinsics) - 4), *[CENTRE_SIGMA_MM] * (3 * len(layout.mirrors))],
             [
                 f"mirror {name} ({place_in_words(camera, np.nanmean(layout.outline_px(index), axis=0))})"
                 for index, name in enumerate(layout.mirror_names)
@@ -152,15 +154,15 @@ class NextPosePlanner:
 
     def next(self) -> NextPose:
         """Return the recommendation after the pictures so far."""
-        now = self._sigma_deg(self._information)
+        sigma_deg = self._sigma_deg(self._information)
         predicted = self._sigma_deg(self._information + self._added)
-        best = int(np.argmin(np.sum(predicted**NORM, axis=1)))
-        chosen, mirror = self._placements[best], int(np.argmax(now))
-        change = f"±{now[mirror]:.2g}° to ±{predicted[best, mirror]:.2g}°"
-        enough = bool(now[mirror] <= ENOUGH_DEG and self._pictures >= ENOUGH_PICTURES)
+        best = int(np.argmin(np.sum(predicted**P_NORM, axis=1)))
+        chosen, mirror = self._placements[best], int(np.argmax(sigma_deg))
+        change = f"±{sigma_deg[mirror]:.2g}° to ±{predicted[best, mirror]:.2g}°"
+        enough = bool(sigma_deg[mirror] <= ENOUGH_DEG and self._pictures >= ENOUGH_PICTURES)
         if enough:
             sentence = (
-                f"enough: every mirror within ±{now[mirror]:.2g}°; the most useful further pose is {chosen.words}"
+                f"enough: every mirror within ±{sigma_deg[mirror]:.2g}°; the most useful further pose is {chosen.words}"
             )
         elif not self._pictures:
             sentence = f"next: {chosen.words}"
@@ -169,7 +171,14 @@ class NextPosePlanner:
                 f"next: {chosen.words}; it would improve {self._mirrors[mirror]}, the least certain one, from {change}"
             )
         return NextPose(
-            sentence, chosen.rig_from_board, chosen.depth_mm, chosen.tilt_deg, mirror, now, predicted[best], enough
+            sentence,
+            chosen.rig_from_board,
+            chosen.depth_mm,
+            chosen.tilt_deg,
+            mirror,
+            sigma_deg,
+            predicted[best],
+            enough,
         )
 
     def _information_in(self, pose: FloatArray, picture: Observations) -> FloatArray:
@@ -185,9 +194,9 @@ class NextPosePlanner:
         """
         covariance, sigma = np.linalg.inv(information), []
         for index, centre in enumerate(self._estimate.virtual_centres_in_rig_mm):
-            length, at = float(np.linalg.norm(centre)), len(self._model.intrinsics) + 3 * index
+            length, first = float(np.linalg.norm(centre)), len(self._model.intrinsics) + 3 * index
             across = np.linalg.svd(centre[None])[2][1:].T
-            block = across.T @ covariance[..., at : at + 3, at : at + 3] @ across
+            block = across.T @ covariance[..., first : first + 3, first : first + 3] @ across
             sigma.append(np.sqrt(np.linalg.eigvalsh(block)[..., -1]) / length)
         return np.degrees(np.stack(sigma, axis=-1))
 
@@ -255,17 +264,17 @@ def moved_in_words(x: float, y: float) -> str:
 
 
 def poses_of(layout: Layout, target: Target) -> Iterator[tuple[FloatArray, float, tuple[float, float]]]:
-    """Yield poses, rig_from_board (4, 4), with the depth of their middle in mm and their tilts in degrees."""
+    """Yield poses, rig_from_board (4, 4), with the depth of their centre in mm and their tilts in degrees."""
     depths = (300.0, 500.0) if layout.spec is None else (min(layout.spec.depths_mm), max(layout.spec.depths_mm))
     half = np.array([*target.size_mm, 0.0]) / 2.0
-    middle = layout.virtual_centres_in_view_mm.reshape(-1, 3).mean(axis=0)
+    view_centre = layout.virtual_centres_in_view_mm.reshape(-1, 3).mean(axis=0)
     for depth_mm in np.geomspace(0.95 * depths[0], 1.1 * depths[1], 3).tolist():
         for tilt in TILTS:
-            turn = Rotation.from_euler("xy", tilt, degrees=True).as_matrix()
+            rotation = Rotation.from_euler("xy", tilt, degrees=True).as_matrix()
             for x in SHIFTS:
                 for y in SHIFTS:
-                    centre = np.array([middle[0] + x * half[0], middle[1] + y * half[1], depth_mm])
-                    pose = rigid(layout.view_from_rig.T @ turn, layout.view_from_rig.T @ (centre - turn @ half))
+                    centre = np.array([view_centre[0] + x * half[0], view_centre[1] + y * half[1], depth_mm])
+                    pose = rigid(layout.view_from_rig.T @ rotation, layout.view_from_rig.T @ (centre - rotation @ half))
                     yield pose, depth_mm, tilt
 
 

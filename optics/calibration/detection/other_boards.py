@@ -27,13 +27,13 @@ from mirrorcam.optics.calibration.detection.marker_layout import (
 from mirrorcam.optics.geometry import marker_dictionaries as dictionaries
 from mirrorcam.optics.geometry.targets import AprilGrid, Charuco, Checkerboard, Target
 
-MOST_PICTURES = 2  # examined, of each kind
-FILLED = 0.9  # share of the corners of a grid's rectangle, for a completely visible board
-PARTS = 0.5  # share of all boards for the largest size that counts: parts of a board look like smaller ones
+MAX_PICTURES = 2  # pictures examined of each kind
+MIN_FILLED = 0.9  # share of the corners of a grid's rectangle, for a completely visible board
+MIN_SHARE = 0.5  # least share of the boards for a size to count: parts of a board look like smaller boards
 MIN_BEYOND = 2  # per picture, pairs with a marker that the stated board lacks
 MIN_STEPS = 3  # per picture, pairs of markers that give the same number of columns
-UNEXPLAINED = 0.05  # share of the explained pairs by which a numbering may fall short and still be as likely
-MAX_OFF = 0.035  # squares, between the stated and the visible side of markers
+MAX_SHORTFALL = 0.05  # of the explained pairs, relative to the best numbering, for a numbering that is still plausible
+MAX_SIDE_DIFFERENCE = 0.035  # between the stated and the visible side of markers, in squares
 
 
 def other_board(
@@ -55,7 +55,7 @@ def other_board(
         Whether it was found in pictures of this kind and fits so far. Otherwise, the detected board may be part of a
         larger one.
     """
-    pictures = pictures[:MOST_PICTURES]
+    pictures = pictures[:MAX_PICTURES]
     if not pictures:
         return None
     if not isinstance(target, Checkerboard):
@@ -67,21 +67,21 @@ def _other_checkerboard(
     pictures: Sequence[Grey], target: Checkerboard, *, mirrored: bool | None, found: bool
 ) -> str | None:
     grids = [grid for picture in pictures for grid in find_checkerboards(picture, target)]
-    counts = Counter(_size_like(target, grid) for grid in grids if len(grid) >= FILLED * np.prod(grid.extent))
-    own = counts.pop((target.cols, target.rows), 0)
+    counts = Counter(_size_like(target, grid) for grid in grids if len(grid) >= MIN_FILLED * np.prod(grid.extent))
+    stated = counts.pop((target.cols, target.rows), 0)
     # Parts of a board look like smaller boards, so once the stated size is found, smaller ones do not count.
-    if own or found:
+    if stated or found:
         counts = Counter({size: n for size, n in counts.items() if size[0] >= target.cols and size[1] >= target.rows})
     # Occasionally, a board and its mirror image together look like a larger board.
-    least = max(len(pictures), PARTS * max([*counts.values(), own], default=0))
-    often = [size for size, count in counts.items() if count >= least]
-    if often:
-        cols, rows = max(often, key=lambda size: size[0] * size[1])
+    min_count = max(len(pictures), MIN_SHARE * max([*counts.values(), stated], default=0))
+    frequent = [size for size, count in counts.items() if count >= min_count]
+    if frequent:
+        cols, rows = max(frequent, key=lambda size: size[0] * size[1])
         return f"the pictures show a checkerboard of {cols} x {rows} squares, board.toml says {_size(target)}"
     if mirrored is None or found:
         return None
     complete = [grid for grid in grids if _size_like(target, grid) == (target.cols, target.rows)]
-    if own >= len(pictures) and not any(grid.numberings(target, mirrored=mirrored) for grid in complete):
+    if stated >= len(pictures) and not any(grid.numberings(target, mirrored=mirrored) for grid in complete):
         return (
             f"the {_size(target)} checkerboard in the pictures has black where it should be white: they are mirrored, "
             "as those of a selfie camera (switch that off, or flip them left to right), or cols and rows are exchanged "
@@ -108,18 +108,18 @@ def other_markers(
 
     For `mirrored` and `found`, see `other_board`.
     """
-    shown = [GriddedPicture.of(picture, target) for picture in pictures]
-    least = MIN_STEPS * len(shown)
-    pairs = _pairs(shown, target, mirrored=bool(mirrored))
+    gridded = [GriddedPicture.of(picture, target) for picture in pictures]
+    min_steps = MIN_STEPS * len(gridded)
+    pairs = _pairs(gridded, target, mirrored=bool(mirrored))
     columns, steps = pairs.steps(target).likely
-    if len(steps.highest) < least:
+    if len(steps.highest) < min_steps:
         if not found:
-            return _unreadable(shown, target, mirrored=mirrored)
+            return _unreadable(gridded, target, mirrored=mirrored)
         if not isinstance(target, Charuco):
             return None
-        # Markers of a different side can hardly be read.
+        # Markers with another side are rarely readable.
         other = _pattern_with_more_corners(pictures, target, mirrored=mirrored)
-        return other or _other_side(shown, target, mirrored=mirrored)
+        return other or _other_side(gridded, target, mirrored=mirrored)
     tags = isinstance(target, AprilGrid)
     board, cells = ("an AprilGrid", "tags") if tags else ("a ChArUco board", "squares")
     size = f"{target.cols} x {target.rows}"
@@ -129,18 +129,19 @@ def other_markers(
         sentence = f"the pictures show {board} of {columns} columns of {cells}, board.toml says {size} {cells}"
         exchanged = columns == target.rows and rows.max() <= target.cols
         return sentence + (": are cols and rows exchanged?" if exchanged else "")
-    if isinstance(target, Charuco) and (other := _other_numbers(pairs, steps, target, len(shown))):
+    if isinstance(target, Charuco) and (other := _other_numbers(pairs, steps, target, len(gridded))):
         return other
-    if (rows > target.rows).sum() >= MIN_BEYOND * len(shown):
+    if (rows > target.rows).sum() >= MIN_BEYOND * len(gridded):
         return f"the pictures show {board} of more rows of {cells}, board.toml says {size} {cells}"
     if not isinstance(target, Charuco):
         return None
     white = not target.black[0, 0]
-    own, others = (
+    stated_pairs, other_pairs = (
         pairs.explained(columns, target.first_marker, white_first=bool(first)) for first in (white, not white)
     )
-    other = _pattern_with_more_corners(pictures, target, mirrored=mirrored) if own - others < least else None
-    return other or _other_side(shown, target, mirrored=mirrored)
+    unclear = stated_pairs - other_pairs < min_steps
+    other = _pattern_with_more_corners(pictures, target, mirrored=mirrored) if unclear else None
+    return other or _other_side(gridded, target, mirrored=mirrored)
 
 
 def _other_numbers(pairs: MarkerPairs, steps: Steps, target: Charuco, pictures: int) -> str | None:
@@ -151,13 +152,13 @@ def _other_numbers(pairs: MarkerPairs, steps: Steps, target: Charuco, pictures: 
     lowest, highest = int(steps.highest.min()) - target.cols, int(steps.highest.max())
     beyond = int(((steps.highest >= first + count) | (steps.highest - target.cols < first)).sum())
     # With an odd number of columns, a wrong numbering fails only at the sides of the board.
-    close = max(votes) - max(MIN_STEPS * pictures, UNEXPLAINED * max(votes))
-    if close < 0:
+    min_votes = max(votes) - max(MIN_STEPS * pictures, MAX_SHORTFALL * max(votes))
+    if min_votes < 0:
         return None
-    as_stated, few_beyond = votes[0] > close, beyond < MIN_BEYOND * pictures
+    as_stated, few_beyond = votes[0] > min_votes, beyond < MIN_BEYOND * pictures
     if as_stated and few_beyond:
         return None
-    other_pattern = not as_stated and pairs.explained(target.cols, first, white_first=not white) > close
+    other_pattern = not as_stated and pairs.explained(target.cols, first, white_first=not white) > min_votes
     phase = 0 if as_stated else int(np.argmax(votes))
     # The numbers of complete pairs of rows, from the pair that holds the lowest number.
     begin = first + phase + (lowest - first - phase) // target.cols * target.cols
@@ -185,12 +186,12 @@ def _pattern_with_more_corners(pictures: Sequence[Grey], target: Charuco, *, mir
     other = target.replaced(legacy=not target.legacy)
     more = []
     for picture, flipped in itertools.product(pictures, (False, True) if mirrored is None else (mirrored,)):
-        own, others = (
-            max(map(len, find_marked_boards(picture, one, mirrored=flipped, most=1)), default=0)
-            for one in (target, other)
+        corners_stated, corners_other = (
+            max(map(len, find_marked_boards(picture, candidate, mirrored=flipped, most=1)), default=0)
+            for candidate in (target, other)
         )
-        if own and others:
-            more.append(others - own)
+        if corners_stated and corners_other:
+            more.append(corners_other - corners_stated)
     if not more or min(more) < 0 or sum(more) < max(MIN_STEPS, target.rows // 2) * len(pictures):
         return None
     return _other_pattern(target)
@@ -208,11 +209,11 @@ def _other_pattern(target: Charuco) -> str:
     return f"{sentence} before 4.6 printed them (its old pattern): add legacy = true to board.toml"
 
 
-def _other_side(shown: Sequence[GriddedPicture], target: Charuco, *, mirrored: bool | None) -> str | None:
-    side = marker_side(shown, target, mirrored=mirrored)
-    if side is None or abs(side - target.marker_mm / target.square_mm) < MAX_OFF:
+def _other_side(gridded: Sequence[GriddedPicture], target: Charuco, *, mirrored: bool | None) -> str | None:
+    side = marker_side(gridded, target, mirrored=mirrored)
+    if side is None or abs(side - target.marker_mm / target.square_mm) < MAX_SIDE_DIFFERENCE:
         return None
-    if not _readable(shown, target.replaced(marker_mm=side * target.square_mm), mirrored=bool(mirrored)):
+    if not _readable(gridded, target.replaced(marker_mm=side * target.square_mm), mirrored=bool(mirrored)):
         return None
     return (
         f"the markers in the pictures look like {side * target.square_mm:.2g} mm on squares of {target.square_mm:g} "
@@ -220,44 +221,46 @@ def _other_side(shown: Sequence[GriddedPicture], target: Charuco, *, mirrored: b
     )
 
 
-def _unreadable(shown: Sequence[GriddedPicture], target: Charuco | AprilGrid, *, mirrored: bool | None) -> str | None:
+def _unreadable(gridded: Sequence[GriddedPicture], target: Charuco | AprilGrid, *, mirrored: bool | None) -> str | None:
     """Explain why the markers cannot be read."""
     flipped = bool(mirrored)
-    if mirrored is not None and _readable(shown, target, mirrored=not flipped):
+    if mirrored is not None and _readable(gridded, target, mirrored=not flipped):
         return (
             "the markers of the board can be read only when the pictures are flipped: they are mirrored, as those of a "
             "selfie camera; switch that off, or flip them left to right"
         )
     if isinstance(target, AprilGrid):
         return None
-    negatives = [GriddedPicture.of(np.asarray(255 - one.grey, dtype=np.uint8), target) for one in shown]
+    negatives = [GriddedPicture.of(np.asarray(255 - one.grey, dtype=np.uint8), target) for one in gridded]
     if _readable(negatives, target, mirrored=flipped):
         return (
             "the ChArUco board in the pictures is printed white on black: print it black on white, or exchange black "
             "and white in all pictures"
         )
-    return _other_side(shown, target, mirrored=mirrored) or _other_dictionary(shown, target, mirrored=flipped)
+    return _other_side(gridded, target, mirrored=mirrored) or _other_dictionary(gridded, target, mirrored=flipped)
 
 
-def _other_dictionary(shown: Sequence[GriddedPicture], target: Charuco, *, mirrored: bool) -> str | None:
-    own = dictionaries.family(target.dictionary)
-    others = [name for name in dictionaries.FAMILIES if name != own]
-    counts = np.sum([families_seen(one.grey, others, len(target.markers), mirrored=mirrored) for one in shown], axis=0)
+def _other_dictionary(gridded: Sequence[GriddedPicture], target: Charuco, *, mirrored: bool) -> str | None:
+    stated = dictionaries.family(target.dictionary)
+    others = [name for name in dictionaries.FAMILIES if name != stated]
+    counts = np.sum(
+        [families_seen(one.grey, others, len(target.markers), mirrored=mirrored) for one in gridded], axis=0
+    )
     name = others[int(counts.argmax())]
-    if counts.max() < MIN_STEPS * len(shown) or dictionaries.count(name) < len(target.markers):
+    if counts.max() < MIN_STEPS * len(gridded) or dictionaries.count(name) < len(target.markers):
         return None
     other = target.replaced(dictionary=name, first_marker=0)
-    steps = _pairs(shown, other, mirrored=mirrored).steps(other).likely[1]
-    if len(steps.highest) < MIN_STEPS * len(shown):
+    steps = _pairs(gridded, other, mirrored=mirrored).steps(other).likely[1]
+    if len(steps.highest) < MIN_STEPS * len(gridded):
         return None
     named = dictionaries.smallest(name, max(len(target.markers), int(steps.highest.max()) + 1))
     return f"the pictures show markers of {named}, board.toml says dictionary {target.dictionary}"
 
 
-def _readable(shown: Sequence[GriddedPicture], target: Charuco | AprilGrid, *, mirrored: bool) -> bool:
-    steps = _pairs(shown, target, mirrored=mirrored).steps(target).likely[1]
-    return len(steps.highest) >= MIN_STEPS * len(shown)
+def _readable(gridded: Sequence[GriddedPicture], target: Charuco | AprilGrid, *, mirrored: bool) -> bool:
+    steps = _pairs(gridded, target, mirrored=mirrored).steps(target).likely[1]
+    return len(steps.highest) >= MIN_STEPS * len(gridded)
 
 
-def _pairs(shown: Sequence[GriddedPicture], target: Charuco | AprilGrid, *, mirrored: bool) -> MarkerPairs:
-    return MarkerPairs.join([marker_pairs(one, target, mirrored=mirrored) for one in shown])
+def _pairs(gridded: Sequence[GriddedPicture], target: Charuco | AprilGrid, *, mirrored: bool) -> MarkerPairs:
+    return MarkerPairs.join([marker_pairs(one, target, mirrored=mirrored) for one in gridded])

@@ -1,8 +1,8 @@
 """Segmentation of the sub-images: where each mirror's sub-image ends on the sensor, and outlines moved there.
 
 The image in a mirror changes from frame to frame; the gaps between mirrors and the holder do not. A mirror that was cut
-too short or glued off its place shows the same corners, but less or more of the scene: its plane is right, its outline
-is wrong. Its edges are where the change ends.
+too short or glued out of place shows the same corners, but less or more of the scene: its plane is right, its outline
+is wrong. Its edges lie where the change ends.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ MIN_CHANGE = 25.0  # grey levels between a pixel's darkest and brightest value, 
 MIN_VISIBLE = 0.5, 0.2, 0.2  # visible share of an edge's length: in all frames, and in each half
 MIN_LENGTH_PX = 40.0
 TOLERANCE_PX = 1.5  # between a point and the straight line through the others
-ALONG = 0.97  # cosine between the edge of a mirror and the edge of its sub-image
-HALVES_PX = 1.5  # largest difference of an edge between halves of the frames
-AGREES_PX = 3.0  # smallest move of an edge: dim or still parts of a scene shift it by 2
+MIN_COSINE = 0.97  # cosine between the edge of a mirror and the edge of its sub-image
+MAX_HALF_DIFFERENCE_PX = 1.5  # largest difference of an edge between halves of the frames
+MIN_MOVE_PX = 3.0  # of an edge: dim or static parts of a scene shift it by 2 px
 
 
 class Extremes:
@@ -67,18 +67,18 @@ class SeenEdge:
     ----------
     line
         (3,): nx x + ny y = d in the mirror's own frame, mm.
-    off_px
+    offset_px
         Outward offsets (2,) of its ends from the layout's edge, px.
-    off_mm
+    offset_mm
         Mean outward offset within the mirror's plane, mm.
-    middle_in_rig_mm, outward_in_rig
-        Middle (3,) of the layout's edge, and its outward normal (3,) within the mirror's plane.
+    midpoint_in_rig_mm, outward_in_rig
+        Midpoint (3,) of the layout's edge, and its outward normal (3,) within the mirror's plane.
     """
 
     line: FloatArray
-    off_px: FloatArray
-    off_mm: float
-    middle_in_rig_mm: FloatArray
+    offset_px: FloatArray
+    offset_mm: float
+    midpoint_in_rig_mm: FloatArray
     outward_in_rig: FloatArray
 
 
@@ -101,14 +101,14 @@ def seen_edges(layout: Layout, extremes: Extremes) -> list[dict[int, SeenEdge]]:
         return [{} for _ in layout.mirrors]
     found = []
     for index in range(len(layout.mirrors)):
-        in_all, first, second = (
-            _edges(change, layout, index, least) for change, least in zip(changes, MIN_VISIBLE, strict=True)
+        in_all_frames, in_even, in_odd = (
+            _edges(change, layout, index, min_visible) for change, min_visible in zip(changes, MIN_VISIBLE, strict=True)
         )
         agreeing = {
             edge: seen
-            for edge, seen in in_all.items()
-            if edge in first and edge in second
-            if np.abs(first[edge].off_px - second[edge].off_px).max() < HALVES_PX
+            for edge, seen in in_all_frames.items()
+            if edge in in_even and edge in in_odd
+            if np.abs(in_even[edge].offset_px - in_odd[edge].offset_px).max() < MAX_HALF_DIFFERENCE_PX
         }
         found.append(agreeing)
     return found
@@ -117,21 +117,21 @@ def seen_edges(layout: Layout, extremes: Extremes) -> list[dict[int, SeenEdge]]:
 def _edges(change: Grey, layout: Layout, index: int, min_visible: float) -> dict[int, SeenEdge]:
     """Return the visible edges of an outline, by number."""
     mirror, camera = layout.mirrors[index], layout.camera
-    seen, shown = mirror.apparent, shown_in_plane_mm(mirror)
+    apparent, usable = mirror.apparent, shown_in_plane_mm(mirror)
     found = {}
-    sides = [Side.of(shown, edge) for edge in range(len(shown))]
+    sides = [Side.of(usable, edge) for edge in range(len(usable))]
     for edge in range(len(mirror.outline_in_rig_mm)):
         # The image in a second-surface mirror ends before the edge of its coating, almost parallel to it.
-        own = Side.of(mirror.outline_in_plane_mm, edge)
-        side = max(sides, key=lambda side: float(side.outward @ own.outward), default=None)
-        if side is None or side.outward @ own.outward < ALONG:
+        nominal = Side.of(mirror.outline_in_plane_mm, edge)
+        side = max(sides, key=lambda side: float(side.outward @ nominal.outward), default=None)
+        if side is None or side.outward @ nominal.outward < MIN_COSINE:
             continue
 
         def pixels(s: FloatArray, d: FloatArray, side: Side = side) -> FloatArray:
             """Pixels (..., 2) at `s` along a side and `d` outwards, mm."""
             flat = side.start + s[..., None] * side.along + d[..., None] * side.outward
-            points = seen.rig_from_plane[:3, 3] + flat @ seen.rig_from_plane[:3, :2].T
-            return camera.project(points + seen.sag_mm(points)[..., None] * seen.normal_in_rig)
+            points = apparent.rig_from_plane[:3, 3] + flat @ apparent.rig_from_plane[:3, :2].T
+            return camera.project(points + apparent.sag_mm(points)[..., None] * apparent.normal_in_rig)
 
         first, last = pixels(np.array([0.0, side.length_mm]), np.zeros(2))
         length_px = float(np.linalg.norm(last - first))
@@ -145,38 +145,38 @@ def _edges(change: Grey, layout: Layout, index: int, min_visible: float) -> dict
         d = np.arange(-REACH_PX, REACH_PX + FINE_PX / 2.0, FINE_PX) / px_per_mm
         at = pixels(s[:, None] + 0.0 * d, d + 0.0 * s[:, None])
         offsets = _ends_of_change(change, at, d * px_per_mm)
-        line = _line(s, offsets, least=max(MIN_LENGTH_PX, min_visible * 0.88 * length_px) / STEP_PX)
+        line = _consensus_line(s, offsets, min_agreeing=max(MIN_LENGTH_PX, min_visible * 0.88 * length_px) / STEP_PX)
         if line is None:
             continue
         ends = np.array([0.0, side.length_mm])
-        off_mm = (line[0] * ends + line[1]) / px_per_mm
-        off_px = np.sign(off_mm) * np.linalg.norm(pixels(ends, off_mm) - pixels(ends, np.zeros(2)), axis=1)
+        offset_mm = (line[0] * ends + line[1]) / px_per_mm
+        offset_px = np.sign(offset_mm) * np.linalg.norm(pixels(ends, offset_mm) - pixels(ends, np.zeros(2)), axis=1)
         frame = mirror.rig_from_plane
         found[edge] = SeenEdge(
-            line=own.moved(side, off_mm),
-            off_px=off_px,
-            off_mm=float(off_mm.mean()),
-            middle_in_rig_mm=frame[:3, 3] + frame[:3, :2] @ (own.start + own.length_mm / 2.0 * own.along),
-            outward_in_rig=frame[:3, :2] @ own.outward,
+            line=nominal.moved(side, offset_mm),
+            offset_px=offset_px,
+            offset_mm=float(offset_mm.mean()),
+            midpoint_in_rig_mm=frame[:3, 3] + frame[:3, :2] @ (nominal.start + nominal.length_mm / 2.0 * nominal.along),
+            outward_in_rig=frame[:3, :2] @ nominal.outward,
         )
     return found
 
 
-def _line(positions: FloatArray, offsets: FloatArray, *, least: float) -> tuple[float, float] | None:
-    """Slope and constant of the consensus line of offsets (n,), if at least `least` agree; NaN are ignored."""
-    have = np.flatnonzero(np.isfinite(offsets))
-    if len(have) < least:
+def _consensus_line(positions: FloatArray, offsets: FloatArray, *, min_agreeing: float) -> tuple[float, float] | None:
+    """Slope and constant of the consensus line of offsets (n,), if at least `min_agreeing` agree; NaN are ignored."""
+    known = np.flatnonzero(np.isfinite(offsets))
+    if len(known) < min_agreeing:
         return None
-    some, span = have[:: max(len(have) // 24, 1)], np.ptp(positions)
+    sample, span = known[:: max(len(known) // 24, 1)], np.ptp(positions)
     best = np.zeros(len(offsets), dtype=bool)
-    for i in some:
-        for j in some:
+    for i in sample:
+        for j in sample:
             if positions[j] - positions[i] > 0.25 * span:
                 slope = (offsets[j] - offsets[i]) / (positions[j] - positions[i])
                 near = np.abs(offsets - offsets[i] - slope * (positions - positions[i])) < TOLERANCE_PX
                 if near.sum() > best.sum():
                     best = near
-    if best.sum() < least:
+    if best.sum() < min_agreeing:
         return None
     slope, constant = np.polyfit(positions[best], offsets[best], 1)
     return float(slope), float(constant)
@@ -186,9 +186,9 @@ def _ends_of_change(change: Grey, at: FloatArray, depths_px: FloatArray) -> Floa
     """Depth (n,) at which the change ends along profiles of pixels (n, m, 2), at depths (m,); NaN if not visible."""
     size = np.array(change.shape[::-1], dtype=np.float64)
     on_sensor = (np.isfinite(at) & (at >= 0) & (at <= size - 1.0)).all(axis=2)
-    where = np.nan_to_num(at, nan=-1.0).astype(np.float32)
+    uv = np.nan_to_num(at, nan=-1.0).astype(np.float32)
     profiles = cv2.remap(
-        change.astype(np.float32), where[..., 0], where[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+        change.astype(np.float32), uv[..., 0], uv[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
     )
     return np.array([_end_of_change(profile, depths_px) for profile in np.where(on_sensor, profiles, np.nan)])
 
@@ -229,33 +229,33 @@ def outlined(layout: Layout, edges: Sequence[dict[int, SeenEdge]]) -> tuple[Layo
     layout, notes
         The layout with moved outlines, and a note on each mirror with displaced edges.
     """
-    waiting = {}
+    new_lines = {}
     for index, (mirror, seen) in enumerate(zip(layout.mirrors, edges, strict=True)):
-        moves = {number: edge for number, edge in seen.items() if np.abs(edge.off_px).max() > AGREES_PX}
+        moves = {number: edge for number, edge in seen.items() if np.abs(edge.offset_px).max() > MIN_MOVE_PX}
         if moves:
-            far = max(float(np.abs(edge.off_px).max()) for edge in moves.values())
+            largest_px = max(float(np.abs(edge.offset_px).max()) for edge in moves.values())
             count = f"{len(moves)} of {len(mirror.outline_in_rig_mm)}"
-            text = f"mirror {layout.mirror_names[index]}: {count} edges are displaced by up to {far:.0f} px"
-            waiting[index] = {number: edge.line for number, edge in moves.items()}, text
-    return _moved(layout, waiting)
+            text = f"mirror {layout.mirror_names[index]}: {count} edges are displaced by up to {largest_px:.0f} px"
+            new_lines[index] = {number: edge.line for number, edge in moves.items()}, text
+    return _moved(layout, new_lines)
 
 
-def _moved(layout: Layout, waiting: dict[int, tuple[dict[int, FloatArray], str]]) -> tuple[Layout, tuple[str, ...]]:
+def _moved(layout: Layout, new_lines: dict[int, tuple[dict[int, FloatArray], str]]) -> tuple[Layout, tuple[str, ...]]:
     """Move edges of mirrors to other lines where the layout stays valid, and return a note on each mirror."""
     notes = []
     # A mirror whose new outline overlaps another one is tried again once the other one has moved.
-    refused = dict.fromkeys(waiting, "")
-    for _ in range(len(waiting)):
+    refused = dict.fromkeys(new_lines, "")
+    for _ in range(len(new_lines)):
         for index in list(refused):
             mirrors = list(layout.mirrors)
             try:
-                mirrors[index] = with_edges(mirrors[index], waiting[index][0])
+                mirrors[index] = with_edges(mirrors[index], new_lines[index][0])
                 layout = layout.replaced(mirrors=tuple(mirrors))
             except InvalidValue as error:
                 refused[index] = str(error)
             else:
                 del refused[index]
-    for index, (_, edges) in waiting.items():
+    for index, (_, edges) in new_lines.items():
         outcome = f"not moved: {refused[index]}" if index in refused else "outline moved there"
         notes.append(f"{edges}, {outcome}")
     return layout, tuple(notes)
@@ -272,18 +272,18 @@ def with_edges(mirror: Mirror, lines: dict[int, FloatArray]) -> Mirror:
     outline = frame[:3, 3] + found @ frame[:3, :2].T
     if not mirror.curvature_per_m.any():
         return mirror.replaced(outline_in_rig_mm=outline)
-    # The same surface, described by its tangent plane in the new middle. The two planes differ so little that the
+    # The same surface, described by its tangent plane at the new midpoint. The two planes differ so little that the
     # curvature is the same in both.
-    middle = found.mean(axis=0)
+    midpoint = found.mean(axis=0)
     xx, yy, xy = mirror.curvature_per_m / 1e3
-    rise = frame[:3, :2] @ np.array([[xx, xy], [xy, yy]]) @ middle
-    touching = outline.mean(axis=0) + mirror.sag_mm(outline.mean(axis=0)) * mirror.normal_in_rig
-    normal = mirror.normal_in_rig - rise
+    gradient = frame[:3, :2] @ np.array([[xx, xy], [xy, yy]]) @ midpoint
+    tangent_point = outline.mean(axis=0) + mirror.sag_mm(outline.mean(axis=0)) * mirror.normal_in_rig
+    normal = mirror.normal_in_rig - gradient
     normal /= np.linalg.norm(normal)
-    centre = 2.0 * (normal @ touching) * normal
+    centre = 2.0 * (normal @ tangent_point) * normal
     return mirror.replaced(
         virtual_centre_in_rig_mm=centre,
-        outline_in_rig_mm=outline * ((touching @ normal) / (outline @ normal))[:, None],
+        outline_in_rig_mm=outline * ((tangent_point @ normal) / (outline @ normal))[:, None],
     )
 
 
@@ -304,11 +304,11 @@ class Side:
         outward = np.array([along[1], -along[0]])
         return cls(start, along, outward * np.sign(outward @ (start - polygon.mean(axis=0))), length_mm)
 
-    def moved(self, other: Side, off_mm: FloatArray) -> FloatArray:
+    def moved(self, other: Side, offset_mm: FloatArray) -> FloatArray:
         """The line (3,), nx x + ny y = d, of this edge after moves (2,) at the ends of the nearby edge `other`."""
         ends = np.array([other.start, other.start + other.length_mm * other.along])
         at = (ends - self.start) @ self.along
-        first, second = self.start + at[:, None] * self.along + off_mm[:, None] * self.outward
+        first, second = self.start + at[:, None] * self.along + offset_mm[:, None] * self.outward
         normal = np.array([second[1] - first[1], first[0] - second[0]]) / np.linalg.norm(second - first)
         return np.array([*normal, normal @ first])
 
@@ -321,18 +321,18 @@ def shown_in_plane_mm(mirror: Mirror) -> FloatArray:
     the chief ray, with errors of some pixels towards the sides. Here the corners are exact: each corner of the front
     appears directly, and again where the light that entered at the corner leaves, after twice the plate's thickness.
     """
-    seen = mirror.apparent
+    apparent = mirror.apparent
     if not mirror.is_second_surface:
-        return seen.outline_in_plane_mm
+        return apparent.outline_in_plane_mm
     air_mm = mirror.distance_mm - mirror.thickness_mm
     foot = -air_mm * mirror.normal_in_rig
     across = mirror.outline_in_rig_mm + mirror.distance_mm * mirror.normal_in_rig
     across_mm = np.linalg.norm(across, axis=1, keepdims=True)
     tangent = outer_tangent(across_mm, air_mm, 2.0 * mirror.thickness_mm, mirror.refractive_index)
     nearer = np.divide(air_mm * tangent, across_mm, out=np.ones_like(tangent), where=across_mm > 0.0)
-    front, into = foot + across, foot + nearer * across
-    shown = Polygon(front[:, :2] / front[:, 2:]).intersection(Polygon(into[:, :2] / into[:, 2:]))
-    if shown.area <= 0.0:
+    front, entry = foot + across, foot + nearer * across
+    overlap = Polygon(front[:, :2] / front[:, 2:]).intersection(Polygon(entry[:, :2] / entry[:, 2:]))
+    if overlap.area <= 0.0:
         return np.zeros((0, 2))
-    on_plane = seen.cut(np.array(shown.exterior.coords)[:-1])
-    return (on_plane - seen.rig_from_plane[:3, 3]) @ seen.rig_from_plane[:3, :2]
+    on_plane = apparent.cut(np.array(overlap.exterior.coords)[:-1])
+    return (on_plane - apparent.rig_from_plane[:3, 3]) @ apparent.rig_from_plane[:3, :2]

@@ -1,6 +1,6 @@
 """Tests of the common scale of all lengths, which reveal a wrong size of the board's squares.
 
-Each mirror shows the middle of the board at a distance proportional to the board's size. Reflected back, all of these
+Each mirror shows the centre of the board at a distance proportional to the board's size. Reflected back, all of these
 points coincide, which holds only at one size. The ratio reveals a size stated in another unit.
 
 A board whose squares are k times as large as stated scales all lengths by 1/k, and the pictures fit as well as before:
@@ -30,64 +30,64 @@ from mirrorcam.optics.geometry.tolerances import Tolerances
 from mirrorcam.optics.geometry.transforms import transform
 
 UNITS = ((10.0, "cm"), (25.4, "inches"), (1000.0, "m"))
-SAME_UNIT = 1.15  # largest ratio of the sizes, relative to the ratio of two units
-OTHER_SIZE = 1.5  # ratio of the sizes that a print's scale cannot explain
-AGREEING = 0.9  # correlation between where mirrors show the board and where they are
-BUILT = Tolerances.hobby()
+MAX_UNIT_RATIO = 1.15  # largest ratio of the sizes, relative to the ratio of two units
+MIN_SIZE_RATIO = 1.5  # ratio of the sizes that a print's scale cannot explain
+MIN_CORRELATION = 0.9  # correlation between the apparent positions of the board and the mirrors' positions
+TOLERANCES = Tolerances.hobby()
 """Standard deviations of a device from its layout, as a prior."""
 IN_PLANE_MM = 0.3  # of a mirror along its own plane, in a pocket of this clearance
 CUT_MM = 0.1  # common error of the cut of all mirrors: half of an uncompensated kerf
 EDGE_MM = 0.2  # error of a single edge, in cutting and detection
-FAR_OFF = 2.0  # residual in sigmas above which an edge loses weight: a mirror that was cut by hand
+OUTLIER_SIGMAS = 2.0  # residual in sigmas above which an edge loses weight: a mirror that was cut by hand
 ROUNDS = 20
-ALARM_SIGMAS, REFUSED = 3.5, 0.1
-NOTED_SIGMAS, NOTED = 2.0, 0.01
+ALARM_SIGMAS, REFUSED_DEVIATION = 3.5, 0.1
+NOTED_SIGMAS, NOTED_DEVIATION = 2.0, 0.01
 
 
 def other_size(pictures: Sequence[Grey], layout: Layout, target: Target) -> str | None:
     """Explain that pictures through a layout's mirrors fit a board of another size; None if they do not."""
     ratio = size_ratio(pictures, layout, target)
-    if ratio is None or 1.0 / OTHER_SIZE < ratio < OTHER_SIZE:
+    if ratio is None or 1.0 / MIN_SIZE_RATIO < ratio < MIN_SIZE_RATIO:
         return None
     side, what = (target.tag_mm, "tags") if isinstance(target, AprilGrid) else (target.square_mm, "squares")
     stated = f"board.toml says {what} of {side:g} mm, the pictures fit about"
     for factor, unit in UNITS:
-        if max(ratio / factor, factor / ratio) < SAME_UNIT:
+        if max(ratio / factor, factor / ratio) < MAX_UNIT_RATIO:
             return f"{stated} {side * factor:.3g} mm: were they measured in {unit}?"
     return f"{stated} {side * ratio:.2g} mm in this layout: is either of them for another device?"
 
 
 def size_ratio(pictures: Sequence[Grey], layout: Layout, target: Target) -> float | None:
     """Return the board's size implied by pictures, relative to the stated one; None if they are inconsistent."""
-    shown, places = [], []
+    from_boards, from_layout = [], []
     for picture in pictures:
-        middles = _middles(picture, layout, target)
-        if len(middles) < 2:
+        boards = _board_centres(picture, layout, target)
+        if len(boards) < 2:
             continue
-        centres = np.array([layout.mirrors[mirror].apparent.virtual_centre_in_rig_mm for mirror in middles])
-        points = np.array(list(middles.values()))
+        centres = np.array([layout.mirrors[mirror].apparent.virtual_centre_in_rig_mm for mirror in boards])
+        points = np.array(list(boards.values()))
         normals = centres / np.linalg.norm(centres, axis=1, keepdims=True)
-        turned = points - 2.0 * np.sum(points * normals, axis=1, keepdims=True) * normals
-        shown.append(turned - turned.mean(axis=0))
-        places.append(centres.mean(axis=0) - centres)
-    if not shown:
+        reflected = points - 2.0 * np.sum(points * normals, axis=1, keepdims=True) * normals
+        from_boards.append(reflected - reflected.mean(axis=0))
+        from_layout.append(centres.mean(axis=0) - centres)
+    if not from_boards:
         return None
-    a, b = np.concatenate(shown), np.concatenate(places)
-    agreement = float(np.sum(a * b) / max(np.linalg.norm(a) * np.linalg.norm(b), 1e-12))
-    return float(np.linalg.norm(b) / np.linalg.norm(a)) if agreement > AGREEING else None
+    seen, nominal = np.concatenate(from_boards), np.concatenate(from_layout)
+    agreement = float(np.sum(seen * nominal) / max(np.linalg.norm(seen) * np.linalg.norm(nominal), 1e-12))
+    return float(np.linalg.norm(nominal) / np.linalg.norm(seen)) if agreement > MIN_CORRELATION else None
 
 
-def _middles(picture: Grey, layout: Layout, target: Target) -> dict[int, FloatArray]:
-    """Return the middle (3,) of the largest board in each mirror, as seen and assuming the stated size, in rig, mm."""
+def _board_centres(picture: Grey, layout: Layout, target: Target) -> dict[int, FloatArray]:
+    """Return the apparent centre (3,), in rig, mm, of the largest board in each mirror, assuming the stated size."""
     found: dict[int, FloatArray] = {}
-    middle = target.corners_in_board_mm.mean(axis=0, keepdims=True)
+    centre = target.corners_in_board_mm.mean(axis=0, keepdims=True)
     for board, *_ in find_boards(picture, target, mirrored=True, most=2 * len(layout.mirrors)):
         mirror = likely_mirror(board, layout)
         if mirror is None or mirror in found:
             continue
         pose = camera_from_flat_board(layout.camera, board, target.corners_in_board_mm)
         if pose is not None:
-            found[mirror] = transform(pose, middle)[0]
+            found[mirror] = transform(pose, centre)[0]
     return found
 
 
@@ -121,25 +121,26 @@ def common_scale(
     edges
         Visible edges of each mirror, relative to its nominal outline on its calibrated plane.
     """
-    seen = [(mirror, edge) for mirror, of_mirror in enumerate(edges) for edge in of_mirror.values()]
-    centre_rows, centres_off = _of_centres(layout, virtual_centres)
-    edge_rows = np.array([_of_edge(layout, mirror, edge) for mirror, edge in seen]).reshape(-1, centre_rows.shape[1])
-    edges_off = np.array([edge.off_mm / EDGE_MM for _, edge in seen])
+    visible = [(mirror, edge) for mirror, of_mirror in enumerate(edges) for edge in of_mirror.values()]
+    centre_rows, centre_values = _centre_rows(layout, virtual_centres)
+    edge_rows = np.array([_edge_row(layout, mirror, edge) for mirror, edge in visible])
+    edge_rows = edge_rows.reshape(-1, centre_rows.shape[1])
+    edge_values = np.array([edge.offset_mm / EDGE_MM for _, edge in visible])
     prior = _prior(len(layout.mirrors))
     rows = np.concatenate([centre_rows, edge_rows, prior])
-    off = np.concatenate([centres_off, edges_off, np.zeros(len(prior))])
-    free = slice(len(centres_off), len(centres_off) + len(seen))
-    weight = np.ones(len(off))
-    for _ in range(ROUNDS if seen else 1):
-        solution = np.linalg.lstsq(weight[:, None] * rows, weight * off, rcond=None)[0]
-        misfit = rows @ solution - off
-        weight[free] = 1.0 / np.sqrt(1.0 + (misfit[free] / FAR_OFF) ** 2)
-    misfit, rows = weight * misfit, weight[:, None] * rows
-    excess = max(1.0, float(np.sqrt(misfit @ misfit / max(len(centres_off) + len(seen) - 1, 1))))
+    values = np.concatenate([centre_values, edge_values, np.zeros(len(prior))])
+    are_edges = slice(len(centre_values), len(centre_values) + len(visible))
+    weight = np.ones(len(values))
+    for _ in range(ROUNDS if visible else 1):
+        solution = np.linalg.lstsq(weight[:, None] * rows, weight * values, rcond=None)[0]
+        residual = rows @ solution - values
+        weight[are_edges] = 1.0 / np.sqrt(1.0 + (residual[are_edges] / OUTLIER_SIGMAS) ** 2)
+    residual, rows = weight * residual, weight[:, None] * rows
+    excess = max(1.0, float(np.sqrt(residual @ residual / max(len(centre_values) + len(visible) - 1, 1))))
     return CommonScale(1.0 + float(solution[0]), excess * float(np.sqrt(np.linalg.inv(rows.T @ rows)[0, 0])))
 
 
-def _of_centres(layout: Layout, virtual_centres: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _centre_rows(layout: Layout, virtual_centres: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Rows (3m, 8 + 2m) and values (3m,) of the virtual centres, in standard deviations."""
     nominal = layout.virtual_centres_in_rig_mm
     count = len(nominal)
@@ -152,20 +153,20 @@ def _of_centres(layout: Layout, virtual_centres: FloatArray) -> tuple[FloatArray
     design[:, :, 1:4] = -2.0 * along
     design[:, :, 4:7] = -np.stack([np.cross(axis, nominal) for axis in np.eye(3)], axis=2)
     across = np.eye(3) - along
-    tilted = np.radians(BUILT.tilt_deg) * lengths
-    spread = (2.0 * BUILT.offset_mm) ** 2 * along + tilted[:, None, None] ** 2 * across
+    tilted = np.radians(TOLERANCES.tilt_deg) * lengths
+    spread = (2.0 * TOLERANCES.offset_mm) ** 2 * along + tilted[:, None, None] ** 2 * across
     whiten = np.linalg.inv(np.linalg.cholesky(spread))
     rows = (whiten @ design).reshape(3 * count, -1)
     return rows, np.einsum("mij,mj->mi", whiten, virtual_centres - nominal).ravel()
 
 
-def _of_edge(layout: Layout, mirror: int, edge: SeenEdge) -> FloatArray:
+def _edge_row(layout: Layout, mirror: int, edge: SeenEdge) -> FloatArray:
     """Row (8 + 2m,) of an edge's offset, in standard deviations."""
-    middle, outward = edge.middle_in_rig_mm, edge.outward_in_rig
+    midpoint, outward = edge.midpoint_in_rig_mm, edge.outward_in_rig
     row = np.zeros(8 + 2 * len(layout.mirrors))
-    row[0] = outward @ middle
+    row[0] = outward @ midpoint
     row[1:4] = -outward
-    row[4:7] = -np.cross(middle, outward)  # -(axis x middle) . outward, of each axis
+    row[4:7] = -np.cross(midpoint, outward)  # -(axis x midpoint) . outward, for each axis
     row[7] = 1.0
     row[8 + 2 * mirror : 10 + 2 * mirror] = outward @ layout.mirrors[mirror].rig_from_plane[:3, :2]
     return row / EDGE_MM
@@ -173,8 +174,8 @@ def _of_edge(layout: Layout, mirror: int, edge: SeenEdge) -> FloatArray:
 
 def _prior(mirrors: int) -> FloatArray:
     """Rows (7 + 2m, 8 + 2m) of a zero-mean prior on all unknowns but the factor."""
-    rotation = np.radians(BUILT.camera_turn_deg)
-    sigmas = [*[BUILT.camera_offset_mm] * 3, *[rotation] * 3, CUT_MM, *[IN_PLANE_MM] * (2 * mirrors)]
+    rotation = np.radians(TOLERANCES.camera_turn_deg)
+    sigmas = [*[TOLERANCES.camera_offset_mm] * 3, *[rotation] * 3, CUT_MM, *[IN_PLANE_MM] * (2 * mirrors)]
     return np.eye(8 + 2 * mirrors)[1:] / np.array(sigmas)[:, None]
 
 
@@ -193,8 +194,8 @@ def scale_doubt(
         f"{side_mm:g}: all lengths come out {scale.factor:.3f} (±{scale.sigma:.3f}) times those of the nominal "
         f"layout; measure the print, correct {what}_mm and calibrate again"
     )
-    if scale.beyond(ALARM_SIGMAS, REFUSED):
+    if scale.beyond(ALARM_SIGMAS, REFUSED_DEVIATION):
         raise InputError(message)
-    if scale.beyond(ALARM_SIGMAS, NOTED):
+    if scale.beyond(ALARM_SIGMAS, NOTED_DEVIATION):
         return (message,), ()
-    return ((), (message,)) if scale.beyond(NOTED_SIGMAS, NOTED) else ((), ())
+    return ((), (message,)) if scale.beyond(NOTED_SIGMAS, NOTED_DEVIATION) else ((), ())

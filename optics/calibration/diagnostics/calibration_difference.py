@@ -33,9 +33,9 @@ from mirrorcam.optics.geometry.transforms import rigid, transform
 
 NOISE_RATIO = 2.5
 """Ratio of difference to sigma in the worst view that noise alone exceeds in at most 1 % of comparisons."""
-UNLIKE = 3.0
-"""Multiple of the median view's difference above which a view hardly counts in the motion."""
-MOST_STEPS, STEADY_MM, ROUNDING_PX = 100, 1e-8, 1e-9
+OUTLIER_RATIO = 3.0
+"""Multiple of the median view's difference above which a view gets little weight in the motion."""
+MAX_STEPS, CONVERGED_MM, ROUNDING_PX = 100, 1e-8, 1e-9
 ProjectPoints = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 """Maps points (n, 3), mm, each in its view, to pixels (n, 2) and their derivatives (n, 2, 3), px/mm."""
 
@@ -93,7 +93,7 @@ class CalibrationDifference:
     turn_deg
         Its rotation vector (3,), degrees.
     shift_mm
-        Its displacement (3,) of the middle of the points, mm.
+        Its displacement (3,) of the points' centroid, mm.
     predicted
         Whether A and B each have a covariance.
     """
@@ -119,7 +119,7 @@ class CalibrationDifference:
             figures["sigma_mm"] = (_rms([each.sigma_mm for each in views]), "mm")
         if sigma > 0.0:
             figures["ratio"] = (rms / sigma, "1")
-        return {name: Metric(value=_beyond_rounding(value), unit=unit) for name, (value, unit) in figures.items()}
+        return {name: Metric(value=_rounded_to_zero(value), unit=unit) for name, (value, unit) in figures.items()}
 
     @property
     def worst(self) -> tuple[ViewDifference, float] | None:
@@ -132,14 +132,14 @@ class CalibrationDifference:
         """Size and components of the removed motion."""
         figures = {}
         for name, unit, vector in (("turn_deg", "deg", self.turn_deg), ("shift_mm", "mm", self.shift_mm)):
-            figures[f"motion_{name}"] = Metric(value=_beyond_rounding(float(np.linalg.norm(vector))), unit=unit)
+            figures[f"motion_{name}"] = Metric(value=_rounded_to_zero(float(np.linalg.norm(vector))), unit=unit)
             stem = name.removesuffix(f"_{unit}")
             for axis, value in zip("xyz", vector.tolist(), strict=True):
-                figures[f"motion_{stem}_{axis}_{unit}"] = Metric(value=_beyond_rounding(value), unit=unit)
+                figures[f"motion_{stem}_{axis}_{unit}"] = Metric(value=_rounded_to_zero(value), unit=unit)
         return figures
 
 
-def _beyond_rounding(value: float) -> float:
+def _rounded_to_zero(value: float) -> float:
     """Return a figure, or 0 if rounding of equal layouts explains it."""
     return value if abs(value) > ROUNDING_PX else 0.0
 
@@ -166,44 +166,47 @@ def calibration_difference(a: Layout, b: Layout, *, range_mm: float) -> Calibrat
     _refuse_other_device(a, b)
     points = _Points.in_volume(a, b, range_mm)
     b_from_a, weights = _rigid_motion(a, b, points)
-    kept = _shown(b, points.view, transform(b_from_a, points.in_a))
-    points, weights = points.where(kept), weights[kept]
-    moved = transform(b_from_a, points.in_a)
-    shown_a, shown_b = project_points(a, points.view, points.in_a), project_points(b, points.view, moved)
-    motion_columns = by_motion(shown_b.by_point, moved, range_mm)
+    visible = _visible(b, points.view, transform(b_from_a, points.in_a))
+    points, weights = points.where(visible), weights[visible]
+    in_b = transform(b_from_a, points.in_a)
+    projected_a, projected_b = project_points(a, points.view, points.in_a), project_points(b, points.view, in_b)
+    motion_columns = by_motion(projected_b.by_point, in_b, range_mm)
     covariance = sum(
-        (_predicted(layout, shown, motion_columns, weights) for layout, shown in ((a, shown_a), (b, shown_b))),
-        start=np.zeros((len(moved), 2, 2)),
+        (_predicted(layout, shown, motion_columns, weights) for layout, shown in ((a, projected_a), (b, projected_b))),
+        start=np.zeros((len(in_b), 2, 2)),
     )
     rows = [(view, points.on_map & (points.view == view)) for view in _views(a)]
-    difference, middle = shown_b.pixels - shown_a.pixels, points.in_a.mean(axis=0)
+    difference, centroid = projected_b.pixels - projected_a.pixels, points.in_a.mean(axis=0)
     return CalibrationDifference(
         views=tuple(
-            _of_view(view, points.pixels[at], difference[at], shown_a.by_point[at], covariance[at]) for view, at in rows
+            _of_view(
+                view, points.pixels[in_view], difference[in_view], projected_a.by_point[in_view], covariance[in_view]
+            )
+            for view, in_view in rows
         ),
         range_mm=range_mm,
         b_from_a=b_from_a,
         turn_deg=np.degrees(Rotation.from_matrix(b_from_a[:3, :3]).as_rotvec()),
-        shift_mm=transform(b_from_a, middle) - middle,
+        shift_mm=transform(b_from_a, centroid) - centroid,
         predicted=(a.uncertainty is not None, b.uncertainty is not None),
     )
 
 
-def _predicted(layout: Layout, shown: ProjectedPoints, columns: FloatArray, weights: FloatArray) -> FloatArray:
+def _predicted(layout: Layout, projected: ProjectedPoints, columns: FloatArray, weights: FloatArray) -> FloatArray:
     """Covariances (n, 2, 2) of the differences from one layout, with the motion refitted; zero without a covariance."""
     if layout.uncertainty is None:
         return np.zeros((len(weights), 2, 2))
-    rest = without_motion(shown.by_parameter, columns, weights)
-    return propagated(rest, layout.uncertainty.covariance)
+    derivatives = without_motion(projected.by_parameter, columns, weights)
+    return propagated(derivatives, layout.uncertainty.covariance)
 
 
 def _of_view(
     view: int, pixels: FloatArray, difference: FloatArray, by_point: FloatArray, covariance: FloatArray
 ) -> ViewDifference:
     """Build the difference in one view, also as shifts of the points, given A's pixel derivatives `by_point`."""
-    across: FloatArray = np.linalg.pinv(by_point).astype(np.float64)
-    shifts = np.linalg.norm(np.einsum("nij,nj->ni", across, difference), axis=1)
-    variances = np.trace(propagated(across, covariance), axis1=1, axis2=2)
+    by_pixel: FloatArray = np.linalg.pinv(by_point).astype(np.float64)
+    shifts = np.linalg.norm(np.einsum("nij,nj->ni", by_pixel, difference), axis=1)
+    variances = np.trace(propagated(by_pixel, covariance), axis1=1, axis2=2)
     return ViewDifference(view, pixels, difference, shifts, covariance, np.sqrt(np.maximum(variances, 0.0)))
 
 
@@ -237,9 +240,9 @@ def _refuse_other_device(a: Layout, b: Layout) -> None:
             )
     for view in range(len(a.mirrors)):
         (low, high), other = _extent(a, view), _extent(b, view)
-        middle, found = (low + high) / 2.0, other.mean(axis=0)
-        if (np.abs(found - middle) > (high - low) / 2.0).any():
-            places = [f"({x:.0f}, {y:.0f})" for x, y in (middle, found)]
+        centre, other_centre = (low + high) / 2.0, other.mean(axis=0)
+        if (np.abs(other_centre - centre) > (high - low) / 2.0).any():
+            places = [f"({x:.0f}, {y:.0f})" for x, y in (centre, other_centre)]
             raise InputError(
                 f"{view_label(a, view)} is at pixel {places[0]} in the first layout and at {places[1]} in the second, "
                 "expected two calibrations of one device"
@@ -272,7 +275,7 @@ class _Points:
                 in_a, in_b = (points_at_pixels(each, view, pixels, factor * range_mm) for each in (a, b))
                 parts.append((np.full(len(pixels), view), pixels, in_a, in_b, np.full(len(pixels), factor == 1.0)))
         points = cls(*(np.concatenate(each) for each in zip(*parts, strict=True)))
-        points = points.where(_shown(a, points.view, points.in_a) & _shown(b, points.view, points.in_b))
+        points = points.where(_visible(a, points.view, points.in_a) & _visible(b, points.view, points.in_b))
         for view in _views(a):
             if not (points.on_map & (points.view == view)).any():
                 raise InputError(f"{view_label(a, view)} shows nothing {range_mm:g} mm away in both layouts")
@@ -283,14 +286,15 @@ class _Points:
         return _Points(self.view[mask], self.pixels[mask], self.in_a[mask], self.in_b[mask], self.on_map[mask])
 
 
-def _shown(layout: Layout, view: IntArray, points_in_rig: FloatArray) -> NDArray[np.bool_]:
+def _visible(layout: Layout, view: IntArray, points_in_rig: FloatArray) -> NDArray[np.bool_]:
     """Mask of points (n, 3) that their views (n,) show: in front of mirror and camera, and within the lens's range."""
-    seen = np.array(np.isfinite(project_points(layout, view, points_in_rig).pixels).all(axis=1))
+    visible = np.array(np.isfinite(project_points(layout, view, points_in_rig).pixels).all(axis=1))
     for each in np.unique(view):
-        at = view == each
-        pixels = layout.camera.project(points_in_rig[at]) if each == DIRECT else layout.project(points_in_rig[at], each)
-        seen[at] &= np.isfinite(pixels).all(axis=1)
-    return seen
+        in_view = view == each
+        points = points_in_rig[in_view]
+        pixels = layout.camera.project(points) if each == DIRECT else layout.project(points, each)
+        visible[in_view] &= np.isfinite(pixels).all(axis=1)
+    return visible
 
 
 def _rigid_motion(a: Layout, b: Layout, points: _Points) -> tuple[FloatArray, FloatArray]:
@@ -303,15 +307,15 @@ def _rigid_motion(a: Layout, b: Layout, points: _Points) -> tuple[FloatArray, Fl
         found = project_points(b, points.view, points_in_b)
         return found.pixels, found.by_point
 
-    shown = project_points(a, points.view, points.in_a).pixels
-    return best_motion(shown, points.view, points.in_a, project_in_b, _nearest_motion(points))
+    shown_px = project_points(a, points.view, points.in_a).pixels
+    return best_motion(shown_px, points.view, points.in_a, project_in_b, _nearest_motion(points))
 
 
 def _nearest_motion(points: _Points) -> FloatArray:
     """Return the rigid motion b_from_a (4, 4) that aligns the points of A with the points of B by least squares."""
-    middle_a, middle_b = points.in_a.mean(axis=0), points.in_b.mean(axis=0)
-    turn = Rotation.align_vectors(points.in_b - middle_b, points.in_a - middle_a)[0].as_matrix()
-    return rigid(turn, middle_b - turn @ middle_a)
+    centroid_a, centroid_b = points.in_a.mean(axis=0), points.in_b.mean(axis=0)
+    rotation = Rotation.align_vectors(points.in_b - centroid_b, points.in_a - centroid_a)[0].as_matrix()
+    return rigid(rotation, centroid_b - rotation @ centroid_a)
 
 
 def best_motion(
@@ -327,6 +331,7 @@ def best_motion(
 
     Weighted least squares of pixels by Gauss-Newton. Geman-McClure weights of the views' rms differences limit the
     effect of a mirror that moved to its own view.
+
     Parameters
     ----------
     shown_px
@@ -344,51 +349,51 @@ def best_motion(
     """
     b_from_a, weights = start, np.ones(len(shown_px))
     lever_mm = float(np.linalg.norm(points_in_a - points_in_a.mean(axis=0), axis=1).max())
-    for _ in range(MOST_STEPS):
+    for _ in range(MAX_STEPS):
         moved = transform(b_from_a, points_in_a)
         pixels, by_point = project_in_b(moved)
-        off = pixels - shown_px
-        kept = np.isfinite(off).all(axis=1) & np.isfinite(by_point).all(axis=(1, 2))
-        off[~kept], by_point[~kept] = 0.0, 0.0  # during iterations, points may lie behind a mirror
-        weights = view_weights(off, view)
-        root = np.sqrt(weights)[:, None]
+        residuals = pixels - shown_px
+        finite = np.isfinite(residuals).all(axis=1) & np.isfinite(by_point).all(axis=(1, 2))
+        residuals[~finite], by_point[~finite] = 0.0, 0.0  # during iterations, points may lie behind a mirror
+        weights = view_weights(residuals, view)
+        root_weights = np.sqrt(weights)[:, None]
         columns = by_motion(by_point, moved, lever_mm, scaled=scaled)
-        system = (root[:, :, None] * columns).reshape(-1, columns.shape[2])
-        step = np.linalg.lstsq(system, -(root * off).ravel(), rcond=None)[0]
-        turn, middle = Rotation.from_rotvec(step[:3] / lever_mm).as_matrix(), moved.mean(axis=0)
+        system = (root_weights[:, :, None] * columns).reshape(-1, columns.shape[2])
+        step = np.linalg.lstsq(system, -(root_weights * residuals).ravel(), rcond=None)[0]
+        rotation, centroid = Rotation.from_rotvec(step[:3] / lever_mm).as_matrix(), moved.mean(axis=0)
         if scaled:
-            turn *= np.exp(step[6] / lever_mm)
-        b_from_a = rigid(turn, middle + step[3:6] - turn @ middle) @ b_from_a
-        if np.abs(step).max() < STEADY_MM:
+            rotation *= np.exp(step[6] / lever_mm)
+        b_from_a = rigid(rotation, centroid + step[3:6] - rotation @ centroid) @ b_from_a
+        if np.abs(step).max() < CONVERGED_MM:
             break
     return b_from_a, weights
 
 
-def view_weights(off_px: FloatArray, view: NDArray[np.int64]) -> FloatArray:
+def view_weights(residuals_px: FloatArray, view: NDArray[np.int64]) -> FloatArray:
     """Weights (n,) of points with differences (n, 2); all points of a view have the same weight."""
-    views, place = np.unique(view, return_inverse=True)
-    rms = np.array([np.sqrt(np.mean(off_px[view == each] ** 2)) for each in views])
-    usual = UNLIKE * max(float(np.median(rms)), ROUNDING_PX)
-    return np.asarray((1.0 / (1.0 + (rms / usual) ** 2) ** 2)[place])
+    views, index = np.unique(view, return_inverse=True)
+    rms = np.array([np.sqrt(np.mean(residuals_px[view == each] ** 2)) for each in views])
+    scale = OUTLIER_RATIO * max(float(np.median(rms)), ROUNDING_PX)
+    return np.asarray((1.0 / (1.0 + (rms / scale) ** 2) ** 2)[index])
 
 
 def by_motion(by_point: FloatArray, points: FloatArray, lever_mm: float, *, scaled: bool = False) -> FloatArray:
     """Derivatives (n, 2, 6) of pixels by a motion of their points (n, 3), all in px/mm; (n, 2, 7) with a scale.
 
-    The first three columns rotate about the points' middle, in mm at the lever, the next three shift, and the last one
-    scales about the middle, in mm at the lever.
+    The first three columns rotate about the points' centroid, in mm at the lever, the next three shift, and the last
+    scales about the centroid, in mm at the lever.
     """
-    from_middle = (points - points.mean(axis=0)) / lever_mm
-    by_turn = np.cross(from_middle[:, None, :], by_point)  # J (w x p) = w . (p x J)
-    parts = [by_turn, by_point]
+    from_centroid = (points - points.mean(axis=0)) / lever_mm
+    by_rotation = np.cross(from_centroid[:, None, :], by_point)  # J (w x p) = w . (p x J)
+    parts = [by_rotation, by_point]
     if scaled:
-        parts.append(np.einsum("nij,nj->ni", by_point, from_middle)[:, :, None])
+        parts.append(np.einsum("nij,nj->ni", by_point, from_centroid)[:, :, None])
     return np.concatenate(parts, axis=2)
 
 
 def without_motion(by_parameter: FloatArray, columns: FloatArray, weights: FloatArray) -> FloatArray:
     """Derivatives (n, 2, g) of differences by parameters, with the motion (n, 2, 6 or 7) refitted to the change."""
-    root = np.repeat(np.sqrt(weights), 2)[:, None]
+    root_weights = np.repeat(np.sqrt(weights), 2)[:, None]
     flat = by_parameter.reshape(-1, by_parameter.shape[-1])
-    follows = np.linalg.lstsq(root * columns.reshape(-1, columns.shape[-1]), root * flat, rcond=None)[0]
-    return by_parameter - columns @ follows
+    refit = np.linalg.lstsq(root_weights * columns.reshape(-1, columns.shape[-1]), root_weights * flat, rcond=None)[0]
+    return by_parameter - columns @ refit

@@ -113,9 +113,9 @@ class Calibration:
 
 def uncertainty(solution: Solution) -> Uncertainty:
     """Return the named covariance of camera and mirrors, marginalised over the board's modes."""
-    places = [place for place, name in enumerate(solution.parameters) if not name.startswith("board ")]
-    covariance = solution.covariance[np.ix_(places, places)]
-    names = tuple(solution.parameters[place] for place in places)
+    columns = [column for column, name in enumerate(solution.parameters) if not name.startswith("board ")]
+    covariance = solution.covariance[np.ix_(columns, columns)]
+    names = tuple(solution.parameters[column] for column in columns)
     return Uncertainty(parameters=names, covariance=(covariance + covariance.T) / 2.0)
 
 
@@ -162,7 +162,7 @@ def fit_metrics(observations: Observations, solution: Solution) -> dict[str, Met
         "corners": Metric(value=len(used), unit="1"),
         "outliers": Metric(value=int((~solution.inliers).sum()), unit="1"),
         "sigma_px": Metric(value=solution.sigma_px, unit="px"),
-        **({"residual_scale": Metric(value=solution.scale, unit="1")} if observations.scattered else {}),
+        **({"residual_scale": Metric(value=solution.scale, unit="1")} if observations.has_sigmas else {}),
         "iterations": Metric(value=solution.iterations, unit="1"),
     }
     for view in np.unique(observations.view):
@@ -189,10 +189,10 @@ def spatial_rms_mm(estimate: Estimate, observations: Observations, inliers: Bool
     in front of the base camera.
     """
     rows = observations.where(inliers)
-    _, _, seen = points_at_camera(estimate, rows, board)
+    _, _, images = points_at_camera(estimate, rows, board)
     rays = estimate.camera.unproject(rows.pixels)
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
-    return float(np.sqrt(np.mean(np.sum(np.cross(seen, rays) ** 2, axis=1))))
+    return float(np.sqrt(np.mean(np.sum(np.cross(images, rays) ** 2, axis=1))))
 
 
 def held_out_metrics(
@@ -204,9 +204,9 @@ def held_out_metrics(
     """
     if mirrored_frames <= HOLD_OUT_EVERY:
         return {}
-    out = np.zeros(len(solution.estimate.rig_from_board), dtype=bool)
-    out[HOLD_OUT_EVERY - 1 : mirrored_frames : HOLD_OUT_EVERY] = True
-    predicted = held_out(solution.estimate, observations, model, out)
+    held_out_frames = np.zeros(len(solution.estimate.rig_from_board), dtype=bool)
+    held_out_frames[HOLD_OUT_EVERY - 1 : mirrored_frames : HOLD_OUT_EVERY] = True
+    predicted = held_out(solution.estimate, observations, model, held_out_frames)
     rms_sigmas = float(np.sqrt(np.mean(solution.standardised[solution.inliers] ** 2)))
     spatial = spatial_rms_mm(predicted.estimate, predicted.observations, predicted.inliers, predicted.board)
     return {
@@ -247,6 +247,6 @@ def moved_to(mirror: Mirror, virtual_centre: FloatArray) -> Mirror:
     # Rodrigues' formula with the sine included in the axis; the planes are never opposite.
     skew = np.array([[0.0, -axis[2], axis[1]], [axis[2], 0.0, -axis[0]], [-axis[1], axis[0], 0.0]])
     rotation = np.eye(3) + skew + skew @ skew / (1.0 + cosine)
-    middle = mirror.outline_in_rig_mm.mean(axis=0)
+    centroid = mirror.outline_in_rig_mm.mean(axis=0)
     distance = float(np.linalg.norm(virtual_centre)) / 2.0
-    return mirror.moved(rotation, (-distance - normal @ middle) * normal)
+    return mirror.moved(rotation, (-distance - normal @ centroid) * normal)

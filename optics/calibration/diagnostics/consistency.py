@@ -19,9 +19,9 @@ from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 
 MIN_CORNERS_PER_MIRROR = 20
-ELSEWHERE_CELLS = 0.5  # a corner farther than this from its prediction is closer to another corner's
-MAX_VIEWS_ELSEWHERE = 0.2  # fraction of all views above which all pictures are refused
-MAX_MIRROR_ELSEWHERE = 0.5  # the same for the views of one mirror
+MAX_SHIFT_CELLS = 0.5  # a corner farther than this from its prediction is closer to another corner's
+MAX_SHIFTED_VIEWS = 0.2  # fraction of all views above which all pictures are refused
+MAX_SHIFTED_IN_MIRROR = 0.5  # the same for the views of one mirror
 MAX_ODD_CORNERS = 0.1  # the same for corners
 MAX_CAMERA_SIGMAS = 5.0  # rms over the intrinsics, between frames with and without mirrors
 # Sigmas between them above which error bounds are widened (by chance once in 1,000 sets), and above which a note is
@@ -30,8 +30,8 @@ DRIFT_WIDENS, DRIFT_NOTED = 1.8, 3.0
 PLAIN_INTRINSICS = 9  # of a Brown-Conrady lens
 MAX_OUTLIERS = 0.1  # fraction of all corners
 MAX_NORMAL_DEG, MAX_DISTANCE = 1.0, 0.05  # sigmas above which linear error bounds are invalid
-PARALLEL_DEG = 5.0
-OTHER_FOCAL = 0.05  # relative
+MIN_TILT_DEG = 5.0
+MAX_FOCAL_DIFFERENCE = 0.05  # relative
 
 
 def every_mirror_shown(mirrored: Observations, frames: int, mirrors: Sequence[str]) -> None:
@@ -64,9 +64,9 @@ def unseen_rows(frames: Sequence[Observations], corners_in_board_mm: FloatArray)
         which, of, cells = "first", f"{rows} rows of tags", "tags"
     if not unseen:
         return ()
-    some = which if unseen == 1 else f"{which} {unseen}"
+    ends = which if unseen == 1 else f"{which} {unseen}"
     return (
-        f"no picture shows the {some} of the board's {of}: does it have {rows - unseen} rows of {cells}, not {rows}?",
+        f"no picture shows the {ends} of the board's {of}: does it have {rows - unseen} rows of {cells}, not {rows}?",
     )
 
 
@@ -103,7 +103,7 @@ def odd_corners(observations: Observations, camera: Camera, corners_in_board_mm:
             odd[rows] = True
             continue
         board = corners_in_board_mm[observations.corner[rows], :2]
-        reach = ELSEWHERE_CELLS * float(np.median(cell_px(ideal[rows])))
+        reach = MAX_SHIFT_CELLS * float(np.median(cell_px(ideal[rows])))
         matrix, fitting = cv2.findHomography(board, ideal[rows], cv2.RANSAC, reach)
         fits = np.zeros(len(rows), dtype=bool) if matrix is None else fitting.ravel().astype(bool)
         odd[rows] = ~fits if fits.mean() > 0.5 else True
@@ -136,6 +136,7 @@ def consistent_views(
     """Keep the views that agree with the other views of their frame on the board's pose.
 
     A frame is dropped if half of its views or more disagree.
+
     Parameters
     ----------
     observations
@@ -161,35 +162,35 @@ def consistent_views(
     shift = np.array([_shift_in_cells(observations.pixels[rows], residuals_px[rows]) for rows in groups])
     frame = np.array([observations.frame[rows[0]] for rows in groups])
     view = np.array([observations.view[rows[0]] for rows in groups])
-    elsewhere = shift > ELSEWHERE_CELLS
-    torn = [number for number in np.unique(frame[elsewhere]) if elsewhere[frame == number].mean() >= 0.5]
-    elsewhere |= np.isin(frame, torn)
-    _refuse_many_elsewhere(elsewhere, shift, view, mirrors)
-    notes = [f"{names[number]}: its views disagree on the board's pose, not used" for number in torn]
+    shifted = shift > MAX_SHIFT_CELLS
+    contradictory = [number for number in np.unique(frame[shifted]) if shifted[frame == number].mean() >= 0.5]
+    shifted |= np.isin(frame, contradictory)
+    _refuse_many_shifted(shifted, shift, view, mirrors)
+    notes = [f"{names[number]}: its views disagree on the board's pose, not used" for number in contradictory]
     kept = np.ones(len(observations), dtype=bool)
-    for rows, is_off, by in zip(groups, elsewhere, shift, strict=True):
-        if is_off:
+    for rows, is_shifted, cells in zip(groups, shifted, shift, strict=True):
+        if is_shifted:
             kept[rows] = False
-            if observations.frame[rows[0]] not in torn:
+            if observations.frame[rows[0]] not in contradictory:
                 where = _place(observations, rows, names, mirrors)
-                notes.append(f"{where}: shows the board elsewhere than other views ({by:.1f} squares), not used")
+                notes.append(f"{where}: shows the board elsewhere than other views ({cells:.1f} squares), not used")
     return kept, tuple(notes)
 
 
-def _refuse_many_elsewhere(elsewhere: BoolArray, shift: FloatArray, view: IntArray, mirrors: Sequence[str]) -> None:
-    """Raise InputError if too many of all views (k,), or of one mirror's, show the board `elsewhere`."""
+def _refuse_many_shifted(shifted: BoolArray, shift: FloatArray, view: IntArray, mirrors: Sequence[str]) -> None:
+    """Raise InputError if too many of all views (k,), or of one mirror's, show the board `shifted`."""
     cause = "two boards in view, a board that moved, or pictures of another device?"
-    if elsewhere.mean() > MAX_VIEWS_ELSEWHERE:
+    if shifted.mean() > MAX_SHIFTED_VIEWS:
         raise InputError(
-            f"{int(elsewhere.sum())} of {len(view)} views disagree with others of their frames on the board's place "
-            f"by {np.median(shift[elsewhere]):.1f} squares: {cause}"
+            f"{int(shifted.sum())} of {len(view)} views disagree with others of their frames on the board's place "
+            f"by {np.median(shift[shifted]):.1f} squares: {cause}"
         )
-    for mirror in np.unique(view[elsewhere]):
-        of = view == mirror
-        if elsewhere[of].mean() > MAX_MIRROR_ELSEWHERE:
+    for mirror in np.unique(view[shifted]):
+        in_mirror = view == mirror
+        if shifted[in_mirror].mean() > MAX_SHIFTED_IN_MIRROR:
             raise InputError(
                 f"mirror {mirrors[mirror]} disagrees with the other views on the board's place in "
-                f"{int(elsewhere[of].sum())} of {int(of.sum())} frames: {cause}"
+                f"{int(shifted[in_mirror].sum())} of {int(in_mirror.sum())} frames: {cause}"
             )
 
 
@@ -218,6 +219,7 @@ def camera_disagreement(apart: Sequence[FloatArray], together: FloatArray, *, un
 
     The square is the F statistic of G. C. Chow's test (Econometrica 28, 591, 1960) for nine intrinsics. For more
     intrinsics, the excess over its expectation is treated as if there were nine.
+
     Parameters
     ----------
     apart
@@ -231,9 +233,9 @@ def camera_disagreement(apart: Sequence[FloatArray], together: FloatArray, *, un
     """
     separate = np.concatenate([r.ravel() for r in apart])
     noise = float(separate @ separate) / max(separate.size - unknowns, 1)
-    worse = float(np.sum(together**2)) - float(separate @ separate)
+    increase = float(np.sum(together**2)) - float(separate @ separate)
     # Otherwise, the agreeing parameters of a lens with many would hide the few that disagree.
-    excess = worse / noise - common
+    excess = increase / noise - common
     return float(np.sqrt(max(1.0 + excess / PLAIN_INTRINSICS, 0.0)))
 
 
@@ -261,9 +263,9 @@ def pose_notes(rig_from_board: FloatArray) -> tuple[str, ...]:
     if len(rig_from_board) == 1:
         return ("one picture through the mirrors: it cannot be checked against another, take more",)
     normals = rig_from_board[:, :3, 2]
-    along = normals @ np.linalg.svd(normals)[2][0]
-    widest = float(np.degrees(np.arccos(np.clip(np.abs(along).min(), 0.0, 1.0))))
-    if widest < PARALLEL_DEG:
+    cosines = normals @ np.linalg.svd(normals)[2][0]
+    widest = float(np.degrees(np.arccos(np.clip(np.abs(cosines).min(), 0.0, 1.0))))
+    if widest < MIN_TILT_DEG:
         return (f"all boards are parallel to {widest:.1f} deg: tilt some by 20 deg or more for tighter bounds",)
     return ()
 
@@ -271,7 +273,7 @@ def pose_notes(rig_from_board: FloatArray) -> tuple[str, ...]:
 def camera_note(layout: Layout, camera: Camera) -> tuple[str, ...]:
     """Note a focal length that differs from the layout's."""
     ratio = camera.fx_px / layout.camera.fx_px
-    if abs(ratio - 1.0) < OTHER_FOCAL:
+    if abs(ratio - 1.0) < MAX_FOCAL_DIFFERENCE:
         return ()
     return (
         f"focal length {camera.fx_px:.1f} px, {ratio - 1.0:+.0%} from the layout's {layout.camera.fx_px:.1f}: "
@@ -281,10 +283,10 @@ def camera_note(layout: Layout, camera: Camera) -> tuple[str, ...]:
 
 def refuse_implausible(solution: Solution, mirrors: Sequence[str]) -> None:
     """Raise InputError if too many corners are outliers, or a mirror is too uncertain for linear error bounds."""
-    misfits = float((~solution.inliers).mean())
-    if misfits > MAX_OUTLIERS:
+    outliers = float((~solution.inliers).mean())
+    if outliers > MAX_OUTLIERS:
         raise InputError(
-            f"{misfits:.0%} of the corners fit neither mirrors nor camera, expected under {MAX_OUTLIERS:.0%}: are "
+            f"{outliers:.0%} of the corners fit neither mirrors nor camera, expected under {MAX_OUTLIERS:.0%}: are "
             "all pictures of one device, one camera and one board?"
         )
     for m, centre in enumerate(solution.estimate.virtual_centres_in_rig_mm):
@@ -294,11 +296,12 @@ def refuse_implausible(solution: Solution, mirrors: Sequence[str]) -> None:
         length = float(np.linalg.norm(centre))
         unit, block = centre / length, solution.covariance[np.ix_(rows, rows)]
         along = np.sqrt(max(float(unit @ block @ unit), 0.0)) / length
-        across = np.degrees(np.sqrt(max(float(np.trace(block)) - (along * length) ** 2, 0.0) / 2.0) / length)
-        if not (across < MAX_NORMAL_DEG and along < MAX_DISTANCE):
+        across_deg = np.degrees(np.sqrt(max(float(np.trace(block)) - (along * length) ** 2, 0.0) / 2.0) / length)
+        if not (across_deg < MAX_NORMAL_DEG and along < MAX_DISTANCE):
             raise InputError(
-                f"the pictures determine mirror {mirrors[m]} only to {across:.2g} deg and {along:.2g} of its distance, "
-                f"expected under {MAX_NORMAL_DEG:g} deg and {MAX_DISTANCE:g}: show it the board tilted and nearer"
+                f"the pictures determine mirror {mirrors[m]} only to {across_deg:.2g} deg and {along:.2g} of its "
+                f"distance, expected under {MAX_NORMAL_DEG:g} deg and {MAX_DISTANCE:g}: show it the board tilted and "
+                "nearer"
             )
 
 

@@ -28,12 +28,12 @@ from mirrorcam.optics.calibration.solver.observations import Observations
 from mirrorcam.optics.calibration.solver.parameterisation import Model
 from mirrorcam.optics.calibration.solver.residuals import global_names, residuals_with_jacobians
 
-CORNERS_OF_DEGREE = ((3, 40), (2, 16), (1, 8))
+MIN_CORNERS_BY_DEGREE = ((3, 40), (2, 16), (1, 8))
 """Degree of the smooth field by the least number of a view's corners; below the last, it is constant."""
 REACH_SIGMAS = 2.5  # larger residuals are clipped to this: outliers
 CLIPPED_VARIANCE = float(chi2.cdf(REACH_SIGMAS**2, 3) + REACH_SIGMAS**2 * chi2.sf(REACH_SIGMAS**2, 1))
 """Mean of min(x^2, REACH_SIGMAS^2) for a normal variable x."""
-PRIOR_FREEDOM = 8.0
+PRIOR_DEGREES_OF_FREEDOM = 8.0
 """Degrees of freedom of the prior from all views: a view with few corners gets nearly the median variance."""
 STEPS = 20
 TAILS = (3.0, 5.0, 9.0, 17.0, 33.0, np.inf)
@@ -60,15 +60,15 @@ def with_noise_of_views(observations: Observations, residuals_px: FloatArray) ->
         return observations
     _, group = np.unique(np.stack([observations.frame, observations.view]), axis=1, return_inverse=True)
     masks = [group == number for number in range(int(group.max()) + 1)]
-    scattered = [_scatter(observations.where(mask), residuals_px[mask]) for mask in masks]
-    variance, freedom = np.array([[each.variance, each.freedom] for each in scattered]).T
+    scatters = [_scatter(observations.where(mask), residuals_px[mask]) for mask in masks]
+    variance, freedom = np.array([[each.variance, each.freedom] for each in scatters]).T
     if not (freedom > 0.0).any():
         return observations
     typical = max(float(np.median(variance[freedom > 0.0])), NEGLIGIBLE_PX**2)
-    shrunk = (freedom * variance + PRIOR_FREEDOM * typical) / (freedom + PRIOR_FREEDOM)
+    shrunk = (freedom * variance + PRIOR_DEGREES_OF_FREEDOM * typical) / (freedom + PRIOR_DEGREES_OF_FREEDOM)
     sigma_px = observations.sigma_px * np.sqrt(shrunk)[group]
     scatter_px = np.empty_like(residuals_px)
-    for mask, each in zip(masks, scattered, strict=True):
+    for mask, each in zip(masks, scatters, strict=True):
         scatter_px[mask] = each.scatter_px * np.sqrt(2.0 * mask.sum() / max(each.freedom, 1.0))
     sigma_px *= _tails(scatter_px / sigma_px[:, None])
     return replace(observations, sigma_px=np.maximum(sigma_px, NEGLIGIBLE_PX))
@@ -117,24 +117,24 @@ def _scatter(view: Observations, residuals_px: FloatArray) -> _Scatter:
     if freedom <= 0.0:
         return _Scatter(np.zeros_like(residuals_px), 0.0, 0.0)
     weights = 1.0 / view.sigma_px[:, None]
-    seen = residuals_px * weights
-    scale, root = np.inf, np.ones((len(view), 1))
+    standardised = residuals_px * weights
+    scale, root_weights = np.inf, np.ones((len(view), 1))
     for _ in range(STEPS):
-        basis, _ = np.linalg.qr(terms * weights * root)
-        rest = seen - (basis @ (basis.T @ (seen * root))) / root
-        squared = np.minimum(rest**2, (REACH_SIGMAS * scale) ** 2)
-        reached = CLIPPED_VARIANCE if np.isfinite(scale) else 1.0
-        previous, scale = scale, float(np.sqrt(squared.sum() / (reached * freedom)))
+        basis, _ = np.linalg.qr(terms * weights * root_weights)
+        residuals = standardised - (basis @ (basis.T @ (standardised * root_weights))) / root_weights
+        squared = np.minimum(residuals**2, (REACH_SIGMAS * scale) ** 2)
+        expected_square = CLIPPED_VARIANCE if np.isfinite(scale) else 1.0
+        previous, scale = scale, float(np.sqrt(squared.sum() / (expected_square * freedom)))
         if scale == 0.0 or abs(scale - previous) < 1e-3 * scale:
             break
-        size = np.abs(rest).max(axis=1, keepdims=True)
-        root = np.sqrt(REACH_SIGMAS * scale / np.maximum(size, REACH_SIGMAS * scale))
-    return _Scatter(rest / weights, scale**2, freedom)
+        size = np.abs(residuals).max(axis=1, keepdims=True)
+        root_weights = np.sqrt(REACH_SIGMAS * scale / np.maximum(size, REACH_SIGMAS * scale))
+    return _Scatter(residuals / weights, scale**2, freedom)
 
 
 def _terms(pixels: FloatArray) -> FloatArray:
     """Powers (n, k) of pixels (n, 2), up to a degree that follows from their number."""
-    degree = next((degree for degree, corners in CORNERS_OF_DEGREE if len(pixels) >= corners), 0)
+    degree = next((degree for degree, corners in MIN_CORNERS_BY_DEGREE if len(pixels) >= corners), 0)
     centred = pixels - pixels.mean(axis=0)
     x, y = (centred / max(float(np.abs(centred).max()), 1e-9)).T
     return np.stack([x ** (total - power) * y**power for total in range(degree + 1) for power in range(total + 1)], 1)
@@ -145,6 +145,7 @@ class CorrelatedErrors:
     """Spread of the parameters relative to independent errors.
 
     Errors common to all frames do not affect it.
+
     Attributes
     ----------
     ratio
@@ -177,7 +178,7 @@ def correlated_errors(solution: Solution, observations: Observations, model: Mod
     rows = observations.where(solution.inliers)
     mirrors = len(solution.estimate.virtual_centres_in_rig_mm)
     names = global_names(solution.estimate.camera.intrinsic_names, mirrors, len(model.board.modes))
-    places = [names.index(name) for name in solution.parameters]
+    columns = [names.index(name) for name in solution.parameters]
     r, by_global, by_frame = (
         found / rows.sigma_px.reshape(-1, *[1] * (found.ndim - 1))
         for found in residuals_with_jacobians(solution.estimate, rows, model.board)
@@ -186,19 +187,19 @@ def correlated_errors(solution: Solution, observations: Observations, model: Mod
     priors, values = np.diag(terms.weights), terms.values(solution.estimate)
     scores, squares = [], []
     for frame in np.unique(rows.frame):
-        of = rows.frame == frame
+        in_frame = rows.frame == frame
         # Priors are separate rows, which the globals do not affect.
-        own = np.concatenate([by_frame[of][:, :, terms.free].reshape(-1, len(priors)), priors])
-        globals_ = by_global[of][:, :, places].reshape(-1, len(places))
-        globals_ = np.concatenate([globals_, np.zeros((len(priors), len(places)))])
-        rest = globals_ - own @ np.linalg.lstsq(own, globals_, rcond=None)[0]
-        scores.append(rest.T @ np.concatenate([r[of].ravel(), values[frame]]))
-        squares.append(rest.T @ rest)
-    every, lens = np.sum(squares, axis=0), np.zeros(len(places))
+        by_own = np.concatenate([by_frame[in_frame][:, :, terms.free].reshape(-1, len(priors)), priors])
+        globals_ = by_global[in_frame][:, :, columns].reshape(-1, len(columns))
+        globals_ = np.concatenate([globals_, np.zeros((len(priors), len(columns)))])
+        projected = globals_ - by_own @ np.linalg.lstsq(by_own, globals_, rcond=None)[0]
+        scores.append(projected.T @ np.concatenate([r[in_frame].ravel(), values[frame]]))
+        squares.append(projected.T @ projected)
+    information, lens = np.sum(squares, axis=0), np.zeros(len(columns))
     lens[: len(model.intrinsics)] = model.intrinsic_priors(solution.estimate.camera)
-    every += np.diag(lens**2)
-    scale = 1.0 / np.sqrt(np.diag(every))
-    values, vectors = np.linalg.eigh(every * np.outer(scale, scale))
+    information += np.diag(lens**2)
+    scale = 1.0 / np.sqrt(np.diag(information))
+    values, vectors = np.linalg.eigh(information * np.outer(scale, scale))
     # A direction that only a prior determines, such as the common rotation of two mirrors, has no score.
     determined = values > len(values) * np.finfo(float).eps * values[-1]
     white = scale[:, None] * vectors[:, determined] / np.sqrt(values[determined])
@@ -206,8 +207,10 @@ def correlated_errors(solution: Solution, observations: Observations, model: Mod
     n = white.T @ np.array(squares) @ white
     n2 = n @ n
     mean = white.shape[1] - float(np.sum((lens[:, None] * white) ** 2)) - float(np.trace(n2.sum(axis=0)))
-    spread = float(np.trace(n2.sum(axis=0) - 2.0 * np.sum(n2 @ n, axis=0))) + float(np.sum(n2.sum(axis=0) ** 2))
-    if mean <= 1e-6 * len(places):  # one frame, whose score is zero at the minimum
+    variance = float(np.trace(n2.sum(axis=0) - 2.0 * np.sum(n2 @ n, axis=0))) + float(np.sum(n2.sum(axis=0) ** 2))
+    if mean <= 1e-6 * len(columns):  # one frame, whose score is zero at the minimum
         return CorrelatedErrors(1.0, 1.0)
-    freedom = mean**2 / spread
-    return CorrelatedErrors(float(np.sqrt(squared / mean)), float(chi2.sf(squared / mean * freedom, freedom)))
+    degrees_of_freedom = mean**2 / variance
+    return CorrelatedErrors(
+        float(np.sqrt(squared / mean)), float(chi2.sf(squared / mean * degrees_of_freedom, degrees_of_freedom))
+    )

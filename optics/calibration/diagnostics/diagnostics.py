@@ -107,8 +107,8 @@ class Diagnostics:
             "alarms": (float(len(self.alarms)), "1"),
         }
         for name, values in (("matching", self.depth.matching_mm), ("calibration", self.depth.calibration_mm)):
-            at = float(np.interp(self.range_mm, self.depth.range_mm, values))
-            figures[f"depth_{name}_sigma_mm"] = (at, "mm")
+            at_range = float(np.interp(self.range_mm, self.depth.range_mm, values))
+            figures[f"depth_{name}_sigma_mm"] = (at_range, "mm")
         if self.free_views is not None:
             figures["unexplained_px"] = (self.free_views.unexplained_px, "px")
         for split in self.splits:
@@ -122,7 +122,7 @@ def _rms(parts: list[FloatArray]) -> float:
 
 def reference_of(observations: Observations, layout: Layout) -> int:
     """The direct view if a frame shows its board both directly and in a mirror, else the central mirror's view."""
-    return DIRECT if observations.both_ways else layout.central_index
+    return DIRECT if observations.direct_and_mirrored else layout.central_index
 
 
 def diagnose(
@@ -149,7 +149,7 @@ def diagnose(
     _, in_rig, _ = points_at_camera(solution.estimate, observations, selection.model.board)
     range_mm = median_distance_mm(layout, in_rig[mirrored], observations.view[mirrored])
     reference = reference_of(observations, layout)
-    middle = np.median(observations.pixels[observations.view == reference], axis=0)
+    median_px = np.median(observations.pixels[observations.view == reference], axis=0)
     views = sorted({reference, *range(len(layout.mirrors))})
     halves, notes = splits(solution, observations, selection.model, layout, reference=reference, range_mm=range_mm)
     widened = max(selection.widened, *(split.widening for split in halves), 1.0)
@@ -164,7 +164,9 @@ def diagnose(
         mirrors=mirror_uncertainty(layout, lever_mm=range_mm),
         weak=weak_directions(layout, range_mm=range_mm),
         projection=tuple(projection_map(layout, view, reference=reference, range_mm=range_mm) for view in views),
-        depth=depth_uncertainty(layout, range_mm * RANGES, reference=reference, at_px=middle, matching_px=MATCHING_PX),
+        depth=depth_uncertainty(
+            layout, range_mm * RANGES, reference=reference, at_px=median_px, matching_px=MATCHING_PX
+        ),
         reference=reference,
         range_mm=range_mm,
         widened=widened,

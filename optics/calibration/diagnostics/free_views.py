@@ -67,37 +67,37 @@ def free_views(solution: Solution, observations: Observations, model: Model) -> 
     mirrors = len(solution.estimate.virtual_centres_in_rig_mm)
     frames = np.arange(len(solution.estimate.rig_from_board))
     tied = np.isin(frames, rows.frame[rows.view == DIRECT]) & np.isin(frames, rows.frame[rows.view != DIRECT])
-    held = 0 if tied.any() else 1
-    added = 6 * (mirrors - held) - 3 * mirrors + (model.prior_of_centres is not None)
-    if added <= 0:
+    fixed = 0 if tied.any() else 1
+    extra_parameters = 6 * (mirrors - fixed) - 3 * mirrors + (model.prior_of_centres is not None)
+    if extra_parameters <= 0:
         raise UndeterminedError(f"{mirrors} mirrors are free virtual cameras already")
-    planes = float(np.sum(solution.standardised[solution.inliers] ** 2))
-    planes += float(np.sum(model.intrinsic_values(solution.estimate.camera) ** 2))
-    left = _minimum(solution.estimate, rows, model, held)
-    spare = 2 * len(rows) - len(solution.parameters) - added - 6 * len(frames)
-    if spare <= 0:
+    plane_squares = float(np.sum(solution.standardised[solution.inliers] ** 2))
+    plane_squares += float(np.sum(model.intrinsic_values(solution.estimate.camera) ** 2))
+    free_squares = _minimum(solution.estimate, rows, model, fixed)
+    degrees_of_freedom = 2 * len(rows) - len(solution.parameters) - extra_parameters - 6 * len(frames)
+    if degrees_of_freedom <= 0:
         raise UndeterminedError(f"{len(rows)} corners are too few for free virtual cameras")
-    variance = left / spare
-    drop = max(planes - left, 0.0)
+    variance = free_squares / degrees_of_freedom
+    drop = max(plane_squares - free_squares, 0.0)
     typical_px = float(np.median(rows.sigma_px))
     return FreeViews(
-        parameters=added,
-        rms_px=typical_px * float(np.sqrt(left / (2 * len(rows)))),
-        unexplained_px=typical_px * float(np.sqrt(max(drop - added * variance, 0.0) / (2 * len(rows)))),
-        chance=float(f_distribution.sf(drop / added / variance, added, spare)),
+        parameters=extra_parameters,
+        rms_px=typical_px * float(np.sqrt(free_squares / (2 * len(rows)))),
+        unexplained_px=typical_px * float(np.sqrt(max(drop - extra_parameters * variance, 0.0) / (2 * len(rows)))),
+        chance=float(f_distribution.sf(drop / extra_parameters / variance, extra_parameters, degrees_of_freedom)),
     )
 
 
 @dataclass(frozen=True)
 class _Views:
-    """Rotations (m, 3), rad, about points (m, 3), mm, and shifts (m, 3), mm, of the images in every mirror."""
+    """Rotations (m, 3), rad, about the centroids (m, 3), mm, and shifts (m, 3), mm, of the images in every mirror."""
 
-    turns: FloatArray
+    rotations: FloatArray
     shifts: FloatArray
-    about_mm: FloatArray
+    centroids_mm: FloatArray
 
 
-def _minimum(estimate: Estimate, rows: Observations, model: Model, held: int) -> float:
+def _minimum(estimate: Estimate, rows: Observations, model: Model, fixed: int) -> float:
     """Minimise over virtual cameras, poses, intrinsics and modes of the board; return the standardised sum of squares.
 
     The priors of the lens are included.
@@ -106,30 +106,30 @@ def _minimum(estimate: Estimate, rows: Observations, model: Model, held: int) ->
     names = global_names(estimate.camera.intrinsic_names, mirrors, len(model.board.modes))
     kept = [k for k, name in enumerate(names) if name in model.intrinsics or name.startswith("board ")]
     _, _, seen = points_at_camera(estimate, rows, model.board)
-    about = np.array([seen[rows.view == m].mean(axis=0) for m in range(mirrors)])
-    views = _Views(np.zeros((mirrors, 3)), np.zeros((mirrors, 3)), about)
-    r, by_global, by_twist = _linearised(estimate, views, rows, model, kept, held)
+    centroids = np.array([seen[rows.view == m].mean(axis=0) for m in range(mirrors)])
+    views = _Views(np.zeros((mirrors, 3)), np.zeros((mirrors, 3)), centroids)
+    r, by_global, by_twist = _linearised(estimate, views, rows, model, kept, fixed)
     priors = np.zeros((2, by_global.shape[2]))
     lens = slice(len(model.intrinsics))
     priors[:, lens] = model.intrinsic_priors(estimate.camera), model.intrinsic_values(estimate.camera)
     cost, damping = float(np.sum(r**2) + np.sum(priors[1] ** 2)), 0.0
     for _ in range(STEPS):
         step, twists = _step(r, by_global, by_twist, rows, priors, damping)
-        moved = np.zeros(len(names))
-        moved[kept] = step[: len(kept)]
+        global_step = np.zeros(len(names))
+        global_step[kept] = step[: len(kept)]
         change = step[len(kept) :].reshape(-1, 6)
-        trial = estimate.moved(moved, twists)
-        trial_views = _Views(views.turns.copy(), views.shifts.copy(), about)
-        trial_views.turns[held:] += change[:, :3]
-        trial_views.shifts[held:] += change[:, 3:]
-        found = _linearised(trial, trial_views, rows, model, kept, held)
+        trial = estimate.moved(global_step, twists)
+        trial_views = _Views(views.rotations.copy(), views.shifts.copy(), centroids)
+        trial_views.rotations[fixed:] += change[:, :3]
+        trial_views.shifts[fixed:] += change[:, 3:]
+        linearised = _linearised(trial, trial_views, rows, model, kept, fixed)
         values = model.intrinsic_values(trial.camera)
-        trial_cost = float(np.sum(found[0] ** 2) + np.sum(values**2))
+        trial_cost = float(np.sum(linearised[0] ** 2) + np.sum(values**2))
         if not trial_cost <= cost:
             damping = max(10.0 * damping, 1e-6)
             continue
         gain, cost = cost - trial_cost, trial_cost
-        estimate, views, (r, by_global, by_twist), damping = trial, trial_views, found, damping / 10.0
+        estimate, views, (r, by_global, by_twist), damping = trial, trial_views, linearised, damping / 10.0
         priors[1, lens] = values
         if gain <= 1e-9 * cost:
             break
@@ -137,7 +137,7 @@ def _minimum(estimate: Estimate, rows: Observations, model: Model, held: int) ->
 
 
 def _linearised(
-    estimate: Estimate, views: _Views, rows: Observations, model: Model, kept: list[int], held: int
+    estimate: Estimate, views: _Views, rows: Observations, model: Model, kept: list[int], fixed: int
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return standardised residuals (n, 2), and derivatives by globals, rotations and shifts (n, 2, g), and by twists.
 
@@ -147,26 +147,26 @@ def _linearised(
     mirrored = rows.view != DIRECT
     view = rows.view[mirrored]
     _, _, seen = points_at_camera(estimate, rows, model.board)
-    arm = seen[mirrored] - views.about_mm[view]
-    turned = np.einsum("nij,nj->ni", Rotation.from_rotvec(views.turns).as_matrix()[view], arm)
-    seen[mirrored] = turned + views.about_mm[view] + views.shifts[view]
+    lever = seen[mirrored] - views.centroids_mm[view]
+    rotated = np.einsum("nij,nj->ni", Rotation.from_rotvec(views.rotations).as_matrix()[view], lever)
+    seen[mirrored] = rotated + views.centroids_mm[view] + views.shifts[view]
     impossible = np.full((len(rows), 2), np.inf), np.zeros((len(rows), 2, 0)), np.zeros((len(rows), 2, 6))
     if (seen[:, 2] <= 0).any():
         return impossible
     pixels, by_seen, by_intrinsics = estimate.camera.project_with_jacobians(seen)
     _, by_global, by_frame = residuals_with_jacobians(estimate, rows, model.board)
     by_global[:, :, : by_intrinsics.shape[2]] = by_intrinsics
-    moves = np.zeros((len(rows), 2, 6 * len(views.turns)))
+    by_motion = np.zeros((len(rows), 2, 6 * len(views.rotations)))
     number = np.flatnonzero(mirrored)
-    by_turn = np.cross(turned[:, None, :], by_seen[mirrored])
+    by_rotation = np.cross(rotated[:, None, :], by_seen[mirrored])
     for k in range(3):
-        moves[number, :, 6 * view + k] = by_turn[:, :, k]
-        moves[number, :, 6 * view + 3 + k] = by_seen[mirrored][:, :, k]
-    every = np.concatenate([by_global[:, :, kept], moves[:, :, 6 * held :]], axis=2)
-    if not (np.isfinite(every).all() and np.isfinite(by_frame).all()):
+        by_motion[number, :, 6 * view + k] = by_rotation[:, :, k]
+        by_motion[number, :, 6 * view + 3 + k] = by_seen[mirrored][:, :, k]
+    by_parameters = np.concatenate([by_global[:, :, kept], by_motion[:, :, 6 * fixed :]], axis=2)
+    if not (np.isfinite(by_parameters).all() and np.isfinite(by_frame).all()):
         return impossible  # a corner that the planes alone show outside the lens's range has no derivatives
     sigma = rows.sigma_px[:, None, None]
-    return rows.standardised(pixels - rows.pixels), every / sigma, by_frame[:, :, :6] / sigma
+    return rows.standardised(pixels - rows.pixels), by_parameters / sigma, by_frame[:, :, :6] / sigma
 
 
 def _step(
@@ -177,20 +177,20 @@ def _step(
     `priors` (2, g) are the weights of the globals' priors, and their weighted values.
     """
     size = by_global.shape[2]
-    reduced, right = np.diag(priors[0] ** 2), priors[0] * priors[1]
+    reduced, rhs = np.diag(priors[0] ** 2), priors[0] * priors[1]
     frames = []
     for frame in range(int(rows.frame[-1]) + 1):
-        of = rows.frame == frame
-        u, p, e = by_global[of].reshape(-1, size), by_twist[of].reshape(-1, 6), r[of].ravel()
+        in_frame = rows.frame == frame
+        u, p, e = by_global[in_frame].reshape(-1, size), by_twist[in_frame].reshape(-1, 6), r[in_frame].ravel()
         block = p.T @ p
         solved = np.linalg.solve(block + damping * np.diag(np.diag(block)), np.column_stack([p.T @ u, p.T @ e]))
         reduced += u.T @ u - (u.T @ p) @ solved[:, :-1]
-        right += u.T @ e - (u.T @ p) @ solved[:, -1]
+        rhs += u.T @ e - (u.T @ p) @ solved[:, -1]
         frames.append(solved)
     scale = np.sqrt(np.maximum(np.diag(reduced), 1e-300))
     scaled = reduced / np.outer(scale, scale)
     try:
-        step = -cho_solve(cho_factor(scaled + damping * np.eye(size)), right / scale) / scale
+        step = -cho_solve(cho_factor(scaled + damping * np.eye(size)), rhs / scale) / scale
     except np.linalg.LinAlgError:
         raise UndeterminedError("the corners do not determine a free virtual camera") from None
     return step, np.array([-solved[:, -1] - solved[:, :-1] @ step for solved in frames])

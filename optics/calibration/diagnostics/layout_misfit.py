@@ -19,43 +19,43 @@ from mirrorcam.optics.calibration.solver.observations import Corners, Observatio
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Checkerboard, Target
 
-ALARM_FRAMES = 0.2  # fraction of the frames that show a board
-UNEVEN = 0.25  # scatter of boards about a grid along an axis, relative to its spacing there
+ALARM_FRAMES = 0.2  # least fraction of the frames with boards to raise an alarm
+MAX_SCATTER = 0.25  # standard deviation of boards about a grid, relative to its spacing
 
 
-def fits_upside_down(seen: Sequence[Observations], layout: Layout, target: Target) -> bool:
+def fits_upside_down(mirrored: Sequence[Observations], layout: Layout, target: Target) -> bool:
     """Return whether the corners of mirrored frames are consistent once the pictures are rotated by 180 degrees.
 
     Parameters
     ----------
-    seen
-        Observations of each mirrored frame, as frame 0.
+    mirrored
+        Observations of each mirrored frame, numbered as frame 0.
     layout
         The nominal layout.
     target
         The board.
     """
     try:
-        screen([_turned(frame, layout, target) for frame in seen], [], layout, target.corners_in_board_mm)
+        screen([_rotated(frame, layout, target) for frame in mirrored], [], layout, target.corners_in_board_mm)
     except (InputError, UndeterminedError):
         return False
     return True
 
 
-def _turned(frame: Observations, layout: Layout, target: Target) -> Observations:
-    """Return a frame's boards as in the rotated picture, reassigned to mirrors."""
-    last = np.array([layout.camera.width_px, layout.camera.height_px]) - 1.0
+def _rotated(frame: Observations, layout: Layout, target: Target) -> Observations:
+    """Return the corners of a frame rotated by 180 degrees, reassigned to mirrors."""
+    last_px = np.array([layout.camera.width_px, layout.camera.height_px]) - 1.0
     boards = []
     for view in np.unique(frame.view):
         rows = frame.view == view
-        ids, pixels = frame.corner[rows], last - frame.pixels[rows]
+        ids, pixels = frame.corner[rows], last_px - frame.pixels[rows]
         numberings = [Corners(ids, pixels)]
         if isinstance(target, Checkerboard) and target.looks_same_upside_down:
             numberings.append(Corners(len(target.corners_in_board_mm) - 1 - ids, pixels))
         boards.append(tuple(numberings))
-    found = assign(boards, layout, target)
+    assigned = assign(boards, layout, target)
     return Observations.join(
-        [Observations.of_view(0, mirror, corners.ids, corners.pixels, corners.sigma_px) for mirror, corners in found]
+        [Observations.of_view(0, mirror, corners.ids, corners.pixels, corners.sigma_px) for mirror, corners in assigned]
     )
 
 
@@ -66,13 +66,13 @@ class UnknownMirrors:
     Attributes
     ----------
     frames
-        Number of frames that show any.
+        Number of frames that show such a board.
     alarms
-        Alarms about the layout, if there are many such frames.
+        Alarms about the layout, if many frames do.
     notes
-        Notes on single frames otherwise.
+        Otherwise one note per frame.
     question
-        Question about the grid of mirrors that the frames seem to show, if it is not the layout's; else empty.
+        Question to the user if the frames seem to show another grid of mirrors than the layout's; else empty.
     """
 
     frames: int = 0
@@ -86,7 +86,7 @@ class UnknownMirrors:
         return {"frames_with_unknown_mirrors": Metric(value=self.frames, unit="1")} if self.frames else {}
 
     def explained(self, refusal: str) -> InputError:
-        """Return the error for a refusal, replaced by the alarm, its probable cause, if there is one."""
+        """Return the error to raise: the alarm, which is the probable cause, or else `refusal` with the question."""
         if self.alarms:
             return InputError(self.alarms[0])
         return InputError(f"{refusal}; {self.question}" if self.question else refusal)
@@ -108,81 +108,81 @@ def unknown_mirrors(layout: Layout, frames: Sequence[DetectedFrame]) -> UnknownM
     regions = regions_px(layout)
     surplus = {number: _surplus_px(frame, regions) for number, frame in enumerate(frames)}
     places = [f"frame {number} at pixel ({at[0, 0]:.0f}, {at[0, 1]:.0f})" for number, at in surplus.items() if len(at)]
-    shown = sum(len(frame.corners) > 0 or len(frame.unassigned_px) > 0 for frame in frames)
-    grid = grid_shown([_middles_px(frame) for frame in frames])
-    own = f"the layout has {layout.arrangement.text} mirrors"
-    other = "" if grid is None or grid == (layout.rows, layout.cols) else f"{grid[0]} x {grid[1]}"
-    question = other and f"do the frames show {other} mirrors? {own}"
-    if not places or len(places) < max(ALARM_FRAMES * shown, min(2, shown)):
+    showing_boards = sum(len(frame.corners) > 0 or len(frame.unassigned_px) > 0 for frame in frames)
+    grid = grid_shown([_centroids_px(frame) for frame in frames])
+    layout_grid = f"the layout has {layout.arrangement.text} mirrors"
+    other_grid = "" if grid is None or grid == (layout.rows, layout.cols) else f"{grid[0]} x {grid[1]}"
+    question = f"do the frames show {other_grid} mirrors? {layout_grid}" if other_grid else ""
+    if not places or len(places) < max(ALARM_FRAMES * showing_boards, min(2, showing_boards)):
         notes = tuple(f"{place}: a board that belongs to no mirror of the layout" for place in places)
         return UnknownMirrors(len(places), notes=notes, question=question)
-    seen = f"the frames seem to show {other}, " if other else ""
+    frames_show = f"the frames seem to show {other_grid}, " if other_grid else ""
     side = _side(np.concatenate(list(surplus.values())), regions)
     alarm = (
-        f"boards in {len(places)} of {shown} frames belong to no mirror of the layout, as in {places[0]}{side}: "
-        f"{seen}{own}; calibrate with the layout of this device"
+        f"boards in {len(places)} of {showing_boards} frames belong to no mirror of the layout, as in "
+        f"{places[0]}{side}: {frames_show}{layout_grid}; calibrate with the layout of this device"
     )
     return UnknownMirrors(len(places), alarms=(alarm,), question=question)
 
 
-def _side(places_px: FloatArray, regions: Sequence[shapely.Polygon]) -> str:
-    """Describe the side of all sub-images on which most of the places (k, 2) lie; empty if there is none."""
+def _side(points_px: FloatArray, regions: Sequence[shapely.Polygon]) -> str:
+    """Describe on which side of all sub-images most of the points (k, 2) lie; empty if on none."""
     left, top, right, bottom = shapely.union_all(regions).bounds
-    x, y = places_px.T
-    beyond = {"left of": x < left, "right of": x > right, "above": y < top, "below": y > bottom}
-    words = max(beyond, key=lambda side: int(beyond[side].sum()))
-    return f", {words} all its mirrors" if beyond[words].mean() > 0.5 else ""
+    x, y = points_px.T
+    outside = {"left of": x < left, "right of": x > right, "above": y < top, "below": y > bottom}
+    most_outside = max(outside, key=lambda name: int(outside[name].sum()))
+    return f", {most_outside} all its mirrors" if outside[most_outside].mean() > 0.5 else ""
 
 
-def grid_shown(middles_px: Sequence[FloatArray]) -> tuple[int, int] | None:
-    """Return the rows and columns of the views that frames show, from board middles (k, 2) per frame; None if unclear.
+def grid_shown(centroids_px: Sequence[FloatArray]) -> tuple[int, int] | None:
+    """Return the rows and columns of views in the frames, from each frame's board centroids (k, 2); None if unclear.
 
-    Most of the frames with the largest number of boards must agree; if there are several frames, at least two must have
-    that number.
+    A majority of the frames with the largest number of boards must agree; among several frames, at least two must have
+    this number.
     """
-    counts = np.array([len(middles) for middles in middles_px])
-    often = min(2, len(counts))
-    numbers = [count for count in np.unique(counts).tolist() if count > 1 and (counts == count).sum() >= often]
-    if not numbers:
+    counts = np.array([len(centroids) for centroids in centroids_px])
+    min_frames = min(2, len(counts))
+    counts_seen = [count for count in np.unique(counts).tolist() if count > 1 and (counts == count).sum() >= min_frames]
+    if not counts_seen:
         return None
-    grids = [_grid(middles) for middles in middles_px if len(middles) == numbers[-1]]
-    grid, times = Counter(grids).most_common(1)[0]
-    return grid if 2 * times > len(grids) else None
+    grids = [_grid(centroids) for centroids in centroids_px if len(centroids) == counts_seen[-1]]
+    grid, agreeing = Counter(grids).most_common(1)[0]
+    return grid if 2 * agreeing > len(grids) else None
 
 
-def _grid(middles_px: FloatArray) -> tuple[int, int] | None:
+def _grid(points_px: FloatArray) -> tuple[int, int] | None:
     """Return the rows and columns of a grid of points (k, 2); None if they form none."""
-    count = len(middles_px)
-    best, least = None, UNEVEN
+    count = len(points_px)
+    best, least_scatter = None, MAX_SCATTER
     for rows in (number for number in range(1, count + 1) if count % number == 0):
-        order = np.argsort(middles_px[:, 1], kind="stable").reshape(rows, -1)
-        grid = np.array([row[np.argsort(row[:, 0], kind="stable")] for row in middles_px[order]])
-        across, down = grid[..., 0].mean(axis=0), grid[..., 1].mean(axis=1)
-        steps_across, steps_down = np.diff(across), np.diff(down)
+        order = np.argsort(points_px[:, 1], kind="stable").reshape(rows, -1)
+        grid = np.array([row[np.argsort(row[:, 0], kind="stable")] for row in points_px[order]])
+        column_x, row_y = grid[..., 0].mean(axis=0), grid[..., 1].mean(axis=1)
+        column_steps, row_steps = np.diff(column_x), np.diff(row_y)
         # For a single row or column, the scatter across it is relative to the spacing along it.
-        uneven = max(
-            float((grid[..., axis] - middles).std()) / max(float(min(steps if len(steps) else others)), 1e-9)
-            for axis, middles, steps, others in (
-                (0, across, steps_across, steps_down),
-                (1, down[:, None], steps_down, steps_across),
+        scatter = max(
+            float((grid[..., axis] - means).std()) / max(float(min(steps if len(steps) else other_steps)), 1e-9)
+            for axis, means, steps, other_steps in (
+                (0, column_x, column_steps, row_steps),
+                (1, row_y[:, None], row_steps, column_steps),
             )
         )
-        if uneven < least:
-            best, least = (rows, count // rows), uneven
+        if scatter < least_scatter:
+            best, least_scatter = (rows, count // rows), scatter
     return best
 
 
 def _surplus_px(frame: DetectedFrame, regions: Sequence[shapely.Polygon]) -> FloatArray:
-    """Middles (k, 2) of the unassigned boards for which there is no mirror."""
-    shown = set(frame.corners.view.tolist())
-    empty = [region for mirror, region in enumerate(regions) if mirror not in shown]
-    places = frame.unassigned_px
-    waiting = np.any([shapely.contains_xy(region, *places.T) for region in empty], axis=0)
-    return places[~waiting] if empty else places
+    """Centroids (k, 2) of the unassigned boards that lie in no mirror still without a board."""
+    assigned = set(frame.corners.view.tolist())
+    empty_regions = [region for mirror, region in enumerate(regions) if mirror not in assigned]
+    centroids = frame.unassigned_px
+    in_empty = np.any([shapely.contains_xy(region, *centroids.T) for region in empty_regions], axis=0)
+    return centroids[~in_empty] if empty_regions else centroids
 
 
-def _middles_px(frame: DetectedFrame) -> FloatArray:
-    """Middles (k, 2) of all boards in a frame."""
-    seen = frame.corners
-    of_views = [seen.pixels[seen.view == view].mean(axis=0) for view in np.unique(seen.view)]
+def _centroids_px(frame: DetectedFrame) -> FloatArray:
+    """Centroids (k, 2) of all boards in a frame."""
+    corners = frame.corners
+    of_views = [corners.pixels[corners.view == view].mean(axis=0) for view in np.unique(corners.view)]
     return np.array([*of_views, *frame.unassigned_px]).reshape(-1, 2)

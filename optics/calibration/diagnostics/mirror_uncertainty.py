@@ -36,7 +36,7 @@ class MirrorUncertainty:
     distance_mm
         Of each mirror's distance (m,) from the pupil.
     common_turn_deg
-        Of the rotation (3,) of all mirrors as one body about the rig's axes, through the middle of the mirrors.
+        Of the rotation (3,) of all mirrors as one body about the rig's axes, through the centroid of the mirrors.
     common_shift_mm
         Of the shift (3,) of all mirrors along these axes.
     relative_normal_deg, relative_distance_mm
@@ -54,23 +54,23 @@ class MirrorUncertainty:
 def rigid_motion_derivatives(layout: Layout) -> FloatArray:
     """Derivatives (3 m, 6) of the virtual centres by a motion of all mirrors as one body, mm per rad and mm per mm.
 
-    Columns 0 to 2 rotate about the rig's axes through the middle of the mirrors, columns 3 to 5 shift along them.
+    Columns 0 to 2 rotate about the rig's axes through the centroid of the mirrors, columns 3 to 5 shift along them.
     Points p of a plane n.p = -d go to p + w x (p - o) + s, so dn = w x n and dd = w.(o x n) - n.s; c = -2 d n.
     """
-    middle = np.mean([mirror.outline_in_rig_mm.mean(axis=0) for mirror in layout.mirrors], axis=0)
+    centroid = np.mean([mirror.outline_in_rig_mm.mean(axis=0) for mirror in layout.mirrors], axis=0)
     motions = np.zeros((3 * len(layout.mirrors), 6))
     for m, mirror in enumerate(layout.mirrors):
         n, d = mirror.normal_in_rig, mirror.distance_mm
         for k, axis in enumerate(np.eye(3)):
-            by_turn = axis @ np.cross(middle, n) * n + d * np.cross(axis, n)
-            motions[3 * m : 3 * m + 3, k] = -2.0 * by_turn
+            by_rotation = axis @ np.cross(centroid, n) * n + d * np.cross(axis, n)
+            motions[3 * m : 3 * m + 3, k] = -2.0 * by_rotation
             motions[3 * m : 3 * m + 3, 3 + k] = 2.0 * (n @ axis) * n
     return motions
 
 
 def mirror_covariance(known: Uncertainty) -> FloatArray:
     """Covariance (3 m, 3 m) of the virtual centres, mm^2."""
-    rows = [place for place, name in enumerate(known.parameters) if name.startswith("mirror ") and name.endswith("_mm")]
+    rows = [index for index, name in enumerate(known.parameters) if name.startswith("mirror ") and name.endswith("_mm")]
     return known.covariance[np.ix_(rows, rows)]
 
 
@@ -116,8 +116,8 @@ def mirror_uncertainty(layout: Layout, *, lever_mm: float) -> MirrorUncertainty:
     normal, distance = normal_and_distance_sigmas(centres, covariance)
     common = common_motion(layout, lever_mm=lever_mm)
     of_common = np.sqrt(np.maximum(np.diag(common @ covariance @ common.T), 0.0))
-    rest = np.eye(len(covariance)) - rigid_motion_derivatives(layout) @ common
-    relative_normal, relative_distance = normal_and_distance_sigmas(centres, rest @ covariance @ rest.T)
+    relative = np.eye(len(covariance)) - rigid_motion_derivatives(layout) @ common
+    relative_normal, relative_distance = normal_and_distance_sigmas(centres, relative @ covariance @ relative.T)
     return MirrorUncertainty(
         normal_deg=np.degrees(normal),
         distance_mm=distance,
@@ -196,7 +196,7 @@ class _Parameters:
 def _common_motions(layout: Layout, parameters: _Parameters) -> list[NamedMotion]:
     """Motions of all mirrors as one body, and away from the camera."""
     body = rigid_motion_derivatives(layout)
-    turns = [
+    rotations = [
         NamedMotion(f"all mirrors together about {axis}", "deg", parameters.centres(np.radians(1.0) * body[:, k]))
         for k, axis in enumerate("xyz")
     ]
@@ -204,8 +204,8 @@ def _common_motions(layout: Layout, parameters: _Parameters) -> list[NamedMotion
         NamedMotion(f"all mirrors together along {axis}", "mm", parameters.centres(body[:, 3 + k]))
         for k, axis in enumerate("xyz")
     ]
-    away = np.concatenate([-2.0 * mirror.normal_in_rig for mirror in layout.mirrors])
-    return [*turns, *shifts, NamedMotion("all mirrors away from the camera", "mm", parameters.centres(away))]
+    outwards = np.concatenate([-2.0 * mirror.normal_in_rig for mirror in layout.mirrors])
+    return [*rotations, *shifts, NamedMotion("all mirrors away from the camera", "mm", parameters.centres(outwards))]
 
 
 def _camera_motions(camera: Camera, parameters: _Parameters) -> list[NamedMotion]:
@@ -222,19 +222,19 @@ def _camera_motions(camera: Camera, parameters: _Parameters) -> list[NamedMotion
 
 
 def _mirror_motions(layout: Layout, m: int, parameters: _Parameters) -> list[NamedMotion]:
-    """Rotations of one mirror about the middle of its outline, its shift along the normal, and its bends."""
+    """Rotations of one mirror about the centroid of its outline, its shift along the normal, and its bends."""
     mirror, name, found = layout.mirrors[m], layout.mirror_names[m], []
     x, y, n = mirror.rig_from_plane[:3, :3].T
     for axis, words in ((x, "about its x"), (y, "about its y")):
-        moved = np.zeros(3 * len(layout.mirrors))
-        # With o the middle of the outline: dd = w.(o x n), dn = w x n, c = -2 d n.
+        displacement = np.zeros(3 * len(layout.mirrors))
+        # With o the centroid of the outline: dd = w.(o x n), dn = w x n, c = -2 d n.
         o = mirror.outline_in_rig_mm.mean(axis=0)
-        turn = axis @ np.cross(o, n) * n + mirror.distance_mm * np.cross(axis, n)
-        moved[3 * m : 3 * m + 3] = -2.0 * np.radians(1.0) * turn
-        found.append(NamedMotion(f"mirror {name} {words}", "deg", parameters.centres(moved)))
-    moved = np.zeros(3 * len(layout.mirrors))
-    moved[3 * m : 3 * m + 3] = -2.0 * n
-    found.append(NamedMotion(f"mirror {name} along its normal", "mm", parameters.centres(moved)))
+        change = axis @ np.cross(o, n) * n + mirror.distance_mm * np.cross(axis, n)
+        displacement[3 * m : 3 * m + 3] = -2.0 * np.radians(1.0) * change
+        found.append(NamedMotion(f"mirror {name} {words}", "deg", parameters.centres(displacement)))
+    displacement = np.zeros(3 * len(layout.mirrors))
+    displacement[3 * m : 3 * m + 3] = -2.0 * n
+    found.append(NamedMotion(f"mirror {name} along its normal", "mm", parameters.centres(displacement)))
     for axes, words in (("xx", "along its x"), ("yy", "along its y"), ("xy", "as a twist")):
         if (parameter := f"mirror {m} curvature_{axes}_per_m") in parameters.names:
             found.append(NamedMotion(f"bend of mirror {name} {words}", "1/m", parameters.change({parameter: 1.0})))

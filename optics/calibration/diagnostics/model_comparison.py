@@ -107,24 +107,24 @@ def compare_likelihood(larger: Fitted, smaller: Fitted, observations: Observatio
     Priors count as likelihood, so parameters that they determine neither cost nor gain anything.
     """
     rows = larger.solution.inliers
-    seen = observations.where(rows)
+    inliers = observations.where(rows)
     # Without noise, as in simulated corners, rounding errors would become significant.
-    floor = 2.0 * float(np.sum((NEGLIGIBLE_PX / seen.sigma_px) ** 2))
+    floor = 2.0 * float(np.sum((NEGLIGIBLE_PX / inliers.sigma_px) ** 2))
     squares = float(np.sum(larger.solution.standardised[rows] ** 2)) + floor
     squares += larger.model.prior_squares(larger.solution.estimate)
     at_smaller = _at_minimum(smaller, observations, rows)
-    at_nested = seen.standardised(residuals(at_smaller, seen, smaller.model.board))
+    at_nested = inliers.standardised(residuals(at_smaller, inliers, smaller.model.board))
     squares_smaller = float(np.sum(at_nested**2)) + floor + smaller.model.prior_squares(at_smaller)
-    added = max(_parameters(larger.solution) - _parameters(smaller.solution), 1.0)
-    spare = 2 * len(seen) - _parameters(larger.solution) - 6 * len(at_smaller.rig_from_board)
-    drop = max(squares_smaller - squares, 0.0) / (squares / spare)
+    extra_parameters = max(_parameters(larger.solution) - _parameters(smaller.solution), 1.0)
+    degrees_of_freedom = 2 * len(inliers) - _parameters(larger.solution) - 6 * len(at_smaller.rig_from_board)
+    drop = max(squares_smaller - squares, 0.0) / (squares / degrees_of_freedom)
     return replace(
         smallest_model(larger),
         against=smaller.name,
         drop=drop,
-        chance=float(f_distribution.sf(drop / added, added, spare)),
-        information_gain=2 * len(seen) * float(np.log(squares_smaller / squares))
-        - added * float(np.log(2 * len(seen))),
+        chance=float(f_distribution.sf(drop / extra_parameters, extra_parameters, degrees_of_freedom)),
+        information_gain=2 * len(inliers) * float(np.log(squares_smaller / squares))
+        - extra_parameters * float(np.log(2 * len(inliers))),
         supported=False,
     )
 
@@ -150,8 +150,8 @@ def cross_validated(
         return comparison
     fold = balanced_folds(smaller.solution.estimate, seen, smaller.model.board, FOLDS)
     # A frame's own parameters could also fit the errors of a held-out frame, so its corners must predict each other.
-    across = larger.model.frame_terms != smaller.model.frame_terms
-    predict = held_out_corners if across else held_out_residuals
+    frame_terms_differ = larger.model.frame_terms != smaller.model.frame_terms
+    predict = held_out_corners if frame_terms_differ else held_out_residuals
     squares, rms_px = [], []
     for fitted in (larger, smaller):
         try:
@@ -230,7 +230,7 @@ def _frames_alone(fitted: Estimate, model: Model, rest: Estimate) -> tuple[Estim
     frames = replace(
         fitted,
         rig_from_board=rest.rig_from_board,
-        camera_turn=rest.camera_turn,
+        camera_rotation=rest.camera_rotation,
         bow_mm=rest.bow_mm,
         shape=np.zeros(0),
     )
@@ -305,13 +305,13 @@ def balanced_folds(estimate: Estimate, observations: Observations, board: Board,
     corners = board.corners_in_board_mm
     size = float(np.linalg.norm(np.ptp(corners, axis=0)))
     poses = estimate.rig_from_board
-    middles = poses[:, :3, :3] @ corners.mean(axis=0) + poses[:, :3, 3]
+    centroids = poses[:, :3, :3] @ corners.mean(axis=0) + poses[:, :3, 3]
     # A rotation by a radian counts like a shift by the board's size.
-    features = np.concatenate([middles, size * poses[:, :3, :3].reshape(-1, 9) / np.sqrt(2.0)], axis=1)
-    to_and_fro = [*range(parts), *reversed(range(parts))]
-    walk = [frame for kind in (mirrored, ~mirrored) for frame in _path(features, np.flatnonzero(kind))]
-    for turn, frame in enumerate(walk):
-        part[frame] = to_and_fro[turn % len(to_and_fro)]
+    features = np.concatenate([centroids, size * poses[:, :3, :3].reshape(-1, 9) / np.sqrt(2.0)], axis=1)
+    back_and_forth = [*range(parts), *reversed(range(parts))]
+    path = [frame for kind in (mirrored, ~mirrored) for frame in _path(features, np.flatnonzero(kind))]
+    for position, frame in enumerate(path):
+        part[frame] = back_and_forth[position % len(back_and_forth)]
     return part
 
 
@@ -320,11 +320,11 @@ def _path(points: FloatArray, members: IntArray) -> list[int]:
     remaining = list(members)
     if not remaining:
         return []
-    middle = points[members].mean(axis=0)
-    walk = [remaining.pop(int(np.argmax(np.linalg.norm(points[remaining] - middle, axis=1))))]
+    centre = points[members].mean(axis=0)
+    path = [remaining.pop(int(np.argmax(np.linalg.norm(points[remaining] - centre, axis=1))))]
     while remaining:
-        walk.append(remaining.pop(int(np.argmin(np.linalg.norm(points[remaining] - points[walk[-1]], axis=1)))))
-    return [int(frame) for frame in walk]
+        path.append(remaining.pop(int(np.argmin(np.linalg.norm(points[remaining] - points[path[-1]], axis=1)))))
+    return [int(frame) for frame in path]
 
 
 def near_and_far(estimate: Estimate, observations: Observations, board: Board) -> IntArray:
@@ -332,8 +332,8 @@ def near_and_far(estimate: Estimate, observations: Observations, board: Board) -
     part = balanced_folds(estimate, observations, board, 2)
     mirrored = np.flatnonzero(is_mirrored(observations, len(part)))
     poses = estimate.rig_from_board[mirrored]
-    middles = poses[:, :3, :3] @ board.corners_in_board_mm.mean(axis=0) + poses[:, :3, 3]
-    distances = np.linalg.norm(middles, axis=1)
+    centroids = poses[:, :3, :3] @ board.corners_in_board_mm.mean(axis=0) + poses[:, :3, 3]
+    distances = np.linalg.norm(centroids, axis=1)
     order = np.argsort(distances, kind="stable")
     part[mirrored[order]] = np.arange(len(order)) >= len(order) // 2
     return part

@@ -38,16 +38,16 @@ from mirrorcam.optics.calibration.solver.residuals import Estimate
 
 MIN_UNEXPLAINED = 0.1
 """Least share of the noise that mirrors must leave unexplained to raise an alarm."""
-NEAR_GREATEST, LEAST_GAIN = 0.5, 1e-6
+MIN_RELATIVE_GAIN, MIN_GAIN = 0.5, 1e-6
 """A lens is fitted if its predicted gain is at least this fraction of the greatest, and positive."""
 MIN_PLATE_MM = 0.1  # thinner than any plate of a mirror
 
 
 @dataclass(frozen=True)
 class OtherSurface:
-    """Evidence that the mirrors are of another kind than in the layout: the thickness of their plates, mm.
+    """Evidence that the mirrors reflect at the other surface than in the layout: the fitted thickness of their plates.
 
-    `sigma_mm` is the standard deviation for independent corner errors; `second` states whether the pictures show
+    `sigma_mm` is its standard deviation for independent corner errors; `second` states whether the pictures show
     second-surface mirrors.
     """
 
@@ -61,11 +61,11 @@ class OtherSurface:
         if self.second:
             return (
                 f"the mirrors look second-surface, {thickness} thick if the index is {PLATE_INDEX}: the layout has "
-                "first-surface ones; --model second_surface+auto calibrates them so"
+                "first-surface ones; --model second_surface+auto calibrates them as such"
             )
         return (
             f"the plates come out {thickness} thick: the mirrors look first-surface, the layout has second-surface "
-            "ones; --model first_surface+auto calibrates them so"
+            "ones; --model first_surface+auto calibrates them as such"
         )
 
 
@@ -74,7 +74,7 @@ Alarm = str | OtherSurface
 
 @dataclass(frozen=True)
 class ModelSelection:
-    """The selected model and its selection.
+    """The selected model, its fit, and the comparisons that led to it.
 
     Attributes
     ----------
@@ -125,9 +125,9 @@ def select_model(
 ) -> ModelSelection:
     """Fit the requested model and, if it is automatic, extend it by forward selection.
 
-    The camera was estimated from the same corners, so `joint` is the smallest model with a valid uncertainty: `paper`
+    The camera was estimated from the same corners, so only `joint` and larger models have a valid uncertainty: `paper`
     is used only on request, or if the corners do not determine the intrinsics. From `joint` on, the most informative
-    addition is made as long as one is supported: its likelihood ratio exceeds noise, and held-out frames are predicted
+    addition is made while one is supported: its likelihood ratio exceeds noise, and held-out frames are predicted
     better.
 
     Parameters
@@ -164,8 +164,8 @@ def select_model(
     comparisons.append(compare(current, paper, observations))
     if model.paper:
         note = "the intrinsics are fixed: no uncertainty includes their errors"
-        doubts = [_alarm(current, "joint")] if comparisons[-1].supported else []
-        return conclude(paper, comparisons, observations, doubts, [note])
+        alarms = [_alarm(current, "joint")] if comparisons[-1].supported else []
+        return conclude(paper, comparisons, observations, alarms, [note])
     additions = [name for name in ADDITIONS if not (model.lens is not None and name in LENS_ADDITIONS)]
     for name in model.additions:
         larger = fit_with(name, current, observations)
@@ -183,19 +183,21 @@ def forward(
     """Return the largest supported model, the comparisons made, alarms and notes.
 
     If the model may not be extended, the first supported addition raises an alarm instead, as do plates that the layout
-    lacks; `unplated` then replaces the addition "sheet".
+    lacks. For mirrors without plates, `unplated` is fitted instead of the addition "sheet".
     """
     comparisons: list[ModelComparison] = []
     alarms: list[Alarm] = []
     notes: list[str] = []
     while remaining := _remaining(current, additions):
-        tried, undetermined = _tried(current, remaining, observations, unplated)
+        candidates, undetermined = _fit_additions(current, remaining, observations, unplated)
         notes += undetermined
         best = None
-        likelihoods = [(fitted, compare_likelihood(fitted, current, observations)) for fitted in tried]
+        likelihoods = [(fitted, compare_likelihood(fitted, current, observations)) for fitted in candidates]
         # Cross-validation is expensive: the most informative addition is tried first, the others only if it fails.
-        for fitted, made in sorted(likelihoods, key=lambda pair: -pair[1].information_gain):
-            comparisons.append(made if best is not None else cross_validated(made, fitted, current, observations))
+        for fitted, comparison in sorted(likelihoods, key=lambda pair: -pair[1].information_gain):
+            comparisons.append(
+                comparison if best is not None else cross_validated(comparison, fitted, current, observations)
+            )
             if comparisons[-1].supported:
                 best = fitted
         if best is None:
@@ -210,36 +212,36 @@ def forward(
 
 def _remaining(current: Fitted, additions: Sequence[str]) -> list[str]:
     """The additions that a model does not have yet."""
-    made = current.name.split("+")
-    lenses = further_lenses(current.solution.estimate.camera, made)
-    return [name for name in additions if name not in made and (name not in LENS_ADDITIONS or name in lenses)]
+    additions_made = current.name.split("+")
+    lenses = further_lenses(current.solution.estimate.camera, additions_made)
+    return [name for name in additions if name not in additions_made and (name not in LENS_ADDITIONS or name in lenses)]
 
 
-def _tried(
+def _fit_additions(
     current: Fitted, remaining: Sequence[str], observations: Observations, unplated: str
 ) -> tuple[list[Fitted], list[str]]:
     """Fit each further addition; also return a note on each addition that the corners do not determine.
 
-    Another lens is fitted only if one step towards it predicts a gain of information close to the greatest.
+    Another lens is fitted only if one step towards it predicts an information gain close to the greatest.
     """
     plates = (current.solution.estimate.thickness_mm > 0.0).any()
-    found, notes = [], []
+    fits, notes = [], []
     gains = {name: predicted_gain(name, current, observations) for name in remaining if name in LENS_ADDITIONS}
-    least = max(NEAR_GREATEST * max(gains.values(), default=0.0), LEAST_GAIN)
-    for name in (name for name in remaining if gains.get(name, least) >= least):
+    min_gain = max(MIN_RELATIVE_GAIN * max(gains.values(), default=0.0), MIN_GAIN)
+    for name in (name for name in remaining if gains.get(name, min_gain) >= min_gain):
         addition = unplated if name == "sheet" and not plates else name
         try:
-            found.append(fit_with(addition, current, observations))
+            fits.append(fit_with(addition, current, observations))
         except UndeterminedError as error:
             notes.append(f"{current.name}+{addition} not tried: {error}")
-    return found, notes
+    return fits, notes
 
 
 def _missing_plate(fitted: Fitted) -> list[Alarm]:
-    thickness, sigma = plate_thickness(fitted)
-    if thickness > max(3.0 * sigma, MIN_PLATE_MM):
+    thickness_mm, sigma_mm = plate_thickness(fitted)
+    if thickness_mm > max(3.0 * sigma_mm, MIN_PLATE_MM):
         return []
-    return [OtherSurface(thickness, sigma, second=False)]
+    return [OtherSurface(thickness_mm, sigma_mm, second=False)]
 
 
 def _alarm(best: Fitted, addition: str) -> Alarm:

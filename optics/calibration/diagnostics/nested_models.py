@@ -32,17 +32,17 @@ PRIOR_ROUNDS = 3
 """Number of fits after which a prior's width, which follows the fit, has converged."""
 TURN_PX = 0.5
 """Standard deviation of the camera's rotation that remains after the background's is removed, px."""
-FIRST_BOW, LEAST_BOW = 0.02, 1e-4
-"""Initial and least standard deviation of the bow of boards, relative to a board's larger side."""
-PATTERN_CELLS, LEAST_IN_CELL, PATTERN_CHANCE = (12, 7), 5, 1e-3
+INITIAL_BOW, MIN_BOW = 0.02, 1e-4
+"""Initial and least standard deviation of the bow of boards, relative to a board's longer side."""
+PATTERN_CELLS, MIN_CORNERS_PER_CELL, PATTERN_CHANCE = (12, 7), 5, 1e-3
 """Cells across and down the sensor, corners required in each, and the chance of a pattern by noise."""
 STEP_DAMPING = 1e-9
 """Relative damping against rounding, if two parameters of a lens are nearly degenerate."""
-LEAST_LEFT = 1e-3
+MIN_COST_SHARE = 1e-3
 """Least fraction of the cost after one step: its prediction is only linear."""
 PLATE_MM, PLATE_INDEX = 1.0, 1.49
 """Initial plate if the layout has first-surface mirrors; the index is acrylic's."""
-THIN, GLASS_INDEX = 0.01, 1.52
+PLATE_SHARE, GLASS_INDEX = 0.01, 1.52
 """Thickness relative to the mirrors' mean distance, and index of soda-lime glass, without a layout."""
 LENS_ADDITIONS: Mapping[str, LensName] = MappingProxyType(
     {"rational": "rational", "prism": "thin_prism", "fisheye": "fisheye", "spline": "spline"}
@@ -126,7 +126,7 @@ def fit_with(addition: str, smaller: Fitted, observations: Observations) -> Fitt
         estimate = as_second_surface(estimate, PLATE_MM, PLATE_INDEX)
     if addition == "plates":
         distance = float(np.linalg.norm(estimate.virtual_centres_in_rig_mm, axis=1).mean()) / 2.0
-        estimate = as_second_surface(estimate, THIN * distance, GLASS_INDEX)
+        estimate = as_second_surface(estimate, PLATE_SHARE * distance, GLASS_INDEX)
     model = extended(smaller.model, addition)
     if len(model.board.modes) != len(estimate.shape):
         estimate = replace(estimate, shape=np.zeros(len(model.board.modes)))
@@ -135,12 +135,12 @@ def fit_with(addition: str, smaller: Fitted, observations: Observations) -> Fitt
 
 def _with_lens(addition: str, smaller: Fitted) -> tuple[Estimate, Model]:
     """Return estimate and model with another lens; raises InputError if the camera's own lens cannot become it."""
-    estimate, made = smaller.solution.estimate, smaller.name.split("+")
-    if addition not in further_lenses(estimate.camera, made):
+    estimate, additions = smaller.solution.estimate, smaller.name.split("+")
+    if addition not in further_lenses(estimate.camera, additions):
         raise InputError(f"level {smaller.name}+{addition}: the camera already has a {estimate.camera.lens_model} lens")
     camera = with_addition(estimate.camera, addition)
     return replace(estimate, camera=camera), replace(
-        smaller.model, intrinsics=free_intrinsics(camera, [*made, addition])
+        smaller.model, intrinsics=free_intrinsics(camera, [*additions, addition])
     )
 
 
@@ -153,58 +153,58 @@ def predicted_gain(addition: str, smaller: Fitted, observations: Observations) -
     if addition == "spline" and not _has_pattern(smaller.solution, observations):
         return 0.0
     estimate, model = _with_lens(addition, smaller)
-    seen = observations.where(smaller.solution.inliers)
-    grouped = Grouped.of(seen, model)
-    before = float(np.sum(residuals_of(smaller.solution.estimate, grouped, smaller.model) ** 2))
-    at_start = float(np.sum(residuals_of(estimate, grouped, model) ** 2))
+    inliers = observations.where(smaller.solution.inliers)
+    grouped = Grouped.of(inliers, model)
+    cost = float(np.sum(residuals_of(smaller.solution.estimate, grouped, smaller.model) ** 2))
+    start_cost = float(np.sum(residuals_of(estimate, grouped, model) ** 2))
     drop = normal_equations(estimate, grouped, model).step(STEP_DAMPING)[2]
-    added = max(len(model.intrinsics) - len(smaller.model.intrinsics), 1)
-    if before == 0.0:  # simulated corners without noise
+    extra_parameters = max(len(model.intrinsics) - len(smaller.model.intrinsics), 1)
+    if cost == 0.0:  # simulated corners without noise
         return 0.0
-    after = max(at_start - drop, LEAST_LEFT * before)
-    return 2 * len(seen) * float(np.log(before / after)) - added * float(np.log(2 * len(seen)))
+    cost_after_step = max(start_cost - drop, MIN_COST_SHARE * cost)
+    return 2 * len(inliers) * float(np.log(cost / cost_after_step)) - extra_parameters * float(np.log(2 * len(inliers)))
 
 
 def _has_pattern(solution: Solution, observations: Observations) -> bool:
     """Whether the mean residuals in cells of the sensor are larger than by chance."""
     camera, rows = solution.estimate.camera, solution.inliers
-    along = observations.pixels[rows] / [camera.width_px, camera.height_px] * PATTERN_CELLS
-    col, row = np.clip(along.astype(np.int64), 0, np.array(PATTERN_CELLS) - 1).T
+    cell_coordinates = observations.pixels[rows] / [camera.width_px, camera.height_px] * PATTERN_CELLS
+    col, row = np.clip(cell_coordinates.astype(np.int64), 0, np.array(PATTERN_CELLS) - 1).T
     cell = row * PATTERN_CELLS[0] + col
     counts = np.bincount(cell)
     sums = [np.bincount(cell, weights=component) for component in solution.standardised[rows].T]
-    shown = counts >= LEAST_IN_CELL
-    squares = float(sum(np.sum(each[shown] ** 2 / counts[shown]) for each in sums))
+    filled = counts >= MIN_CORNERS_PER_CELL
+    squares = float(sum(np.sum(each[filled] ** 2 / counts[filled]) for each in sums))
     # Not relative to the noise, because simulated corners have none.
-    return squares > solution.scale**2 * float(chi2.isf(PATTERN_CHANCE, 2 * int(shown.sum())))
+    return squares > solution.scale**2 * float(chi2.isf(PATTERN_CHANCE, 2 * int(filled.sum())))
 
 
 def _fit_with_terms(name: str, smaller: Fitted, observations: Observations, addition: str) -> Fitted:
     """Fit with one more kind of per-frame parameters, under priors that follow the noise and the fitted bows."""
     scale, terms = smaller.solution.scale, smaller.model.frame_terms
-    turns = addition == "turn" or terms.turn_per_rad is not None
+    turns = addition == "turn" or terms.rotation_per_rad is not None
     bows = addition == "bow" or terms.bow_per_mm is not None
     board, estimate = smaller.model.board, smaller.solution.estimate
     size = float(np.ptp(board.corners_in_board_mm, axis=0).max())
-    bow_mm = FIRST_BOW * size
+    bow_mm = INITIAL_BOW * size
     for _ in range(PRIOR_ROUNDS):
         priors = FrameTerms(
-            turn_per_rad=scale * estimate.camera.fx_px / TURN_PX if turns else None,
+            rotation_per_rad=scale * estimate.camera.fx_px / TURN_PX if turns else None,
             bow_per_mm=scale / bow_mm if bows else None,
         )
         fitted = fit_as(name, estimate, observations, replace(smaller.model, frame_terms=priors))
         scale, estimate = fitted.solution.scale, fitted.solution.estimate
         if bows:
-            bow_mm = max(_width_of_bows(fitted, observations), LEAST_BOW * size)
+            bow_mm = max(_bow_sigma_mm(fitted, observations), MIN_BOW * size)
     return fitted
 
 
-def _width_of_bows(fitted: Fitted, observations: Observations) -> float:
+def _bow_sigma_mm(fitted: Fitted, observations: Observations) -> float:
     """Standard deviation of the bows of all frames, from their estimates and variances (a step of EM)."""
     solution, model = fitted.solution, fitted.model
     rows = observations.where(solution.inliers)
-    own = normal_equations(solution.estimate, Grouped.of(rows, model), model).v
-    variance = solution.scale**2 * np.einsum("fii->fi", np.linalg.inv(own))[:, -3:]
+    frame_information = normal_equations(solution.estimate, Grouped.of(rows, model), model).v
+    variance = solution.scale**2 * np.einsum("fii->fi", np.linalg.inv(frame_information))[:, -3:]
     return float(np.sqrt(np.mean(solution.estimate.bow_mm**2 + variance)))
 
 
@@ -228,9 +228,9 @@ def as_second_surface(estimate: Estimate, thickness_mm: float, index: float) -> 
 
 def plate_thickness(fitted: Fitted) -> tuple[float, float]:
     """Thickness of the thinnest plate and its standard deviation, mm."""
-    place = fitted.solution.parameters.index("sheet_mm")
+    index = fitted.solution.parameters.index("sheet_mm")
     thickness = fitted.solution.estimate.thickness_mm
-    sigma = float(np.sqrt(fitted.solution.covariance[place, place]))
+    sigma = float(np.sqrt(fitted.solution.covariance[index, index]))
     return float(thickness[thickness > 0.0].min()), sigma
 
 

@@ -22,7 +22,7 @@ from mirrorcam.optics.calibration.solver.residuals import Board, Estimate, globa
 from mirrorcam.optics.geometry.layout import Layout, Uncertainty
 
 NEGLIGIBLE_PX = 1e-4
-"""Below the precision of any detected corner: smaller differences are insignificant."""
+"""Difference below the precision of any detected corner, and therefore insignificant."""
 GRID = 9
 """Points of a map along the longer side of a sub-image."""
 
@@ -105,8 +105,8 @@ def project_points(layout: Layout, view: int | NDArray[np.int64], points_in_rig:
     rows = Observations(frame, np.broadcast_to(view, count), np.arange(count), np.zeros((count, 2)))
     pixels, by_global, by_frame = residuals_with_jacobians(estimate, rows, Board.rigid(points_in_rig))
     names = global_names(layout.camera.intrinsic_names, len(layout.mirrors), 0)
-    place = {name: k for k, name in enumerate(names)}
-    return ProjectedPoints(pixels, by_global[:, :, [place[name] for name in known]], by_frame[:, :, 3:6])
+    column = {name: k for k, name in enumerate(names)}
+    return ProjectedPoints(pixels, by_global[:, :, [column[name] for name in known]], by_frame[:, :, 3:6])
 
 
 def virtual_centre(layout: Layout, view: int) -> FloatArray:
@@ -148,13 +148,13 @@ def derivatives_held_in(layout: Layout, reference: int, points_in_rig: FloatArra
 
     Their pixels in the reference view and their distances from its virtual centre are fixed.
     """
-    seen = project_points(layout, reference, points_in_rig)
-    along = points_in_rig - virtual_centre(layout, reference)
-    along = along / np.linalg.norm(along, axis=1, keepdims=True)
+    projected = project_points(layout, reference, points_in_rig)
+    sight = points_in_rig - virtual_centre(layout, reference)
+    sight = sight / np.linalg.norm(sight, axis=1, keepdims=True)
     by_centre = centre_derivatives(layout, reference)
-    system = np.concatenate([seen.by_point, along[:, None, :]], axis=1)
-    right = np.concatenate([-seen.by_parameter, np.einsum("ni,ig->ng", along, by_centre)[:, None, :]], axis=1)
-    return np.asarray(np.linalg.solve(system, right))
+    system = np.concatenate([projected.by_point, sight[:, None, :]], axis=1)
+    rhs = np.concatenate([-projected.by_parameter, np.einsum("ni,ig->ng", sight, by_centre)[:, None, :]], axis=1)
+    return np.asarray(np.linalg.solve(system, rhs))
 
 
 def centre_derivatives(layout: Layout, view: int) -> FloatArray:
@@ -174,16 +174,16 @@ def centre_derivatives(layout: Layout, view: int) -> FloatArray:
 
 def projection_map(layout: Layout, view: int, *, reference: int, range_mm: float) -> ProjectionMap:
     """Return the projection uncertainty over a view's sub-image, for points `range_mm` from the view's centre."""
-    at = grid_px(layout, view)
-    points = points_at_pixels(layout, view, at, range_mm)
+    pixels = grid_px(layout, view)
+    points = points_at_pixels(layout, view, pixels, range_mm)
     covariance = uncertainty_of(layout).covariance
-    shown = project_points(layout, view, points)
-    relative = shown.by_parameter + shown.by_point @ derivatives_held_in(layout, reference, points)
+    projected = project_points(layout, view, points)
+    relative = projected.by_parameter + projected.by_point @ derivatives_held_in(layout, reference, points)
     return ProjectionMap(
         view=view,
         range_mm=range_mm,
-        pixels=at,
-        in_rig=propagated(shown.by_parameter, covariance),
+        pixels=pixels,
+        in_rig=propagated(projected.by_parameter, covariance),
         against_reference=propagated(relative, covariance),
     )
 
@@ -253,25 +253,25 @@ def depth_uncertainty(
     matching_px
         Standard deviation of the matching noise, per axis and view.
     """
-    which = sorted({reference, *range(len(layout.mirrors))})
-    outlines = [Polygon(outline_px(layout, view)) for view in which]
+    used_views = sorted({reference, *range(len(layout.mirrors))})
+    outlines = [Polygon(outline_px(layout, view)) for view in used_views]
     points = np.concatenate([points_at_pixels(layout, reference, at_px[None], float(r)) for r in ranges_mm])
-    shown = [project_points(layout, view, points) for view in which]
+    projected = [project_points(layout, view, points) for view in used_views]
     centre, by_centre = virtual_centre(layout, reference), centre_derivatives(layout, reference)
     covariance = uncertainty_of(layout).covariance
     matching, calibration, views = [], [], []
     for k, point in enumerate(points):
-        seen = [s for s, outline in zip(shown, outlines, strict=True) if contains_xy(outline, *s.pixels[k])]
-        views.append(len(seen))
-        if len(seen) < 2:
+        visible = [s for s, outline in zip(projected, outlines, strict=True) if contains_xy(outline, *s.pixels[k])]
+        views.append(len(visible))
+        if len(visible) < 2:
             matching.append(np.nan)
             calibration.append(np.nan)
             continue
-        by_point = np.concatenate([s.by_point[k] for s in seen])
-        by_parameter = np.concatenate([s.by_parameter[k] for s in seen])
-        along = (point - centre) / np.linalg.norm(point - centre)
-        by_pixels = along @ np.linalg.pinv(by_point)
-        by_calibration = -by_pixels @ by_parameter - along @ by_centre
+        by_point = np.concatenate([s.by_point[k] for s in visible])
+        by_parameter = np.concatenate([s.by_parameter[k] for s in visible])
+        sight = (point - centre) / np.linalg.norm(point - centre)
+        by_pixels = sight @ np.linalg.pinv(by_point)
+        by_calibration = -by_pixels @ by_parameter - sight @ by_centre
         matching.append(matching_px * float(np.linalg.norm(by_pixels)))
         calibration.append(float(np.sqrt(by_calibration @ covariance @ by_calibration)))
     return DepthUncertainty(

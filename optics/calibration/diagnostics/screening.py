@@ -26,7 +26,7 @@ from mirrorcam.optics.calibration.solver.parameterisation import Model, pair_pri
 from mirrorcam.optics.calibration.solver.residuals import Estimate, residuals
 from mirrorcam.optics.geometry.layout import Layout
 
-PLATE_TRIED_MM, INDEX_TRIED = 1.0, 1.49
+TRIAL_PLATE_MM, TRIAL_INDEX = 1.0, 1.49
 
 
 @dataclass(frozen=True)
@@ -78,9 +78,9 @@ def screen(
     names = [f"frame {n}" for n in range(len(seen))] + [f"base frame {n}" for n in range(len(base))]
     frames = [*seen, *base]
     notes = []
-    for again, first in consistency.repeated_frames(frames).items():
-        frames[again] = Observations.none()
-        notes.append(f"{names[again]}: the same picture as {names[first]}, not used")
+    for repeat, first in consistency.repeated_frames(frames).items():
+        frames[repeat] = Observations.none()
+        notes.append(f"{names[repeat]}: the same picture as {names[first]}, not used")
 
     rows = Observations.join([o.shifted(number) for number, o in enumerate(frames)])
     odd = consistency.odd_corners(rows, layout.camera, corners_in_board_mm)
@@ -89,7 +89,7 @@ def screen(
 
     mirrored, direct = rows.where(rows.frame < len(seen)), rows.where(rows.frame >= len(seen))
     consistency.every_mirror_shown(mirrored, len(seen), layout.mirror_names)
-    mirrored, direct, widened, further = _agreeing(mirrored, direct, names, layout, corners_in_board_mm)
+    mirrored, direct, widened, further = _agreeing_views(mirrored, direct, names, layout, corners_in_board_mm)
     return ScreenedFrames(
         seen=[mirrored.where(mirrored.frame == n).shifted(-n) for n in range(len(seen))],
         base=[direct.where(direct.frame == n).shifted(-n) for n in range(len(seen), len(frames))],
@@ -98,14 +98,14 @@ def screen(
     )
 
 
-def _agreeing(
+def _agreeing_views(
     mirrored: Observations,
     direct: Observations,
     names: Sequence[str],
     layout: Layout,
     corners_in_board_mm: FloatArray,
 ) -> tuple[Observations, Observations, float, tuple[str, ...]]:
-    """Return the mirrored views that agree, the direct views, the widening that both require, and notes.
+    """Return the mirrored views that agree, the direct views, the widening that their difference requires, and notes.
 
     The standard deviations of both follow the noise of each view.
     """
@@ -122,8 +122,8 @@ def _agreeing(
     if not len(direct):
         return mirrored, direct, 1.0, notes
     direct = with_noise_of_views(direct, _direct_residuals(_packed(direct), estimate, layout, free))
-    still = np.isin(numbers, mirrored.frame)
-    estimate = estimate.of_frames(still)
+    remaining = np.isin(numbers, mirrored.frame)
+    estimate = estimate.of_frames(remaining)
     ratio = _least_disagreement(estimate, _packed(mirrored), _packed(direct), layout, free)
     notes += consistency.drift_note(ratio, (estimate.camera.fx_px, camera.fx_px))
     return mirrored, direct, ratio if ratio > consistency.DRIFT_WIDENS else 1.0, notes
@@ -132,8 +132,8 @@ def _agreeing(
 def _direct_residuals(direct: Observations, estimate: Estimate, layout: Layout, free: Model) -> FloatArray:
     """Residuals (n, 2), px, of frames without mirrors to their own robust fit, started from an estimate's camera."""
     start = initial_estimates.first_estimate(direct, estimate.camera, layout, free.board.corners_in_board_mm)
-    alone, _ = start_robustly(start, direct, replace(free, mirrors=False))
-    return residuals(alone, direct, free.board)
+    direct_fit, _ = start_robustly(start, direct, replace(free, mirrors=False))
+    return residuals(direct_fit, direct, free.board)
 
 
 def _packed(observations: Observations) -> Observations:
@@ -152,13 +152,13 @@ def _least_disagreement(
     ratio = _camera_disagreement(estimate, mirrored, direct, layout, free)
     if ratio <= consistency.DRIFT_WIDENS:
         return ratio
-    plates = np.where(estimate.thickness_mm > 0.0, estimate.thickness_mm, PLATE_TRIED_MM)
-    index = np.maximum(estimate.refractive_index, INDEX_TRIED)
-    for tried, richer in (
+    plates = np.where(estimate.thickness_mm > 0.0, estimate.thickness_mm, TRIAL_PLATE_MM)
+    index = np.maximum(estimate.refractive_index, TRIAL_INDEX)
+    for trial, richer in (
         (replace(estimate, thickness_mm=plates, refractive_index=index), replace(free, thickness=True)),
         (estimate, replace(free, curvature=True)),
     ):
-        ratio = min(ratio, _camera_disagreement(tried, mirrored, direct, layout, richer))
+        ratio = min(ratio, _camera_disagreement(trial, mirrored, direct, layout, richer))
     for addition in further_lenses(estimate.camera, ()):
         if ratio <= consistency.DRIFT_WIDENS:
             break
@@ -175,9 +175,9 @@ def _camera_disagreement(
 
     The common fit uses all corners that fit either kind alone, so that no contradiction is rejected as an outlier.
     """
-    mirrored, with_mirrors = _cleaned(mirrored, with_mirrors, model)
+    mirrored, with_mirrors = _without_outliers(mirrored, with_mirrors, model)
     start = initial_estimates.first_estimate(direct, with_mirrors.camera, layout, model.board.corners_in_board_mm)
-    direct, without = _cleaned(direct, start, model)
+    direct, without = _without_outliers(direct, start, model)
     both = Observations.join([mirrored, direct.shifted(len(with_mirrors.rig_from_board))])
     poses = np.concatenate([with_mirrors.rig_from_board, without.rig_from_board])
     common, _ = minimise(with_mirrors.with_poses(poses), both, model)
@@ -194,12 +194,12 @@ def _standardised(estimate: Estimate, observations: Observations, model: Model) 
     return observations.standardised(residuals(estimate, observations, model.board))
 
 
-def _cleaned(observations: Observations, start: Estimate, model: Model) -> tuple[Observations, Estimate]:
+def _without_outliers(observations: Observations, start: Estimate, model: Model) -> tuple[Observations, Estimate]:
     """Return the inliers of a robust fit, and the least-squares fit to them."""
     if not (observations.view != DIRECT).any():
         model = replace(model, mirrors=False, thickness=False, curvature=False)
     estimate, _ = start_robustly(start, observations, model)
-    size = np.abs(_standardised(estimate, observations, model)).max(axis=1)
-    calm = observations.where(size <= DROP_SIGMAS * 1.4826 * np.median(size))
-    estimate, _ = minimise(estimate, calm, model)
-    return calm, estimate
+    errors = np.abs(_standardised(estimate, observations, model)).max(axis=1)
+    inliers = observations.where(errors <= DROP_SIGMAS * 1.4826 * np.median(errors))
+    estimate, _ = minimise(estimate, inliers, model)
+    return inliers, estimate

@@ -87,25 +87,27 @@ class Split:
     @property
     def _worst(self) -> tuple[float, str]:
         """The largest ratio that is both large and improbable, and a description; (1, "") if there is none."""
-        enough = ALARM_CHANCE / len(self.chance)
+        max_chance = ALARM_CHANCE / len(self.chance)
         ratios = [(self.overall_ratio, self.overall_chance < ALARM_CHANCE, "the halves differ overall")]
         for where, in_views, chances, differences in (
             ("", self.ratio, self.chance, self.difference_px),
             (" against the reference view", self.relative_ratio, self.relative_chance, self.relative_difference_px),
         ):
             worst = int(np.argmax(np.nan_to_num(in_views)))
-            words = f"mirror {self.mirrors[worst]} differs by {differences[worst]:.2g} px{where}"
-            ratios.append((float(np.nan_to_num(in_views[worst])), bool(chances[worst] < enough), words))
-        alarming = [(ratio, words) for ratio, is_unlikely, words in ratios if ratio > ALARM_RATIO and is_unlikely]
+            description = f"mirror {self.mirrors[worst]} differs by {differences[worst]:.2g} px{where}"
+            ratios.append((float(np.nan_to_num(in_views[worst])), bool(chances[worst] < max_chance), description))
+        alarming = [
+            (ratio, description) for ratio, is_unlikely, description in ratios if ratio > ALARM_RATIO and is_unlikely
+        ]
         return max(alarming, default=(1.0, ""))
 
     @property
     def alarm(self) -> str | None:
         """Description of the differences above `ALARM_RATIO` times the prediction; None without."""
-        ratio, words = self._worst
-        if not words:
+        ratio, description = self._worst
+        if not description:
             return None
-        return f"split {self.how}, {words}: {ratio:.1f} times what the halves' uncertainties predict"
+        return f"split {self.how}, {description}: {ratio:.1f} times what the halves' uncertainties predict"
 
     @property
     def widening(self) -> float:
@@ -148,7 +150,7 @@ def splits(
     if solution.sigma_px < NEGLIGIBLE_PX:
         return (), ("not split: the corners have no noise to compare halves by",)
     rows = observations.where(solution.inliers)
-    shown = [_shown(layout, view, reference, range_mm) for view in range(len(layout.mirrors))]
+    derivatives = [_derivatives(layout, view, reference, range_mm) for view in range(len(layout.mirrors))]
     found, notes = [], []
     for key, how, part in (
         ("halves", "into similar halves", balanced_folds(solution.estimate, rows, model.board, 2)),
@@ -163,7 +165,7 @@ def splits(
         except UndeterminedError as error:
             notes.append(f"not split {how}: a half does not determine camera and mirrors ({error})")
             continue
-        found.append(_compared((key, how), halves, layout, shown))
+        found.append(_compared((key, how), halves, layout, derivatives))
     return tuple(found), tuple(notes)
 
 
@@ -172,26 +174,28 @@ def _half(estimate: Estimate, observations: Observations, model: Model, frames: 
     return fit(start, rows, model)
 
 
-def _shown(layout: Layout, view: int, reference: int, range_mm: float) -> tuple[FloatArray, FloatArray]:
+def _derivatives(layout: Layout, view: int, reference: int, range_mm: float) -> tuple[FloatArray, FloatArray]:
     """Derivatives (n, 2, g) of a view's pixels by the parameters, for points fixed in rig and in the reference view."""
     points = points_at_pixels(layout, view, grid_px(layout, view), range_mm)
-    shown = project_points(layout, view, points)
-    return shown.by_parameter, shown.by_parameter + shown.by_point @ derivatives_held_in(layout, reference, points)
+    projected = project_points(layout, view, points)
+    return projected.by_parameter, projected.by_parameter + projected.by_point @ derivatives_held_in(
+        layout, reference, points
+    )
 
 
 def _compared(
     split: tuple[str, str],
     halves: Sequence[Solution],
     layout: Layout,
-    shown: Sequence[tuple[FloatArray, FloatArray]],
+    derivatives: Sequence[tuple[FloatArray, FloatArray]],
 ) -> Split:
     a, b = halves
     names = uncertainty_of(layout).parameters
-    places = [a.parameters.index(name) for name in names]
-    difference = (global_values(a.estimate) - global_values(b.estimate))[_free_places(a, names)]
-    covariance = (a.covariance + b.covariance)[np.ix_(places, places)]
-    views = [[_quadratic(d, difference, covariance) for d in both] for both in shown]
-    in_rig, against = np.array(views).transpose(1, 2, 0)
+    columns = [a.parameters.index(name) for name in names]
+    difference = (global_values(a.estimate) - global_values(b.estimate))[_columns(a, names)]
+    covariance = (a.covariance + b.covariance)[np.ix_(columns, columns)]
+    views = [[_quadratic(d, difference, covariance) for d in of_view] for of_view in derivatives]
+    in_rig, in_reference = np.array(views).transpose(1, 2, 0)
     squared = float(difference @ np.linalg.solve(covariance, difference))
     return Split(
         key=split[0],
@@ -201,9 +205,9 @@ def _compared(
         difference_px=in_rig[0],
         predicted_px=in_rig[1],
         chance=in_rig[2],
-        relative_difference_px=against[0],
-        relative_predicted_px=against[1],
-        relative_chance=against[2],
+        relative_difference_px=in_reference[0],
+        relative_predicted_px=in_reference[1],
+        relative_chance=in_reference[2],
         overall_ratio=float(np.sqrt(squared / len(names))),
         overall_chance=float(chi2.sf(squared, len(names))),
     )
@@ -218,11 +222,15 @@ def _quadratic(derivatives: FloatArray, difference: FloatArray, covariance: Floa
     flat = derivatives.reshape(-1, derivatives.shape[-1]) * np.sqrt(2.0 / derivatives[..., 0].size)
     squared = float(np.sum((flat @ difference) ** 2))
     weighted = (flat.T @ flat) @ covariance
-    mean, spread = float(np.trace(weighted)), float(np.sum(weighted * weighted.T))
+    mean, variance = float(np.trace(weighted)), float(np.sum(weighted * weighted.T))
     if mean <= 1e-18:  # the reference view against itself
         return 0.0, 0.0, 1.0
-    freedom = mean**2 / spread
-    return float(np.sqrt(squared)), float(np.sqrt(mean)), float(chi2.sf(squared / mean * freedom, freedom))
+    degrees_of_freedom = mean**2 / variance
+    return (
+        float(np.sqrt(squared)),
+        float(np.sqrt(mean)),
+        float(chi2.sf(squared / mean * degrees_of_freedom, degrees_of_freedom)),
+    )
 
 
 def global_values(estimate: Estimate) -> FloatArray:
@@ -239,8 +247,8 @@ def global_values(estimate: Estimate) -> FloatArray:
     )
 
 
-def _free_places(solution: Solution, names: Sequence[str]) -> list[int]:
+def _columns(solution: Solution, names: Sequence[str]) -> list[int]:
     estimate = solution.estimate
     mirrors = len(estimate.virtual_centres_in_rig_mm)
-    every = global_names(estimate.camera.intrinsic_names, mirrors, estimate.shape.size)
-    return [every.index(name) for name in names]
+    all_names = global_names(estimate.camera.intrinsic_names, mirrors, estimate.shape.size)
+    return [all_names.index(name) for name in names]

@@ -26,24 +26,24 @@ from mirrorcam.optics.calibration.solver.observations import DIRECT
 
 MAX_OUTLIERS = 0.02
 MAX_BEYOND_3_SIGMA = 0.01  # for Gaussian noise, 0.0027 is expected
-MAX_UNEVEN = 1.5  # ratio of the noisiest to the quietest view and axis
+MAX_RMS_RATIO = 1.5  # ratio of the noisiest to the quietest view and axis
 MIN_COVERAGE = 0.6
 MIN_FRAMES = 5
-MIN_TURN_DEG = 30.0  # between the most different boards
+MIN_ROTATION_DEG = 30.0  # between the most different boards
 MIN_DISTANCE_RATIO = 1.25  # of the farthest to the nearest board
 MAX_HELD_OUT_RATIO = 1.25
 CHANCE = 1e-3
 State = Literal["good", "look", "stop"]
 STATES: dict[State, str] = {"good": "Good to use", "look": "Look at this before you use it", "stop": "Do not use it"}
-LARGE_PART = 0.8
-FEW_PICTURES = 0.15  # fraction of all pictures that identifies them as the cause
-MOST = 0.6  # fraction of corners in one view
-TIMES_ITS_SHARE = 2.0  # least ratio of that fraction to the view's fraction of all corners
+LARGE_SHARE = 0.8  # of these corners, in few pictures that are then the cause
+FEW_PICTURES_SHARE = 0.15  # largest fraction of all pictures that counts as few
+MIN_VIEW_SHARE = 0.6  # of these corners, in one view that is then the cause
+MIN_SHARE_RATIO = 2.0  # least ratio of that fraction to the view's fraction of all corners
 
 
 @dataclass(frozen=True)
 class Check:
-    """A figure with its limit, the reason if it fails, and the advice then."""
+    """A figure with its limit, and the reason and advice to give if it fails."""
 
     label: str
     metric: Metric
@@ -73,7 +73,7 @@ def check_solution(calibration: Calibration, views: Sequence[ViewFigures]) -> Ve
     diagnostics = calibration.diagnostics
     alarms = diagnostics.alarms if diagnostics else ()
     reasons = [*alarms, *(check.reason for check in failed)]
-    advice = [*_cures(diagnostics), *(check.advice for check in failed)]
+    advice = [*_advice_on_alarms(diagnostics), *(check.advice for check in failed)]
     if diagnostics is None:
         reasons.append("the model was not checked")
         advice.append("Calibrate with a nominal layout, so that models can be compared.")
@@ -81,7 +81,7 @@ def check_solution(calibration: Calibration, views: Sequence[ViewFigures]) -> Ve
     return Verdict(state, tuple(dict.fromkeys(reasons)), tuple(dict.fromkeys(advice)), checks)
 
 
-def _cures(diagnostics: Diagnostics | None) -> list[str]:
+def _advice_on_alarms(diagnostics: Diagnostics | None) -> list[str]:
     """Advice on alarms: the model that the data support if one was tried, else to look for motion."""
     if diagnostics is None or not diagnostics.alarms:
         return []
@@ -91,14 +91,14 @@ def _cures(diagnostics: Diagnostics | None) -> list[str]:
         kind = "second" if diagnostics.other_surface.second else "first"
         option = f"--model {kind}_surface+auto"
         return [f"If the mirrors are {kind}-surface, calibrate again with {option}, or state it in the layout."]
-    wanted = [
+    supported = [
         comparison
         for comparison in diagnostics.comparisons
         if comparison.supported and comparison.against == diagnostics.level
     ]
-    if not wanted:
+    if not supported:
         return ["Look for what moved or bent while the pictures were taken, and take them again."]
-    best = max(wanted, key=lambda comparison: comparison.information_gain)
+    best = max(supported, key=lambda comparison: comparison.information_gain)
     return [f"Calibrate again with --model {best.name}, which the pictures support."]
 
 
@@ -108,7 +108,7 @@ def _noise_checks(calibration: Calibration, views: Sequence[ViewFigures]) -> lis
     beyond = float(large[calibration.inliers].mean())
     means = [cell_means(calibration, view.view) for view in views]
     systematic = np.concatenate([cells.systematic for cells in means])
-    most = float(binom.isf(CHANCE, len(systematic), SYSTEMATIC_CHANCE)) / len(systematic)
+    limit = float(binom.isf(CHANCE, len(systematic), SYSTEMATIC_CHANCE)) / len(systematic)
     return [
         Check(
             "Corners rejected as outliers",
@@ -124,7 +124,7 @@ def _noise_checks(calibration: Calibration, views: Sequence[ViewFigures]) -> lis
         ),
         Check(
             "Cells with a significant mean residual",
-            Metric(value=float(systematic.mean()), unit="of the cells", limit=most),
+            Metric(value=float(systematic.mean()), unit="of the cells", limit=limit),
             f"mean residuals are significant in {systematic.mean():.0%} of the cells, "
             f"by chance in {SYSTEMATIC_CHANCE:.0%}",
             advice_on_cells(means, views),
@@ -133,17 +133,17 @@ def _noise_checks(calibration: Calibration, views: Sequence[ViewFigures]) -> lis
 
 
 def _evenness(views: Sequence[ViewFigures]) -> list[Check]:
-    """Check that all views and both axes fit equally well: the rms of all can hide an error in one view."""
+    """Check that all views and both axes fit equally well: the overall rms can hide an error in one view."""
     rms = {
         (view.called, axis): float(value) for view in views for axis, value in zip("xy", view.rms_sigmas, strict=True)
     }
-    seen = {place: value for place, value in rms.items() if np.isfinite(value)}
-    worst, best = max(seen, key=lambda place: seen[place]), min(seen, key=lambda place: seen[place])
-    ratio = seen[worst] / seen[best]
+    finite = {place: value for place, value in rms.items() if np.isfinite(value)}
+    worst, best = max(finite, key=lambda place: finite[place]), min(finite, key=lambda place: finite[place])
+    ratio = finite[worst] / finite[best]
     return [
         Check(
             "RMS of the noisiest view and axis, relative to the quietest",
-            Metric(value=ratio, unit="1", limit=MAX_UNEVEN),
+            Metric(value=ratio, unit="1", limit=MAX_RMS_RATIO),
             f"the residuals of {worst[0]} in {worst[1]} are {ratio:.1f} times those of {best[0]} in {best[1]}",
             f"Look at the arrows of {worst[0]}: its residuals exceed the scatter of its corners.",
         )
@@ -175,17 +175,17 @@ def _diagnostic_checks(calibration: Calibration) -> list[Check]:
         )
         for split in diagnostics.splits
     ]
-    at = diagnostics.range_mm
+    at_mm = diagnostics.range_mm
     calibration_mm, matching_mm = (
-        float(np.interp(at, diagnostics.depth.range_mm, values))
+        float(np.interp(at_mm, diagnostics.depth.range_mm, values))
         for values in (diagnostics.depth.calibration_mm, diagnostics.depth.matching_mm)
     )
     if np.isfinite(calibration_mm) and matching_mm > 0.0:
         checks.append(
             Check(
-                f"Depth {SIGMA} at {at:.0f} mm, calibration relative to matching",
+                f"Depth {SIGMA} at {at_mm:.0f} mm, calibration relative to matching",
                 Metric(value=calibration_mm / matching_mm, unit="1", limit=1.0),
-                f"at {at:.0f} mm the calibration's depth uncertainty ({calibration_mm:.2g} mm) exceeds matching's",
+                f"at {at_mm:.0f} mm the calibration's depth uncertainty ({calibration_mm:.2g} mm) exceeds matching's",
                 "Take more pictures with tilted boards: they reduce the calibration's depth uncertainty.",
             )
         )
@@ -194,30 +194,30 @@ def _diagnostic_checks(calibration: Calibration) -> list[Check]:
 
 def _picture_checks(calibration: Calibration, views: Sequence[ViewFigures]) -> list[Check]:
     mirrors = [view for view in views if view.view != DIRECT]
-    emptiest = min(mirrors, key=lambda view: view.coverage)
-    rarest = min(mirrors, key=lambda view: view.frames)
+    least_covered = min(mirrors, key=lambda view: view.coverage)
+    fewest_frames = min(mirrors, key=lambda view: view.frames)
     normals, mirrored = board_normals(calibration)
-    turn = _widest_deg(normals[mirrored])
+    rotation_deg = _largest_rotation_deg(normals[mirrored])
     spans = {view.name: float(view.distances_mm.max() / view.distances_mm.min()) for view in mirrors if view.frames}
     flattest = min(spans, key=lambda name: spans[name])
     return [
         Check(
             "Lowest coverage of a view",
-            Metric(value=emptiest.coverage, unit="of the view", limit=MIN_COVERAGE, lower_is_better=False),
-            f"corners fill {emptiest.coverage:.0%} of {emptiest.name}",
-            f"Show the board {empty_region(emptiest)} of {emptiest.name}, as the picture has it.",
+            Metric(value=least_covered.coverage, unit="of the view", limit=MIN_COVERAGE, lower_is_better=False),
+            f"corners fill {least_covered.coverage:.0%} of {least_covered.name}",
+            f"Show the board {empty_region(least_covered)} of {least_covered.name}, as the picture has it.",
         ),
         Check(
             "Fewest frames with a board in a view",
-            Metric(value=rarest.frames, unit="1", limit=MIN_FRAMES, lower_is_better=False),
-            f"{rarest.name} shows the board in {rarest.frames} frames",
-            f"Take {MIN_FRAMES - rarest.frames} more pictures with the board in {rarest.name}.",
+            Metric(value=fewest_frames.frames, unit="1", limit=MIN_FRAMES, lower_is_better=False),
+            f"{fewest_frames.name} shows the board in {fewest_frames.frames} frames",
+            f"Take {MIN_FRAMES - fewest_frames.frames} more pictures with the board in {fewest_frames.name}.",
         ),
         Check(
             "Largest rotation between two boards",
-            Metric(value=turn, unit="deg", limit=MIN_TURN_DEG, lower_is_better=False),
-            f"no two boards differ by more than {turn:.0f}° in orientation",
-            f"Tilt the board more: {_untried(normals[mirrored])}.",
+            Metric(value=rotation_deg, unit="deg", limit=MIN_ROTATION_DEG, lower_is_better=False),
+            f"no two boards differ by more than {rotation_deg:.0f}° in orientation",
+            f"Tilt the board more: {_missing_tilt(normals[mirrored])}.",
         ),
         Check(
             "Smallest ratio of farthest to nearest board in a view",
@@ -228,12 +228,12 @@ def _picture_checks(calibration: Calibration, views: Sequence[ViewFigures]) -> l
     ]
 
 
-def _widest_deg(normals: FloatArray) -> float:
+def _largest_rotation_deg(normals: FloatArray) -> float:
     """Largest angle between two boards, from their unit normals (f, 3)."""
     return float(np.degrees(np.arccos(np.clip((normals @ normals.T).min(), -1.0, 1.0))))
 
 
-def _untried(normals: FloatArray) -> str:
+def _missing_tilt(normals: FloatArray) -> str:
     """Describe the direction in which boards were tilted least, from their unit normals (f, 3) in view axes."""
     tilts = {
         "left edge nearer": -normals[:, 0].min(),
@@ -247,45 +247,45 @@ def _untried(normals: FloatArray) -> str:
 def empty_region(view: ViewFigures) -> str:
     """Describe the region, of nine regions of a view, with the fewest corners."""
     low, high = view.outline_px.min(axis=0), view.outline_px.max(axis=0)
-    middles = (view.cells_px[:, :2] + view.cells_px[:, 2:]) / 2.0
-    thirds = np.minimum((3 * (middles - low) / (high - low)).astype(int), 2)
+    centres = (view.cells_px[:, :2] + view.cells_px[:, 2:]) / 2.0
+    thirds = np.minimum((3 * (centres - low) / (high - low)).astype(int), 2)
     regions = {tuple(third): float("inf") for third in thirds.tolist()}
     for region in regions:
         inside = (thirds == region).all(axis=1)
         regions[region] = float((view.cell_counts[inside] > 0).mean()) + 1e-6 * float(view.cell_counts[inside].mean())
-    across, down = min(regions, key=lambda region: regions[region])
-    if (across, down) == (1, 1):
+    column, row = min(regions, key=lambda region: regions[region])
+    if (column, row) == (1, 1):
         return "in the middle"
-    return "at the " + " ".join(word for word in (("top", "", "bottom")[down], ("left", "", "right")[across]) if word)
+    return "at the " + " ".join(word for word in (("top", "", "bottom")[row], ("left", "", "right")[column]) if word)
 
 
 def advice_on_corners(calibration: Calibration, views: Sequence[ViewFigures], rows: NDArray[np.bool_]) -> str:
     """Advise on some corners (n,) by where they lie: in few pictures, in one view, or spread out."""
-    seen = calibration.observations
-    count, frames = int(rows.sum()), len(np.unique(seen.frame))
-    by_frame = np.sort(np.bincount(seen.frame[rows], minlength=frames))[::-1]
-    needed = int(np.searchsorted(np.cumsum(by_frame), LARGE_PART * count)) + 1
-    if count and needed <= max(FEW_PICTURES * frames, 1.0):
+    observations = calibration.observations
+    count, frames = int(rows.sum()), len(np.unique(observations.frame))
+    by_frame = np.sort(np.bincount(observations.frame[rows], minlength=frames))[::-1]
+    needed = int(np.searchsorted(np.cumsum(by_frame), LARGE_SHARE * count)) + 1
+    if count and needed <= max(FEW_PICTURES_SHARE * frames, 1.0):
         pictures = "1 picture" if needed == 1 else f"{needed} pictures"
         return (
-            f"{LARGE_PART:.0%} of these corners are in {pictures} of {frames}: look there for glare, motion blur or "
+            f"{LARGE_SHARE:.0%} of these corners are in {pictures} of {frames}: look there for glare, motion blur or "
             "an obstacle in front of the board, and take these pictures again."
         )
     for view in views:
-        own = seen.view == view.view
-        share, expected = rows[own].sum() / max(count, 1), own.mean()
-        if share > MOST and share > TIMES_ITS_SHARE * expected:
+        in_view = observations.view == view.view
+        share, expected = rows[in_view].sum() / max(count, 1), in_view.mean()
+        if share > MIN_VIEW_SHARE and share > MIN_SHARE_RATIO * expected:
             return f"{share:.0%} of these corners are in {view.called}: look for dirt, an edge or glare there."
     return "These corners are spread over pictures and views, so there is no single cause: the noise has long tails."
 
 
 def advice_on_cells(cells: Sequence[CellMeans], views: Sequence[ViewFigures]) -> str:
     """Advise on cells of views with significant mean residuals, in some views or in all."""
-    unlikely = [
+    systematic_views = [
         view.called
         for view, means in zip(views, cells, strict=True)
         if means.systematic.sum() > binom.isf(CHANCE, len(means.systematic), SYSTEMATIC_CHANCE)
     ]
-    if 0 < len(unlikely) <= len(views) / 2.0:
-        return f"See the red arrows of {', '.join(unlikely)}: a mirror there may be bent or displaced."
+    if 0 < len(systematic_views) <= len(views) / 2.0:
+        return f"See the red arrows of {', '.join(systematic_views)}: a mirror there may be bent or displaced."
     return "See the red arrows, which are in most views: the board may be bent, or the lens beyond its model."

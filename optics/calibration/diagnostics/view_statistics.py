@@ -84,28 +84,31 @@ def view_figures(calibration: Calibration) -> tuple[ViewFigures, ...]:
 
 
 def _figures(calibration: Calibration, view: int) -> ViewFigures:
-    seen, inliers = calibration.observations, calibration.inliers
-    of_view = seen.view == view
-    used = of_view & inliers
+    observations, inliers = calibration.observations, calibration.inliers
+    of_view = observations.view == view
+    in_view = of_view & inliers
     outline = view_outline_px(calibration.layout, view)
     cells = _cells(outline)
-    pixels = seen.pixels[used]
+    pixels = observations.pixels[in_view]
     inside = [((pixels >= cell[:2]) & (pixels < cell[2:])).all(axis=1).sum() for cell in cells]
-    frames = np.unique(seen.frame[used])
-    met = [_board_met(calibration, view, seen.pixels[used & (seen.frame == f)], int(f)) for f in frames]
+    frames = np.unique(observations.frame[in_view])
+    boards = [
+        _distance_and_tilt(calibration, view, observations.pixels[in_view & (observations.frame == f)], int(f))
+        for f in frames
+    ]
     return ViewFigures(
         view=view,
         name=_name(calibration, view),
-        corners=int(used.sum()),
+        corners=int(in_view.sum()),
         outliers=int((of_view & ~inliers).sum()),
         frames=len(frames),
-        rms_px=_rms(calibration.residuals_px[used]),
-        rms_sigmas=_rms(calibration.standardised[used]),
+        rms_px=_rms(calibration.residuals_px[in_view]),
+        rms_sigmas=_rms(calibration.standardised[in_view]),
         outline_px=outline,
         cells_px=cells,
         cell_counts=np.array(inside, dtype=np.int64),
-        distances_mm=np.array([distance for distance, _ in met]),
-        tilts_deg=np.array([tilt for _, tilt in met]),
+        distances_mm=np.array([distance for distance, _ in boards]),
+        tilts_deg=np.array([tilt for _, tilt in boards]),
     )
 
 
@@ -116,7 +119,7 @@ def _rms(residuals: FloatArray) -> FloatArray:
 def _name(calibration: Calibration, view: int) -> str:
     if view != DIRECT:
         return f"mirror {calibration.layout.mirror_names[view]}"
-    return "direct view" if calibration.observations.both_ways else "bare camera"
+    return "direct view" if calibration.observations.direct_and_mirrored else "bare camera"
 
 
 def _cells(outline: FloatArray) -> FloatArray:
@@ -130,7 +133,7 @@ def _cells(outline: FloatArray) -> FloatArray:
     return np.array(cells)[share >= MIN_CELL_SHARE]
 
 
-def _board_met(calibration: Calibration, view: int, pixels: FloatArray, frame: int) -> tuple[float, float]:
+def _distance_and_tilt(calibration: Calibration, view: int, pixels: FloatArray, frame: int) -> tuple[float, float]:
     """Median distance (mm) at which a view's rays hit the board, and median angle (deg) from its normal.
 
     Mirrors preserve distances and angles, so both are taken from the board's mirror image in front of the base camera.
@@ -152,8 +155,8 @@ def board_normals(calibration: Calibration) -> tuple[FloatArray, NDArray[np.bool
 
     Normals of mirrored frames are in view axes, the others in the camera's axes.
     """
-    seen = calibration.observations
-    mirrored = np.isin(np.arange(len(calibration.rig_from_board)), seen.frame[seen.view != DIRECT])
+    observations = calibration.observations
+    mirrored = np.isin(np.arange(len(calibration.rig_from_board)), observations.frame[observations.view != DIRECT])
     normals = calibration.rig_from_board[:, :3, 2]
     return np.where(mirrored[:, None], normals @ calibration.layout.view_from_rig.T, normals), mirrored
 
@@ -181,6 +184,6 @@ def cell_means(calibration: Calibration, view: int) -> CellMeans:
     sums = np.zeros((int(cell.max(initial=-1)) + 1, 5))
     np.add.at(sums, cell.ravel(), np.hstack([weights, weights * pixels, weights * residuals]))
     total = sums[:, :1]
-    at, mean = sums[:, 1:3] / total, sums[:, 3:] / total
+    centres, mean = sums[:, 1:3] / total, sums[:, 3:] / total
     squared = np.sum(mean**2, axis=1) * total[:, 0]
-    return CellMeans(at, mean, squared > -2.0 * np.log(SYSTEMATIC_CHANCE))
+    return CellMeans(centres, mean, squared > -2.0 * np.log(SYSTEMATIC_CHANCE))

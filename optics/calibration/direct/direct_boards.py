@@ -18,9 +18,9 @@ from mirrorcam.optics.calibration.solver.observations import DIRECT, Corners, Ob
 from mirrorcam.optics.calibration.solver.residuals import Board, Estimate, residuals
 from mirrorcam.optics.geometry.targets import AprilGrid, Charuco, Checkerboard, Target
 
-MOST_FLIPPED = 0.003  # largest rms error of flipped pictures' first estimate, relative to the picture's diagonal
+MAX_FLIPPED = 0.003  # largest rms error of flipped pictures' first estimate, relative to the picture's diagonal
 NEAREST_MM, FARTHEST_MM = 60.0, 20000.0  # distances at which cameras with mirrors see boards in focus
-MOST_NUMBERINGS = 8  # of a partly visible board that is used to locate the mirrors
+MAX_NUMBERINGS = 8  # of a partly visible board that is used to locate the mirrors
 FLIPPED = "the pictures are flipped left to right, as from a selfie camera: switch that off, or flip all of them back"
 INVERTED = (
     "the board in the pictures has black and white exchanged, as if cols and rows were exchanged in board.toml: its "
@@ -38,8 +38,8 @@ class SeenBoard:
     @property
     def any(self) -> Corners | None:
         """Any of its numberings; None if there is none."""
-        every = [*self.stated.direct, *self.stated.image, *self.inverted.direct, *self.inverted.image]
-        return every[0] if every else None
+        numberings = [*self.stated.direct, *self.stated.image, *self.inverted.direct, *self.inverted.image]
+        return numberings[0] if numberings else None
 
     def flipped(self, width_px: int) -> SeenBoard:
         """Return the board in the picture flipped left to right, which swaps direct and mirrored numberings."""
@@ -48,8 +48,8 @@ class SeenBoard:
 
 def _flipped(board: FoundBoard, width_px: int) -> FoundBoard:
     direct, image = (
-        [replace(one, pixels=np.array([width_px - 1.0, 0.0]) + one.pixels * [-1.0, 1.0]) for one in some]
-        for some in (board.image, board.direct)
+        [replace(one, pixels=np.array([width_px - 1.0, 0.0]) + one.pixels * [-1.0, 1.0]) for one in numberings]
+        for numberings in (board.image, board.direct)
     )
     return FoundBoard(direct, image)
 
@@ -74,7 +74,7 @@ def boards_in(pictures: Sequence[Grey], target: Target, *, most: int, progress: 
 
 def more_mirrors(boards: Sequence[Sequence[SeenBoard]], names: Sequence[str], mirrors: int) -> str:
     """Return a clause for an error if a picture shows more boards than the mirrors explain, with double reflections."""
-    count, number = max((len(some), -number) for number, some in enumerate(boards))
+    count, number = max((len(in_picture), -number) for number, in_picture in enumerate(boards))
     if count <= 1 + mirrors**2:
         return ""
     return f"; {names[-number]} shows {count} boards, expected more than --direct-view {mirrors}"
@@ -125,7 +125,7 @@ def start_of(
             [
                 board
                 for board in (seen.inverted if inverted else seen.stated for seen in in_picture)
-                if 0 < len(board.direct) + len(board.image) <= MOST_NUMBERINGS
+                if 0 < len(board.direct) + len(board.image) <= MAX_NUMBERINGS
             ]
             for in_picture in boards
         ]
@@ -153,13 +153,13 @@ def fits_flipped(
         start, _ = start_of(flipped, target, mirrors=mirrors, width_px=width_px, height_px=height_px)
     except InputError:
         return False
-    return start.error_px < MOST_FLIPPED * float(np.hypot(width_px, height_px))
+    return start.error_px < MAX_FLIPPED * float(np.hypot(width_px, height_px))
 
 
 def nearness_note(estimate: Estimate, target: Target) -> tuple[str, ...]:
     """Note a board so near to the camera, or so far, that its size seems to be in a unit other than mm."""
-    middle = np.append(target.corners_in_board_mm.mean(axis=0), 1.0)
-    distance_mm = float(np.median((estimate.rig_from_board @ middle)[:, 2]))
+    centre = np.append(target.corners_in_board_mm.mean(axis=0), 1.0)
+    distance_mm = float(np.median((estimate.rig_from_board @ centre)[:, 2]))
     if NEAREST_MM < distance_mm < FARTHEST_MM:
         return ()
     return (
@@ -180,9 +180,9 @@ def confirmed(pictures: Sequence[Grey], start: Start, target: Target) -> Observa
     ids = np.arange(len(board.corners_in_board_mm))
     parts = []
     for frame, picture in enumerate(pictures):
-        alone = estimate.of_frames(np.array([frame]))
+        single_frame = estimate.of_frames(np.array([frame]))
         for view in range(DIRECT, len(estimate.virtual_centres_in_rig_mm)):
-            predicted = residuals(alone, Observations.of_view(0, view, ids, np.zeros((len(ids), 2))), board)
+            predicted = residuals(single_frame, Observations.of_view(0, view, ids, np.zeros((len(ids), 2))), board)
             if not np.isfinite(predicted).all():
                 continue
             corners = confirm(picture, predicted, target)

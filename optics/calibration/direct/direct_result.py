@@ -25,7 +25,7 @@ from mirrorcam.optics.calibration.solver.residuals import Estimate
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror, cut
 
-MOST_NAMED = 8
+MAX_NAMED = 8
 """Largest number of pictures that notes name one by one."""
 
 
@@ -73,15 +73,15 @@ def direct_result(
         metrics[f"flat_board_rms_{axis}_px"] = Metric(value=rms, unit="px")
     metrics |= _board_shape(board.shaped(estimate.shape) - board.corners_in_board_mm)
     if turns is not None:
-        farthest = estimate.camera.fx_px * float(np.linalg.norm(turns - turns[0], axis=1).max())
-        metrics["camera_turned_px"] = Metric(value=farthest, unit="px")
+        largest_px = estimate.camera.fx_px * float(np.linalg.norm(turns - turns[0], axis=1).max())
+        metrics["camera_turned_px"] = Metric(value=largest_px, unit="px")
     if shutter is not None:
         metrics["shutter_readout"] = Metric(value=shutter.readout, unit="1")
         metrics["shutter_readout_sigma"] = Metric(value=shutter.sigma, unit="1")
     if "sheet_mm" in solution.parameters:
-        place = solution.parameters.index("sheet_mm")
+        index = solution.parameters.index("sheet_mm")
         metrics["sheet_mm"] = Metric(value=estimate.thickness_mm[0], unit="mm")
-        metrics["sheet_sigma_mm"] = Metric(value=np.sqrt(solution.covariance[place, place]), unit="mm")
+        metrics["sheet_sigma_mm"] = Metric(value=np.sqrt(solution.covariance[index, index]), unit="mm")
     metrics |= _angles(solution)
     views, notes = _views(observations, len(board.corners_in_board_mm), pictures, names, layout.mirror_names)
     if shutter is not None and shutter.supported:
@@ -131,27 +131,27 @@ def _views(
 ) -> tuple[int, tuple[str, ...]]:
     """Return the number of views that show corners, and notes on views that show none or not all."""
     unused = [f"{picture}: no board found, not used" for n, picture in enumerate(names) if n not in pictures]
-    shown = [names[number] for number in pictures]
-    observations = observations.where(observations.frame < len(shown))
-    used, notes = 0, []
+    names_used = [names[number] for number in pictures]
+    observations = observations.where(observations.frame < len(names_used))
+    view_count, notes = 0, []
     for view in range(DIRECT, len(mirrors)):
         name = "direct view" if view == DIRECT else f"mirror {mirrors[view]}"
-        counts = np.bincount(observations.frame[observations.view == view], minlength=len(shown))
-        used += int((counts > 0).sum())
+        counts = np.bincount(observations.frame[observations.view == view], minlength=len(names_used))
+        view_count += int((counts > 0).sum())
         missing = np.flatnonzero(counts == 0)
         partial = np.flatnonzero((counts > 0) & (counts < corners))
-        if len(missing) > MOST_NAMED:
-            notes.append(f"{name} not found in {len(missing)} of {len(shown)} pictures")
+        if len(missing) > MAX_NAMED:
+            notes.append(f"{name} not found in {len(missing)} of {len(names_used)} pictures")
         else:
-            notes += [f"{shown[number]}: {name} not found" for number in missing]
-        if len(partial) > MOST_NAMED:
+            notes += [f"{names_used[number]}: {name} not found" for number in missing]
+        if len(partial) > MAX_NAMED:
             low, high = counts[partial].min(), counts[partial].max()
             notes.append(
-                f"{name} shows {low} to {high} of {corners} corners in {len(partial)} of {len(shown)} pictures"
+                f"{name} shows {low} to {high} of {corners} corners in {len(partial)} of {len(names_used)} pictures"
             )
         else:
-            notes += [f"{shown[number]}: {name} shows {counts[number]} of {corners} corners" for number in partial]
-    return used, (*unused, *notes)
+            notes += [f"{names_used[number]}: {name} shows {counts[number]} of {corners} corners" for number in partial]
+    return view_count, (*unused, *notes)
 
 
 def _layout(selection: ModelSelection, observations: Observations) -> Layout:
@@ -162,14 +162,14 @@ def _layout(selection: ModelSelection, observations: Observations) -> Layout:
         rows=1,
         cols=mirrors,
         camera=solution.estimate.camera,
-        mirrors=tuple(_seen_mirror(solution.estimate, observations, solution.inliers, m) for m in range(mirrors)),
+        mirrors=tuple(_visible_mirror(solution.estimate, observations, solution.inliers, m) for m in range(mirrors)),
         view_from_rig=np.eye(3),
         provenance={"source": "pictures of a checkerboard seen directly and in the mirrors", "level": selection.level},
         uncertainty=uncertainty(solution),
     )
 
 
-def _seen_mirror(estimate: Estimate, observations: Observations, inliers: BoolArray, mirror: int) -> Mirror:
+def _visible_mirror(estimate: Estimate, observations: Observations, inliers: BoolArray, mirror: int) -> Mirror:
     """Return a mirror cut to the convex hull of its observed corners, because nothing is known beyond them."""
     centre = estimate.virtual_centres_in_rig_mm[mirror]
     pixels = observations.pixels[inliers & (observations.view == mirror)]

@@ -25,17 +25,17 @@ from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.mirror import reflect
 from mirrorcam.optics.geometry.transforms import transform
 
-PAIR_MISFIT = 0.15  # in diagonals across all corners: a pose from a single view is rough
-AGREEING = 0.5  # in diagonals, between the middles of a board from several views
-FAR = 10.0  # in diagonals, for a board that is no image
-MOST_COMBINATIONS = 500
+PAIR_MISFIT = 0.15  # in diagonals of the board: a pose from a single view is rough
+AGREEING = 0.5  # largest distance between the centroids of a board from several views, in diagonals
+NO_IMAGE = 10.0  # distance in diagonals that stands for a board that cannot be the image
+MAX_COMBINATIONS = 500
 SPARE_PLANES = 3  # besides the mirrors, for coincidences and images of images
 SAME_PLANE = 0.1  # relative to the distance of the virtual centre
 FOCAL = ("fx_px", "fy_px")
 FOCAL_LENGTHS = (0.6, 0.8, 1.1, 1.5, 2.2)  # of common cameras, in widths of the picture
-LIKELY_BOW = 0.02  # in larger sides of a board, for corners that are off by 1 px
+LIKELY_BOW = 0.02  # prior, relative to the board's longer side, for corner errors of 1 px
 GOOD_ERROR = 2e-4  # in diagonals of the picture, below which no other camera is tried
-MOST_ERROR = 0.01  # in diagonals of the picture, at which a corner's error is capped
+ERROR_CAP = 0.01  # in diagonals of the picture, at which a corner's error is capped
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class FoundBoard:
 class Start:
     """A first estimate, the corners by view with frames numbered from 0, and the picture number of each frame.
 
-    `error_px` is the rms error of all detected corners, capped at `MOST_ERROR` each.
+    `error_px` is the rms error of all detected corners, capped at `ERROR_CAP` each.
     """
 
     estimate: Estimate
@@ -94,7 +94,7 @@ def first_direct_estimate(
 ) -> Start:
     """Estimate camera, planes and poses from the boards detected in each picture.
 
-    Boards that bow, or are all tilted alike, give a wrong camera or none. So several cameras are tried, and the one
+    Bowed boards, or boards at similar tilts, give a wrong camera or none. So several cameras are tried, and the one
     whose mirrors and boards explain the corners best is used.
 
     Raises InputError if the boards do not determine the camera, or show fewer mirrors.
@@ -104,7 +104,7 @@ def first_direct_estimate(
     best, refusals = None, []
     for camera in _cameras(views, corners_in_board_mm, width_px, height_px):
         try:
-            start = _start(camera, found, corners_in_board_mm, mirrors, cap_px=MOST_ERROR * size_px)
+            start = _start_with(camera, found, corners_in_board_mm, mirrors, cap_px=ERROR_CAP * size_px)
         except InputError as error:
             refusals.append(str(error))
             continue
@@ -120,7 +120,7 @@ def first_direct_estimate(
 def _cameras(
     views: Sequence[Corners], corners_in_board_mm: FloatArray, width_px: int, height_px: int
 ) -> Iterator[Camera]:
-    """Yield cameras to try: as the views determine one, then centred ones with the focal lengths of common cameras."""
+    """Yield cameras to try: the one that fits the views, then centred ones with the focal lengths of common cameras."""
     size = {"width_px": width_px, "height_px": height_px}
     yield initial_estimates.intrinsics(views, corners_in_board_mm, **size, full_distortion=False)
     middle = {"cx_px": (width_px - 1) / 2.0, "cy_px": (height_px - 1) / 2.0}
@@ -128,7 +128,7 @@ def _cameras(
         yield Camera(**size, **middle, fx_px=focal * width_px, fy_px=focal * width_px)
 
 
-def _start(
+def _start_with(
     camera: Camera,
     found: Sequence[Sequence[FoundBoard]],
     corners_in_board_mm: FloatArray,
@@ -139,7 +139,7 @@ def _start(
     """Return the first estimate of a camera, after a robust fit of its focal lengths, planes, poses and bows."""
     boards = []
     for in_picture in found:
-        candidates = [_placed(camera, board, corners_in_board_mm) for board in in_picture]
+        candidates = [_located(camera, board, corners_in_board_mm) for board in in_picture]
         boards.append([board for board in candidates if board.direct or board.image])
     size_mm = float(np.linalg.norm(np.ptp(corners_in_board_mm, axis=0)))
     centres = _seed_mirrors(boards, mirrors, size_mm=size_mm)
@@ -154,21 +154,21 @@ def _start(
         raise InputError(f"the pictures do not determine camera and mirrors: {error}") from None
     errors = np.linalg.norm(residuals(estimate, observations, board), axis=1)
     # A board in no view counts as far off, so a start that explains only few boards is rejected.
-    every = sum(len((one.direct or one.image)[0]) for in_picture in found for one in in_picture)
-    squares = float(np.sum(np.minimum(errors, cap_px) ** 2)) + (every - len(observations)) * cap_px**2
-    return Start(estimate, observations, pictures, float(np.sqrt(squares / every)))
+    corner_count = sum(len((item.direct or item.image)[0]) for in_picture in found for item in in_picture)
+    squares = float(np.sum(np.minimum(errors, cap_px) ** 2)) + (corner_count - len(observations)) * cap_px**2
+    return Start(estimate, observations, pictures, float(np.sqrt(squares / corner_count)))
 
 
-def _placed(camera: Camera, board: FoundBoard, corners_in_board_mm: FloatArray) -> _PosedBoard:
+def _located(camera: Camera, board: FoundBoard, corners_in_board_mm: FloatArray) -> _PosedBoard:
     """Locate a board in space, without the numberings for which no pose fits."""
 
     def place(numberings: list[Corners]) -> list[_PosedCorners]:
-        placed = []
+        located = []
         for view in numberings:
             matrix = initial_estimates.camera_from_flat_board(camera, view, corners_in_board_mm)
             if matrix is not None:
-                placed.append(_PosedCorners(view, matrix, transform(matrix, corners_in_board_mm)))
-        return placed
+                located.append(_PosedCorners(view, matrix, transform(matrix, corners_in_board_mm)))
+        return located
 
     return _PosedBoard(place(board.direct), place(board.image))
 
@@ -200,16 +200,16 @@ def _seed_mirrors(boards: list[list[_PosedBoard]], mirrors: int, *, size_mm: flo
         best = min(range(len(proposals)), key=lambda i: (-support[i], proposals[i][2]))
         near = _same_plane(centres[best], centres)
         planes.append(np.median(centres[near], axis=0))
-        proposals = [proposal for proposal, gone in zip(proposals, near, strict=True) if not gone]
+        proposals = [proposal for proposal, used in zip(proposals, near, strict=True) if not used]
     if len(planes) < mirrors:
         raise InputError(
             f"the pictures show {len(planes)} mirrors, expected {mirrors}: the board must be seen directly and in each "
             "mirror in at least one picture"
         )
-    if comb(len(planes), mirrors) > MOST_COMBINATIONS:
+    if comb(len(planes), mirrors) > MAX_COMBINATIONS:
         planes = planes[:mirrors]  # the most frequent ones
-    together = [np.array(sorted(some, key=lambda centre: centre[0])) for some in combinations(planes, mirrors)]
-    return max(together, key=lambda centres: _agreeing(boards, centres, size_mm=size_mm))
+    selections = [np.array(sorted(chosen, key=lambda centre: centre[0])) for chosen in combinations(planes, mirrors)]
+    return max(selections, key=lambda centres: _agreeing(boards, centres, size_mm=size_mm))
 
 
 def _agreeing(boards: list[list[_PosedBoard]], centres: FloatArray, *, size_mm: float) -> int:
@@ -217,10 +217,10 @@ def _agreeing(boards: list[list[_PosedBoard]], centres: FloatArray, *, size_mm: 
     count = 0
     for in_picture in boards:
         views = _views(in_picture, centres, size_mm=size_mm)
-        middles = np.array([_in_rig(options[0], view, centres).mean(axis=0) for view, options in views.items()])
-        for place, middle in enumerate(middles):
-            others = np.delete(middles, place, axis=0)
-            count += bool((np.linalg.norm(others - middle, axis=1) < AGREEING * size_mm).any())
+        centroids = np.array([_in_rig(options[0], view, centres).mean(axis=0) for view, options in views.items()])
+        for row, centroid in enumerate(centroids):
+            others = np.delete(centroids, row, axis=0)
+            count += bool((np.linalg.norm(others - centroid, axis=1) < AGREEING * size_mm).any())
     return count
 
 
@@ -236,8 +236,8 @@ def _views(in_picture: list[_PosedBoard], centres: FloatArray, *, size_mm: float
     board behind no plane is the direct view, and a board behind a single plane its image; boards behind several planes
     may have been reflected more than once and are left out.
     """
-    tried = [_images_of(board, in_picture, centres, size_mm=size_mm) for board in in_picture if board.direct]
-    views, score = max(tried, key=lambda pair: pair[1], default=({}, 0.0))
+    interpretations = [_images_of(board, in_picture, centres, size_mm=size_mm) for board in in_picture if board.direct]
+    views, score = max(interpretations, key=lambda pair: pair[1], default=({}, 0.0))
     if score > 0.0:
         return views
     views = {}
@@ -259,19 +259,19 @@ def _images_of(
     """
     views, score = {DIRECT: direct.direct}, 0.0
     images = [board for board in in_picture if board.image and board is not direct]
-    apart = np.full((len(centres), len(images)), FAR)
+    distances = np.full((len(centres), len(images)), NO_IMAGE)
     for mirror, centre in enumerate(centres):
         if initial_estimates.behind(direct.points, centre):
             continue
         expected = reflect(direct.points, centre).mean(axis=0)
-        for place, board in enumerate(images):
+        for column, board in enumerate(images):
             if initial_estimates.behind(board.points, centre):
-                middles = np.array([option.points.mean(axis=0) for option in board.image])
-                apart[mirror, place] = np.linalg.norm(middles - expected, axis=1).min() / size_mm
-    for mirror, place in zip(*linear_sum_assignment(np.minimum(apart, FAR)), strict=True):
-        if apart[mirror, place] < AGREEING:
-            views[int(mirror)] = images[place].image
-            score += 1.0 - apart[mirror, place] / AGREEING
+                centroids = np.array([option.points.mean(axis=0) for option in board.image])
+                distances[mirror, column] = np.linalg.norm(centroids - expected, axis=1).min() / size_mm
+    for mirror, column in zip(*linear_sum_assignment(np.minimum(distances, NO_IMAGE)), strict=True):
+        if distances[mirror, column] < AGREEING:
+            views[int(mirror)] = images[column].image
+            score += 1.0 - distances[mirror, column] / AGREEING
     return views, float(score)
 
 
@@ -287,7 +287,7 @@ def _assign(
     parts: list[Observations] = []
     frames: list[int] = []
     poses: list[FloatArray] = []
-    for number, in_picture in enumerate(boards):
+    for picture, in_picture in enumerate(boards):
         views = _views(in_picture, centres, size_mm=size_mm)
         if not views:
             continue
@@ -295,14 +295,14 @@ def _assign(
         reference = views[first][0]
         reference_points = _in_rig(reference, first, centres)
         for view, options in views.items():
-            # A board that looks the same upside down has two numberings, a part of one more; the most certain view
-            # decides.
-            places = [_in_rig(option, view, centres) for option in options]
-            best = min(range(len(options)), key=lambda i: float(np.abs(places[i] - reference_points).sum()))
+            # A board that looks the same upside down has two numberings, a part of a board even more; the view with the
+            # fewest decides.
+            points_in_rig = [_in_rig(option, view, centres) for option in options]
+            best = min(range(len(options)), key=lambda i: float(np.abs(points_in_rig[i] - reference_points).sum()))
             corners = options[best].corners
             parts.append(Observations.of_view(len(frames), view, corners.ids, corners.pixels, corners.sigma_px))
         poses.append(
-            reference.matrix if first == DIRECT else initial_estimates.before_mirror(reference.matrix, centres[first])
+            reference.matrix if first == DIRECT else initial_estimates.pose_from_image(reference.matrix, centres[first])
         )
-        frames.append(number)
+        frames.append(picture)
     return Observations.join(parts), frames, np.array(poses)

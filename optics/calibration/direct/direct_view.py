@@ -121,9 +121,9 @@ def calibrate_with_direct_view(
     _check_sizes((*pictures, *base), (*names, *base_names))
     model.check_direct()
     boards = boards_in(pictures, target, most=mirrors + 1, progress=progress)
-    # Pictures with the most corners first: the first ones may show no board yet.
+    # Pictures with the most corners come first: those taken first may not show the board yet.
     by_corners = [
-        pictures[number] for number in sorted(range(len(pictures)), key=lambda number: -_shown(boards[number]))
+        pictures[number] for number in sorted(range(len(pictures)), key=lambda number: -_corner_count(boards[number]))
     ]
     if other := other_board(by_corners, target, mirrored=None, found=True):
         raise InputError(other)
@@ -132,7 +132,7 @@ def calibrate_with_direct_view(
     notes: tuple[str, ...] = ()
     used = list(range(len(pictures)))
     if most is not None and len(pictures) > most:
-        each = [[board.any for board in some if board.any is not None] for some in boards]
+        each = [[board.any for board in in_picture if board.any is not None] for in_picture in boards]
         used = most_informative(each, corners_mm, width_px=width, most=most)
         notes = (f"{len(used)} of {len(pictures)} pictures used: {names_together([names[number] for number in used])}",)
         boards = [boards[number] for number in used]
@@ -152,19 +152,19 @@ def calibrate_with_direct_view(
     rigid = Model(INTRINSICS, thickness=False, curvature=False, board=Board.rigid(corners_mm))
     try:
         observations = confirmed(shown, start, target)
-        alone = [direct_view(negative(picture) if inverted else picture, target) for picture in base]
-        alone = [rows for rows in alone if len(rows)]
+        base_corners = [direct_view(negative(picture) if inverted else picture, target) for picture in base]
+        base_corners = [rows for rows in base_corners if len(rows)]
         if on_hint is not None:
             shown_names = [names[number] for number in start.pictures]
             hint = next_direct_pose(
-                start.estimate, observations, target, intrinsics=INTRINSICS, pictures=shown_names, base=alone
+                start.estimate, observations, target, intrinsics=INTRINSICS, pictures=shown_names, base=base_corners
             )
             if hint is not None:
                 on_hint(names[-1], hint)
-        plain = start.estimate.with_poses(start.estimate.rig_from_board)
-        flat = fit_as("joint", plain, observations, rigid)
-        flat, observations, turns = _compensated(shown, flat, observations)
-        flat, observations = _with_base(flat, observations, alone)
+        start_poses = start.estimate.with_poses(start.estimate.rig_from_board)
+        flat = fit_as("joint", start_poses, observations, rigid)
+        flat, observations, rotations = _compensated(shown, flat, observations)
+        flat, observations = _with_base(flat, observations, base_corners)
         selection, drawn = select_direct_model(flat, observations, model=model)
         shutter = None
         if adjacent is not None:
@@ -179,8 +179,8 @@ def calibrate_with_direct_view(
                 observations = at_middle_row(observations, velocity, shutter.readout, height)
                 flat = fit_as("joint", flat.solution.estimate, observations, rigid)
                 selection, drawn = select_direct_model(flat, observations, model=model)
-        found = direct_result(
-            selection, drawn, observations, pictures=start.pictures, names=names, turns=turns, shutter=shutter
+        result = direct_result(
+            selection, drawn, observations, pictures=start.pictures, names=names, turns=rotations, shutter=shutter
         )
     except UndeterminedError as error:
         more = more_mirrors(boards, names, mirrors)
@@ -189,10 +189,10 @@ def calibrate_with_direct_view(
         # Parts of another board that pass for the stated one lead to impossible mirrors.
         other = other_board(pictures, target, mirrored=None, found=False)
         raise InputError(other or f"the pictures lead to impossible mirrors: {error}") from None
-    return replace(found, notes=(*notes, *found.notes))
+    return replace(result, notes=(*notes, *result.notes))
 
 
-def _shown(boards: Sequence[SeenBoard]) -> int:
+def _corner_count(boards: Sequence[SeenBoard]) -> int:
     """Number of corners of all boards in a picture."""
     return sum(len(board.any) for board in boards if board.any is not None)
 
@@ -229,13 +229,13 @@ def _compensated(
 ) -> tuple[Fitted, Observations, FloatArray | None]:
     """Return fit, corners and camera rotations with these compensated if that improves the fit; None without."""
     camera = flat.solution.estimate.camera
-    turns = camera_rotations(pictures, camera)
-    if turns is None:
+    rotations = camera_rotations(pictures, camera)
+    if rotations is None:
         return flat, observations, None
-    still = stabilised(observations, camera, turns)
-    again = fit_as("joint", flat.solution.estimate, still, flat.model)
-    if _squares(again.solution) < _squares(flat.solution):
-        return again, still, turns
+    compensated = stabilised(observations, camera, rotations)
+    refitted = fit_as("joint", flat.solution.estimate, compensated, flat.model)
+    if _squares(refitted.solution) < _squares(flat.solution):
+        return refitted, compensated, rotations
     return flat, observations, None
 
 

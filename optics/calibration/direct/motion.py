@@ -1,4 +1,4 @@
-"""Motion while pictures are taken: of the camera between pictures, and of the board during readout.
+"""Motion of the camera between pictures, and of the board during the readout of a picture.
 
 A tripod yields when the shutter button is pressed. A rotation of the camera about the pupil moves every image point by
 one homography, whatever the point's distance and whether it is mirrored, so the entire static scene determines it.
@@ -36,18 +36,18 @@ from mirrorcam.optics.calibration.solver.residuals import residuals
 from mirrorcam.optics.geometry.camera import Camera
 
 FEATURES, FEATURE_QUALITY, FEATURE_GAP_PX = 6000, 0.003, 10.0
-CELLS, PER_CELL = (16, 8), 8  # moving objects often have the most texture: limits the weight of each part
+CELLS, PER_CELL = (16, 8), 8  # the limit per cell keeps moving objects, often the most textured, from dominating
 SCENE_WINDOW_PX, BOARD_WINDOW_PX = (21, 21), (15, 15)
 PYRAMID_LEVELS = 2
-SETTLED = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 60, 1e-4)
-MAX_RETURN_PX, MAX_DIFFERENCE_GREY, MAX_MOVE_PX = 0.05, 10.0, 6.0
-STATIC_PX = 0.4
-DRAWS = 300
-MIN_STATIC = 40
-TRIED = 0.5
-"""Readout at which the cost is evaluated, besides 0 and twice this, to fit a parabola."""
+TRACKING_CRITERIA = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 60, 1e-4)
+MAX_BACKWARD_PX, MAX_DIFFERENCE_GREY, MAX_MOVE_PX = 0.05, 10.0, 6.0
+MAX_STATIC_PX = 0.4
+RANSAC_DRAWS = 300
+MIN_STATIC_FEATURES = 40
+TRIAL_READOUT = 0.5
+"""The cost is evaluated at readouts of 0, this and twice this, to fit a parabola."""
 MIN_TRACKED = 6
-STRAY = 3.0  # of the median distance between velocities and the field through the corners of their view
+MAX_VELOCITY_ERROR = 3.0  # relative to the median deviation of a view's velocities from their affine fit
 
 
 def camera_rotations(pictures: Sequence[Grey], camera: Camera) -> FloatArray | None:
@@ -55,94 +55,97 @@ def camera_rotations(pictures: Sequence[Grey], camera: Camera) -> FloatArray | N
 
     Random sample consensus over features tracked by Lucas-Kanade, then least squares.
     """
-    turns = [np.zeros(3)]
+    rotations = [np.zeros(3)]
     for picture in pictures[1:]:
-        here, there = _tracked(pictures[0], picture)
-        turn = None if len(here) < MIN_STATIC else _consensus(camera, here, there)
-        if turn is None:
+        first_px, other_px = _scene_tracks(pictures[0], picture)
+        rotation = None if len(first_px) < MIN_STATIC_FEATURES else _ransac_rotation(camera, first_px, other_px)
+        if rotation is None:
             return None
-        turns.append(turn)
-    return np.array(turns)
+        rotations.append(rotation)
+    return np.array(rotations)
 
 
-def stabilised(observations: Observations, camera: Camera, turns: FloatArray) -> Observations:
-    """Correct corners for the camera's rotations `turns` (f, 3) since the first frame."""
-    back = Rotation.from_rotvec(turns[observations.frame]).inv().as_matrix()
-    rays = np.einsum("nij,nj->ni", back, camera.unproject(observations.pixels))
+def stabilised(observations: Observations, camera: Camera, rotations: FloatArray) -> Observations:
+    """Correct corners for the camera's `rotations` (f, 3), rad, since the first frame."""
+    first_from_frame = Rotation.from_rotvec(rotations[observations.frame]).inv().as_matrix()
+    rays = np.einsum("nij,nj->ni", first_from_frame, camera.unproject(observations.pixels))
     return replace(observations, pixels=camera.project(rays))
 
 
-def _tracked(first: Grey, other: Grey) -> tuple[FloatArray, FloatArray]:
-    """Features (n, 2) of the first picture and their positions in the other, spread evenly over the picture."""
-    found = cv2.goodFeaturesToTrack(first, FEATURES, FEATURE_QUALITY, FEATURE_GAP_PX)
-    if found is None:
+def _scene_tracks(first: Grey, other: Grey) -> tuple[FloatArray, FloatArray]:
+    """Pixels (n, 2) of features spread evenly over the first picture, and their pixels (n, 2) in the other."""
+    features_px = cv2.goodFeaturesToTrack(first, FEATURES, FEATURE_QUALITY, FEATURE_GAP_PX)
+    if features_px is None:
         return np.empty((0, 2)), np.empty((0, 2))
-    here = np.asarray(found, dtype=np.float64).reshape(-1, 2)
-    there, forward, unlike = _flowed(first, other, here)
-    again, backward, _ = _flowed(other, first, there)
-    good = forward & backward & (unlike < MAX_DIFFERENCE_GREY)
-    good &= np.linalg.norm(again - here, axis=1) < MAX_RETURN_PX
-    good &= np.linalg.norm(there - here, axis=1) < MAX_MOVE_PX
-    here, there = here[good], there[good]
-    cell = (here / np.array(first.shape[::-1]) * CELLS).astype(np.int64) @ [CELLS[1], 1]
+    first_px = np.asarray(features_px, dtype=np.float64).reshape(-1, 2)
+    other_px, forward, difference = _track(first, other, first_px)
+    returned_px, backward, _ = _track(other, first, other_px)
+    valid = forward & backward & (difference < MAX_DIFFERENCE_GREY)
+    valid &= np.linalg.norm(returned_px - first_px, axis=1) < MAX_BACKWARD_PX
+    valid &= np.linalg.norm(other_px - first_px, axis=1) < MAX_MOVE_PX
+    first_px, other_px = first_px[valid], other_px[valid]
+    cell = (first_px / np.array(first.shape[::-1]) * CELLS).astype(np.int64) @ [CELLS[1], 1]
     # Features are sorted by quality, so the first of a cell are its best.
     order = np.argsort(cell, kind="stable")
     starts = np.searchsorted(cell[order], cell[order])
     kept = np.sort(order[np.arange(len(order)) - starts < PER_CELL])
-    return here[kept], there[kept]
+    return first_px[kept], other_px[kept]
 
 
-def _flowed(first: Grey, other: Grey, pixels: FloatArray) -> tuple[FloatArray, BoolArray, FloatArray]:
-    """Track points: positions (n, 2) in the other picture, success (n,), and mean grey difference (n,)."""
+def _track(first: Grey, other: Grey, pixels: FloatArray) -> tuple[FloatArray, BoolArray, FloatArray]:
+    """Track pixels (n, 2): return their pixels in the other picture, success (n,) and mean grey difference (n,)."""
     seeds = pixels.astype(np.float32)[:, None]
-    found, status, unlike = cv2.calcOpticalFlowPyrLK(
-        first, other, seeds, seeds.copy(), winSize=SCENE_WINDOW_PX, maxLevel=PYRAMID_LEVELS, criteria=SETTLED
+    tracked_px, status, error = cv2.calcOpticalFlowPyrLK(
+        first, other, seeds, seeds.copy(), winSize=SCENE_WINDOW_PX, maxLevel=PYRAMID_LEVELS, criteria=TRACKING_CRITERIA
     )
-    seen = status.ravel() > 0
+    tracked = status.ravel() > 0
     # The difference of a lost point is undefined.
-    difference = np.full(len(seen), np.inf)
-    difference[seen] = unlike.ravel()[seen]
-    return np.asarray(found, dtype=np.float64)[:, 0], seen, difference
+    difference = np.full(len(tracked), np.inf)
+    difference[tracked] = error.ravel()[tracked]
+    return np.asarray(tracked_px, dtype=np.float64)[:, 0], tracked, difference
 
 
-def _consensus(camera: Camera, here: FloatArray, there: FloatArray) -> FloatArray | None:
+def _ransac_rotation(camera: Camera, first_px: FloatArray, other_px: FloatArray) -> FloatArray | None:
+    """Rotation vector (3,) that explains the motion of the static features (n, 2); None if too few agree."""
     random = np.random.default_rng(0)
-    rays = camera.unproject(here)
-    best, most = np.zeros(3), 0
-    for _ in range(DRAWS):
-        pair = random.choice(len(here), 2, replace=False)
-        turn = _refined(camera, rays[pair], there[pair], np.zeros(3), steps=2)
-        count = int((np.linalg.norm(_turned(camera, rays, turn) - there, axis=1) < STATIC_PX).sum())
-        if count > most:
-            best, most = turn, count
+    rays = camera.unproject(first_px)
+    best_rotation, most_inliers = np.zeros(3), 0
+    for _ in range(RANSAC_DRAWS):
+        pair = random.choice(len(first_px), 2, replace=False)
+        rotation = _refine_rotation(camera, rays[pair], other_px[pair], np.zeros(3), steps=2)
+        count = int((np.linalg.norm(_projected(camera, rays, rotation) - other_px, axis=1) < MAX_STATIC_PX).sum())
+        if count > most_inliers:
+            best_rotation, most_inliers = rotation, count
     for _ in range(5):
-        still = np.linalg.norm(_turned(camera, rays, best) - there, axis=1) < STATIC_PX
-        if still.sum() < MIN_STATIC:
+        inliers = np.linalg.norm(_projected(camera, rays, best_rotation) - other_px, axis=1) < MAX_STATIC_PX
+        if inliers.sum() < MIN_STATIC_FEATURES:
             return None
-        best = _refined(camera, rays[still], there[still], best, steps=1)
-    return best
+        best_rotation = _refine_rotation(camera, rays[inliers], other_px[inliers], best_rotation, steps=1)
+    return best_rotation
 
 
-def _turned(camera: Camera, rays: FloatArray, turn: FloatArray) -> FloatArray:
-    return camera.project(rays @ Rotation.from_rotvec(turn).as_matrix().T)
+def _projected(camera: Camera, rays: FloatArray, rotation: FloatArray) -> FloatArray:
+    return camera.project(rays @ Rotation.from_rotvec(rotation).as_matrix().T)
 
 
-def _refined(camera: Camera, rays: FloatArray, there: FloatArray, turn: FloatArray, *, steps: int) -> FloatArray:
-    """Rotation vector (3,) from rays (n, 3) to pixels (n, 2), by Gauss-Newton steps from a nearby one."""
+def _refine_rotation(
+    camera: Camera, rays: FloatArray, target_px: FloatArray, rotation: FloatArray, *, steps: int
+) -> FloatArray:
+    """Rotation vector (3,) that turns rays (n, 3) to target pixels (n, 2), by Gauss-Newton steps from a nearby one."""
     for _ in range(steps):
-        rotated = rays @ Rotation.from_rotvec(turn).as_matrix().T
-        pixels, by_ray, _ = camera.project_with_jacobians(rotated)
-        by_turn = np.cross(rotated[:, None, :], by_ray)  # J (w x p) = w . (p x J)
-        step = np.linalg.lstsq(by_turn.reshape(-1, 3), (there - pixels).ravel(), rcond=None)[0]
-        turn = (Rotation.from_rotvec(step) * Rotation.from_rotvec(turn)).as_rotvec()
-    return turn
+        rotated = rays @ Rotation.from_rotvec(rotation).as_matrix().T
+        pixels, pixels_by_ray, _ = camera.project_with_jacobians(rotated)
+        pixels_by_rotation = np.cross(rotated[:, None, :], pixels_by_ray)  # J (w x p) = w . (p x J)
+        step = np.linalg.lstsq(pixels_by_rotation.reshape(-1, 3), (target_px - pixels).ravel(), rcond=None)[0]
+        rotation = (Rotation.from_rotvec(step) * Rotation.from_rotvec(rotation)).as_rotvec()
+    return rotation
 
 
 @dataclass(frozen=True)
 class Shutter:
     """An estimated rolling shutter.
 
-    `readout` is the readout of a frame as a fraction of the frame period, and `sigma` its standard deviation. It is
+    `readout` is the readout time as a fraction of the frame period, and `sigma` its standard deviation. The shutter is
     `supported` if the likelihood, the information criterion and held-out frames all favour it.
     """
 
@@ -156,27 +159,29 @@ def corner_velocities(observations: Observations, adjacent: Sequence[tuple[Grey,
 
     `adjacent` holds for each frame the picture before, its own, and the picture after.
     """
-    found = np.zeros((len(observations), 2))
+    velocities = np.zeros((len(observations), 2))
     for frame, pictures in enumerate(adjacent):
         rows = np.flatnonzero(observations.frame == frame)
         if pictures is None or not len(rows):
             continue
         before, own, after = pictures
         pixels = observations.pixels[rows]
-        (back, seen_back), (ahead, seen_ahead) = (_flow(own, other, pixels) for other in (before, after))
-        velocity, tracked = (ahead - back) / 2.0, seen_back & seen_ahead
+        (backward, backward_found), (forward, forward_found) = (
+            _displacements(own, other, pixels) for other in (before, after)
+        )
+        velocity, tracked = (forward - backward) / 2.0, backward_found & forward_found
         for view in np.unique(observations.view[rows]):
             of_view = observations.view[rows] == view
-            found[rows[of_view]] = _smooth(pixels[of_view], velocity[of_view], tracked[of_view])
-    return found
+            velocities[rows[of_view]] = _smooth(pixels[of_view], velocity[of_view], tracked[of_view])
+    return velocities
 
 
-def _flow(own: Grey, other: Grey, pixels: FloatArray) -> tuple[FloatArray, np.ndarray]:
+def _displacements(own: Grey, other: Grey, pixels: FloatArray) -> tuple[FloatArray, np.ndarray]:
     seeds = pixels.astype(np.float32)[:, None]
-    to, status, _ = cv2.calcOpticalFlowPyrLK(
+    tracked_px, status, _ = cv2.calcOpticalFlowPyrLK(
         own, other, seeds, seeds.copy(), winSize=BOARD_WINDOW_PX, maxLevel=PYRAMID_LEVELS
     )
-    return np.asarray(to - seeds, dtype=np.float64)[:, 0], status.ravel() > 0
+    return np.asarray(tracked_px - seeds, dtype=np.float64)[:, 0], status.ravel() > 0
 
 
 def _smooth(pixels: FloatArray, velocity: FloatArray, tracked: np.ndarray) -> FloatArray:
@@ -186,15 +191,15 @@ def _smooth(pixels: FloatArray, velocity: FloatArray, tracked: np.ndarray) -> Fl
         if tracked.sum() < MIN_TRACKED:
             return np.zeros_like(velocity)
         fitted = terms @ np.linalg.lstsq(terms[tracked], velocity[tracked], rcond=None)[0]
-        off = np.linalg.norm(velocity - fitted, axis=1)
-        tracked = tracked & (off <= STRAY * max(float(np.median(off[tracked])), 1e-3))
+        deviation = np.linalg.norm(velocity - fitted, axis=1)
+        tracked = tracked & (deviation <= MAX_VELOCITY_ERROR * max(float(np.median(deviation[tracked])), 1e-3))
     return np.asarray(fitted)
 
 
 def at_middle_row(observations: Observations, velocity: FloatArray, readout: float, height_px: int) -> Observations:
     """Correct corners to their positions at the exposure of the middle row."""
-    late = readout * ((observations.pixels[:, 1] + 0.5) / height_px - 0.5)
-    return replace(observations, pixels=observations.pixels - late[:, None] * velocity)
+    delay = readout * ((observations.pixels[:, 1] + 0.5) / height_px - 0.5)
+    return replace(observations, pixels=observations.pixels - delay[:, None] * velocity)
 
 
 def rolling_shutter(
@@ -215,21 +220,24 @@ def rolling_shutter(
     """
     solution = selection.solution
     rows, moving = observations.where(solution.inliers), velocity[solution.inliers]
-    none, half, full = (
-        _cost(selection, at_middle_row(rows, moving, readout, height_px)) for readout in (0.0, TRIED, 2.0 * TRIED)
+    cost_at_zero, cost_at_trial, cost_at_double = (
+        _cost(selection, at_middle_row(rows, moving, readout, height_px))
+        for readout in (0.0, TRIAL_READOUT, 2.0 * TRIAL_READOUT)
     )
-    bend = (full - 2.0 * half + none) / (2.0 * TRIED**2)
-    if bend <= 0.0:
+    curvature = (cost_at_double - 2.0 * cost_at_trial + cost_at_zero) / (2.0 * TRIAL_READOUT**2)
+    if curvature <= 0.0:
         return None
-    readout = (none - half) / (2.0 * TRIED * bend) + TRIED / 2.0
-    spare = 2 * len(rows) - len(solution.parameters) - solution.frame_terms - 6 * len(solution.estimate.rig_from_board)
-    variance = (none - bend * readout**2) / spare
-    drop = bend * readout**2 / variance
-    likely = f_distribution.sf(drop, 1, spare) < SUPPORTED_CHANCE and drop > np.log(2 * len(rows))
-    shifted = at_middle_row(rows, moving, readout, height_px)
+    readout = (cost_at_zero - cost_at_trial) / (2.0 * TRIAL_READOUT * curvature) + TRIAL_READOUT / 2.0
+    degrees_of_freedom = (
+        2 * len(rows) - len(solution.parameters) - solution.frame_terms - 6 * len(solution.estimate.rig_from_board)
+    )
+    variance = (cost_at_zero - curvature * readout**2) / degrees_of_freedom
+    drop = curvature * readout**2 / variance
+    favoured = f_distribution.sf(drop, 1, degrees_of_freedom) < SUPPORTED_CHANCE and drop > np.log(2 * len(rows))
+    corrected = at_middle_row(rows, moving, readout, height_px)
     frames = len(np.unique(rows.frame))
-    supported = bool(likely and frames >= FOLDS and _gain(selection, rows, shifted) > MIN_GAIN_SIGMAS)
-    return Shutter(float(readout), float(np.sqrt(variance / bend)), supported and 0.0 < abs(readout) <= 1.0)
+    supported = bool(favoured and frames >= FOLDS and _gain(selection, rows, corrected) > MIN_GAIN_SIGMAS)
+    return Shutter(float(readout), float(np.sqrt(variance / curvature)), supported and 0.0 < abs(readout) <= 1.0)
 
 
 def _cost(selection: ModelSelection, rows: Observations) -> float:
@@ -239,14 +247,17 @@ def _cost(selection: ModelSelection, rows: Observations) -> float:
     return float(np.sum(r**2) + np.sum(model.frame_terms.values(estimate) ** 2))
 
 
-def _gain(selection: ModelSelection, rows: Observations, shifted: Observations) -> float:
-    """Standard errors by which held-out frames are predicted better with corrected corners."""
+def _gain(selection: ModelSelection, rows: Observations, corrected: Observations) -> float:
+    """By how many standard errors held-out frames are predicted better with corrected corners."""
     estimate, model = selection.solution.estimate, selection.model
     fold = balanced_folds(estimate, rows, model.board, FOLDS)
-    plain, better = (
-        np.bincount(some.frame, np.sum(some.standardised(held_out_corners(estimate, some, model, fold)) ** 2, axis=1))
-        for some in (rows, shifted)
+    uncorrected_errors, corrected_errors = (
+        np.bincount(
+            observed.frame,
+            np.sum(observed.standardised(held_out_corners(estimate, observed, model, fold)) ** 2, axis=1),
+        )
+        for observed in (rows, corrected)
     )
-    gains = plain - better
+    gains = uncorrected_errors - corrected_errors
     error = float(np.std(gains, ddof=1)) * float(np.sqrt(len(gains)))
     return float(gains.sum()) / error if error > 0.0 else 0.0

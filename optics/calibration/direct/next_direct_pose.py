@@ -1,4 +1,4 @@
-"""Next best view with a direct view and without a layout: visibility is predicted from the pictures so far.
+"""Next best view with a direct view and without a layout: visibility is predicted from the previous pictures.
 
 The candidate poses are those of previous pictures, tilted, shifted, nearer and farther. A mirror is assumed to reach
 somewhat beyond the corners seen in it.
@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.detection.checkerboard import spread_out
 from mirrorcam.optics.calibration.detection.next_pose import (
-    PRIOR,
+    INTRINSIC_SIGMAS,
     SHIFTS,
     TILTS,
     NextPose,
@@ -36,13 +36,13 @@ from mirrorcam.optics.geometry.targets import Target
 from mirrorcam.optics.geometry.transforms import inverse, rigid, transform
 
 DEPTHS = {0.8: "nearer by a fifth", 1.0: "", 1.25: "farther by a quarter"}
-MOST_EXAMPLES = 3
+MAX_EXAMPLES = 3
 """Number of pictures whose poses are varied: those with the most corners."""
-GROWN = 0.25
+MIRROR_MARGIN = 0.25
 """Assumed reach of a mirror beyond its corners, relative to the square root of their area."""
-LEAST_FACING = 0.25
+MIN_FACING = 0.25
 """Least cosine between a board's normal and the line of sight for which the print can be read."""
-CENTRE = 0.3
+CENTRE_SIGMA = 0.3
 """Prior standard deviation of a virtual centre, relative to its distance."""
 
 
@@ -78,9 +78,11 @@ def next_direct_pose(
         None if no candidate pose shows the board, as when the estimate explains none of its pictures.
     """
     camera, centres = start.camera, start.virtual_centres_in_rig_mm
-    focal, centre, distortion = PRIOR
-    before = {"f": focal * camera.fx_px, "c": centre * camera.width_px}
-    lens = [before.get(name[0], distortion) if name.endswith("_px") else distortion for name in intrinsics]
+    focal, centre, distortion = INTRINSIC_SIGMAS
+    prior_sigmas = {"f": focal * camera.fx_px, "c": centre * camera.width_px}
+    intrinsic_sigmas = [
+        prior_sigmas.get(name[0], distortion) if name.endswith("_px") else distortion for name in intrinsics
+    ]
     plain = start.with_poses(start.rig_from_board)
     placements = list(_placements(plain, observations, target, pictures))
     if not placements:
@@ -88,7 +90,7 @@ def next_direct_pose(
     planner = NextPosePlanner(
         plain,
         planning_model(intrinsics, target),
-        [*lens, *np.repeat(CENTRE * np.linalg.norm(centres, axis=1), 3)],
+        [*intrinsic_sigmas, *np.repeat(CENTRE_SIGMA * np.linalg.norm(centres, axis=1), 3)],
         [_name(camera, observations, mirror) for mirror in range(len(centres))],
         placements,
     )
@@ -110,8 +112,8 @@ def _of_frame(observations: Observations, frame: int) -> Observations:
 
 
 def _name(camera: Camera, observations: Observations, mirror: int) -> str:
-    middle = observations.pixels[observations.view == mirror].mean(axis=0)
-    return f"mirror 0-{mirror} ({place_in_words(camera, middle)})"
+    centroid = observations.pixels[observations.view == mirror].mean(axis=0)
+    return f"mirror 0-{mirror} ({place_in_words(camera, centroid)})"
 
 
 def _placements(
@@ -120,25 +122,25 @@ def _placements(
     """Yield variations of the poses of the pictures with the most corners."""
     counts = np.bincount(observations.frame, minlength=len(pictures))
     regions = _regions(start, observations)
-    for frame in np.argsort(-counts, kind="stable")[:MOST_EXAMPLES].tolist():
+    for frame in np.argsort(-counts, kind="stable")[:MAX_EXAMPLES].tolist():
         for factor, tilt, x, y in product(DEPTHS, TILTS, SHIFTS, SHIFTS):
-            pose, depth_mm = _changed(start.rig_from_board[frame], target, factor, tilt, (x, y))
-            seen = _seen(start, pose, regions, target)
-            if len(seen):
+            pose, depth_mm = _varied(start.rig_from_board[frame], target, factor, tilt, (x, y))
+            corners = _visible_corners(start, pose, regions, target)
+            if len(corners):
                 changes = [DEPTHS[factor], tilt_in_words(tilt, "the camera"), moved_in_words(x, y)]
                 change_text = ", ".join(change for change in changes if change)
                 words = f"the board as in {pictures[frame]}, {'but ' + change_text if change_text else 'once more'}"
-                yield Placement(pose, depth_mm, tilt, words, seen)
+                yield Placement(pose, depth_mm, tilt, words, corners)
 
 
-def _changed(
+def _varied(
     pose: FloatArray, target: Target, factor: float, tilt_deg: tuple[float, float], shift: tuple[float, float]
 ) -> tuple[FloatArray, float]:
     """Return a pose (4, 4) at `factor` times its distance, tilted, shifted in half board sizes; and its depth."""
     half = np.array([*target.size_mm, 0.0]) / 2.0
-    turn = Rotation.from_euler("xy", tilt_deg, degrees=True).as_matrix() @ pose[:3, :3]
-    middle = factor * transform(pose, half) + half.max() * np.array([*shift, 0.0])
-    return rigid(turn, middle - turn @ half), float(middle[2])
+    rotation = Rotation.from_euler("xy", tilt_deg, degrees=True).as_matrix() @ pose[:3, :3]
+    centre = factor * transform(pose, half) + half.max() * np.array([*shift, 0.0])
+    return rigid(rotation, centre - rotation @ half), float(centre[2])
 
 
 def _regions(start: Estimate, observations: Observations) -> dict[int, shapely.Geometry]:
@@ -148,22 +150,25 @@ def _regions(start: Estimate, observations: Observations) -> dict[int, shapely.G
     regions = {DIRECT: sensor}
     for mirror in range(len(start.virtual_centres_in_rig_mm)):
         hull = shapely.MultiPoint(observations.pixels[observations.view == mirror]).convex_hull
-        regions[mirror] = hull.buffer(GROWN * np.sqrt(hull.area)).intersection(sensor)
+        regions[mirror] = hull.buffer(MIRROR_MARGIN * np.sqrt(hull.area)).intersection(sensor)
     return regions
 
 
-def _seen(start: Estimate, pose: FloatArray, regions: dict[int, shapely.Geometry], target: Target) -> Observations:
+def _visible_corners(
+    start: Estimate, pose: FloatArray, regions: dict[int, shapely.Geometry], target: Target
+) -> Observations:
     """Return the corners of a pose, as frame 0, in all views that see enough of it; none if the direct one fails."""
     board = Board.rigid(target.corners_in_board_mm)
-    at, ids = start.with_poses(pose[None]), np.arange(len(board.corners_in_board_mm))
+    estimate, ids = start.with_poses(pose[None]), np.arange(len(board.corners_in_board_mm))
     parts = []
     for view, region in regions.items():
         pupil = np.zeros(3) if view == DIRECT else start.virtual_centres_in_rig_mm[view]
-        towards = transform(inverse(pose), pupil) - np.array([*target.size_mm, 0.0]) / 2.0
-        pixels = residuals(at, Observations.of_view(0, view, ids, np.zeros((len(ids), 2))), board)
-        shown = shown_in(region, pixels)
-        if -towards[2] > LEAST_FACING * np.linalg.norm(towards) and len(spread_out(Corners(shown, pixels[shown]))):
-            parts.append(Observations.of_view(0, view, shown, pixels[shown]))
+        to_pupil = transform(inverse(pose), pupil) - np.array([*target.size_mm, 0.0]) / 2.0
+        pixels = residuals(estimate, Observations.of_view(0, view, ids, np.zeros((len(ids), 2))), board)
+        visible = shown_in(region, pixels)
+        facing = -to_pupil[2] > MIN_FACING * np.linalg.norm(to_pupil)
+        if facing and len(spread_out(Corners(visible, pixels[visible]))):
+            parts.append(Observations.of_view(0, view, visible, pixels[visible]))
         elif view == DIRECT:
             break
     return Observations.join(parts)

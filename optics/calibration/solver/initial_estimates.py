@@ -43,7 +43,7 @@ def intrinsics(
 ) -> Camera:
     """Calibrate a camera from views of a flat board, with OpenCV.
 
-    Mirrored views are as good as direct ones: a flat board seen from behind is still a flat board.
+    Mirrored views serve as well as direct ones: a mirrored flat board is still a flat board.
 
     Parameters
     ----------
@@ -91,37 +91,39 @@ def camera_from_flat_board(camera: Camera, view: Corners, corners_in_board_mm: F
     For a mirrored view, it is the pose of the board's *image*, in which the sign of the board's z axis is lost.
     """
     normalized = camera.normalized_from_pixels(view.pixels)
-    found, turn, shift = cv2.solvePnP(
+    found, rotation, translation = cv2.solvePnP(
         corners_in_board_mm[view.ids], normalized[:, None], np.eye(3), None, flags=cv2.SOLVEPNP_IPPE
     )
     if not found:
         return None
-    turn, shift = cv2.solvePnPRefineLM(corners_in_board_mm[view.ids], normalized[:, None], np.eye(3), None, turn, shift)
-    return rigid(cv2.Rodrigues(turn)[0], np.ravel(shift))
+    rotation, translation = cv2.solvePnPRefineLM(
+        corners_in_board_mm[view.ids], normalized[:, None], np.eye(3), None, rotation, translation
+    )
+    return rigid(cv2.Rodrigues(rotation)[0], np.ravel(translation))
 
 
 def rig_from_board(
     camera: Camera, view: Corners, corners_in_board_mm: FloatArray, virtual_centre: FloatArray | None
 ) -> FloatArray | None:
-    """Return the pose (4, 4) of the board itself from a direct view (None) or the view of a mirror's virtual centre.
+    """Return the pose (4, 4) of the board from a mirrored view; from a direct view if `virtual_centre` is None.
 
     None if no pose explains the view.
     """
     matrix = camera_from_flat_board(camera, view, corners_in_board_mm)
-    return matrix if virtual_centre is None or matrix is None else before_mirror(matrix, virtual_centre)
+    return matrix if virtual_centre is None or matrix is None else pose_from_image(matrix, virtual_centre)
 
 
-def before_mirror(matrix: FloatArray, virtual_centre: FloatArray) -> FloatArray:
-    """Return the pose (4, 4) of a flat board from the pose of its image in the mirror with a virtual centre.
+def pose_from_image(image_pose: FloatArray, virtual_centre: FloatArray) -> FloatArray:
+    """Return the pose (4, 4) of a flat board from the pose (4, 4) of its image in a mirror.
 
     With F = diag(1, 1, -1), which leaves a flat board unchanged, and the mirror's reflection S, the image of the board
     has the rotation S R F. So R = S (S R F) F.
     """
     unit = virtual_centre / np.linalg.norm(virtual_centre)
-    turned = matrix.copy()
-    turned[:3, :3] = (np.eye(3) - 2.0 * np.outer(unit, unit)) @ matrix[:3, :3] @ np.diag([1.0, 1.0, -1.0])
-    turned[:3, 3] = reflect(matrix[:3, 3], virtual_centre)
-    return turned
+    pose = image_pose.copy()
+    pose[:3, :3] = (np.eye(3) - 2.0 * np.outer(unit, unit)) @ image_pose[:3, :3] @ np.diag([1.0, 1.0, -1.0])
+    pose[:3, 3] = reflect(image_pose[:3, 3], virtual_centre)
+    return pose
 
 
 def virtual_centre_between(points_in_rig: FloatArray, image_in_rig: FloatArray) -> tuple[FloatArray, float]:
@@ -215,8 +217,8 @@ def first_estimate(
         rows = observations.where(observations.frame == frame)
         views = []
         for view in np.unique(rows.view):
-            shown = rows.view == view
+            in_view = rows.view == view
             mirror = None if view == DIRECT else layout.mirrors[view]
-            views.append((mirror, Corners(rows.corner[shown], rows.pixels[shown])))
+            views.append((mirror, Corners(rows.corner[in_view], rows.pixels[in_view])))
         poses.append(best_pose(camera, views, corners_in_board_mm))
     return Estimate.of(camera, layout.mirrors, np.array(poses))

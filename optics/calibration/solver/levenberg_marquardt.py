@@ -30,17 +30,17 @@ from mirrorcam.optics.calibration.solver.residuals import Estimate, global_names
 
 BoolArray = NDArray[np.bool_]
 HUBER_SCALE = 1.345
-SETTLED = 0.99
+CONVERGED = 0.99
 FIND_SIGMAS, DROP_SIGMAS = 5.0, 4.0
-MOST_OUTLIERS = 0.5
+MAX_OUTLIERS = 0.5
 """Largest fraction of outliers in a mirror: more contradict the model rather than the other corners."""
 MAX_ITERATIONS = 50
-RELATIVE_GAIN = 1e-9
+MIN_RELATIVE_GAIN = 1e-9
 """Least predicted decrease, as a fraction of the cost, for another step. With 60,000 residuals it corresponds to a
 step of 0.008 sigma, and the next step would be a few hundredths of that."""
 ROUNDING_PX = 1e-10
 """Rounding error of a residual: a cost of this size is zero."""
-SINGULAR = 5e-14
+MIN_EIGENVALUE = 5e-14
 """Least eigenvalue of the scaled information that counts as determined; rounding errors are below 1e-14. For a
 direction that only the prior of a rational lens determines, it is 5e-13 with 15,000 corners, and less with more."""
 SHARED_PX = 0.0005
@@ -106,7 +106,7 @@ def fit(start: Estimate, observations: Observations, model: Model) -> Solution:
 
     Outliers follow mrcal's rule: if any corner of a view lies beyond 5 sigma, that view's corners beyond 4 sigma are
     dropped and the fit is repeated, until there are none. Sigma is re-estimated from the remaining corners. If that
-    would drop more than `MOST_OUTLIERS` of a mirror's corners, no more are dropped.
+    would drop more than `MAX_OUTLIERS` of a mirror's corners, no more are dropped.
 
     Parameters
     ----------
@@ -136,21 +136,21 @@ def fit(start: Estimate, observations: Observations, model: Model) -> Solution:
     scale = _robust_scale(r)
     while True:
         inliers = _without_outliers(r, observations.view, inliers, scale)
-        kept = observations.where(inliers)
-        terms = effective_frame_terms(estimate, kept, model)
+        used = observations.where(inliers)
+        terms = effective_frame_terms(estimate, used, model)
         unknowns = len(parameters) + 6 * frames + terms
-        spare = 2 * len(kept) - unknowns
-        if spare <= 0:
-            raise UndeterminedError(f"{len(kept)} corners for {unknowns:.0f} unknowns, expected more")
-        estimate, steps = minimise(estimate, kept, model)
+        degrees_of_freedom = 2 * len(used) - unknowns
+        if degrees_of_freedom <= 0:
+            raise UndeterminedError(f"{len(used)} corners for {unknowns:.0f} unknowns, expected more")
+        estimate, steps = minimise(estimate, used, model)
         iterations += steps
         r_px = residuals(estimate, observations, model.board)
         r = observations.standardised(r_px)
-        scale = float(np.sqrt(np.sum(r[inliers] ** 2) / spare))
+        scale = float(np.sqrt(np.sum(r[inliers] ** 2) / degrees_of_freedom))
         if np.array_equal(_without_outliers(r, observations.view, inliers, scale), inliers):
             break
-    covariance = scale**2 * _inverse_information(estimate, kept, model) + shared_covariance(estimate, kept, model)
-    sigma_px = scale * float(np.median(kept.sigma_px))
+    covariance = scale**2 * _inverse_information(estimate, used, model) + shared_covariance(estimate, used, model)
+    sigma_px = scale * float(np.median(used.sigma_px))
     return Solution(estimate, r_px, inliers, r, iterations, scale, sigma_px, parameters, covariance, terms)
 
 
@@ -172,19 +172,19 @@ def _inverse_information(estimate: Estimate, observations: Observations, model: 
     parameters = model.parameters(estimate.camera, len(estimate.virtual_centres_in_rig_mm))
     normal = normal_equations(estimate, Grouped.of(observations, model), model)
     information = np.diag(normal.u)
-    for place in np.flatnonzero(information == 0.0):
-        raise UndeterminedError(f"nothing in {len(observations)} corners depends on {parameters[place]}")
+    for index in np.flatnonzero(information == 0.0):
+        raise UndeterminedError(f"nothing in {len(observations)} corners depends on {parameters[index]}")
     try:
         matrix, _ = normal.reduced(0.0)
     except np.linalg.LinAlgError:
         raise UndeterminedError(f"{len(observations)} corners do not determine the pose of a board") from None
     scale = 1.0 / np.sqrt(information)
     values, vectors = np.linalg.eigh(matrix * np.outer(scale, scale))
-    if values.size and not values[0] > SINGULAR:
-        most = np.argsort(-np.abs(vectors[:, 0]), kind="stable")[:3]
-        together = ", ".join(parameters[place] for place in most)
+    if values.size and not values[0] > MIN_EIGENVALUE:
+        largest = np.argsort(-np.abs(vectors[:, 0]), kind="stable")[:3]
+        named = ", ".join(parameters[index] for index in largest)
         raise UndeterminedError(
-            f"{len(observations)} corners do not determine a direction of the problem, most of it {together}"
+            f"{len(observations)} corners do not determine a direction of the problem, most of it {named}"
         )
     vectors = vectors * scale[:, None]
     return np.asarray((vectors / values) @ vectors.T)
@@ -193,11 +193,11 @@ def _inverse_information(estimate: Estimate, observations: Observations, model: 
 def _without_outliers(r: FloatArray, view: NDArray[np.int64], inliers: BoolArray, scale: float) -> BoolArray:
     """Mask of the inliers without outliers; unchanged if a mirror would lose too many, because the model is wrong."""
     norm = np.abs(r).max(axis=1)
-    found = inliers & (norm > FIND_SIGMAS * scale)
-    remaining = inliers & ~(np.isin(view, view[found]) & (norm > DROP_SIGMAS * scale))
+    outliers = inliers & (norm > FIND_SIGMAS * scale)
+    remaining = inliers & ~(np.isin(view, view[outliers]) & (norm > DROP_SIGMAS * scale))
     _, mirror, corners = np.unique(view, return_inverse=True, return_counts=True)
-    kept = np.bincount(mirror, weights=remaining) / corners
-    return remaining if (kept >= 1.0 - MOST_OUTLIERS).all() else inliers
+    kept_share = np.bincount(mirror, weights=remaining) / corners
+    return remaining if (kept_share >= 1.0 - MAX_OUTLIERS).all() else inliers
 
 
 def _robust_scale(r: FloatArray) -> float:
@@ -207,7 +207,7 @@ def _robust_scale(r: FloatArray) -> float:
 def minimise(
     start: Estimate, observations: Observations, model: Model, *, max_iterations: int = MAX_ITERATIONS
 ) -> tuple[Estimate, int]:
-    """Minimise the squares from `start` until a step predicts a relative decrease of the cost below RELATIVE_GAIN.
+    """Minimise the squares from `start` until a step predicts a relative decrease of the cost below MIN_RELATIVE_GAIN.
 
     Returns the estimate and the number of iterations. Raises UndeterminedError if the start predicts a corner that
     cannot be seen.
@@ -220,11 +220,11 @@ def minimise(
         iterations += 1
         cost = _squares(r) + model.prior_squares(estimate)
         normal = normal_equations(estimate, grouped, model)
-        found = _descend(estimate, grouped, model, normal, damping, _squares, cost)
-        if found is None:
+        step = _descend(estimate, grouped, model, normal, damping, _squares, cost)
+        if step is None:
             break
-        estimate, r, predicted = found
-        if predicted <= RELATIVE_GAIN * cost:
+        estimate, r, predicted = step
+        if predicted <= MIN_RELATIVE_GAIN * cost:
             break
     return estimate, iterations
 
@@ -241,17 +241,17 @@ def start_robustly(start: Estimate, observations: Observations, model: Model) ->
     previous, iterations = np.inf, 0
     while iterations < MAX_ITERATIONS:
         scale = _robust_scale(r)
-        if scale > SETTLED * previous:
+        if scale > CONVERGED * previous:
             break
         previous = scale
         iterations += 1
         loss = _Huber(HUBER_SCALE * scale)
         normal = normal_equations(estimate, grouped, model, loss.root_weights(r))
         cost = loss(r) + model.prior_squares(estimate)
-        found = _descend(estimate, grouped, model, normal, damping, loss, cost)
-        if found is None:
+        step = _descend(estimate, grouped, model, normal, damping, loss, cost)
+        if step is None:
             break
-        estimate, r, _ = found
+        estimate, r, _ = step
     return estimate, iterations
 
 
@@ -384,11 +384,11 @@ def shared_covariance(estimate: Estimate, observations: Observations, model: Mod
 def _groups(chunk: Chunk, places: Places) -> list[tuple[FloatArray, int, int, int, int]]:
     """For each group of a chunk: indices among the globals, mirror, frame, first and last row."""
     ends = zip(chunk.edges[:-1], chunk.edges[1:], strict=True)
-    at = places.of_groups(chunk.group_view)
+    columns = places.of_groups(chunk.group_view)
     return [
         (place, mirror, frame, start, stop)
         for place, mirror, frame, (start, stop) in zip(
-            at, chunk.group_view.tolist(), chunk.group_frame.tolist(), ends, strict=True
+            columns, chunk.group_view.tolist(), chunk.group_frame.tolist(), ends, strict=True
         )
     ]
 
@@ -403,7 +403,7 @@ def _extents(observations: Observations, mirrors: int) -> tuple[FloatArray, Floa
     return means, deviations
 
 
-def _fields(at: FloatArray) -> FloatArray:
+def _fields(xy: FloatArray) -> FloatArray:
     """Shared error fields (f, 2, n), of rms 1, at corner positions (2, n) normalised within their view."""
-    one, none = np.ones(at.shape[1]), np.zeros(at.shape[1])
-    return np.stack([pair for field in (one, *at) for pair in (np.stack([field, none]), np.stack([none, field]))])
+    one, zero = np.ones(xy.shape[1]), np.zeros(xy.shape[1])
+    return np.stack([pair for field in (one, *xy) for pair in (np.stack([field, zero]), np.stack([zero, field]))])

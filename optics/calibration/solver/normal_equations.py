@@ -120,10 +120,10 @@ class NormalEquations:
         Every diagonal is increased by `damping` times itself. Raises LinAlgError if the pose of a frame is
         undetermined.
         """
-        own = self.v.shape[1]
-        v = self.v + damping * self.v * np.eye(own)
+        per_frame = self.v.shape[1]
+        v = self.v + damping * self.v * np.eye(per_frame)
         solved = np.linalg.solve(v, np.concatenate([self.w, self.gradient_poses[:, :, None]], axis=2))
-        flat = (own * len(v), len(self.u))
+        flat = (per_frame * len(v), len(self.u))
         matrix = self.u - self.w.reshape(flat).T @ solved[:, :, :-1].reshape(flat)
         return matrix + damping * np.diag(np.diag(self.u)), solved
 
@@ -133,13 +133,13 @@ class NormalEquations:
         Raises LinAlgError if the matrix is not positive definite.
         """
         matrix, solved = self.reduced(damping)
-        right = self.gradient_global - np.einsum("fij,fi->j", self.w, solved[:, :, -1])
-        step_global = -cho_solve(cho_factor(matrix), right) if right.size else right
+        rhs = self.gradient_global - np.einsum("fij,fi->j", self.w, solved[:, :, -1])
+        step_global = -cho_solve(cho_factor(matrix), rhs) if rhs.size else rhs
         step_poses = -solved[:, :, -1] - solved[:, :, :-1] @ step_global
         squared = np.sum(np.diag(self.u) * step_global**2)
         squared += np.sum(np.einsum("fii->fi", self.v) * step_poses**2)
-        along = self.gradient_global @ step_global + np.sum(self.gradient_poses * step_poses)
-        return step_global, step_poses, float(damping * squared - along)
+        slope = self.gradient_global @ step_global + np.sum(self.gradient_poses * step_poses)
+        return step_global, step_poses, float(damping * squared - slope)
 
 
 def normal_equations(
@@ -149,8 +149,8 @@ def normal_equations(
     places = Places.of(model, len(estimate.virtual_centres_in_rig_mm))
     size, frames = places.size, len(estimate.rig_from_board)
     weights = model.frame_terms.weights
-    own = len(weights)
-    u, w = np.zeros((size, size)), np.zeros((frames, own, size))
+    per_frame = len(weights)
+    u, w = np.zeros((size, size)), np.zeros((frames, per_frame, size))
     v = np.tile(np.diag(weights**2), (frames, 1, 1))
     gradient_global, gradient_poses = np.zeros(size), weights * model.frame_terms.values(estimate)
     corners = np.ascontiguousarray(model.board.shaped(estimate.shape).T)
@@ -158,9 +158,9 @@ def normal_equations(
     u[free, free] = np.diag(priors**2)
     gradient_global[free] = priors * model.intrinsic_values(estimate.camera)
     if (prior := model.prior_of_centres) is not None:
-        along = prior.along.ravel()
-        u[places.centres, places.centres] += np.outer(along, along)
-        gradient_global[places.centres] += along * prior.value(estimate.virtual_centres_in_rig_mm)
+        direction = prior.along.ravel()
+        u[places.centres, places.centres] += np.outer(direction, direction)
+        gradient_global[places.centres] += direction * prior.value(estimate.virtual_centres_in_rig_mm)
     for chunk in grouped.chunks:
         columns = columns_of(estimate, chunk, model, corners)
         if root_weights is not None:
@@ -169,13 +169,17 @@ def normal_equations(
         for total, start, stop in zip(sums, chunk.edges[:-1], chunk.edges[1:], strict=True):
             x, y = columns[:, 0, start:stop], columns[:, 1, start:stop]
             np.add(x @ x.T, y @ y.T, out=total)
-        at, frame = places.of_groups(chunk.group_view), chunk.group_frame
-        last = own + 1
-        np.add.at(v, frame, sums[:, :own, :own])
-        np.add.at(gradient_poses, frame, sums[:, :own, own])
-        np.add.at(w, (frame[:, None, None], np.arange(own)[None, :, None], at[:, None, :]), sums[:, :own, last:])
-        np.add.at(u, (at[:, :, None], at[:, None, :]), sums[:, last:, last:])
-        np.add.at(gradient_global, at, sums[:, last:, own])
+        indices, frame = places.of_groups(chunk.group_view), chunk.group_frame
+        last = per_frame + 1
+        np.add.at(v, frame, sums[:, :per_frame, :per_frame])
+        np.add.at(gradient_poses, frame, sums[:, :per_frame, per_frame])
+        np.add.at(
+            w,
+            (frame[:, None, None], np.arange(per_frame)[None, :, None], indices[:, None, :]),
+            sums[:, :per_frame, last:],
+        )
+        np.add.at(u, (indices[:, :, None], indices[:, None, :]), sums[:, last:, last:])
+        np.add.at(gradient_global, indices, sums[:, last:, per_frame])
     return NormalEquations(u, v, w, gradient_global, gradient_poses)
 
 
@@ -213,41 +217,43 @@ class Places:
         if view[0] == DIRECT:
             return np.concatenate([first, last], axis=1)
         starts = self.intrinsics + 3 * self.mirrors * np.arange(len(self.numbers_per_mirror))
-        own = starts[:, None] + 3 * view[:, None, None] + np.arange(3)
-        return np.concatenate([first, own.reshape(len(view), -1), last], axis=1)
+        of_mirror = starts[:, None] + 3 * view[:, None, None] + np.arange(3)
+        return np.concatenate([first, of_mirror.reshape(len(view), -1), last], axis=1)
 
 
 def columns_of(estimate: Estimate, chunk: Chunk, model: Model, corners: FloatArray) -> FloatArray:
-    """Derivatives (c, 2, n) of a chunk's standardised pixels: by the frame's parameters, the residual (1), by the
-    globals.
+    """Columns (c, 2, n) of a chunk: derivatives of its standardised pixels by the frame's parameters, the residual, and
+    derivatives by the globals.
 
     The free globals are the intrinsics, the mirror's centre and curvature (unless direct), the plate thickness, and the
     modes.
     """
-    turned, in_rig = _in_rig(estimate, chunk, corners, model.board)
+    about_origin, in_rig = _in_rig(estimate, chunk, corners, model.board)
     mirrors = None if chunk.direct else mirrors_of_views(estimate, chunk.view)
-    at = linearized(
+    linear = linearized(
         estimate.camera,
-        turned,
+        about_origin,
         in_rig,
         mirrors,
         bent=model.curvature,
         camera_from_rig=_camera_from_rig(estimate, chunk),
     )
-    parts = [at.turn, at.corner]
-    if model.frame_terms.turn_per_rad is not None:
-        parts.append(at.camera_turn)
+    parts = [linear.turn, linear.corner]
+    if model.frame_terms.rotation_per_rad is not None:
+        parts.append(linear.camera_rotation)
     if model.frame_terms.bow_per_mm is not None:
-        parts.append(_by_board(at, estimate, chunk)[:, None, 2] * model.board.bows[:, chunk.corner])
-    parts.append((at.pixels - chunk.pixels)[:, None])
-    parts.append(at.intrinsics[:, [name in model.intrinsics for name in estimate.camera.intrinsic_names]])
+        parts.append(_by_board(linear, estimate, chunk)[:, None, 2] * model.board.bows[:, chunk.corner])
+    parts.append((linear.pixels - chunk.pixels)[:, None])
+    parts.append(linear.intrinsics[:, [name in model.intrinsics for name in estimate.camera.intrinsic_names]])
     if mirrors is not None:
-        parts += [at.centre] * model.mirrors + [at.curvature] * model.curvature
+        parts += [linear.centre] * model.mirrors + [linear.curvature] * model.curvature
     if model.thickness:
-        plate = np.zeros_like(at.pixels) if mirrors is None else np.where(mirrors.thickness_mm > 0, at.thickness, 0.0)
+        plate = np.zeros_like(linear.pixels)
+        if mirrors is not None:
+            plate = np.where(mirrors.thickness_mm > 0, linear.thickness, 0.0)
         parts.append(plate[:, None])
     if len(model.board.modes):
-        parts.append(_by_modes(at, estimate, chunk, model.board.modes[:, chunk.corner]))
+        parts.append(_by_modes(linear, estimate, chunk, model.board.modes[:, chunk.corner]))
     columns = np.empty((sum(part.shape[1] for part in parts), 2, len(chunk.view)))
     start = 0
     for part in parts:
@@ -263,34 +269,34 @@ def _in_rig(estimate: Estimate, chunk: Chunk, corners: FloatArray, board: Board)
     if estimate.bow_mm.any():
         for frame, first, last in chunk.runs:
             in_board[2, first:last] += estimate.bow_mm[frame] @ board.bows[:, chunk.corner[first:last]]
-    turned, in_rig = np.empty_like(in_board), np.empty_like(in_board)
+    about_origin, in_rig = np.empty_like(in_board), np.empty_like(in_board)
     for frame, first, last in chunk.runs:
         pose = estimate.rig_from_board[frame]
-        np.matmul(pose[:3, :3], in_board[:, first:last], out=turned[:, first:last])
-        np.add(turned[:, first:last], pose[:3, 3:], out=in_rig[:, first:last])
-    return turned, in_rig
+        np.matmul(pose[:3, :3], in_board[:, first:last], out=about_origin[:, first:last])
+        np.add(about_origin[:, first:last], pose[:3, 3:], out=in_rig[:, first:last])
+    return about_origin, in_rig
 
 
 def _camera_from_rig(estimate: Estimate, chunk: Chunk) -> FloatArray | None:
     """Rotations (3, 3, n) of the camera at the chunk's corners; None if it is not rotated in any frame."""
-    if not estimate.camera_turn.any():
+    if not estimate.camera_rotation.any():
         return None
-    turns = Rotation.from_rotvec(estimate.camera_turn).as_matrix()
+    rotations = Rotation.from_rotvec(estimate.camera_rotation).as_matrix()
     counts = [last - first for _, first, last in chunk.runs]
-    return np.repeat(turns[[frame for frame, _, _ in chunk.runs]], counts, axis=0).transpose(1, 2, 0)
+    return np.repeat(rotations[[frame for frame, _, _ in chunk.runs]], counts, axis=0).transpose(1, 2, 0)
 
 
-def _by_modes(at: LinearizedResiduals, estimate: Estimate, chunk: Chunk, modes: FloatArray) -> FloatArray:
+def _by_modes(linear: LinearizedResiduals, estimate: Estimate, chunk: Chunk, modes: FloatArray) -> FloatArray:
     """Derivatives (2, k, n) by the modes (k, n, 3) at the corners."""
-    by_board = _by_board(at, estimate, chunk)
+    by_board = _by_board(linear, estimate, chunk)
     return np.asarray(sum(by_board[:, None, axis] * modes[None, :, :, axis] for axis in range(3)))
 
 
-def _by_board(at: LinearizedResiduals, estimate: Estimate, chunk: Chunk) -> FloatArray:
+def _by_board(linear: LinearizedResiduals, estimate: Estimate, chunk: Chunk) -> FloatArray:
     """Derivatives (2, 3, n) by the corners in the board frame."""
-    by_board = np.empty_like(at.corner)
+    by_board = np.empty_like(linear.corner)
     for frame, first, last in chunk.runs:
-        by_board[:, :, first:last] = estimate.rig_from_board[frame, :3, :3].T @ at.corner[:, :, first:last]
+        by_board[:, :, first:last] = estimate.rig_from_board[frame, :3, :3].T @ linear.corner[:, :, first:last]
     return by_board
 
 
@@ -299,7 +305,7 @@ def residuals_of(estimate: Estimate, grouped: Grouped, model: Model) -> FloatArr
 
     They are predicted minus observed pixels, in standard deviations of the corners.
     """
-    found = np.empty((2, len(grouped.order)))
+    r = np.empty((2, len(grouped.order)))
     corners = np.ascontiguousarray(model.board.shaped(estimate.shape).T)
     for chunk in grouped.chunks:
         _, seen = _in_rig(estimate, chunk, corners, model.board)
@@ -308,5 +314,5 @@ def residuals_of(estimate: Estimate, grouped: Grouped, model: Model) -> FloatArr
         camera_from_rig = _camera_from_rig(estimate, chunk)
         if camera_from_rig is not None:
             seen = np.einsum("ijn,jn->in", camera_from_rig, seen)
-        found[:, chunk.rows] = (estimate.camera.project(seen.T).T - chunk.pixels) * chunk.per_sigma
-    return found
+        r[:, chunk.rows] = (estimate.camera.project(seen.T).T - chunk.pixels) * chunk.per_sigma
+    return r

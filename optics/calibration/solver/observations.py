@@ -15,8 +15,8 @@ DIRECT = -1
 
 IntArray = NDArray[np.int64]
 
-
 MIN_CORNERS = 6
+"""Least number of corners of a view."""
 
 
 def _unknown_sigma() -> FloatArray:
@@ -110,8 +110,8 @@ class Observations:
         return len(self.frame)
 
     @property
-    def both_ways(self) -> bool:
-        """Whether a frame shows its board both directly and in a mirror; otherwise, direct frames are separate."""
+    def direct_and_mirrored(self) -> bool:
+        """Whether any frame shows its board both directly and in a mirror; otherwise, direct frames are separate."""
         direct = self.view == DIRECT
         return bool(np.isin(self.frame[direct], self.frame[~direct]).any())
 
@@ -153,8 +153,8 @@ class Observations:
         return replace(self, frame=self.frame + frames)
 
     @property
-    def scattered(self) -> bool:
-        """Whether the rows have standard deviations other than the default."""
+    def has_sigmas(self) -> bool:
+        """Whether any standard deviation differs from the default."""
         return bool((self.sigma_px != 1.0).any())
 
     def standardised(self, residuals_px: FloatArray) -> FloatArray:

@@ -24,7 +24,7 @@ from mirrorcam.optics.geometry.tolerances import Tolerances
 
 PAIR_DEG = Tolerances().tilt_deg
 """Standard deviation of that rotation about the design: the assembly tolerance of mirrors."""
-LEAST_SINE = 1e-3
+MIN_SINE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -33,33 +33,36 @@ class FrameTerms:
 
     A prior is the weight that turns a value into an equally improbable standardised residual: the scale of such
     residuals over the standard deviation of the value.
+
     Attributes
     ----------
-    turn_per_rad
+    rotation_per_rad
         Prior of the camera's rotation vector; None if the camera is not rotated.
     bow_per_mm
         Prior of the bow of the board; None if the board is the same in all frames.
     """
 
-    turn_per_rad: float | None = None
+    rotation_per_rad: float | None = None
     bow_per_mm: float | None = None
 
     @property
     def free(self) -> IntArray:
         """Indices of the free parameters among the 12 of a frame, in the order of `Estimate.moved`."""
-        turn, bow = (prior is not None for prior in (self.turn_per_rad, self.bow_per_mm))
+        turn, bow = (prior is not None for prior in (self.rotation_per_rad, self.bow_per_mm))
         return np.array([*range(6), *range(6, 6 + 3 * turn), *range(9, 9 + 3 * bow)], dtype=np.int64)
 
     @property
     def weights(self) -> FloatArray:
         """Priors (d,) of a frame's free parameters; 0 for the pose."""
-        priors = [weight for weight in (self.turn_per_rad, self.bow_per_mm) if weight is not None]
+        priors = [weight for weight in (self.rotation_per_rad, self.bow_per_mm) if weight is not None]
         return np.concatenate([np.zeros(6), np.repeat(priors, 3)])
 
     def values(self, estimate: Estimate) -> FloatArray:
         """Weighted values (f, d) of the free parameters of all frames; their squares add to the cost."""
-        every = np.concatenate([np.zeros((len(estimate.rig_from_board), 6)), estimate.camera_turn, estimate.bow_mm], 1)
-        return np.asarray(every[:, self.free] * self.weights)
+        values = np.concatenate(
+            [np.zeros((len(estimate.rig_from_board), 6)), estimate.camera_rotation, estimate.bow_mm], 1
+        )
+        return np.asarray(values[:, self.free] * self.weights)
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,8 +169,8 @@ def pair_prior(layout: Layout, sigma_deg: float = PAIR_DEG) -> CentresPrior | No
     if len(layout.mirrors) < 2:
         raise InputError("one mirror without a direct view of the board, expected two or more mirrors")
     centres = layout.virtual_centres_in_rig_mm
-    by_turn = _Line.of(layout).by_turn(centres)
-    along = by_turn / (np.sum(by_turn**2) * np.deg2rad(sigma_deg))
+    by_rotation = _Line.of(layout).by_rotation(centres)
+    along = by_rotation / (np.sum(by_rotation**2) * np.deg2rad(sigma_deg))
     return CentresPrior(along, float(np.sum(along * centres)))
 
 
@@ -178,10 +181,10 @@ def rotated_like(layout: Layout, other: Layout) -> tuple[Layout, float]:
     """
     line = _Line.of(layout)
     cosines, sines = [], []
-    for mirror, like in zip(layout.mirrors, other.mirrors, strict=True):
+    for mirror, reference in zip(layout.mirrors, other.mirrors, strict=True):
         across = mirror.normal_in_rig - (mirror.normal_in_rig @ line.direction) * line.direction
-        cosines.append(across @ like.normal_in_rig)
-        sines.append(np.cross(line.direction, across) @ like.normal_in_rig)
+        cosines.append(across @ reference.normal_in_rig)
+        sines.append(np.cross(line.direction, across) @ reference.normal_in_rig)
     angle = float(np.arctan2(sum(sines), sum(cosines)))
     return line.rotated(layout, angle), angle
 
@@ -200,12 +203,12 @@ class _Line:
         normals = centres / lengths[:, None]
         direction = np.cross(normals[0], normals[1])
         sine = float(np.linalg.norm(direction))
-        if sine < LEAST_SINE:
+        if sine < MIN_SINE:
             raise InputError("both mirrors are parallel, expected planes that meet")
         direction = direction / sine
         return cls(np.linalg.solve(np.vstack([normals, direction]), [*lengths / 2.0, 0.0]), direction)
 
-    def by_turn(self, centres: FloatArray) -> FloatArray:
+    def by_rotation(self, centres: FloatArray) -> FloatArray:
         """Displacements (2, 3), mm per rad, of virtual centres (2, 3) as the planes rotate about the line."""
         lengths = np.linalg.norm(centres, axis=1)[:, None]
         normals = centres / lengths

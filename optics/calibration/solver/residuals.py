@@ -76,12 +76,12 @@ class Board:
     @cached_property
     def bows(self) -> FloatArray:
         """Heights (3, c) of the corners of boards bowed as x^2, y^2 and xy, with x and y from -1 to 1."""
-        x, y = self.middle_to_corners.T
+        x, y = self.corners_from_centre.T
         return np.stack([x * x, y * y, x * y])
 
     @property
-    def middle_to_corners(self) -> FloatArray:
-        """Positions (c, 2) of the corners relative to the drawing's middle, over the largest x and y."""
+    def corners_from_centre(self) -> FloatArray:
+        """Positions (c, 2) of the corners relative to the drawing's centre, over the largest x and y."""
         flat = self.corners_in_board_mm[:, :2]
         centred = flat - (flat.min(axis=0) + flat.max(axis=0)) / 2.0
         return np.asarray(centred / np.maximum(np.abs(centred).max(axis=0), 1e-9))
@@ -114,7 +114,7 @@ class Estimate:
     middles_in_rig_mm
         Middles (m, 3) of the outlines as designed; their feet on the planes are the origins of the mirrors' own frames.
         Default: the feet of the pupil.
-    camera_turn
+    camera_rotation
         Rotation vectors (f, 3), rad, of the camera in each frame, from rig to camera axes. Default: none.
     bow_mm
         Coefficients (f, 3) of `Board.bows` in each frame. Default: none.
@@ -128,20 +128,20 @@ class Estimate:
     refractive_index: FloatArray = field(default_factory=lambda: np.zeros(0))
     curvature_per_m: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
     middles_in_rig_mm: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
-    camera_turn: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
+    camera_rotation: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
     bow_mm: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
 
     def __post_init__(self) -> None:
         mirrors = len(self.virtual_centres_in_rig_mm)
-        plain = {
-            "camera_turn": np.zeros((len(self.rig_from_board), 3)),
+        defaults = {
+            "camera_rotation": np.zeros((len(self.rig_from_board), 3)),
             "bow_mm": np.zeros((len(self.rig_from_board), 3)),
             "thickness_mm": np.zeros(mirrors),
             "refractive_index": np.ones(mirrors),
             "curvature_per_m": np.zeros((mirrors, 3)),
             "middles_in_rig_mm": self.virtual_centres_in_rig_mm / 2.0,
         }
-        for name, default in plain.items():
+        for name, default in defaults.items():
             if getattr(self, name).size == 0:
                 object.__setattr__(self, name, default)
             elif getattr(self, name).shape != default.shape:
@@ -163,14 +163,14 @@ class Estimate:
     def with_poses(self, rig_from_board: FloatArray) -> Self:
         """Return camera and mirrors with other board poses (f, 4, 4), without other per-frame parameters."""
         none = np.zeros((0, 3))
-        return replace(self, rig_from_board=rig_from_board, camera_turn=none, bow_mm=none)
+        return replace(self, rig_from_board=rig_from_board, camera_rotation=none, bow_mm=none)
 
     def of_frames(self, frames: NDArray[np.bool_] | IntArray) -> Self:
         """Select some frames."""
         return replace(
             self,
             rig_from_board=self.rig_from_board[frames],
-            camera_turn=self.camera_turn[frames],
+            camera_rotation=self.camera_rotation[frames],
             bow_mm=self.bow_mm[frames],
         )
 
@@ -197,16 +197,16 @@ class Estimate:
             shape=self.shape + shape,
             thickness_mm=np.where(self.thickness_mm > 0.0, self.thickness_mm + thickness, 0.0),
             curvature_per_m=self.curvature_per_m + curvatures.reshape(-1, 3),
-            camera_turn=_rotated_by(self.camera_turn, step_turn),
+            camera_rotation=_rotated_by(self.camera_rotation, step_turn),
             bow_mm=self.bow_mm + step_bow if step_bow.size else self.bow_mm,
         )
 
 
-def _rotated_by(turn: FloatArray, step: FloatArray) -> FloatArray:
+def _rotated_by(rotation: FloatArray, step: FloatArray) -> FloatArray:
     """Rotation vectors (f, 3) followed by steps (f, 3), if any."""
     if not step.size:
-        return turn
-    return np.asarray((Rotation.from_rotvec(step) * Rotation.from_rotvec(turn)).as_rotvec())
+        return rotation
+    return np.asarray((Rotation.from_rotvec(step) * Rotation.from_rotvec(rotation)).as_rotvec())
 
 
 def points_at_camera(
@@ -233,8 +233,8 @@ def points_at_camera(
     mirrored = observations.view != DIRECT
     mirrors = mirrors_of_views(estimate, observations.view[mirrored])
     seen[mirrored] = images(in_rig[mirrored].T, mirrors).image_mm.T
-    if estimate.camera_turn.any():
-        turns = Rotation.from_rotvec(estimate.camera_turn).as_matrix()
+    if estimate.camera_rotation.any():
+        turns = Rotation.from_rotvec(estimate.camera_rotation).as_matrix()
         seen = np.einsum("nij,nj->ni", turns[observations.frame], seen)
     return turned, in_rig, seen
 
@@ -272,7 +272,7 @@ class LinearizedResiduals:
     curvature: FloatArray
     corner: FloatArray
     turn: FloatArray
-    camera_turn: FloatArray
+    camera_rotation: FloatArray
 
 
 def linearized(
@@ -299,16 +299,16 @@ def linearized(
     camera_from_rig
         Rotations (3, 3, n) of the camera at each corner; None if it is not rotated.
     """
-    found = None if mirrors is None else images(in_rig, mirrors, bent=bent)
-    seen = in_rig if found is None else found.image_mm
+    mirrored = None if mirrors is None else images(in_rig, mirrors, bent=bent)
+    seen = in_rig if mirrored is None else mirrored.image_mm
     if camera_from_rig is not None:
         seen = np.einsum("ijn,jn->in", camera_from_rig, seen)
     pixels, by_seen, by_intrinsics = camera.project_with_jacobians(seen.T)
     rows, none = by_seen.transpose(1, 2, 0), np.empty((2, 0, in_rig.shape[1]))
-    camera_turn = _by_rotation(seen, rows)
+    camera_rotation = _by_rotation(seen, rows)
     if camera_from_rig is not None:
         rows = np.einsum("pin,ijn->pjn", rows, camera_from_rig)
-    change = ImageDerivatives(rows, none, none, none) if found is None else found.vjp(rows)
+    change = ImageDerivatives(rows, none, none, none) if mirrored is None else mirrored.vjp(rows)
     return LinearizedResiduals(
         pixels.T,
         by_intrinsics.transpose(1, 2, 0),
@@ -317,7 +317,7 @@ def linearized(
         change.curvature,
         change.point,
         _by_rotation(turned, change.point),
-        camera_turn,
+        camera_rotation,
     )
 
 
@@ -344,23 +344,27 @@ def residuals_with_jacobians(
     r = np.empty((len(observations), 2))
     by_global = np.zeros((len(observations), 2, thickness + 1 + estimate.shape.size))
     by_frame = np.empty((len(observations), 2, 12))
-    turns = Rotation.from_rotvec(estimate.camera_turn).as_matrix()
+    turns = Rotation.from_rotvec(estimate.camera_rotation).as_matrix()
     for is_direct in (True, False):
         rows = np.flatnonzero((observations.view == DIRECT) == is_direct)
         view = observations.view[rows]
         mirrors = None if is_direct else mirrors_of_views(estimate, view)
         frame, corner = observations.frame[rows], observations.corner[rows]
-        turn = turns[frame].transpose(1, 2, 0)
-        at = linearized(estimate.camera, turned[rows].T, in_rig[rows].T, mirrors, bent=True, camera_from_rig=turn)
-        r[rows] = at.pixels.T - observations.pixels[rows]
-        by_global[rows, :, :lens] = at.intrinsics.transpose(2, 0, 1)
-        by_corner = np.einsum("ijn,njk->nik", at.corner, estimate.rig_from_board[frame, :3, :3])
+        rotations = turns[frame].transpose(1, 2, 0)
+        linear = linearized(
+            estimate.camera, turned[rows].T, in_rig[rows].T, mirrors, bent=True, camera_from_rig=rotations
+        )
+        r[rows] = linear.pixels.T - observations.pixels[rows]
+        by_global[rows, :, :lens] = linear.intrinsics.transpose(2, 0, 1)
+        by_corner = np.einsum("ijn,njk->nik", linear.corner, estimate.rig_from_board[frame, :3, :3])
         by_global[rows, :, thickness + 1 :] = np.einsum("nij,knj->nik", by_corner, board.modes[:, corner])
-        by_frame[rows, :, :9] = np.concatenate([at.turn, at.corner, at.camera_turn], axis=1).transpose(2, 0, 1)
+        by_frame[rows, :, :9] = np.concatenate([linear.turn, linear.corner, linear.camera_rotation], axis=1).transpose(
+            2, 0, 1
+        )
         by_frame[rows, :, 9:] = np.einsum("ni,kn->nik", by_corner[:, :, 2], board.bows[:, corner])
         if mirrors is not None:
             for k in range(3):
-                by_global[rows, :, lens + 3 * view + k] = at.centre[:, k].T
-                by_global[rows, :, lens + 3 * (count + view) + k] = at.curvature[:, k].T
-            by_global[rows, :, thickness] = np.where(mirrors.thickness_mm > 0.0, at.thickness, 0.0).T
+                by_global[rows, :, lens + 3 * view + k] = linear.centre[:, k].T
+                by_global[rows, :, lens + 3 * (count + view) + k] = linear.curvature[:, k].T
+            by_global[rows, :, thickness] = np.where(mirrors.thickness_mm > 0.0, linear.thickness, 0.0).T
     return r, by_global, by_frame

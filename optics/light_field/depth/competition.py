@@ -18,14 +18,14 @@ UNSEEN = 1e6
 """Cost of a place that no view of a sector sees: sorted last, then left out."""
 TRUNCATION = 6.0
 """Largest difference that counts, in contrasts: an occluder may look like anything."""
-BETTER_SHARE, SEEING_SHARE = 0.4, 0.6
+BEST_SHARE, SEEING_SHARE = 0.4, 0.6
 """Share of the cheapest directions that decides: of all, and of those that see the place by a first depth."""
-FEWER = 1.0
+HALF_SURCHARGE = 1.0
 """Surcharge, in contrasts, if half of that share decides alone."""
-HIDDEN, USUALLY_HIDDEN = 3.0, 0.5
+OCCLUSION_SURCHARGE, USUAL_OCCLUSION = 3.0, 0.5
 """Surcharge, in contrasts per share of the views, for each share above the usual from which a place is hidden.
 
-Few views match by chance, and an edge hides a place beside it from at most half of the views.
+Few views match by chance, and an edge hides an adjacent place from at most half of the views.
 """
 
 
@@ -45,11 +45,11 @@ class Work(NamedTuple):
 
 
 @compiled
-def _sorted(costs: Float32, count: int) -> None:
+def _sort(costs: Float32, count: int) -> None:
     """Sort the first `count` columns of costs (m, u) along the first axis in place (odd-even transposition)."""
     rows = len(costs)
-    for turn in range(rows):
-        for number in range(turn % 2, rows - 1, 2):
+    for pass_number in range(rows):
+        for number in range(pass_number % 2, rows - 1, 2):
             lower, upper = costs[number, :count], costs[number + 1, :count]
             for x in range(count):
                 a, b = lower[x], upper[x]
@@ -58,9 +58,9 @@ def _sorted(costs: Float32, count: int) -> None:
 
 
 @compiled
-def _add_better(costs: Float32, count: Float32, share: Float32, weight: Float32, work: Work, total: Float32) -> None:
+def _add_cheapest(costs: Float32, count: Float32, share: Float32, weight: Float32, work: Work, total: Float32) -> None:
     """Add weight (u,) times the mean of the cheapest share (u,) of the `count` (u,) sorted costs (m, u)."""
-    zero, one, half, fewer = np.float32(0.0), np.float32(1.0), np.float32(0.5), np.float32(FEWER)
+    zero, one, half, fewer = np.float32(0.0), np.float32(1.0), np.float32(0.5), np.float32(HALF_SURCHARGE)
     mean, mean_of_less = work.ring[5, : len(total)], work.ring[6, : len(total)]
     mean[:], mean_of_less[:] = 0.0, 0.0
     for number in range(len(costs)):
@@ -86,9 +86,9 @@ def decide(rings: Int64, known: bool, work: Work, count: int) -> None:
     zero, one, two = np.float32(0.0), np.float32(1.0), np.float32(2.0)
     out = work.decided[:count]
     seeing, taken, share = work.ring[0, :count], work.ring[1, :count], work.ring[2, :count]
-    weight, every = work.ring[3, :count], work.ring[4, :count]
+    weight, total_weight = work.ring[3, :count], work.ring[4, :count]
     all_views = work.ring[7, :count]
-    out[:], every[:], all_views[:] = 0.0, 0.0, 0.0
+    out[:], total_weight[:], all_views[:] = 0.0, 0.0, 0.0
     for ring in range(len(rings) - 1):
         first, last = rings[ring], rings[ring + 1]
         seeing[:], taken[:], weight[:] = 0.0, 0.0, 0.0
@@ -98,7 +98,7 @@ def decide(rings: Int64, known: bool, work: Work, count: int) -> None:
                 for x in range(count):
                     seeing[x] += one if sees[x] > zero else zero
         for x in range(count):
-            share[x] = np.float32(SEEING_SHARE) if seeing[x] >= two else np.float32(BETTER_SHARE)
+            share[x] = np.float32(SEEING_SHARE) if seeing[x] >= two else np.float32(BEST_SHARE)
         costs = work.sectors[: last - first]
         for sector in range(first, last):
             sums, weights = work.sums[0, sector, :count], work.weights[0, sector, :count]
@@ -117,10 +117,11 @@ def decide(rings: Int64, known: bool, work: Work, count: int) -> None:
                 taken[x] += one if weights[x] > zero else zero
             for x in range(count):
                 weight[x] += weights[x]
-        _sorted(costs, count)
+        _sort(costs, count)
         for x in range(count):
-            every[x] += weight[x]
-        _add_better(costs, taken, share, weight, work, out)
+            total_weight[x] += weight[x]
+        _add_cheapest(costs, taken, share, weight, work, out)
     for x in range(count):
-        hidden = np.float32(HIDDEN) * max(one - every[x] / all_views[x] - np.float32(USUALLY_HIDDEN), zero)
-        out[x] = out[x] / every[x] + hidden if every[x] > zero else np.float32(0.5 * TRUNCATION)
+        hidden_share = one - total_weight[x] / all_views[x]
+        surcharge = np.float32(OCCLUSION_SURCHARGE) * max(hidden_share - np.float32(USUAL_OCCLUSION), zero)
+        out[x] = out[x] / total_weight[x] + surcharge if total_weight[x] > zero else np.float32(0.5 * TRUNCATION)

@@ -33,19 +33,19 @@ UInt16 = NDArray[np.uint16]
 Float32 = NDArray[np.float32]
 Map = Callable[..., Any]
 CHANNELS = 5
-COLOUR, SLOPE = 1.0, 2.0
+COLOUR, GRADIENT = 1.0, 2.0
 """Weights of the mean difference of three colours, and of the difference of each brightness gradient."""
 CONTRAST_PX = 7
 CONTRAST_GREY = 4.0
 CONTRAST_FLOOR = 0.3
 HIDING_PX = 1.5
 """Least difference in motion of the farthest view by which a nearer surface hides another."""
-WEAK_PX = 5
-WEAK_GREY = 1.5
-"""Gradient of brightness, per px, below which costs are averaged over WEAK_PX squared; no averaging above twice it."""
+SMOOTHING_PX = 5
+WEAK_GRADIENT = 1.5
+"""Gradient of brightness, per px, below which costs are averaged over SMOOTHING_PX squared; none above twice it."""
 BAND_ROWS = 16
-LONGEST_PX = 512
-"""Most pixels of a row processed at once, a multiple of the tile's side: the work arrays fit the cache."""
+MAX_RUN_PX = 512
+"""Largest number of pixels of a row processed at once, a multiple of the tile's side: the work arrays fit the cache."""
 
 
 def channels(colours: Float32) -> Float32:
@@ -71,7 +71,7 @@ def bands(rows: int) -> list[tuple[int, int]]:
     return [(first, min(first + BAND_ROWS, rows)) for first in range(0, rows, BAND_ROWS)]
 
 
-def _wider(maps: Float32) -> Float32:
+def _last_column_repeated(maps: Float32) -> Float32:
     """Repeat the last column of maps (K, v, u)."""
     return np.concatenate([maps, maps[:, :, -1:]], axis=2)
 
@@ -109,19 +109,19 @@ def matching_costs(
     pictures = ComparedViews(
         reference,
         others,
-        np.array([COLOUR / 3.0] * 3 + [SLOPE] * 2, np.float32),
+        np.array([COLOUR / 3.0] * 3 + [GRADIENT] * 2, np.float32),
         np.float32(CONTRAST_GREY) / (np.float32(CONTRAST_FLOOR * CONTRAST_GREY) + slope),
         seen,
-        np.empty((0, shape[0], shape[1] + 1), np.float32) if nearest is None else _wider(nearest),
+        np.empty((0, shape[0], shape[1] + 1), np.float32) if nearest is None else _last_column_repeated(nearest),
         np.float32(HIDING_PX / planes.reach_px),
     )
     volume = Volume.empty(whole_range(shape, planes.planes) if ranges is None else ranges)
     list(run(lambda band: fill_costs(*band, pictures, planes.motion, volume.ranges, volume.costs), bands(shape[0])))
-    weak = np.clip(np.float32(2.0) - mean_slope(reference, CONTRAST_PX + 2) / np.float32(WEAK_GREY), 0.0, 1.0)
+    weak = np.clip(np.float32(2.0) - mean_slope(reference, CONTRAST_PX + 2) / np.float32(WEAK_GRADIENT), 0.0, 1.0)
     if not weak.any():
         return volume
     result = Volume.empty(volume.ranges)
-    reach = WEAK_PX // 2
+    reach = SMOOTHING_PX // 2
     list(run(lambda band: average_weak(*band, weak, reach, volume.ranges, volume.costs, result.costs), bands(shape[0])))
     return result
 
@@ -164,7 +164,7 @@ def _differences(
     other: Float32,
     y0: int,
     share: float,
-    grows: float,
+    growth: float,
     start: float,
     weights: Float32,
     x: int,
@@ -175,20 +175,20 @@ def _differences(
     """Weighted absolute differences between pixels of row `y` from `x` on and a view between rows `y0` and `y0` + 1.
 
     The run's samples in the view are adjacent from column x + `shift` on; their fraction starts at `start` and grows by
-    `grows` per pixel.
+    `growth` per pixel.
     """
     cost[:] = 0.0
-    between = line[: len(cost) + 1]
+    row = line[: len(cost) + 1]
     for channel in range(len(weights)):
-        upper = other[channel, y0, x + shift : x + shift + len(between)]
-        lower = other[channel, y0 + 1, x + shift : x + shift + len(between)]
-        own, weight = reference[channel, y, x : x + len(cost)], weights[channel]
-        for place in range(len(between)):
-            between[place] = upper[place] + share * (lower[place] - upper[place])
-        for place in range(len(cost)):
-            part = grows * np.float32(place) + start
-            shown = between[place] + part * (between[place + 1] - between[place])
-            cost[place] += weight * abs(shown - own[place])
+        upper = other[channel, y0, x + shift : x + shift + len(row)]
+        lower = other[channel, y0 + 1, x + shift : x + shift + len(row)]
+        reference_row, weight = reference[channel, y, x : x + len(cost)], weights[channel]
+        for i in range(len(row)):
+            row[i] = upper[i] + share * (lower[i] - upper[i])
+        for i in range(len(cost)):
+            fraction = growth * np.float32(i) + start
+            sampled = row[i] + fraction * (row[i + 1] - row[i])
+            cost[i] += weight * abs(sampled - reference_row[i])
 
 
 @compiled
@@ -208,11 +208,11 @@ def _add(cost: Float32, sight: Float32, total: Float32, part: Float32) -> None:
 
 
 @compiled
-def _uncover(sight: Float32, seen: UInt8, surface: Float32, behind: float, grows: float, start: float) -> None:
+def _uncover(sight: Float32, seen: UInt8, surface: Float32, behind: float, growth: float, start: float) -> None:
     """Fill `sight` (u,): 1 where the view has samples and no surface in `surface` (u + 1,) is nearer than `behind`."""
     half = np.float32(0.5)
     for x in range(len(sight)):
-        nearest = surface[x] if grows * np.float32(x) + start < half else surface[x + 1]
+        nearest = surface[x] if growth * np.float32(x) + start < half else surface[x + 1]
         sight[x] = np.float32(seen[x]) if nearest <= behind else np.float32(0.0)
 
 
@@ -240,31 +240,31 @@ def _compare_row(
     # Restrict to places scale x + across from 0 to width - 1.
     tolerance = np.float32(1e-4)
     x = max(first, int(np.ceil(-across / scale - tolerance)))
-    x1 = min(last, int(np.floor((np.float32(width - 1) - across) / scale + tolerance)) + 1)
+    end_x = min(last, int(np.floor((np.float32(width - 1) - across) / scale + tolerance)) + 1)
     y0 = int(np.floor(row))
     near_row = int(row + np.float32(0.5))
-    share, grows = np.float32(row - np.float32(y0)), scale - np.float32(1.0)
+    share, growth = np.float32(row - np.float32(y0)), scale - np.float32(1.0)
     other = pictures.others[view]
-    while x < x1:
-        # A run of pixels whose samples in the view are adjacent, too.
-        shift = int(np.floor(grows * np.float32(x) + across + tolerance))
-        end = x1
-        if grows > 0:
-            end = min(end, int(np.floor((np.float32(shift + 1) - across) / grows)) + 1)
-        elif grows < 0:
-            end = min(end, int(np.floor((np.float32(shift) - across) / grows)) + 1)
+    while x < end_x:
+        # A run of pixels whose samples in the view are adjacent as well.
+        shift = int(np.floor(growth * np.float32(x) + across + tolerance))
+        end = end_x
+        if growth > 0:
+            end = min(end, int(np.floor((np.float32(shift + 1) - across) / growth)) + 1)
+        elif growth < 0:
+            end = min(end, int(np.floor((np.float32(shift) - across) / growth)) + 1)
         end = max(end, x + 1)
-        start = grows * np.float32(x) + across - np.float32(shift)
-        here = cost[x - first : end - first]
-        _differences(pictures.reference, y, other, y0, share, grows, start, pictures.weights, x, shift, line, here)
-        _truncate(here, pictures.contrast[y, x:end])
-        seen, shown = pictures.seen[view, y0, x + shift : end + shift], sight[x - first : end - first]
-        for place in range(len(shown)):
-            shown[place] = np.float32(seen[place])
+        start = growth * np.float32(x) + across - np.float32(shift)
+        run_cost = cost[x - first : end - first]
+        _differences(pictures.reference, y, other, y0, share, growth, start, pictures.weights, x, shift, line, run_cost)
+        _truncate(run_cost, pictures.contrast[y, x:end])
+        seen, run_sight = pictures.seen[view, y0, x + shift : end + shift], sight[x - first : end - first]
+        for i in range(len(run_sight)):
+            run_sight[i] = np.float32(seen[i])
         if len(pictures.nearest) > 0:
             surface = pictures.nearest[view, near_row, x + shift : end + shift + 1]
             behind = np.float32(plane) + pictures.hiding
-            _uncover(sees[x - first : end - first], seen, surface, behind, grows, start)
+            _uncover(sees[x - first : end - first], seen, surface, behind, growth, start)
         x = end
 
 
@@ -274,21 +274,21 @@ def _block(
 ) -> None:
     """Compute the costs `decided` of a plane at pixels `first` to `last` of rows `top` to `bottom`, row by row."""
     count, known = last - first, len(pictures.nearest) > 0
-    every = (bottom - top) * count
+    pixels = (bottom - top) * count
     for kind in range(2 if known else 1):
         for sector in range(motion.rings[-1]):
-            work.sums[kind, sector, :every] = 0.0
-            work.weights[kind, sector, :every] = 0.0
-    cost, sight, sees = work.cost[0, :every], work.cost[1, :every], work.cost[2, :every]
+            work.sums[kind, sector, :pixels] = 0.0
+            work.weights[kind, sector, :pixels] = 0.0
+    cost, sight, sees = work.cost[0, :pixels], work.cost[1, :pixels], work.cost[2, :pixels]
     for view in range(len(pictures.others)):
         for y in range(top, bottom):
             a, b = (y - top) * count, (y - top + 1) * count
             _compare_row(y, plane, view, first, last, pictures, motion, work.line, cost[a:b], sight[a:b], sees[a:b])
         sector = motion.sector[view]
-        _add(cost, sight, work.sums[0, sector, :every], work.weights[0, sector, :every])
+        _add(cost, sight, work.sums[0, sector, :pixels], work.weights[0, sector, :pixels])
         if known:
-            _add(cost, sees, work.sums[1, sector, :every], work.weights[1, sector, :every])
-    decide(motion.rings, known, work, every)
+            _add(cost, sees, work.sums[1, sector, :pixels], work.weights[1, sector, :pixels])
+    decide(motion.rings, known, work, pixels)
 
 
 @compiled
@@ -297,15 +297,15 @@ def fill_costs(
 ) -> None:
     """Fill the costs of rows `first` to `last` of the reference view over their ranges; `first` begins a tile."""
     width, sectors = pictures.contrast.shape[1], motion.rings[-1]
-    most = TILE_PX * LONGEST_PX
+    max_pixels = TILE_PX * MAX_RUN_PX
     work = Work(
-        np.zeros((2, sectors, most), np.float32),
-        np.zeros((2, sectors, most), np.float32),
-        np.empty((DIRECTIONS, most), np.float32),
-        np.empty((8, most), np.float32),
-        np.empty((3, most), np.float32),
-        np.empty(LONGEST_PX + 1, np.float32),
-        np.empty(most, np.float32),
+        np.zeros((2, sectors, max_pixels), np.float32),
+        np.zeros((2, sectors, max_pixels), np.float32),
+        np.empty((DIRECTIONS, max_pixels), np.float32),
+        np.empty((8, max_pixels), np.float32),
+        np.empty((3, max_pixels), np.float32),
+        np.empty(MAX_RUN_PX + 1, np.float32),
+        np.empty(max_pixels, np.float32),
     )
     for top in range(first, last, TILE_PX):
         bottom = min(top + TILE_PX, last)
@@ -317,17 +317,17 @@ def fill_costs(
                     begin += TILE_PX
                     continue
                 end = begin
-                while end < min(begin + LONGEST_PX, width) and low[end] <= plane < low[end] + count[end]:
+                while end < min(begin + MAX_RUN_PX, width) and low[end] <= plane < low[end] + count[end]:
                     end += TILE_PX
                 end = min(end, width)
                 _block(top, bottom, plane, begin, end, pictures, motion, work)
-                at = 0
+                i = 0
                 for y in range(top, bottom):
                     start = ranges.start[y]
                     for x in range(begin, end):
-                        value = work.decided[at] * np.float32(UNITS) + np.float32(0.5)
+                        value = work.decided[i] * np.float32(UNITS) + np.float32(0.5)
                         costs[start[x] + plane - low[x]] = np.uint16(value)
-                        at += 1
+                        i += 1
                 begin = end
 
 
@@ -354,17 +354,17 @@ def average_weak(first: int, last: int, weak: Float32, reach: int, ranges: Range
                     j, i = min(max(y + dy, 0), height - 1), min(max(x + dx, 0), width - 1)
                     a = max(low, ranges.low[j, i])
                     b = max(a, min(low + count, ranges.low[j, i] + ranges.planes[j, i]))
-                    theirs = costs[
+                    other_costs = costs[
                         ranges.start[j, i] + a - ranges.low[j, i] : ranges.start[j, i] + b - ranges.low[j, i]
                     ]
-                    before, both, after = total[: a - low], total[a - low : b - low], total[b - low :]
-                    mine = own[b - low :]
+                    before, shared, after = total[: a - low], total[a - low : b - low], total[b - low :]
+                    own_after = own[b - low :]
                     for place in range(len(before)):
                         before[place] += np.float32(own[place])
-                    for place in range(len(both)):
-                        both[place] += np.float32(theirs[place])
+                    for place in range(len(shared)):
+                        shared[place] += np.float32(other_costs[place])
                     for place in range(len(after)):
-                        after[place] += np.float32(mine[place])
+                        after[place] += np.float32(own_after[place])
             share = weak[y, x]
             for place in range(count):
                 value = (np.float32(1.0) - share) * np.float32(own[place]) + share * total[place] / squares

@@ -16,8 +16,8 @@ from mirrorcam.core.errors import InputError
 from mirrorcam.optics.light_field.depth.depth_map import DepthMap
 from mirrorcam.optics.light_field.light_field import LightField
 
-WHAT = "a depth map of mirrorcam depth"
-LONGEST_IDENTITY = 64
+EXPECTED = "a depth map of mirrorcam depth"
+MAX_IDENTITY_LENGTH = 64
 
 
 @dataclass(frozen=True)
@@ -63,9 +63,9 @@ def load_depth(path: Path, light_field: LightField) -> NDArray[np.float32]:
 
     Raises InputError for any other file, and for a depth map of another layout, view or size.
     """
-    arrays = read_npz(path, ("depth_mm", "layout_identity", "view"), WHAT)
-    with refusing(path, WHAT):
-        depth_mm, identity = arrays["depth_mm"], str(arrays["layout_identity"])[:LONGEST_IDENTITY]
+    arrays = read_npz(path, ("depth_mm", "layout_identity", "view"), EXPECTED)
+    with refusing(path, EXPECTED):
+        depth_mm, identity = arrays["depth_mm"], str(arrays["layout_identity"])[:MAX_IDENTITY_LENGTH]
         row, col = (int(number) for number in arrays["view"])
     if depth_mm.dtype.kind != "f":
         raise InputError(f"{path}: depth is {depth_mm.dtype}, expected floating point")

@@ -58,8 +58,8 @@ class DepthMap:
 
     def points_in_rig(self) -> FloatArray:
         """The points (v, u, 3) in rig, mm, that the pixels show; NaN without depth."""
-        behind_mm = self.views.reference_view_depth_mm
-        distance = self.depth_mm.astype(np.float64) - behind_mm
-        across = (self.views.pixel_grid() - self.views.centre_px) * (distance / self.views.focal_px)[..., None]
-        in_view = np.concatenate([across, distance[..., None]], axis=-1)
+        pupil_mm = self.views.reference_view_depth_mm
+        distance = self.depth_mm.astype(np.float64) - pupil_mm
+        offsets = (self.views.pixel_grid() - self.views.centre_px) * (distance / self.views.focal_px)[..., None]
+        in_view = np.concatenate([offsets, distance[..., None]], axis=-1)
         return in_view @ self.views.view_from_rig + self.views.reference_view_in_rig_mm

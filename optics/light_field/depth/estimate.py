@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from mirrorcam.core.arguments import check_type
 from mirrorcam.core.errors import InputError
 from mirrorcam.optics.light_field.depth.depth_map import DepthMap
-from mirrorcam.optics.light_field.depth.parallax import MOST_PLANES, Parallax, other_views, parallax, reference_index
+from mirrorcam.optics.light_field.depth.parallax import MAX_PLANES, Parallax, other_views, parallax, reference_index
 from mirrorcam.optics.light_field.depth.photometry import (
     GAIN_STRIDE_PX,
     ViewPicture,
@@ -28,7 +28,7 @@ from mirrorcam.optics.light_field.depth.photometry import (
     patches,
 )
 from mirrorcam.optics.light_field.depth.refine import JUMP_PX, GradientPicture, Match, Refiner, follow_edges
-from mirrorcam.optics.light_field.depth.search import MOST_SEARCHED, Size, search
+from mirrorcam.optics.light_field.depth.search import MAX_SEARCHED, Size, search
 from mirrorcam.optics.light_field.depth.semiglobal import Cheapest
 from mirrorcam.optics.light_field.depth.sweep import range_around
 from mirrorcam.optics.light_field.depth.uncertainty import probability, standard_deviation_px
@@ -37,15 +37,15 @@ from mirrorcam.optics.light_field.temporal import TemporalFilter
 
 Float32 = NDArray[np.float32]
 Quality = Literal["best", "fast"]
-NEAR, FAR = 0.6, 2.0
+DEFAULT_NEAR, DEFAULT_FAR = 0.6, 2.0
 """Default search range, in reference depths."""
-MOST_CELLS = 2**26
-"""Most pixels times planes of the first search, over all planes."""
-MOST_NEAR_CELLS = 2**28
-"""Most pixels times planes of a search near a known depth; above it, the result of the smaller pictures is kept."""
-SMALLEST_SEARCHED_PX = 48
+MAX_CELLS = 2**26
+"""Largest number of pixels times planes of the first search, over all planes."""
+MAX_NEAR_CELLS = 2**28
+"""The same for a search near a known depth; above it, the result for smaller pictures is kept."""
+MIN_SEARCHED_PX = 48
 """Smallest side of a picture that is searched after halving."""
-SMALLEST_PX = 16
+MIN_SIDE_PX = 16
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class _Effort:
     Attributes
     ----------
     first_halvings, last_halvings
-        How often pictures are halved for the first search, and for the last.
+        Number of times that pictures are halved for the first search, and for the last.
     slanted_rounds
         Further rounds of the first search along the slanted surfaces found.
     with_occlusion
@@ -79,7 +79,11 @@ EFFORTS = {"best": _Effort(1, 0, 2, True, 2, 60), "fast": _Effort(2, 1, 1, False
 
 @dataclass(frozen=True, eq=False)
 class _Found:
-    """Search results at full size: planes, rivals (v, u) of the first search, whether the last was at half size."""
+    """Search results at full size.
+
+    `everywhere` holds the rivals (v, u) of the first search, over all planes; `halved` states whether the last search
+    was at half size.
+    """
 
     cheapest: Cheapest
     everywhere: Float32
@@ -123,8 +127,8 @@ class DepthEstimator:
         geometry: dict[str, Any] = {field.name: getattr(light_field, field.name) for field in fields(Views)}
         self.views = Views(**geometry)
         self.weights = light_field.weights
-        near = NEAR * self.views.reference_depth_mm if near_mm is None else near_mm
-        far = FAR * self.views.reference_depth_mm if far_mm is None else far_mm
+        near = DEFAULT_NEAR * self.views.reference_depth_mm if near_mm is None else near_mm
+        far = DEFAULT_FAR * self.views.reference_depth_mm if far_mm is None else far_mm
         _check(self.views, near, far)
         self.near_mm, self.far_mm = float(near), float(far)
         self.reference, self.others = reference_index(self.views), other_views(self.views)
@@ -138,13 +142,13 @@ class DepthEstimator:
     def _chosen_sizes(self) -> list[Size]:
         """The sizes to search at, smallest first."""
 
-        def size(halvings: int, most: int = MOST_PLANES) -> Size:
+        def size(halvings: int, most: int = MAX_PLANES) -> Size:
             return Size.of(self.views, self.near_mm, self.far_mm, halvings, most)
 
-        most = max(int(np.log2(min(self.views.width_px, self.views.height_px) / SMALLEST_SEARCHED_PX)), 0)
-        first = size(min(self._effort.first_halvings, most), MOST_SEARCHED)
-        while first.cells > MOST_CELLS and first.halvings < most:
-            first = size(first.halvings + 1, MOST_SEARCHED)
+        most = max(int(np.log2(min(self.views.width_px, self.views.height_px) / MIN_SEARCHED_PX)), 0)
+        first = size(min(self._effort.first_halvings, most), MAX_SEARCHED)
+        while first.cells > MAX_CELLS and first.halvings < most:
+            first = size(first.halvings + 1, MAX_SEARCHED)
         return [first, *(size(halvings) for halvings in range(first.halvings - 1, self._effort.last_halvings - 1, -1))]
 
     @property
@@ -167,9 +171,9 @@ class DepthEstimator:
             raise InputError("light field has other views or weights than the one the estimator was built for")
         pictures = list(self._run(lambda index: ViewPicture.of(light_field, index), [self.reference, *self.others]))
         reference, others = pictures[0], pictures[1:]
-        own_grey = reference.grey
-        gains = self._run(lambda other: first_gain(other.grey, own_grey), others)
-        others = [other.brighter(gain) for other, gain in zip(others, gains, strict=True)]
+        reference_grey = reference.grey
+        gains = self._run(lambda other: first_gain(other.grey, reference_grey), others)
+        others = [other.multiplied(gain) for other, gain in zip(others, gains, strict=True)]
         found, others = self._searched(reference, others)
         planes = follow_edges(found.cheapest.planes, reference.colours, JUMP_PX / self._full.sweep.reach_px, self._run)
         own, *gradients = self._run(lambda each: GradientPicture.of(each.brightness, each.seen), [reference, *others])
@@ -182,7 +186,7 @@ class DepthEstimator:
         size, *larger = self._sizes
         found = search(size, reference, others, self._run, rounds=self._effort.slanted_rounds)
         gains = self._gains(reference, others, self._full.enlarged(found, size).planes)
-        others = [other.brighter(gain) for other, gain in zip(others, gains, strict=True)]
+        others = [other.multiplied(gain) for other, gain in zip(others, gains, strict=True)]
         if self._effort.with_occlusion:
             found = search(size, reference, others, self._run, known=found)
         everywhere = self._full.enlarged(found, size).rivals
@@ -190,7 +194,7 @@ class DepthEstimator:
             known = each.enlarged(found, size)
             for _ in range(1 + self._effort.with_occlusion):
                 ranges = range_around(known.planes, each.sweep.planes)
-                if ranges.cells > MOST_NEAR_CELLS:
+                if ranges.cells > MAX_NEAR_CELLS:
                     return _Found(self._full.enlarged(found, size), everywhere, size.halvings > 0), others
                 known = search(each, reference, others, self._run, known=known, ranges=ranges)
             found, size = known, each
@@ -198,12 +202,13 @@ class DepthEstimator:
 
     def _gains(self, reference: ViewPicture, others: list[ViewPicture], planes: Float32) -> list[Float32]:
         """Return gains (v, u) that equalise the other views to the reference view, given its planes (v, u)."""
-        every = slice(GAIN_STRIDE_PX // 2, None, GAIN_STRIDE_PX)
-        rows, columns = np.indices(planes.shape, dtype=np.float32)[:, every, every]
-        inverse, ours = self._full.sweep.inverse_distance(planes[every, every]), patches(reference.grey)[every, every]
+        stride = slice(GAIN_STRIDE_PX // 2, None, GAIN_STRIDE_PX)
+        rows, columns = np.indices(planes.shape, dtype=np.float32)[:, stride, stride]
+        inverse = self._full.sweep.inverse_distance(planes[stride, stride])
+        reference_patches = patches(reference.grey)[stride, stride]
 
         def one(view: Parallax, other: ViewPicture) -> Float32:
-            return matching_gain(other.grey, *view.pixels(columns, rows, inverse), ours)
+            return matching_gain(other.grey, *view.pixels(columns, rows, inverse), reference_patches)
 
         return list(self._run(one, self._parallaxes, others))
 
@@ -226,8 +231,8 @@ class DepthEstimator:
         deviation = sigma_px * np.float32(full.step / full.reach_px)
         with np.errstate(divide="ignore", invalid="ignore"):
             distance = np.float32(1.0) / inverse
-            behind = np.float32(self.views.reference_view_depth_mm)
-            depth, sigma = distance + behind, deviation * np.square(distance)
+            pupil_depth = np.float32(self.views.reference_view_depth_mm)
+            depth, sigma = distance + pupil_depth, deviation * np.square(distance)
         rivals = found.cheapest.rivals
         confidence = probability(planes * reach, match, rivals, found.everywhere, smooth, found.halved)
         return DepthMap(
@@ -244,18 +249,18 @@ def _check(views: Views, near_mm: float, far_mm: float) -> None:
         raise InputError("light field has one view, expected two or more to measure depth")
     if np.abs(views.positions_mm[..., :2]).max() < 1e-9:
         raise InputError("all views are in one place, expected some distance between them to measure depth")
-    if min(views.width_px, views.height_px) < SMALLEST_PX:
+    if min(views.width_px, views.height_px) < MIN_SIDE_PX:
         raise InputError(
-            f"views are {views.width_px}x{views.height_px} px, expected {SMALLEST_PX} or more along each side"
+            f"views are {views.width_px}x{views.height_px} px, expected {MIN_SIDE_PX} or more along each side"
         )
-    behind = views.reference_view_depth_mm
-    least = behind + max(float(views.positions_mm[..., 2].max()), 0.0)
+    pupil_depth = views.reference_view_depth_mm
+    min_depth = pupil_depth + max(float(views.positions_mm[..., 2].max()), 0.0)
     if np.isinf(near_mm):
         raise InputError("the reference plane is at infinity, expected --near-mm, the nearest depth to look for")
-    if not least < near_mm < far_mm:
+    if not min_depth < near_mm < far_mm:
         limits = f"near_mm {near_mm:g}, far_mm {far_mm:g}"
         raise InputError(
-            f"{limits}: expected near_mm below far_mm, and both beyond the foremost view, at {least:.0f} mm"
+            f"{limits}: expected near_mm below far_mm, and both beyond the foremost view, at {min_depth:.0f} mm"
         )
 
 

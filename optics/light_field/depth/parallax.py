@@ -12,7 +12,7 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.light_field.light_field import Views
 
 Float32 = NDArray[np.float32]
-MOST_PLANES = 2048
+MAX_PLANES = 2048
 
 
 @dataclass(frozen=True)
@@ -52,8 +52,8 @@ class Parallax:
         x, y, z = (np.float32(length) for length in self.position_mm)
         (cx, cy), focal = self.centre_px, np.float32(self.focal_px)
         front = np.float32(1.0 - self.position_mm[2] / self.reference_distance_mm)
-        along = front / np.square(np.float32(1.0) - z * inverse_distance)
-        return along * (z * (columns - np.float32(cx)) - focal * x), along * (z * (rows - np.float32(cy)) - focal * y)
+        rate = front / np.square(np.float32(1.0) - z * inverse_distance)
+        return rate * (z * (columns - np.float32(cx)) - focal * x), rate * (z * (rows - np.float32(cy)) - focal * y)
 
 
 def reference_index(views: Views) -> tuple[int, int]:
@@ -90,15 +90,15 @@ def plane_inverse_distances(views: Views, near_mm: float, far_mm: float, step_px
     """Return inverse distances (n,) of planes from depth `far_mm` to `near_mm`, at most `step_px` of motion apart.
 
     They are evenly spaced in inverse distance, hence in disparity; far first. Raises InputError if more than
-    `MOST_PLANES` are needed.
+    `MAX_PLANES` are needed.
     """
-    behind = views.reference_view_depth_mm
-    low, high = 1.0 / (far_mm - behind), 1.0 / (near_mm - behind)
+    pupil_mm = views.reference_view_depth_mm
+    low, high = 1.0 / (far_mm - pupil_mm), 1.0 / (near_mm - pupil_mm)
     reach_mm = np.abs(views.positions_mm[..., :2]).max()
     count = int(np.ceil(min(views.focal_px * reach_mm * (high - low) / step_px, 1e9))) + 1
-    if count > MOST_PLANES:
+    if count > MAX_PLANES:
         raise InputError(
             f"depths {near_mm:g} to {far_mm:g} mm need {count} planes at {step_px:g} px of motion from plane to plane, "
-            f"expected at most {MOST_PLANES}"
+            f"expected at most {MAX_PLANES}"
         )
     return np.linspace(low, high, max(count, 3))

@@ -1,4 +1,4 @@
-"""Equalising the brightness of views: roughly before depth is known, and by a plane of gains afterwards.
+"""Equalisation of the brightness of views: by one gain before depth is known, by a plane of gains afterwards.
 
 Mirrors reflect unevenly and a lens darkens its corners, so a point's brightness differs by up to a fifth between views.
 """
@@ -20,14 +20,14 @@ NO_SAMPLE = -1e4
 """Value of a grey picture without a sample: any blend with it is negative."""
 FILL_PX = 5
 """Side of the square whose mean replaces a missing sample, so that no false edge arises there."""
-LEAST_GAIN, MOST_GAIN = np.float32(0.4), np.float32(2.5)
+MIN_GAIN, MAX_GAIN = np.float32(0.4), np.float32(2.5)
 GAIN_STRIDE_PX = 8
 GAIN_PATCH_PX = 5
-FEWEST_SAMPLES = 50
-SURE_GAIN = 0.03
+MIN_SAMPLES = 50
+MIN_GAIN_CHANGE = 0.03
 """Least relative difference in brightness that is equalised before depth is known."""
-HIDDEN = (24.0, 12.0, 6.0, 6.0)
-"""Difference, of 255, above which two samples probably show different places, per round."""
+OCCLUSION_SCALES = (24.0, 12.0, 6.0, 6.0)
+"""Scale of the robust loss per round, out of 255: larger differences probably show different places."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,19 +72,19 @@ class ViewPicture:
 
     @property
     def seen(self) -> NDArray[np.uint8]:
-        """Mask (v, u), as uint8, of samples whose neighbours are all valid, too."""
+        """Mask (v, u), as uint8, of samples whose neighbours are all valid."""
         return np.asarray(cv2.erode(self.known.astype(np.uint8), np.ones((3, 3), np.uint8), borderValue=1))
 
     def halved(self) -> ViewPicture:
         """Merge blocks of two by two pixels, unknown if a sample is missing; drop an odd last column or row."""
         rows, columns = self.known.shape[0] // 2, self.known.shape[1] // 2
         even = (slice(2 * rows), slice(2 * columns))
-        joined = cv2.resize(self.colours[even], (columns, rows), interpolation=cv2.INTER_AREA)
+        colours = cv2.resize(self.colours[even], (columns, rows), interpolation=cv2.INTER_AREA)
         known = self.known[even]
-        both = known[::2] & known[1::2]
-        return ViewPicture(np.asarray(joined), both[:, ::2] & both[:, 1::2])
+        valid_rows = known[::2] & known[1::2]
+        return ViewPicture(np.asarray(colours), valid_rows[:, ::2] & valid_rows[:, 1::2])
 
-    def brighter(self, gain: Float32 | float) -> ViewPicture:
+    def multiplied(self, gain: Float32 | float) -> ViewPicture:
         """Return the view with its brightness multiplied by a gain, a number or a map (v, u)."""
         factor = np.asarray(gain, dtype=np.float32)
         if factor.ndim == 0 and factor == 1:
@@ -93,23 +93,23 @@ class ViewPicture:
 
 
 def first_gain(picture: Float32, reference: Float32) -> float:
-    """Return the factor that roughly equalises a grey view (v, u) to the reference view, before depth is known.
+    """Return the factor that roughly equalises a grey view (v, u) to the reference view before depth is known.
 
-    It is the median ratio of means over large squares; 1 below `SURE_GAIN`, which depth alone may explain.
+    It is the median ratio of means over large squares; 1 below `MIN_GAIN_CHANGE`, which depth alone may explain.
     """
     side = max(3, min(picture.shape) // 8)
     both = (picture >= 0) & (reference >= 0)
 
-    def mean(of: Float32) -> Float32:
-        means: Any = cv2.blur(np.where(both, of, np.float32(0.0)), (side, side))
-        return np.asarray(means[side // 2 :: side, side // 2 :: side])
+    def means(values: Float32) -> Float32:
+        blurred: Any = cv2.blur(np.where(both, values, np.float32(0.0)), (side, side))
+        return np.asarray(blurred[side // 2 :: side, side // 2 :: side])
 
-    ours, theirs = mean(reference), mean(picture)
-    usable = (ours > 1.0) & (theirs > 1.0)
+    reference_means, picture_means = means(reference), means(picture)
+    usable = (reference_means > 1.0) & (picture_means > 1.0)
     if not usable.any():
         return 1.0
-    gain = float(np.median(ours[usable] / theirs[usable]))
-    return float(np.clip(gain, LEAST_GAIN, MOST_GAIN)) if abs(gain - 1.0) > SURE_GAIN else 1.0
+    gain = float(np.median(reference_means[usable] / picture_means[usable]))
+    return float(np.clip(gain, MIN_GAIN, MAX_GAIN)) if abs(gain - 1.0) > MIN_GAIN_CHANGE else 1.0
 
 
 def patches(picture: Float32) -> Float32:
@@ -132,22 +132,22 @@ def matching_gain(picture: Float32, across: Float32, down: Float32, reference: F
     reference
         Brightness (m, n) of these places in the reference view, from `patches`.
     """
-    theirs = np.asarray(
+    picture_means = np.asarray(
         cv2.remap(patches(picture), across, down, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=-1.0)
     )
-    both = (theirs >= 0) & (reference >= 0)
-    if np.count_nonzero(both) < FEWEST_SAMPLES:
+    both = (picture_means >= 0) & (reference >= 0)
+    if np.count_nonzero(both) < MIN_SAMPLES:
         return np.ones_like(picture)
     height, width = picture.shape
     basis = np.stack([np.ones_like(across), across / width - 0.5, down / height - 0.5], axis=-1)[both].astype(float)
     target = reference[both].astype(float)
-    terms, weight = basis * theirs[both].astype(float)[:, None], np.ones(len(target))
-    for hidden in HIDDEN:
+    terms, weight = basis * picture_means[both].astype(float)[:, None], np.ones(len(target))
+    for scale in OCCLUSION_SCALES:
         weighted = terms * weight[:, None]
-        # A weak prior of gain 1, so that a black picture has a gain, too.
+        # The weak prior of gain 1 gives even a black picture a gain.
         gain = np.linalg.solve(weighted.T @ terms + np.eye(3), weighted.T @ target + [1.0, 0.0, 0.0])
-        weight = 1.0 / np.square(1.0 + np.square((terms @ gain - target) / hidden))
+        weight = 1.0 / np.square(1.0 + np.square((terms @ gain - target) / scale))
     columns = np.arange(width, dtype=np.float32) / np.float32(width) - np.float32(0.5)
     rows = np.arange(height, dtype=np.float32)[:, None] / np.float32(height) - np.float32(0.5)
     plane = (np.float32(gain[0]) + np.float32(gain[1]) * columns) + np.float32(gain[2]) * rows
-    return np.asarray(np.clip(plane, LEAST_GAIN, MOST_GAIN))
+    return np.asarray(np.clip(plane, MIN_GAIN, MAX_GAIN))

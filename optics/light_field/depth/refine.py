@@ -43,10 +43,10 @@ EDGE_PX = 0.15
 """Second difference, px of the farthest view's motion, above which a depth edge is likely."""
 ANCHOR = 1.0
 """Inverse variance, 1/px^2, that anchors a value at its previous one."""
-LEAST_AGREEING = np.float32(1e-6)
+MIN_AGREEING = np.float32(1e-6)
 SHARED_POWER = 0.8
-"""Views share the errors of the reference view's gradients, so the information of many counts less than its sum."""
-LONGEST_PX, LONGEST_AT_EDGE_PX = 1.0, 0.15
+"""Views share the errors of the reference view's gradients, so the information of many is less than its sum."""
+MAX_CHANGE_PX, MAX_CHANGE_AT_EDGE_PX = 1.0, 0.15
 """Largest total change of a value, px of the farthest view's motion: off depth edges, and at them."""
 JUMP_PX = 0.6
 """Range within 3x3 pixels, px of the farthest view's motion, that marks a depth edge."""
@@ -63,7 +63,7 @@ class Match:
     Attributes
     ----------
     information
-        Inverse variance of a pixel's place from its own gradients, 1/px^2 of the farthest view's motion.
+        Inverse variance of a pixel's disparity from its own gradients, 1/px^2 of the farthest view's motion.
     agreeing, seeing
         Sum of weights of the other views that match the pixel, and number of those that see it.
     residual
@@ -82,13 +82,11 @@ class Match:
 
     def after(self, gradient: Float32, step: Float32) -> Match:
         """Return the match after a small step (v, u), px of the farthest view's motion, given its gradient."""
-        fewer = (
-            (np.float32(2.0) * gradient + self.information * step) * step / np.maximum(self.agreeing, LEAST_AGREEING)
-        )
-        return replace(self, residual=np.maximum(self.residual + fewer, np.float32(0.0)))
+        change = (np.float32(2.0) * gradient + self.information * step) * step / np.maximum(self.agreeing, MIN_AGREEING)
+        return replace(self, residual=np.maximum(self.residual + change, np.float32(0.0)))
 
 
-def _solved(
+def _conjugate_gradients(
     anchors: Float32, across: Float32, down: Float32, target: Float32, start: Float32, iterations: int
 ) -> Float32:
     """Solve A x = target for a map x (v, u), from `start`, by conjugate gradients with a Jacobi preconditioner.
@@ -135,10 +133,10 @@ def unshared(views: int) -> float:
     return float((8.0 / max(views, 8)) ** SHARED_POWER)
 
 
-def jumps(moved: Float32) -> NDArray[np.bool_]:
+def jumps(disparity: Float32) -> NDArray[np.bool_]:
     """Mask (v, u) of pixels at a depth edge, whose gradients may mix two surfaces."""
-    three = np.ones((3, 3), np.uint8)
-    return np.asarray(cv2.dilate(moved, three)) - np.asarray(cv2.erode(moved, three)) > np.float32(JUMP_PX)
+    kernel = np.ones((3, 3), np.uint8)
+    return np.asarray(cv2.dilate(disparity, kernel)) - np.asarray(cv2.erode(disparity, kernel)) > np.float32(JUMP_PX)
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,7 +204,7 @@ class Refiner:
         list(self.run(fill, bands(planes.shape[0])))
         # Convert to px of the farthest view's motion.
         reach = np.float32(self.sweep.reach_px)
-        residual = terms.squares / np.maximum(terms.agreeing, LEAST_AGREEING)
+        residual = terms.squares / np.maximum(terms.agreeing, MIN_AGREEING)
         information, agreeing = terms.information / np.square(reach), terms.agreeing
         found = Match(information, agreeing, terms.seeing, residual, terms.products, terms.energies)
         return found, terms.gradient / reach
@@ -224,33 +222,35 @@ class Refiner:
         Returns the map, the match at it, and the weight of its smoothness (v, u), 0 to 1.
         """
         reach = np.float32(self.sweep.reach_px)
-        moved = planes * reach
-        first = moved.copy()
-        at_edge = jumps(moved)
-        longest = np.where(at_edge, np.float32(LONGEST_AT_EDGE_PX), np.float32(LONGEST_PX))
+        disparity = planes * reach
+        initial = disparity.copy()
+        at_edge = jumps(disparity)
+        max_change = np.where(at_edge, np.float32(MAX_CHANGE_AT_EDGE_PX), np.float32(MAX_CHANGE_PX))
         off_edge = np.float32(1.0) - at_edge
         share = np.float32(unshared(len(others)))
         for _ in range(steps):
-            match, gradient = self.match(moved / reach, reference, others)
-            across, down = self._smoothness(moved)
+            match, gradient = self.match(disparity / reach, reference, others)
+            across, down = self._smoothness(disparity)
             weight = off_edge * share / self._noise(match)
             anchors = match.information * weight + np.float32(ANCHOR)
-            solved = _solved(anchors, across, down, anchors * moved - gradient * weight, moved, iterations)
-            before, moved = moved, np.clip(solved, first - longest, first + longest)
-        across, down = self._smoothness(moved)
-        return moved / reach, match.after(gradient, moved - before), np.minimum(across, down) * np.float32(1.0 / SMOOTH)
+            target = anchors * disparity - gradient * weight
+            solved = _conjugate_gradients(anchors, across, down, target, disparity, iterations)
+            previous, disparity = disparity, np.clip(solved, initial - max_change, initial + max_change)
+        across, down = self._smoothness(disparity)
+        smoothness = np.minimum(across, down) * np.float32(1.0 / SMOOTH)
+        return disparity / reach, match.after(gradient, disparity - previous), smoothness
 
     def _noise(self, match: Match) -> np.float32:
         """Median variance of the gradient differences, relative to the assumed variance; at least 1."""
-        usual = match.residual[match.agreeing > 0]
-        return np.float32(max(1.0, float(np.median(usual)) / 2.0)) if usual.size else np.float32(1.0)
+        residuals = match.residual[match.agreeing > 0]
+        return np.float32(max(1.0, float(np.median(residuals)) / 2.0)) if residuals.size else np.float32(1.0)
 
-    def _smoothness(self, moved: Float32) -> tuple[Float32, Float32]:
+    def _smoothness(self, disparity: Float32) -> tuple[Float32, Float32]:
         """Weights (v, u) of the second differences, across and down."""
         result = []
         for axis in (1, 0):
-            bend = np.roll(moved, 1, axis) - 2.0 * moved + np.roll(moved, -1, axis)
-            weight = np.float32(SMOOTH) / np.square(1.0 + np.square(bend * np.float32(1.0 / EDGE_PX)))
+            second_difference = np.roll(disparity, 1, axis) - 2.0 * disparity + np.roll(disparity, -1, axis)
+            weight = np.float32(SMOOTH) / np.square(1.0 + np.square(second_difference * np.float32(1.0 / EDGE_PX)))
             ends = (slice(None), [0, -1]) if axis == 1 else ([0, -1], slice(None))
             weight[ends] = 0.0
             result.append(weight)
@@ -260,8 +260,8 @@ class Refiner:
 @compiled
 def _medians(first: int, last: int, planes: Float32, picture: Float32, jump: float, out: Float32) -> None:
     height, width = planes.shape
-    most = (2 * RADIUS_PX + 1) ** 2
-    values, weights = np.empty(most, np.float32), np.empty(most, np.float32)
+    max_count = (2 * RADIUS_PX + 1) ** 2
+    values, weights = np.empty(max_count, np.float32), np.empty(max_count, np.float32)
     for y in range(first, last):
         for x in range(width):
             low = high = out[y, x] = planes[y, x]
@@ -273,22 +273,22 @@ def _medians(first: int, last: int, planes: Float32, picture: Float32, jump: flo
             count, total = 0, np.float32(0.0)
             for j in range(max(y - RADIUS_PX, 0), min(y + RADIUS_PX + 1, height)):
                 for i in range(max(x - RADIUS_PX, 0), min(x + RADIUS_PX + 1, width)):
-                    apart = np.float32(0.0)
+                    colour_difference = np.float32(0.0)
                     for colour in range(3):
-                        apart += abs(picture[j, i, colour] - picture[y, x, colour])
-                    away = np.float32((j - y) * (j - y) + (i - x) * (i - x)) / np.float32(RADIUS_PX * RADIUS_PX)
-                    weight = np.exp(-apart / np.float32(COLOUR_GREY) - away)
-                    place = count - 1
-                    while place >= 0 and values[place] > planes[j, i]:
-                        values[place + 1], weights[place + 1] = values[place], weights[place]
-                        place -= 1
-                    values[place + 1], weights[place + 1] = planes[j, i], weight
+                        colour_difference += abs(picture[j, i, colour] - picture[y, x, colour])
+                    distance = np.float32((j - y) * (j - y) + (i - x) * (i - x)) / np.float32(RADIUS_PX * RADIUS_PX)
+                    weight = np.exp(-colour_difference / np.float32(COLOUR_GREY) - distance)
+                    slot = count - 1
+                    while slot >= 0 and values[slot] > planes[j, i]:
+                        values[slot + 1], weights[slot + 1] = values[slot], weights[slot]
+                        slot -= 1
+                    values[slot + 1], weights[slot + 1] = planes[j, i], weight
                     total += weight
                     count += 1
-            passed = np.float32(0.0)
+            cumulative = np.float32(0.0)
             for number in range(count):
-                passed += weights[number]
-                if passed >= np.float32(0.5) * total:
+                cumulative += weights[number]
+                if cumulative >= np.float32(0.5) * total:
                     out[y, x] = values[number]
                     break
 

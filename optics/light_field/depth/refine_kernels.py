@@ -102,8 +102,8 @@ def _compared(
     for x in range(width):
         plane = planes[y, x]
         inverse = plane * pinhole.step + pinhole.first
-        grown = one / (one - pinhole.z * inverse)
-        scale = pinhole.front * grown
+        magnification = one / (one - pinhole.z * inverse)
+        scale = pinhole.front * magnification
         shift = pinhole.focal * (pinhole.reference - scale * inverse)
         column = scale * (np.float32(x) - pinhole.cx) + (shift * pinhole.x + pinhole.cx)
         row = scale * (np.float32(y) - pinhole.cy) + (shift * pinhole.y + pinhole.cy)
@@ -121,21 +121,21 @@ def _compared(
             for j in range(4):
                 line = view.gradients[np.uint32(y0 - 1 + j)]
                 for c in range(2):
-                    part_of_row = np.float32(0.0)
+                    row_value = np.float32(0.0)
                     for i in range(4):
-                        part_of_row += across[i] * line[np.uint32(x0 - 1 + i), c]
-                    value[c] += down[j] * part_of_row
+                        row_value += across[i] * line[np.uint32(x0 - 1 + i), c]
+                    value[c] += down[j] * row_value
         else:
             for j in range(4):
                 line = view.gradients[min(max(y0 - 1 + j, 0), height - 1)]
                 for c in range(2):
-                    part_of_row = np.float32(0.0)
+                    row_value = np.float32(0.0)
                     for i in range(4):
-                        part_of_row += across[i] * line[min(max(x0 - 1 + i, 0), width - 1), c]
-                    value[c] += down[j] * part_of_row
-        along = scale * grown * pinhole.step
-        move_across = along * (pinhole.z * (np.float32(x) - pinhole.cx) - pinhole.focal * pinhole.x)
-        move_down = along * (pinhole.z * (np.float32(y) - pinhole.cy) - pinhole.focal * pinhole.y)
+                        row_value += across[i] * line[min(max(x0 - 1 + i, 0), width - 1), c]
+                    value[c] += down[j] * row_value
+        by_plane = scale * magnification * pinhole.step
+        move_across = by_plane * (pinhole.z * (np.float32(x) - pinhole.cx) - pinhole.focal * pinhole.x)
+        move_down = by_plane * (pinhole.z * (np.float32(y) - pinhole.cy) - pinhole.focal * pinhole.y)
         for c in range(2):
             out[c, x] = value[c] - own[y, x, c]
             out[2 + c, x] = derivatives[c, 0, y, x] * move_across + derivatives[c, 1, y, x] * move_down

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from mirrorcam.optics.light_field.depth.competition import UNITS
 from mirrorcam.optics.light_field.depth.cost import CHANNELS, channels, matching_costs
-from mirrorcam.optics.light_field.depth.parallax import MOST_PLANES, halved, plane_inverse_distances
+from mirrorcam.optics.light_field.depth.parallax import MAX_PLANES, halved, plane_inverse_distances
 from mirrorcam.optics.light_field.depth.photometry import ViewPicture
 from mirrorcam.optics.light_field.depth.semiglobal import PATH_DIRECTIONS, Cheapest, aggregate, cheapest, slants_of
 from mirrorcam.optics.light_field.depth.sweep import Ranges, Sweep, nearest_planes, sweep
@@ -24,8 +24,8 @@ Map = Callable[..., Any]
 
 FINE_PX, COARSE_PX = 0.5, 1.0
 """Motion of the farthest view from plane to plane, in pixels of the searched size: fine and coarse."""
-MOST_SEARCHED = 192
-"""Most planes of a search over all planes at fine spacing; more are spaced coarsely."""
+MAX_SEARCHED = 192
+"""Largest number of planes of a search over all planes at fine spacing; more are spaced coarsely."""
 NEXT_PLANE, ANY_PLANE = 2.5, 18.0
 """Penalties, in contrasts of eight views; more views justify larger ones."""
 PENALTY_POWER = 0.55
@@ -40,7 +40,7 @@ class Size:
     sweep: Sweep
 
     @classmethod
-    def of(cls, views: Views, near_mm: float, far_mm: float, halvings: int, most: int = MOST_PLANES) -> Size:
+    def of(cls, views: Views, near_mm: float, far_mm: float, halvings: int, most: int = MAX_PLANES) -> Size:
         """Return the size after `halvings`, with planes between two depths: finely spaced if at most `most`."""
         for _ in range(halvings):
             views = halved(views)
@@ -76,8 +76,8 @@ def _doubled(small: Float32, shape: tuple[int, int] | None) -> Float32:
     full = cv2.resize(small, (2 * small.shape[1], 2 * small.shape[0]), interpolation=cv2.INTER_LINEAR)
     if shape is None:
         return np.asarray(full)
-    below, right = shape[0] - full.shape[0], shape[1] - full.shape[1]
-    return np.asarray(cv2.copyMakeBorder(full, 0, below, 0, right, cv2.BORDER_REPLICATE))
+    bottom, right = shape[0] - full.shape[0], shape[1] - full.shape[1]
+    return np.asarray(cv2.copyMakeBorder(full, 0, bottom, 0, right, cv2.BORDER_REPLICATE))
 
 
 def _stacked(pictures: Sequence[ViewPicture], run: Map) -> Float32:
@@ -119,27 +119,27 @@ def search(
     ranges
         Planes to search at each pixel; all by default.
     """
-    own, *small = run(size.picture, [reference, *others])
+    small_reference, *small_others = run(size.picture, [reference, *others])
     # One contrast in path costs, for up to eight views.
     unit = UNITS * ((8.0 / len(others)) ** PENALTY_POWER if len(others) > 8 else 1.0)
     penalties = round(NEXT_PLANE * unit), round(ANY_PLANE * unit)
     volume = matching_costs(
-        channels(own.colours),
-        _stacked(small, run),
-        np.stack([each.seen for each in small]),
+        channels(small_reference.colours),
+        _stacked(small_others, run),
+        np.stack([each.seen for each in small_others]),
         size.sweep,
         run,
         None if known is None else nearest_planes(known.planes, size.sweep, run),
         ranges,
     )
 
-    def chosen(slants: tuple[Float32, Float32]) -> Cheapest:
-        total = aggregate(volume, own.colours, slants, penalties, run)
+    def search_along(slants: tuple[Float32, Float32]) -> Cheapest:
+        total = aggregate(volume, small_reference.colours, slants, penalties, run)
         found = cheapest(total, DOUBTFUL_MARGIN * len(PATH_DIRECTIONS) * unit, run)
         return replace(found, margin=found.margin * np.float32(1.0 / (len(PATH_DIRECTIONS) * unit)))
 
     level = np.zeros(size.shape, np.float32)
-    found = chosen((level, level) if known is None else slants_of(known.planes, known.margin))
+    found = search_along((level, level) if known is None else slants_of(known.planes, known.margin))
     for _ in range(rounds):
-        found = chosen(slants_of(found.planes, found.margin))
+        found = search_along(slants_of(found.planes, found.margin))
     return found

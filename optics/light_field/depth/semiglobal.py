@@ -24,19 +24,19 @@ Map = Callable[..., Any]
 PATH_DIRECTIONS = ((0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (-1, -1), (1, -1), (-1, 1))
 EDGE_GREY = 10.0
 """Step of a colour, of 255, that lowers the penalty of a depth edge by a factor of e."""
-EDGE_LEAST = 0.2
+EDGE_FLOOR = 0.2
 """Share of the penalty that remains at the strongest edge."""
-LEAST_RATIO = 1.5
+MIN_RATIO = 1.5
 """Least ratio of the penalty of any step to the penalty of a step to the next plane."""
-SLOPE_REACH_PX, SLOPE_MEDIAN_PX = 3, 21
-SLOPE_MEAN_PX = (145, 49, 17, 9)
-SLOPE_HELD = 0.03
+SLANT_REACH_PX, SLANT_MEDIAN_PX = 3, 21
+SLANT_MEAN_PX = (145, 49, 17, 9)
+SLANT_PRIOR = 0.03
 """Share of certain pixels in a square at which they count as much as a larger square."""
-SURE = 12.0
+CERTAIN_MARGIN = 12.0
 """Margin, in contrasts of eight views, above which a slant is certain."""
-STEEPEST = 2.0
+MAX_SLANT = 2.0
 """Steepest slant, in planes per pixel."""
-LEVEL = 0.02
+LEVEL_SLANT = 0.02
 """Slant, in planes per pixel, below which a surface counts as level."""
 SAME_PLANES = 2
 """Distance in planes up to which equally cheap planes are one place, not rivals."""
@@ -70,14 +70,14 @@ def _step(
     first = min(max(-1 - offset, 0), count)
     last = max(min(before + 1 - offset, count), first)
     # The sums fit in 16 bits, which lets the loop run over many planes at once.
-    most = np.uint16(least + penalty)
+    highest = np.uint16(least + penalty)
     for plane in range(first):
         on[plane] = np.uint16(own[plane] + penalty)
-    there, here, result = path[first + offset + 1 : last + offset + 3], own[first:last], on[first:last]
+    previous, own_costs, result = path[first + offset + 1 : last + offset + 3], own[first:last], on[first:last]
     for plane in range(last - first):
-        nearby = np.uint16(min(there[plane], there[plane + 2]) + next_plane)
-        best = min(there[plane + 1], nearby, most)
-        result[plane] = np.uint16(here[plane] + np.uint16(best - least))
+        nearby = np.uint16(min(previous[plane], previous[plane + 2]) + next_plane)
+        best = min(previous[plane + 1], nearby, highest)
+        result[plane] = np.uint16(own_costs[plane] + np.uint16(best - least))
     for plane in range(last, count):
         on[plane] = np.uint16(own[plane] + penalty)
 
@@ -98,7 +98,7 @@ def _path(
     """Add to `total` the costs of the cheapest paths along one line from a pixel on; `work` (2, n + 4) is scratch."""
     height, width = ranges.low.shape
     path, on = work[0], work[1]
-    carried = np.float32(0.0)
+    subplane = np.float32(0.0)
     low, count, start = ranges.low[y, x], ranges.planes[y, x], ranges.start[y, x]
     path[2 : count + 2] = costs[start : start + count]
     sums = total[start : start + count]
@@ -107,9 +107,9 @@ def _path(
     picture, next_plane = surface.picture, np.uint16(penalties.next_plane)
     y, x = y + dy, x + dx
     while 0 <= y < height and 0 <= x < width:
-        carried += surface.slant_across[y, x] * np.float32(dx) + surface.slant_down[y, x] * np.float32(dy)
-        shift = int(np.floor(carried + np.float32(0.5)))
-        carried -= np.float32(shift)
+        subplane += surface.slant_across[y, x] * np.float32(dx) + surface.slant_down[y, x] * np.float32(dy)
+        shift = int(np.floor(subplane + np.float32(0.5)))
+        subplane -= np.float32(shift)
         known = path[2 : count + 2]
         least = known[0]
         for plane in range(1, count):
@@ -119,13 +119,13 @@ def _path(
         edge = np.float32(0.0)
         for colour in range(3):
             edge = max(edge, abs(picture[y, x, colour] - picture[y - dy, x - dx, colour]))
-        kept = np.float32(EDGE_LEAST) + np.float32(1.0 - EDGE_LEAST) * np.exp(edge * np.float32(-1.0 / EDGE_GREY))
-        leaving = max(np.float32(LEAST_RATIO) * np.float32(next_plane), np.float32(penalties.any_plane) * kept)
+        share = np.float32(EDGE_FLOOR) + np.float32(1.0 - EDGE_FLOOR) * np.exp(edge * np.float32(-1.0 / EDGE_GREY))
+        jump_penalty = max(np.float32(MIN_RATIO) * np.float32(next_plane), np.float32(penalties.any_plane) * share)
         offset = ranges.low[y, x] - shift - low
         before = count
         low, count, start = ranges.low[y, x], ranges.planes[y, x], ranges.start[y, x]
         own, sums = costs[start : start + count], total[start : start + count]
-        _step(path, before, offset, least, np.uint16(leaving), next_plane, own, on)
+        _step(path, before, offset, least, np.uint16(jump_penalty), next_plane, own, on)
         for plane in range(count):
             path[plane + 2] = on[plane]
             sums[plane] += on[plane]
@@ -196,32 +196,32 @@ def aggregate(
 
 
 @compiled
-def _least(first: int, last: int, ranges: Ranges, total: UInt16, doubtful: float, found: Float32) -> None:
+def _minima(first: int, last: int, ranges: Ranges, total: UInt16, doubtful: float, found: Float32) -> None:
     """Fill rows `first` to `last` of `found` (3, v, u): plane, margin and rivals."""
     one = np.float32(1.0)
     for y in range(first, last):
         for x in range(ranges.low.shape[1]):
             start, planes = ranges.start[y, x], ranges.planes[y, x]
             sums = total[start : start + planes]
-            at = 0
+            best = 0
             for plane in range(1, planes):
-                if sums[plane] < sums[at]:
-                    at = plane
-            place, least = np.float32(at), np.float32(sums[at])
-            if 0 < at < planes - 1:
-                before, after = np.float32(sums[at - 1]), np.float32(sums[at + 1])
-                bend = before + after - np.float32(2.0) * least
-                if bend > 0:
-                    place += np.float32(0.5) * (before - after) / bend
-            other, near = np.float32(65535.0), np.float32(0.0)
+                if sums[plane] < sums[best]:
+                    best = plane
+            position, least = np.float32(best), np.float32(sums[best])
+            if 0 < best < planes - 1:
+                before, after = np.float32(sums[best - 1]), np.float32(sums[best + 1])
+                curvature = before + after - np.float32(2.0) * least
+                if curvature > 0:
+                    position += np.float32(0.5) * (before - after) / curvature
+            other, rival_sum = np.float32(65535.0), np.float32(0.0)
             for plane in range(planes):
-                if abs(plane - at) > SAME_PLANES:
+                if abs(plane - best) > SAME_PLANES:
                     cost = np.float32(sums[plane])
                     other = min(other, cost)
-                    dearer = (cost - least) / doubtful
-                    near += max(one - dearer * dearer, np.float32(0.0)) ** 2
-            found[0, y, x], found[1, y, x] = place + np.float32(ranges.low[y, x]), other - least
-            found[2, y, x] = near / np.float32(PLACE_PLANES)
+                    excess = (cost - least) / doubtful
+                    rival_sum += max(one - excess * excess, np.float32(0.0)) ** 2
+            found[0, y, x], found[1, y, x] = position + np.float32(ranges.low[y, x]), other - least
+            found[2, y, x] = rival_sum / np.float32(PLACE_PLANES)
 
 
 @dataclass(frozen=True, eq=False)
@@ -250,7 +250,7 @@ def cheapest(total: Volume, doubtful: float, run: Map = map) -> Cheapest:
     """
     shape = total.ranges.low.shape
     found = np.empty((3, *shape), np.float32)
-    list(run(lambda band: _least(*band, total.ranges, total.costs, np.float32(doubtful), found), bands(shape[0])))
+    list(run(lambda band: _minima(*band, total.ranges, total.costs, np.float32(doubtful), found), bands(shape[0])))
     return Cheapest(found[0], found[1], found[2])
 
 
@@ -260,27 +260,27 @@ def slants_of(planes: Float32, margin: Float32) -> tuple[Float32, Float32]:
     They are medians over a square. Where the map's margin (v, u), in contrasts of eight views, is low, the slant comes
     from more certain pixels around, at larger distances the fewer are near.
     """
-    sure = np.square(np.clip(margin * np.float32(1.0 / SURE), 0.0, 1.0))
-    weights = [cv2.blur(sure, (side, side), borderType=cv2.BORDER_REPLICATE) for side in SLOPE_MEAN_PX]
+    certainty = np.square(np.clip(margin * np.float32(1.0 / CERTAIN_MARGIN), 0.0, 1.0))
+    weights = [cv2.blur(certainty, (side, side), borderType=cv2.BORDER_REPLICATE) for side in SLANT_MEAN_PX]
     result = []
     for axis in (1, 0):
         rise = _rise(planes, axis)
-        coded = np.clip(rise * np.float32(127.0 / STEEPEST) + np.float32(128.5), 0.0, 255.0).astype(np.uint8)
-        median: Any = cv2.medianBlur(coded, SLOPE_MEDIAN_PX).astype(np.float32)
-        median = (median - np.float32(128.0)) * np.float32(STEEPEST / 127.0) * sure
+        coded = np.clip(rise * np.float32(127.0 / MAX_SLANT) + np.float32(128.5), 0.0, 255.0).astype(np.uint8)
+        median: Any = cv2.medianBlur(coded, SLANT_MEDIAN_PX).astype(np.float32)
+        median = (median - np.float32(128.0)) * np.float32(MAX_SLANT / 127.0) * certainty
         slant = np.zeros_like(planes)
-        for side, weight in zip(SLOPE_MEAN_PX, weights, strict=True):
+        for side, weight in zip(SLANT_MEAN_PX, weights, strict=True):
             sums = cv2.blur(median, (side, side), borderType=cv2.BORDER_REPLICATE)
-            slant = (sums + np.float32(SLOPE_HELD) * slant) / (weight + np.float32(SLOPE_HELD))
-        slant[np.abs(slant) < LEVEL] = 0.0
+            slant = (sums + np.float32(SLANT_PRIOR) * slant) / (weight + np.float32(SLANT_PRIOR))
+        slant[np.abs(slant) < LEVEL_SLANT] = 0.0
         result.append(np.asarray(slant, dtype=np.float32))
     return result[0], result[1]
 
 
 def _rise(planes: Float32, axis: int) -> Float32:
-    """Slope per pixel (v, u) along an axis, over SLOPE_REACH_PX ahead and behind, less at the borders."""
+    """Slope per pixel (v, u) along an axis, over SLANT_REACH_PX ahead and behind, less at the borders."""
     count = planes.shape[axis]
-    ahead, behind = (np.clip(np.arange(count) + sign * SLOPE_REACH_PX, 0, count - 1) for sign in (1, -1))
-    apart = (ahead - behind).astype(np.float32)
+    ahead, behind = (np.clip(np.arange(count) + sign * SLANT_REACH_PX, 0, count - 1) for sign in (1, -1))
+    spacing = (ahead - behind).astype(np.float32)
     rise = np.take(planes, ahead, axis) - np.take(planes, behind, axis)
-    return np.asarray(rise / (apart if axis == 1 else apart[:, None]))
+    return np.asarray(rise / (spacing if axis == 1 else spacing[:, None]))

@@ -21,17 +21,17 @@ from mirrorcam.optics.light_field.light_field import Views
 Float32 = NDArray[np.float32]
 DIRECTIONS = 16
 """Number of directions from the reference view: an occluder hides a place from adjacent directions."""
-MOST_RINGS = 4
+MAX_RINGS = 4
 Map = Callable[..., Any]
 NOTHING = np.float32(-1e9)
 """Plane of a pixel without a surface: it hides nothing."""
 TILE_PX = 8
 """Side of a tile; all its pixels search the same range."""
 AROUND_PX = 8
-"""Distance around a tile whose known depths are searched, too, so that edges can move."""
+"""Distance around a tile whose known depths are searched as well, so that edges can move."""
 MARGIN_PLANES = 6
 """Planes searched beyond the known ones, nearer and farther."""
-FEWEST_PLANES = 3
+MIN_PLANES = 3
 
 
 class PlaneMotion(NamedTuple):
@@ -44,7 +44,7 @@ class PlaneMotion(NamedTuple):
     scale, across, down : ndarray of float32
         (n, K).
     sector : ndarray of int64
-        (K,): views at similar distance from the reference view form a ring; in similar direction, too, a sector.
+        (K,): views at a similar distance from the reference view form a ring; in a similar direction as well, a sector.
     rings : ndarray of int64
         (r + 1,): first sector of each ring, and number of sectors.
     """
@@ -94,9 +94,9 @@ def sweep(views: Views, inverse_distances: FloatArray) -> Sweep:
     others = other_views(views)
     matrices = np.array([[parallax(views, index).affine(q) for index in others] for q in inverse_distances])
     positions = np.array([views.positions_mm[index] for index in others])
-    far = np.abs(positions[:, :2]).max(axis=1)
-    share = far / far.max()
-    rings = min(MOST_RINGS, len(np.unique(np.round(share, 2))))
+    distance = np.abs(positions[:, :2]).max(axis=1)
+    share = distance / distance.max()
+    rings = min(MAX_RINGS, len(np.unique(np.round(share, 2))))
     angle = np.arctan2(positions[:, 1], positions[:, 0])
     ring = np.clip(np.ceil(share * rings - 1e-6).astype(np.int64) - 1, 0, rings - 1)
     direction = np.round(angle / (2.0 * np.pi / DIRECTIONS)).astype(np.int64) % DIRECTIONS
@@ -112,7 +112,7 @@ def sweep(views: Views, inverse_distances: FloatArray) -> Sweep:
         sector.astype(np.int64),
         np.searchsorted(sectors, np.arange(rings + 1) * DIRECTIONS).astype(np.int64),
     )
-    return Sweep(np.asarray(inverse_distances, dtype=np.float64), motion, float(views.focal_px * far.max() * step))
+    return Sweep(np.asarray(inverse_distances, dtype=np.float64), motion, float(views.focal_px * distance.max() * step))
 
 
 @compiled
@@ -124,10 +124,10 @@ def _splat(planes: Float32, scale: Float32, across: Float32, down: Float32, out:
         for x in range(width):
             plane = planes[y, x]
             lower = min(max(int(np.floor(plane)), 0), last - 1)
-            part = plane - np.float32(lower)
-            stretch = scale[lower] + part * (scale[lower + 1] - scale[lower])
-            column = stretch * np.float32(x) + across[lower] + part * (across[lower + 1] - across[lower])
-            row = stretch * np.float32(y) + down[lower] + part * (down[lower + 1] - down[lower])
+            fraction = plane - np.float32(lower)
+            stretch = scale[lower] + fraction * (scale[lower + 1] - scale[lower])
+            column = stretch * np.float32(x) + across[lower] + fraction * (across[lower + 1] - across[lower])
+            row = stretch * np.float32(y) + down[lower] + fraction * (down[lower + 1] - down[lower])
             u, v = int(np.floor(column + np.float32(0.5))), int(np.floor(row + np.float32(0.5)))
             if 0 <= u < width and 0 <= v < height and out[v, u] < plane:
                 out[v, u] = plane
@@ -192,7 +192,7 @@ def range_around(known: Float32, planes: int) -> Ranges:
     # OpenCV's kernels of even side reach one pixel farther up and left, so the anchor centres them on the tiles.
     height, width = known.shape
     rows, columns = -(-height // TILE_PX), -(-width // TILE_PX)
-    grown = cv2.copyMakeBorder(
+    padded = cv2.copyMakeBorder(
         known,
         AROUND_PX,
         rows * TILE_PX - height + AROUND_PX,
@@ -201,15 +201,15 @@ def range_around(known: Float32, planes: int) -> Ranges:
         cv2.BORDER_REPLICATE,
     )
     kernel = np.ones((side, side), np.uint8)
-    nearest = cv2.dilate(grown, kernel, anchor=(0, 0))[::TILE_PX, ::TILE_PX][:rows, :columns]
-    farthest = cv2.erode(grown, kernel, anchor=(0, 0))[::TILE_PX, ::TILE_PX][:rows, :columns]
-    low = np.clip(np.floor(farthest) - MARGIN_PLANES, 0, planes - FEWEST_PLANES).astype(np.int32)
-    high = np.clip(np.ceil(nearest) + (MARGIN_PLANES + 1), low + FEWEST_PLANES, planes).astype(np.int32)
+    nearest = cv2.dilate(padded, kernel, anchor=(0, 0))[::TILE_PX, ::TILE_PX][:rows, :columns]
+    farthest = cv2.erode(padded, kernel, anchor=(0, 0))[::TILE_PX, ::TILE_PX][:rows, :columns]
+    low = np.clip(np.floor(farthest) - MARGIN_PLANES, 0, planes - MIN_PLANES).astype(np.int32)
+    high = np.clip(np.ceil(nearest) + (MARGIN_PLANES + 1), low + MIN_PLANES, planes).astype(np.int32)
 
-    def each(tiles: NDArray[np.int32]) -> NDArray[np.int32]:
+    def per_pixel(tiles: NDArray[np.int32]) -> NDArray[np.int32]:
         return np.repeat(np.repeat(tiles, TILE_PX, axis=0), TILE_PX, axis=1)[:height, :width]
 
-    return Ranges.of(each(low), each(high - low))
+    return Ranges.of(per_pixel(low), per_pixel(high - low))
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,14 +18,14 @@ from mirrorcam.optics.light_field.depth.refine import Match, jumps, unshared
 
 Float32 = NDArray[np.float32]
 
-AVERAGED_PX = 7
+AVERAGE_PX = 7
 SIGMA_PX = 0.043
 """Standard deviation, px of the farthest view's motion, at INFORMATION and at a margin of SURE_MARGIN or more."""
 INFORMATION = 50.0
 ROOT, MARGIN_ROOT, ROUGH_POWER = 0.18, 0.14, 7
-LEAST_NOISE, LEAST_INFORMATION = 0.3, 0.5
-SURE_MARGIN, LEAST_MARGIN = 12.0, 0.1
-LEAST_SMOOTH = 0.5
+MIN_NOISE, MIN_INFORMATION = 0.3, 0.5
+SURE_MARGIN, MIN_MARGIN = 12.0, 0.1
+MIN_SMOOTH = 0.5
 HALVED = 1.7
 """Factor for a search at half size."""
 RIGHT_PX = 0.5
@@ -35,19 +35,19 @@ DOUBTFUL_MARGIN = 9.0
 AT_EDGE, NEAR_EDGE, ELSEWHERE = 1.27, 1.59, 1.65
 """Logarithm of the odds of being right at a depth edge, within NEAR_EDGE_PX, and elsewhere."""
 NEAR_EDGE_PX = 3
-RIVALS, FEWEST_RIVALS, SMOOTH, HALVED_ODDS = -0.81, 0.02, 1.2, -1.33
+RIVALS, MIN_RIVALS, SMOOTH, HALVED_ODDS = -0.81, 0.02, 1.2, -1.33
 """Addends to the log odds: per logarithm of the number of rivals, per smoothness, for a search at half size."""
 
-CORRELATED_PX = 41
+CORRELATION_PX = 41
 UNRELATED, RELATED = 0.04, 0.16
 """Correlation of gradients below which views show unrelated things, and above which they show the same."""
-LEAST_ENERGY = 1e-3
+MIN_ENERGY = 1e-3
 USUAL_RIVALS = 2.0
 """Number of rivals that a first search always leaves, because it does not separate adjacent places."""
 
 
 def _mean(values: Float32) -> Any:
-    return cv2.blur(values, (AVERAGED_PX, AVERAGED_PX))
+    return cv2.blur(values, (AVERAGE_PX, AVERAGE_PX))
 
 
 def standard_deviation_px(
@@ -71,12 +71,12 @@ def standard_deviation_px(
         Motion of the farthest view between the nearest and the farthest plane, px.
     """
     weight = np.maximum(match.agreeing, np.float32(1e-3))
-    noise = np.maximum(_mean(match.residual * weight) / _mean(weight) / 2.0, LEAST_NOISE)
-    information = np.maximum(_mean(match.information) * unshared(views), LEAST_INFORMATION)
-    least: Any = cv2.erode(margin, np.ones((3, 3), np.uint8))
-    unsure = (SURE_MARGIN / np.clip(least, LEAST_MARGIN, SURE_MARGIN)) ** MARGIN_ROOT
-    rough = np.clip(_mean(smooth), LEAST_SMOOTH, 1.0) ** -ROUGH_POWER
-    sigma = SIGMA_PX * np.power(noise / information * INFORMATION, ROOT) * unsure * rough * (HALVED if halved else 1.0)
+    noise = np.maximum(_mean(match.residual * weight) / _mean(weight) / 2.0, MIN_NOISE)
+    information = np.maximum(_mean(match.information) * unshared(views), MIN_INFORMATION)
+    nearby_margin: Any = cv2.erode(margin, np.ones((3, 3), np.uint8))
+    doubt = (SURE_MARGIN / np.clip(nearby_margin, MIN_MARGIN, SURE_MARGIN)) ** MARGIN_ROOT
+    rough = np.clip(_mean(smooth), MIN_SMOOTH, 1.0) ** -ROUGH_POWER
+    sigma = SIGMA_PX * np.power(noise / information * INFORMATION, ROOT) * doubt * rough * (HALVED if halved else 1.0)
     return np.minimum(sigma, range_px / np.sqrt(12.0)).astype(np.float32)
 
 
@@ -91,7 +91,7 @@ def probability(
         Depth map (v, u) in px of the farthest view's motion; its jumps mark depth edges.
     match
         The match of the views there. Where their gradients do not correlate with the reference view's over
-        CORRELATED_PX, no depth in the range is right.
+        CORRELATION_PX, no depth in the range is right.
     rivals
         Number (v, u) of other places of about the same cost in the last search.
     everywhere
@@ -101,13 +101,13 @@ def probability(
     halved
         Whether the planes were searched at half size.
     """
-    away: Any = cv2.distanceTransform((~jumps(moved)).astype(np.uint8), cv2.DIST_L2, 3)
-    odds = np.where(away < 1, AT_EDGE, np.where(away < NEAR_EDGE_PX, NEAR_EDGE, ELSEWHERE)) + SMOOTH * smooth
-    odds += RIVALS * np.log(rivals + FEWEST_RIVALS) + (HALVED_ODDS if halved else 0.0)
-    energies = cv2.blur(match.energies, (CORRELATED_PX, CORRELATED_PX))
-    correlation = cv2.blur(match.products, (CORRELATED_PX, CORRELATED_PX)) / np.maximum(energies, LEAST_ENERGY)
+    edge_px: Any = cv2.distanceTransform((~jumps(moved)).astype(np.uint8), cv2.DIST_L2, 3)
+    odds = np.where(edge_px < 1, AT_EDGE, np.where(edge_px < NEAR_EDGE_PX, NEAR_EDGE, ELSEWHERE)) + SMOOTH * smooth
+    odds += RIVALS * np.log(rivals + MIN_RIVALS) + (HALVED_ODDS if halved else 0.0)
+    energies = cv2.blur(match.energies, (CORRELATION_PX, CORRELATION_PX))
+    correlation = cv2.blur(match.products, (CORRELATION_PX, CORRELATION_PX)) / np.maximum(energies, MIN_ENERGY)
     # Without texture, the rivals already lower the probability.
-    alike = np.where(energies > LEAST_ENERGY, correlation, 1.0)
-    shown = np.clip((alike - UNRELATED) / (RELATED - UNRELATED), 0.0, 1.0)
+    correlated = np.where(energies > MIN_ENERGY, correlation, 1.0)
+    shown = np.clip((correlated - UNRELATED) / (RELATED - UNRELATED), 0.0, 1.0)
     shared = 1.0 + np.maximum(everywhere - USUAL_RIVALS, 0.0)
     return np.asarray(shown / ((1.0 + np.exp(-odds)) * shared), dtype=np.float32)

@@ -29,25 +29,25 @@ from mirrorcam.optics.light_field.features.patches import (
 )
 
 # Rounds that shift patches only, then rounds that also estimate shapes.
-MOVING_ROUNDS = 2
-SHAPING_ROUNDS = 3
+SHIFT_ROUNDS = 2
+SHAPE_ROUNDS = 3
 # Steps are limited to a pixel of the level, beyond which the patches' gradients are invalid.
-MOST_STEP_PX = 1.0
+MAX_STEP_PX = 1.0
 # Least similarity of a view to the reference patch, to contribute to the shape.
-LEAST_ALIKE_FOR_SHAPE = 0.7
+MIN_CORRELATION_FOR_SHAPE = 0.7
 KEYPOINTS_AT_ONCE = 128
 # Prior standard deviations of surfaces: tan(slant) (60 degrees), and its change over half the side of the patch.
-USUAL_SHAPE = np.array([1.7] * 2 + [0.7] * 7)
+SHAPE_SIGMAS = np.array([1.7] * 2 + [0.7] * 7)
 # Surfaces are no polynomials: the contributions of curvatures and their changes to a slope have errors of this share,
 # measured on rendered scenes of rough surfaces.
-UNSURE_SHARE = 0.4
+POLYNOMIAL_ERROR = 0.4
 ORDERS = np.repeat(np.eye(3)[:, 1:], [2, 3, 4], axis=0)
 # Matrices of the slopes w, d, e.
 SLOPES = np.array([[[1.0, 0.0], [0.0, 1.0]], [[1.0, 0.0], [0.0, -1.0]], [[0.0, 1.0], [1.0, 0.0]]])
 # Matrices of shifts that no surface causes: across the view's position, and different ones along s and t.
 NO_SHAPES = np.array([[[0.0, 1.0], [-1.0, 0.0]], SLOPES[1], SLOPES[2]])
 # Least residual variance of patches of length one: 8-bit pictures are no better, however similar.
-LEAST_VARIANCE = 1e-7
+MIN_VARIANCE = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,14 +83,14 @@ class AlignedPatches:
     ----------
     pixels
         Pixels (views, n, 2) of the patches; NaN where a view was skipped.
-    alike
+    correlation
         Normalised cross-correlation (views, n) with the patch; 0 where a view was skipped, and for keypoints without a
         template.
     precision
         Inverse covariance (n, 2, 2) of a pixel in any view, for residuals of unit variance, 1/px^2.
     variance
         Variance (n,) of residuals, from their part proportional to the views' positions, as a wrong slope's residuals
-        are: it does not decrease with more views if their errors are alike.
+        are: it does not decrease with more views if their errors are equal.
     shape_covariance
         Covariance (n, 3, 3) of w, d, e (see `slope`) from the uncertainty of the shapes, as a shift of the entire patch
         in px per mm of view position. The error is common to all views, so residuals do not reveal it.
@@ -100,7 +100,7 @@ class AlignedPatches:
     """
 
     pixels: FloatArray
-    alike: FloatArray
+    correlation: FloatArray
     precision: FloatArray
     variance: FloatArray
     shape_covariance: FloatArray
@@ -138,26 +138,26 @@ def align(
     warp
         Warp of the patches into the views, if they belong to another light field.
     """
-    pixels, alike = start_px.copy(), np.zeros(start_px.shape[:2])
+    pixels, correlation = start_px.copy(), np.zeros(start_px.shape[:2])
     count = start_px.shape[1]
     precision, variance, covariance = np.zeros((count, 2, 2)), np.ones(count), np.zeros((count, 3, 3))
     precision[:] = np.eye(2)
     shapes = np.zeros((count, len(SHAPES)))
-    shown = PatchWarp.none(count) if warp is None else warp
+    used_warp = PatchWarp.none(count) if warp is None else warp
     parts = [part for each in given for part in _parts(each)]
 
-    def one(part: Templates) -> None:
+    def align_part(part: Templates) -> None:
         index = part.index
         found = _align_level(
             *(pyramid, part, views, start_px[:, index]),
-            *(across_mm.astype(np.float32), distance_mm[index], shown.of(index)),
+            *(across_mm.astype(np.float32), distance_mm[index], used_warp.of(index)),
         )
-        pixels[:, index], alike[:, index] = found.pixels, found.alike
+        pixels[:, index], correlation[:, index] = found.pixels, found.correlation
         precision[index], variance[index], covariance[index] = found.precision, found.variance, found.shape_covariance
         shapes[index] = found.shapes
 
-    list(run(one, parts))
-    return AlignedPatches(pixels, alike, precision, variance, covariance, shapes)
+    list(run(align_part, parts))
+    return AlignedPatches(pixels, correlation, precision, variance, covariance, shapes)
 
 
 def _parts(given: Templates) -> list[Templates]:
@@ -183,40 +183,40 @@ def _align_level(
     linear = warp.linear.astype(np.float32)
     offsets = linear @ OFFSETS + (warp.bend[:, :, None] * (warp.shapes @ SHAPES)[:, None]).astype(np.float32)
     shape = (*start_px.shape[:2], SAMPLES)
-    looked = np.isfinite(start_px[..., 0])
+    aligned = np.isfinite(start_px[..., 0])
     origin = pyramid.origins[each.level][views, None]
     # Skipped positions are computed with the others, at arbitrary pixels, and discarded at the end.
-    centre = np.where(looked[..., None], start_px, 0.0).astype(np.float32) / np.float32(2**each.level) + origin
-    solved = PatchShapes(each, across_mm, distance_mm)
-    alike = np.zeros(shape[:2], np.float32)
+    centre = np.where(aligned[..., None], start_px, 0.0).astype(np.float32) / np.float32(2**each.level) + origin
+    patch_shapes = PatchShapes(each, across_mm, distance_mm)
+    correlation = np.zeros(shape[:2], np.float32)
     across, down = (np.empty(shape, np.float32) for _ in range(2))
-    for number in range(MOVING_ROUNDS + SHAPING_ROUNDS):
+    for number in range(SHIFT_ROUNDS + SHAPE_ROUNDS):
         np.add(centre[..., :1], offsets[:, 0], out=across)
         np.add(centre[..., 1:], offsets[:, 1], out=down)
-        if number > MOVING_ROUNDS:
-            moved = solved.shape @ SHAPES
-            across -= across_mm[:, 0, None, None] * moved
-            down -= across_mm[:, 1, None, None] * moved
+        if number > SHIFT_ROUNDS:
+            shape_shift = patch_shapes.shape @ SHAPES
+            across -= across_mm[:, 0, None, None] * shape_shift
+            down -= across_mm[:, 1, None, None] * shape_shift
         flat = pyramid.samples(
-            each.level, across.reshape(-1, SAMPLES), down.reshape(-1, SAMPLES), exact=number >= MOVING_ROUNDS
+            each.level, across.reshape(-1, SAMPLES), down.reshape(-1, SAMPLES), exact=number >= SHIFT_ROUNDS
         )
         difference, _ = normalized(flat)
         difference = difference.reshape(shape)
-        alike = np.einsum("vnp,np->vn", difference, each.patches)
+        correlation = np.einsum("vnp,np->vn", difference, each.patches)
         difference -= each.patches
         step = (each.steps @ difference.transpose(1, 2, 0)).transpose(2, 0, 1)
-        if number >= MOVING_ROUNDS:
-            step = step + solved.step(difference, looked & (alike >= LEAST_ALIKE_FOR_SHAPE))
+        if number >= SHIFT_ROUNDS:
+            step = step + patch_shapes.step(difference, aligned & (correlation >= MIN_CORRELATION_FOR_SHAPE))
         step = (linear @ step[..., None])[..., 0]
         length = np.sqrt((step**2).sum(axis=-1, keepdims=True))
-        centre -= step * np.minimum(1.0, MOST_STEP_PX / np.maximum(length, np.float32(1e-9)))
+        centre -= step * np.minimum(1.0, MAX_STEP_PX / np.maximum(length, np.float32(1e-9)))
     return AlignedPatches(
-        pixels=np.where(looked[..., None], (centre - origin).astype(np.float64) * 2**each.level, np.nan),
-        alike=np.where(looked, alike, 0.0).astype(np.float64),
+        pixels=np.where(aligned[..., None], (centre - origin).astype(np.float64) * 2**each.level, np.nan),
+        correlation=np.where(aligned, correlation, 0.0).astype(np.float64),
         precision=(each.gradients @ each.gradients.transpose(0, 2, 1)).astype(np.float64) / 4.0**each.level,
-        variance=solved.variance,
-        shape_covariance=solved.covariance() * 4.0**each.level,
-        shapes=solved.shape.astype(np.float64),
+        variance=patch_shapes.variance,
+        shape_covariance=patch_shapes.covariance() * 4.0**each.level,
+        shapes=patch_shapes.shape.astype(np.float64),
     )
 
 
@@ -226,7 +226,7 @@ class PatchShapes:
     def __init__(self, each: Templates, across_mm: Floats, distance_mm: FloatArray) -> None:
         self.each, self.across_mm = each, across_mm
         # tan(slant) and curvature are the shape's coefficients, 1/mm, times the distance.
-        self.prior = (distance_mm[:, None] / USUAL_SHAPE) ** 2
+        self.prior = (distance_mm[:, None] / SHAPE_SIGMAS) ** 2
         count = len(each.index)
         self.shape = np.zeros((count, len(SHAPES)), np.float32)
         self.variance = np.ones(count)
@@ -235,7 +235,7 @@ class PatchShapes:
     def step(self, difference: Floats, usable: NDArray[np.bool_]) -> Floats:
         """Update the shapes from differences (views, n, SAMPLES) in the usable views (views, n).
 
-        Returns the shift (views, n, 2) of the patches' middles that compensates the update.
+        Returns the shift (views, n, 2) of the patches' centres that compensates the update.
         """
         each = self.each
         weighted = usable.astype(np.float32)[..., None] * self.across_mm[:, None]
@@ -248,31 +248,32 @@ class PatchShapes:
         prior = self.prior[:, :, None] * np.eye(shapes)
         information = positions.reshape(count, 1, 4) @ each.products.reshape(count, 4, shapes**2)
         self.normal = information.reshape(count, shapes, shapes) / self.variance[:, None, None] + prior
-        right = np.einsum("nbkk->nb", projected) / self.variance[:, None] - self.prior * self.shape
-        change = np.linalg.solve(self.normal, right[..., None])
+        rhs = np.einsum("nbkk->nb", projected) / self.variance[:, None] - self.prior * self.shape
+        change = np.linalg.solve(self.normal, rhs[..., None])
         explained = (each.products.reshape(count, 4 * shapes, shapes) @ change).reshape(count, 2, 2, shapes)
         explained = np.einsum("nkjb,nji->nbki", explained, positions)
         change = change[..., 0]
         self.variance = self._variance(projected - explained, positions)
         self.shape += change.astype(np.float32)
-        moved = np.einsum("nkbj,nb->nkj", each.leaning, change.astype(np.float32))
-        return np.asarray(-(moved @ self.across_mm.T).transpose(2, 0, 1))
+        shift = np.einsum("nkbj,nb->nkj", each.leaning, change.astype(np.float32))
+        return np.asarray(-(shift @ self.across_mm.T).transpose(2, 0, 1))
 
     def _variance(self, projected: FloatArray, positions: FloatArray) -> FloatArray:
         """Variance (n,) of residuals from the part (n, 9, 2, 2) that no shape explains, across epipolar lines."""
         squares = np.einsum("skj,nbkj->nsb", NO_SHAPES, projected) ** 2
-        moved = NO_SHAPES @ positions[:, None] @ NO_SHAPES.transpose(0, 2, 1)
-        usual = np.einsum("nskm,nkmbb->nsb", moved, self.each.products)
-        share = squares / np.maximum(usual, 1e-12)
+        transformed = NO_SHAPES @ positions[:, None] @ NO_SHAPES.transpose(0, 2, 1)
+        expected = np.einsum("nskm,nkmbb->nsb", transformed, self.each.products)
+        share = squares / np.maximum(expected, 1e-12)
         # Collinear views determine only the first.
         values = np.linalg.eigvalsh(positions)
         flat = values[:, 0] < 1e-6 * values[:, 1]
-        return np.maximum(np.where(flat, share[:, 0].mean(axis=1), share.mean(axis=(1, 2))), LEAST_VARIANCE)
+        return np.maximum(np.where(flat, share[:, 0].mean(axis=1), share.mean(axis=(1, 2))), MIN_VARIANCE)
 
     def covariance(self) -> FloatArray:
         """Covariance (n, 3, 3) of w, d, e from the uncertainty of the shapes, px of the level per mm."""
-        moved = 0.5 * np.einsum("skj,nkbj->nsb", SLOPES, self.each.leaning.astype(np.float64))
-        bent = np.einsum("nsb,nb,bo->nso", moved, self.shape, ORDERS) * UNSURE_SHARE
+        slopes = 0.5 * np.einsum("skj,nkbj->nsb", SLOPES, self.each.leaning.astype(np.float64))
+        polynomial_error = np.einsum("nsb,nb,bo->nso", slopes, self.shape, ORDERS) * POLYNOMIAL_ERROR
         return np.asarray(
-            moved @ np.linalg.inv(self.normal) @ moved.transpose(0, 2, 1) + bent @ bent.transpose(0, 2, 1)
+            slopes @ np.linalg.inv(self.normal) @ slopes.transpose(0, 2, 1)
+            + polynomial_error @ polynomial_error.transpose(0, 2, 1)
         )

@@ -46,17 +46,17 @@ class Features:
     residual_px
         Rms distance (n,) between detected and fitted pixels over the views.
     seen
-        Views (n, t, s) in which they were found, including the reference view.
+        Mask (n, t, s) of the views in which each feature was found, including the reference view.
     seen_px
-        Pixels (n, t, s, 2) at which they were found; NaN if not found.
+        Pixels (n, t, s, 2) at which each feature was found; NaN if not found.
     apart_disparity_px
         Slopes (n, 2) along s and t, estimated separately, in the unit of `disparity_px` (both per mean step of the same
         axis, so they are equal for a point); NaN if the views are collinear or too few.
     two_slope_sigma
         Difference (n,) of the two principal slopes in standard deviations; NaN if unknown.
     refracted
-        Whether (n,) that difference exceeds the test's limit: the feature is seen in a curved mirror or through a
-        refracting surface, so its depth does not belong to a surface at this pixel.
+        Mask (n,) of features whose difference exceeds the test's limit: they are seen in a curved mirror or through a
+        refracting surface, so their depth does not belong to a surface at their pixel.
     descriptors
         Descriptors (n, d) in the reference view: bits as uint64 words, or RootSIFT as float32.
     layout_identity

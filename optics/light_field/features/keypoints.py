@@ -33,11 +33,11 @@ FINEST_SIZE_PX: dict[DetectorName, float] = {"SIFT": 2 * 1.6, "ORB": 31.0, "AKAZ
 # Motion of the view farthest from the reference view, from slope to slope.
 STEP_PX = 1.0
 # Distance, in px of its scale and octaves of scale, below which a weaker keypoint duplicates a stronger one.
-SAME_PX, SAME_OCTAVES = 2.0, 0.6
+DUPLICATE_PX, DUPLICATE_OCTAVES = 2.0, 0.6
 # Lower contrast than in a single picture suffices, because noise is lower.
 CONTRAST = 0.01
-DARKEST, BRIGHTEST = 0.5, 99.5
-LEAST_RANGE_GREY = 8.0
+DARK_PERCENTILE, BRIGHT_PERCENTILE = 0.5, 99.5
+MIN_RANGE_GREY = 8.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,15 +107,15 @@ def detect(
     name: DetectorName,
     run: Callable[..., Any],
 ) -> list[Keypoints]:
-    """Detect keypoints in every image (n, v, u) by its own detector; `run` is `map`, or that of a thread pool."""
+    """Detect keypoints in every image (n, v, u) by its own detector; `run` is `map`, or the `map` of a thread pool."""
 
-    def one(image: NDArray[np.uint8], mask: NDArray[np.uint8], with_: Any) -> Keypoints:
-        found, descriptors = with_.detectAndCompute(image, mask)
+    def detect_in(image: NDArray[np.uint8], mask: NDArray[np.uint8], detector: Any) -> Keypoints:
+        found, descriptors = detector.detectAndCompute(image, mask)
         if descriptors is None:
-            descriptors = np.zeros((0, with_.descriptorSize()), np.float32 if name == "SIFT" else np.uint8)
+            descriptors = np.zeros((0, detector.descriptorSize()), np.float32 if name == "SIFT" else np.uint8)
         return _keypoints(found, descriptors, name)
 
-    return list(run(one, images, masks, detectors))
+    return list(run(detect_in, images, masks, detectors))
 
 
 def _keypoints(found: Any, descriptors: NDArray[Any], name: DetectorName) -> Keypoints:
@@ -158,14 +158,14 @@ def nearest_pairs(
     """
     if len(one) < 2 or len(other) < 2:
         return np.zeros(0, np.int64), np.zeros(0, np.int64)
-    apart = all_distances(one, other)
-    nearest, back = apart.argmin(axis=1), apart.argmin(axis=0)
+    descriptor_distances = all_distances(one, other)
+    nearest, nearest_back = descriptor_distances.argmin(axis=1), descriptor_distances.argmin(axis=0)
     rows = np.arange(len(one))
-    best = apart[rows, nearest]
-    second = np.partition(apart, 1, axis=1)[:, 1]
+    best = descriptor_distances[rows, nearest]
+    second = np.partition(descriptor_distances, 1, axis=1)[:, 1]
     # For unit vectors, 1 minus the cosine is half the squared distance.
     limit = ratio if one.dtype == np.uint64 else ratio**2
-    chosen = (back[nearest] == rows) & (best < limit * second)
+    chosen = (nearest_back[nearest] == rows) & (best < limit * second)
     return np.flatnonzero(chosen), nearest[chosen]
 
 
@@ -195,16 +195,16 @@ def slice_of(
     corners = np.array([[0.0, 0.0], [width, 0.0], [0.0, height]])
     directions = geometry.directions(corners)
     for view, (image, mask) in enumerate(zip(images, seen, strict=True)):
-        to = cv2.getAffineTransform(
+        affine = cv2.getAffineTransform(
             corners.astype(np.float32), geometry.predict(view, directions, inverse_mm).astype(np.float32)
         )
         size, nearest, cubic = (width, height), cv2.INTER_NEAREST, cv2.INTER_CUBIC
-        shown = cv2.warpAffine(mask, to, size, flags=nearest | cv2.WARP_INVERSE_MAP) > 0
-        moved = cv2.warpAffine(
-            image.astype(np.float32), to, size, flags=cubic | cv2.WARP_INVERSE_MAP, borderMode=cv2.BORDER_REPLICATE
+        visible = cv2.warpAffine(mask, affine, size, flags=nearest | cv2.WARP_INVERSE_MAP) > 0
+        shifted = cv2.warpAffine(
+            image.astype(np.float32), affine, size, flags=cubic | cv2.WARP_INVERSE_MAP, borderMode=cv2.BORDER_REPLICATE
         )
-        total += np.where(shown, moved, np.float32(0.0))
-        weight += shown
+        total += np.where(visible, shifted, np.float32(0.0))
+        weight += visible
     return np.asarray(total / np.maximum(weight, 1.0), dtype=np.float32)
 
 
@@ -236,19 +236,19 @@ def stack_keypoints(
     """
     slopes = stack_slopes(geometry, inverse_range_mm)
     reference = images[geometry.reference]
-    shown = reference[seen[geometry.reference] > 0]
-    low, high = np.percentile(shown, [DARKEST, BRIGHTEST]) if len(shown) else (0.0, 255.0)
-    gain = 250.0 / max(high - low, LEAST_RANGE_GREY)
+    greys = reference[seen[geometry.reference] > 0]
+    low, high = np.percentile(greys, [DARK_PERCENTILE, BRIGHT_PERCENTILE]) if len(greys) else (0.0, 255.0)
+    gain = 250.0 / max(high - low, MIN_RANGE_GREY)
 
-    # Exclude what cubic interpolation blends with invalid pixels.
+    # Exclude pixels that cubic interpolation blends with invalid ones.
     valid = np.stack([np.asarray(cv2.erode(mask, np.ones((5, 5), np.uint8)), dtype=np.uint8) for mask in seen])
 
-    def one(inverse_mm: float) -> tuple[Any, Any]:
+    def detect_in_slice(inverse_mm: float) -> tuple[Any, Any]:
         grey = (slice_of(geometry, images, valid, inverse_mm) - low) * gain
         picture = np.rint(np.clip(grey, 0.0, 255.0)).astype(np.uint8)
         return cv2.SIFT.create(2 * count, contrastThreshold=CONTRAST).detectAndCompute(picture, inner)
 
-    found = list(run(one, slopes))
+    found = list(run(detect_in_slice, slopes))
     points = [point for each, _ in found for point in each]
     numbers = np.array([(*point.pt, point.size, point.angle, point.response) for point in points]).reshape(-1, 5)
     descriptors = [each for _, each in found if each is not None]
@@ -266,7 +266,7 @@ def stack_keypoints(
 
 
 def _strongest(pixels: FloatArray, scale_px: FloatArray, strength: FloatArray) -> NDArray[np.int64]:
-    """Indices of keypoints without a stronger one at the same place and scale, the strongest first."""
+    """Indices (m,) of keypoints without a stronger one at the same place and scale, the strongest first."""
     octave = np.log2(scale_px)
     # Neighbours are searched scale by scale, within a distance in the coarser scale.
     weaker = np.zeros(len(pixels), dtype=bool)
@@ -274,8 +274,8 @@ def _strongest(pixels: FloatArray, scale_px: FloatArray, strength: FloatArray) -
         near = np.flatnonzero(np.abs(octave - level) <= 1.0)
         if len(near) < 2:
             continue
-        unit = SAME_PX * 2.0**level
-        tree = cKDTree(np.c_[pixels[near] / unit, octave[near] / SAME_OCTAVES])
+        unit = DUPLICATE_PX * 2.0**level
+        tree = cKDTree(np.c_[pixels[near] / unit, octave[near] / DUPLICATE_OCTAVES])
         pairs = tree.query_pairs(1.0, output_type="ndarray")
         one, other = near[pairs[:, 0]], near[pairs[:, 1]]
         # Several orientations of one keypoint are equally strong.

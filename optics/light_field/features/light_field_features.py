@@ -46,10 +46,10 @@ FeatureDetector = Literal["SIFT", "ORB", "AKAZE", "SIFT4D"]
 
 # Largest error of a keypoint's position, in pixels of its scale.
 MATCH_PX = 1.0
-# Least normalised cross-correlation of a view with the reference patch, to show the same point.
-LEAST_ALIKE = 0.85
+# Least normalised cross-correlation at which a view shows the same point as the reference patch.
+MIN_CORRELATION = 0.85
 # Weight of the prior variance, in degrees of freedom (see `moderated_variance`).
-PRIOR_FREEDOM = 4.0
+PRIOR_DEGREES_OF_FREEDOM = 4.0
 
 
 class FeatureFinder:
@@ -94,9 +94,9 @@ class FeatureFinder:
         count = views.rows * views.cols
         if count < 2:
             raise InputError("features of one view, expected at least two views")
-        least = (count - 1) // 2 + 1 if min_views is None else min_views
-        if not 1 <= least <= count - 1:
-            raise InputError(f"features in {least} views besides the reference view, expected 1 to {count - 1}")
+        required = (count - 1) // 2 + 1 if min_views is None else min_views
+        if not 1 <= required <= count - 1:
+            raise InputError(f"features in {required} views besides the reference view, expected 1 to {count - 1}")
         if not (np.isfinite(max_distance_px) and max_distance_px > 0):
             raise InputError(f"maximum distance is {max_distance_px:g} px, expected a positive number")
         if keypoints < 1:
@@ -110,13 +110,13 @@ class FeatureFinder:
                 f"depths {nearest:g} to {farthest_mm:g} mm, expected the nearer one first and in front of every view"
             )
         self.views, self.name = views, name
-        self.max_distance_px, self.min_views, self.two_slope_sigma = max_distance_px, least, two_slope_sigma
+        self.max_distance_px, self.min_views, self.two_slope_sigma = max_distance_px, required, two_slope_sigma
         self.inverse_range_mm = (1.0 / (farthest_mm - pupil_mm), 1.0 / (nearest - pupil_mm))
         self.geometry = Geometry.of(views)
         self.keypoints = keypoints
-        self._described = [self.geometry.reference, *_ends(views, self.geometry.reference)]
-        self._detectors = [] if name == "SIFT4D" else [detector(name, keypoints) for _ in self._described]
-        self._pool = ThreadPoolExecutor(min(len(self._described), os.cpu_count() or 1))
+        self._described_views = [self.geometry.reference, *_end_views(views, self.geometry.reference)]
+        self._detectors = [] if name == "SIFT4D" else [detector(name, keypoints) for _ in self._described_views]
+        self._pool = ThreadPoolExecutor(min(len(self._described_views), os.cpu_count() or 1))
 
     def find(self, light_field: LightField) -> Features:
         """Return the features of a light field; raises InputError if its views differ."""
@@ -127,30 +127,30 @@ class FeatureFinder:
             )
         images, inner = grey_views(light_field), inner_masks(light_field)
         if self.name == "SIFT4D":
-            seen = light_field.valid.reshape(inner.shape).astype(np.uint8) * np.uint8(255)
-            masks = (seen, inner[self.geometry.reference])
-            at, inverse = stack_keypoints(
+            valid = light_field.valid.reshape(inner.shape).astype(np.uint8) * np.uint8(255)
+            masks = (valid, inner[self.geometry.reference])
+            keypoints, inverse_mm = stack_keypoints(
                 self.geometry, images, *masks, self.inverse_range_mm, self.keypoints, self._pool.map
             )
-            tried = np.arange(len(inverse))
+            rows = np.arange(len(inverse_mm))
         else:
-            at, tried, inverse = self._matched(images, inner, self.name)
-        seen_px, aligned = self._aligned(images, inner, at, tried, inverse)
-        return self._consolidated(at, tried, seen_px, inverse, aligned)
+            keypoints, rows, inverse_mm = self._matched(images, inner, self.name)
+        seen_px, aligned = self._aligned(images, inner, keypoints, rows, inverse_mm)
+        return self._consolidated(keypoints, rows, seen_px, inverse_mm, aligned)
 
     def _matched(
         self, images: NDArray[np.uint8], inner: NDArray[np.uint8], name: DetectorName
     ) -> tuple[Keypoints, NDArray[np.int64], FloatArray]:
-        """Return keypoints of the reference view, and the inverse distances that matches give some of them."""
-        run, described = self._pool.map, self._described
-        keypoints = detect(images[described], inner[described], self._detectors, name, run)
-        at, others = keypoints[0], dict(zip(described[1:], keypoints[1:], strict=True))
-        tolerance = MATCH_PX * at.scale_px
-        found = candidates(self.geometry, at, others, name, self.inverse_range_mm, tolerance, run)
-        agreed, competing = vote(found, tolerance)
+        """Return the keypoints of the reference view, the rows (n,) with matches, and their inverse distances (n,)."""
+        run, described = self._pool.map, self._described_views
+        detected = detect(images[described], inner[described], self._detectors, name, run)
+        keypoints, others = detected[0], dict(zip(described[1:], detected[1:], strict=True))
+        tolerance = MATCH_PX * keypoints.scale_px
+        matches = candidates(self.geometry, keypoints, others, name, self.inverse_range_mm, tolerance, run)
+        agreed, competing = vote(matches, tolerance)
         # If two slopes compete, all views decide; if the views support both, the keypoint is ambiguous.
-        tried = np.concatenate([np.flatnonzero(np.isfinite(each)) for each in (agreed, competing)])
-        return at, tried, np.concatenate([each[np.isfinite(each)] for each in (agreed, competing)])
+        rows = np.concatenate([np.flatnonzero(np.isfinite(each)) for each in (agreed, competing)])
+        return keypoints, rows, np.concatenate([each[np.isfinite(each)] for each in (agreed, competing)])
 
     def fits(self, light_field: LightField) -> bool:
         """Return whether a light field has this finder's views."""
@@ -165,117 +165,121 @@ class FeatureFinder:
         self,
         images: NDArray[np.uint8],
         inner: NDArray[np.uint8],
-        at: Keypoints,
-        tried: NDArray[np.int64],
+        keypoints: Keypoints,
+        rows: NDArray[np.int64],
         inverse_mm: FloatArray,
     ) -> tuple[FloatArray, AlignedPatches]:
-        """Return pixels (views, n, 2) of the tried keypoints; NaN where a view shows nothing, or something else."""
+        """Return pixels (views, n, 2) of keypoints `rows` (n,), NaN where a view does not show them, and patches."""
         geometry = self.geometry
         pyramid = ImagePyramid(images.reshape(self.views.rows, self.views.cols, *images.shape[1:]))
-        pixels, directions = at.pixels[tried], geometry.directions(at.pixels[tried])
-        given = templates(pyramid, geometry.reference, pixels, at.scale_px[tried])
+        pixels, directions = keypoints.pixels[rows], geometry.directions(keypoints.pixels[rows])
+        reference_patches = templates(pyramid, geometry.reference, pixels, keypoints.scale_px[rows])
         others = np.delete(np.arange(len(images)), geometry.reference)
         start = np.stack([geometry.predict(int(view), directions, inverse_mm) for view in others])
         start[~shown_by_views(inner[others], start)] = np.nan
         distance = 1.0 / np.maximum(inverse_mm, 1e-6)
-        aligned = align(pyramid, given, others, start, geometry.across_mm[others], distance, self._pool.map)
-        sure = (aligned.alike >= LEAST_ALIKE) & shown_by_views(inner[others], aligned.pixels)
-        seen_px = np.full((len(images), len(tried), 2), np.nan)
-        seen_px[others] = np.where(sure[..., None], aligned.pixels, np.nan)
-        indices = np.concatenate([np.zeros(0, np.int64), *(each.index for each in given)])
+        aligned = align(pyramid, reference_patches, others, start, geometry.across_mm[others], distance, self._pool.map)
+        matching = (aligned.correlation >= MIN_CORRELATION) & shown_by_views(inner[others], aligned.pixels)
+        seen_px = np.full((len(images), len(rows), 2), np.nan)
+        seen_px[others] = np.where(matching[..., None], aligned.pixels, np.nan)
+        indices = np.concatenate([np.zeros(0, np.int64), *(each.index for each in reference_patches)])
         seen_px[geometry.reference, indices] = pixels[indices]
         return seen_px, aligned
 
     def _consolidated(
         self,
-        at: Keypoints,
-        tried: NDArray[np.int64],
+        keypoints: Keypoints,
+        rows: NDArray[np.int64],
         seen_px: FloatArray,
         inverse_mm: FloatArray,
         aligned: AlignedPatches,
     ) -> Features:
-        """Build features from the keypoints that enough views see where one slope predicts them."""
+        """Build features from the keypoints that enough views see at the positions predicted by one slope."""
         mean = np.trace(aligned.precision, axis1=1, axis2=2) / 2.0
         precision, variance = aligned.precision / mean[:, None, None], aligned.variance / mean
-        used = agreeing_views(self.geometry, seen_px, inverse_mm, precision, self.max_distance_px)
-        solved = fit_slope(self.geometry, seen_px, used, inverse_mm, precision)
+        agreeing = agreeing_views(self.geometry, seen_px, inverse_mm, precision, self.max_distance_px)
+        fit = fit_slope(self.geometry, seen_px, agreeing, inverse_mm, precision)
         reference = self.geometry.reference
         near, far = max(self.inverse_range_mm), min(self.inverse_range_mm)
-        keep = used[reference] & (used.sum(axis=0) - 1 >= self.min_views)
-        keep &= (solved.inverse_mm > far) & (solved.inverse_mm <= near)
-        widest = np.hypot(*self.geometry.across_mm.T).max() * self.views.focal_px
-        keep[keep] = _one_of_each(
-            at.pixels[tried[keep]],
-            used[:, keep].sum(axis=0),
-            widest * solved.inverse_mm[keep],
+        keep = agreeing[reference] & (agreeing.sum(axis=0) - 1 >= self.min_views)
+        keep &= (fit.inverse_mm > far) & (fit.inverse_mm <= near)
+        widest_baseline = np.hypot(*self.geometry.across_mm.T).max() * self.views.focal_px
+        keep[keep] = _one_per_place(
+            keypoints.pixels[rows[keep]],
+            agreeing[:, keep].sum(axis=0),
+            widest_baseline * fit.inverse_mm[keep],
             2.0 * self.max_distance_px,
         )
         # Restore the order of keypoints, whichever slope was chosen.
-        keep = np.flatnonzero(keep)[np.argsort(tried[keep], kind="stable")]
-        kept = (self.geometry, seen_px[:, keep], used[:, keep], inverse_mm[keep], precision[keep])
-        solved, apart = fit_slope(*kept), fit_two_slopes(*kept)
+        keep = np.flatnonzero(keep)[np.argsort(rows[keep], kind="stable")]
+        arguments = (self.geometry, seen_px[:, keep], agreeing[:, keep], inverse_mm[keep], precision[keep])
+        fit, two_slopes = fit_slope(*arguments), fit_two_slopes(*arguments)
         covariance = aligned.shape_covariance[keep] / self.views.focal_px**2
         return self._features(
-            at, tried[keep], seen_px[:, keep], used[:, keep], solved, apart, variance[keep], covariance
+            keypoints, rows[keep], seen_px[:, keep], agreeing[:, keep], fit, two_slopes, variance[keep], covariance
         )
 
     def _features(
         self,
-        at: Keypoints,
-        chosen: NDArray[np.int64],
+        keypoints: Keypoints,
+        rows: NDArray[np.int64],
         seen_px: FloatArray,
-        used: NDArray[np.bool_],
-        solved: SlopeFit,
-        apart: TwoSlopes,
+        agreeing: NDArray[np.bool_],
+        fit: SlopeFit,
+        two_slopes: TwoSlopes,
         variance_px2: FloatArray,
         covariance: FloatArray,
     ) -> Features:
         views, grid = self.views, (self.views.rows, self.views.cols)
         axis: Axis = "s" if views.cols > 1 else "t"
         px_mm = views.focal_px * views.step_mm(axis)
-        scale = at.scale_px[chosen]
-        squares = scale**2
-        noise, own_noise = (
+        scale = keypoints.scale_px[rows]
+        scale_squared = scale**2
+        noise, two_slope_noise = (
             np.maximum(
-                moderated_variance(each.squares_px2 / squares, each.freedom, PRIOR_FREEDOM) * squares, variance_px2
+                moderated_variance(each.squares_px2 / scale_squared, each.freedom, PRIOR_DEGREES_OF_FREEDOM)
+                * scale_squared,
+                variance_px2,
             )
-            for each in (solved, apart)
+            for each in (fit, two_slopes)
         )
-        sigma_w = np.sqrt(noise / solved.information + covariance[:, 0, 0])
-        distance = 1.0 / solved.inverse_mm
-        points = np.concatenate([solved.directions, np.ones((len(chosen), 1))], axis=1) * distance[:, None]
-        seen = np.where(used[..., None], seen_px, np.nan).transpose(1, 0, 2)
-        own = own_noise[:, None, None] * apart.apart_covariance + covariance[:, 1:, 1:]
-        two_slope_sigma = np.sqrt(np.einsum("ni,nij,nj->n", apart.apart_mm, np.linalg.inv(own), apart.apart_mm))
-        along = np.stack([apart.matrices_mm[:, 0, 0], apart.matrices_mm[:, 1, 1]], axis=1)
+        sigma_w = np.sqrt(noise / fit.information + covariance[:, 0, 0])
+        distance = 1.0 / fit.inverse_mm
+        points = np.concatenate([fit.directions, np.ones((len(rows), 1))], axis=1) * distance[:, None]
+        seen = np.where(agreeing[..., None], seen_px, np.nan).transpose(1, 0, 2)
+        difference_covariance = two_slope_noise[:, None, None] * two_slopes.apart_covariance + covariance[:, 1:, 1:]
+        two_slope_sigma = np.sqrt(
+            np.einsum("ni,nij,nj->n", two_slopes.apart_mm, np.linalg.inv(difference_covariance), two_slopes.apart_mm)
+        )
+        axis_slopes = np.stack([two_slopes.matrices_mm[:, 0, 0], two_slopes.matrices_mm[:, 1, 1]], axis=1)
         return Features(
             detector=self.name,
-            pixels=views.focal_px * solved.directions + views.centre_px,
+            pixels=views.focal_px * fit.directions + views.centre_px,
             scale_px=scale,
-            disparity_px=px_mm * (solved.inverse_mm - 1.0 / views.reference_distance_mm),
+            disparity_px=px_mm * (fit.inverse_mm - 1.0 / views.reference_distance_mm),
             disparity_sigma_px=px_mm * sigma_w,
             points_in_rig_mm=points @ views.view_from_rig + views.reference_view_in_rig_mm,
             depth_mm=distance + views.reference_view_depth_mm,
             depth_sigma_mm=sigma_w * distance**2,
-            residual_px=np.sqrt(np.square(solved.distances_px).sum(axis=0, where=used) / used.sum(axis=0)),
-            seen=used.T.reshape(-1, *grid),
+            residual_px=np.sqrt(np.square(fit.distances_px).sum(axis=0, where=agreeing) / agreeing.sum(axis=0)),
+            seen=agreeing.T.reshape(-1, *grid),
             seen_px=seen.reshape(-1, *grid, 2),
-            apart_disparity_px=px_mm * (along - 1.0 / views.reference_distance_mm),
+            apart_disparity_px=px_mm * (axis_slopes - 1.0 / views.reference_distance_mm),
             two_slope_sigma=two_slope_sigma,
             refracted=np.nan_to_num(two_slope_sigma) > self.two_slope_sigma,
-            descriptors=at.descriptors[chosen],
+            descriptors=keypoints.descriptors[rows],
             layout_identity=views.layout_identity,
         )
 
 
-def _ends(views: Views, reference: int) -> list[int]:
+def _end_views(views: Views, reference: int) -> list[int]:
     """Views at the ends of the reference view's row and column: the widest baselines along s and t alone.
 
     If the views form no grid: the farthest to the left, to the right, up and down.
     """
     if not views.is_grid:
-        places = views.positions_mm[..., :2].reshape(-1, 2)
-        farthest = [*places.argmin(axis=0).tolist(), *places.argmax(axis=0).tolist()]
+        positions = views.positions_mm[..., :2].reshape(-1, 2)
+        farthest = [*positions.argmin(axis=0).tolist(), *positions.argmax(axis=0).tolist()]
         return [view for view in dict.fromkeys(farthest) if view != reference]
     t, s = divmod(reference, views.cols)
     row = [t * views.cols + end for end in (0, views.cols - 1)]
@@ -293,19 +297,20 @@ def shown_by_views(inner: NDArray[np.uint8], pixels: FloatArray) -> NDArray[np.b
     return inside & (inner[view, np.clip(v, 0, height - 1), np.clip(u, 0, width - 1)] > 0)
 
 
-def _one_of_each(
-    pixels: FloatArray, views: NDArray[np.int64], moved_px: FloatArray, most_px: float
+def _one_per_place(
+    pixels: FloatArray, views: NDArray[np.int64], shift_px: FloatArray, max_difference_px: float
 ) -> NDArray[np.bool_]:
-    """Keep at most one of the keypoints (n, 2) at the same place (two slopes tried, or two orientations of SIFT).
+    """Mask (n,) of at most one keypoint per pixel (n, 2): two slopes or SIFT orientations may have been tried there.
 
-    It is the one that most views see; none, if the shifts by their slopes (n,) differ by more than `most_px`.
+    The keypoint that most views see is kept, unless the shifts (n,) by the slopes differ by more than
+    `max_difference_px`.
     """
     chosen = np.zeros(len(pixels), dtype=bool)
     if len(pixels) == 0:
         return chosen
-    _, place = np.unique(pixels, axis=0, return_inverse=True)
-    order = np.lexsort((np.arange(len(pixels)), -views, place.ravel()))
-    starts = np.flatnonzero(np.diff(place.ravel()[order], prepend=-1))
-    spread = np.maximum.reduceat(moved_px[order], starts) - np.minimum.reduceat(moved_px[order], starts)
-    chosen[order[starts[spread <= most_px]]] = True
+    _, position = np.unique(pixels, axis=0, return_inverse=True)
+    order = np.lexsort((np.arange(len(pixels)), -views, position.ravel()))
+    starts = np.flatnonzero(np.diff(position.ravel()[order], prepend=-1))
+    spread = np.maximum.reduceat(shift_px[order], starts) - np.minimum.reduceat(shift_px[order], starts)
+    chosen[order[starts[spread <= max_difference_px]]] = True
     return chosen

@@ -14,32 +14,33 @@ from mirrorcam.optics.light_field.features.keypoints import DetectorName, Keypoi
 from mirrorcam.optics.light_field.features.slope import Geometry
 
 # Views are parallel and close together: keypoints neither scale nor rotate between them.
-MOST_SCALE_RATIO = 1.5
-MOST_TURN_DEG = 25.0
-# Largest number of candidates per keypoint and view, the most similar ones; consistency over the views selects.
-KEPT = 4
-# More candidates than KEPT within this margin of the best (factor on its distance, plus a share of the limit) in any
-# view mean that the keypoint is part of a repetitive pattern along the line, and uninformative.
-REPEATED = (1.25, 0.1)
+MAX_SCALE_RATIO = 1.5
+MAX_ROTATION_DEG = 25.0
+# Largest number of candidates per keypoint and view, the most similar ones; consistency over the views decides.
+CANDIDATES_PER_VIEW = 4
+# More candidates within this margin of the best (factor on its distance, plus a share of the limit) in any view mean
+# that the keypoint is part of a repetitive pattern along the line, and uninformative.
+REPETITION_MARGIN = (1.25, 0.1)
 # Largest distance between descriptors of one point: bits of 256, bits of 488, 1 minus the cosine of RootSIFT.
-MOST_UNLIKE: dict[DetectorName, float] = {"ORB": 64.0, "AKAZE": 110.0, "SIFT": 0.20}
-# Another slope competes if it is this far away in the view that shifts most, with nearly as many votes.
-OTHER_PX = 3.0
-ENOUGH_VOTES = 0.8
+MAX_DESCRIPTOR_DISTANCE: dict[DetectorName, float] = {"ORB": 64.0, "AKAZE": 110.0, "SIFT": 0.20}
+# Another slope competes if it predicts a position at least this far away, in tolerances, in the view with the largest
+# parallax, and has at least this share of the best slope's votes.
+COMPETING_PX = 3.0
+COMPETING_VOTES = 0.8
 
 
 @dataclass(frozen=True, eq=False)
 class Candidates:
-    """Matches of n keypoints of the reference view in other views; NaN if there are fewer than KEPT.
+    """Matches of n keypoints of the reference view in other views; NaN if there are fewer than CANDIDATES_PER_VIEW.
 
     Attributes
     ----------
     inverse_mm
-        Inverse distance (n, views, KEPT) of each match, 1/mm.
+        Inverse distance (n, views, CANDIDATES_PER_VIEW) of each match, 1/mm.
     off_line_px
-        Distance (n, views, KEPT) of the match from the keypoint's epipolar line.
+        Distance (n, views, CANDIDATES_PER_VIEW) of the match from the keypoint's epipolar line.
     rate_px_mm
-        Rate (n, views, KEPT) at which a match moves along this line, px per 1/mm.
+        Rate (n, views, CANDIDATES_PER_VIEW) at which a match moves along this line, px per 1/mm.
     """
 
     inverse_mm: FloatArray
@@ -60,26 +61,29 @@ def candidates(
 
     Matches lie at most `tolerance_px` (n,) off the line; `run` is `map`, or the `map` of a thread pool.
     """
-    arrays = [np.full((len(reference.pixels), len(others), KEPT), np.nan) for _ in range(3)]
+    arrays = [np.full((len(reference.pixels), len(others), CANDIDATES_PER_VIEW), np.nan) for _ in range(3)]
     repeating = np.zeros(len(reference.pixels), dtype=bool)
 
-    def one(place: int, view: int, other: Keypoints) -> None:
-        first, second = _near_the_line(geometry, reference, other, view, inverse_range_mm, tolerance_px)
-        unlike = distances(reference.descriptors[first], other.descriptors[second])
-        alike = unlike <= MOST_UNLIKE[name]
-        first, second, unlike = first[alike], second[alike], unlike[alike]
-        order = np.lexsort((second, unlike, first))
+    def match_view(column: int, view: int, other: Keypoints) -> None:
+        first, second = _epipolar_pairs(geometry, reference, other, view, inverse_range_mm, tolerance_px)
+        distance = distances(reference.descriptors[first], other.descriptors[second])
+        similar = distance <= MAX_DESCRIPTOR_DISTANCE[name]
+        first, second, distance = first[similar], second[similar], distance[similar]
+        order = np.lexsort((second, distance, first))
         first, second = first[order], second[order]
         rank = np.arange(len(first)) - np.searchsorted(first, first)
-        likest = unlike[order][np.searchsorted(first, first)]
-        as_like = unlike[order] <= REPEATED[0] * likest + REPEATED[1] * MOST_UNLIKE[name]
-        repeating[first[(rank == KEPT) & as_like]] = True
-        first, second, rank = first[rank < KEPT], second[rank < KEPT], rank[rank < KEPT]
-        seen = _slope_estimates(geometry, view, reference.pixels[first], other.pixels[second])
-        for array, values in zip(arrays, seen, strict=True):
-            array[first, place, rank] = values
+        smallest = distance[order][np.searchsorted(first, first)]
+        close_to_best = (
+            distance[order] <= REPETITION_MARGIN[0] * smallest + REPETITION_MARGIN[1] * MAX_DESCRIPTOR_DISTANCE[name]
+        )
+        repeating[first[(rank == CANDIDATES_PER_VIEW) & close_to_best]] = True
+        kept = rank < CANDIDATES_PER_VIEW
+        first, second, rank = first[kept], second[kept], rank[kept]
+        estimates = _slope_estimates(geometry, view, reference.pixels[first], other.pixels[second])
+        for array, values in zip(arrays, estimates, strict=True):
+            array[first, column, rank] = values
 
-    list(run(one, range(len(others)), others.keys(), others.values()))
+    list(run(match_view, range(len(others)), others.keys(), others.values()))
     for array in arrays:
         array[repeating] = np.nan
     return Candidates(*arrays)
@@ -89,16 +93,16 @@ def _slope_estimates(
     geometry: Geometry, view: int, reference_px: FloatArray, seen_px: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Estimates from matches: inverse distance (n,), distance off the line in px, px along it per 1/mm."""
-    a_, b = geometry.terms(view, seen_px)
-    rest = b - geometry.focal_px[view] * geometry.directions(reference_px)
-    rate = np.hypot(a_[:, 0], a_[:, 1])
-    inverse = (a_ * rest).sum(axis=1) / rate**2
-    off = (a_[:, 0] * rest[:, 1] - a_[:, 1] * rest[:, 0]) / rate
+    slopes, b = geometry.terms(view, seen_px)
+    residual = b - geometry.focal_px[view] * geometry.directions(reference_px)
+    rate = np.hypot(slopes[:, 0], slopes[:, 1])
+    inverse = (slopes * residual).sum(axis=1) / rate**2
+    off_line = (slopes[:, 0] * residual[:, 1] - slopes[:, 1] * residual[:, 0]) / rate
     ahead = 1.0 - geometry.forward_mm[view] * inverse
-    return inverse, off / ahead, rate / ahead
+    return inverse, off_line / ahead, rate / ahead
 
 
-def _near_the_line(
+def _epipolar_pairs(
     geometry: Geometry,
     reference: Keypoints,
     other: Keypoints,
@@ -112,27 +116,27 @@ def _near_the_line(
     x, y = geometry.across_mm[view]
     # Lines are parallel except for the views' z positions: sorted across them, candidates are a short range.
     normal = np.array([-y, x]) / max(np.hypot(x, y), 1e-12)
-    across = other.pixels @ normal
-    order = np.argsort(across, kind="stable")
-    low = np.searchsorted(across[order], (ends @ normal).min(axis=0) - tolerance_px)
-    count = np.searchsorted(across[order], (ends @ normal).max(axis=0) + tolerance_px) - low
+    offsets = other.pixels @ normal
+    order = np.argsort(offsets, kind="stable")
+    low = np.searchsorted(offsets[order], (ends @ normal).min(axis=0) - tolerance_px)
+    count = np.searchsorted(offsets[order], (ends @ normal).max(axis=0) + tolerance_px) - low
     first = np.repeat(np.arange(len(low)), count)
-    within = np.arange(len(first)) - np.repeat(np.cumsum(count) - count, count)
-    second = order[np.repeat(low, count) + within]
-    turn = np.abs((reference.angle[first] - other.angle[second] + np.pi) % (2 * np.pi) - np.pi)
+    rank = np.arange(len(first)) - np.repeat(np.cumsum(count) - count, count)
+    second = order[np.repeat(low, count) + rank]
+    rotation = np.abs((reference.angle[first] - other.angle[second] + np.pi) % (2 * np.pi) - np.pi)
     ratio = np.abs(np.log(reference.scale_px[first] / other.scale_px[second]))
-    keep = (turn <= np.deg2rad(MOST_TURN_DEG)) & (ratio <= np.log(MOST_SCALE_RATIO))
+    keep = (rotation <= np.deg2rad(MAX_ROTATION_DEG)) & (ratio <= np.log(MAX_SCALE_RATIO))
     first, second = first[keep], second[keep]
-    inverse, off, rate = _slope_estimates(geometry, view, reference.pixels[first], other.pixels[second])
+    inverse, off_line, rate = _slope_estimates(geometry, view, reference.pixels[first], other.pixels[second])
     tolerance = tolerance_px[first]
     slack = tolerance / rate
-    keep = np.abs(off) <= tolerance
+    keep = np.abs(off_line) <= tolerance
     keep &= (inverse >= min(inverse_range_mm) - slack) & (inverse <= max(inverse_range_mm) + slack)
     return first[keep], second[keep]
 
 
 def vote(found: Candidates, tolerance_px: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the inverse distance (n,) on which most views agree, and a competing one; NaN if there is none.
+    """Return the inverse distances (n,) on which most views agree, and competing ones (n,); NaN if there is none.
 
     Each match of a keypoint proposes its slope; every view votes by the distance of its nearest match, with no vote
     beyond `tolerance_px` (n,). The slope with the most votes is refined by the matches that voted for it.
@@ -141,29 +145,31 @@ def vote(found: Candidates, tolerance_px: FloatArray) -> tuple[FloatArray, Float
     proposed = found.inverse_mm.reshape(count, views * kept)
     votes = np.zeros_like(proposed)
     weighted, weights = np.zeros_like(proposed), np.zeros_like(proposed)
-    square = tolerance_px[:, None, None] ** 2
+    tolerance_squared = tolerance_px[:, None, None] ** 2
     for view in range(views):
         if np.isnan(found.inverse_mm[:, view]).all():
             continue
         inverse, rate = found.inverse_mm[:, view, None, :], found.rate_px_mm[:, view, None, :]
         along = (proposed[:, :, None] - inverse) * rate
-        distance = along**2 + found.off_line_px[:, view, None, :] ** 2
-        distance = np.where(np.isnan(distance), np.inf, distance)
-        best = distance.argmin(axis=2)[..., None]
-        share = np.maximum(1.0 - np.take_along_axis(distance, best, 2)[..., 0] / square[..., 0], 0.0)
-        weight = np.where(share > 0, np.take_along_axis(np.broadcast_to(rate, distance.shape), best, 2)[..., 0] ** 2, 0)
-        chosen = np.take_along_axis(np.broadcast_to(inverse, distance.shape), best, 2)[..., 0]
+        distance_squared = along**2 + found.off_line_px[:, view, None, :] ** 2
+        distance_squared = np.where(np.isnan(distance_squared), np.inf, distance_squared)
+        best = distance_squared.argmin(axis=2)[..., None]
+        share = np.maximum(1.0 - np.take_along_axis(distance_squared, best, 2)[..., 0] / tolerance_squared[..., 0], 0.0)
+        weight = np.where(
+            share > 0, np.take_along_axis(np.broadcast_to(rate, distance_squared.shape), best, 2)[..., 0] ** 2, 0
+        )
+        chosen = np.take_along_axis(np.broadcast_to(inverse, distance_squared.shape), best, 2)[..., 0]
         votes += share
         weights += weight
         weighted += np.where(weight > 0, weight * chosen, 0.0)
     best = votes.argmax(axis=1)[:, None]
-    winner, most = np.take_along_axis(proposed, best, 1), np.take_along_axis(votes, best, 1)
-    fastest = np.nanmax(np.where(np.isnan(found.rate_px_mm), 0.0, found.rate_px_mm), axis=(1, 2), initial=0.0)[:, None]
+    winner, winning_votes = np.take_along_axis(proposed, best, 1), np.take_along_axis(votes, best, 1)
+    max_rate = np.nanmax(np.where(np.isnan(found.rate_px_mm), 0.0, found.rate_px_mm), axis=(1, 2), initial=0.0)[:, None]
     total = np.take_along_axis(weights, best, 1)
     inverse = np.where(total > 0, np.take_along_axis(weighted, best, 1) / np.where(total > 0, total, 1.0), np.nan)
     with np.errstate(invalid="ignore"):
-        far = np.abs(proposed - winner) * fastest > OTHER_PX * tolerance_px[:, None]
-    others = np.where(far, votes, 0.0)
-    second = others.argmax(axis=1)[:, None]
-    competes = np.take_along_axis(others, second, 1) > ENOUGH_VOTES * most
+        distant = np.abs(proposed - winner) * max_rate > COMPETING_PX * tolerance_px[:, None]
+    distant_votes = np.where(distant, votes, 0.0)
+    second = distant_votes.argmax(axis=1)[:, None]
+    competes = np.take_along_axis(distant_votes, second, 1) > COMPETING_VOTES * winning_votes
     return inverse[:, 0], np.where(competes, np.take_along_axis(proposed, second, 1), np.nan)[:, 0]

@@ -17,7 +17,7 @@ from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
 
 RADIUS_PX = 4
-"""Half the side of the sampled patches, excluding the middle pixel."""
+"""Half the side of the sampled patches, excluding the central pixel."""
 LEVELS = 5
 FRAME_PX = RADIUS_PX + 3
 Floats = NDArray[np.float32]
@@ -27,9 +27,9 @@ _SPLINE = _POLE ** np.abs(np.arange(-9, 10))
 SIDE = 2 * RADIUS_PX + 1
 SAMPLES = SIDE**2
 # Least information along the weaker direction of a patch, relative to the stronger one.
-LEAST_ROUNDNESS = 0.015
+MIN_ROUNDNESS = 0.015
 # Contrast (standard deviation in grey levels) below which a patch shows only noise.
-LEAST_CONTRAST_GREY = 1.5
+MIN_CONTRAST_GREY = 1.5
 _ACROSS, _DOWN = np.meshgrid(*[np.arange(-RADIUS_PX, RADIUS_PX + 1, dtype=np.float32)] * 2)
 OFFSETS = np.stack([_ACROSS.ravel(), _DOWN.ravel()])
 _SIDE = np.float32(2 * RADIUS_PX)
@@ -115,15 +115,15 @@ def _spline_samples(coefficients: Floats, across: Floats, down: Floats) -> Float
     return np.asarray(lower + upward * (upper - lower))
 
 
-def _linear_pairs(at: Floats) -> tuple[Floats, Floats, Floats]:
+def _linear_pairs(positions: Floats) -> tuple[Floats, Floats, Floats]:
     """Positions where linear samples blend the first two and last two B-spline weights, and the weight of the first."""
-    start = np.floor(at)
-    part = at - start
-    square, rest = part * part, np.float32(1.0) - part
-    last = square * part * np.float32(1.0 / 6.0)
-    first = rest * rest * rest * np.float32(1.0 / 6.0)
+    start = np.floor(positions)
+    fraction = positions - start
+    fraction_squared, complement = fraction * fraction, np.float32(1.0) - fraction
+    last = fraction_squared * fraction * np.float32(1.0 / 6.0)
+    first = complement * complement * complement * np.float32(1.0 / 6.0)
     # The second weight is 2/3 - part^2 (1 - part / 2).
-    second = np.float32(2.0 / 3.0) - square + np.float32(3.0) * last
+    second = np.float32(2.0 / 3.0) - fraction_squared + np.float32(3.0) * last
     weight = first + second
     return start - 1 + second / weight, start + 1 + last / (1 - weight), weight
 
@@ -175,10 +175,10 @@ def _templates(pyramid: ImagePyramid, view: int, level: int, index: NDArray[np.i
     offset = np.arange(-RADIUS_PX - 2, RADIUS_PX + 3, dtype=np.float32)
     across, down = (each.ravel() for each in np.meshgrid(offset, offset))
     centre = (pixels[index] / 2**level).astype(np.float32) + pyramid.origins[level][view]
-    wide = pyramid.samples(level, centre[:, :1] + across, centre[:, 1:] + down)
-    wide = wide.reshape(len(index), SIDE + 4, SIDE + 4)
-    patches, length = normalized(wide[:, 2:-2, 2:-2].reshape(len(index), SAMPLES))
-    rows, columns = wide[:, 2:-2], wide[:, :, 2:-2]
+    extended = pyramid.samples(level, centre[:, :1] + across, centre[:, 1:] + down)
+    extended = extended.reshape(len(index), SIDE + 4, SIDE + 4)
+    patches, length = normalized(extended[:, 2:-2, 2:-2].reshape(len(index), SAMPLES))
+    rows, columns = extended[:, 2:-2], extended[:, :, 2:-2]
     gradients = np.stack(
         [
             8.0 * (rows[..., 3:-1] - rows[..., 1:-3]) - (rows[..., 4:] - rows[..., :-4]),
@@ -188,7 +188,7 @@ def _templates(pyramid: ImagePyramid, view: int, level: int, index: NDArray[np.i
     )
     gradients = gradients.reshape(len(index), 2, SAMPLES) / (12.0 * length[:, None, None])
 
-    light = _light(wide[:, 1:-1, 1:-1], patches)
+    light = _light(extended[:, 1:-1, 1:-1], patches)
 
     def beyond_light(rows: Floats) -> Floats:
         """Remove the part that free brightness, contrast and sharpness explain."""
@@ -198,8 +198,8 @@ def _templates(pyramid: ImagePyramid, view: int, level: int, index: NDArray[np.i
     shapes = beyond_light(gradients[:, None] * SHAPES[:, None])
     gradients = beyond_light(gradients)
     squares = np.einsum("nip,njp->nij", gradients, gradients).astype(np.float64)
-    least, most = np.linalg.eigvalsh(squares).T
-    usable = (least > LEAST_ROUNDNESS * most) & (length >= LEAST_CONTRAST_GREY * np.sqrt(SAMPLES))
+    weaker, stronger = np.linalg.eigvalsh(squares).T
+    usable = (weaker > MIN_ROUNDNESS * stronger) & (length >= MIN_CONTRAST_GREY * np.sqrt(SAMPLES))
     gradients, shapes = gradients[usable], shapes[usable]
     steps = np.linalg.inv(squares[usable]).astype(np.float32) @ gradients
     flat = shapes.reshape(len(shapes), 2 * len(SHAPES), SAMPLES)
@@ -212,14 +212,14 @@ def _templates(pyramid: ImagePyramid, view: int, level: int, index: NDArray[np.i
     return Templates(int(level), index[usable], patches[usable], gradients, steps, shapes, products, leaning)
 
 
-def _light(wide: Floats, patches: Floats) -> Floats:
+def _light(extended: Floats, patches: Floats) -> Floats:
     """Orthonormal changes (n, 3, SAMPLES) of patches by brightness, contrast and sharpness, from their surroundings."""
-    neighbours = wide[:, :-2, 1:-1] + wide[:, 2:, 1:-1] + wide[:, 1:-1, :-2] + wide[:, 1:-1, 2:]
-    blur = (neighbours - np.float32(4.0) * wide[:, 1:-1, 1:-1]).reshape(patches.shape)
-    blur = blur - blur.mean(axis=1, keepdims=True)
-    blur -= np.einsum("np,np->n", blur, patches)[:, None] * patches
-    blur /= np.maximum(np.linalg.norm(blur, axis=1, keepdims=True), np.float32(1e-6))
-    return np.stack([np.full_like(patches, 1.0 / SIDE), patches, blur], axis=1)
+    neighbours = extended[:, :-2, 1:-1] + extended[:, 2:, 1:-1] + extended[:, 1:-1, :-2] + extended[:, 1:-1, 2:]
+    sharpness = (neighbours - np.float32(4.0) * extended[:, 1:-1, 1:-1]).reshape(patches.shape)
+    sharpness = sharpness - sharpness.mean(axis=1, keepdims=True)
+    sharpness -= np.einsum("np,np->n", sharpness, patches)[:, None] * patches
+    sharpness /= np.maximum(np.linalg.norm(sharpness, axis=1, keepdims=True), np.float32(1e-6))
+    return np.stack([np.full_like(patches, 1.0 / SIDE), patches, sharpness], axis=1)
 
 
 def normalized(patches: Floats) -> tuple[Floats, Floats]:

@@ -26,7 +26,7 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.light_field.light_field import Views
 
 # Best accuracy of localisation in 8-bit pictures, however well views agree.
-LEAST_NOISE_PX = 0.003
+MIN_NOISE_PX = 0.003
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,11 +105,12 @@ def fit_slope(
 
     `about_inverse_mm` (n,) need only be approximate: it sets the units of the equations, (1 - z_i w) being close to
     one. `precision` (n, 2, 2) is the relative precision along u and v, with mean one.
+
     A point used in no view but the reference has information 0 and slope NaN.
     """
     a_, b, focal = _equations(geometry, seen_px, about_inverse_mm)
-    root = np.linalg.cholesky(precision).transpose(0, 2, 1)
-    a_, b = np.einsum("nij,vnj->vni", root, a_), np.einsum("nij,vnj->vni", root, b)
+    cholesky = np.linalg.cholesky(precision).transpose(0, 2, 1)
+    a_, b = np.einsum("nij,vnj->vni", cholesky, a_), np.einsum("nij,vnj->vni", cholesky, b)
     use = used.astype(np.float64)
     ff = np.maximum((use * focal**2).sum(axis=0), 1e-12)
     fa = np.einsum("vn,vn,vnk->nk", use, focal, a_)
@@ -121,7 +122,7 @@ def fit_slope(
     directions = (fb - w[:, None] * fa) / ff[:, None]
     residual = b - focal[..., None] * directions - w[:, None] * a_
     squares = (residual**2).sum(axis=2)
-    unweighted = np.linalg.inv(root)
+    unweighted = np.linalg.inv(cholesky)
     distances = np.linalg.norm(np.einsum("nij,vnj->vni", unweighted, residual), axis=2)
     return SlopeFit(
         directions=np.einsum("nij,nj->ni", unweighted, directions),
@@ -188,7 +189,7 @@ def fit_two_slopes(
     """Fit a symmetric matrix instead of the slope, otherwise like `fit_slope`."""
     a_, b, focal = _equations(geometry, seen_px, about_inverse_mm)
     use = used.astype(np.float64)
-    # Columns of the unknowns w, d, e in the two rows of each view, after projecting out a, which is free, too.
+    # Columns of the unknowns w, d, e in the two rows of each view, after projecting out a, which is also free.
     x, y = a_[..., 0], a_[..., 1]
     columns = np.stack([np.stack([x, y], -1), np.stack([x, -y], -1), np.stack([y, x], -1)], axis=-1)
     root = np.linalg.cholesky(precision).transpose(0, 2, 1)
@@ -222,7 +223,7 @@ def fit_two_slopes(
 def moderated_variance(squares: FloatArray, freedom: NDArray[np.int64], prior_freedom: float) -> FloatArray:
     """Variances (n,) of points from their few residuals, shrunk towards the median variance of all.
 
-    Squares are in px^2 of the keypoints' scales, and no variance is below LEAST_NOISE_PX squared.
+    Squares are in px^2 of the keypoints' scales, and no variance is below MIN_NOISE_PX squared.
 
     Smyth, "Linear models and empirical Bayes methods", SAGMB 2004, with the prior variance from the median.
     """
@@ -231,7 +232,7 @@ def moderated_variance(squares: FloatArray, freedom: NDArray[np.int64], prior_fr
         return np.ones(len(squares))
     usual = float(np.median(squares[determined] / freedom[determined]))
     moderated = (prior_freedom * usual + squares) / (prior_freedom + np.maximum(freedom, 0))
-    return np.maximum(moderated, LEAST_NOISE_PX**2)
+    return np.maximum(moderated, MIN_NOISE_PX**2)
 
 
 def _equations(

@@ -28,9 +28,9 @@ from mirrorcam.optics.light_field.light_field import LightField
 Float32 = NDArray[np.float32]
 PASSES = 3
 OUTLIER_PASSES = 12
-OUTLYING = 14.0
+OUTLIER_SIGMAS = 14.0
 """Residual, in robust standard deviations, at which a sample's weight falls to a quarter."""
-LEAST_VARIANCE = (1.0 / 255.0) ** 2
+MIN_VARIANCE = (1.0 / 255.0) ** 2
 """Least variance of residuals: below a grey level, residuals do not exceed rounding."""
 MEDIAN_OF_SQUARES = {1: 0.455, 3: 2.366}
 """Medians of chi-squared distributions."""
@@ -39,13 +39,13 @@ BRIGHTNESS_AND_COLOUR = (np.array([[1, 1, 1], [1, 0, -1], [1, -2, 1]]) / np.sqrt
 """Rotation of RGB: surfaces vary more in brightness than in colour, noise does not."""
 Complex64 = NDArray[np.complex64]
 RINGS = 48
-AT_ONCE = 60_000_000
+BYTES_AT_ONCE = 60_000_000
 """Bytes of coherences in memory at a time."""
-LEAST_EXCESS = 0.1
+MIN_EXCESS = 0.1
 """Least tr(S S) / n - 1 of a ring for separating signal from noise."""
-LEAST_NOISE = 1e-5
+MIN_NOISE = 1e-5
 """Least noise relative to the signal's power: coherences are singular."""
-MOST_NOISE = 1e5
+MAX_NOISE = 1e5
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,52 +91,54 @@ def filter_light_field(light_field: LightField, passband: Passband, *, leave_out
     is_bytes = light_field.samples.dtype == np.uint8
     samples: Any = light_field.samples.reshape(-1, *light_field.samples.shape[2:]).astype(np.float32)
     weights = np.minimum(light_field.weights.reshape(samples.shape[:3]), np.float32(1.0))
-    turn = BRIGHTNESS_AND_COLOUR if channels == 3 else np.ones((1, 1), np.float32)
+    rotation = BRIGHTNESS_AND_COLOUR if channels == 3 else np.ones((1, 1), np.float32)
     scale = np.float32(255.0 if is_bytes else 1.0)
-    kept, power, counted = _kept(samples / scale @ turn.T, weights, passband, leave_out)
-    shown: Any = np.clip(kept @ turn, 0.0, 1.0).reshape(*grid, *samples.shape[1:]) * scale
-    shown = np.where(light_field.valid[..., None], np.rint(shown) if is_bytes else shown, 0.0)
-    had = weights > 0
+    filtered, power, used = _filtered(samples / scale @ rotation.T, weights, passband, leave_out)
+    result: Any = np.clip(filtered @ rotation, 0.0, 1.0).reshape(*grid, *samples.shape[1:]) * scale
+    result = np.where(light_field.valid[..., None], np.rint(result) if is_bytes else result, 0.0)
+    present = weights > 0
     return Filtered(
-        LightField.of(light_field, shown.astype(light_field.samples.dtype), light_field.weights),
+        LightField.of(light_field, result.astype(light_field.samples.dtype), light_field.weights),
         float(np.sqrt(power.noise_of_sample / channels)),
-        float((counted[had] < 0.5 * weights[had]).mean()) if had.any() else 0.0,
+        float((used[present] < 0.5 * weights[present]).mean()) if present.any() else 0.0,
     )
 
 
-def _kept(samples: Float32, weights: Float32, passband: Passband, leave_out: bool) -> tuple[Float32, Power, Float32]:
+def _filtered(
+    samples: Float32, weights: Float32, passband: Passband, leave_out: bool
+) -> tuple[Float32, Power, Float32]:
     """Return filtered samples (n, v, u, c), the power of passband and rest, and the samples' weights (n, v, u)."""
     pads, inside = _extension(samples.shape[1:3], passband)
-    given = _extended(samples, weights, pads)
-    known = counted = np.pad(weights, pads[:3])[..., None]
-    frequencies = frequencies_of(*given.shape[1:3])
+    original = _extended(samples, weights, pads)
+    known = used = np.pad(weights, pads[:3])[..., None]
+    frequencies = frequencies_of(*original.shape[1:3])
     lag = np.exp(1j * passband.phases(frequencies)).astype(np.complex64)[..., None]
-    filled = kept = given
+    filled = filtered = original
     last = (OUTLIER_PASSES if leave_out else PASSES) - 1
     for number in range(last + 1):
         if number:
-            counted = known * _agreement(given, kept, known) if leave_out else known
-            filled = counted * given + (1 - counted) * kept
+            used = known * _inlier_weights(original, filtered, known) if leave_out else known
+            filled = used * original + (1 - used) * filtered
         spectra = scipy.fft.rfft2(filled, axes=(1, 2), norm="ortho") * lag
         vectors = np.moveaxis(spectra, 0, 2).reshape(-1, spectra.shape[0], spectra.shape[3])
-        power = measured_power(vectors, passband, frequencies.reshape(-1, 2), float(counted.mean()))
+        power = measure_power(vectors, passband, frequencies.reshape(-1, 2), float(used.mean()))
         passed = filtered_spectra(vectors, passband, frequencies.reshape(-1, 2), power)
         if number == last:
             # Remove no more than noise; missing samples were filled with the common part of the views.
             share = power.noisy[rings_of(frequencies.reshape(-1, 2))].astype(np.float32)
             passed = vectors + share[:, None] * (passed - vectors)
         spectra = np.moveaxis(passed.reshape(*spectra.shape[1:3], *vectors.shape[1:]), 2, 0) * lag.conj()
-        kept = scipy.fft.irfft2(spectra, given.shape[1:3], axes=(1, 2), norm="ortho").astype(np.float32)
-    return kept[:, *inside], power, counted[:, *inside, 0]
+        filtered = scipy.fft.irfft2(spectra, original.shape[1:3], axes=(1, 2), norm="ortho").astype(np.float32)
+    return filtered[:, *inside], power, used[:, *inside, 0]
 
 
 def _extension(size: tuple[int, ...], passband: Passband) -> tuple[list[tuple[int, int]], tuple[slice, slice]]:
     """Return the padding of samples (n, v, u) for `np.pad`, and the location of the original samples in the result."""
-    least = int(np.ceil(passband.largest_shift_px)) + MARGIN_PX
-    sides = [scipy.fft.next_fast_len(side + 2 * least, real=True) for side in size]
-    added = [(least, side - length - least) for side, length in zip(sides, size, strict=True)]
-    down, across = (slice(least, least + length) for length in size)
-    return [(0, 0), *added], (down, across)
+    min_padding = int(np.ceil(passband.largest_shift_px)) + MARGIN_PX
+    sides = [scipy.fft.next_fast_len(side + 2 * min_padding, real=True) for side in size]
+    padding = [(min_padding, side - length - min_padding) for side, length in zip(sides, size, strict=True)]
+    down, across = (slice(min_padding, min_padding + length) for length in size)
+    return [(0, 0), *padding], (down, across)
 
 
 def _extended(samples: Float32, weights: Float32, pads: list[tuple[int, int]]) -> Float32:
@@ -155,12 +157,12 @@ def _extended(samples: Float32, weights: Float32, pads: list[tuple[int, int]]) -
     return np.stack(ramps, axis=-1).astype(np.float32)
 
 
-def _agreement(given: Float32, kept: Float32, known: Float32) -> Float32:
+def _inlier_weights(original: Float32, filtered: Float32, known: Float32) -> Float32:
     """Weights of samples (n, v, u, 1), 0 to 1, by their distance from the filtered ones."""
-    squares = np.square(given - kept).sum(axis=-1)
+    squares = np.square(original - filtered).sum(axis=-1)
     smooth = np.stack([cv2.GaussianBlur(each, (0, 0), 1.0) for each in squares])
-    variance = np.median(squares[known[..., 0] > 0.5]) / MEDIAN_OF_SQUARES[given.shape[-1]]
-    ratio = smooth / np.float32(max(float(variance), LEAST_VARIANCE) * OUTLYING**2)
+    variance = np.median(squares[known[..., 0] > 0.5]) / MEDIAN_OF_SQUARES[original.shape[-1]]
+    ratio = smooth / np.float32(max(float(variance), MIN_VARIANCE) * OUTLIER_SIGMAS**2)
     return (1.0 / np.square(1.0 + np.square(ratio)))[..., None].astype(np.float32)
 
 
@@ -175,18 +177,18 @@ class Power:
     @property
     def ratios(self) -> FloatArray:
         """Ratio of noise to signal (rings, components)."""
-        most = np.full_like(self.noise, MOST_NOISE)
-        ratios = np.divide(self.noise, self.signal, out=most, where=self.signal > 0)
-        return np.clip(ratios, LEAST_NOISE, MOST_NOISE)
+        no_signal = np.full_like(self.noise, MAX_NOISE)
+        ratios = np.divide(self.noise, self.signal, out=no_signal, where=self.signal > 0)
+        return np.clip(ratios, MIN_NOISE, MAX_NOISE)
 
     @property
     def noisy(self) -> FloatArray:
         """Share (rings, components) of noise in the differences between views, as `ratios` are limited from below.
 
-        Below `LEAST_NOISE`, the views truly differ: at low frequencies, by what lies inside the borders of some views
+        Below `MIN_NOISE`, the views truly differ: at low frequencies, by what lies inside the borders of some views
         only.
         """
-        share = np.divide(self.noise, LEAST_NOISE * self.signal, out=np.ones_like(self.noise), where=self.signal > 0)
+        share = np.divide(self.noise, MIN_NOISE * self.signal, out=np.ones_like(self.noise), where=self.signal > 0)
         return np.clip(share, 0.0, 1.0)
 
     @property
@@ -208,7 +210,7 @@ def rings_of(frequencies: FloatArray) -> NDArray[np.int64]:
     return np.minimum((length * RINGS).astype(np.int64), RINGS - 1)
 
 
-def measured_power(spectra: Complex64, passband: Passband, frequencies: FloatArray, seen: float) -> Power:
+def measure_power(spectra: Complex64, passband: Passband, frequencies: FloatArray, seen: float) -> Power:
     """Measure the power in a passband and the rest, of spectra (m, n, c) at frequencies (m, 2).
 
     `seen` is the share of original samples; filled-in ones have no noise.
@@ -223,12 +225,12 @@ def measured_power(spectra: Complex64, passband: Passband, frequencies: FloatArr
         passed = (vectors.conj() * (coherence @ vectors)).real.sum(axis=1)
         np.add.at(sums, rings[part], np.stack([total, passed], axis=1))
         traces += np.bincount(rings[part], np.square(coherence).sum(axis=(1, 2)), RINGS)
-    some = np.maximum(counts, 1)
-    mean, excess = sums / some[:, None, None], (traces / some) / views - 1.0
-    separable = excess > LEAST_EXCESS
+    divisors = np.maximum(counts, 1)
+    mean, excess = sums / divisors[:, None, None], (traces / divisors) / views - 1.0
+    separable = excess > MIN_EXCESS
     signal = (mean[:, 1] - mean[:, 0]) / views / np.where(separable, excess, 1.0)[:, None]
     noise = np.clip(mean[:, 0] / views - np.maximum(signal, 0.0), 0.0, None) / max(seen, 1e-3)
-    noise = _where_known(noise, separable & (counts > 0))
+    noise = _interpolated(noise, separable & (counts > 0))
     return Power(np.maximum(mean[:, 0] / views - noise * seen, 0.0), noise, counts)
 
 
@@ -237,25 +239,25 @@ def filtered_spectra(spectra: Complex64, passband: Passband, frequencies: FloatA
     ratios = power.ratios[rings_of(frequencies)].astype(np.float32)
     views, components = spectra.shape[1:]
     identity = np.eye(views, dtype=np.float32)
-    kept = np.zeros_like(spectra)
+    filtered = np.zeros_like(spectra)
     for part in _parts(len(frequencies), views):
         coherence = passband.coherence(frequencies[part]).astype(np.float32)
         for c in range(components):
             # Real and imaginary part are two right-hand sides of one real system.
             sides = np.ascontiguousarray(spectra[part, :, c])[..., None].view(np.float32)
             solved = coherence @ np.linalg.solve(coherence + ratios[part, c, None, None] * identity, sides)
-            kept[part, :, c] = np.ascontiguousarray(solved).view(np.complex64)[..., 0]
-    return kept
+            filtered[part, :, c] = np.ascontiguousarray(solved).view(np.complex64)[..., 0]
+    return filtered
 
 
 def _parts(count: int, views: int) -> list[slice]:
-    step = max(1, AT_ONCE // (views * views * 8))
+    step = max(1, BYTES_AT_ONCE // (views * views * 8))
     return [slice(start, start + step) for start in range(0, count, step)]
 
 
-def _where_known(noise: FloatArray, separated: NDArray[np.bool_]) -> FloatArray:
+def _interpolated(noise: FloatArray, separated: NDArray[np.bool_]) -> FloatArray:
     """Fill noise (rings, c) that views do not separate from the signal by interpolation from other rings."""
     if not separated.any():
         return np.zeros_like(noise)
-    at, known = np.arange(len(noise)), np.flatnonzero(separated)
-    return np.stack([np.interp(at, known, each[known]) for each in noise.T], axis=-1)
+    rings, known = np.arange(len(noise)), np.flatnonzero(separated)
+    return np.stack([np.interp(rings, known, each[known]) for each in noise.T], axis=-1)

@@ -28,23 +28,23 @@ FilterKind = Literal["hyperfan", "dual-fan", "hypercone"]
 
 @dataclass(frozen=True, eq=False)
 class Passband:
-    """A filter's passband: the slopes about a middle one, and how slopes along x and y are related.
+    """A filter's passband: its range of slopes, and how slopes along x and y are related.
 
     Attributes
     ----------
     kind
         "hyperfan": slopes of the range, equal along x and y, as for every point. "dual-fan": slopes of the range along
         x, and independently along y. "hypercone": any slope, equal along x and y.
-    middle_px_per_mm, half_width_px_per_mm
+    centre_px_per_mm, half_width_px_per_mm
         The range of metric slopes; unused for a hypercone.
-    places_mm
+    positions_mm
         Positions (n, 2) of the views, x and y.
     """
 
     kind: FilterKind
-    middle_px_per_mm: float
+    centre_px_per_mm: float
     half_width_px_per_mm: float
-    places_mm: FloatArray
+    positions_mm: FloatArray
 
     @classmethod
     def of(cls, views: Views, kind: FilterKind, near_mm: float | None, far_mm: float | None) -> Self:
@@ -52,30 +52,30 @@ class Passband:
 
         Raises InputError for depths that are missing, out of order, or not in front of the views.
         """
-        places = views.positions_mm[..., :2].reshape(-1, 2)
-        if len(places) < 2:
+        positions = views.positions_mm[..., :2].reshape(-1, 2)
+        if len(positions) < 2:
             raise InputError("one view, expected several: filters compare views")
         if kind == "hypercone":
-            return cls(kind, 0.0, 0.0, places)
+            return cls(kind, 0.0, 0.0, positions)
         if near_mm is None or far_mm is None:
             raise InputError(f"a {kind} passes a range of depths, expected a nearest and a farthest one")
-        least = views.reference_view_depth_mm + max(float(views.positions_mm[..., 2].max()), 0.0)
-        if not least < near_mm < far_mm:
+        least_mm = views.reference_view_depth_mm + max(float(views.positions_mm[..., 2].max()), 0.0)
+        if not least_mm < near_mm < far_mm:
             raise InputError(
-                f"depths from {near_mm:g} to {far_mm:g} mm, expected the nearest, more than {least:.0f} mm, first"
+                f"depths from {near_mm:g} to {far_mm:g} mm, expected the nearest, more than {least_mm:.0f} mm, first"
             )
         near, far = (float(views.slope_from_depth(depth)) for depth in (near_mm, far_mm))
-        return cls(kind, (near + far) / 2.0, abs(far - near) / 2.0, places)
+        return cls(kind, (near + far) / 2.0, abs(far - near) / 2.0, positions)
 
     @property
     def largest_shift_px(self) -> float:
         """Largest shift of a point between two views, within the passband."""
-        across = float(np.ptp(self.places_mm, axis=0).max())
-        return (abs(self.middle_px_per_mm) + self.half_width_px_per_mm) * across
+        across = float(np.ptp(self.positions_mm, axis=0).max())
+        return (abs(self.centre_px_per_mm) + self.half_width_px_per_mm) * across
 
     def phases(self, frequencies: FloatArray) -> FloatArray:
         """Phases (n, ...) of the views at frequencies (..., 2), rad per px, for the middle of the range."""
-        return np.asarray(self.middle_px_per_mm * np.moveaxis(frequencies @ self.places_mm.T, -1, 0))
+        return np.asarray(self.centre_px_per_mm * np.moveaxis(frequencies @ self.positions_mm.T, -1, 0))
 
     def coherence(self, frequencies: FloatArray) -> FloatArray:
         """Coherence (m, n, n) of the views at frequencies (m, 2), rad per px, after removing `phases`.
@@ -84,11 +84,11 @@ class Passband:
         """
         if self.kind == "dual-fan":
             along_u, along_v = (
-                _sinc(self.half_width_px_per_mm * frequencies[:, axis, None] * self.places_mm[:, axis])
+                _sinc(self.half_width_px_per_mm * frequencies[:, axis, None] * self.positions_mm[:, axis])
                 for axis in (0, 1)
             )
             return along_u * along_v
-        lags = frequencies @ self.places_mm.T
+        lags = frequencies @ self.positions_mm.T
         if self.kind == "hypercone":
             # Slopes up to where adjacent views show a wave half a period apart.
             length = np.linalg.norm(frequencies, axis=-1, keepdims=True)
@@ -97,28 +97,28 @@ class Passband:
 
     @property
     def _step_mm(self) -> float:
-        apart = np.linalg.norm(self.places_mm[:, None] - self.places_mm, axis=-1)
-        np.fill_diagonal(apart, np.inf)
-        return float(apart.min(axis=1).mean())
+        distances = np.linalg.norm(self.positions_mm[:, None] - self.positions_mm, axis=-1)
+        np.fill_diagonal(distances, np.inf)
+        return float(distances.min(axis=1).mean())
 
 
 def _sinc(phases: FloatArray) -> FloatArray:
     """sin(d) / d (m, n, n) of the differences d of phases (m, n)."""
-    found = np.empty((*phases.shape, phases.shape[1]))
-    _fill_sinc(np.ascontiguousarray(phases), np.sin(phases), np.cos(phases), found)
-    return found
+    sinc = np.empty((*phases.shape, phases.shape[1]))
+    _fill_sinc(np.ascontiguousarray(phases), np.sin(phases), np.cos(phases), sinc)
+    return sinc
 
 
 @compiled
-def _fill_sinc(phases: FloatArray, sines: FloatArray, cosines: FloatArray, found: FloatArray) -> None:
+def _fill_sinc(phases: FloatArray, sines: FloatArray, cosines: FloatArray, sinc: FloatArray) -> None:
     """Write sin(a - b) / (a - b), with sin(a - b) = sin a cos b - cos a sin b: a sine for each phase, not each pair."""
     for m in range(phases.shape[0]):
         for i in range(phases.shape[1]):
-            found[m, i, i] = 1.0
+            sinc[m, i, i] = 1.0
             for j in range(i):
-                away = phases[m, i] - phases[m, j]
-                value = 1.0 - away * away / 6.0
-                if abs(away) > SMALL:
-                    value = (sines[m, i] * cosines[m, j] - cosines[m, i] * sines[m, j]) / away
-                found[m, i, j] = value
-                found[m, j, i] = value
+                difference = phases[m, i] - phases[m, j]
+                value = 1.0 - difference * difference / 6.0
+                if abs(difference) > SMALL:
+                    value = (sines[m, i] * cosines[m, j] - cosines[m, i] * sines[m, j]) / difference
+                sinc[m, i, j] = value
+                sinc[m, j, i] = value

@@ -62,10 +62,10 @@ class BagWriter:
 
     def write(self, messages: Iterable[Published], stamp: int) -> None:
         """Write messages at a time in ns: all of them or, at Ctrl-C, none."""
-        made = [(each, self._made(each.message)) for each in messages]
+        converted = [(each, self._converted(each.message)) for each in messages]
         try:
             with deferred():
-                for each, message in made:
+                for each, message in converted:
                     raw = self._store.serialize_cdr(message, each.message.type)
                     self._writer.write(self._connection(each), stamp, raw)
         except OSError as error:
@@ -87,11 +87,11 @@ class BagWriter:
     def _not_written(self, error: OSError) -> InputError:
         return InputError(f"{self.path}: cannot be written: {error.strerror or error}")
 
-    def _made(self, value: Any) -> Any:
+    def _converted(self, value: Any) -> Any:
         """Convert a message and its nested messages to rosbags' types."""
         if isinstance(value, RosMessage):
-            return self._store.types[value.type](**{name: self._made(each) for name, each in value.fields.items()})
-        return [self._made(each) for each in value] if isinstance(value, list) else value
+            return self._store.types[value.type](**{name: self._converted(each) for name, each in value.fields.items()})
+        return [self._converted(each) for each in value] if isinstance(value, list) else value
 
     def _connection(self, published: Published) -> Any:
         """Return the connection of a topic, with its quality of service."""

@@ -33,7 +33,7 @@ _SIDE_PX = 32
 """Side of the views for comparison; the middle half of a view is located in its neighbour."""
 _PAIRS = 6
 """Number of adjacent pairs to compare along each axis."""
-_ALIKE, _UNLIKE = 0.85, 0.75
+_SIMILAR, _DISSIMILAR = 0.85, 0.75
 """Correlations above which neighbours are views of one scene, and below which they are not."""
 _SEAM, _NO_SEAM = 2.0, 1.5
 """Contrasts at cuts, relative to elsewhere, above which there is a seam, and below which there is none."""
@@ -41,14 +41,14 @@ _WEAKER_SEAM = 0.5
 """Largest contrast at cuts without a seam, relative to cuts with one."""
 _LENS, _CERTAIN = 1.15, 1.5
 """Contrasts at edges, relative to the inside, above which they may be lenslets', and certainly not JPEG blocks'."""
-_LESS_LENS = 0.9
+_WEAKER_LENS = 0.9
 """Largest contrast of a wrong lenslet size relative to the right one."""
 _NOISE = 0.5
 """Difference of adjacent pixels, relative to the standard deviation of all, above which a picture is noise."""
 _BLOCK_PX = 8
 _STRUCTURE = 0.7
 """Correlation of adjacent pixels of a small view above which it is not just noise."""
-_MOST_VIEWS, _LEAST_VIEW_PX = 32, 8
+_MAX_VIEWS, _MIN_VIEW_PX = 32, 8
 _LIKELY_VIEW_PX = 24
 """Least side of views in a suggested grid: smaller similar parts belong to a texture."""
 
@@ -107,7 +107,7 @@ def check_division(colours: Bytes, grid: Grid, order: Order) -> None:
 
     Ambiguous pictures, such as those without texture, pass.
     """
-    if min(side // count for side, count in zip(colours.shape, grid, strict=False)) < _LEAST_VIEW_PX:
+    if min(side // count for side, count in zip(colours.shape, grid, strict=False)) < _MIN_VIEW_PX:
         return
     picture = _Picture(np.asarray(cv2.cvtColor(np.ascontiguousarray(colours), cv2.COLOR_RGB2GRAY), np.float32))
     if order == "eslf":
@@ -158,7 +158,7 @@ class _Picture:
         folded = self._folded(count, axis)
         inside = np.arange(1, count + 1) % size > 0
         edges = folded[~inside]
-        return bool(edges.min() > max(float(folded[inside].max()), _LESS_LENS * float(edges.max())))
+        return bool(edges.min() > max(float(folded[inside].max()), _WEAKER_LENS * float(edges.max())))
 
     def _folded(self, count: int, axis: int) -> Grey:
         contrast = self.contrasts[axis]
@@ -176,9 +176,9 @@ class _Picture:
         return texture_repeats(np.ascontiguousarray(grey))
 
     def others(self) -> Iterator[Grid]:
-        """Yield grids with seams, of at most `_MOST_VIEWS` rows and columns."""
-        for rows in range(1, _MOST_VIEWS + 1):
-            for cols in range(1, _MOST_VIEWS + 1):
+        """Yield grids with seams, of at most `_MAX_VIEWS` rows and columns."""
+        for rows in range(1, _MAX_VIEWS + 1):
+            for cols in range(1, _MAX_VIEWS + 1):
                 if rows * cols > 1 and self.divides_into((rows, cols)) and self.seams((rows, cols)) > _SEAM:
                     yield rows, cols
 
@@ -186,40 +186,40 @@ class _Picture:
 def _check_tiles(picture: _Picture, grid: Grid) -> None:
     rows, cols = grid
     views = picture.views(grid, "tiles")
-    alike = _likeness(views)
-    if np.isnan(alike):
+    similarity = _similarity(views)
+    if np.isnan(similarity):
         return
     has_seams = picture.seams(grid) > _NO_SEAM
-    if alike > _UNLIKE and has_seams:
+    if similarity > _DISSIMILAR and has_seams:
         _check_single(picture, grid)
-    unlike = f"tiles of {rows} rows and {cols} columns are not views of one scene"
+    reason = f"tiles of {rows} rows and {cols} columns are not views of one scene"
     lenses = all(picture.lens_contrast(count, axis) > _LENS for axis, count in enumerate(grid) if count > 1)
-    if alike < _UNLIKE and lenses and _likeness(picture.views(grid, "eslf")) > _ALIKE:
-        raise InputError(f"{unlike}: the picture shows lenslets of {cols}x{rows} px, expected a name with _eslf")
+    if similarity < _DISSIMILAR and lenses and _similarity(picture.views(grid, "eslf")) > _SIMILAR:
+        raise InputError(f"{reason}: the picture shows lenslets of {cols}x{rows} px, expected a name with _eslf")
     if picture.is_noisy:
         return
-    others = [each for each in picture.others() if _fits_better(picture, each, grid, alike)]
-    # Tiles of several views each are similar, too: the finest grid is chosen.
-    down, across = max(others, key=lambda each: each[0] * each[1], default=grid)
-    if (down, across) != grid:
-        raise InputError(f"{unlike}: the picture looks like rows = {down}, cols = {across}")
-    if alike < _UNLIKE and not has_seams and _structure(views) > _STRUCTURE:
-        raise InputError(f"{unlike}, expected rows and cols of the views in the picture")
+    others = [candidate for candidate in picture.others() if _fits_better(picture, candidate, grid, similarity)]
+    # Tiles of several views each are similar as well: the finest grid is chosen.
+    best_rows, best_cols = max(others, key=lambda candidate: candidate[0] * candidate[1], default=grid)
+    if (best_rows, best_cols) != grid:
+        raise InputError(f"{reason}: the picture looks like rows = {best_rows}, cols = {best_cols}")
+    if similarity < _DISSIMILAR and not has_seams and _structure(views) > _STRUCTURE:
+        raise InputError(f"{reason}, expected rows and cols of the views in the picture")
 
 
-def _fits_better(picture: _Picture, other: Grid, grid: Grid, alike: float) -> bool:
+def _fits_better(picture: _Picture, other: Grid, grid: Grid, similarity: float) -> bool:
     """Whether another grid than the given one divides a picture into similar views, and the given one does not.
 
-    `alike` is the similarity of the given grid's tiles. If the other grid only divides further, or the given tiles are
-    similar, too, the given grid must have no seams.
+    `similarity` belongs to the given grid's tiles. If the other grid only divides further, or the given tiles are
+    similar as well, the given grid must have no seams.
     """
     divides_further = not any(count % each for count, each in zip(grid, other, strict=True))
-    if alike > _UNLIKE and divides_further:
+    if similarity > _DISSIMILAR and divides_further:
         return False
-    if _likeness(picture.views(other, "tiles")) < _ALIKE or picture.repeats(other, "tiles"):
+    if _similarity(picture.views(other, "tiles")) < _SIMILAR or picture.repeats(other, "tiles"):
         return False
     no_seam = max(_NO_SEAM, _WEAKER_SEAM * picture.seams(other))
-    return (alike < _UNLIKE and not divides_further) or picture.seams(grid, besides=other) < no_seam
+    return (similarity < _DISSIMILAR and not divides_further) or picture.seams(grid, besides=other) < no_seam
 
 
 def _check_single(picture: _Picture, grid: Grid) -> None:
@@ -231,7 +231,7 @@ def _check_single(picture: _Picture, grid: Grid) -> None:
         for each in multiples
         if picture.divides_into(each)
         and picture.seams(each, besides=grid) > _SEAM
-        and _likeness(picture.views(each, "tiles")) > _ALIKE
+        and _similarity(picture.views(each, "tiles")) > _SIMILAR
         and not picture.repeats(each, "tiles")
     ]
     if finer:
@@ -243,30 +243,30 @@ def _check_single(picture: _Picture, grid: Grid) -> None:
 
 
 def _check_lenses(picture: _Picture, grid: Grid) -> None:
-    if picture.seams(grid) > _SEAM and _likeness(picture.views(grid, "tiles")) > _ALIKE:
+    if picture.seams(grid) > _SEAM and _similarity(picture.views(grid, "tiles")) > _SIMILAR:
         raise InputError("the picture shows adjacent views and no lenslets, expected a name without _eslf")
     for axis, (count, key) in enumerate(zip(grid, ("rows", "cols"), strict=True)):
-        if not 1 < count <= _MOST_VIEWS:
+        if not 1 < count <= _MAX_VIEWS:
             continue
         side = picture.grey.shape[axis]
-        counts = [each for each in range(2, _MOST_VIEWS + 1) if side % each == 0 and side // each >= _LIKELY_VIEW_PX]
-        found = {each: picture.lens_contrast(each, axis) for each in sorted({*counts, count})}
-        most = max(found.values())
+        counts = [each for each in range(2, _MAX_VIEWS + 1) if side % each == 0 and side // each >= _LIKELY_VIEW_PX]
+        contrasts = {candidate: picture.lens_contrast(candidate, axis) for candidate in sorted({*counts, count})}
+        strongest = max(contrasts.values())
         # Groups of several lenslets have the same contrast at their edges as one.
-        size = next(each for each, contrast in found.items() if contrast >= _LESS_LENS * most)
-        is_block = 0 in (size % _BLOCK_PX, _BLOCK_PX % size) and most < _CERTAIN
+        size = next(candidate for candidate, contrast in contrasts.items() if contrast >= _WEAKER_LENS * strongest)
+        is_block = 0 in (size % _BLOCK_PX, _BLOCK_PX % size) and strongest < _CERTAIN
         certain = picture.holds_lenses(count, size, axis) if count % size == 0 else not is_block
         certain = certain and not picture.repeats(grid, "eslf")
-        if size != count and most > _LENS and found[count] < _LESS_LENS * most and certain:
+        if size != count and strongest > _LENS and contrasts[count] < _WEAKER_LENS * strongest and certain:
             raise InputError(f"the picture does not show lenslets with {key} = {count}: it looks like {key} = {size}")
 
 
-def _small(view: Any) -> Grey:
+def _reduced(view: Any) -> Grey:
     size = (_SIDE_PX, _SIDE_PX)
     return np.asarray(cv2.resize(np.ascontiguousarray(view), size, interpolation=cv2.INTER_AREA), np.float32)
 
 
-def _likeness(views: Grey) -> float:
+def _similarity(views: Grey) -> float:
     """Median correlation of adjacent views along the axis where it is lower; NaN without texture."""
     rows, cols = views.shape[:2]
     across = [((t, s), (t, s + 1)) for t in range(rows) for s in range(cols - 1)]
@@ -274,19 +274,19 @@ def _likeness(views: Grey) -> float:
     medians = []
     for neighbours in (across, down):
         chosen = np.linspace(0, len(neighbours) - 1, min(_PAIRS, len(neighbours))).astype(int)
-        found = []
-        for one, other in (neighbours[each] for each in chosen):
+        correlations = []
+        for first, second in (neighbours[number] for number in chosen):
             edge = _SIDE_PX // 4
-            middle = _small(views[one])[edge:-edge, edge:-edge]
-            if middle.std() >= 1.0:
-                found.append(cv2.matchTemplate(_small(views[other]), middle, cv2.TM_CCOEFF_NORMED).max())
-        if found:
-            medians.append(float(np.median(found)))
+            central = _reduced(views[first])[edge:-edge, edge:-edge]
+            if central.std() >= 1.0:
+                correlations.append(cv2.matchTemplate(_reduced(views[second]), central, cv2.TM_CCOEFF_NORMED).max())
+        if correlations:
+            medians.append(float(np.median(correlations)))
     return min(medians, default=float("nan"))
 
 
 def _structure(views: Grey) -> float:
     """Median correlation of adjacent pixels in the first views, reduced; 0 for noise."""
-    small = [_small(view) for view in views.reshape(-1, *views.shape[2:])[:_PAIRS]]
+    small = [_reduced(view) for view in views.reshape(-1, *views.shape[2:])[:_PAIRS]]
     found = [np.corrcoef(view[:, 1:].ravel(), view[:, :-1].ravel())[0, 1] for view in small if view.std() > 0]
     return float(np.median(found)) if found else 0.0

@@ -12,9 +12,9 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.light_field.light_field import Views
 
 Item = TypeVar("Item")
-SAME_PX = 1e-6
+NEGLIGIBLE_PX = 1e-6
 """Negligible differences of principal points and focal lengths, for zero disparity at infinity."""
-WITHIN_PX = 0.01
+TOLERANCE_PX = 0.01
 """Tolerance of principal points and focal lengths for views that share a plane of zero disparity."""
 
 
@@ -44,25 +44,25 @@ def views_of_pinholes(
 ) -> Views:
     """Build views of pinholes at positions (t, s, 3) in a world, with matrices (t, s, 3, 3); the world becomes the rig.
 
-    The middle view is the reference. The plane of zero disparity follows from the principal points, which shift by
+    The central view is the reference. The plane of zero disparity follows from the principal points, which shift by
     f x / Z0, and the focal lengths, f (1 - z / Z0). Raises InputError if they are inconsistent.
     """
     rows, cols = centres_mm.shape[:2]
-    middle = (rows // 2, cols // 2)
-    positions = (centres_mm - centres_mm[middle]) @ view_from_world.T
-    positions[middle] = 0.0
-    focal_px, centre = float(matrices[middle][0, 0]), matrices[middle][:2, 2]
+    central = (rows // 2, cols // 2)
+    positions = (centres_mm - centres_mm[central]) @ view_from_world.T
+    positions[central] = 0.0
+    focal_px, centre = float(matrices[central][0, 0]), matrices[central][:2, 2]
     offsets = np.concatenate([matrices[..., :2, 2] - centre, matrices[..., :1, 0] - focal_px], axis=-1)
-    moves = focal_px * positions * [1.0, 1.0, -1.0]
-    inverse = float((offsets * moves).sum() / max(np.square(moves).sum(), np.finfo(float).tiny))
-    if float(np.abs(offsets).max()) < SAME_PX:
+    shifts = focal_px * positions * [1.0, 1.0, -1.0]
+    inverse = float((offsets * shifts).sum() / max(np.square(shifts).sum(), np.finfo(float).tiny))
+    if float(np.abs(offsets).max()) < NEGLIGIBLE_PX:
         inverse = 0.0
-    wrong_px = float(np.abs(offsets - inverse * moves).max())
-    skewed_px = float(np.abs(matrices[..., 1, 1] - matrices[..., 0, 0]).max())
-    if inverse < 0 or max(wrong_px, skewed_px) > WITHIN_PX:
-        reason = f"off by {max(wrong_px, skewed_px):.3g} px" if inverse >= 0 else "none in front of them"
+    error_px = float(np.abs(offsets - inverse * shifts).max())
+    anisotropy_px = float(np.abs(matrices[..., 1, 1] - matrices[..., 0, 0]).max())
+    if inverse < 0 or max(error_px, anisotropy_px) > TOLERANCE_PX:
+        reason = f"off by {max(error_px, anisotropy_px):.3g} px" if inverse >= 0 else "none in front of them"
         raise InputError(f"{where}: views do not share a plane of zero disparity, {reason}")
-    reference = centres_mm[middle]
+    reference = centres_mm[central]
     return Views(
         positions_mm=positions,
         focal_px=focal_px,

@@ -1,4 +1,4 @@
-"""Light fields of a stream on disk, written frame by frame: complete under its name, or a resumable beginning."""
+"""Light fields of a stream, written to disk frame by frame; an interrupted recording can be resumed."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ INDEX = "frames.json"
 
 
 def about(views: Views, source: dict[str, Any], **settings: Any) -> dict[str, Any]:
-    """Build a recording's attributes as JSON: its views and source, and the settings used for decoding."""
+    """Build the attributes of a recording, as for JSON: its views and source, and the settings used for decoding."""
     return {"schema": SCHEMA, "source": source, **settings, "views": fields_of_views(views)}
 
 
@@ -72,13 +72,13 @@ class Entries:
         """Parse the lines of a journal; raises InputError in one line if they are invalid."""
         entries = cls()
         for line in lines:
-            entries.note(line, where)
+            entries.add(line, where)
         numbers = [*entries.numbers, *entries.lost]
         if entries.numbers != sorted(entries.numbers) or len(set(numbers)) != len(numbers):
             raise InputError(f"{where}: numbers of frames do not increase, expected each once and in order")
         return entries
 
-    def note(self, line: Any, where: Path) -> None:
+    def add(self, line: Any, where: Path) -> None:
         """Add a line of the journal; raises InputError if it is invalid."""
         try:
             frame = _Frame.model_validate(line, strict=True)
@@ -107,7 +107,7 @@ class Sink(Protocol):
         """Add the light field at an index that increases without gaps, for frame `number` of the source."""
 
     def close(self, folder: Path, about: dict[str, Any], entries: Entries) -> None:
-        """Write the values that are known only at the end."""
+        """Write what is known only at the end, such as `entries`."""
 
     def read(self, path: Path) -> tuple[dict[str, Any], Entries]:
         """Read the attributes of a recording and its frames, as written by `close`."""
@@ -116,7 +116,7 @@ class Sink(Protocol):
 class Recording:
     """Light fields being written to `path`.
 
-    Until `finish`, they are in `path` + ".partial", with a journal that has a line for every completely written frame.
+    Until `finish`, they are in `path` + ".partial", with a journal of one line per completely written frame.
     Reopened with the same `about`, writing resumes after these frames, and ends in the same bytes as without the
     interruption.
 
@@ -130,7 +130,7 @@ class Recording:
     Raises
     ------
     InputError
-        If `path` or its beginning belongs to another job, or cannot be written.
+        If `path` or its partial folder belongs to another job, or cannot be written.
     """
 
     def __init__(self, path: Path, about: dict[str, Any], sink: Sink) -> None:
@@ -151,7 +151,7 @@ class Recording:
                     f"{path}: exists and holds something else, expected a new name or the same job again: "
                     f"{' and '.join(other)} differ"
                 )
-            # It remains if a run was interrupted between its last two steps.
+            # The journal remains if a run was interrupted after the folder was renamed.
             (path / JOURNAL).unlink(missing_ok=True)
             return
         journal = self._folder / JOURNAL
@@ -171,18 +171,18 @@ class Recording:
             sink.open(self._folder, self._about)
 
     def add(self, frame: Frame, light_field: LightField) -> None:
-        """Write the light field of a frame; it counts once its line is in the journal."""
+        """Write the light field of a frame, then its journal line, which marks it as complete."""
         with self._writing():
             self._sink.write(len(self.entries.numbers), frame.number, light_field)
             self._note({"number": frame.number, "time_s": frame.time_s})
 
-    def lose(self, lost: Lost) -> None:
+    def add_lost(self, lost: Lost) -> None:
         """Record a frame that cannot be used."""
         with self._writing():
             self._note({"number": lost.number, "lost": lost.reason})
 
     def finish(self) -> None:
-        """Give the recording its name; without a frame, remove its beginning and raise NothingDecoded."""
+        """Rename the folder to `path`; if there are no frames, remove it and raise NothingDecoded."""
         self.close()
         if not self.entries.numbers:
             shutil.rmtree(self._folder)
@@ -202,7 +202,7 @@ class Recording:
         assert self._journal is not None
         self._journal.write(json.dumps(line) + "\n")
         self._journal.flush()
-        self.entries.note(line, self._folder / JOURNAL)
+        self.entries.add(line, self._folder / JOURNAL)
 
     @contextmanager
     def _writing(self) -> Iterator[None]:
@@ -294,5 +294,5 @@ class Folders:
             if not isinstance(lines, list):
                 raise InputError(f"{path / INDEX}: no list of frames, expected {name!r} in it")
             for line in lines:
-                entries.note(line, path / INDEX)
+                entries.add(line, path / INDEX)
         return attributes, entries

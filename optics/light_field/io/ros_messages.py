@@ -24,7 +24,7 @@ from mirrorcam.optics.light_field.light_field import LightField, Views
 CAMERA_FRAME = "mirrorcam_camera_optical_frame"
 """Frame `rig`, as named in the URDF of `mirrorcam camera export` and the xacro of `mirrorcam cad`."""
 TF_STATIC, VIEWS_TOPIC, WEIGHTS_TOPIC, POINTS_TOPIC = "/tf_static", "views", "weights", "points"
-SURE = 0.5
+MIN_CONFIDENCE = 0.5
 """Confidence above which a depth is published."""
 M_FROM_MM = 1e-3
 _NS_PER_S = 10**9
@@ -111,7 +111,7 @@ def image(pixels: NDArray[Any], stamp: int, frame_id: str) -> RosMessage:
     """Build a sensor_msgs/msg/Image of pixels (h, w) or (h, w, c), uint8 or float32: rgb8, mono8, 32FC3 or 32FC1."""
     channels = 1 if pixels.ndim == 2 else pixels.shape[2]
     height, width = pixels.shape[:2]
-    little = np.ascontiguousarray(pixels, pixels.dtype.newbyteorder("<"))
+    little_endian = np.ascontiguousarray(pixels, pixels.dtype.newbyteorder("<"))
     fields = {
         "header": header(stamp, frame_id),
         "height": height,
@@ -119,7 +119,7 @@ def image(pixels: NDArray[Any], stamp: int, frame_id: str) -> RosMessage:
         "encoding": encoding_of(pixels.dtype, channels),
         "is_bigendian": 0,
         "step": width * channels * pixels.dtype.itemsize,
-        "data": little.reshape(-1).view(np.uint8),
+        "data": little_endian.reshape(-1).view(np.uint8),
     }
     return RosMessage("sensor_msgs/msg/Image", fields)
 
@@ -153,15 +153,15 @@ def depth_m(depth: DepthMap) -> NDArray[np.float32]:
     `DepthMap.depth_mm` is measured from the camera's pupil, which is not the frame of a view.
     """
     from_view = depth.depth_mm.astype(np.float64) - depth.views.reference_view_depth_mm
-    sure = depth.valid & (depth.confidence > SURE)
-    return np.where(sure, from_view * M_FROM_MM, np.nan).astype(np.float32)
+    confident = depth.valid & (depth.confidence > MIN_CONFIDENCE)
+    return np.where(confident, from_view * M_FROM_MM, np.nan).astype(np.float32)
 
 
 def points_m(depth: DepthMap) -> NDArray[np.float32]:
     """Points (v, u, 3) in metres in the frame of the reference view; NaN where depth is uncertain."""
     z = depth_m(depth)[..., None]
-    across = (depth.views.pixel_grid() - depth.views.centre_px) / depth.views.focal_px
-    return np.concatenate([across.astype(np.float32) * z, z], axis=-1)
+    directions = (depth.views.pixel_grid() - depth.views.centre_px) / depth.views.focal_px
+    return np.concatenate([directions.astype(np.float32) * z, z], axis=-1)
 
 
 def depth_image(depth: DepthMap, stamp: int) -> RosMessage:
@@ -206,14 +206,14 @@ def point_cloud(light_field: LightField, depth: DepthMap, stamp: int) -> RosMess
 
 def tf_static(views: Views, stamp: int) -> RosMessage:
     """Build a tf2_msgs/msg/TFMessage with the frame of every view below the camera's, in metres."""
-    turn = dict(zip("xyzw", Rotation.from_matrix(views.view_from_rig.T).as_quat().tolist(), strict=True))
+    quaternion = dict(zip("xyzw", Rotation.from_matrix(views.view_from_rig.T).as_quat().tolist(), strict=True))
     transforms = []
     for view in np.ndindex(views.rows, views.cols):
-        place = views.reference_view_in_rig_mm + views.positions_mm[view] @ views.view_from_rig
-        place_m = dict(zip("xyz", (place * M_FROM_MM).tolist(), strict=True))
+        position_mm = views.reference_view_in_rig_mm + views.positions_mm[view] @ views.view_from_rig
+        position_m = dict(zip("xyz", (position_mm * M_FROM_MM).tolist(), strict=True))
         transform = {
-            "translation": RosMessage("geometry_msgs/msg/Vector3", place_m),
-            "rotation": RosMessage("geometry_msgs/msg/Quaternion", turn),
+            "translation": RosMessage("geometry_msgs/msg/Vector3", position_m),
+            "rotation": RosMessage("geometry_msgs/msg/Quaternion", quaternion),
         }
         fields = {
             "header": header(stamp, CAMERA_FRAME),

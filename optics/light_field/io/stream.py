@@ -62,7 +62,7 @@ def record(
     more = None if limit is None else max(0, limit - done)
     for item in islice(decoded_ahead(decoder, source, recording.entries.last), more):
         if isinstance(item, Lost):
-            recording.lose(item)
+            recording.add_lost(item)
         else:
             recording.add(*item)
         done += 1

@@ -24,7 +24,7 @@ SEPARATOR_RGB = (255, 255, 255)
 INVALID_RGB = (64, 64, 64)
 RATIOS = (1.0, 0.7, 1.4, 0.5, 2.0)
 """Trial ratios of distances across and down; the one with the smallest picture is chosen."""
-FARTHEST = 1e6
+LARGE_DISTANCE = 1e6
 
 
 def as_bytes(samples: Samples) -> Bytes:
@@ -118,12 +118,13 @@ def _places(light_field: LightField, tile_px: NDArray[np.int64]) -> NDArray[np.i
     if light_field.is_grid:
         t, s = np.indices((light_field.rows, light_field.cols))
         return np.stack([s, t], axis=-1) * tile_px
-    at = light_field.positions_mm[..., :2].reshape(-1, 2) / tile_px
-    apart = np.abs(at[:, None] - at)[~np.eye(len(at), dtype=bool)]
+    positions = light_field.positions_mm[..., :2].reshape(-1, 2) / tile_px
+    distances = np.abs(positions[:, None] - positions)[~np.eye(len(positions), dtype=bool)]
     scales = []
     for ratio in RATIOS:
         # Two tiles are separated along the axis of the larger distance between their views.
-        wide = apart[:, 0] * ratio >= apart[:, 1]
-        scales.append(1.0 / np.array([apart[wide, 0].min(initial=FARTHEST), apart[~wide, 1].min(initial=FARTHEST)]))
-    scale = min(scales, key=lambda scale: float(np.prod(scale * np.ptp(at, axis=0) + 1.0)))
-    return np.ceil((at - at.min(axis=0)) * scale * tile_px).astype(np.int64)[None]
+        across = distances[:, 0] * ratio >= distances[:, 1]
+        least = distances[across, 0].min(initial=LARGE_DISTANCE), distances[~across, 1].min(initial=LARGE_DISTANCE)
+        scales.append(1.0 / np.array(least))
+    scale = min(scales, key=lambda scale: float(np.prod(scale * np.ptp(positions, axis=0) + 1.0)))
+    return np.ceil((positions - positions.min(axis=0)) * scale * tile_px).astype(np.int64)[None]

@@ -13,22 +13,22 @@ from numpy.typing import NDArray
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.light_field.light_field import LightField, Samples
 
-MOST_SIDE_PX = 192
+MAX_SIDE_PX = 192
 """Longest side at which views are compared."""
 CELLS = 8
 """Cells across and down a view, each with its own depth."""
-_CORNERS, _APART_PX, _ROUND_TRIP_PX = 80, 4, 0.3
+_CORNERS, _CORNER_SPACING_PX, _ROUND_TRIP_PX = 80, 4, 0.3
 _ITERATIONS = 12
-_LEAST_CELLS = 4
-_LEAST_MOTION_PX = 0.05
-_LEAST_AGREEMENT, _SURE = 0.8, 0.98
+_MIN_CELLS = 4
+_MIN_MOTION_PX = 0.05
+_MIN_AGREEMENT, _MIN_AGREEMENT_OF_FEW = 0.8, 0.98
 """Least agreement between displacements by either half of the cells, for many and for few pairs."""
 _FEW_PAIRS = 3
-_LEAST_PAIR_PX = 0.3
-"""Least motion of few pairs: cameras of a pair may be misaligned by less."""
-_REPEATED = 0.8
+_MIN_MOTION_OF_FEW_PX = 0.3
+"""Least motion for few pairs; smaller motion may be a misalignment of the cameras."""
+_MAX_CORRELATION = 0.8
 """Correlation of a view with its shifted copy above which its texture repeats, so that motion is ambiguous."""
-_NOT_MOVED_PX, _COARSE_PX = 3.5, 4.0
+_MIN_SHIFT_PX, _COARSE_SIGMA_PX = 3.5, 4.0
 """Shifts ignored for this test, and the sigma of brightness variations that are not texture."""
 Pairs = NDArray[np.intp]
 
@@ -50,16 +50,16 @@ class ViewMotion:
 
 
 def small_views(samples: Samples) -> NDArray[np.uint8]:
-    """Convert views (t, s, v, u, c) to normalised grey (n, v, u), row by row, at most `MOST_SIDE_PX` large."""
+    """Convert views (t, s, v, u, c) to normalised grey (n, v, u), row by row, at most `MAX_SIDE_PX` large."""
     rows, cols, height, width = samples.shape[:4]
-    shrink = max(1.0, max(height, width) / MOST_SIDE_PX)
+    shrink = max(1.0, max(height, width) / MAX_SIDE_PX)
     size = max(1, round(width / shrink)), max(1, round(height / shrink))
-    found = np.empty((rows * cols, size[1], size[0]), np.uint8)
+    small = np.empty((rows * cols, size[1], size[0]), np.uint8)
     for number, (t, s) in enumerate(np.ndindex(rows, cols)):
         grey = cv2.resize(samples[t, s].astype(np.float32).mean(axis=-1), size, interpolation=cv2.INTER_AREA)
         dark, bright = np.percentile(grey, [1.0, 99.0])
-        found[number] = np.clip((grey - dark) * (255.0 / max(float(bright - dark), 1e-6)), 0.0, 255.0)
-    return found
+        small[number] = np.clip((grey - dark) * (255.0 / max(float(bright - dark), 1e-6)), 0.0, 255.0)
+    return small
 
 
 def repeats(light_field: LightField) -> bool:
@@ -70,13 +70,13 @@ def repeats(light_field: LightField) -> bool:
 
 def texture_repeats(grey: NDArray[np.float32]) -> bool:
     """Return whether the texture of a picture (h, w) repeats, as stripes and checkerboards do."""
-    fine = grey - cv2.GaussianBlur(grey, (0, 0), _COARSE_PX)
+    fine = grey - cv2.GaussianBlur(grey, (0, 0), _COARSE_SIGMA_PX)
     down, across = (side // 4 for side in fine.shape)
-    middle = fine[down : fine.shape[0] - down, across : fine.shape[1] - across]
-    alike = cv2.matchTemplate(fine, middle, cv2.TM_CCOEFF_NORMED)
-    row, col = np.ogrid[: alike.shape[0], : alike.shape[1]]
-    moved = np.hypot(row - down, col - across) > _NOT_MOVED_PX
-    return bool(alike[moved].max(initial=0.0) > _REPEATED)
+    central = fine[down : fine.shape[0] - down, across : fine.shape[1] - across]
+    correlation = cv2.matchTemplate(fine, central, cv2.TM_CCOEFF_NORMED)
+    row, col = np.ogrid[: correlation.shape[0], : correlation.shape[1]]
+    shifted = np.hypot(row - down, col - across) > _MIN_SHIFT_PX
+    return bool(correlation[shifted].max(initial=0.0) > _MAX_CORRELATION)
 
 
 def measured_motion(light_field: LightField) -> ViewMotion | None:
@@ -93,20 +93,21 @@ def measured_motion(light_field: LightField) -> ViewMotion | None:
     if not len(pairs) or min(views.shape[1:]) < 2 * CELLS:
         return None
     flow = _flow(views, pairs)
-    seen = np.isfinite(flow[..., 0])
-    if np.median(seen.sum(axis=1)) < _LEAST_CELLS:
+    found = np.isfinite(flow[..., 0])
+    if np.median(found.sum(axis=1)) < _MIN_CELLS:
         return None
-    known = seen.sum(axis=1) >= _LEAST_CELLS
-    flow, seen = np.nan_to_num(flow[known]), seen[known]
-    displacement = _rank_one(flow, seen)
-    half = (np.arange(CELLS)[:, None] + np.arange(CELLS)).ravel() % 2
-    if not (seen[:, half == 0].any() and seen[:, half == 1].any()):
+    known = found.sum(axis=1) >= _MIN_CELLS
+    flow, found = np.nan_to_num(flow[known]), found[known]
+    displacement = _rank_one(flow, found)
+    checker = (np.arange(CELLS)[:, None] + np.arange(CELLS)).ravel() % 2
+    if not (found[:, checker == 0].any() and found[:, checker == 1].any()):
         return None
-    one, other = (_rank_one(flow[:, half == side], seen[:, half == side]) for side in (0, 1))
-    agreement = 2.0 * abs(float(np.sum(one * other))) / max(float(np.sum(one**2) + np.sum(other**2)), 1e-12)
+    black, white = (_rank_one(flow[:, checker == side], found[:, checker == side]) for side in (0, 1))
+    agreement = 2.0 * abs(float(np.sum(black * white))) / max(float(np.sum(black**2) + np.sum(white**2)), 1e-12)
     length = float(np.sqrt(np.mean(np.sum(displacement**2, axis=1))))
     few = len(flow) < _FEW_PAIRS
-    if length < (_LEAST_PAIR_PX if few else _LEAST_MOTION_PX) or agreement < (_SURE if few else _LEAST_AGREEMENT):
+    min_agreement = _MIN_AGREEMENT_OF_FEW if few else _MIN_AGREEMENT
+    if length < (_MIN_MOTION_OF_FEW_PX if few else _MIN_MOTION_PX) or agreement < min_agreement:
         return None
     return ViewMotion(pairs[known], displacement)
 
@@ -116,20 +117,20 @@ def _flow(views: NDArray[np.uint8], pairs: Pairs) -> FloatArray:
     cells = np.full((len(pairs), CELLS * CELLS, 2), np.nan)
     size = np.array([views.shape[2], views.shape[1]])
     corners: dict[int, Any] = {}
-    follow: Any = partial(cv2.calcOpticalFlowPyrLK, winSize=(11, 11), maxLevel=3)
+    track: Any = partial(cv2.calcOpticalFlowPyrLK, winSize=(11, 11), maxLevel=3)
     for index, (one, other) in enumerate(pairs.tolist()):
         if one not in corners:
-            corners[one] = cv2.goodFeaturesToTrack(views[one], _CORNERS, 0.01, _APART_PX)
-        begin = corners[one]
-        if begin is None:
+            corners[one] = cv2.goodFeaturesToTrack(views[one], _CORNERS, 0.01, _CORNER_SPACING_PX)
+        corners_px = corners[one]
+        if corners_px is None:
             continue
-        end, there, _ = follow(views[one], views[other], begin, None)
-        back, again, _ = follow(views[other], views[one], end, None)
-        good = (there.ravel() > 0) & (again.ravel() > 0)
-        good &= np.abs(back - begin).max(axis=(1, 2)) < _ROUND_TRIP_PX
-        start, moved = begin[good, 0], (end - begin)[good, 0]
-        place = np.clip((start * CELLS / size).astype(int), 0, CELLS - 1)
-        cell = place[:, 1] * CELLS + place[:, 0]
+        tracked_px, tracked, _ = track(views[one], views[other], corners_px, None)
+        returned_px, returned, _ = track(views[other], views[one], tracked_px, None)
+        valid = (tracked.ravel() > 0) & (returned.ravel() > 0)
+        valid &= np.abs(returned_px - corners_px).max(axis=(1, 2)) < _ROUND_TRIP_PX
+        start_px, moved = corners_px[valid, 0], (tracked_px - corners_px)[valid, 0]
+        cell_index = np.clip((start_px * CELLS / size).astype(int), 0, CELLS - 1)
+        cell = cell_index[:, 1] * CELLS + cell_index[:, 0]
         count = np.bincount(cell, minlength=CELLS * CELLS)
         total = np.stack([np.bincount(cell, moved[:, axis], CELLS * CELLS) for axis in (0, 1)], axis=1)
         cells[index, count > 0] = (total / np.maximum(count, 1)[:, None])[count > 0]
@@ -142,19 +143,19 @@ def _displacement(flow: FloatArray, factor: FloatArray, weight: FloatArray) -> F
     return np.asarray(np.einsum("pkc,k,pk->pc", flow, factor, weight) / scale[:, None])
 
 
-def _rank_one(flow: FloatArray, seen: NDArray[np.bool_]) -> FloatArray:
+def _rank_one(flow: FloatArray, found: NDArray[np.bool_]) -> FloatArray:
     """Fit displacements (pair, 2), times factors of cells with mean square 1, robustly to a flow.
 
     Their sign follows most cells.
     """
     factor = np.linalg.svd(flow.transpose(0, 2, 1).reshape(-1, flow.shape[1]), full_matrices=False)[2][0]
-    weight = seen.astype(np.float64)
+    weight = found.astype(np.float64)
     for _ in range(_ITERATIONS):
         displacement = _displacement(flow, factor, weight)
-        square = np.maximum(np.einsum("pc,pk->k", displacement**2, weight), 1e-9)
-        factor = np.einsum("pkc,pc,pk->k", flow, displacement, weight) / square
-        size = max(float(np.sqrt(np.mean(factor[seen.any(axis=0)] ** 2))), 1e-9)
-        factor = factor * np.copysign(1.0 / size, (factor * weight.sum(axis=0)).sum())
-        apart = np.linalg.norm(flow - factor[:, None] * _displacement(flow, factor, weight)[:, None], axis=2)
-        weight = seen / (1.0 + (apart / max(2.0 * float(np.median(apart[seen])), 0.02)) ** 2)
+        scale = np.maximum(np.einsum("pc,pk->k", displacement**2, weight), 1e-9)
+        factor = np.einsum("pkc,pc,pk->k", flow, displacement, weight) / scale
+        rms = max(float(np.sqrt(np.mean(factor[found.any(axis=0)] ** 2))), 1e-9)
+        factor = factor * np.copysign(1.0 / rms, (factor * weight.sum(axis=0)).sum())
+        deviation = np.linalg.norm(flow - factor[:, None] * _displacement(flow, factor, weight)[:, None], axis=2)
+        weight = found / (1.0 + (deviation / max(2.0 * float(np.median(deviation[found])), 0.02)) ** 2)
     return _displacement(flow, factor, weight)

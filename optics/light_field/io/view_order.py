@@ -24,17 +24,17 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.light_field.io.view_motion import ViewMotion, measured_motion, repeats
 from mirrorcam.optics.light_field.light_field import LightField
 
-_FITS, _MISFITS = 0.35, 0.6
-"""Errors of a motion, in steps, that an order explains, and that contradict it."""
-_LONGER = 0.2
+_MAX_ERROR, _CONTRADICTION = 0.35, 0.6
+"""Largest error of a motion, in steps, that an order explains, and least error that contradicts it."""
+_ERROR_PER_STEP = 0.2
 """Additional tolerance, in steps, for each further step between two views: small steps are biased."""
-_LEAST_SHARE = 0.75
+_MIN_SHARE = 0.75
 """Least share of the pairs of views that an order must explain."""
-_RIVAL = 0.1
+_MIN_COST_DIFFERENCE = 0.1
 """Least difference of mean errors for one order to be certainly better."""
-_LEAST_STEP = 0.2
+_MIN_STEP = 0.2
 """Least ratio of the steps along the two axes."""
-_EVEN = 1e-6
+_EVEN_TOLERANCE = 1e-6
 """Deviation from an even grid, in steps, that rounding explains."""
 _NUMBER = r"(-?[0-9]{1,12}(?:\.[0-9]{1,20})?)"
 _COUNT = r"([0-9]{1,9})"
@@ -44,8 +44,8 @@ UNPLACED = re.compile(rf"(?:.*_)?{_COUNT}_{_COUNT}", re.DOTALL)
 # Not parts of longer numbers; a negative number's minus sign follows an underscore.
 _WORD = re.compile(r"(?<![0-9])(?<!_-)[0-9]{1,9}(?![0-9])|(?<=_)-[0-9]{1,9}(?![0-9])")
 _NO_WORD = -(10**10)
-_MOST_WORDS = 8
-"""Number of numbers at the end of a name that are considered."""
+_MAX_WORDS = 8
+"""Largest number of numbers considered, from the end of a name."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,16 +80,16 @@ class _Fit:
         # For a single row or column, the other axis has no step.
         steps = np.where(np.isnan(steps), steps[::-1], steps)
         expected = moved * steps
-        size = max(float(np.sqrt(np.mean(steps**2))), 1e-9)
-        further = np.maximum(np.linalg.norm(expected, axis=1) / size - 1.0, 0.0)
-        apart = np.linalg.norm(motion.displacement_px - expected, axis=1) / size
-        return cls(steps, expected, apart / (1.0 + _LONGER * further))
+        step_px = max(float(np.sqrt(np.mean(steps**2))), 1e-9)
+        extra_steps = np.maximum(np.linalg.norm(expected, axis=1) / step_px - 1.0, 0.0)
+        error = np.linalg.norm(motion.displacement_px - expected, axis=1) / step_px
+        return cls(steps, expected, error / (1.0 + _ERROR_PER_STEP * extra_steps))
 
     @property
     def holds(self) -> bool:
         """Whether the order explains nearly all pairs."""
-        least, most = np.sort(np.abs(self.steps_px))
-        return bool(np.mean(self.errors < _FITS) >= _LEAST_SHARE and least > _LEAST_STEP * most)
+        smaller, larger = np.sort(np.abs(self.steps_px))
+        return bool(np.mean(self.errors < _MAX_ERROR) >= _MIN_SHARE and smaller > _MIN_STEP * larger)
 
     @property
     def cost(self) -> float:
@@ -107,8 +107,8 @@ class _Fit:
         differ = np.linalg.norm(self.displacement_px - other.displacement_px, axis=1) > 0.5 * size
         if not self.holds or not differ.any():
             return False
-        apart = [fit.errors[differ] * float(np.sqrt(np.mean(fit.steps_px**2))) / size for fit in (self, other)]
-        return bool(np.mean(apart[0] < _FITS) >= _LEAST_SHARE and np.median(apart[1]) > _MISFITS)
+        errors = [fit.errors[differ] * float(np.sqrt(np.mean(fit.steps_px**2))) / size for fit in (self, other)]
+        return bool(np.mean(errors[0] < _MAX_ERROR) >= _MIN_SHARE and np.median(errors[1]) > _CONTRADICTION)
 
 
 def in_order(light_field: LightField, *, may_change: bool = True) -> tuple[LightField, str | None]:
@@ -126,31 +126,31 @@ def in_order(light_field: LightField, *, may_change: bool = True) -> tuple[Light
         return light_field, None
     places, is_even = _given_places(light_field)
     given = _Fit.of(motion, places)
-    if given.holds and not given.is_mirrored and (given.errors < _MISFITS).all():
+    if given.holds and not given.is_mirrored and (given.errors < _CONTRADICTION).all():
         return light_field, None
     grid = light_field.rows, light_field.cols
     orders = list(_orders(grid)) if is_even else [_Order("with x and y exchanged", grid, places[:, ::-1])]
     fits = [(order, fit) for order in orders if (fit := _Fit.of(motion, order.places)).beats(given)]
-    fits.sort(key=lambda each: each[1].cost)
-    likely = [(order, fit) for order, fit in fits if fit.cost < fits[0][1].cost + _RIVAL]
+    fits.sort(key=lambda pair: pair[1].cost)
+    likely = [(order, fit) for order, fit in fits if fit.cost < fits[0][1].cost + _MIN_COST_DIFFERENCE]
     upright = [order for order, fit in likely if not fit.is_mirrored]
     if may_change and len(likely) == len(upright) == 1 and is_even and upright[0].grid in (grid, grid[::-1]):
         return _rearranged(light_field, upright[0]), f"the pictures show that views are {upright[0].name}: reordered"
-    wanted = "expected row by row from the top left; rename or reorder the pictures"
+    expected = "expected row by row from the top left; rename or reorder the pictures"
     if upright:
-        raise InputError(f"the pictures show that views are {upright[0].name}, {wanted}")
+        raise InputError(f"the pictures show that views are {upright[0].name}, {expected}")
     if given.holds and given.is_mirrored:
         if repeats(light_field):
             return light_field, "rows may run upwards, or columns leftwards: the repeating texture is ambiguous"
-        raise InputError(f"the pictures show that rows run upwards, or columns leftwards, {wanted}")
+        raise InputError(f"the pictures show that rows run upwards, or columns leftwards, {expected}")
     if fits:
         raise InputError(
-            f"the pictures show that views are {fits[0][0].name}, and rows run upwards or columns leftwards, {wanted}"
+            f"the pictures show that views are {fits[0][0].name}, and rows run upwards or columns leftwards, {expected}"
         )
-    shuffled = _sorted(motion, grid) if is_even else None
-    if shuffled is not None and _Fit.of(motion, shuffled).beats(given):
-        wrong = int((np.abs(shuffled - places).max(axis=1) > 0.5).sum())
-        raise InputError(f"the pictures show {wrong} of {len(places)} views at other places of the grid, {wanted}")
+    measured = _measured_places(motion, grid) if is_even else None
+    if measured is not None and _Fit.of(motion, measured).beats(given):
+        wrong = int((np.abs(measured - places).max(axis=1) > 0.5).sum())
+        raise InputError(f"the pictures show {wrong} of {len(places)} views at other places of the grid, {expected}")
     return light_field, None
 
 
@@ -164,16 +164,16 @@ def _given_places(light_field: LightField) -> tuple[FloatArray, bool]:
     fitted = np.linalg.lstsq(design, positions, rcond=None)[0]
     steps = np.diag(fitted[:2])
     step = float(np.abs(steps).max())
-    is_even = bool(np.abs(design @ fitted - positions).max() < _EVEN * step and (steps >= 0).all())
-    is_even &= bool(np.abs(fitted[[0, 1], [1, 0]]).max() < _EVEN * step)
-    return (index, True) if is_even else (positions / max(_nearest(positions), 1e-9), False)
+    is_even = bool(np.abs(design @ fitted - positions).max() < _EVEN_TOLERANCE * step and (steps >= 0).all())
+    is_even &= bool(np.abs(fitted[[0, 1], [1, 0]]).max() < _EVEN_TOLERANCE * step)
+    return (index, True) if is_even else (positions / max(_spacing(positions), 1e-9), False)
 
 
-def _nearest(positions: FloatArray) -> float:
+def _spacing(positions: FloatArray) -> float:
     """Median distance of places (n, 2) to their nearest neighbours."""
-    apart = np.linalg.norm(positions[:, None] - positions, axis=-1)
-    np.fill_diagonal(apart, np.inf)
-    return float(np.median(apart.min(axis=1)))
+    distances = np.linalg.norm(positions[:, None] - positions, axis=-1)
+    np.fill_diagonal(distances, np.inf)
+    return float(np.median(distances.min(axis=1)))
 
 
 def _orders(grid: tuple[int, int]) -> Iterator[_Order]:
@@ -201,7 +201,7 @@ def _places(number: NDArray[np.int_], length: int, *, snake: bool = False) -> Fl
     return np.stack([np.where(snake & (line % 2 == 1), length - 1 - place, place), line], axis=1).astype(np.float64)
 
 
-def _sorted(motion: ViewMotion, grid: tuple[int, int]) -> FloatArray | None:
+def _measured_places(motion: ViewMotion, grid: tuple[int, int]) -> FloatArray | None:
     """Column and row (n, 2) of each view by its measured position; None if the views are not connected."""
     count = grid[0] * grid[1]
     graph = np.zeros((len(motion.pairs), count))
@@ -209,13 +209,13 @@ def _sorted(motion: ViewMotion, grid: tuple[int, int]) -> FloatArray | None:
     graph[index, motion.pairs[:, 0]], graph[index, motion.pairs[:, 1]] = -1.0, 1.0
     if np.linalg.matrix_rank(graph) < count - 1:
         return None
-    found = np.linalg.lstsq(graph, motion.displacement_px, rcond=None)[0]
+    positions = np.linalg.lstsq(graph, motion.displacement_px, rcond=None)[0]
     t, s = np.indices(grid)
-    if float(np.sum(found * np.stack([s, t], axis=-1).reshape(-1, 2))) < 0:
-        found = -found  # nearer or farther than the plane of zero disparity
+    if float(np.sum(positions * np.stack([s, t], axis=-1).reshape(-1, 2))) < 0:
+        positions = -positions  # nearer or farther than the plane of zero disparity
     places = np.empty((count, 2))
-    for column, members in enumerate(np.argsort(found[:, 0], kind="stable").reshape(grid[1], grid[0])):
-        places[members[np.argsort(found[members, 1], kind="stable")]] = [[column, row] for row in range(grid[0])]
+    for column, members in enumerate(np.argsort(positions[:, 0], kind="stable").reshape(grid[1], grid[0])):
+        places[members[np.argsort(positions[members, 1], kind="stable")]] = [[column, row] for row in range(grid[0])]
     return places
 
 
@@ -225,8 +225,8 @@ def _rearranged(light_field: LightField, order: _Order) -> LightField:
     count = rows * cols
     source = np.empty(count, np.intp)
     source[(order.places[:, 1] * cols + order.places[:, 0]).astype(np.intp)] = np.arange(count)
-    own = light_field.positions_mm[..., :2].reshape(-1, 2)
-    steps = np.ptp(own, axis=0) / np.maximum([light_field.cols - 1, light_field.rows - 1], 1)
+    positions = light_field.positions_mm[..., :2].reshape(-1, 2)
+    steps = np.ptp(positions, axis=0) / np.maximum([light_field.cols - 1, light_field.rows - 1], 1)
     steps = np.where(steps > 0, steps, steps[::-1])
     t, s = np.indices((rows, cols))
     places = np.stack([(s - cols // 2) * steps[0], (t - rows // 2) * steps[1], 0.0 * s], axis=-1)
@@ -263,7 +263,7 @@ def has_named_views(files: Sequence[Path]) -> bool:
     """Return whether pictures are named as views: NAME_ROW_COLUMN, or with numbers that form a grid."""
     if any(PLACED.fullmatch(file.stem) or UNPLACED.fullmatch(file.stem) for file in files):
         return True
-    return any(_is_plane(views) for views in _grids(files))
+    return any(_is_plane(views) for views in _named_grids(files))
 
 
 def named_views(folder: Path, files: Sequence[Path]) -> NamedViews:
@@ -282,12 +282,12 @@ def named_views(folder: Path, files: Sequence[Path]) -> NamedViews:
     ]
     found, complaints = [], []
     for names in (placed, unplaced):
-        views = _grid(names) if names else "has no pictures NAME_ROW_COLUMN_Y_X"
+        views = _named_grid(names) if names else "has no pictures NAME_ROW_COLUMN_Y_X"
         if isinstance(views, str):
             complaints += [views] if names else []
         else:
             found.append(views)
-    found += _grids(files)
+    found += _named_grids(files)
     if not found:
         raise InputError(f"{folder}: {complaints[0] if complaints else 'has no pictures NAME_ROW_COLUMN_Y_X'}")
     planes = [views for views in found if _is_plane(views)]
@@ -305,23 +305,25 @@ def _is_plane(views: NamedViews) -> bool:
     return min(views.grid) > 1
 
 
-def _grids(files: Sequence[Path]) -> Iterator[NamedViews]:
+def _named_grids(files: Sequence[Path]) -> Iterator[NamedViews]:
     """Yield grids of several rows and columns formed by two numbers of the names, those nearest to the end first."""
-    words = [[int(word) for word in reversed(_WORD.findall(file.stem))][:_MOST_WORDS] for file in files]
-    numbers = np.array([each + [_NO_WORD] * (_MOST_WORDS - len(each)) for each in words]).reshape(-1, _MOST_WORDS)
-    for col in range(_MOST_WORDS):
-        for row in range(col + 1, _MOST_WORDS):
-            having = np.flatnonzero(numbers[:, row] > _NO_WORD)
-            pairs = numbers[having][:, [row, col]]
+    words = [[int(word) for word in reversed(_WORD.findall(file.stem))][:_MAX_WORDS] for file in files]
+    numbers = np.array([each + [_NO_WORD] * (_MAX_WORDS - len(each)) for each in words]).reshape(-1, _MAX_WORDS)
+    for col in range(_MAX_WORDS):
+        for row in range(col + 1, _MAX_WORDS):
+            named = np.flatnonzero(numbers[:, row] > _NO_WORD)
+            pairs = numbers[named][:, [row, col]]
             # A quick test for folders of many pictures: a grid has as many as its numbers span.
             if len(pairs) < 4 or np.prod(np.ptp(pairs, axis=0) + 1.0) != len(pairs):
                 continue
-            views = _grid([_Named(files[at], *pair) for at, pair in zip(having.tolist(), pairs.tolist(), strict=True)])
+            views = _named_grid(
+                [_Named(files[at], *pair) for at, pair in zip(named.tolist(), pairs.tolist(), strict=True)]
+            )
             if not isinstance(views, str) and _is_plane(views):
                 yield views
 
 
-def _grid(names: Sequence[_Named]) -> NamedViews | str:
+def _named_grid(names: Sequence[_Named]) -> NamedViews | str:
     """Return views at all rows and columns from the first (0, 1 or negative), or the reason why they form no grid."""
     numbers = np.array([(name.row, name.col) for name in names])
     first, last = (tuple(ends.tolist()) for ends in (numbers.min(axis=0), numbers.max(axis=0)))
@@ -337,8 +339,8 @@ def _grid(names: Sequence[_Named]) -> NamedViews | str:
     rows, cols = (1 + max(index[axis] for index in found) for axis in (0, 1))
     if len(found) != rows * cols:
         missing = next((row, col) for row in range(rows) for col in range(cols) if (row, col) not in found)
-        at = missing[0] + first[0], missing[1] + first[1]
-        return f"lacks view {at}, expected NAME_ROW_COLUMN pictures of all {rows}x{cols}"
+        view = missing[0] + first[0], missing[1] + first[1]
+        return f"lacks view {view}, expected NAME_ROW_COLUMN pictures of all {rows}x{cols}"
     order = [found[index] for index in np.ndindex(rows, cols)]
     places = [name.place for name in order if name.place is not None]
     return NamedViews(

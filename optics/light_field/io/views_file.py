@@ -23,12 +23,12 @@ from mirrorcam.optics.light_field.light_field import LightField, Views
 
 SCHEMA = "mirrorcam.views/1"
 VIEWS = "views.json"
-LARGEST_SIDE_PX = 100_000
+MAX_SIDE_PX = 100_000
 ROUNDING = 1e-3
 """Tolerance for weights above 1, by rounding in other programs."""
-LARGEST_LENGTH = 1e9
+MAX_LENGTH = 1e9
 """Largest length, mm or px; larger ones would overflow in products."""
-_Margin = Annotated[int, Field(ge=0, le=LARGEST_SIDE_PX)]
+_Margin = Annotated[int, Field(ge=0, le=MAX_SIDE_PX)]
 
 
 def fields_of_views(views: Views) -> dict[str, Any]:
@@ -78,8 +78,8 @@ def _number(given: Mapping[str, Any], name: str) -> float:
 
 def _count(given: Mapping[str, Any], name: str) -> int:
     number = _number(given, name)
-    if not (1 <= number <= LARGEST_SIDE_PX and number.is_integer()):
-        raise ValueError(f"{name} is {number:g}, expected a whole number from 1 to {LARGEST_SIDE_PX}")
+    if not (1 <= number <= MAX_SIDE_PX and number.is_integer()):
+        raise ValueError(f"{name} is {number:g}, expected a whole number from 1 to {MAX_SIDE_PX}")
     return int(number)
 
 
@@ -90,10 +90,10 @@ def _is_infinity(given: Mapping[str, Any]) -> bool:
 def _check_plausible(views: Views) -> None:
     """Raise ValueError for implausible views: excessive lengths, no rotation, no single reference, a bad identity."""
     lengths = (views.positions_mm, views.centre_px, views.reference_view_in_rig_mm, views.focal_px)
-    if max(float(np.abs(each).max()) for each in lengths) > LARGEST_LENGTH:
-        raise ValueError(f"a length of more than {LARGEST_LENGTH:g} mm or px")
-    turn = views.view_from_rig
-    if np.abs(turn @ turn.T - np.eye(3)).max() > 1e-6 or np.linalg.det(turn) < 0:
+    if max(float(np.abs(each).max()) for each in lengths) > MAX_LENGTH:
+        raise ValueError(f"a length of more than {MAX_LENGTH:g} mm or px")
+    rotation = views.view_from_rig
+    if np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-6 or np.linalg.det(rotation) < 0:
         raise ValueError("view_from_rig is no rotation")
     if np.count_nonzero((views.positions_mm == 0).all(axis=2)) != 1:
         raise ValueError("positions_mm are zero for none or several views, expected one reference view")
@@ -103,10 +103,10 @@ def _check_plausible(views: Views) -> None:
 
 def check_weights(weights: Any) -> None:
     """Raise InputError for weights (t, s, v, u) outside 0 to 1, or all zero."""
-    least, most = (weights.min(), weights.max()) if weights.size else (0.0, 0.0)
-    if not (least >= 0 and most <= 1 + ROUNDING):
+    lowest, highest = (weights.min(), weights.max()) if weights.size else (0.0, 0.0)
+    if not (lowest >= 0 and highest <= 1 + ROUNDING):
         raise InputError("weights lie outside 0 to 1")
-    if most == 0:
+    if highest == 0:
         raise InputError("weights are all zero, expected samples")
 
 
@@ -154,25 +154,25 @@ def read_views(path: Path) -> tuple[Views, ViewsFile] | None:
 
 
 def parallel_views(
-    places_mm: FloatArray,
+    positions_mm: FloatArray,
     size: tuple[int, int],
     focal_px: float,
     distance_mm: float,
     centre_px: FloatArray | None = None,
 ) -> Views:
-    """Build views (t, s) at places (t, s, 2), x and y, in a plane, which see equal points of the plane at a distance.
+    """Build views at coplanar positions (t, s, 2), x and y, that coincide on the plane at `distance_mm`.
 
-    The middle view is the reference, with the pupil in it; `size` is width and height in px. The default principal
-    point is the middle of the reference view.
+    The central view is the reference, with the pupil in it; `size` is width and height in px. The default principal
+    point is the centre of the view.
     """
-    rows, cols = places_mm.shape[:2]
+    rows, cols = positions_mm.shape[:2]
     positions = np.zeros((rows, cols, 3))
-    positions[..., :2] = places_mm - places_mm[rows // 2, cols // 2]
-    middle = np.array([(size[0] - 1) / 2.0, (size[1] - 1) / 2.0])
+    positions[..., :2] = positions_mm - positions_mm[rows // 2, cols // 2]
+    picture_centre = np.array([(size[0] - 1) / 2.0, (size[1] - 1) / 2.0])
     return Views(
         positions_mm=positions,
         focal_px=focal_px,
-        centre_px=middle if centre_px is None else centre_px,
+        centre_px=picture_centre if centre_px is None else centre_px,
         width_px=size[0],
         height_px=size[1],
         reference_depth_mm=distance_mm,
@@ -184,7 +184,7 @@ def parallel_views(
 
 def even_views(path: Path, assumed: Assumed, grid: tuple[int, int], size: tuple[int, int]) -> Views:
     """Build views (rows, cols) with even steps, as assumed for the light field at a path."""
-    down, across = np.meshgrid(np.arange(grid[0]), np.arange(grid[1]), indexing="ij")
+    t, s = np.meshgrid(np.arange(grid[0]), np.arange(grid[1]), indexing="ij")
     step_mm, focal_px, distance_mm = assumed.need(path, "step_mm", "focal_px", "reference_depth_mm")
-    places = np.stack([across, down], axis=-1).astype(np.float64) * step_mm
+    places = np.stack([s, t], axis=-1).astype(np.float64) * step_mm
     return parallel_views(places, size, focal_px, distance_mm)

@@ -19,7 +19,7 @@ from mirrorcam.optics.light_field.light_field import LightField
 DIMENSIONS = ("frame", "t", "s", "v", "u", "c")
 GROWTH_FRAMES = 256
 """Number of frames by which the array grows during writing."""
-MOST_FRAMES = 10_000_000
+MAX_FRAMES = 10_000_000
 """Largest number of frames of a recording that is read: days of video."""
 
 
@@ -100,7 +100,7 @@ class ZarrSink:
 def _frame_array(path: Path, name: str, kind: str) -> Any:
     """Return an array with a number per frame."""
     array = ZarrArray(path, name)
-    if len(array.shape) != 1 or array.dtype != kind or array.shape[0] > MOST_FRAMES:
+    if len(array.shape) != 1 or array.dtype != kind or array.shape[0] > MAX_FRAMES:
         raise InputError(f"{path}: {name} is {array.dtype} of shape {array.shape[:8]}, expected {kind} (frame,)")
     return array.read()
 
@@ -109,6 +109,7 @@ class StoredLightFields(StoredFrames):
     """The light fields of a recording in Zarr, each read on access.
 
     An interrupted recording (NAME.partial) holds its complete frames.
+
     Attributes
     ----------
     numbers, times_s
@@ -129,8 +130,8 @@ class StoredLightFields(StoredFrames):
         self._is_weighted_in_full = weights.is_complete
         views = self.about.get("views")
         empty = np.zeros(self._samples.shape[1:], dtype=self._samples.dtype)
-        given = {**(views if isinstance(views, dict) else {}), "samples": empty, "weights": weights.read()}
-        self._empty = light_field_of_fields(given, str(path))
+        fields = {**(views if isinstance(views, dict) else {}), "samples": empty, "weights": weights.read()}
+        self._empty = light_field_of_fields(fields, str(path))
 
     def _check_shapes(self, weights: ZarrArray, *, is_cut_off: bool) -> None:
         """Raise InputError if arrays are inconsistent, or a frame is not a single chunk that fits into memory."""

@@ -30,18 +30,18 @@ from mirrorcam.optics.light_field.features.patches import ImagePyramid, Template
 from mirrorcam.optics.light_field.features.slope import Geometry, agreeing_views, fit_slope, moderated_variance
 from mirrorcam.optics.light_field.light_field import LightField
 
-LEAST_ALIKE = 0.8
-PRIOR_FREEDOM = 4.0
+MIN_CORRELATION = 0.8
+PRIOR_DEGREES_OF_FREEDOM = 4.0
 ROUNDS = 12
 # Squared error of three components, in typical variances, above which a landmark is an outlier.
 OUTLIER = 16.0
 MEDIAN_OF_THREE = 2.366
 """Median of the chi-squared distribution of three degrees of freedom."""
-LEAST_LANDMARKS = 8
+MIN_LANDMARKS = 8
 CELLS = 7
 TRIALS = 256
 SAMPLE = 3
-LEAST_INLIERS = 8
+MIN_INLIERS = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +92,7 @@ class Seen:
     Attributes
     ----------
     valid
-        Whether (n,) they are visible; other values are undefined where not.
+        Mask (n,) of the visible ones; the other values are undefined elsewhere.
     directions, covariance
         Directions (n, 2) and covariances (n, 2, 2).
     inverse_mm, sigma_per_mm, shape_sigma_per_mm, shapes
@@ -145,24 +145,24 @@ def see(
     start[~shown_by_views(frame.inner, start)] = np.nan
     distance = 1.0 / np.maximum(inverse_mm, 1e-6)
     aligned = align(frame.pyramid, given, views, start, geometry.across_mm, distance, run, warp)
-    sure = (aligned.alike >= LEAST_ALIKE) & shown_by_views(frame.inner, aligned.pixels)
-    seen_px = np.where(sure[..., None], aligned.pixels, np.nan)
+    matching = (aligned.correlation >= MIN_CORRELATION) & shown_by_views(frame.inner, aligned.pixels)
+    seen_px = np.where(matching[..., None], aligned.pixels, np.nan)
     mean = np.trace(aligned.precision, axis1=1, axis2=2) / 2.0
     precision = aligned.precision / mean[:, None, None]
     used = agreeing_views(geometry, seen_px, inverse_mm, precision, max_distance_px)
-    solved = fit_slope(geometry, seen_px, used, inverse_mm, precision)
-    usual = moderated_variance(solved.squares_px2, solved.freedom, PRIOR_FREEDOM)
-    noise = np.maximum(usual, aligned.variance / mean)
+    fit = fit_slope(geometry, seen_px, used, inverse_mm, precision)
+    typical = moderated_variance(fit.squares_px2, fit.freedom, PRIOR_DEGREES_OF_FREEDOM)
+    noise = np.maximum(typical, aligned.variance / mean)
     focal = geometry.focal_px[geometry.reference]
-    # The patch's own noise shifts all views alike; the views' noise averages out.
-    times = 1.0 + 1.0 / np.maximum(used.sum(axis=0), 1)
-    valid = (used.sum(axis=0) > len(views) // 2) & (solved.inverse_mm > 0)
-    variance = noise / np.where(valid, solved.information, 1.0)
+    # The patch's own noise shifts all views equally; the views' noise averages out.
+    patch_factor = 1.0 + 1.0 / np.maximum(used.sum(axis=0), 1)
+    valid = (used.sum(axis=0) > len(views) // 2) & (fit.inverse_mm > 0)
+    variance = noise / np.where(valid, fit.information, 1.0)
     return Seen(
         valid=valid,
-        directions=solved.directions,
-        covariance=(noise * times)[:, None, None] * np.linalg.inv(precision) / focal**2,
-        inverse_mm=solved.inverse_mm,
+        directions=fit.directions,
+        covariance=(noise * patch_factor)[:, None, None] * np.linalg.inv(precision) / focal**2,
+        inverse_mm=fit.inverse_mm,
         sigma_per_mm=np.sqrt(variance),
         shape_sigma_per_mm=np.sqrt(aligned.shape_covariance[:, 0, 0]) / focal,
         shapes=aligned.shapes,
@@ -196,54 +196,57 @@ class PoseFit:
 
 def predicted(landmarks: Landmarks, frame_from_key: FloatArray) -> tuple[FloatArray, FloatArray, PatchWarp]:
     """Predict directions (n, 2) and inverse distances (n,) of landmarks in a frame, and the warp of their patches."""
-    turn, shift = frame_from_key[:3, :3], frame_from_key[:3, 3]
+    rotation, translation = frame_from_key[:3, :3], frame_from_key[:3, 3]
     homogeneous = np.concatenate([landmarks.directions, np.ones((len(landmarks.directions), 1))], axis=1)
-    q = homogeneous @ turn.T + landmarks.inverse_mm[:, None] * shift
-    ahead = np.where(q[:, 2] > 0, q[:, 2], np.nan)
-    directions = q[:, :2] / ahead[:, None]
-    by_direction = turn[:, :2] + shift[:, None] * landmarks.shapes[:, None, :2]
-    linear = (by_direction[:, :2] - directions[:, :, None] * by_direction[:, 2:]) / ahead[:, None, None]
-    bent = landmarks.shapes.copy()
-    bent[:, :2] = 0.0
-    return directions, landmarks.inverse_mm / ahead, PatchWarp(linear, moved_mm(directions, ahead, shift), bent)
+    q = homogeneous @ rotation.T + landmarks.inverse_mm[:, None] * translation
+    depth = np.where(q[:, 2] > 0, q[:, 2], np.nan)
+    directions = q[:, :2] / depth[:, None]
+    by_direction = rotation[:, :2] + translation[:, None] * landmarks.shapes[:, None, :2]
+    linear = (by_direction[:, :2] - directions[:, :, None] * by_direction[:, 2:]) / depth[:, None, None]
+    curvatures = landmarks.shapes.copy()
+    curvatures[:, :2] = 0.0
+    warp = PatchWarp(linear, moved_mm(directions, depth, translation), curvatures)
+    return directions, landmarks.inverse_mm / depth, warp
 
 
-def moved_mm(directions: FloatArray, ahead: FloatArray, shift: FloatArray) -> FloatArray:
+def moved_mm(directions: FloatArray, depth: FloatArray, translation: FloatArray) -> FloatArray:
     """Motion (n, 2), mm, of a view across directions (n, 2) by a shift (3,), for landmarks at q_z (n,)."""
-    return np.asarray((shift[:2] - directions * shift[2]) / ahead[:, None])
+    return np.asarray((translation[:2] - directions * translation[2]) / depth[:, None])
 
 
 def fit_pose(landmarks: Landmarks, seen: Seen, frame_from_key: FloatArray, sigmas: SharedErrors) -> PoseFit | None:
     """Refine a pose to best explain observed landmarks; None if too few agree."""
     pose, used = frame_from_key, seen.valid
-    normal, weighted, usual = np.eye(6), np.zeros((0, 6)), 1.0
+    normal, weighted, typical = np.eye(6), np.zeros((0, 6)), 1.0
     for _ in range(ROUNDS):
-        rest, jacobian, by_w, weight = _equations(landmarks, seen, pose)
-        square = ((weight @ rest[:, :, None])[..., 0] * rest).sum(axis=1)
-        candidates = seen.valid & np.isfinite(square)
-        if candidates.sum() < LEAST_LANDMARKS:
+        residuals, jacobian, by_w, weight = _equations(landmarks, seen, pose)
+        squares = ((weight @ residuals[:, :, None])[..., 0] * residuals).sum(axis=1)
+        candidates = seen.valid & np.isfinite(squares)
+        if candidates.sum() < MIN_LANDMARKS:
             return None
-        usual = max(float(np.median(square[candidates])) / MEDIAN_OF_THREE, 1.0)
-        used = candidates & (square < OUTLIER * usual)
-        if used.sum() < LEAST_LANDMARKS:
+        typical = max(float(np.median(squares[candidates])) / MEDIAN_OF_THREE, 1.0)
+        used = candidates & (squares < OUTLIER * typical)
+        if used.sum() < MIN_LANDMARKS:
             return None
-        robust = 1.0 / (1.0 + square[used] / (OUTLIER * usual))
+        robust = 1.0 / (1.0 + squares[used] / (OUTLIER * typical))
         # Stack the rows of all landmarks: matrix products are faster than sums over four indices.
         weighted = ((weight[used] * robust[:, None, None]) @ jacobian[used]).reshape(-1, 6)
         normal = weighted.T @ jacobian[used].reshape(-1, 6)
-        step = np.linalg.solve(normal, weighted.T @ rest[used].ravel())
+        step = np.linalg.solve(normal, weighted.T @ residuals[used].ravel())
         pose = rigid(Rotation.from_rotvec(step[3:]).as_matrix(), step[:3]) @ pose
         if np.abs(step).max() < 1e-9:
             break
     # Columns: the residual of each landmark, and an error of one along each axis of its direction.
-    stacked = np.concatenate([rest[used][:, :, None], np.broadcast_to(np.eye(3)[:, :2], (used.sum(), 3, 2))], axis=2)
+    stacked = np.concatenate(
+        [residuals[used][:, :, None], np.broadcast_to(np.eye(3)[:, :2], (used.sum(), 3, 2))], axis=2
+    )
     scores = np.swapaxes(weighted.reshape(-1, 3, 6), 1, 2) @ stacked
     # Weights that depend on residuals make the curvature of the loss smaller than `normal`.
-    fall = (2.0 / (OUTLIER * usual)) * scores[..., 0].T @ scores[..., 0]
-    covariance = _covariance(normal - fall, scores, landmarks.directions[used], sigmas.neighbours)
+    curvature_loss = (2.0 / (OUTLIER * typical)) * scores[..., 0].T @ scores[..., 0]
+    covariance = _covariance(normal - curvature_loss, scores, landmarks.directions[used], sigmas.neighbours)
     # An error that the slopes of all landmarks share shifts the pose, and no residual reveals it.
-    alike = np.linalg.solve(normal, weighted.T @ by_w[used].ravel())
-    return PoseFit(pose, covariance + sigmas.common_per_mm**2 * np.outer(alike, alike), used)
+    by_common = np.linalg.solve(normal, weighted.T @ by_w[used].ravel())
+    return PoseFit(pose, covariance + sigmas.common_per_mm**2 * np.outer(by_common, by_common), used)
 
 
 def _covariance(normal: FloatArray, scores: FloatArray, directions: FloatArray, shared: float) -> FloatArray:
@@ -257,10 +260,10 @@ def _covariance(normal: FloatArray, scores: FloatArray, directions: FloatArray, 
     sums = np.zeros((CELLS * CELLS, 6, 3))
     np.add.at(sums, cell[:, 0] * CELLS + cell[:, 1], scores)
     count = len(np.unique(cell, axis=0))
-    seen = count / max(count - 6, 1) * np.einsum("ci,cj->ij", sums[..., 0], sums[..., 0])
+    within = count / max(count - 6, 1) * np.einsum("ci,cj->ij", sums[..., 0], sums[..., 0])
     common = shared**2 * np.einsum("cik,cjk->ij", sums[..., 1:], sums[..., 1:])
     inverted = np.linalg.inv(normal)
-    return np.asarray(inverted @ (seen + common) @ inverted)
+    return np.asarray(inverted @ (within + common) @ inverted)
 
 
 def _equations(
@@ -268,13 +271,13 @@ def _equations(
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Residuals (n, 3) of directions and inverse distances, derivatives of the prediction by xi (n, 3, 6) and by w (n,
     3), and weights (n, 3, 3)."""
-    turn, shift = frame_from_key[:3, :3], frame_from_key[:3, 3]
+    rotation, translation = frame_from_key[:3, :3], frame_from_key[:3, 3]
     w = landmarks.inverse_mm
     homogeneous = np.concatenate([landmarks.directions, np.ones((len(w), 1))], axis=1)
-    q = homogeneous @ turn.T + w[:, None] * shift
+    q = homogeneous @ rotation.T + w[:, None] * translation
     q[:, 2] = np.where(q[:, 2] > 0, q[:, 2], np.nan)
     expected = np.concatenate([q[:, :2], w[:, None]], axis=1) / q[:, 2:]
-    rest = np.concatenate([seen.directions, seen.inverse_mm[:, None]], axis=1) - expected
+    residuals = np.concatenate([seen.directions, seen.inverse_mm[:, None]], axis=1) - expected
     # Derivative of the prediction by q.
     by_q = np.zeros((len(w), 3, 3))
     by_q[:, 0, 0] = by_q[:, 1, 1] = 1.0
@@ -286,26 +289,26 @@ def _equations(
     by_pose[:, 0, 4], by_pose[:, 0, 5] = q[:, 2], -q[:, 1]
     by_pose[:, 1, 3], by_pose[:, 1, 5] = -q[:, 2], q[:, 0]
     by_pose[:, 2, 3], by_pose[:, 2, 4] = q[:, 1], -q[:, 0]
-    by_w = by_q @ shift
+    by_w = by_q @ translation
     by_w[:, 2] += 1.0 / q[:, 2]
     covariance = landmarks.sigma_per_mm[:, None, None] ** 2 * by_w[:, :, None] * by_w[:, None, :]
     covariance[:, :2, :2] += seen.covariance
     covariance[:, 2, 2] += seen.sigma_per_mm**2 + seen.shape_sigma_per_mm**2 + landmarks.shape_sigma_per_mm**2
-    good = seen.valid & np.isfinite(covariance).all(axis=(1, 2))
-    covariance[~good] = np.eye(3)
-    return rest, by_q @ by_pose, by_w, np.asarray(np.linalg.inv(covariance), dtype=np.float64)
+    usable = seen.valid & np.isfinite(covariance).all(axis=(1, 2))
+    covariance[~usable] = np.eye(3)
+    return residuals, by_q @ by_pose, by_w, np.asarray(np.linalg.inv(covariance), dtype=np.float64)
 
 
 def rigid_motions(src: FloatArray, dst: FloatArray, weights: FloatArray) -> FloatArray:
     """Transforms dst_from_src (..., 4, 4) of points (..., n, 3) with the least weighted squared distances."""
     share = weights / weights.sum(axis=-1, keepdims=True)
     centres = [(share[..., None] * points).sum(axis=-2) for points in (src, dst)]
-    away = [points - centre[..., None, :] for points, centre in zip((src, dst), centres, strict=True)]
-    u, _, vt = np.linalg.svd(np.swapaxes(share[..., None] * away[1], -1, -2) @ away[0])
+    centred = [points - centre[..., None, :] for points, centre in zip((src, dst), centres, strict=True)]
+    u, _, vt = np.linalg.svd(np.swapaxes(share[..., None] * centred[1], -1, -2) @ centred[0])
     # Avoid a reflection by flipping the least determined direction.
     u[..., :, 2] *= np.sign(np.linalg.det(u @ vt))[..., None]
-    turn = u @ vt
-    return rigid(turn, centres[1] - (turn @ centres[0][..., None])[..., 0])
+    rotation = u @ vt
+    return rigid(rotation, centres[1] - (rotation @ centres[0][..., None])[..., 0])
 
 
 def robust_motion(
@@ -323,19 +326,19 @@ def robust_motion(
     seed
         Seed of the random samples.
     """
-    if len(src) < LEAST_INLIERS:
+    if len(src) < MIN_INLIERS:
         return None
     random = np.random.default_rng(seed)
     chosen = np.stack([random.choice(len(src), SAMPLE, replace=False) for _ in range(TRIALS)])
     weights = 1.0 / (sigmas**2).mean(axis=1)
-    tried = rigid_motions(src[chosen], dst[chosen], weights[chosen])
-    moved = src @ np.swapaxes(tried[:, :3, :3], -1, -2) + tried[:, None, :3, 3]
-    near = (((moved - dst) / sigmas) ** 2).sum(axis=2) < 9.0 * SAMPLE
-    inliers = near[near.sum(axis=1).argmax()]
+    candidates = rigid_motions(src[chosen], dst[chosen], weights[chosen])
+    moved = src @ np.swapaxes(candidates[:, :3, :3], -1, -2) + candidates[:, None, :3, 3]
+    agreeing = (((moved - dst) / sigmas) ** 2).sum(axis=2) < 9.0 * SAMPLE
+    inliers = agreeing[agreeing.sum(axis=1).argmax()]
     motion = None
     for _ in range(3):
-        if inliers.sum() < LEAST_INLIERS:
+        if inliers.sum() < MIN_INLIERS:
             return None
         motion = rigid_motions(src[inliers], dst[inliers], weights[inliers])
         inliers = (((transform(motion, src) - dst) / sigmas) ** 2).sum(axis=1) < 9.0 * SAMPLE
-    return None if motion is None or inliers.sum() < LEAST_INLIERS else (motion, inliers)
+    return None if motion is None or inliers.sum() < MIN_INLIERS else (motion, inliers)

@@ -38,18 +38,18 @@ from mirrorcam.optics.light_field.motion.pose_fit import (
 )
 
 # Share of visible landmarks below which a new key frame is created.
-LEAST_SHARE = 0.6
+MIN_SHARE = 0.6
 # Share of the previous landmarks below which the predicted pose is replaced by one from features.
-SAME_SHARE = 0.7
+MIN_PREDICTED_SHARE = 0.7
 # Shift by a pose update above which patches are aligned again, because their warp depends on the pose.
-SETTLED_PX, MOST_ALIGNMENTS = 0.5, 3
+CONVERGED_PX, MAX_ALIGNMENTS = 0.5, 3
 # Standard deviation of a keypoint's repeated detection in another picture, in px of the keypoint's scale.
-REPEATED_PX = 1.0
+KEYPOINT_SIGMA_PX = 1.0
 # Standard deviation of an error common to all slopes of a light field, in px of the view farthest from the reference
 # view: interpolation and alignment are biased. Measured on rendered reliefs.
-COMMON_PX = 0.002
-# And of an error common to adjacent patches, where pictures sample them differently.
-NEIGHBOURS_PX = 0.005
+COMMON_SIGMA_PX = 0.002
+# The same of an error common to adjacent patches, where pictures sample them differently.
+NEIGHBOURS_SIGMA_PX = 0.005
 SCHEMA = "mirrorcam.trajectory/1"
 
 
@@ -120,8 +120,10 @@ class LightFieldTracker:
         self._key: _KeyFrame | None = None
         # The last pose, its number of landmarks, and the last motion, which predicts the next one.
         self._frame_from_key, self._count, self._speed = np.eye(4), 0, np.eye(4)
-        farthest_mm = np.hypot(*self.finder.geometry.across_mm.T).max()
-        self._shared = SharedErrors(NEIGHBOURS_PX / views.focal_px, COMMON_PX / (views.focal_px * farthest_mm))
+        baseline_mm = np.hypot(*self.finder.geometry.across_mm.T).max()
+        self._shared = SharedErrors(
+            NEIGHBOURS_SIGMA_PX / views.focal_px, COMMON_SIGMA_PX / (views.focal_px * baseline_mm)
+        )
 
     def track(self, light_field: LightField) -> TrackedPose:
         """Return the pose of the next light field; raises InputError if its views differ."""
@@ -135,20 +137,20 @@ class LightFieldTracker:
             return self._new_key(frame, self.finder.find(light_field), np.eye(4), np.zeros((6, 6)), 0)
         key, features = self._key, None
         found = self._refined(frame, self._speed @ self._frame_from_key)
-        if found is None or found.used.sum() < SAME_SHARE * self._count:
+        if found is None or found.used.sum() < MIN_PREDICTED_SHARE * self._count:
             features = self.finder.find(light_field)
             start = self._start(key.features, features)
-            other = None if start is None else self._refined(frame, start)
-            found = found if other is None else other
+            from_features = None if start is None else self._refined(frame, start)
+            found = found if from_features is None else from_features
         if found is None:
             self._speed = np.eye(4)
             return TrackedPose(np.full((4, 4), np.nan), np.full((6, 6), np.nan), 0, False)
         self._speed = found.frame_from_key @ inverse(self._frame_from_key)
         self._frame_from_key, self._count = found.frame_from_key, int(found.used.sum())
         world_from_view = key.world_from_view @ inverse(found.frame_from_key)
-        moved = adjoint(found.frame_from_key)
-        covariance = moved @ key.covariance @ moved.T + found.covariance
-        if self._count < LEAST_SHARE * len(key.landmarks.inverse_mm):
+        transport = adjoint(found.frame_from_key)
+        covariance = transport @ key.covariance @ transport.T + found.covariance
+        if self._count < MIN_SHARE * len(key.landmarks.inverse_mm):
             features = self.finder.find(light_field) if features is None else features
             return self._new_key(frame, features, world_from_view, covariance, self._count)
         return TrackedPose(world_from_view, covariance, self._count, False)
@@ -157,15 +159,15 @@ class LightFieldTracker:
         """Refine a predicted pose by landmarks; None if too few agree."""
         assert self._key is not None
         landmarks, found = self._key.landmarks, None
-        for _ in range(MOST_ALIGNMENTS):
+        for _ in range(MAX_ALIGNMENTS):
             expected = predicted(landmarks, frame_from_key)
             seen = see(self.finder.geometry, frame, landmarks.given, *expected, self._pool.map)
             found = fit_pose(landmarks, seen, frame_from_key, self._shared)
             if found is None:
                 return None
             frame_from_key = found.frame_from_key
-            moved = np.abs(predicted(landmarks, frame_from_key)[0] - expected[0])[found.used]
-            if np.median(moved) * self.finder.views.focal_px < SETTLED_PX:
+            shift = np.abs(predicted(landmarks, frame_from_key)[0] - expected[0])[found.used]
+            if np.median(shift) * self.finder.views.focal_px < CONVERGED_PX:
                 break
         return found
 
@@ -173,13 +175,13 @@ class LightFieldTracker:
         self, frame: Frame, features: Features, world_from_view: FloatArray, covariance: FloatArray, count: int
     ) -> TrackedPose:
         geometry, views = self.finder.geometry, self.finder.views
-        plain = ~features.refracted
+        unrefracted = ~features.refracted
         landmarks = landmarks_of(
             geometry,
             frame,
-            geometry.directions(features.pixels[plain]),
-            1.0 / (features.depth_mm[plain] - views.reference_view_depth_mm),
-            features.scale_px[plain],
+            geometry.directions(features.pixels[unrefracted]),
+            1.0 / (features.depth_mm[unrefracted] - views.reference_view_depth_mm),
+            features.scale_px[unrefracted],
             self._pool.map,
         )
         self._key = _KeyFrame(features, landmarks, world_from_view, covariance)
@@ -189,15 +191,15 @@ class LightFieldTracker:
     def _start(self, key: Features, now: Features) -> FloatArray | None:
         """Return frame_from_key in closed form from similar features; None if too few agree."""
         first, second = nearest_pairs(key.descriptors, now.descriptors)
-        before, after = self._points_in_view(key, first), self._points_in_view(now, second)
-        across = [
-            each.scale_px[chosen] * REPEATED_PX * at[:, 2] / self.finder.views.focal_px
-            for each, chosen, at in zip((key, now), (first, second), (before, after), strict=True)
+        key_points, now_points = self._points_in_view(key, first), self._points_in_view(now, second)
+        across_sigmas = [
+            each.scale_px[chosen] * KEYPOINT_SIGMA_PX * at[:, 2] / self.finder.views.focal_px
+            for each, chosen, at in zip((key, now), (first, second), (key_points, now_points), strict=True)
         ]
-        deep = [each.depth_sigma_mm[chosen] for each, chosen in ((key, first), (now, second))]
-        wide = np.hypot(*across)
-        sigmas = np.stack([wide, wide, np.hypot(np.hypot(*deep), wide)], axis=1)
-        found = robust_motion(before, after, sigmas)
+        depth_sigmas = [each.depth_sigma_mm[chosen] for each, chosen in ((key, first), (now, second))]
+        across_sigma = np.hypot(*across_sigmas)
+        sigmas = np.stack([across_sigma, across_sigma, np.hypot(np.hypot(*depth_sigmas), across_sigma)], axis=1)
+        found = robust_motion(key_points, now_points, sigmas)
         return None if found is None else found[0]
 
     def _points_in_view(self, features: Features, chosen: NDArray[np.int64]) -> FloatArray:
@@ -208,9 +210,9 @@ class LightFieldTracker:
 
 def adjoint(dst_from_src: FloatArray) -> FloatArray:
     """The matrix (6, 6) from small motions (translation, rotation) in the axes of src to the axes of dst."""
-    turn, (x, y, z) = dst_from_src[:3, :3], dst_from_src[:3, 3]
+    rotation, (x, y, z) = dst_from_src[:3, :3], dst_from_src[:3, 3]
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.block([[turn, cross @ turn], [np.zeros((3, 3)), turn]])
+    return np.block([[rotation, cross @ rotation], [np.zeros((3, 3)), rotation]])
 
 
 def save_tum(path: Path, times_s: Sequence[float], poses: Sequence[TrackedPose]) -> None:
@@ -221,8 +223,8 @@ def save_tum(path: Path, times_s: Sequence[float], poses: Sequence[TrackedPose])
     lines = ["# time_s tx ty tz qx qy qz qw (metres; pose of the reference view in the first one's frame)"]
     for time_s, pose in zip(times_s, poses, strict=True):
         if not pose.is_lost:
-            turn = Rotation.from_matrix(pose.world_from_view[:3, :3]).as_quat(canonical=True)
-            numbers = [*(pose.world_from_view[:3, 3] / 1000.0), *turn]
+            quaternion = Rotation.from_matrix(pose.world_from_view[:3, :3]).as_quat(canonical=True)
+            numbers = [*(pose.world_from_view[:3, 3] / 1000.0), *quaternion]
             lines.append(f"{time_s:.6f} " + " ".join(f"{number:.9f}" for number in numbers))
     write_text(path, "\n".join(lines) + "\n")
 

@@ -58,8 +58,8 @@ def epi(light_field: LightField, axis: Axis, line: int, *, depth_mm: float | Non
     line
         Row (s) or column (t) of the reference view's picture.
     depth_mm
-        Depth at which all views' lines show the same points, so that it is vertical; default: the reference depth. If
-        the views are not exactly in a row, points at other depths are slightly off the line.
+        Depth of the points that are vertical in the image; default: the reference depth. If the views are not exactly
+        in a row, points at other depths are slightly off the line.
 
     Returns
     -------
@@ -84,24 +84,24 @@ def epi(light_field: LightField, axis: Axis, line: int, *, depth_mm: float | Non
     plane = FocalPlane.at_depth(light_field, depth_mm)
     t, s = reference_index(light_field)
     indices = [(t, column) for column in range(count)] if axis == "s" else [(row, s) for row in range(count)]
-    cut = np.eye(3)
+    reference_from_line = np.eye(3)
     if axis == "s":
-        cut[1, 2] = line
+        reference_from_line[1, 2] = line
         size = light_field.width_px, 1
     else:
-        cut[0, 2] = line
+        reference_from_line[0, 2] = line
         size = 1, light_field.height_px
     parts = []
     for index in indices:
-        matrix = homography(light_field, index, plane) @ cut
+        matrix = homography(light_field, index, plane) @ reference_from_line
         part = cv2.warpPerspective(
             premultiplied(light_field, index), matrix, size, flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
         )
         parts.append(np.asarray(part, dtype=np.float32).reshape(max(size), -1))
-    total = np.stack(parts)
-    weights = total[..., -1]
+    stacked = np.stack(parts)
+    weights = stacked[..., -1]
     samples = np.divide(
-        total[..., :-1], weights[..., None], out=np.zeros_like(total[..., :-1]), where=weights[..., None] > 0
+        stacked[..., :-1], weights[..., None], out=np.zeros_like(stacked[..., :-1]), where=weights[..., None] > 0
     )
-    along = [light_field.positions_mm[index][0 if axis == "s" else 1] for index in indices]
-    return Epi(samples, weights, np.array(along), axis, line, depth_mm)
+    positions = [light_field.positions_mm[index][0 if axis == "s" else 1] for index in indices]
+    return Epi(samples, weights, np.array(positions), axis, line, depth_mm)

@@ -26,10 +26,10 @@ from mirrorcam.optics.light_field.render.super_resolution import super_resolved
 Float32 = NDArray[np.float32]
 Combine = Literal["mean", "median"]
 
-SEEN = 1e-3
+MIN_WEIGHT = 1e-3
 """Weight below which a pixel has no sample."""
-LARGEST_SCALE = 8
-STEEPEST_DEG = 85.0
+MAX_SCALE = 8
+MAX_TILT_DEG = 85.0
 ROWS_AT_ONCE = 64
 
 
@@ -62,25 +62,27 @@ class FocalPlane:
 
     @classmethod
     def at_depth(cls, views: Views, depth_mm: float, tilt_deg: tuple[float, float] = (0.0, 0.0)) -> FocalPlane:
-        """Return the plane at a depth from the pupil in the middle of the reference view's picture; may be infinite.
+        """Return the plane at a depth from the pupil, possibly infinite, at the centre of the reference view's picture.
 
         `tilt_deg` tilts it about that point: the first angle moves its right side away, the second its lower side.
 
         Raises InputError if the plane is not in front of all views, or so steep that the reference view sees its back.
         """
-        if not all(abs(angle) <= STEEPEST_DEG for angle in tilt_deg):
-            raise InputError(f"tilt of {tilt_deg[0]:g} and {tilt_deg[1]:g} degrees, expected {STEEPEST_DEG:g} at most")
-        behind = views.reference_view_depth_mm
-        least = behind + max(float(views.positions_mm[..., 2].max()), 0.0)
-        if not depth_mm > least:
-            raise InputError(f"focus at {depth_mm:g} mm, expected a depth beyond the views, more than {least:.0f} mm")
+        if not all(abs(angle) <= MAX_TILT_DEG for angle in tilt_deg):
+            raise InputError(f"tilt of {tilt_deg[0]:g} and {tilt_deg[1]:g} degrees, expected {MAX_TILT_DEG:g} at most")
+        pupil_mm = views.reference_view_depth_mm
+        min_depth_mm = pupil_mm + max(float(views.positions_mm[..., 2].max()), 0.0)
+        if not depth_mm > min_depth_mm:
+            raise InputError(
+                f"focus at {depth_mm:g} mm, expected a depth beyond the views, more than {min_depth_mm:.0f} mm"
+            )
         slope = np.tan(np.radians(tilt_deg))
         size = np.array([views.width_px, views.height_px])
-        middle = ((size - 1.0) / 2.0 - views.centre_px) / views.focal_px
-        front = 1.0 - float(slope @ middle)
+        picture_centre = ((size - 1.0) / 2.0 - views.centre_px) / views.focal_px
+        front = 1.0 - float(slope @ picture_centre)
         if front <= 0:
             raise InputError(f"tilt of {tilt_deg[0]:g} and {tilt_deg[1]:g} degrees shows the plane from behind")
-        nearness = 1.0 / ((depth_mm - behind) * front)
+        nearness = 1.0 / ((depth_mm - pupil_mm) * front)
         return cls((float(-slope[0] * nearness), float(-slope[1] * nearness), float(nearness)))
 
     @classmethod
@@ -89,25 +91,27 @@ class FocalPlane:
 
         Raises InputError if the pixels are collinear.
         """
-        behind = views.reference_view_depth_mm
-        across = (np.asarray(pixels, dtype=np.float64) - views.centre_px) / views.focal_px
-        rays = np.concatenate([across, np.ones((len(across), 1))], axis=1)
-        normal, _, rank, _ = np.linalg.lstsq(rays, 1.0 / (np.asarray(depths_mm, dtype=np.float64) - behind), rcond=None)
+        pupil_mm = views.reference_view_depth_mm
+        directions = (np.asarray(pixels, dtype=np.float64) - views.centre_px) / views.focal_px
+        rays = np.concatenate([directions, np.ones((len(directions), 1))], axis=1)
+        normal, _, rank, _ = np.linalg.lstsq(
+            rays, 1.0 / (np.asarray(depths_mm, dtype=np.float64) - pupil_mm), rcond=None
+        )
         if rank < 3:
             raise InputError(f"{len(rays)} pixels on a line, expected three or more that span a plane")
         return cls((float(normal[0]), float(normal[1]), float(normal[2])))
 
     def nearness(self, views: Views) -> FloatArray:
         """1 / Z (v, u), 1/mm, where the rays of the reference view meet the plane; negative where they never do."""
-        across = (views.pixel_grid() - views.centre_px) / views.focal_px
-        return across @ np.array(self.normal_per_mm[:2]) + self.normal_per_mm[2]
+        directions = (views.pixel_grid() - views.centre_px) / views.focal_px
+        return directions @ np.array(self.normal_per_mm[:2]) + self.normal_per_mm[2]
 
 
 def homography(views: Views, index: tuple[int, int], plane: FocalPlane) -> FloatArray:
     """Homography (3, 3) of a plane from reference pixels (u, v, 1) to w (u', v', 1) of view (t, s); w > 0 if ahead."""
     reference = views.matrices[reference_index(views)]
-    moved = np.eye(3) - np.outer(views.positions_mm[index], plane.normal_per_mm)
-    return np.asarray(views.matrices[index] @ moved @ np.linalg.inv(reference))
+    displacement = np.eye(3) - np.outer(views.positions_mm[index], plane.normal_per_mm)
+    return np.asarray(views.matrices[index] @ displacement @ np.linalg.inv(reference))
 
 
 def aperture(views: Views, sigma_mm: float | None = None) -> Float32:
@@ -115,11 +119,11 @@ def aperture(views: Views, sigma_mm: float | None = None) -> Float32:
 
     Default sigma: the rms distance of the other views from the reference view.
     """
-    away = np.square(views.positions_mm[..., :2]).sum(axis=-1)
-    others = away[away > 0]
+    distance_squared = np.square(views.positions_mm[..., :2]).sum(axis=-1)
+    others = distance_squared[distance_squared > 0]
     if sigma_mm is None:
         sigma_mm = float(np.sqrt(others.mean())) if len(others) else 1.0
-    return np.exp(-away / (2.0 * sigma_mm**2)).astype(np.float32)
+    return np.exp(-distance_squared / (2.0 * sigma_mm**2)).astype(np.float32)
 
 
 def refocus(
@@ -163,13 +167,13 @@ def refocus(
     """
     if view_weights is not None and combine != "mean":
         raise ValueError(f"{combine=} with weights of views, expected the mean")
-    if not 1 <= scale <= LARGEST_SCALE:
-        raise InputError(f"scale of {scale:g}, expected 1 to {LARGEST_SCALE}")
+    if not 1 <= scale <= MAX_SCALE:
+        raise InputError(f"scale of {scale:g}, expected 1 to {MAX_SCALE}")
     size = round(light_field.width_px * scale), round(light_field.height_px * scale)
     # Pixel centres: the first of `scale` fine pixels lies (1 - scale) / (2 scale) from the view's pixel.
     coarse_from_fine = np.diag([1.0 / scale, 1.0 / scale, 1.0])
     coarse_from_fine[:2, 2] = (1.0 - scale) / (2.0 * scale)
-    seen = _seen(light_field, plane, coarse_from_fine, size)
+    ahead = _plane_ahead(light_field, plane, coarse_from_fine, size)
     indices = list(np.ndindex(light_field.rows, light_field.cols))
     matrices = [homography(light_field, index, plane) @ coarse_from_fine for index in indices]
     views = [_weighted_light(light_field, index) for index in indices]
@@ -183,15 +187,15 @@ def refocus(
     with ThreadPoolExecutor(max(1, cv2.getNumThreads())) as pool:
         shown = pool.map(warped, views, matrices, indices)
         total = median_of(list(shown)) if combine == "median" else _sum(shown)
-    if seen is not None:
-        total *= seen[..., None]
+    if ahead is not None:
+        total *= ahead[..., None]
     picture = picture_of(total)
     if scale > 1:
-        picture = _finer(picture, views, indices, matrices, view_weights, scale, combine)
+        picture = _super_resolved(picture, views, indices, matrices, view_weights, scale, combine)
     return RenderedPicture(levels_from_light(picture.image), picture.weights)
 
 
-def _finer(
+def _super_resolved(
     picture: RenderedPicture,
     views: Sequence[Float32],
     indices: Sequence[tuple[int, int]],
@@ -236,8 +240,9 @@ def _weighted_light(light_field: LightField, index: tuple[int, int]) -> Float32:
 def picture_of(total: Float32) -> RenderedPicture:
     """Normalise sums (h, w, c + 1) of weighted samples and weights to a picture."""
     weights = total[..., -1]
-    part = np.where(weights > SEEN, 1.0 / np.maximum(weights, np.float32(SEEN)), np.float32(0.0))
-    return RenderedPicture(total[..., :-1] * part[..., None].astype(np.float32), np.where(weights > SEEN, weights, 0.0))
+    valid = weights > MIN_WEIGHT
+    reciprocal = np.where(valid, 1.0 / np.maximum(weights, np.float32(MIN_WEIGHT)), np.float32(0.0))
+    return RenderedPicture(total[..., :-1] * reciprocal[..., None].astype(np.float32), np.where(valid, weights, 0.0))
 
 
 def median_of(parts: list[Float32]) -> Float32:
@@ -249,16 +254,16 @@ def median_of(parts: list[Float32]) -> Float32:
     total = np.zeros((height, width, channels), np.float32)
     for start in range(0, height, ROWS_AT_ONCE):
         block = np.stack([part[start : start + ROWS_AT_ONCE] for part in parts])
-        there = block[..., -1:] >= 0.5
-        values = np.divide(block[..., :-1], block[..., -1:], out=np.full_like(block[..., :-1], np.inf), where=there)
+        valid = block[..., -1:] >= 0.5
+        values = np.divide(block[..., :-1], block[..., -1:], out=np.full_like(block[..., :-1], np.inf), where=valid)
         values.sort(axis=0)
-        count = np.count_nonzero(there, axis=0)
+        count = np.count_nonzero(valid, axis=0)
         low, high = np.maximum(count - 1, 0)[None] // 2, np.minimum(count, len(parts) - 1)[None] // 2
         shape = (1, *values.shape[1:])
         lower = np.take_along_axis(values, np.broadcast_to(low, shape), axis=0)[0]
         upper = np.take_along_axis(values, np.broadcast_to(np.where(count > 0, high, 0), shape), axis=0)[0]
-        middle = np.where(count > 0, np.float32(0.5) * (lower + upper), np.float32(0.0))
-        total[start : start + ROWS_AT_ONCE] = np.concatenate([middle * count, count], axis=-1)
+        median = np.where(count > 0, np.float32(0.5) * (lower + upper), np.float32(0.0))
+        total[start : start + ROWS_AT_ONCE] = np.concatenate([median * count, count], axis=-1)
     return total
 
 
@@ -269,14 +274,16 @@ def _sum(parts: Iterator[Float32]) -> Float32:
     return total
 
 
-def _warped(flat: Float32, matrix: NDArray[np.floating], size: tuple[int, int]) -> Float32:
+def _warped(picture: Float32, matrix: NDArray[np.floating], size: tuple[int, int]) -> Float32:
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
     if np.abs(matrix[2, :2]).max() < 1e-12 * abs(matrix[2, 2]):
-        return np.asarray(cv2.warpAffine(flat, matrix[:2] / matrix[2, 2], size, flags=flags), dtype=np.float32)
-    return np.asarray(cv2.warpPerspective(flat, matrix, size, flags=flags), dtype=np.float32)
+        return np.asarray(cv2.warpAffine(picture, matrix[:2] / matrix[2, 2], size, flags=flags), dtype=np.float32)
+    return np.asarray(cv2.warpPerspective(picture, matrix, size, flags=flags), dtype=np.float32)
 
 
-def _seen(views: Views, plane: FocalPlane, coarse_from_fine: FloatArray, size: tuple[int, int]) -> Float32 | None:
+def _plane_ahead(
+    views: Views, plane: FocalPlane, coarse_from_fine: FloatArray, size: tuple[int, int]
+) -> Float32 | None:
     """Mask (h, w) of where the plane lies ahead of all views, as float; None if it does everywhere."""
     reference = np.linalg.inv(views.matrices[reference_index(views)])
     rows = [np.array(plane.normal_per_mm) @ reference]

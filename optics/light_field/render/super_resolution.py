@@ -32,29 +32,29 @@ from mirrorcam.optics.light_field.render.linear_light import light_per_level
 Float32 = NDArray[np.float32]
 FIRST_STEPS, STEPS, ROUNDS = 6, 8, 2
 """Steps of conjugate gradients for the picture that gives the noise, steps per round, and rounds."""
-SLOPE = 0.05
+TYPICAL_GRADIENT = 0.05
 """Typical rms gradient of scenes, in grey levels (white is 1) per pixel of a view."""
-STEEP = 0.03
+EDGE_GRADIENT = 0.03
 """Gradient in light per pixel of a view above which it counts linearly: edges (Huber)."""
-FIRST, LEAST, MOST = 1e-3, 1e-4, 0.1
+FIRST_SMOOTHNESS, MIN_SMOOTHNESS, MAX_SMOOTHNESS = 1e-3, 1e-4, 0.1
 """Variance of noise over gradients: of the first picture, and the range of its estimate."""
-SQUARED = 2.0
+SQUARED_SIGMAS = 2.0
 """With absolute differences, multiple of the noise below which differences count as squares."""
-LEAST_NOISE = 1.0 / 255.0
-DARK = 0.3
+MIN_NOISE = 1.0 / 255.0
+MIN_LIGHT_PER_LEVEL = 0.3
 """Least light per grey level: near black, rounding exceeds noise."""
-IN_FOCUS = 0.2
+IN_FOCUS_SHARE = 0.2
 """Assumed least share of the samples that show the plane, for measuring noise."""
 UNEXPLAINED = 6.0
 """Variance, relative to noise, above which samples do not show the plane."""
-SOME = 1e-6
-FEWEST_FREE = 0.25
+TINY = 1e-6
+MIN_FREE = 0.25
 """Least share of samples that determine noise rather than the picture."""
-AROUND_PX = 2.5
+AVERAGE_PX = 2.5
 """Radius, in pixels of a view, over which residuals are averaged."""
 GROUPS = 4
 """Number of partial sums of views: the same on every machine, for the same rounding."""
-AROUND, KAISER = 4, 4.0
+EXTRA_TAPS, KAISER = 4, 4.0
 """Additional taps of the pixel kernel, and the parameter of its Kaiser window."""
 PHASES = 256
 
@@ -93,17 +93,17 @@ def super_resolved(
     margin = pixel_taps(scale).shape[1] // 2 + 1
     pads = [(0, 0), (margin, margin), (margin, margin)]
     first = np.pad(np.moveaxis(start, -1, 0), pads, mode="edge").astype(np.float32)
-    moved = np.eye(3)
-    moved[:2, 2] = margin
+    margin_shift = np.eye(3)
+    margin_shift[:2, 2] = margin
     shown = [np.ascontiguousarray(np.moveaxis(view, -1, 0)) for view in views]
     with ThreadPoolExecutor(max(1, cv2.getNumThreads())) as pool:
-        fit = _Fit(shown, list(weights), [moved @ matrix for matrix in fine_from_view], scale, pool)
-        noise = fit.noise(fit.solved(first, fit.weights, FIRST, FIRST_STEPS, np.inf))
-        smoothness = min(max((noise / SLOPE) ** 2, LEAST), MOST)
+        fit = _Fit(shown, list(weights), [margin_shift @ matrix for matrix in fine_from_view], scale, pool)
+        noise = fit.noise(fit.solved(first, fit.weights, FIRST_SMOOTHNESS, FIRST_STEPS, np.inf))
+        smoothness = min(max((noise / TYPICAL_GRADIENT) ** 2, MIN_SMOOTHNESS), MAX_SMOOTHNESS)
         picture, counts = first, fit.weights
         for number in range(ROUNDS):
-            counts = fit.counted(picture, max(SQUARED * noise, LEAST_NOISE)) if least_absolute else fit.weights
-            picture = fit.solved(picture, counts, smoothness, STEPS, STEEP if number else np.inf)
+            counts = fit.counted(picture, max(SQUARED_SIGMAS * noise, MIN_NOISE)) if least_absolute else fit.weights
+            picture = fit.solved(picture, counts, smoothness, STEPS, EDGE_GRADIENT if number else np.inf)
         picture = first + fit.explained(picture, first, counts, noise) * (picture - first)
     return np.ascontiguousarray(np.moveaxis(picture[:, margin:-margin, margin:-margin], 0, -1))
 
@@ -123,7 +123,7 @@ class _Fit:
 
         Gradients of `start` above `large`, in light per pixel of a view, count linearly.
         """
-        smooth, edges = np.float32(smoothness * self.scale**2), steps_count(start, np.float32(large / self.scale))
+        smooth, edges = np.float32(smoothness * self.scale**2), huber_weights(start, np.float32(large / self.scale))
 
         def normal(picture: Float32) -> Float32:
             shown = self._gathered(lambda number: self._seen(picture, number), counts, picture)
@@ -147,27 +147,27 @@ class _Fit:
         """Standard deviation of grey levels about a fitted picture, where it explains them well."""
 
         def around(number: int) -> Float32:
-            squares, size = self._squares(picture, number), (2 * round(AROUND_PX) + 1,) * 2
-            there = ((self.weights[number] > 0) & (squares > 0)).astype(np.float32)
-            share = cv2.blur(there, size)
-            return np.asarray((cv2.blur(squares * there, size) / np.maximum(share, SOME))[there > 0], dtype=np.float32)
+            squares, size = self._squares(picture, number), (2 * round(AVERAGE_PX) + 1,) * 2
+            valid = ((self.weights[number] > 0) & (squares > 0)).astype(np.float32)
+            share = cv2.blur(valid, size)
+            return np.asarray((cv2.blur(squares * valid, size) / np.maximum(share, TINY))[valid > 0], dtype=np.float32)
 
-        every = np.concatenate(list(self.pool.map(around, range(len(self.views)))))
-        if not len(every):
+        averages = np.concatenate(list(self.pool.map(around, range(len(self.views)))))
+        if not len(averages):
             return 0.0
-        return float(np.sqrt(np.quantile(every, IN_FOCUS) / self._free(picture)))
+        return float(np.sqrt(np.quantile(averages, IN_FOCUS_SHARE) / self._free(picture)))
 
     def _free(self, picture: Float32) -> float:
         """Share of the samples that determine noise: the finer pixels, as unknowns, absorb the rest."""
         samples = sum(float(weight.sum()) for weight in self.weights)
-        return max(1.0 - picture[0].size / max(samples, 1.0), FEWEST_FREE)
+        return max(1.0 - picture[0].size / max(samples, 1.0), MIN_FREE)
 
     def counted(self, picture: Float32, small: float) -> list[Float32]:
         """Weights (v, u) of samples whose weighted squares equal absolute differences above `small`."""
 
         def of_view(number: int) -> Float32:
-            apart = np.sqrt(self._squares(picture, number))
-            return np.asarray(self.weights[number] * (small / np.maximum(apart, small)), dtype=np.float32)
+            differences = np.sqrt(self._squares(picture, number))
+            return np.asarray(self.weights[number] * (small / np.maximum(differences, small)), dtype=np.float32)
 
         return list(self.pool.map(of_view, range(len(self.views))))
 
@@ -177,7 +177,7 @@ class _Fit:
         It is the adjusted coefficient of determination, corrected for noise: any data is partly explained by as many
         unknowns as finer pixels. Views that do not show the plane of the picture explain little of each other.
         """
-        size = (2 * round(AROUND_PX * self.scale) + 1,) * 2
+        size = (2 * round(AVERAGE_PX * self.scale) + 1,) * 2
 
         def gathered(shown: Callable[[int], Float32]) -> Float32:
             return np.asarray(cv2.blur(self._gathered(shown, counts, picture[:1])[0], size), dtype=np.float32)
@@ -187,23 +187,23 @@ class _Fit:
 
         free = np.float32(self._free(picture))
         after, before = residual(picture) / free, residual(start)
-        alike = gathered(lambda number: np.ones_like(self.views[number][:1]))
-        gained = np.maximum(before - after, 0.0)
-        missed = np.maximum(after - np.float32(UNEXPLAINED * noise**2) * alike, 0.0)
-        return np.divide(gained, gained + missed, out=np.ones_like(gained), where=missed > 0)
+        sample_count = gathered(lambda number: np.ones_like(self.views[number][:1]))
+        gain = np.maximum(before - after, 0.0)
+        loss = np.maximum(after - np.float32(UNEXPLAINED * noise**2) * sample_count, 0.0)
+        return np.divide(gain, gain + loss, out=np.ones_like(gain), where=loss > 0)
 
     def _seen(self, picture: Float32, number: int) -> Float32:
-        there = np.full_like(self.views[number], np.nan)
-        project(picture, self.matrices[number], pixel_taps(self.scale), there)
-        return there
+        prediction = np.full_like(self.views[number], np.nan)
+        project(picture, self.matrices[number], pixel_taps(self.scale), prediction)
+        return prediction
 
     def _squares(self, picture: Float32, number: int) -> Float32:
         """Mean square (v, u) over colours of a view's difference from its prediction by a picture, in grey levels."""
         view = self.views[number]
-        rest = np.nan_to_num(view - self._seen(picture, number))
-        around = np.asarray(cv2.blur(view.mean(axis=0), (3, 3)), dtype=np.float32)
-        unit = np.maximum(light_per_level(around), np.float32(DARK))
-        return np.asarray(np.square(rest).mean(axis=0) / np.square(unit), dtype=np.float32)
+        residual = np.nan_to_num(view - self._seen(picture, number))
+        local_mean = np.asarray(cv2.blur(view.mean(axis=0), (3, 3)), dtype=np.float32)
+        unit = np.maximum(light_per_level(local_mean), np.float32(MIN_LIGHT_PER_LEVEL))
+        return np.asarray(np.square(residual).mean(axis=0) / np.square(unit), dtype=np.float32)
 
     def _gathered(self, shown: Callable[[int], Float32], counts: list[Float32], like: Float32) -> Float32:
         """Sum over the views of the back-projection (c, h, w) of their weighted data."""
@@ -237,7 +237,7 @@ def roughness(picture: Float32, counts: tuple[Float32, Float32]) -> Float32:
     return changes
 
 
-def steps_count(picture: Float32, small: np.float32) -> tuple[Float32, Float32]:
+def huber_weights(picture: Float32, small: np.float32) -> tuple[Float32, Float32]:
     """Weights of differences downwards (h - 1, w) and to the right (h, w - 1): above `small`, they count linearly."""
     down, right = (np.sqrt(np.square(np.diff(picture, axis=axis)).mean(axis=0)) for axis in (1, 2))
     if np.isinf(small):
@@ -254,10 +254,10 @@ def pixel_taps(scale: float) -> Float32:
     """
     frequency = (np.arange(512) + 0.5) / 1024.0
     response = np.sinc(scale * frequency) / np.sinc(frequency)
-    taps = 2 * int(np.ceil(scale)) + AROUND
-    away = np.arange(taps) - (taps // 2 - 1) - (np.arange(PHASES + 1) / PHASES)[:, None]
-    window = np.i0(KAISER * np.sqrt(1.0 - np.square(2.0 * away / taps)))
-    weights = (np.cos(2.0 * np.pi * frequency * away[..., None]) * response).mean(axis=-1) * window
+    taps = 2 * int(np.ceil(scale)) + EXTRA_TAPS
+    offsets = np.arange(taps) - (taps // 2 - 1) - (np.arange(PHASES + 1) / PHASES)[:, None]
+    window = np.i0(KAISER * np.sqrt(1.0 - np.square(2.0 * offsets / taps)))
+    weights = (np.cos(2.0 * np.pi * frequency * offsets[..., None]) * response).mean(axis=-1) * window
     return np.asarray(weights / weights.sum(axis=1, keepdims=True), dtype=np.float32)
 
 

@@ -40,9 +40,9 @@ class ViewDepths:
 
     def depth_mm(self, views: Views) -> Float32:
         """Depth (t, s, v, u) in mm from the pupil; NaN if unknown."""
-        behind = np.float32(views.reference_view_depth_mm)
+        pupil_mm = np.float32(views.reference_view_depth_mm)
         with np.errstate(divide="ignore"):
-            return np.asarray(np.float32(1.0) / self.nearness + behind)
+            return np.asarray(np.float32(1.0) / self.nearness + pupil_mm)
 
     @classmethod
     def of_depths(cls, views: Views, depth_mm: NDArray[np.floating]) -> ViewDepths:
@@ -53,10 +53,10 @@ class ViewDepths:
         expected = views.rows, views.cols, views.height_px, views.width_px
         if depth_mm.shape != expected:
             raise InputError(f"depths have shape {depth_mm.shape}, expected {expected} of the views")
-        behind = views.reference_view_depth_mm
-        distance = np.asarray(depth_mm, dtype=np.float64) - behind
+        pupil_mm = views.reference_view_depth_mm
+        distance = np.asarray(depth_mm, dtype=np.float64) - pupil_mm
         if (distance <= 0).any():
-            raise InputError(f"a depth of {np.nanmin(depth_mm):.4g} mm, expected all beyond {behind:.4g} mm")
+            raise InputError(f"a depth of {np.nanmin(depth_mm):.4g} mm, expected all beyond {pupil_mm:.4g} mm")
         return cls((1.0 / distance).astype(np.float32), ~np.isnan(depth_mm))
 
     @classmethod
@@ -71,9 +71,9 @@ class ViewDepths:
         reference, shape = reference_index(views), (views.rows, views.cols, views.height_px, views.width_px)
         if depth_mm.shape != shape[2:]:
             raise InputError(f"depth has shape {depth_mm.shape}, expected {shape[2:]} of the views")
-        every = np.full(shape, np.nan)
-        every[reference] = depth_mm
-        known = cls.of_depths(views, every).nearness
+        depths_mm = np.full(shape, np.nan)
+        depths_mm[reference] = depth_mm
+        known = cls.of_depths(views, depths_mm).nearness
         nearness = np.stack([nearness_from(views, known, place) for place in views.positions_mm.reshape(-1, 3)])
         nearness = nearness.reshape(shape)
         nearness[reference] = np.where(np.isnan(known[reference]), nearness[reference], known[reference])
@@ -95,16 +95,16 @@ def without_nearer(light_field: LightField, depths: ViewDepths, depth_mm: float)
 
     The refocused or rendered result shows what lies behind, where any view sees it (Vaish et al., CVPR 2006, by depth).
     """
-    behind = light_field.reference_view_depth_mm
-    if not depth_mm > behind:
-        raise InputError(f"nothing lies nearer than {depth_mm:g} mm, expected a depth beyond {behind:.0f} mm")
-    nearer = (depths.nearness > 1.0 / (depth_mm - behind)).astype(np.uint8)
-    around = np.ones((2 * EDGE_PX + 1,) * 2, np.uint8)
+    pupil_mm = light_field.reference_view_depth_mm
+    if not depth_mm > pupil_mm:
+        raise InputError(f"nothing lies nearer than {depth_mm:g} mm, expected a depth beyond {pupil_mm:.0f} mm")
+    nearer = (depths.nearness > 1.0 / (depth_mm - pupil_mm)).astype(np.uint8)
+    kernel = np.ones((2 * EDGE_PX + 1,) * 2, np.uint8)
     weights, samples = light_field.weights.copy(), light_field.samples.copy()
     for index in np.ndindex(light_field.rows, light_field.cols):
-        hiding = np.asarray(cv2.dilate(nearer[index], around)) > 0
-        weights[index][hiding] = 0.0
-        samples[index][hiding] = 0
+        removed = np.asarray(cv2.dilate(nearer[index], kernel)) > 0
+        weights[index][removed] = 0.0
+        samples[index][removed] = 0
     return LightField.of(light_field, samples, weights)
 
 
@@ -113,7 +113,7 @@ def px_per_nearness(views: Views) -> float:
     return float(views.focal_px * np.abs(views.positions_mm[..., :2]).max())
 
 
-def landed(
+def projected(
     views: Views, source: tuple[int, int], place_mm: NDArray[np.floating], nearness: Float32
 ) -> tuple[Float32, Float32]:
     """Project a view's pixels by their nearness into a pinhole at a position in the view frame, on the views' plane.
@@ -134,17 +134,17 @@ def landed(
     across, down
         Pixels u, v (v, u) on the grid of the views; points on the reference plane keep theirs.
     """
-    return _seen_from(views, views.positions_mm[source], place_mm, nearness)
+    return _pixels_between(views, views.positions_mm[source], place_mm, nearness)
 
 
 def sources(
     views: Views, place_mm: NDArray[np.floating], target: tuple[int, int], nearness: Float32
 ) -> tuple[Float32, Float32]:
     """Pixels of a view that show the points seen by a pinhole at a position (3,), by their 1 / Z (v, u)."""
-    return _seen_from(views, place_mm, views.positions_mm[target], nearness)
+    return _pixels_between(views, place_mm, views.positions_mm[target], nearness)
 
 
-def _seen_from(
+def _pixels_between(
     views: Views, start_mm: NDArray[np.floating], end_mm: NDArray[np.floating], nearness: Float32
 ) -> tuple[Float32, Float32]:
     """Pixels of the pinhole at `end_mm` that show the points of the pixels of the pinhole at `start_mm`.
@@ -158,13 +158,13 @@ def _seen_from(
     first = (1.0 - start_mm[2] * nearness) / (1.0 - start_mm[2] * plane)
     second = (1.0 - end_mm[2] * plane) / (1.0 - end_mm[2] * nearness)
     pixels = np.arange(views.width_px), np.arange(views.height_px)[:, None]
-    seen = []
+    result = []
     for axis in (0, 1):
         across = (pixels[axis] - views.centre_px[axis]) / views.focal_px
         point = (start_mm[axis] - end_mm[axis]) * nearness + (across - start_mm[axis] * plane) * first
         pixel = views.focal_px * (end_mm[axis] * plane + point * second) + views.centre_px[axis]
-        seen.append(pixel.astype(np.float32))
-    return seen[0], seen[1]
+        result.append(pixel.astype(np.float32))
+    return result[0], result[1]
 
 
 def nearness_from(views: Views, known: Float32, place_mm: NDArray[np.floating]) -> Float32:
@@ -179,7 +179,7 @@ def nearness_from(views: Views, known: Float32, place_mm: NDArray[np.floating]) 
     for index in np.ndindex(views.rows, views.cols):
         if not np.isfinite(known[index]).any():
             continue
-        u, v = landed(views, index, place_mm, known[index])
+        u, v = projected(views, index, place_mm, known[index])
         inside = np.isfinite(u) & (u > -0.5) & (u < width - 0.5) & (v > -0.5) & (v < height - 0.5)
         cells = np.rint(v[inside]).astype(np.intp) * width + np.rint(u[inside]).astype(np.intp)
         np.maximum.at(nearest, cells, known[index][inside])
@@ -192,12 +192,12 @@ def nearness_from(views: Views, known: Float32, place_mm: NDArray[np.floating]) 
 
 def _seen_by(views: Views, reference: tuple[int, int], nearness: Float32, known: Float32) -> NDArray[np.bool_]:
     """Mask (t, s, v, u) of the pixels whose points the reference view shows at the same depth (v, u)."""
-    apart = np.float32(AGREE_PX / px_per_nearness(views))
-    seen = np.zeros(nearness.shape, dtype=bool)
+    tolerance = np.float32(AGREE_PX / px_per_nearness(views))
+    visible = np.zeros(nearness.shape, dtype=bool)
     for index in np.ndindex(views.rows, views.cols):
-        u, v = landed(views, index, views.positions_mm[reference], nearness[index])
-        seen[index] = np.abs(at(known, u, v) - nearness[index]) <= apart
-    return seen
+        u, v = projected(views, index, views.positions_mm[reference], nearness[index])
+        visible[index] = np.abs(at(known, u, v) - nearness[index]) <= tolerance
+    return visible
 
 
 def at(values: Float32, u: Float32, v: Float32) -> Float32:
@@ -210,13 +210,13 @@ def at(values: Float32, u: Float32, v: Float32) -> Float32:
     return np.where(inside, picked, np.float32(np.nan))
 
 
-def filled(nearness: Float32, alike: float) -> Float32:
+def filled(nearness: Float32, tolerance: float) -> Float32:
     """Fill the holes (NaN) of a map (v, u) of 1 / Z with the background.
 
     A hole opens where a nearer object has moved off its background. Of the nearest values to the left, right, top and
-    bottom, the farthest surface counts, with any within `alike` of it, weighted by closeness. Towards a border of the
-    picture, where one end is missing, the nearest value continues. Cracks between pixels that have moved apart belong
-    to the farther one. Raises ValueError for a map of holes only.
+    bottom, the farthest surface counts, with any within `tolerance` of it, weighted by closeness. Towards a border of
+    the picture, where one end is missing, the nearest value continues. Cracks between pixels that have moved apart get
+    the value of the farther one. Raises ValueError for a map of holes only.
     """
     if np.isnan(nearness).all():
         raise ValueError("a map of holes, expected some pixel to fill them from")
@@ -224,17 +224,17 @@ def filled(nearness: Float32, alike: float) -> Float32:
     while (holes := np.isnan(nearness)).any():
         found = [_adjacent(nearness, axis, forward=forward) for axis in (0, 1) for forward in (True, False)]
         values = np.stack([value[holes] for value, _ in found])
-        away = np.stack([distance[holes] for _, distance in found])
-        there = ~np.isnan(values)
-        lines = there.reshape(2, 2, -1)
+        distances = np.stack([distance[holes] for _, distance in found])
+        known = ~np.isnan(values)
+        lines = known.reshape(2, 2, -1)
         # A missing end means the picture's border.
         closed = (lines[:, 0] == lines[:, 1]).all(axis=0)
-        farthest = np.where(there, values, np.inf).min(axis=0)
-        nearest = np.where(there, away, np.inf).min(axis=0)
-        chosen = there & np.where(closed, values <= farthest + alike, away <= nearest)
-        counts = np.where(chosen, 1.0 / away, 0.0)
+        farthest = np.where(known, values, np.inf).min(axis=0)
+        nearest = np.where(known, distances, np.inf).min(axis=0)
+        chosen = known & np.where(closed, values <= farthest + tolerance, distances <= nearest)
+        counts = np.where(chosen, 1.0 / distances, 0.0)
         total = counts.sum(axis=0)
-        mean = np.divide((np.where(there, values, 0.0) * counts).sum(axis=0), total, where=total > 0, out=total.copy())
+        mean = np.divide((np.where(known, values, 0.0) * counts).sum(axis=0), total, where=total > 0, out=total.copy())
         nearness = nearness.copy()
         nearness[holes] = np.where(total > 0, mean, np.nan)
     return nearness
@@ -246,10 +246,10 @@ def _without_cracks(nearness: Float32) -> Float32:
         length = nearness.shape[axis]
         if length < 3:
             continue
-        before, here, after = (np.take(nearness, np.arange(k, length - 2 + k), axis=axis) for k in (0, 1, 2))
+        before, centre, after = (np.take(nearness, np.arange(k, length - 2 + k), axis=axis) for k in (0, 1, 2))
         nearness = nearness.copy()
         inner = (slice(1, -1), slice(None)) if axis == 0 else (slice(None), slice(1, -1))
-        nearness[inner] = np.where(np.isnan(here), np.minimum(before, after), here)
+        nearness[inner] = np.where(np.isnan(centre), np.minimum(before, after), centre)
     return nearness
 
 

@@ -30,7 +30,7 @@ from mirrorcam.optics.light_field.temporal.noise import (
     chi_square,
     full_brightness,
     lighting,
-    measured_noise,
+    measure_noise,
     row_gains,
 )
 from mirrorcam.optics.light_field.temporal.recursive_mean import AREA_PX, INFORMATION, LAG_SUMS, MEMORY, filter_view
@@ -39,20 +39,20 @@ Int64 = NDArray[np.int64]
 
 Float32 = NDArray[np.float32]
 Map = Callable[..., Any]
-LIKE, UNLIKE = 2.0, 4.0
+UNCHANGED_SIGMAS, CHANGED_SIGMAS = 2.0, 4.0
 """Deviation of a square, in standard deviations of noise, at which memory begins to shrink, and at which it is lost."""
-LAG_LIKE, LAG_UNLIKE = 3.0, 6.0
+NO_LAG_SIGMAS, LAG_SIGMAS = 3.0, 6.0
 """The same for the lag of an area, over all views."""
-SOME_LAG_PX, MOST_LAG_PX = 0.25, 0.5
+LAG_RAMP_PX, MAX_LAG_PX = 0.25, 0.5
 """Lag of all views over which memory shrinks, and at which it is lost."""
-MOVING, RESTING = 0.82, 0.95
+MOVING_SHARE, RESTING_SHARE = 0.82, 0.95
 """Share of changes specific to each view: motion below the first, certainly noise above the second."""
-MOST_SAMPLES = 2**26
+MAX_SAMPLES = 2**26
 SIDE_PX = 10
 BLOCKS = 64
 """Approximate number of blocks of the reference view to compare."""
 NEIGHBOURS = 4
-MOST_DISPARITY_PX = 24
+MAX_DISPARITY_PX = 24
 """Largest trial disparity of the nearest neighbour."""
 LOW_QUANTILE = 0.25
 
@@ -90,13 +90,13 @@ class _State:
         """The state after the first light field."""
         height, width = light_field.height_px, light_field.width_px
         shape = (light_field.rows * light_field.cols, height, width)
-        most = np.full((-(-height // AREA_PX), -(-width // AREA_PX)), MEMORY, np.float32)
+        max_frames = np.full((-(-height // AREA_PX), -(-width // AREA_PX)), MEMORY, np.float32)
         return cls(
             light_field,
             light_field,
             np.ones(shape, np.float32),
             np.zeros(shape, np.float32),
-            most,
+            max_frames,
             Blocks.of(light_field),
         )
 
@@ -105,7 +105,7 @@ class TemporalFilter:
     """Filters the light fields of one video, in order.
 
     It restarts at a light field with other views or another sample type. The result depends only on the frames so far;
-    memory use is a few light fields, however long the video. Light fields of more than MOST_SAMPLES samples are
+    memory use is a few light fields, however long the video. Light fields of more than MAX_SAMPLES samples are
     returned unfiltered: in floating point, they would take gigabytes.
 
     Parameters
@@ -126,11 +126,11 @@ class TemporalFilter:
         The first one is returned unchanged; others have float32 samples, unchanged where nothing is averaged. A frame
         that repeats the previous one, as cameras deliver in the dark, counts once.
         """
-        if light_field.samples.size > MOST_SAMPLES:
+        if light_field.samples.size > MAX_SAMPLES:
             self._state = self._spare = None
             return light_field
         before = self._state
-        if before is None or not _alike(before.last, light_field):
+        if before is None or not _compatible(before.last, light_field):
             after = _State.first(light_field)
         elif np.array_equal(before.last.samples, light_field.samples):
             after = before
@@ -147,12 +147,12 @@ class TemporalFilter:
         gains = lighting(blocks.means, Blocks.of(before.mean).means)
         blocks, rows = blocks.after(before.blocks, gains), row_gains(gains, frame.height_px)
         share = own_share(frame, before.last, rows)
-        trust = min(max((share - MOVING) / (RESTING - MOVING), 0.0), 1.0)
-        measured = measured_noise(
+        trust = min(max((share - MOVING_SHARE) / (RESTING_SHARE - MOVING_SHARE), 0.0), 1.0)
+        measured = measure_noise(
             blocks, before.blocks, gains, ROUNDING if frame.samples.dtype == np.uint8 else LEAST, trust
         )
         if before.noise is not None:
-            measured = before.noise.followed(measured)
+            measured = before.noise.updated(measured)
         new, old = _by_view(frame), _by_view(before.mean)
         if old.dtype == np.uint8:
             old = old.astype(np.float32) / full_brightness(before.mean)
@@ -164,10 +164,10 @@ class TemporalFilter:
         lag = np.zeros((len(new), *before.most_frames.shape, LAG_SUMS), np.float32)
         tables = measured.information()
         # If everything moves, apparent similarity is coincidence.
-        most = np.minimum(before.most_frames, np.float32(1.0 + (MEMORY - 1) * trust))
-        limits = np.array([measured.limits(LIKE), measured.limits(UNLIKE)], np.float32)
+        max_frames = np.minimum(before.most_frames, np.float32(1.0 + (MEMORY - 1) * trust))
+        limits = np.array([measured.limits(UNCHANGED_SIGMAS), measured.limits(CHANGED_SIGMAS)], np.float32)
 
-        def one(view: int) -> None:
+        def filter_one(view: int) -> None:
             filter_view(
                 new[view],
                 full_brightness(frame),
@@ -178,14 +178,14 @@ class TemporalFilter:
                 tables,
                 INFORMATION,
                 limits,
-                most,
+                max_frames,
                 samples[view],
                 count[view],
                 drift[view],
                 lag[view],
             )
 
-        list(self._run(one, range(len(new))))
+        list(self._run(filter_one, range(len(new))))
         mean = LightField.of(frame, samples.reshape(frame.samples.shape), frame.weights)
         return _State(mean, frame, count, drift, _most_frames(before.most_frames, lag, measured), blocks, measured)
 
@@ -196,7 +196,7 @@ def _by_view(light_field: LightField) -> Any:
     return samples.reshape(-1, *samples.shape[2:])
 
 
-def _alike(before: LightField, now: LightField) -> bool:
+def _compatible(before: LightField, now: LightField) -> bool:
     """Whether two light fields have the same views, of sufficient size, and the same sample type."""
     same = all(np.array_equal(getattr(before, field.name), getattr(now, field.name)) for field in fields(Views))
     same = same and min(now.height_px, now.width_px) >= SMALL_STRIDE_PX
@@ -212,27 +212,29 @@ def _most_frames(before: Float32, sums: Float32, noise: Noise) -> Float32:
     lighting.
     """
     # Add up each area with its neighbours.
-    near = np.stack([9.0 * np.asarray(cv2.blur(view, (3, 3))) for view in sums])
-    total, across, down, moved, *products = np.moveaxis(near, -1, 0)
+    areas = np.stack([9.0 * np.asarray(cv2.blur(view, (3, 3))) for view in sums])
+    total, across, down, moved, *products = np.moveaxis(areas, -1, 0)
     total = np.maximum(total, np.float32(1e-20))
     pairs = ((across, across), (across, down), (down, down), (across, moved), (down, moved))
-    own = np.stack([product - one * two / total for product, (one, two) in zip(products, pairs, strict=True)])
-    squares, _ = _lag(own)
-    shared, lag_px = _lag(own.sum(axis=1))
+    centred = np.stack([product - one * two / total for product, (one, two) in zip(products, pairs, strict=True)])
+    squares, _ = _lag(centred)
+    shared, lag_px = _lag(centred.sum(axis=1))
     values = 2 * len(sums)
-    like, unlike = (chi_square(values - 2, deviations) * noise.joined for deviations in (LAG_LIKE, LAG_UNLIKE))
-    kept = np.clip((unlike - squares.sum(axis=0) + shared) / (unlike - like), 0.0, 1.0)
-    lagging = shared > chi_square(2, LAG_LIKE) * noise.joined
+    no_lag_limit, lag_limit = (
+        chi_square(values - 2, deviations) * noise.joined for deviations in (NO_LAG_SIGMAS, LAG_SIGMAS)
+    )
+    kept = np.clip((lag_limit - squares.sum(axis=0) + shared) / (lag_limit - no_lag_limit), 0.0, 1.0)
+    lagging = shared > chi_square(2, NO_LAG_SIGMAS) * noise.joined
     # Out-of-range samples carry no information.
-    kept = np.where(lagging, np.minimum(kept, np.clip((MOST_LAG_PX - lag_px) / SOME_LAG_PX, 0.0, 1.0)), kept)
+    kept = np.where(lagging, np.minimum(kept, np.clip((MAX_LAG_PX - lag_px) / LAG_RAMP_PX, 0.0, 1.0)), kept)
     return np.clip((before + 1.0) * np.nan_to_num(kept), 1.0, MEMORY).astype(np.float32)
 
 
 def _lag(parts: Any) -> tuple[Any, Any]:
     """Chi-squared statistic (...) of the lag from weighted sums (5, ...), and its length in px."""
     xx, xy, yy, xe, ye = parts
-    least = 1e-6 * (xx + yy) + 1e-20
-    xx, yy = xx + least, yy + least
+    regularisation = 1e-6 * (xx + yy) + 1e-20
+    xx, yy = xx + regularisation, yy + regularisation
     across, down = yy * xe - xy * ye, xx * ye - xy * xe
     scale = xx * yy - xy * xy
     return (across * xe + down * ye) / scale, np.hypot(across, down) / scale
@@ -244,17 +246,17 @@ def neighbours(views: Views) -> tuple[int, NDArray[np.int64], NDArray[np.int64]]
 
     Views are numbered row by row; a disparity is the shift of the nearest neighbour in pixels.
     """
-    places = views.positions_mm.reshape(-1, 3)[:, :2]
-    distance = np.linalg.norm(places, axis=1)
+    positions = views.positions_mm.reshape(-1, 3)[:, :2]
+    distance = np.linalg.norm(positions, axis=1)
     order = np.argsort(distance, kind="stable")
-    near = order[1 : NEIGHBOURS + 1]
-    near = near[distance[near] > 0]
-    if not len(near):
-        return int(order[0]), near, np.zeros((0, 0, 2), np.int64)
-    steps = places[near] / distance[near].min()
-    most = min(MOST_DISPARITY_PX, min(views.width_px, views.height_px) // 4)
-    disparities = np.arange(-most, most + 1)
-    return int(order[0]), near, np.rint(disparities[:, None, None] * steps).astype(np.int64)
+    nearest = order[1 : NEIGHBOURS + 1]
+    nearest = nearest[distance[nearest] > 0]
+    if not len(nearest):
+        return int(order[0]), nearest, np.zeros((0, 0, 2), np.int64)
+    steps = positions[nearest] / distance[nearest].min()
+    max_disparity = min(MAX_DISPARITY_PX, min(views.width_px, views.height_px) // 4)
+    disparities = np.arange(-max_disparity, max_disparity + 1)
+    return int(order[0]), nearest, np.rint(disparities[:, None, None] * steps).astype(np.int64)
 
 
 @compiled
@@ -276,7 +278,7 @@ def _compare(own: Float32, others: Float32, shifts: Int64, stride: int, out: Flo
             for y in range(top, top + SIDE_PX):
                 for x in range(left, left + SIDE_PX):
                     energy += own[y, x] * own[y, x]
-            most, least, tried = np.float32(-1.0), np.float32(1.0), 0
+            highest, lowest, compared = np.float32(-1.0), np.float32(1.0), 0
             for number in range(len(shifts)):
                 product, scale = np.float32(0.0), np.float32(0.0)
                 for k in range(len(others)):
@@ -284,20 +286,20 @@ def _compare(own: Float32, others: Float32, shifts: Int64, stride: int, out: Flo
                     inside = left + across >= 0 and left + across + SIDE_PX <= width
                     if not inside or top + down < 0 or top + down + SIDE_PX > height:
                         continue
-                    part, other = np.float32(0.0), np.float32(0.0)
+                    product_k, energy_k = np.float32(0.0), np.float32(0.0)
                     for y in range(top, top + SIDE_PX):
-                        ours = own[y, left : left + SIDE_PX]
-                        theirs = others[k, y + down, left + across : left + across + SIDE_PX]
+                        own_row = own[y, left : left + SIDE_PX]
+                        other_row = others[k, y + down, left + across : left + across + SIDE_PX]
                         for x in range(SIDE_PX):
-                            part += ours[x] * theirs[x]
-                            other += theirs[x] * theirs[x]
-                    product += part
-                    scale += np.sqrt(energy * other)
+                            product_k += own_row[x] * other_row[x]
+                            energy_k += other_row[x] * other_row[x]
+                    product += product_k
+                    scale += np.sqrt(energy * energy_k)
                 if scale > 0:
-                    most, least = max(most, product / scale), min(least, product / scale)
-                    tried += 1
+                    highest, lowest = max(highest, product / scale), min(lowest, product / scale)
+                    compared += 1
             # By chance, the largest and the smallest correlation are equally far from zero.
-            shared = max(most + min(least, np.float32(0.0)), np.float32(0.0)) if tried > 0 else np.float32(0.0)
+            shared = max(highest + min(lowest, np.float32(0.0)), np.float32(0.0)) if compared > 0 else np.float32(0.0)
             out[0, found], out[1, found] = energy, energy * (np.float32(1.0) - min(shared, np.float32(1.0)))
             found += 1
     return found
@@ -313,17 +315,17 @@ def own_share(now: LightField, before: LightField, gains: Float32) -> float:
     gains
         Gains (k, v, c) of rows from the previous frame's brightness to this one's.
     """
-    reference, near, shifts = neighbours(now)
+    reference, nearest, shifts = neighbours(now)
     height, width = now.height_px, now.width_px
-    if not len(near) or min(height, width) < 2 * SIDE_PX:
+    if not len(nearest) or min(height, width) < 2 * SIDE_PX:
         return 1.0
-    new, old = (each.samples.reshape(-1, *each.samples.shape[2:]) for each in (now, before))
-    channel = new.shape[-1] // 2
-    changes = np.empty((1 + len(near), height, width), np.float32)
-    for number, view in enumerate([reference, *near]):
-        _changes(new[view], old[view], gains[view], channel, changes[number])
+    new_samples, old_samples = (each.samples.reshape(-1, *each.samples.shape[2:]) for each in (now, before))
+    channel = new_samples.shape[-1] // 2
+    changes = np.empty((1 + len(nearest), height, width), np.float32)
+    for number, view in enumerate([reference, *nearest]):
+        _changes(new_samples[view], old_samples[view], gains[view], channel, changes[number])
     stride = max(SIDE_PX, int(np.sqrt(height * width / BLOCKS)))
     energies: Any = np.empty((2, (height // SIDE_PX + 1) * (width // SIDE_PX + 1)), np.float32)
     count = _compare(changes[0], changes[1:], shifts, stride, energies)
-    everything, own = np.quantile(energies[:, :count], LOW_QUANTILE, axis=1)
-    return float(own / everything) if everything > 0 else 1.0
+    total, specific = np.quantile(energies[:, :count], LOW_QUANTILE, axis=1)
+    return float(specific / total) if total > 0 else 1.0

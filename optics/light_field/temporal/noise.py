@@ -20,27 +20,27 @@ from mirrorcam.optics.light_field.light_field import LightField
 Float32 = NDArray[np.float32]
 BINS, LEVELS = 16, 256
 """Number of brightness classes for measuring noise, and of entries in the lookup tables."""
-FEWEST_BLOCKS = 12
+MIN_BLOCKS = 12
 LOW_QUANTILES, NORMAL = (0.1, 0.25), (-1.2816, -0.6745)
 """Quantiles of the blocks of a class, the second of which is used, and of the normal distribution."""
-LEAST_SPREAD, MOST_SPREAD = 0.03, 0.16
+MIN_SPREAD, MAX_SPREAD = 0.03, 0.16
 """Limits of the spread of blocks, for 250 and for 9 independent values."""
-STEEP = 2.0
+MAX_STEP = 2.0
 """Largest ratio of a class's noise to its expectation from the others."""
-LESSER = 0.9
+SMALLER_BIAS = 0.9
 """Bias of the smaller of first and second differences, in spreads."""
 ROUNDING = 1.0 / 12.0 / 255.0**2
 """Variance of rounding to 8 bits, the least noise; for floating-point samples it is LEAST."""
 LEAST = 1e-10
-LEAST_TRUST = 1e-3
-SLOWLY, QUICKLY, LESS = 1.0 / 16.0, 0.5, 0.7
-"""Update rate of the noise; a higher one if the new noise is below LESS times the old, which may have been motion."""
+MIN_TRUST = 1e-3
+SLOW_RATE, FAST_RATE, DROP = 1.0 / 16.0, 0.5, 0.7
+"""Update rate of the noise; a higher one if the new noise is below DROP times the old, which may have been motion."""
 BLOCK_PX = 5
 STRIDE_PX, SMALL_STRIDE_PX, SMALL_VIEW = 16, 8, 20_000
 """Spacing of the blocks, and spacing in views of fewer pixels than SMALL_VIEW."""
 DARK = 16.0 / 255.0
 """Brightness below which a block carries no information on the lighting."""
-LEAST_GAIN, MOST_GAIN = 0.5, 2.0
+MIN_GAIN, MAX_GAIN = 0.5, 2.0
 MEDIAN_ERROR = 1.86
 """Standard error of the median of one normal value, in median absolute deviations: 1.4826 sqrt(pi / 2)."""
 
@@ -66,19 +66,19 @@ class Noise:
 
     def information(self) -> Float32:
         """Inverse variances (2, LEVELS) of both, from brightness 0 to 1."""
-        places, centres = np.linspace(0.0, 1.0, LEVELS), (np.arange(BINS) + 0.5) / BINS
-        trust = max(self.trust, LEAST_TRUST)
-        curves = [np.interp(places, centres, curve) * trust for curve in (self.colours, self.brightness)]
+        levels, centres = np.linspace(0.0, 1.0, LEVELS), (np.arange(BINS) + 0.5) / BINS
+        trust = max(self.trust, MIN_TRUST)
+        curves = [np.interp(levels, centres, curve) * trust for curve in (self.colours, self.brightness)]
         return (1.0 / np.array(curves)).astype(np.float32)
 
-    def followed(self, new: Noise) -> Noise:
+    def updated(self, new: Noise) -> Noise:
         """Update the noise with the noise of a new frame."""
         # Take the new value entirely if only this frame certainly has no motion.
-        up = (new.trust - self.trust) / max(new.trust, LEAST_TRUST)
-        slowly = max(up, SLOWLY * new.trust)
+        up = (new.trust - self.trust) / max(new.trust, MIN_TRUST)
+        slowly = max(up, SLOW_RATE * new.trust)
 
         def one(old: Float32, now: Float32) -> Float32:
-            rate = np.where(now > LESS * old, np.float32(slowly), np.float32(max(up, QUICKLY)))
+            rate = np.where(now > DROP * old, np.float32(slowly), np.float32(max(up, FAST_RATE)))
             return np.asarray(old + rate * (now - old))
 
         spread = [old + slowly * (now - old) for old, now in zip(self.spread, new.spread, strict=True)]
@@ -139,7 +139,7 @@ def _energies(first: Float32, previous: Float32, gains: Float32, out: Float32) -
                 out[1, k, m, n] = half * one_mean / np.float32(channels * channels)
 
 
-def measured_noise(now: Blocks, before: Blocks, gains: Float32, least: float, trust: float) -> Noise:
+def measure_noise(now: Blocks, before: Blocks, gains: Float32, least: float, trust: float) -> Noise:
     """Measure the noise of a frame's blocks relative to the previous ones, at least `least`, given gains (k, m, c).
 
     `trust` is the confidence that not everything moves.
@@ -180,8 +180,8 @@ def _expected(known: NDArray[np.int64], found: FloatArray, count: NDArray[np.int
     expected = found * np.maximum(ratio, 1.0 / ratio)
     order = np.argsort(expected, axis=1, kind="stable")
     share = np.cumsum(count[order], axis=1) / count.sum()
-    middle = np.argmax(share >= 0.5, axis=1)
-    return np.asarray(np.take_along_axis(expected, order, axis=1)[np.arange(len(known)), middle])
+    median_rank = np.argmax(share >= 0.5, axis=1)
+    return np.asarray(np.take_along_axis(expected, order, axis=1)[np.arange(len(known)), median_rank])
 
 
 def _by_level(energies: Float32, level: NDArray[np.int64], second: bool) -> tuple[Float32, float]:
@@ -190,15 +190,15 @@ def _by_level(energies: Float32, level: NDArray[np.int64], second: bool) -> tupl
     Classes with few blocks are interpolated. With `second`, energies are the smaller of two.
     """
     count = np.bincount(level, minlength=BINS)
-    known = np.flatnonzero(count >= min(FEWEST_BLOCKS, count.max()))
+    known = np.flatnonzero(count >= min(MIN_BLOCKS, count.max()))
     found = np.array([_low(energies[level == number], LOW_QUANTILES[1]) for number in known])
-    curve = np.interp(np.arange(BINS), known, np.minimum(found, STEEP * _expected(known, found, count[known])))
+    curve = np.interp(np.arange(BINS), known, np.minimum(found, MAX_STEP * _expected(known, found, count[known])))
     with np.errstate(divide="ignore", invalid="ignore"):
         relative = np.nan_to_num(energies / curve[level], posinf=0.0)
     low, high = np.cbrt([_low(relative, share) for share in LOW_QUANTILES])
-    spread = float((high - low) / (NORMAL[1] * low - NORMAL[0] * high)) if high > 0 else LEAST_SPREAD
-    spread = min(max(spread, LEAST_SPREAD), MOST_SPREAD)
-    chance = _quantile(spread, NORMAL[1]) * (1.0 - (LESSER * spread if second else 0.0))
+    spread = float((high - low) / (NORMAL[1] * low - NORMAL[0] * high)) if high > 0 else MIN_SPREAD
+    spread = min(max(spread, MIN_SPREAD), MAX_SPREAD)
+    chance = _quantile(spread, NORMAL[1]) * (1.0 - (SMALLER_BIAS * spread if second else 0.0))
     return (curve / chance).astype(np.float32), spread
 
 
@@ -276,7 +276,7 @@ def lighting(now: Float32, before: Float32) -> Float32:
     # A binomial filter has no negative frequency response: a row's correction does not grow in the next frame.
     wider = np.pad(gains, ((0, 0), (1, 1), (0, 0)), mode="edge")
     smooth = 0.25 * wider[:, :-2] + 0.5 * wider[:, 1:-1] + 0.25 * wider[:, 2:]
-    return np.clip(smooth, LEAST_GAIN, MOST_GAIN).astype(np.float32)
+    return np.clip(smooth, MIN_GAIN, MAX_GAIN).astype(np.float32)
 
 
 def _medians(values: Float32) -> Float32:
@@ -288,9 +288,9 @@ def _medians(values: Float32) -> Float32:
 def row_gains(gains: Float32, height: int) -> Float32:
     """Interpolate gains (k, m, c) of rows of blocks to gains (k, v, c) of all rows of pixels."""
     down = gains.shape[1]
-    place = (np.arange(height, dtype=np.float32) + np.float32(0.5)) * np.float32(down / height) - np.float32(0.5)
-    place = np.clip(place, 0, down - 1)
-    above = np.minimum(place.astype(np.int64), max(down - 2, 0))
-    part = (place - above.astype(np.float32))[:, None]
+    position = (np.arange(height, dtype=np.float32) + np.float32(0.5)) * np.float32(down / height) - np.float32(0.5)
+    position = np.clip(position, 0, down - 1)
+    above = np.minimum(position.astype(np.int64), max(down - 2, 0))
+    fraction = (position - above.astype(np.float32))[:, None]
     below = np.minimum(above + 1, down - 1)
-    return np.ascontiguousarray(gains[:, above] + part * (gains[:, below] - gains[:, above]))
+    return np.ascontiguousarray(gains[:, above] + fraction * (gains[:, below] - gains[:, above]))

@@ -18,7 +18,7 @@ AREA_PX = 16
 LAG_SUMS = 9
 DRIFT_SHARE = 0.25
 """Weight of a frame in the running mean of differences."""
-MOST = 100.0
+MAX_SQUARES = 100.0
 """Limit of squared differences."""
 
 
@@ -58,7 +58,7 @@ def _differences(new: Samples, scale: float, mean: Float32, gain: Float32, diffe
 
 
 @compiled
-def _tested(
+def _test_changes(
     difference: Float32,
     level: Float32,
     count: Float32,
@@ -75,7 +75,7 @@ def _tested(
     """
     width, channels = difference.shape
     last, one = np.float32(tables.shape[1] - 1), np.float32(1.0)
-    share, most, third = np.float32(DRIFT_SHARE), np.float32(MOST), np.float32(1.0 / 3.0)
+    share, max_squares, third = np.float32(DRIFT_SHARE), np.float32(MAX_SQUARES), np.float32(1.0 / 3.0)
     for x in range(width):
         a = difference[x, 0]
         squares, total = a * a, a
@@ -83,12 +83,12 @@ def _tested(
             b, c = difference[x, 1], difference[x, 2]
             squares += b * b + c * c
             total = (a + b + c) * third
-        moved = max(min(drift[x] + share * (total - drift[x]), one), -one)
-        drifted[x] = moved
-        place, times = np.uint32(max(min(level[x], one), np.float32(0.0)) * last), np.uint32(count[x])
-        out[0, x] = min(squares * tables[0, place] * by_count[0, times], most)
-        information[x] = tables[1, place] * by_count[1, times]
-        out[1, x] = min(moved * moved * information[x], most)
+        running = max(min(drift[x] + share * (total - drift[x]), one), -one)
+        drifted[x] = running
+        entry, averaged = np.uint32(max(min(level[x], one), np.float32(0.0)) * last), np.uint32(count[x])
+        out[0, x] = min(squares * tables[0, entry] * by_count[0, averaged], max_squares)
+        information[x] = tables[1, entry] * by_count[1, averaged]
+        out[1, x] = min(running * running * information[x], max_squares)
 
 
 @compiled
@@ -126,33 +126,33 @@ def _add_lag(
 
 
 @compiled
-def _kept(sums: Float32, inverse: Float32, limits: Float32, out: Float32) -> None:
+def _memory_share(sums: Float32, inverse: Float32, limits: Float32, out: Float32) -> None:
     """Share (u,) of memory that is kept, from sums (2, u) over the rows of the square, padded at both sides.
 
     `limits` (2, 2) hold where memory begins to shrink and where it is lost, for the difference and its running mean.
     """
     width = len(out)
     zero, one = np.float32(0.0), np.float32(1.0)
-    unlike, drifting = limits[1, 0], limits[1, 1]
-    alike, still = one / (unlike - limits[0, 0]), one / (drifting - limits[0, 1])
+    changed, drifting = limits[1, 0], limits[1, 1]
+    change_slope, drift_slope = one / (changed - limits[0, 0]), one / (drifting - limits[0, 1])
     for x in range(width):
         change, drift = sums[0, x], sums[1, x]
         for offset in range(1, SIDE_PX):
             change += sums[0, x + offset]
             drift += sums[1, x + offset]
-        like = (unlike - change * inverse[x]) * alike
-        steady = (drifting - drift * inverse[x]) * still
-        out[x] = max(min(like, steady, one), zero)
+        kept_by_change = (changed - change * inverse[x]) * change_slope
+        kept_by_drift = (drifting - drift * inverse[x]) * drift_slope
+        out[x] = max(min(kept_by_change, kept_by_drift, one), zero)
 
 
 @compiled
-def _blended(new: Samples, full: float, mean: Float32, gain: Float32, part: Float32, out: Float32) -> None:
+def _blend(new: Samples, full: float, mean: Float32, gain: Float32, new_share: Float32, out: Float32) -> None:
     """Blend a row (u, c) of new samples with their mean scaled to this lighting, by the new ones' share (u,)."""
     one = np.float32(1.0)
-    for x in range(len(part)):
-        rest = one - part[x]
+    for x in range(len(new_share)):
+        mean_share = one - new_share[x]
         for c in range(out.shape[1]):
-            out[x, c] = part[x] * (np.float32(new[x, c]) / full) + rest * (mean[x, c] * gain[c])
+            out[x, c] = new_share[x] * (np.float32(new[x, c]) / full) + mean_share * (mean[x, c] * gain[c])
 
 
 @compiled
@@ -185,13 +185,13 @@ def filter_view(
     information = np.empty_like(levels)
     rows = np.zeros((SIDE_PX, 2, width), np.float32)
     sums = np.zeros((2, width + 2 * reach), np.float32)
-    kept, part, inverse = np.empty(width, np.float32), np.empty(width, np.float32), np.empty(width, np.float32)
+    kept, new_share, inverse = np.empty(width, np.float32), np.empty(width, np.float32), np.empty(width, np.float32)
     for below in range(height + reach):
         if below < height:
             level, own = levels[below % (reach + 2)], information[below % (reach + 2)]
             _differences(new[below], scale, mean[below], gain[below], difference, level)
             ring = rows[below % SIDE_PX]
-            _tested(difference, level, count[below], drift[below], tables, by_count, out_drift[below], own, ring)
+            _test_changes(difference, level, count[below], drift[below], tables, by_count, out_drift[below], own, ring)
         else:
             rows[below % SIDE_PX] = 0.0
         y = below - reach
@@ -204,19 +204,19 @@ def filter_view(
                 row = rows[number, kind]
                 for x in range(width):
                     inner[x] += row[x]
-        tall = min(y, reach) + min(height - 1 - y, reach) + 1
+        window_rows = min(y, reach) + min(height - 1 - y, reach) + 1
         for x in range(width):
-            inverse[x] = one / np.float32(tall * (min(x, reach) + min(width - 1 - x, reach) + 1))
-        _kept(sums, inverse, limits, kept)
+            inverse[x] = one / np.float32(window_rows * (min(x, reach) + min(width - 1 - x, reach) + 1))
+        _memory_share(sums, inverse, limits, kept)
         for area in range(most_frames.shape[1]):
-            most = most_frames[y // AREA_PX, area] - one
+            max_frames = most_frames[y // AREA_PX, area] - one
             for x in range(area * AREA_PX, min((area + 1) * AREA_PX, width)):
-                times = min(count[y, x] * kept[x], most) + one
-                out_count[y, x] = times
-                part[x] = one / times
+                frames = min(count[y, x] * kept[x], max_frames) + one
+                out_count[y, x] = frames
+                new_share[x] = one / frames
                 out_drift[y, x] *= kept[x]
         if y % 2 == 1 and y < height - 1:
-            above, under = levels[(y - 1) % (reach + 2)], levels[(y + 1) % (reach + 2)]
-            middle, own = levels[y % (reach + 2)], information[y % (reach + 2)]
-            _add_lag(above, middle, under, out_drift[y], own, out_lag[y // AREA_PX])
-        _blended(new[y], full, mean[y], gain[y], part, out[y])
+            above, next_row = levels[(y - 1) % (reach + 2)], levels[(y + 1) % (reach + 2)]
+            this_row, own = levels[y % (reach + 2)], information[y % (reach + 2)]
+            _add_lag(above, this_row, next_row, out_drift[y], own, out_lag[y // AREA_PX])
+        _blend(new[y], full, mean[y], gain[y], new_share, out[y])

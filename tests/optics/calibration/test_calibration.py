@@ -276,7 +276,7 @@ def test_a_plain_board_of_fewer_squares_than_the_picture_shows_is_rejected(
 
 def test_pictures_that_are_upside_down_are_refused_with_that_cause(small_set: Set) -> None:
     turned = [np.ascontiguousarray(picture[::-1, ::-1]) for picture in small_set.frames[:3]]
-    with pytest.raises(InputError, match="fit the layout only when they are turned by 180 deg"):
+    with pytest.raises(InputError, match="only when rotated by 180 deg"):
         calibrate(turned, [], small_set.nominal, BOARD)
 
 

@@ -12,9 +12,9 @@ from mirrorcam.optics.calibration.pupil_estimate import (
     MARGIN_PX,
     NEARNESS_SIGMA,
     BoardPictures,
-    SeenPupil,
+    PupilFit,
     estimated_pupil,
-    seen_pupil,
+    fit_pupil,
     unvignetted,
 )
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
@@ -88,19 +88,19 @@ def test_a_frame_keeps_its_corners_where_few_would_be_left(default_layout: Layou
     ("seen", "expected", "words"),
     [
         (None, (1.8, 500.0), "show the blur of too few mirror edges to estimate the pupil: 1.8 mm wide"),
-        (SeenPupil(0.01, 0.02, 0.002, 0.002, 20), (0.0, 500.0), "0.10 ± 0.07 mm wide, by the blur of 20 mirror edges"),
-        (SeenPupil(4.0, 0.2, 0.001, 0.002, 20), (2.0, 500.0), "do not determine the distance in focus"),
-        (SeenPupil(4.0, 0.2, 0.001, 0.0003, 20), (2.0, 1000.0), "in focus at 1000 mm (1.00 ± 0.30 per metre)"),
+        (PupilFit(0.01, 0.02, 0.002, 0.002, 20), (0.0, 500.0), "0.10 ± 0.07 mm wide, by the blur of 20 mirror edges"),
+        (PupilFit(4.0, 0.2, 0.001, 0.002, 20), (2.0, 500.0), "do not determine the distance in focus"),
+        (PupilFit(4.0, 0.2, 0.001, 0.0003, 20), (2.0, 1000.0), "in focus at 1000 mm (1.00 ± 0.30 per metre)"),
     ],
 )
 def test_undetermined_values_of_the_pupil_are_kept(
     default_layout: Layout,
     monkeypatch: pytest.MonkeyPatch,
-    seen: SeenPupil | None,
+    seen: PupilFit | None,
     expected: tuple[float, float],
     words: str,
 ) -> None:
-    monkeypatch.setattr(pupil_estimate, "_seen", lambda layout, frames, target: seen)
+    monkeypatch.setattr(pupil_estimate, "_fit_pupil_of", lambda layout, frames, target: seen)
     found = estimated_pupil(with_pupil(default_layout, PUPIL), [], default_board())
     assert (found.camera.aperture_mm, found.camera.focus_mm) == pytest.approx(expected)
     assert words in found.note
@@ -150,10 +150,10 @@ def light(layout: Layout, border: Border, pupil: Pupil, random: np.random.Genera
     return BorderLight(border, np.where(on_sensor, shown, np.nan), np.where(on_sensor, NOISE, np.inf))
 
 
-def found(layout: Layout, pupil: Pupil, seed: int, assumed: Pupil) -> SeenPupil:
+def found(layout: Layout, pupil: Pupil, seed: int, assumed: Pupil) -> PupilFit:
     random = np.random.default_rng(seed)
     given = layout.replaced(camera=layout.camera.with_pupil(assumed))
-    seen = seen_pupil(given, [light(layout, border, pupil, random) for border in borders(given)])
+    seen = fit_pupil(given, [light(layout, border, pupil, random) for border in borders(given)])
     assert seen is not None
     return seen
 
@@ -182,17 +182,17 @@ def test_a_pinhole_is_recognised_and_its_focus_left_undetermined(fold_90_layout:
 def test_few_or_dim_borders_determine_nothing(fold_90_layout: Layout) -> None:
     random = np.random.default_rng(5)
     lights = [light(fold_90_layout, border, Pupil(1.8, 500.0), random) for border in borders(fold_90_layout)[:4]]
-    assert seen_pupil(fold_90_layout, lights) is None
+    assert fit_pupil(fold_90_layout, lights) is None
     dim = [BorderLight(each.border, 0.02 * each.light, each.sigma) for each in lights] * 3
-    assert seen_pupil(fold_90_layout, dim) is None
+    assert fit_pupil(fold_90_layout, dim) is None
 
 
 def test_a_border_that_shows_something_else_is_left_out(fold_90_layout: Layout) -> None:
     random, true = np.random.default_rng(6), Pupil(1.8, 500.0)
     lights = [light(fold_90_layout, border, true, random) for border in borders(fold_90_layout)]
-    clean = seen_pupil(fold_90_layout, lights)
+    clean = fit_pupil(fold_90_layout, lights)
     wide = light(fold_90_layout, lights[4].border, Pupil(4.0, 500.0), random)
-    spoilt = seen_pupil(fold_90_layout, [*lights[:4], wide, *lights[5:]])
+    spoilt = fit_pupil(fold_90_layout, [*lights[:4], wide, *lights[5:]])
     assert clean is not None
     assert spoilt is not None
     assert spoilt.borders == clean.borders - 1

@@ -461,7 +461,7 @@ def test_layouts_that_cannot_be_decoded_are_refused(parabola_layout: Layout) -> 
     with pytest.raises(InputError, match=r"^the mirrors' order along t is reversed"):
         Decoder(parabola_layout.replaced(mirrors=tuple(mirrors[i] for i in (6, 7, 8, 3, 4, 5, 0, 1, 2))))
     small = parabola_layout.camera.replaced(width_px=100, height_px=100)
-    with pytest.raises(InputError, match=r"^mirror \d-\d lies outside the image, expected each mirror to be seen$"):
+    with pytest.raises(InputError, match=r"^mirror \d-\d lies outside the image"):
         Decoder(parabola_layout.replaced(camera=small))
     with pytest.raises(InputError, match=r"^mirror 0-0 does not look forward along the view axis$"):
         Decoder(parabola_layout.replaced(view_from_rig=np.diag([1.0, -1.0, -1.0])))

@@ -12,7 +12,7 @@ from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import Decoder
-from mirrorcam.optics.light_field.equalisation import Equalisation, Fading, measure, measured_exponent
+from mirrorcam.optics.light_field.equalisation import Equalisation, VignettedLevels, fit_exponent, measure
 from mirrorcam.optics.light_field.light_field import LightField, Views
 from tests.optics.light_field.photographs import Texture, photographed, reflected_rays, waves
 
@@ -151,17 +151,17 @@ def views() -> Views:
 @pytest.mark.parametrize("exponent", [1.0 / 2.2, 0.7, 1.3])
 @pytest.mark.parametrize("kind", [np.uint8, np.float32])
 def test_an_exponent_is_found(views: Views, exponent: float, kind: type) -> None:
-    found = measured_exponent([Fading.of(faded(views, exponent, seed=seed, kind=kind)) for seed in range(2)])
+    found = fit_exponent([VignettedLevels.of(faded(views, exponent, seed=seed, kind=kind)) for seed in range(2)])
     assert found == pytest.approx(exponent, abs=0.03)
 
 
 def test_a_linear_camera_is_recognised(views: Views) -> None:
-    assert measured_exponent([Fading.of(faded(views, 1.0))]) == 1.0
+    assert fit_exponent([VignettedLevels.of(faded(views, 1.0))]) == 1.0
 
 
 def test_without_information_no_exponent_is_found(views: Views) -> None:
-    assert measured_exponent([Fading.of(faded(views, 0.5, least=1.0))]) == 1.0
+    assert fit_exponent([VignettedLevels.of(faded(views, 0.5, least=1.0))]) == 1.0
     light_field = faded(views, 0.5)
     dark = LightField.of(views, np.zeros_like(light_field.samples), light_field.weights)
     none = LightField.of(views, light_field.samples, np.zeros_like(light_field.weights))
-    assert measured_exponent([Fading.of(dark), Fading.of(none)]) == 1.0
+    assert fit_exponent([VignettedLevels.of(dark), VignettedLevels.of(none)]) == 1.0

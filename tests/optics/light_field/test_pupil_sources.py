@@ -10,7 +10,7 @@ import pytest
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
-from mirrorcam.optics.light_field.decoder import LEAST_SHARE, MOST_CROSSTALK, Decoder, choose_views, pupil_sources
+from mirrorcam.optics.light_field.decoder import MAX_CROSSTALK, MIN_SHARE, Decoder, choose_views, pupil_sources
 from mirrorcam.render_scenes.truth.light_rays import reflected
 from mirrorcam.render_scenes.truth.pupil_maps import sunflower
 from tests.nightly import a_few
@@ -78,9 +78,9 @@ def test_parts_and_places_match_rays_through_the_complete_pupil(lens_layout: Lay
     chosen = np.concatenate([random.choice(partial, 100), random.choice(complete, 20)])
     found = traced(lens_layout, index, pixels[chosen])
     assert shares[chosen].min() < 0.6
-    assert shares[chosen].min() > LEAST_SHARE
+    assert shares[chosen].min() > MIN_SHARE
     np.testing.assert_allclose(shares[chosen], found.own, atol=0.007)
-    assert found.others.max() < MOST_CROSSTALK + 0.004
+    assert found.others.max() < MAX_CROSSTALK + 0.004
     # The rays' mean is the requested point within .02 px; chief rays are off by .1 px and more.
     expected = (points[chosen] @ lens_layout.view_from_rig.T)[:, :2]
     px_per_mm = views.focal_px / views.reference_distance_mm
@@ -89,7 +89,7 @@ def test_parts_and_places_match_rays_through_the_complete_pupil(lens_layout: Lay
     inner = np.array([lens_layout.camera.width_px, lens_layout.camera.height_px]) - 1.0
     none = none[((pixels[none] >= 0.0) & (pixels[none] <= inner)).all(axis=1)]
     left = traced(lens_layout, index, pixels[random.choice(none, 100)])
-    assert ((left.own < 0.75) | (left.others > MOST_CROSSTALK - 0.004)).all()
+    assert ((left.own < 0.75) | (left.others > MAX_CROSSTALK - 0.004)).all()
 
 
 def test_a_place_out_of_focus_is_displaced_from_its_chief_ray(lens_layout: Layout) -> None:

@@ -45,19 +45,19 @@ def margins(views: Views) -> tuple[int, int, int, int]:
 def write_colmap(folder: Path, light_field: LightField) -> None:
     """Write `images/VIEW/0000.png`, `masks/`, `rig_config.json` and `sparse/`; the world is the rig frame.
 
-    Numbers are those of COLMAP's database: cameras and images from 1 in the order of names, then the joint rig and
+    Numbers follow COLMAP's database: cameras and images from 1 in the order of names, then the joint rig and
     frame. `colmap point_triangulator` adds points to the model.
     """
     views = light_field
     left, top, right, bottom = margins(views)
-    around = ((top, bottom), (left, right))
+    padding = ((top, bottom), (left, right))
     size = views.width_px + left + right, views.height_px + top + bottom
     rotation, centres = views.view_from_rig, centres_in_rig_mm(views)
     cameras = []
     for t, s in np.ndindex(views.rows, views.cols):
         name, matrix = view_name(t, s), views.matrices[t, s]
-        weights = np.pad(weight_bytes(views.weights[t, s]), around)
-        write_image(folder / "images" / name / PICTURE, np.pad(rgb(views.samples[t, s]), (*around, (0, 0))))
+        weights = np.pad(weight_bytes(views.weights[t, s]), padding)
+        write_image(folder / "images" / name / PICTURE, np.pad(rgb(views.samples[t, s]), (*padding, (0, 0))))
         write_image(folder / "masks" / name / f"{PICTURE}.png", np.where(weights > 0, 255, 0).astype(np.uint8))
         cx, cy = matrix[0, 2] + left + HALF_PIXEL, matrix[1, 2] + top + HALF_PIXEL
         parameters = [float(value) for value in (matrix[0, 0], matrix[1, 1], cx, cy)]
@@ -82,32 +82,32 @@ def read_colmap(folder: Path) -> LightField:
     Without `views.json`, the rig is COLMAP's world in mm, and pictures keep their margins. Raises InputError in one
     line for any other model.
     """
-    where = folder / "sparse"
-    with refusing(where, "a model of a grid of views"):
-        found = _named_views(where)
+    model = folder / "sparse"
+    with refusing(model, "a model of a grid of views"):
+        found = _named_views(model)
         (rows, cols), order = row_by_row(found)
         poses, numbers = np.array([each[0] for each in order]), np.array([each[1] for each in order])
         if poses.shape[1:] != (7,) or numbers.shape[1:] != (6,) or not np.isfinite([poses.sum(), numbers.sum()]).all():
             raise ValueError("numbers are missing or not finite")
-        turns = Rotation.from_quat(poses[:, :4], scalar_first=True).as_matrix()
-    if np.abs(turns - turns[0]).max() > 1e-6 or np.ptp(numbers[:, :2], axis=0).any():
-        raise InputError(f"{where}: cameras have different orientations or sizes, expected parallel views")
+        rotations = Rotation.from_quat(poses[:, :4], scalar_first=True).as_matrix()
+    if np.abs(rotations - rotations[0]).max() > 1e-6 or np.ptp(numbers[:, :2], axis=0).any():
+        raise InputError(f"{model}: cameras have different orientations or sizes, expected parallel views")
     files = [inside(folder / "images", name) for _, _, name in order]
     size = common_size(files)
     if size != tuple(numbers[0, :2]):
         raise InputError(f"{files[0]}: {size[0]}x{size[1]} px, expected {numbers[0, :2].tolist()} of its camera")
-    own = read_views(folder / VIEWS)
-    left, top, right, bottom = own[1].margins if own else (0, 0, 0, 0)
-    if own:
-        views = own[0]
+    stated = read_views(folder / VIEWS)
+    left, top, right, bottom = stated[1].margins if stated else (0, 0, 0, 0)
+    if stated:
+        views = stated[0]
         if size != (views.width_px + left + right, views.height_px + top + bottom):
             raise InputError(f"{folder / VIEWS}: views of {views.width_px}x{views.height_px} px in {size[0]}x{size[1]}")
     else:
         matrices = np.zeros((rows * cols, 3, 3))
         matrices[:, 0, 0], matrices[:, 1, 1], matrices[:, 2, 2] = numbers[:, 2], numbers[:, 3], 1.0
         matrices[:, :2, 2] = numbers[:, 4:] - HALF_PIXEL
-        centres_mm = (-1000.0 * poses[:, 4:] @ turns[0]).reshape(rows, cols, 3)
-        views = views_of_pinholes(centres_mm, turns[0], matrices.reshape(rows, cols, 3, 3), size, str(where))
+        centres_mm = (-1000.0 * poses[:, 4:] @ rotations[0]).reshape(rows, cols, 3)
+        views = views_of_pinholes(centres_mm, rotations[0], matrices.reshape(rows, cols, 3, 3), size, str(model))
     inner = (slice(top, size[1] - bottom), slice(left, size[0] - right))
     shape = (rows, cols, views.height_px, views.width_px)
     colours, opacity = np.empty((*shape, 3), np.uint8), np.full(shape, 255, np.uint8)
@@ -120,7 +120,7 @@ def read_colmap(folder: Path) -> LightField:
             grey = read_image(mask, grey=True)
             check_size(mask, grey, size)
             opacity[index] = grey[inner]
-    return light_field_of(views, colours, opacity, own[1].channels if own else 3)
+    return light_field_of(views, colours, opacity, stated[1].channels if stated else 3)
 
 
 _View = tuple[NDArray[np.float64], list[float], str]

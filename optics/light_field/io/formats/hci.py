@@ -37,10 +37,10 @@ Float32 = NDArray[np.float32]
 
 PARAMETERS = "parameters.cfg"
 DISPARITY, DEPTH = "gt_disp_lowres.pfm", "gt_depth_lowres.pfm"
-OURS = "mirrorcam"
-MOST_VIEWS, MOST_PICTURES = 1000, 100_000
+SECTION = "mirrorcam"
+MAX_VIEWS, MAX_PICTURES = 1000, 100_000
 """Largest number of views of a scene down or across, and in total."""
-LARGEST_BYTES = 300_000
+MAX_BYTES = 300_000
 """Largest size of the parameters: the benchmark's take 1 kB, a hundred of our exact views 10 kB."""
 SENSOR_SIZE_MM = 35.0
 """Written as the longer side of the sensor; only its ratio to the focal length matters."""
@@ -91,24 +91,24 @@ def write_hci(folder: Path, light_field: LightField, depth_mm: Float32 | None = 
 
     Pictures have 8 bits. If some samples are missing, `mask_Cam000.png` and following mark the valid ones.
     """
-    views, unseen = light_field, not light_field.valid.all()
+    views, has_missing = light_field, not light_field.valid.all()
     samples: Any = light_field.samples
     if samples.dtype == np.float32:
         samples = np.rint(np.clip(samples, 0.0, 1.0) * np.float32(255.0)).astype(np.uint8)
     for number, (t, s) in enumerate(np.ndindex(views.rows, views.cols)):
         colours = np.broadcast_to(samples[t, s], (*samples.shape[2:4], 3))
         write_image(folder / f"input_Cam{number:03d}.png", np.ascontiguousarray(colours))
-        if unseen:
+        if has_missing:
             mask = np.where(light_field.valid[t, s], 255, 0).astype(np.uint8)
             write_image(folder / f"mask_Cam{number:03d}.png", mask)
     if depth_mm is not None:
-        behind_mm = views.reference_view_depth_mm
+        pupil_mm = views.reference_view_depth_mm
         axis: Axis = "s" if views.cols > 1 else "t"
         write_pfm(
             folder / DISPARITY, views.disparity_px_from_depth(depth_mm.astype(np.float64), axis).astype(np.float32)
         )
-        write_pfm(folder / DEPTH, ((depth_mm - np.float32(behind_mm)) / np.float32(1000.0)).astype(np.float32))
-    # Last, because a folder without it is no scene.
+        write_pfm(folder / DEPTH, ((depth_mm - np.float32(pupil_mm)) / np.float32(1000.0)).astype(np.float32))
+    # Write this file last: a folder without it is no scene.
     write_text(folder / PARAMETERS, _parameters(views, samples.shape[-1], depth_mm))
 
 
@@ -149,7 +149,7 @@ def _parameters(views: Views, channels: int, depth_mm: Float32 | None) -> str:
                 "frustum_disp_max": repr(float(disparity.max())),
                 "depth_map_scale": 1.0,
             },
-            OURS: {
+            SECTION: {
                 "channels": channels,
                 "positions_mm": json.dumps(views.positions_mm.tolist()),
                 "focal_px": repr(views.focal_px),
@@ -176,7 +176,7 @@ def read_hci(folder: Path, *, every: int = 1) -> HciScene:
     """
     path = folder / PARAMETERS
     parser = ConfigParser(interpolation=None)
-    raw = read_bytes(path, LARGEST_BYTES)
+    raw = read_bytes(path, MAX_BYTES)
     try:
         text = raw.decode("utf-8")
         if _LONG_BLANK.search(text):  # the parser would search for the end of a name from each position
@@ -188,43 +188,43 @@ def read_hci(folder: Path, *, every: int = 1) -> HciScene:
         reason = " ".join(str(error).split())
         raise InputError(shortened(f"{path}: not the parameters of a light field: {reason}")) from None
     # A scene focused at infinity has zero disparity there.
-    beyond = {key: MOST_VIEWS if key.startswith("num_cams") else 1e6 for key in numbers} | {"focus_distance_m": np.inf}
-    wrong = next((key for key, value in numbers.items() if not 0 < value <= beyond[key]), None)
+    limits = {key: MAX_VIEWS if key.startswith("num_cams") else 1e6 for key in numbers} | {"focus_distance_m": np.inf}
+    wrong = next((key for key, value in numbers.items() if not 0 < value <= limits[key]), None)
     wrong = wrong or next((key for key in _COUNTS if not numbers[key].is_integer()), None)
     if wrong is not None:
         kind = "positive number, a whole one" if wrong in _COUNTS else "positive number"
-        raise InputError(f"{path}: {wrong} is {numbers[wrong]:g}, expected a {kind} to {beyond[wrong]:g}")
+        raise InputError(f"{path}: {wrong} is {numbers[wrong]:g}, expected a {kind} to {limits[wrong]:g}")
     width, height, cols, rows = (int(numbers[key]) for key in _COUNTS)
-    if cols * rows > MOST_PICTURES:
-        raise InputError(f"{path}: {cols}x{rows} views, expected at most {MOST_PICTURES}")
+    if cols * rows > MAX_PICTURES:
+        raise InputError(f"{path}: {cols}x{rows} views, expected at most {MAX_PICTURES}")
     if every < 1 or (cols // 2) % every or (rows // 2) % every:
         raise InputError(f"{folder}: {cols}x{rows} views, expected the central one among every {every}th")
-    views = _our_views(parser, path, (width, height)) if parser.has_section(OURS) else _even_views(numbers)
+    views = _our_views(parser, path, (width, height)) if parser.has_section(SECTION) else _even_views(numbers)
     if (views.rows, views.cols) != (rows, cols):
         raise InputError(f"{path}: {views.cols}x{views.rows} positions of {cols}x{rows} views")
-    taken = [(t, s) for t in range(0, rows, every) for s in range(0, cols, every)]
-    files = [folder / f"input_Cam{t * cols + s:03d}.png" for t, s in taken]
+    selected = [(t, s) for t in range(0, rows, every) for s in range(0, cols, every)]
+    files = [folder / f"input_Cam{t * cols + s:03d}.png" for t, s in selected]
     common_size(files)
     pictures = [_picture(file, (width, height)) for file in files]
-    masks = [folder / f"mask_Cam{t * cols + s:03d}.png" for t, s in taken]
-    weights = np.ones((len(taken), height, width), np.float32)
+    masks = [folder / f"mask_Cam{t * cols + s:03d}.png" for t, s in selected]
+    weights = np.ones((len(selected), height, width), np.float32)
     for weight, mask in zip(weights, masks, strict=True):
         if mask.exists():
             weight[:] = _picture(mask, (width, height), grey=True) > 0
     grid = (len(range(0, rows, every)), len(range(0, cols, every)))
-    channels = {"1": 1, "3": 3}.get(parser.get(OURS, "channels", fallback="3"))
+    channels = {"1": 1, "3": 3}.get(parser.get(SECTION, "channels", fallback="3"))
     if channels is None:
-        raise InputError(f"{path}: section {OURS!r}: channels is neither 1 nor 3")
+        raise InputError(f"{path}: section {SECTION!r}: channels is neither 1 nor 3")
     samples = np.stack(pictures).reshape(*grid, height, width, 3)[..., :channels]
-    taken_views = replace(views, positions_mm=views.positions_mm[::every, ::every])
-    light_field = LightField.of(taken_views, np.ascontiguousarray(samples), weights.reshape(*grid, height, width))
-    known = (extremes[0], extremes[1]) if extremes[0] < extremes[1] else None
+    selected_views = replace(views, positions_mm=views.positions_mm[::every, ::every])
+    light_field = LightField.of(selected_views, np.ascontiguousarray(samples), weights.reshape(*grid, height, width))
+    disparity_range = (extremes[0], extremes[1]) if extremes[0] < extremes[1] else None
     if not (folder / DISPARITY).exists():
-        return HciScene(light_field, None, known)
+        return HciScene(light_field, None, disparity_range)
     disparity = read_pfm(folder / DISPARITY)
     if disparity.shape != (height, width):
         raise InputError(f"{folder / DISPARITY}: {disparity.shape[1]}x{disparity.shape[0]}, expected {width}x{height}")
-    return HciScene(light_field, disparity * np.float32(every), known)
+    return HciScene(light_field, disparity * np.float32(every), disparity_range)
 
 
 def _picture(path: Path, size: tuple[int, int], *, grey: bool = False) -> NDArray[np.uint8]:
@@ -253,18 +253,17 @@ def _even_views(numbers: dict[str, float]) -> Views:
 
 def _our_views(parser: ConfigParser, path: Path, size: tuple[int, int]) -> Views:
     """Build the views from the section that `write_hci` wrote."""
-
-    ours = parser[OURS]
+    section = parser[SECTION]
     arrays = ("positions_mm", "centre_px", "reference_view_in_rig_mm", "view_from_rig")
     try:
-        given: dict[str, Any] = {
-            **ours,
-            **{name: json_value(ours[name].encode()) for name in arrays if name in ours},
-            **{name: float(ours[name]) for name in ("focal_px", "reference_depth_mm") if name in ours},
+        fields: dict[str, Any] = {
+            **section,
+            **{name: json_value(section[name].encode()) for name in arrays if name in section},
+            **{name: float(section[name]) for name in ("focal_px", "reference_depth_mm") if name in section},
         }
     except ValueError as error:
-        raise InputError(shortened(f"{path}: section {OURS!r}: does not describe views: {error}")) from None
-    return views_of_fields({**given, "width_px": size[0], "height_px": size[1]}, f"{path}: section {OURS!r}")
+        raise InputError(shortened(f"{path}: section {SECTION!r}: does not describe views: {error}")) from None
+    return views_of_fields({**fields, "width_px": size[0], "height_px": size[1]}, f"{path}: section {SECTION!r}")
 
 
 def _contents(folder: Path) -> Contents:

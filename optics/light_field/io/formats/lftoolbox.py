@@ -25,9 +25,9 @@ from mirrorcam.optics.light_field.io.view_images import weight_bytes
 from mirrorcam.optics.light_field.io.views_file import check_weights, even_views, parallel_views, views_of_fields
 from mirrorcam.optics.light_field.light_field import LightField, Views
 
-OURS = "MirrorCam"
-WHAT = "a .mat file that can be read"
-LARGEST_BYTES = 2**31 - 1
+STRUCT = "MirrorCam"
+READABLE_MAT = "a .mat file that can be read"
+MAX_BYTES = 2**31 - 1
 """Largest variable of a .mat file before version 7.3, which is HDF5."""
 
 
@@ -46,29 +46,29 @@ def intrinsics(views: Views) -> FloatArray:
     return h
 
 
-def views_of(h: FloatArray, grid: tuple[int, int], size: tuple[int, int], where: str) -> Views:
+def views_of(h: FloatArray, grid: tuple[int, int], size: tuple[int, int], source: str) -> Views:
     """Build the views (rows, cols) that H describes; a lenslet camera's views are at the intersections of its rays.
 
     Raises InputError for pixels that are not square, and views without a common plane in front of them.
     """
     if h.shape != (5, 5) or not np.isfinite(h).all() or not (h[2, 2] > 0 and np.isclose(h[2, 2], h[3, 3], rtol=1e-3)):
-        raise InputError(f"{where}: H does not have square pixels: {np.diag(h).tolist()}")
-    ahead_m = -np.array([h[0, 2] / h[2, 2], h[1, 3] / h[3, 3]])
-    steps = np.array([h[axis, axis] + ahead_m[axis] * h[axis + 2, axis] for axis in (0, 1)])
+        raise InputError(f"{source}: H does not have square pixels: {np.diag(h).tolist()}")
+    crossing_m = -np.array([h[0, 2] / h[2, 2], h[1, 3] / h[3, 3]])
+    steps = np.array([h[axis, axis] + crossing_m[axis] * h[axis + 2, axis] for axis in (0, 1)])
     counts = np.array([grid[1], grid[0]])
     inverse = np.array([-h[axis + 2, axis] / steps[axis] for axis in (0, 1) if counts[axis] > 1])
     if not inverse.size or not (inverse >= 0).all() or np.ptp(inverse) > 0.02 * inverse.mean():
         raise InputError(
-            f"{where}: H has no common plane of zero disparity in front: 1/distance {inverse.tolist()} 1/m"
+            f"{source}: H has no common plane of zero disparity in front: 1/distance {inverse.tolist()} 1/m"
         )
-    middle = counts // 2
+    central = counts // 2
     centre = [
-        -(h[axis + 2, axis] * (middle[axis] + 1) + h[axis + 2, 4]) / h[axis + 2, axis + 2] - 1.0 for axis in (0, 1)
+        -(h[axis + 2, axis] * (central[axis] + 1) + h[axis + 2, 4]) / h[axis + 2, axis + 2] - 1.0 for axis in (0, 1)
     ]
-    down, across = np.meshgrid(np.arange(grid[0]), np.arange(grid[1]), indexing="ij")
-    places_mm = np.stack([across, down], axis=-1).astype(np.float64) * np.where(counts > 1, steps, 0.0) * 1000.0
+    t, s = np.meshgrid(np.arange(grid[0]), np.arange(grid[1]), indexing="ij")
+    positions_mm = np.stack([s, t], axis=-1).astype(np.float64) * np.where(counts > 1, steps, 0.0) * 1000.0
     return parallel_views(
-        places_mm,
+        positions_mm,
         size,
         1.0 / float(h[2, 2]),
         float(1000.0 / inverse.mean()) if inverse.any() else np.inf,
@@ -86,14 +86,14 @@ def write_lftoolbox(path: Path, light_field: LightField) -> None:
     samples = light_field.samples
     weights: Any = weight_bytes(light_field.weights) if samples.dtype == np.uint8 else light_field.weights
     lf = np.concatenate([samples, weights[..., None]], axis=-1)
-    if lf.nbytes > LARGEST_BYTES:
+    if lf.nbytes > MAX_BYTES:
         raise InputError(f"{path}: {lf.nbytes / 2**30:.1f} GiB of samples, a .mat file holds less than 2")
-    ours = {name: getattr(light_field, name) for name in Views.__dataclass_fields__}
+    fields = {name: getattr(light_field, name) for name in Views.__dataclass_fields__}
     variables = {
         "LF": lf,
         "GeneratedByInfo": {"mfilename": "mirrorcam", "VersionStr": light_field.layout_identity},
         "RectOptions": {"RectCamIntrinsicsH": intrinsics(light_field)},
-        OURS: ours,
+        STRUCT: fields,
     }
     with atomic(path) as temporary:
         savemat(temporary, variables, appendmat=False, do_compression=True, oned_as="column")
@@ -103,7 +103,7 @@ def write_lftoolbox(path: Path, light_field: LightField) -> None:
 
 
 def read_lftoolbox(path: Path, assumed: Assumed = NOTHING) -> LightField:
-    """Read a light field from a .mat file: the toolbox's (-v7.3), an older version, or ours.
+    """Read a light field from a .mat file: the toolbox's (-v7.3), an older version, or one of `write_lftoolbox`.
 
     The geometry comes from `MirrorCam`, else from H, else it is assumed. Raises InputError in one line for any other
     file.
@@ -117,9 +117,9 @@ def read_lftoolbox(path: Path, assumed: Assumed = NOTHING) -> LightField:
         raise InputError(f"{path}: has no array LF [t, s, v, u, c]")
     samples, weights = _samples_and_weights(lf if lf.ndim == 5 else lf[..., None], path)
     rows, cols, height, width = weights.shape
-    if OURS in variables:
-        ours = variables[OURS]
-        views = views_of_fields(ours if isinstance(ours, dict) else {}, f"{path}: its {OURS}")
+    if STRUCT in variables:
+        fields = variables[STRUCT]
+        views = views_of_fields(fields if isinstance(fields, dict) else {}, f"{path}: its {STRUCT}")
     elif isinstance(h, np.ndarray):
         views = views_of(np.asarray(h, np.float64), (rows, cols), (width, height), f"{path}: RectOptions")
     else:
@@ -133,24 +133,24 @@ def read_lftoolbox(path: Path, assumed: Assumed = NOTHING) -> LightField:
 
 def _before_hdf5(path: Path) -> dict[str, Any]:
     """Read `LF`, `H` and `MirrorCam` from a file of MATLAB 5 to 7, as far as available."""
-    variables = read_mat5(path, ("LF", "RectOptions", OURS), WHAT)
+    variables = read_mat5(path, ("LF", "RectOptions", STRUCT), READABLE_MAT)
     options = variables.get("RectOptions")
     return {**variables, "H": options.get("RectCamIntrinsicsH") if isinstance(options, dict) else None}
 
 
 def _hdf5(path: Path) -> dict[str, Any]:
     """Read `LF` and `H` from a file of MATLAB 7.3; HDF5 reverses the axes of its arrays."""
-    found = read_hdf5(path, {"LF": "LF", "H": "RectOptions/RectCamIntrinsicsH"}, WHAT)
-    return {name: array.T for name, array in found.items()}
+    arrays = read_hdf5(path, {"LF": "LF", "H": "RectOptions/RectCamIntrinsicsH"}, READABLE_MAT)
+    return {name: array.T for name, array in arrays.items()}
 
 
 def _samples_and_weights(lf: Any, path: Path) -> tuple[Any, Any]:
     """Split LF [t, s, v, u, c] into samples and weights; the second or fourth channel is the weight."""
     if lf.dtype.kind == "u" and lf.dtype.itemsize <= 2:
-        largest = float(np.iinfo(lf.dtype).max)
-        scaled = (lf.astype(np.float32) / np.float32(largest)) if lf.dtype != np.uint8 else lf
+        full_scale = float(np.iinfo(lf.dtype).max)
+        colours = (lf.astype(np.float32) / np.float32(full_scale)) if lf.dtype != np.uint8 else lf
     elif lf.dtype.kind == "f":
-        largest, scaled = 1.0, lf.astype(np.float32)
+        full_scale, colours = 1.0, lf.astype(np.float32)
     else:
         raise InputError(f"{path}: LF is {lf.dtype}, expected uint8, uint16 or floating point")
     channels = lf.shape[-1]
@@ -158,9 +158,9 @@ def _samples_and_weights(lf: Any, path: Path) -> tuple[Any, Any]:
         raise InputError(f"{path}: LF has {channels} channels, expected colours and perhaps a weight")
     weights = np.ones(lf.shape[:4], np.float32)
     if channels in (2, 4):
-        weights = np.ascontiguousarray(lf[..., -1] / np.float32(largest), np.float32)
-        scaled = scaled[..., :-1]
-    samples = np.ascontiguousarray(scaled)
+        weights = np.ascontiguousarray(lf[..., -1] / np.float32(full_scale), np.float32)
+        colours = colours[..., :-1]
+    samples = np.ascontiguousarray(colours)
     samples[weights <= 0] = 0
     return samples, weights
 

@@ -42,7 +42,7 @@ _SHOWN = 3
 View = tuple[int, int]
 MAGIC = b"\x89MCAP0\r\n"
 _FOOTER, _CHANNEL, _CHUNK = 0x02, 0x04, 0x06
-LARGEST_TOPICS_BYTES = 400_000
+MAX_TOPICS_BYTES = 400_000
 """Largest size of the descriptions of all topics, whose quality of service is YAML that rosbags parses slowly; a light
 field's take less than 1 kB per view."""
 _RECORD = struct.Struct("<BQ")
@@ -83,7 +83,7 @@ class StoredBag(StoredFrames):
         self.path, self._store = path, get_typestore(Stores.ROS2_HUMBLE)
         files = sorted(path.glob("*.mcap")) if path.is_dir() else [path]
         if path.is_dir() and os.path.lexists(path / METADATA):
-            read_bytes(inside(path, METADATA), LARGEST_TOPICS_BYTES)
+            read_bytes(inside(path, METADATA), MAX_TOPICS_BYTES)
         chunks = {file.name: checked_chunks(file) for file in files}
         self._stored = sum(file.stat().st_size for file in files)
         for file in sorted(path.glob("*.db3")) if path.is_dir() else ():
@@ -239,7 +239,7 @@ class Chunk(NamedTuple):
 
 
 def zstd() -> Any:
-    """Return the Zstandard module that rosbags uses, too."""
+    """Return the Zstandard module, the one that rosbags uses."""
     if sys.version_info >= (3, 14):
         from compression import zstd
     else:
@@ -264,7 +264,7 @@ def checked_chunks(path: Path) -> frozenset[Chunk]:
             if after > stored:
                 raise InputError(f"{path}: truncated, expected a complete MCAP file (`mcap recover` saves the rest)")
             topics += length if opcode == _CHANNEL else 0
-            if topics > LARGEST_TOPICS_BYTES:
+            if topics > MAX_TOPICS_BYTES:
                 raise ValueError("topics are described by more text than necessary")
             if opcode == _CHUNK:
                 chunks.append(_chunk(path, file, start, after, stored))
@@ -279,19 +279,19 @@ def _chunk(path: Path, file: BinaryIO, start: int, end: int, stored: int) -> Chu
 
     Raises ValueError if its stated size is wrong, and InputError if it is too large.
     """
-    _, _, held, _, named = _CHUNK_HEAD.unpack(file.read(_CHUNK_HEAD.size))
-    compression = file.read(min(named, 16)).decode()
+    _, _, size, _, name_length = _CHUNK_HEAD.unpack(file.read(_CHUNK_HEAD.size))
+    compression = file.read(min(name_length, 16)).decode()
     (length,) = struct.unpack("<Q", file.read(8))
     if compression not in _COMPRESSIONS or length > end - file.tell():
         raise ValueError(f"a chunk of {length} bytes compressed by {compression!r}, expected zstd, lz4 or none")
-    check_bytes(path, int(held if compression else length), stored)
+    check_bytes(path, int(size if compression else length), stored)
     if compression == "zstd":
-        _check_zstd(file.read(length), int(held))
+        _check_zstd(file.read(length), int(size))
     elif compression == "lz4":
         from lz4.frame import LZ4FrameDecompressor
 
-        _check_pieces(LZ4FrameDecompressor(), file.read(length), int(held))
-    return Chunk(start, compression, int(held if compression else length), int(length))
+        _check_pieces(LZ4FrameDecompressor(), file.read(length), int(size))
+    return Chunk(start, compression, int(size if compression else length), int(length))
 
 
 def _check_zstd(raw: bytes, stated: int) -> None:
@@ -300,28 +300,30 @@ def _check_zstd(raw: bytes, stated: int) -> None:
     A frame need not state its content size: ROS 2 omits it.
     """
     try:
-        held, size = zstd().get_frame_info(raw).decompressed_size, zstd().get_frame_size(raw)
-        if held is None:
+        content_bytes, frame_bytes = zstd().get_frame_info(raw).decompressed_size, zstd().get_frame_size(raw)
+        if content_bytes is None:
             _check_pieces(zstd().ZstdDecompressor(), raw, stated)
             return
     except zstd().ZstdError as error:
         raise ValueError(str(error)) from None
-    if held != stated or size != len(raw):
-        raise ValueError(f"a chunk states {stated} bytes, its compressed data {held} in {size} of {len(raw)} bytes")
+    if content_bytes != stated or frame_bytes != len(raw):
+        raise ValueError(
+            f"a chunk states {stated} bytes, its compressed data {content_bytes} in {frame_bytes} of {len(raw)} bytes"
+        )
 
 
 def _check_pieces(decompressor: Any, raw: bytes, stated: int) -> None:
     """Raise ValueError unless the data are one frame with the stated number of bytes, decompressed piece by piece."""
-    held = taken = 0
+    decompressed = consumed = 0
     while not decompressor.eof:
-        piece = raw[taken : taken + _PIECE_BYTES] if decompressor.needs_input else b""
-        taken += len(piece)
-        found = len(decompressor.decompress(piece, _PIECE_BYTES))
-        held += found
-        if held > stated or not (piece or found):
+        piece = raw[consumed : consumed + _PIECE_BYTES] if decompressor.needs_input else b""
+        consumed += len(piece)
+        produced = len(decompressor.decompress(piece, _PIECE_BYTES))
+        decompressed += produced
+        if decompressed > stated or not (piece or produced):
             break
-    rest = len(raw) - taken + len(decompressor.unused_data or b"")
-    if not decompressor.eof or held != stated or rest:
+    unused = len(raw) - consumed + len(decompressor.unused_data or b"")
+    if not decompressor.eof or decompressed != stated or unused:
         raise ValueError(f"a chunk states {stated} bytes, its compressed data are not one frame that holds as many")
 
 

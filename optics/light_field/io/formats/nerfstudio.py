@@ -25,7 +25,7 @@ from mirrorcam.optics.light_field.io.views_file import VIEWS, read_views, write_
 from mirrorcam.optics.light_field.light_field import LightField
 
 TRANSFORMS = "transforms.json"
-MOST_FRAMES = 20_000
+MAX_FRAMES = 20_000
 
 
 def write_nerfstudio(folder: Path, light_field: LightField) -> None:
@@ -74,8 +74,8 @@ def read_nerfstudio(folder: Path) -> LightField:
     dataset = read_json(path, LARGEST_LAYOUT_BYTES)
     with refusing(path, "a dataset of a grid of views"):
         frames, common = {}, {name: dataset[name] for name in _Frame.model_fields if name in dataset}
-        if len(dataset["frames"]) > MOST_FRAMES:
-            raise ValueError(f"more than {MOST_FRAMES} frames")
+        if len(dataset["frames"]) > MAX_FRAMES:
+            raise ValueError(f"more than {MAX_FRAMES} frames")
         for each in dataset["frames"]:
             frame = _Frame.model_validate({**common, **each}, strict=True)
             frames[_index(frame.file_path)] = frame

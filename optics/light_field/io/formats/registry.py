@@ -54,8 +54,8 @@ def format_of(path: Path) -> Format:
     endings = sorted(
         {each.ending[each.ending.index(".") :] for each in formats().values() if not each.is_folder and each.read}
     )
-    what = BAGS.get(path.suffix.lower(), "no light field by its name")
-    raise InputError(f"{path}: {what}, expected {', '.join(endings)} or a folder")
+    problem = BAGS.get(path.suffix.lower(), "no light field by its name")
+    raise InputError(f"{path}: {problem}, expected {', '.join(endings)} or a folder")
 
 
 def open_light_fields(path: Path, *, assumed: Assumed = NOTHING, decoder: Decoder | None = None) -> Contents:

@@ -51,7 +51,7 @@ def is_stanford(folder: Path) -> bool:
 def read_stanford(folder: Path, assumed: Assumed = NOTHING) -> Contents:
     """Read the light field of a folder, with a note on pictures that are not views of the grid.
 
-    Without `views.json`, positions are those of the names in mm or, given a step, scaled so that columns (for a single
+    Without `views.json`, positions are read from the names, in mm or, given a step, scaled so that columns (for one
     column, rows) have it: the archive's own unit is unknown. Names without positions mean an even grid, whose step must
     be assumed. Focal length and reference depth must be assumed.
 

@@ -26,7 +26,7 @@ from mirrorcam.core.video.newest_frame import Arrived, NewestFrame
 from mirrorcam.optics.alignment.meters import FocusMeter, measure_exposure, sharpness, sub_image_masks
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import Decoder
-from mirrorcam.optics.light_field.depth.estimate import FAR, NEAR
+from mirrorcam.optics.light_field.depth.estimate import DEFAULT_FAR, DEFAULT_NEAR
 from mirrorcam.optics.light_field.io.view_images import INVALID_RGB, SEPARATOR_PX, SEPARATOR_RGB, tiled_views
 from mirrorcam.optics.light_field.light_field import LightField
 from mirrorcam.optics.light_field.render.refocusing import FocalPlane, refocus, to_bytes
@@ -119,8 +119,8 @@ class LiveSession:
             sizes_px=sizes,
             grid=(views.rows, views.cols),
             reference_mm=reference,
-            near_mm=NEAR * reference,
-            far_mm=FAR * reference,
+            near_mm=DEFAULT_NEAR * reference,
+            far_mm=DEFAULT_FAR * reference,
             least_focus_mm=least,
         )
 

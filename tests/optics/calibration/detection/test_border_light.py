@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mirrorcam.optics.calibration.detection.border_light import BoardFrame, BorderLight, border_light, borders
-from mirrorcam.optics.calibration.pupil_estimate import seen_pupil
+from mirrorcam.optics.calibration.pupil_estimate import fit_pupil
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.pupil import PINHOLE, Pupil
 from mirrorcam.optics.geometry.targets import Charuco
@@ -73,7 +73,7 @@ def test_light_falls_as_the_unvignetted_pupil_also_where_two_mirrors_mix(
 
 
 def test_the_pupil_is_found_from_rendered_frames(halved: Layout, lights: list[BorderLight]) -> None:
-    seen = seen_pupil(halved, lights)
+    seen = fit_pupil(halved, lights)
     assert seen is not None
     assert seen.aperture_mm == pytest.approx(PUPIL.aperture_mm, abs=3.0 * seen.aperture_sigma_mm)
     assert seen.nearness == pytest.approx(1.0 / PUPIL.focus_mm, abs=3.0 * seen.nearness_sigma)

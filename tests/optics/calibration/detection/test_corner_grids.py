@@ -50,8 +50,8 @@ def test_edges_and_ends_of_lines_are_not_corners() -> None:
 def test_points_near_others_are_not_added() -> None:
     first = SaddlePoints(np.array([[10.0, 10.0]]), np.zeros((1, 2)), np.ones(1))
     second = SaddlePoints(np.array([[11.0, 10.0], [20.0, 10.0]]), np.zeros((2, 2)), np.ones(2))
-    np.testing.assert_array_equal(first.and_others(second, 2.0).pixels, [[10.0, 10.0], [20.0, 10.0]])
-    assert len(first.where(np.array([False])).and_others(second, 2.0)) == 2
+    np.testing.assert_array_equal(first.with_new(second, 2.0).pixels, [[10.0, 10.0], [20.0, 10.0]])
+    assert len(first.where(np.array([False])).with_new(second, 2.0)) == 2
 
 
 def grid(map_px: FloatArray, *, cols: int = 7, rows: int = 5) -> tuple[SaddlePoints, IntArray]:
@@ -71,7 +71,7 @@ def grid(map_px: FloatArray, *, cols: int = 7, rows: int = 5) -> tuple[SaddlePoi
 
 
 def joined(first: SaddlePoints, second: SaddlePoints) -> SaddlePoints:
-    return first.and_others(second, 0.0)
+    return first.with_new(second, 0.0)
 
 
 @pytest.mark.parametrize("map_px", [UPRIGHT, SLANTED, np.diag([0.3, 1.0, 1.0]) @ UPRIGHT])

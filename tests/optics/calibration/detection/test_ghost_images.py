@@ -73,7 +73,7 @@ def test_selected_corners_are_spread_over_the_view(plate_frames: PlateFrames) ->
     plate = plate_frames.layout.mirrors[mirror]
     view = ghosted_view(corners, plate_frames.rig_from_board[0], plate_frames.layout.camera, plate, BOARD)
     assert view is not None
-    few = view.few
+    few = view.sample
     assert 40 <= len(few) < len(view)
     assert np.ptp(few.expected.places, axis=0).min() > 0.7 * np.ptp(view.expected.places, axis=0).min()
 

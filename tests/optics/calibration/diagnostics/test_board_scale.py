@@ -12,7 +12,7 @@ from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.segmentation import SeenEdge, Side
 from mirrorcam.optics.calibration.diagnostics.board_scale import (
     ALARM_SIGMAS,
-    NOTED,
+    NOTED_DEVIATION,
     common_scale,
     other_size,
     scale_doubt,
@@ -100,7 +100,7 @@ def sigmas_off(layout: Layout, scale: float, *, tolerances: float, with_edges: b
         built = draw_as_built(layout, Tolerances.hobby().times(tolerances), random)
         edges = edges_of(layout, built, scale, random) if with_edges else []
         found = common_scale(layout, scale * built.virtual_centres_in_rig_mm, edges)
-        off.append((found.factor - 1.0) / found.sigma if abs(found.factor - 1.0) > NOTED else 0.0)
+        off.append((found.factor - 1.0) / found.sigma if abs(found.factor - 1.0) > NOTED_DEVIATION else 0.0)
     return np.array(off)
 
 
@@ -134,7 +134,7 @@ def test_a_mirror_cut_too_short_does_not_hide_the_scale(fold_90_layout: Layout) 
     built = draw_as_built(fold_90_layout, Tolerances.hobby(), random)
     edges = edges_of(fold_90_layout, built, 1.05, random)
     short = {
-        number: SeenEdge(e.line, e.off_px, e.off_mm - 3.0, e.middle_in_rig_mm, e.outward_in_rig)
+        number: SeenEdge(e.line, e.offset_px, e.offset_mm - 3.0, e.midpoint_in_rig_mm, e.outward_in_rig)
         for number, e in edges[0].items()
     }
     found = common_scale(fold_90_layout, 1.05 * built.virtual_centres_in_rig_mm, [short, *edges[1:]])

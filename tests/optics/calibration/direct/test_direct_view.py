@@ -161,7 +161,7 @@ def test_a_yielding_camera_and_a_flexing_board_are_detected() -> None:
     assert found.sigma_px == pytest.approx(0.05, rel=0.1)
     assert np.linalg.norm(drawn.rms_px) > 0.2
     assert np.abs(found.estimate.bow_mm - bows).max() < 0.1
-    assert np.std(found.estimate.camera_turn - turns) < 0.5 * np.std(turns)
+    assert np.std(found.estimate.camera_rotation - turns) < 0.5 * np.std(turns)
     names = list(found.parameters)
     places = [names.index(f"mirror {m} {axis}_mm") for m in range(2) for axis in "xyz"]
     off = (found.estimate.virtual_centres_in_rig_mm - truth.virtual_centres_in_rig_mm).ravel()

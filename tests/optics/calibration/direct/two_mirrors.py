@@ -76,7 +76,7 @@ def corners_of(
     ]
     rows, none = Observations.join(parts), np.zeros((frames, 3))
     plain = Estimate.of(layout.camera, layout.mirrors, poses)
-    truth = replace(plain, camera_turn=none if turns is None else turns, bow_mm=none if bows is None else bows)
+    truth = replace(plain, camera_rotation=none if turns is None else turns, bow_mm=none if bows is None else bows)
     return truth, replace(rows, pixels=residuals(truth, rows, Board.rigid(BOARD.corners_in_board_mm)))
 
 

@@ -10,11 +10,11 @@ from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.solver.initial_estimates import (
     base_camera,
-    before_mirror,
     behind,
     best_pose,
     first_estimate,
     intrinsics,
+    pose_from_image,
     rig_from_board,
     virtual_centre_between,
 )
@@ -73,7 +73,7 @@ def test_the_pose_before_a_mirror_reprojects_the_images_corners() -> None:
     centre = np.array([10.0, -60.0, 90.0])
     image = rigid(Rotation.from_euler("xyz", [0.3, -0.2, 1.0]).as_matrix(), np.array([5.0, 60.0, 400.0]))
     np.testing.assert_allclose(
-        transform(before_mirror(image, centre), CORNERS), reflect(transform(image, CORNERS), centre), atol=1e-9
+        transform(pose_from_image(image, centre), CORNERS), reflect(transform(image, CORNERS), centre), atol=1e-9
     )
 
 

@@ -69,12 +69,12 @@ def problem(request: pytest.FixtureRequest) -> tuple[FourMirrors, Model]:
         scene = replace(scene, truth=truth)
     terms = FrameTerms()
     if request.param == "terms of frames":
-        terms = FrameTerms(turn_per_rad=300.0, bow_per_mm=0.2)
+        terms = FrameTerms(rotation_per_rad=300.0, bow_per_mm=0.2)
     if request.param == "a bow":
         terms = FrameTerms(bow_per_mm=0.2)
     if len(terms.free) > 6:
         turn, bow = np.random.default_rng(2).normal(size=(2, len(scene.truth.rig_from_board), 3))
-        scene = replace(scene, truth=replace(scene.truth, camera_turn=0.01 * turn, bow_mm=0.5 * bow))
+        scene = replace(scene, truth=replace(scene.truth, camera_rotation=0.01 * turn, bow_mm=0.5 * bow))
     free = scene.truth.camera.intrinsic_names[:6]
     model = Model(free, thickness=not plain, curvature=not plain, board=scene.board, frame_terms=terms)
     if request.param == "a prior":

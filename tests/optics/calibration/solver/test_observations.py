@@ -36,9 +36,9 @@ def test_joining_sorts_by_frame_and_keeps_the_order_within_one() -> None:
 def test_a_board_is_seen_both_ways_in_one_frame_only() -> None:
     mirrored = Observations.of_view(0, 1, np.array([7]), np.zeros((1, 2)))
     direct = Observations.of_view(0, DIRECT, np.array([7]), np.zeros((1, 2)))
-    assert Observations.join([mirrored, direct]).both_ways
-    assert not Observations.join([mirrored, direct.shifted(1)]).both_ways
-    assert not direct.both_ways
+    assert Observations.join([mirrored, direct]).direct_and_mirrored
+    assert not Observations.join([mirrored, direct.shifted(1)]).direct_and_mirrored
+    assert not direct.direct_and_mirrored
 
 
 def test_standard_deviations_follow_their_rows() -> None:

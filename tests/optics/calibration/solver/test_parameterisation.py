@@ -48,7 +48,7 @@ def test_the_indices_of_free_globals_match_their_names() -> None:
 def test_frame_terms_name_and_weight_their_numbers() -> None:
     truth = four_mirrors().truth
     frames = len(truth.rig_from_board)
-    own = replace(truth, camera_turn=np.full((frames, 3), 0.02), bow_mm=np.full((frames, 3), 0.5))
+    own = replace(truth, camera_rotation=np.full((frames, 3), 0.02), bow_mm=np.full((frames, 3), 0.5))
     none, bow, both = FrameTerms(), FrameTerms(bow_per_mm=4.0), FrameTerms(100.0, 4.0)
     assert [len(terms.free) for terms in (none, bow, both)] == [6, 9, 12]
     assert bow.free[6:].tolist() == [9, 10, 11]

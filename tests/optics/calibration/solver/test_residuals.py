@@ -45,7 +45,7 @@ def test_derivatives_agree_with_finite_differences(modes: int, kind: str, own: s
     )
     if own != "rigid":
         turn, bow = np.random.default_rng(2).normal(size=(2, len(at.rig_from_board), 3))
-        at = replace(at, camera_turn=0.01 * turn, bow_mm=0.5 * bow)
+        at = replace(at, camera_rotation=0.01 * turn, bow_mm=0.5 * bow)
     r, by_global, by_frame = residuals_with_jacobians(at, seen, scene.board)
     np.testing.assert_allclose(r, residuals(at, seen, scene.board), atol=1e-9)
     frames = len(at.rig_from_board)
@@ -91,7 +91,7 @@ def test_a_frame_bows_its_board_and_rotates_the_camera_about_the_pupil() -> None
     at, corners = scene.truth, scene.board.corners_in_board_mm
     frames = len(at.rig_from_board)
     turn = Rotation.from_rotvec([0.004, -0.003, 0.006])
-    turned = replace(at, camera_turn=np.tile(turn.as_rotvec(), (frames, 1)))
+    turned = replace(at, camera_rotation=np.tile(turn.as_rotvec(), (frames, 1)))
     _, _, seen = points_at_camera(at, scene.clean, scene.board)
     _, _, from_turned = points_at_camera(turned, scene.clean, scene.board)
     np.testing.assert_allclose(from_turned, turn.apply(seen), atol=1e-9)
@@ -104,8 +104,8 @@ def test_a_frame_bows_its_board_and_rotates_the_camera_about_the_pupil() -> None
 def test_frames_keep_their_own_numbers() -> None:
     truth = four_mirrors().truth
     own = np.arange(3.0 * len(truth.rig_from_board)).reshape(-1, 3)
-    some = replace(truth, camera_turn=own, bow_mm=-own).of_frames(np.array([2, 0]))
-    np.testing.assert_array_equal(some.camera_turn, own[[2, 0]])
+    some = replace(truth, camera_rotation=own, bow_mm=-own).of_frames(np.array([2, 0]))
+    np.testing.assert_array_equal(some.camera_rotation, own[[2, 0]])
     np.testing.assert_array_equal(some.bow_mm, -own[[2, 0]])
     np.testing.assert_array_equal(some.rig_from_board, truth.rig_from_board[[2, 0]])
     assert not some.with_poses(truth.rig_from_board).bow_mm.any()

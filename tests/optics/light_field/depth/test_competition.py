@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from mirrorcam.optics.light_field.depth.competition import (
-    BETTER_SHARE,
-    FEWER,
-    HIDDEN,
+    BEST_SHARE,
+    HALF_SURCHARGE,
+    OCCLUSION_SURCHARGE,
     SEEING_SHARE,
     TRUNCATION,
-    USUALLY_HIDDEN,
+    USUAL_OCCLUSION,
     Work,
     decide,
 )
@@ -38,11 +38,11 @@ def plainly(sums: Any, weights: Any, rings: Any, known: bool) -> float:
             shares = np.clip(take - np.arange(len(of)), 0.0, 1.0)
             return float((shares * of).sum() / take)
 
-        share = SEEING_SHARE if sees else BETTER_SHARE
+        share = SEEING_SHARE if sees else BEST_SHARE
         take, less = max(share * len(ordered), 1.0), max(0.5 * share * len(ordered), 1.0)
-        total += weight.sum() * min(mean(take), mean(less) + FEWER)
+        total += weight.sum() * min(mean(take), mean(less) + HALF_SURCHARGE)
         every += weight.sum()
-    hidden = HIDDEN * max(1.0 - every / views - USUALLY_HIDDEN, 0.0) if every > 0 else 0.0
+    hidden = OCCLUSION_SURCHARGE * max(1.0 - every / views - USUAL_OCCLUSION, 0.0) if every > 0 else 0.0
     return total / every + hidden if every > 0 else 0.5 * TRUNCATION
 
 

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from mirrorcam.optics.light_field.depth.competition import (
-    BETTER_SHARE,
-    FEWER,
-    HIDDEN,
+    BEST_SHARE,
+    HALF_SURCHARGE,
+    OCCLUSION_SURCHARGE,
     TRUNCATION,
     UNITS,
-    USUALLY_HIDDEN,
+    USUAL_OCCLUSION,
 )
 from mirrorcam.optics.light_field.depth.cost import (
     CONTRAST_FLOOR,
@@ -75,7 +75,7 @@ def plainly(reference: Any, others: Any, planes: Sweep, y: int, x: int, plane: i
         shares = np.clip(take - np.arange(len(ordered)), 0.0, 1.0)
         return float((shares * ordered).sum() / take)
 
-    return min(mean(8 * BETTER_SHARE), mean(4 * BETTER_SHARE) + FEWER)
+    return min(mean(8 * BEST_SHARE), mean(4 * BEST_SHARE) + HALF_SURCHARGE)
 
 
 def test_the_cost_follows_its_definition() -> None:
@@ -129,7 +129,7 @@ def test_an_occluded_view_does_not_count() -> None:
     nearest[:6] = 19.0
     after = costs_of(reference, others, seen(others), planes, nearest=nearest)
     inside = (slice(25, -25), slice(35, -35), 7)
-    surcharge = UNITS * HIDDEN * (6 / 8 - USUALLY_HIDDEN)
+    surcharge = UNITS * OCCLUSION_SURCHARGE * (6 / 8 - USUAL_OCCLUSION)
     assert np.median(after[inside]) - surcharge < 0.2 * np.median(before[inside])
 
 

@@ -182,9 +182,9 @@ def test_one_call_is_the_estimator_of_that_light_field(scene: Any) -> None:
 
 def test_a_search_that_is_too_large_uses_a_smaller_picture(scene: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     light_field, depth, *_ = scene
-    monkeypatch.setattr("mirrorcam.optics.light_field.depth.estimate.SMALLEST_SEARCHED_PX", 24)
+    monkeypatch.setattr("mirrorcam.optics.light_field.depth.estimate.MIN_SEARCHED_PX", 24)
     usual = DepthEstimator(light_field, workers=1).estimate(light_field)
-    monkeypatch.setattr("mirrorcam.optics.light_field.depth.estimate.MOST_NEAR_CELLS", 1000)
+    monkeypatch.setattr("mirrorcam.optics.light_field.depth.estimate.MAX_NEAR_CELLS", 1000)
     found = DepthEstimator(light_field, workers=1).estimate(light_field)
     assert not np.array_equal(found.depth_mm, usual.depth_mm, equal_nan=True)
     assert np.nanmedian(np.abs(found.depth_mm - depth) / depth) < 0.01

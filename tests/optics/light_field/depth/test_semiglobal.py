@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from mirrorcam.optics.light_field.depth.semiglobal import (
+    CERTAIN_MARGIN,
+    EDGE_FLOOR,
     EDGE_GREY,
-    EDGE_LEAST,
     PATH_DIRECTIONS,
-    SURE,
     aggregate,
     cheapest,
     slants_of,
@@ -57,7 +57,7 @@ def plainly(
                 shift = int(np.floor(rise + 0.5))
                 carried[v, u] = rise - shift
                 edge = np.abs(picture[v, u] - picture[before_v, before_u]).max()
-                kept = EDGE_LEAST + (1 - EDGE_LEAST) * np.exp(-edge / EDGE_GREY)
+                kept = EDGE_FLOOR + (1 - EDGE_FLOOR) * np.exp(-edge / EDGE_GREY)
                 jump = int(max(1.5 * next_plane, any_plane * kept))
                 for d in range(planes):
                     ways = [before.min() + jump]
@@ -137,7 +137,7 @@ def test_the_best_plane_its_margin_and_its_rivals() -> None:
     np.testing.assert_allclose(found.rivals, (1 - 0.5**2) ** 2 / 3, rtol=1e-6)
 
 
-SURELY = np.full((60, 80), SURE, np.float32)
+SURELY = np.full((60, 80), CERTAIN_MARGIN, np.float32)
 
 
 def test_slants_match_a_plane_and_ignore_a_jump() -> None:

@@ -7,8 +7,8 @@ import pytest
 
 from mirrorcam.optics.light_field.depth.sweep import (
     AROUND_PX,
-    FEWEST_PLANES,
     MARGIN_PLANES,
+    MIN_PLANES,
     NOTHING,
     TILE_PX,
     Ranges,
@@ -115,13 +115,13 @@ def test_a_tile_is_searched_around_all_known_planes_near_it(shape: tuple[int, in
             near = known[
                 max(v - AROUND_PX, 0) : v + TILE_PX + AROUND_PX, max(u - AROUND_PX, 0) : u + TILE_PX + AROUND_PX
             ]
-            low = np.clip(np.floor(near.min()) - MARGIN_PLANES, 0, 60 - FEWEST_PLANES)
+            low = np.clip(np.floor(near.min()) - MARGIN_PLANES, 0, 60 - MIN_PLANES)
             high = min(np.ceil(near.max()) + MARGIN_PLANES + 1, 60)
             assert (ranges.low[tile] == low).all()
             assert (ranges.low[tile] + ranges.planes[tile] == high).all()
 
 
 def test_all_planes_are_searched_if_there_are_few() -> None:
-    ranges = range_around(np.full((16, 16), 1.0, np.float32), FEWEST_PLANES)
+    ranges = range_around(np.full((16, 16), 1.0, np.float32), MIN_PLANES)
     assert (ranges.low == 0).all()
-    assert (ranges.planes == FEWEST_PLANES).all()
+    assert (ranges.planes == MIN_PLANES).all()

@@ -8,10 +8,10 @@ import pytest
 from mirrorcam.optics.light_field.depth.refine import SHARED_POWER, Match
 from mirrorcam.optics.light_field.depth.uncertainty import (
     ELSEWHERE,
-    FEWEST_RIVALS,
     HALVED,
     INFORMATION,
     MARGIN_ROOT,
+    MIN_RIVALS,
     RELATED,
     RIVALS,
     ROOT,
@@ -60,8 +60,8 @@ def test_probability_falls_with_rivals_at_edges_and_where_a_surface_is_rough() -
         return float(np.log(found[15, 20] / (1.0 - found[15, 20])))
 
     alone, one = (probability(level, ALIKE, count * ONES, 0 * ONES, ONES, False) for count in (0, 1))
-    assert odds(one) == pytest.approx(ELSEWHERE + SMOOTH + RIVALS * np.log(1 + FEWEST_RIVALS), rel=1e-4)
-    assert odds(alone) - odds(one) == pytest.approx(RIVALS * np.log(FEWEST_RIVALS / (1 + FEWEST_RIVALS)), rel=1e-3)
+    assert odds(one) == pytest.approx(ELSEWHERE + SMOOTH + RIVALS * np.log(1 + MIN_RIVALS), rel=1e-4)
+    assert odds(alone) - odds(one) == pytest.approx(RIVALS * np.log(MIN_RIVALS / (1 + MIN_RIVALS)), rel=1e-3)
     assert probability(level, ALIKE, ONES, 0 * ONES, 0.5 * ONES, False)[15, 20] < one[15, 20]
     assert probability(level, ALIKE, ONES, 0 * ONES, ONES, True)[15, 20] < one[15, 20]
     uninformative = probability(level, ALIKE, ONES, 9.0 * ONES, ONES, False)

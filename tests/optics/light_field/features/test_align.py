@@ -66,7 +66,7 @@ def errors_px(light_field: LightField, expected: FloatArray, off_px: float = 1.2
     inside = (expected > 12).all(axis=2) & (expected < [247, 167]).all(axis=2)
     start[~inside] = np.nan
     found = aligned(light_field, start)
-    accepted = np.isfinite(found.pixels[..., 0]) & (found.alike > 0.85)
+    accepted = np.isfinite(found.pixels[..., 0]) & (found.correlation > 0.85)
     assert accepted.sum() > 0.9 * inside.sum()
     return np.linalg.norm(found.pixels - expected, axis=2)[accepted]
 
@@ -79,8 +79,8 @@ def test_patches_are_found_to_hundredths_of_a_pixel(facing: tuple[LightField, Fl
 
 def test_slant_is_found_with_the_shift(slanted: tuple[LightField, FloatArray], monkeypatch: pytest.MonkeyPatch) -> None:
     error = np.percentile(errors_px(*slanted), 75)
-    monkeypatch.setattr(alignment, "SHAPING_ROUNDS", 0)
-    monkeypatch.setattr(alignment, "MOVING_ROUNDS", 5)
+    monkeypatch.setattr(alignment, "SHAPE_ROUNDS", 0)
+    monkeypatch.setattr(alignment, "SHIFT_ROUNDS", 5)
     plain = np.percentile(errors_px(*slanted), 75)
     assert error < 0.06
     assert plain > 2 * error
@@ -92,17 +92,17 @@ def test_brightness_and_contrast_of_views_do_not_matter(facing: tuple[LightField
     straight = aligned(light_field, start, images)
     images[0] = np.rint(0.6 * images[0] + 20)
     dimmed = aligned(light_field, start, images)
-    usual = straight.alike > 0.9
+    usual = straight.correlation > 0.9
     assert np.median(np.abs(straight.pixels - dimmed.pixels)[usual]) < 0.01
-    assert dimmed.alike[usual].min() > 0.85
+    assert dimmed.correlation[usual].min() > 0.85
 
 
 def test_unrelated_patches_do_not_match(facing: tuple[LightField, FloatArray]) -> None:
     light_field, expected = facing
     found = aligned(light_field, expected + np.array([25.0, 10.0]))
     others = [view for view in range(9) if view != 4]
-    assert np.mean(found.alike[others] > 0.85) < 0.05
-    assert np.mean(aligned(light_field, expected).alike[others] > 0.85) > 0.8
+    assert np.mean(found.correlation[others] > 0.85) < 0.05
+    assert np.mean(aligned(light_field, expected).correlation[others] > 0.85) > 0.8
 
 
 def test_excluded_places_have_no_matches(facing: tuple[LightField, FloatArray]) -> None:
@@ -111,7 +111,7 @@ def test_excluded_places_have_no_matches(facing: tuple[LightField, FloatArray]) 
     start[3, :7] = np.nan
     found = aligned(light_field, start)
     assert np.isnan(found.pixels[3, :7]).all()
-    assert (found.alike[3, :7] == 0).all()
+    assert (found.correlation[3, :7] == 0).all()
 
 
 def test_coarse_keypoints_are_aligned_at_their_scale(facing: tuple[LightField, FloatArray]) -> None:
@@ -121,7 +121,7 @@ def test_coarse_keypoints_are_aligned_at_their_scale(facing: tuple[LightField, F
     assert [each.level for each in given] == [1]
     across = light_field.positions_mm.reshape(-1, 3)[:, :2]
     found = align(pyramid, given, np.arange(9), expected + 2.0, across, np.full(len(PIXELS), 450.0))
-    accepted = found.alike > 0.9
+    accepted = found.correlation > 0.9
     assert np.median(np.linalg.norm(found.pixels - expected, axis=2)[accepted]) < 0.05
 
 
@@ -137,7 +137,7 @@ def test_views_and_parts_do_not_depend_on_each_other(
     across = light_field.positions_mm.reshape(-1, 3)[views, :2]
     with ThreadPoolExecutor(2) as pool:
         two = align(pyramid, given, views, expected[views] + 0.5, across, np.full(len(PIXELS), 450.0), pool.map)
-    usual = (complete.alike[views] > 0.95) & (two.alike > 0.95)
+    usual = (complete.correlation[views] > 0.95) & (two.correlation > 0.95)
     assert usual.mean() > 0.5
     assert np.median(np.linalg.norm(two.pixels - complete.pixels[views], axis=2)[usual]) < 0.01
 

@@ -12,7 +12,7 @@ from scipy.ndimage import gaussian_filter
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.light_field.features import DetectorName, FeatureFinder, Features
-from mirrorcam.optics.light_field.features.light_field_features import _one_of_each
+from mirrorcam.optics.light_field.features.light_field_features import _one_per_place
 from mirrorcam.optics.light_field.light_field import Axis, LightField, Views
 from tests.optics.light_field.features.scenes import Plane, astigmatic, of_grey, of_planes, uneven_views
 from tests.optics.light_field.features.test_keypoints import NAMES
@@ -270,9 +270,9 @@ def test_one_view_has_no_features() -> None:
 
 def test_keypoints_at_one_place_are_one_feature_or_none() -> None:
     pixels = np.array([[5.0, 5.0], [7.0, 5.0], [5.0, 5.0], [7.0, 5.0], [9.0, 9.0]])
-    chosen = _one_of_each(pixels, np.array([6, 9, 8, 6, 6]), np.array([10.0, 20.0, 10.4, 25.0, 3.0]), 1.0)
+    chosen = _one_per_place(pixels, np.array([6, 9, 8, 6, 6]), np.array([10.0, 20.0, 10.4, 25.0, 3.0]), 1.0)
     assert chosen.tolist() == [False, False, True, False, True]
-    assert _one_of_each(np.zeros((0, 2)), np.zeros(0, int), np.zeros(0), 1.0).shape == (0,)
+    assert _one_per_place(np.zeros((0, 2)), np.zeros(0, int), np.zeros(0), 1.0).shape == (0,)
 
 
 def test_the_reference_is_the_view_at_the_origin() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.light_field.features.keypoints import Keypoints
-from mirrorcam.optics.light_field.features.match import KEPT, Candidates, candidates, vote
+from mirrorcam.optics.light_field.features.match import CANDIDATES_PER_VIEW, Candidates, candidates, vote
 from mirrorcam.optics.light_field.features.slope import Geometry
 from tests.optics.light_field.features.scenes import uneven_views
 
@@ -36,7 +36,7 @@ def test_matches_give_the_inverse_distance_for_any_view_positions() -> None:
     shuffled = np.random.default_rng(1).permutation(30)
     others = {view: keypoints(seen[view][shuffled], looks[shuffled]) for view in (0, 3, 7)}
     found = candidates(geometry, keypoints(seen[4], looks), others, "SIFT", RANGE, np.full(30, 1.0), map)
-    assert found.inverse_mm.shape == (30, 3, KEPT)
+    assert found.inverse_mm.shape == (30, 3, CANDIDATES_PER_VIEW)
     assert np.allclose(found.inverse_mm[..., 0], inverse[:, None], rtol=1e-9)
     assert np.abs(found.off_line_px[..., 0]).max() < 1e-9
     # The speed of a match, by differences of the prediction.
@@ -71,10 +71,10 @@ def test_matches_off_the_line_out_of_range_or_of_other_appearance_are_left_out()
 def test_similar_matches_keep_their_order_and_too_many_are_dropped() -> None:
     geometry, _, seen = scene(1)
     looks = unit(1)
-    steps = np.linspace(1 / 4000.0, 1 / 300.0, KEPT + 1)
+    steps = np.linspace(1 / 4000.0, 1 / 300.0, CANDIDATES_PER_VIEW + 1)
     pixels = np.concatenate([geometry.predict(1, geometry.directions(seen[4]), step) for step in steps])
     other = geometry.predict(3, geometry.directions(seen[4]), steps[1])
-    described = np.repeat(looks, KEPT + 1, axis=0)
+    described = np.repeat(looks, CANDIDATES_PER_VIEW + 1, axis=0)
     described[:, 0] += 0.01 * np.array([3, 1, 0, 2, 4])
     described /= np.linalg.norm(described, axis=1, keepdims=True)
 
@@ -82,9 +82,9 @@ def test_similar_matches_keep_their_order_and_too_many_are_dropped() -> None:
         others = {1: keypoints(pixels[:count], described[:count]), 3: keypoints(other, looks)}
         return candidates(geometry, keypoints(seen[4], looks), others, "SIFT", RANGE, np.ones(1), map)
 
-    assert np.allclose(found(KEPT).inverse_mm[0, 0], steps[[2, 1, 3, 0]])
-    assert np.allclose(found(KEPT).inverse_mm[0, 1, 0], steps[1])
-    assert np.isnan(found(KEPT + 1).inverse_mm).all()
+    assert np.allclose(found(CANDIDATES_PER_VIEW).inverse_mm[0, 0], steps[[2, 1, 3, 0]])
+    assert np.allclose(found(CANDIDATES_PER_VIEW).inverse_mm[0, 1, 0], steps[1])
+    assert np.isnan(found(CANDIDATES_PER_VIEW + 1).inverse_mm).all()
 
 
 def found_of(inverse: FloatArray, off: FloatArray | float = 0.0) -> Candidates:

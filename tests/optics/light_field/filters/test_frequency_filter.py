@@ -12,7 +12,7 @@ from mirrorcam.optics.light_field.filters.frequency_filter import (
     Power,
     filtered_spectra,
     frequencies_of,
-    measured_power,
+    measure_power,
     rings_of,
 )
 from mirrorcam.optics.light_field.light_field import LightField
@@ -144,7 +144,7 @@ def test_power_of_signal_and_noise_is_separated() -> None:
         ) / 2**0.5
 
     spectra = roots @ drawn(2) * np.sqrt([4.0, 0.5]) + drawn(2) * np.sqrt([1.0, 2.0])
-    power = measured_power(spectra.astype(np.complex64), PASSBAND, FREQUENCIES, 1.0)
+    power = measure_power(spectra.astype(np.complex64), PASSBAND, FREQUENCIES, 1.0)
     many = power.counts > 100
     assert many.sum() > 30
     np.testing.assert_allclose(power.signal[many].mean(axis=0), [4.0, 0.5], rtol=0.03)

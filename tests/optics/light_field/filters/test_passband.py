@@ -17,7 +17,7 @@ FREQUENCIES = np.array([[0.0, 0.0], [0.3, 0.0], [0.2, -0.7], [2.9, 1.4], [-1.1, 
 
 def integral(passband: Passband, frequencies: FloatArray, slopes: FloatArray) -> FloatArray:
     """Return the mean (m, n, n) of v v* over slopes (k, 2) along x and y, for the waves v of a point in the views."""
-    lags = np.einsum("mc,kc,nc->mkn", frequencies, slopes, passband.places_mm)
+    lags = np.einsum("mc,kc,nc->mkn", frequencies, slopes, passband.positions_mm)
     waves = np.exp(-1j * lags)
     covariance = np.einsum("mki,mkj->mij", waves, waves.conj()) / len(slopes)
     phases = np.exp(1j * passband.phases(frequencies)).T

@@ -67,7 +67,7 @@ def test_poses_are_accurate_within_their_covariances(filmed: list[LightField]) -
 
 
 def test_key_frames_add_their_covariances(filmed: list[LightField], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(tracking, "LEAST_SHARE", 2.0)
+    monkeypatch.setattr(tracking, "MIN_SHARE", 2.0)
     tracker = LightFieldTracker(filmed[0])
     found = [tracker.track(each) for each in filmed[:4]]
     assert all(each.is_key for each in found)

@@ -13,10 +13,10 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.light_field.render.super_resolution import (
     PHASES,
     back_project,
+    huber_weights,
     pixel_taps,
     project,
     roughness,
-    steps_count,
     super_resolved,
 )
 
@@ -117,7 +117,7 @@ def test_samples_without_weight_have_no_influence() -> None:
 def test_roughness_is_half_the_gradient_of_the_energy() -> None:
     random = np.random.default_rng(2)
     picture = random.normal(size=(2, 9, 11)).astype(np.float32)
-    counts = steps_count(picture, np.float32(0.5))
+    counts = huber_weights(picture, np.float32(0.5))
     assert all(each.min() > 0.0 and each.max() <= 1.0 for each in counts)
 
     def energy(picture: NDArray[np.floating]) -> float:

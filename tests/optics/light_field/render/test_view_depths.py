@@ -7,7 +7,7 @@ import pytest
 
 from mirrorcam.core.errors import InputError
 from mirrorcam.optics.light_field.render.perspective import all_in_focus
-from mirrorcam.optics.light_field.render.view_depths import ViewDepths, filled, landed, without_nearer
+from mirrorcam.optics.light_field.render.view_depths import ViewDepths, filled, projected, without_nearer
 from tests.optics.light_field.depth.surfaces import grid_views, photograph
 from tests.optics.light_field.render.scenes import SCENE, WALL, behind_mm, true_depths
 
@@ -19,11 +19,11 @@ def test_pixels_are_projected_to_the_pixels_of_their_points() -> None:
     start, end = (0, 2), (2, 0)
     points = views.plane_points_in_rig(410.0, np.array([[31.0, 52.0], [77.0, 11.0]]), start)
     nearness = np.full((90, 120), 1.0 / (410.0 - behind_mm(views)), np.float32)
-    u, v = landed(views, start, views.positions_mm[end], nearness)
+    u, v = projected(views, start, views.positions_mm[end], nearness)
     expected = views.project(points)[end]
     np.testing.assert_allclose([[u[52, 31], v[52, 31]], [u[11, 77], v[11, 77]]], expected, atol=1e-3)
     # Points at infinity move by f x (1 / Z0 - 0).
-    u, _ = landed(views, (1, 1), np.array([20.0, 0.0, 0.0]), np.zeros((90, 120), np.float32))
+    u, _ = projected(views, (1, 1), np.array([20.0, 0.0, 0.0]), np.zeros((90, 120), np.float32))
     moved = views.focal_px * 20.0 / views.reference_distance_mm
     np.testing.assert_allclose(u - np.arange(120), moved, atol=1e-3)
 

@@ -181,7 +181,7 @@ def test_extreme_samples_do_not_affect_later_frames() -> None:
 
 def test_light_fields_that_would_take_gigabytes_are_not_filtered(monkeypatch: pytest.MonkeyPatch) -> None:
     random, video = np.random.default_rng(17), TemporalFilter(1)
-    monkeypatch.setattr("mirrorcam.optics.light_field.temporal.filter.MOST_SAMPLES", 9 * WIDTH_PX * HEIGHT_PX)
+    monkeypatch.setattr("mirrorcam.optics.light_field.temporal.filter.MAX_SAMPLES", 9 * WIDTH_PX * HEIGHT_PX)
     for _ in range(3):
         frame = shot(picture(), random)
         assert video.filtered(frame) is frame

@@ -18,7 +18,7 @@ from mirrorcam.optics.light_field.temporal.noise import (
     Blocks,
     Noise,
     lighting,
-    measured_noise,
+    measure_noise,
     row_gains,
 )
 from tests.optics.light_field.temporal.videos import HEIGHT_PX, SIGMA, picture, shot
@@ -30,7 +30,7 @@ def measured(frames: list[LightField], least: float = ROUNDING, trust: float = 1
     blocks = [Blocks.of(frames[0])]
     for frame in frames[1:]:
         blocks.append(Blocks.of(frame).after(blocks[-1], gains))
-    return measured_noise(blocks[-1], blocks[-2], gains, least, trust)
+    return measure_noise(blocks[-1], blocks[-2], gains, least, trust)
 
 
 def sigma_grey(noise: Noise, level: int = 7) -> float:
@@ -102,10 +102,10 @@ def test_the_estimate_falls_at_once_and_rises_slowly_and_only_if_trusted() -> No
     def noise(variance: float, trust: float) -> Noise:
         return Noise(np.full(BINS, variance, np.float32), np.full(BINS, variance, np.float32), (0.1, 0.1), trust)
 
-    assert noise(4.0, 1.0).followed(noise(1.0, 1.0)).colours[0] == pytest.approx(2.5)
-    assert noise(1.0, 1.0).followed(noise(4.0, 1.0)).colours[0] == pytest.approx(1.0 + 3.0 / 16.0)
-    assert noise(1.0, 1.0).followed(noise(4.0, 0.0)).colours[0] == 1.0
-    first = noise(9.0, 0.0).followed(noise(4.0, 1.0))
+    assert noise(4.0, 1.0).updated(noise(1.0, 1.0)).colours[0] == pytest.approx(2.5)
+    assert noise(1.0, 1.0).updated(noise(4.0, 1.0)).colours[0] == pytest.approx(1.0 + 3.0 / 16.0)
+    assert noise(1.0, 1.0).updated(noise(4.0, 0.0)).colours[0] == 1.0
+    first = noise(9.0, 0.0).updated(noise(4.0, 1.0))
     assert (first.colours[0], first.trust) == (4.0, 1.0)
     # Without trust, no difference is taken for noise.
     assert noise(1.0, 0.0).information().min() >= 999.0

@@ -13,8 +13,8 @@ from mirrorcam.optics.light_field.temporal.recursive_mean import (
     DRIFT_SHARE,
     INFORMATION,
     LAG_SUMS,
+    MAX_SQUARES,
     MEMORY,
-    MOST,
     SIDE_PX,
     filter_view,
 )
@@ -54,8 +54,8 @@ def test_a_view_is_filtered_as_defined(channels: int) -> None:
     difference = new / 255.0 - lit
     moved = drift + DRIFT_SHARE * (difference.mean(axis=-1) - drift)
     times = count.astype(int)
-    squares = np.minimum((difference**2).sum(axis=-1) * tables[0, 0] * INFORMATION[0, times], MOST)
-    drifts = np.minimum(moved**2 * tables[1, 0] * INFORMATION[1, times], MOST)
+    squares = np.minimum((difference**2).sum(axis=-1) * tables[0, 0] * INFORMATION[0, times], MAX_SQUARES)
+    drifts = np.minimum(moved**2 * tables[1, 0] * INFORMATION[1, times], MAX_SQUARES)
     alike = (limits[1, 0] - over_square(squares)) / (limits[1, 0] - limits[0, 0])
     steady = (limits[1, 1] - over_square(drifts)) / (limits[1, 1] - limits[0, 1])
     kept = np.clip(np.minimum(alike, steady), 0.0, 1.0)
