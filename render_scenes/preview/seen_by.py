@@ -17,7 +17,7 @@ from mirrorcam.optics.light_field.equalisation import Equalisation
 from mirrorcam.optics.light_field.io.view_images import tiled_views
 from mirrorcam.optics.light_field.light_field import LightField
 from mirrorcam.optics.light_field.render.refocusing import FocalPlane, refocus, to_bytes
-from mirrorcam.render_scenes.preview.preview_frame import PreviewFrame, Subject, preview_frame
+from mirrorcam.render_scenes.preview.preview_frame import PreviewFrame
 from mirrorcam.render_scenes.tabletop.tabletop_set import default_depths_mm
 
 BEFORE, BEHIND = 0.85, 1.3
@@ -86,16 +86,6 @@ class SeenBy:
         known = self.depth.valid & np.isfinite(self.true_depth_mm)
         error = np.abs(self.depth.depth_mm[known] - self.true_depth_mm[known])
         return float(np.median(error)) if error.size else float("nan")
-
-
-def seen_by(
-    layout: Layout, subject: Subject = "tabletop", width_px: int = 640, *, arranged_for: Layout | None = None
-) -> SeenBy:
-    """Render a preview by `preview_frame`, decode it, and measure depth in it.
-
-    Raises InputError as `preview_frame` and `seen_in` do.
-    """
-    return seen_in(preview_frame(layout, subject, width_px, arranged_for=arranged_for))
 
 
 def seen_in(frame: PreviewFrame) -> SeenBy:

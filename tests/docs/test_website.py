@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 import subprocess
 import sys
-from collections.abc import Iterator
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -20,7 +19,7 @@ from docs.website.command_pages import FOLDER, command_pages, commands
 from docs.website.gather import ROOT, gather, outside_code, page_of
 from mirrorcam.cli import NAMES, application
 from tests.shared import built_once
-from tests.studio.browser import FLAGS, browser_page, chromium
+from tests.studio.browser import browser_page
 
 WIDE, NARROW = (1280, 900), (390, 844)
 TOY = "<!doctype html><title>A stand-in for the studio</title><h1>Studio</h1>"
@@ -248,26 +247,13 @@ def test_the_gallery_is_on_the_site(site: Path) -> None:
     assert not (site / "devices/.mirrorcam").exists()
 
 
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    """The system's Chromium; tests are skipped where it is not installed."""
-    sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-    path = chromium()
-    if path is None:
-        pytest.skip("chromium is not installed")
-    with sync_api.sync_playwright() as playwright:
-        launched = playwright.chromium.launch(executable_path=path, args=[*FLAGS, "--disable-3d-apis"])
-        yield launched
-        launched.close()
-
-
 BROKEN = "[...document.images].filter((i) => i.complete && !i.naturalWidth).map((i) => i.src)"
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("size", [WIDE, NARROW], ids=["wide", "narrow"])
-def test_every_page_fits_and_shows_its_pictures(browser: Any, site: Path, size: tuple[int, int]) -> None:
-    with browser_page(browser, size) as watched:
+def test_every_page_fits_and_shows_its_pictures(flat_browser: Any, site: Path, size: tuple[int, int]) -> None:
+    with browser_page(flat_browser, size) as watched:
         found = []
         for name in read_pages(site):
             watched.page.goto((site / name).as_uri())
@@ -281,10 +267,10 @@ def test_every_page_fits_and_shows_its_pictures(browser: Any, site: Path, size: 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_every_page_is_accessible(browser: Any, site: Path, scheme: str) -> None:
+def test_every_page_is_accessible(flat_browser: Any, site: Path, scheme: str) -> None:
     axe = pytest.importorskip("axe_playwright_python.sync_playwright")
     found = {}
-    with browser_page(browser, WIDE, scheme) as watched:  # type: ignore[arg-type]
+    with browser_page(flat_browser, WIDE, scheme) as watched:  # type: ignore[arg-type]
         for name in read_pages(site):
             watched.page.goto((site / name).as_uri())
             violations = axe.Axe().run(watched.page).response["violations"]
@@ -294,8 +280,8 @@ def test_every_page_is_accessible(browser: Any, site: Path, scheme: str) -> None
 
 
 @pytest.mark.slow
-def test_the_toy_begins_where_its_picture_was(browser: Any, site: Path) -> None:
-    with browser_page(browser) as watched:
+def test_the_toy_begins_where_its_picture_was(flat_browser: Any, site: Path) -> None:
+    with browser_page(flat_browser) as watched:
         watched.page.goto((site / "index.html").as_uri())
         watched.page.click(".toy-start")
         frame = watched.page.frame_locator(".toy iframe")
@@ -305,8 +291,8 @@ def test_the_toy_begins_where_its_picture_was(browser: Any, site: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_search_finds_an_option(browser: Any, site: Path) -> None:
-    with browser_page(browser) as watched:
+def test_the_search_finds_an_option(flat_browser: Any, site: Path) -> None:
+    with browser_page(flat_browser) as watched:
         watched.page.goto((site / "search.html").as_uri() + "?q=mounting")
         # Results come one by one.
         watched.page.wait_for_selector("#search-results li a:has-text('mirrorcam run')")

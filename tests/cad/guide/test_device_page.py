@@ -9,6 +9,7 @@ import shutil
 import subprocess
 from html.parser import HTMLParser
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,7 +20,6 @@ from mirrorcam.core.disk.files import write_bytes
 from mirrorcam.core.html.templates import KIT
 from mirrorcam.core.values import Metric
 from tests.cad.guide.conftest import CHECKS, Made, write_documents
-from tests.studio.browser import FLAGS, chromium
 
 pytestmark = pytest.mark.slow
 
@@ -139,18 +139,12 @@ def test_the_model_says_which_printed_parts_it_lacks(made: Made) -> None:
 
 
 @pytest.mark.parametrize("width", [1400, 400])
-def test_tables_of_files_and_gauges_stay_on_the_screen(made: Made, width: int) -> None:
-    sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-    path = chromium()
-    if path is None:
-        pytest.skip("chromium is not installed")
-    with sync_api.sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=path, args=[*FLAGS, "--disable-3d-apis"])
-        page = browser.new_page(viewport={"width": width, "height": 900})
-        page.goto((made.folder / "index.html").as_uri())
-        found = page.evaluate(BEYOND)
-        wider = page.evaluate("document.documentElement.scrollWidth - innerWidth")
-        browser.close()
+def test_tables_of_files_and_gauges_stay_on_the_screen(made: Made, flat_browser: Any, width: int) -> None:
+    page = flat_browser.new_page(viewport={"width": width, "height": 900})
+    page.goto((made.folder / "index.html").as_uri())
+    found = page.evaluate(BEYOND)
+    wider = page.evaluate("document.documentElement.scrollWidth - innerWidth")
+    page.close()
     assert wider <= 0
     # At no width does the list of files overflow; on a wide screen no table scrolls.
     assert [text for table, text in found if width > 1000 or table == "files"] == []

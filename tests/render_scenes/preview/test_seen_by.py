@@ -13,7 +13,7 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Checkerboard
 from mirrorcam.render_scenes.preview.mirror_views import mirror_views
 from mirrorcam.render_scenes.preview.preview_frame import preview_frame, sensor_light, view_from_board
-from mirrorcam.render_scenes.preview.seen_by import SeenBy, seen_by, seen_in
+from mirrorcam.render_scenes.preview.seen_by import SeenBy, seen_in
 from mirrorcam.render_scenes.preview.traced_scene import traced_board
 from mirrorcam.render_scenes.sets.sensor_model import photograph
 from mirrorcam.render_scenes.settings import SENSORS, RenderSettings, ToneCurve
@@ -22,7 +22,7 @@ from mirrorcam.render_scenes.tabletop.tabletop_set import default_depths_mm
 
 @pytest.fixture(scope="module")
 def seen(fold_90_layout: Layout) -> SeenBy:
-    return seen_by(fold_90_layout)
+    return seen_in(preview_frame(fold_90_layout, "tabletop", 640))
 
 
 def test_depth_is_measured_in_views_that_show_the_same_scene(seen: SeenBy) -> None:
@@ -128,4 +128,4 @@ def test_a_single_view_has_no_depth(fold_90_layout: Layout) -> None:
         rows=1, cols=1, mirrors=fold_90_layout.mirrors[4:5], spec=None, metrics={}, verdict={}
     )
     with pytest.raises(InputError, match=r"^light field has one view"):
-        seen_by(one, width_px=320)
+        seen_in(preview_frame(one, "tabletop", 320))
