@@ -16,6 +16,7 @@ needs_renderer = pytest.mark.skipif(find_spec("mitsuba") is None, reason="render
 NOMINAL = 'cp "$MIRRORCAM_SET/layout.json" "$MIRRORCAM_RESULT"'
 
 
+@pytest.mark.slow
 @needs_renderer
 def test_it_exits_by_what_it_found_and_keeps_files_of_others(
     finished_suite: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]

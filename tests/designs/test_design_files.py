@@ -21,6 +21,7 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.tolerances import Tolerances
 
 
+@pytest.mark.slow
 def test_files_hold_what_is_returned(default_layout: Layout, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     spec = DesignSpec()
     figures = {"metrics": evaluate(default_layout, spec.depths_mm), "verdict": verify(default_layout, spec)}

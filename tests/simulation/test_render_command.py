@@ -168,6 +168,7 @@ def test_verify_counts_what_has_not_been_rendered(
     assert "7 files not rendered yet, frames/0001.jpg first" in capfd.readouterr().out
 
 
+@pytest.mark.slow
 def test_poses_of_a_file_are_those_of_the_set(folder: Path, finished_set: Path) -> None:
     poses = json.loads((finished_set / "truth" / "poses.json").read_text(encoding="utf-8"))["frames"][1:3]
     write_json(folder / "poses.json", {"poses": poses})

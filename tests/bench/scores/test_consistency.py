@@ -73,6 +73,7 @@ def test_nees_of_drawn_calibrations_is_one(draws: list[CameraRig]) -> None:
     assert found.mean == pytest.approx(1.0, abs=0.25)
 
 
+@pytest.mark.slow
 def test_nees_is_in_proportion_to_how_small_the_covariance_is(draws: list[CameraRig]) -> None:
     once, quarter = found_in(draws[:2], 1.0), found_in(draws[:2], 0.25)
     assert quarter.mean == pytest.approx(4.0 * once.mean, rel=1e-6)

@@ -68,6 +68,7 @@ def test_a_clip_that_would_slide_into_the_light_is_refused(default_layout: Layou
         plan_device(default_layout, hardware)
 
 
+@pytest.mark.slow
 def test_parts_that_know_no_layout_are_the_same_for_all(device: Device, make_parabola: Callable[..., Layout]) -> None:
     from mirrorcam.cad.assembly.catalogue import parts_of
 

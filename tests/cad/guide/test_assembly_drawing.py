@@ -34,6 +34,7 @@ def test_the_parts_list_counts_every_piece_once(made: Made) -> None:
     assert all(item.reference for item in listed if item.pieces[0].kind in ("part", "screw", "insert", "nut"))
 
 
+@pytest.mark.slow
 def test_every_line_of_the_list_has_a_balloon(made: Made, sheet: DrawingSheet) -> None:
     texts = Counter(box.text for box in sheet.text_boxes)
     circles = [line.mean(axis=0) for line, _ in sheet.drawn if len(line) == 49 and np.isclose(line[0], line[-1]).all()]

@@ -82,6 +82,7 @@ def test_every_mirror_and_seat_is_named_where_it_is(made: Made) -> None:
         assert shots[0].bodies[int(middle[1]), int(middle[0])] == mirror[name]
 
 
+@pytest.mark.slow
 def test_a_picture_has_margins_names_and_the_same_bytes(made: Made, tmp_path: Path) -> None:
     picture = next(picture for picture in made.pictures if picture.name == "mirrors")
     assert {item.label for item in picture.items} > {"0-0", "0-1", "1-0", "1-1"}

@@ -37,6 +37,7 @@ def mirror_solids(layout: Layout) -> list[Manifold]:
     return [Manifold.hull_points(np.vstack([volume.base, volume.top])) for volume in map(mirror_prism, layout.mirrors)]
 
 
+@pytest.mark.slow
 def test_walls_keep_the_room_out_of_the_picture(default_layout: Layout, plan: HolderPlan) -> None:
     assert len(rays_past_mirrors(default_layout)) > 100
     assert stray_light(default_layout, body_of(PlanarCsg(), plan), mirror_solids(default_layout)) < 0.1 * STRAY_LIGHT

@@ -158,6 +158,7 @@ def test_a_fit_from_the_one_before_is_the_same(pinhole: Layout, fitter: EdgeFitt
     assert np.abs(again.offset_px - first.offset_px).max() < 0.3
 
 
+@pytest.mark.slow
 def test_tilts_are_determined_if_the_scene_has_texture() -> None:
     errors = BuildErrors()
     units = 0.5 * np.random.default_rng(1).standard_normal(BuiltDevice(LAYOUT, errors).count)

@@ -135,6 +135,7 @@ def test_a_calibration_gives_its_report(whole_set: Path, tmp_path: Path) -> None
     assert found.layout is not None and found.layout.is_file() and found.lines
 
 
+@pytest.mark.slow
 def test_one_that_cannot_be_says_why(finished_set: Path, tmp_path: Path) -> None:
     board, layout = finished_set / "board.toml", finished_set / "layout.json"
     found = CalibrationRun(tmp_path / "none", board, layout, tmp_path / "out").wait(60.0)

@@ -19,6 +19,7 @@ from mirrorcam.optics.calibration.solver.residuals import Board
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.mirror import reflect
 from mirrorcam.optics.geometry.targets import Checkerboard
+from tests.nightly import a_few
 
 ONE_WAY_UP = Checkerboard(cols=8, rows=7, square_mm=20.0)
 TWO_WAYS_UP = Checkerboard(cols=8, rows=6, square_mm=20.0)  # looks the same upside down
@@ -186,7 +187,7 @@ def test_boards_that_show_no_second_mirror_are_refused() -> None:
         solved(replace(of, found=alone))
 
 
-@pytest.mark.parametrize("mirrors", [1, 4, 6])
+@pytest.mark.parametrize("mirrors", a_few(2, [1, 4, 6]))
 def test_any_number_of_mirrors_around_a_board_is_found(mirrors: int) -> None:
     """Mirrors in a ring around the line of sight, each visible in most pictures; planes extend behind each other."""
     random = np.random.default_rng(mirrors)

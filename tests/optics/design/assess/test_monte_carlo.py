@@ -80,6 +80,7 @@ def test_percentiles_are_those_of_the_normal_distribution() -> None:
     assert found.shares == {"mirror offset": dict.fromkeys(found.spreads[1.0], 1.0)}
 
 
+@pytest.mark.slow
 def test_shares_are_those_of_the_variance() -> None:
     """Shifted mirrors and a shifted camera each move the baseline in proportion, by known amounts."""
     layout = converging_pair()
