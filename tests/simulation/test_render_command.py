@@ -254,7 +254,9 @@ def test_bad_input_is_refused_in_one_line_and_nothing_is_written(
     assert not (folder / "output").exists()
 
 
-def test_a_full_disk_ends_it_in_one_line_without_a_part_of_a_picture(folder: Path, finished_set: Path) -> None:
+def test_a_full_disk_ends_it_in_one_line_without_a_part_of_a_picture(
+    folder: Path, finished_set: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     resource = pytest.importorskip("resource", reason="only POSIX limits the size of files")
     limit = 12_000  # for one file, which is less than a frame
 
@@ -263,6 +265,8 @@ def test_a_full_disk_ends_it_in_one_line_without_a_part_of_a_picture(folder: Pat
 
     assert len(contents(finished_set)["frames/0000.jpg"]) > limit
     options = f"{OPTIONS} --workers 1"
+    # Python does not notice that it has written a part of its bytecode, and fails when it reads that.
+    monkeypatch.setenv("PYTHONDONTWRITEBYTECODE", "1")
     with command(options, preexec_fn=small_file_limit) as running:
         _, said = running.communicate(timeout=60)
     assert (running.returncode, said.count("\n")) == (2, 1)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import resource
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -29,13 +30,15 @@ def content(folder: Path) -> dict[str, bytes]:
 
 @contextmanager
 def files_no_longer_than(size: int) -> Iterator[None]:
-    """Let writing fail for files beyond a size, as on a full disk."""
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    """Let writing fail for files beyond a size, as on a full disk, but keep Python from writing parts of bytecode."""
+    before, without_bytecode = resource.getrlimit(resource.RLIMIT_FSIZE), sys.dont_write_bytecode
+    sys.dont_write_bytecode = True
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
     try:
         yield
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
+        sys.dont_write_bytecode = without_bytecode
 
 
 @pytest.fixture(params=[ZarrSink, npz_folders], ids=["zarr", "folders"])
