@@ -254,7 +254,7 @@ def plan_clamp(wrist: Gen2Back, mount: MountPlan, hardware: Hardware) -> ClampPl
 class _Place:
     """The clamp's position in rig, mm: the wrist's radius and axis, and the clamp's band (2,) along y.
 
-    Its plate is between z = `plate_z_mm` and the mount's foot; `boss_radius_mm` is that of the wall round a screw.
+    Its plate is between z = `plate_z_mm` and the mount's foot; `boss_radius_mm` is the outer radius round a screw.
     """
 
     radius_mm: float

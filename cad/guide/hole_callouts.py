@@ -175,7 +175,7 @@ def hole_groups(views: Sequence[PartView], dimensions: Iterable[Length | Hole]) 
 
 
 def callout(hole: Hole, cosine: float) -> str:
-    """The text of a hole's callout; `cosine` is that of the angle between its axis and the direction to the viewer."""
+    """The text of a hole's callout; `cosine` is the cosine between its axis and the direction to the viewer."""
     size = f"Ø{number(hole.diameter_mm)}"
     if hole.travel_mm:
         size = f"slot {number(hole.diameter_mm)} x {number(hole.diameter_mm + hole.travel_mm)}"

@@ -1,7 +1,7 @@
 """Print settings for slicers; print time, mass of plastic and need for support by PrusaSlicer, if installed.
 
 Parts are sliced with `prusa_profile` and the slicer's defaults, but with automatic support except under bridges. If the
-slicer generates no support, time and grams are those of a print without support.
+slicer generates no support, time and grams exclude support.
 
 One default is changed: the detection of overhanging perimeters is off. It splits perimeters at places that depend on
 rounding, and the slicer recognises lines over a gap as a bridge only if they are unbroken. For a ceiling 8 mm wide over

@@ -7,7 +7,7 @@ import subprocess
 import sys
 from html.parser import HTMLParser
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 from urllib.parse import unquote, urlsplit
 
 import pytest
@@ -267,10 +267,10 @@ def test_every_page_fits_and_shows_its_pictures(flat_browser: Any, site: Path, s
 
 @pytest.mark.slow
 @pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_every_page_is_accessible(flat_browser: Any, site: Path, scheme: str) -> None:
+def test_every_page_is_accessible(flat_browser: Any, site: Path, scheme: Literal["light", "dark"]) -> None:
     axe = pytest.importorskip("axe_playwright_python.sync_playwright")
     found = {}
-    with browser_page(flat_browser, WIDE, scheme) as watched:  # type: ignore[arg-type]
+    with browser_page(flat_browser, WIDE, scheme) as watched:
         for name in read_pages(site):
             watched.page.goto((site / name).as_uri())
             violations = axe.Axe().run(watched.page).response["violations"]

@@ -152,7 +152,7 @@ SIZE_MM = 6.0
 # Limits of the relative shifts of images in px: the scatter of a calibration's corners for gravity and creep, and .1 px
 # per K for temperature.
 GRAVITY_PX, CREEP_PX, WARMTH_PX = 0.1, 0.1, 1.0
-# Limit of the rotation of mirrors relative to the camera in deg: that of the mount alone.
+# Limit of the rotation of mirrors relative to the camera in deg, equal to the limit for the mount alone.
 TURN_DEG = 0.05
 SCHEMA = "mirrorcam.elasticity/1"
 TEXT = """# Gravity, warmth and creep

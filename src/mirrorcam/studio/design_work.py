@@ -135,6 +135,6 @@ def tolerance(layout: Layout) -> ToleranceBars:
 
 
 def at_low_priority() -> None:
-    """Lower the priority of this process below those of the user's requests."""
+    """Lower the priority of this process below the user's requests."""
     if sys.platform != "win32":
         os.setpriority(os.PRIO_PROCESS, 0, LOW_PRIORITY)

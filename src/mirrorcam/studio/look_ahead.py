@@ -119,7 +119,7 @@ class LookAhead:
             try:
                 self._process.call(design_work.at_low_priority)
                 self._keep(spec, self._process.call(self._solve, spec))
-            except Exception:  # the thread continues with the next request
+            except Exception:  # logged: without this design a click only takes longer, and the thread must go on
                 if not self._over:
                     _log.exception("this request is not solved ahead: %r", spec)
 
