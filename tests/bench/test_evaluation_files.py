@@ -15,6 +15,7 @@ from mirrorcam.bench.suite_folder import read_finished
 pytestmark = pytest.mark.skipif(find_spec("mitsuba") is None, reason="rendering needs the extra render")
 
 
+@pytest.mark.slow
 def test_each_file_is_one_of_the_patterns_and_reads_back(finished_suite: Path, tmp_path: Path) -> None:
     suite = read_finished(finished_suite)
     command = 'cp "$MIRRORCAM_SET/layout.json" "$MIRRORCAM_RESULT"'

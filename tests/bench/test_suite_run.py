@@ -92,6 +92,7 @@ def test_an_interrupted_suite_goes_on_and_gives_the_same(
     assert of_suite(begun) == of_suite(suite_folder)
 
 
+@pytest.mark.slow
 def test_workers_that_share_no_disk_send_the_same_files(
     suite_folder: Path, default_layout: Layout, tmp_path: Path
 ) -> None:
@@ -153,6 +154,7 @@ def test_a_set_too_large_for_a_message_is_refused(default_layout: Layout, tmp_pa
         rendered_into(tmp_path, suite, workers(share_the_folder=False))
 
 
+@pytest.mark.slow
 def test_an_answer_of_another_version_is_no_set(default_layout: Layout, tmp_path: Path) -> None:
     def older(tasks: Sequence[str]) -> Iterator[tuple[int, SetResult]]:
         for number, got in here(tasks):

@@ -15,6 +15,7 @@ from tests.optics.drift.calibrated_device import device, turned
 from tests.optics.drift.textured_scenes import Shot, fractal, photograph, scene
 
 
+@pytest.mark.slow
 def test_a_moved_mirror_is_printed_and_solved(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     random, truth = np.random.default_rng(1), device().truth
     sheets = scene(random, (250.0, 600.0), [fractal(random, slope=0.8)], truth.camera.fx_px)

@@ -55,6 +55,7 @@ def test_all_figures_stand_beside_those_of_the_parabola(
     assert Layout.load(tmp_path / "layout.json") == solved
 
 
+@pytest.mark.slow
 def test_no_row_is_torn_in_two(solved: Layout, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     main(["design", "--out", str(tmp_path)])
     lines = capsys.readouterr().out.splitlines()
@@ -62,6 +63,7 @@ def test_no_row_is_torn_in_two(solved: Layout, tmp_path: Path, capsys: pytest.Ca
     assert len(lines) == headers + titles + said + len(solved.metrics) + len(solved.verdict)
 
 
+@pytest.mark.slow
 def test_a_spec_without_a_parabola_is_designed_all_the_same(
     solved: Layout, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

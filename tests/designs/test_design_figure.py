@@ -48,6 +48,7 @@ def test_nothing_is_cut_off_at_the_border(picture: Path) -> None:
     assert (border > 250).all()
 
 
+@pytest.mark.slow
 def test_the_same_layouts_give_the_same_bytes(picture: Path, default_layout: Layout, tmp_path: Path) -> None:
     before_after(faceted_parabola(DesignSpec()), default_layout, tmp_path / "again.png")
     assert (tmp_path / "again.png").read_bytes() == picture.read_bytes()

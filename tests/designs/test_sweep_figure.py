@@ -95,6 +95,7 @@ def test_the_front_of_all_is_drawn(picture: tuple[list[Outcome], Path]) -> None:
     assert of_colour(image[: image.shape[0] // 2, : image.shape[1] // 2], FRONT).sum() > 100
 
 
+@pytest.mark.slow
 def test_the_same_outcomes_give_the_same_bytes(picture: tuple[list[Outcome], Path], tmp_path: Path) -> None:
     outcomes, path = picture
     pareto(outcomes, tmp_path / "again.png")

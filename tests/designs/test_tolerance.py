@@ -154,6 +154,7 @@ def share_of(picture: NDArray[np.uint8], colour: str) -> float:
     return float((np.abs(picture.astype(int) - wanted).max(axis=-1) < 12).mean())
 
 
+@pytest.mark.slow
 def test_bars_are_as_long_as_the_shares(picture: NDArray[np.uint8], found: Study) -> None:
     """The lower part of the picture is one block of bars in the colours of the causes."""
     bars = picture[picture.shape[0] * 62 // 100 :]
@@ -171,6 +172,7 @@ def test_nothing_is_cut_off_at_the_border(picture: NDArray[np.uint8]) -> None:
     assert (border > 250).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("depths_mm", [(400.0,), (300.0, 400.0, 500.0)])
 def test_any_number_of_depths_and_no_cause_at_all(
     default_layout: Layout, depths_mm: tuple[float, ...], tmp_path: Path

@@ -75,6 +75,7 @@ def test_views_are_combined_as_asked(inputs: Path, tmp_path: Path, combine: str)
     assert np.abs(mean.astype(int) - other).mean() > 1.0
 
 
+@pytest.mark.slow
 def test_planes_are_tilted_and_super_sampled(inputs: Path, tmp_path: Path) -> None:
     asked = ["--depth-mm", "480", "--tilt-deg", "11.3", "-16.7", "--scale", "2", "--out", str(tmp_path)]
     assert main(["refocus", str(inputs / "card.npz"), *asked]) == 0

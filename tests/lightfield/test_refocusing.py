@@ -79,6 +79,7 @@ def test_depth_is_measured_once(tmp_path: Path) -> None:
         write_refocused(inputs, tmp_path / "out", narrow)
 
 
+@pytest.mark.slow
 def test_depth_of_a_recording_is_the_same_whichever_frames_have_it_already(tmp_path: Path) -> None:
     frames = noisy_walls(4)
     write_recording(tmp_path / "film.zarr", frames)

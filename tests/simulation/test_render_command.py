@@ -178,6 +178,7 @@ def test_poses_of_a_file_are_those_of_the_set(folder: Path, finished_set: Path) 
     assert Dataset.load(folder / "two").frame_names == ("frames/0000.jpg", "frames/0001.jpg")
 
 
+@pytest.mark.slow
 def test_a_motion_through_poses_of_a_file_is_a_video(folder: Path, finished_set: Path) -> None:
     import cv2
 

@@ -53,6 +53,7 @@ def test_nothing_is_previewed_where_there_is_nothing_to_show() -> None:
     assert design_work.preview(DesignSpec(rows=7, cols=7, spacing_mm=40.0)) is None
 
 
+@pytest.mark.slow
 def test_the_report_holds_figures_and_pictures(small: SolvedDesign) -> None:
     page = design_work.report(small.layout, small.parabola)
     assert small.layout.identity in page

@@ -78,6 +78,7 @@ def test_pages_get_their_designs_one_after_another(designer: Designer) -> None:
         assert isinstance(design, SolvedDesign) and design.layout.spec == spec
 
 
+@pytest.mark.slow
 def test_a_page_that_leaves_frees_the_solver_for_the_others(designer: Designer) -> None:
     ended: list[str] = []
     leaving = PageRequest("a")

@@ -83,6 +83,7 @@ def test_a_mirror_narrower_than_its_sheet_is_refused(make_flat_pair: Callable[..
         plan_device(make_flat_pair(gap_mm=5.0, height_mm=2.5, thickness_mm=3.0), HARDWARE)
 
 
+@pytest.mark.slow
 def test_a_support_in_the_light_is_refused(default_layout: Layout, monkeypatch: pytest.MonkeyPatch) -> None:
     def on_a_wall(clip: ClipPlan, mount: MountPlan, hardware: Hardware) -> Back:
         wall = Support("wall", (box((-50.0, 60.0, -200.0), (50.0, 70.0, 100.0)),))

@@ -40,6 +40,7 @@ CUBE = Item(ShadedBody(np.asarray(trimesh.creation.box((20.0, 20.0, 20.0)).trian
 NOTES = (("front", np.array([0.0, 0.0, 10.0])), ("back", np.array([0.0, 0.0, -10.0])))
 
 
+@pytest.mark.slow
 def test_each_view_names_the_points_that_it_shows() -> None:
     behind = DevicePicture("cube", "Cube", np.diag([-1.0, 1.0, -1.0]), (CUBE,), notes=NOTES)
     front = DevicePicture("cube", "Cube", np.eye(3), (CUBE,), notes=NOTES, below=behind)

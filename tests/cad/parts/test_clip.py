@@ -29,7 +29,7 @@ from tests.nightly import a_few
 BOARDS = [name for name in camera_names() if read_body(name).held_by.kind == "board"]
 
 
-@pytest.mark.parametrize("name", a_few(5, BOARDS))
+@pytest.mark.parametrize("name", a_few(3, BOARDS))
 @pytest.mark.parametrize("kind", ["insert", "nut"])
 def test_a_board_rests_on_its_posts_and_its_clip_prints_on_its_slide(name: str, kind: str) -> None:
     hardware = HARDWARE.replaced(camera=read_body(name), screw=HARDWARE.screw.replaced(kind=kind))

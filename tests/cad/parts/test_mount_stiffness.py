@@ -106,6 +106,7 @@ def test_work_is_positive_and_the_same_whichever_force_comes_first(device: Devic
     assert tilt_deg(matrix, device.mount.load_g) == pytest.approx(device.mount.tilt_deg)
 
 
+@pytest.mark.slow
 def test_it_is_softer_than_the_beam_without_openings(device: Device) -> None:
     """This allows the search to skip profiles that tilt too far as beams."""
     mount = device.mount

@@ -92,6 +92,7 @@ def test_plastic_is_foreseen_as_the_pieces_have_it(planned: Planned) -> None:
         assert profile.volume_mm3 == pytest.approx(volume, rel=0.15)
 
 
+@pytest.mark.slow
 def test_no_web_over_the_slide_runs_into_the_holes_for_its_driver(planned: Planned) -> None:
     """In a deep mount, which leans back, the web from corner to corner formerly ended thin at the upper holes."""
     _, holder, clip, _ = planned

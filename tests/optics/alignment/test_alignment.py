@@ -122,6 +122,7 @@ def test_edges_of_a_white_sheet_are_found_where_they_are(pinhole: Layout, fitter
         assert np.abs(truth - designed).max() > 8.0
 
 
+@pytest.mark.slow
 def test_the_turn_of_the_camera_is_found(pinhole: Layout, fitter: EdgeFitter) -> None:
     units = np.zeros(fitter.device.count)
     units[3:6] = 1.2, -1.0, 0.8

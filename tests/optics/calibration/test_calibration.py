@@ -307,6 +307,7 @@ def test_insufficient_pictures_are_refused_in_one_line(small_set: Set) -> None:
         calibrate([hidden], small_set.base, small_set.nominal, BOARD)
 
 
+@pytest.mark.slow
 def test_two_base_frames_are_used_although_they_determine_no_camera(small_set: Set, detections: Path) -> None:
     found = calibrate(small_set.frames, small_set.base[:2], small_set.nominal, BOARD, detections=detections)
     assert len(found.rig_from_board) == len(small_set.frames) + 2

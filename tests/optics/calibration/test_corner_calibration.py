@@ -90,6 +90,7 @@ def test_corners_in_second_surface_mirrors_are_refined_with_the_estimated_mirror
     assert [note for note in found.notes if lost in note]
 
 
+@pytest.mark.slow
 def test_a_rational_lens_of_the_layout_is_calibrated_even_if_five_numbers_suffice() -> None:
     rational = true_layout().camera.replaced(
         lens_model="rational", distortion=[0.35, -0.13, 1e-4, -5e-4, 0.01, 0.45, -0.05, 0.02]

@@ -187,6 +187,7 @@ def test_few_or_dim_borders_determine_nothing(fold_90_layout: Layout) -> None:
     assert fit_pupil(fold_90_layout, dim) is None
 
 
+@pytest.mark.slow
 def test_a_border_that_shows_something_else_is_left_out(fold_90_layout: Layout) -> None:
     random, true = np.random.default_rng(6), Pupil(1.8, 500.0)
     lights = [light(fold_90_layout, border, true, random) for border in borders(fold_90_layout)]

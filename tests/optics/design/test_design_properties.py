@@ -78,6 +78,7 @@ def assert_stands(spec: DesignSpec) -> None:
     assert Layout.model_validate_json(layout.model_dump_json(by_alias=True)).verdict == layout.verdict
 
 
+@pytest.mark.slow
 @settings(max_examples=4)
 @given(specs([(1, 2), (2, 1), (2, 2)]))
 def test_small_designs_carry_a_passing_verdict(spec: DesignSpec) -> None:

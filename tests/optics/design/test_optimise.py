@@ -76,6 +76,7 @@ def test_the_layout_carries_its_verdict(nominal: Layout) -> None:
     assert nominal.verdict["smallest_gap_mm"].value == nominal.metrics["smallest_gap_mm"].value
 
 
+@pytest.mark.slow
 def test_the_same_spec_gives_the_same_bytes(nominal: Layout) -> None:
     again = design(DesignSpec())
     assert again.model_dump_json() == nominal.model_dump_json()
@@ -93,7 +94,7 @@ def test_a_symmetric_camera_gets_a_symmetric_array(nominal: Layout) -> None:
     assert np.abs(centres[:, ::-1] * [-1.0, 1.0, 1.0] - centres).max() < 1e-4
 
 
-@pytest.mark.parametrize("fold_deg", [90.0, 120.0])
+@pytest.mark.parametrize("fold_deg", a_few(1, [90.0, 120.0]))
 def test_the_central_mirror_folds_by_the_angle_at_the_scale(fold_deg: float) -> None:
     layout, fold = designed(DesignSpec(fold_deg=fold_deg)), np.radians(fold_deg)
     centre = layout.mirrors[layout.central_index].virtual_centre_in_rig_mm
@@ -188,6 +189,7 @@ def test_other_sizes(rows: int, cols: int, worst_error: float, least_efficiency:
         assert layout.metrics[f"usable_efficiency_{depth}mm"].value >= least_efficiency
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("pattern", "worst_error", "least_efficiency"),
     a_few(1, [(Pattern.hexagonal(1), 0.055, 0.55), (Pattern.ring(6), 0.12, 0.45)]),
@@ -202,6 +204,7 @@ def test_patterns(pattern: Pattern, worst_error: float, least_efficiency: float)
         assert layout.metrics[f"pixel_efficiency_{depth}mm"].value >= least_efficiency
 
 
+@pytest.mark.slow
 def test_a_pattern_that_is_a_grid_is_designed_as_that_grid() -> None:
     requested = DesignSpec(rows=1, cols=3)
     line = Pattern(name="line", positions=5.0 * requested.arrangement.steps)

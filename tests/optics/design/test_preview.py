@@ -47,6 +47,7 @@ def seen(layout: Layout, spec: DesignSpec) -> float:
     return float(np.mean([metrics[f"pixel_efficiency_{depth:g}mm"].value for depth in spec.depths_mm]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("low", "between", "high"), a_few(2, BRACKETS), ids=[next(iter(b)) for _, b, _ in BRACKETS])
 def test_between_two_designs_it_comes_near_the_exact_one(
     low: dict[str, Any], between: dict[str, Any], high: dict[str, Any]

@@ -95,6 +95,7 @@ def test_they_are_the_same_in_two_processes() -> None:
     assert [s.layout.model_dump_json() for s in elsewhere] == [s.layout.model_dump_json() for s in found("size")]
 
 
+@pytest.mark.slow
 def test_parameters_that_do_not_relieve_the_constraint_are_not_tried() -> None:
     tried: list[Call] = []
 

@@ -59,7 +59,7 @@ def test_a_view_matches_a_pinhole_at_its_true_position(
         assert error.max() < 0.1 * steepest  # 0.1 px where the texture is steepest
 
 
-@pytest.mark.parametrize("depth_mm", [500.0, 380.0])
+@pytest.mark.parametrize("depth_mm", a_few(1, [500.0, 380.0]))
 def test_sheets_decode_exactly_at_the_reference_plane_and_approximately_elsewhere(
     crooked_layout: Layout, depth_mm: float
 ) -> None:

@@ -56,6 +56,7 @@ def light(scene: TracedScene, *, shaded: bool = True) -> Any:
     return np.array(scattered(scene, 0, 0, POINT, UP, (0.1, 1.0, 0.2), ZERO, ZERO, shaded))
 
 
+@pytest.mark.slow
 def test_a_matte_surface_alone_scatters_the_light_of_the_sky_and_the_lamp() -> None:
     scene = scene_of(floor())
     expected = np.array(COLOUR) * (

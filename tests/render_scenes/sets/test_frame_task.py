@@ -123,6 +123,7 @@ def test_jpeg_and_h264_lose_more_the_lower_their_quality(small_layout: Layout, s
     assert 0.0 < loss(h264_crf=15) < loss(h264_crf=30) < loss(h264_crf=45)
 
 
+@pytest.mark.slow
 def test_what_goes_into_a_video_is_compressed_there(small_layout: Layout, small_board: Charuco) -> None:
     sensor = PLAIN.replaced(h264_crf=30)
     still = render_frame(task_of(small_layout, small_board, sensor, maps=False).model_dump_json())

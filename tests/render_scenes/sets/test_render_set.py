@@ -334,6 +334,7 @@ def test_a_video_that_is_interrupted_is_encoded_again_from_the_finished_frames(r
     assert calls == [11]
 
 
+@pytest.mark.slow
 def test_frames_of_a_motion_follow_each_other(render: Render, tmp_path: Path) -> None:
     slow = render(tmp_path / "set", **(MOVING | {"rate_hz": 100.0}))
     poses = np.array(json.loads((tmp_path / "set" / "truth" / "poses.json").read_text(encoding="utf-8"))["frames"])

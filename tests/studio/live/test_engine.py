@@ -60,6 +60,7 @@ def four_more(engine: LiveEngine) -> None:
     until(engine, lambda status: status.frames > already + 4)
 
 
+@pytest.mark.slow
 def test_pictures_of_all_kinds_arrive_and_go_on(engine: LiveEngine) -> None:
     for kind in ("frame", "views", "refocus", "depth"):
         picture = engine.wait_for(kind, 0, LONG_S)

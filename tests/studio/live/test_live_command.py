@@ -40,5 +40,6 @@ def test_bad_options_are_refused(arguments: list[str], expected: str, capsys: py
     assert_refused_here(["live", *arguments], capsys, expected)
 
 
+@pytest.mark.slow
 def test_a_layout_that_is_not_there_is_one_line(tmp_path: Path) -> None:
     assert_refused(tmp_path, "live 0 --layout none.json --no-browser --port 0", "none.json: no such file")

@@ -16,6 +16,7 @@ from mirrorcam.optics.calibration.detection.marker_layout import (
     marker_side,
 )
 from mirrorcam.optics.geometry.targets import AprilGrid, Charuco
+from tests.nightly import a_few
 from tests.optics.calibration.detection.aprilgrid_sheet import GRID, Sheet
 from tests.optics.calibration.detection.one_mirror import CAMERA, one_mirror
 from tests.optics.synthetic import posed, render
@@ -25,7 +26,7 @@ BOARD = Charuco(cols=12, rows=8, square_mm=24.0, marker_mm=18.0)
 ODD = Charuco(cols=9, rows=7, square_mm=18.0, marker_mm=13.0)
 
 
-@pytest.mark.parametrize("mirrored", [False, True])
+@pytest.mark.parametrize("mirrored", a_few(3, [False, True]))
 @pytest.mark.parametrize(
     ("cols", "side", "blur_px"), [(12, 0.75, 1.5), (12, 0.5, 0.5), (8, 0.75, 0.5), (16, 0.625, 1.5)]
 )

@@ -132,7 +132,7 @@ def test_the_stated_aprilgrid_is_taken_and_flipped_ones_are_recognised(*, mirror
     assert SELFIE in said
 
 
-@pytest.mark.parametrize("mirrored", [False, True])
+@pytest.mark.parametrize("mirrored", a_few(2, [False, True]))
 @pytest.mark.parametrize("found", [False, True])
 def test_the_stated_board_is_taken(*, mirrored: bool, found: bool) -> None:
     shown = pictures(MARKED, mirrored=mirrored)

@@ -22,6 +22,7 @@ from tests.optics.calibration.direct.two_mirrors import BOARD as BOARD_SEEN_DIRE
 from tests.optics.calibration.direct.two_mirrors import POSES, corner_of_two_mirrors, lying
 
 
+@pytest.mark.slow
 def test_noise_alone_has_uniform_probabilities(scene: Scene) -> None:
     chances = []
     for seed in range(20):

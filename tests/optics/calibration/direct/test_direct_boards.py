@@ -77,6 +77,7 @@ def test_flipped_pictures_of_markers_are_recognised() -> None:
     assert not fits_flipped(boards_in(shown, board, most=3, progress=no_progress), board, mirrors=2, **SIZE)
 
 
+@pytest.mark.slow
 def test_a_board_whose_size_seems_to_be_in_another_unit_is_noted(pictures: list[Grey]) -> None:
     for side_mm, noted in ((20.0, False), (2.0, True), (2000.0, True)):
         target = EVEN.replaced(square_mm=side_mm)

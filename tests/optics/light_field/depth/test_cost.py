@@ -28,6 +28,7 @@ from mirrorcam.optics.light_field.depth.cost import (
 from mirrorcam.optics.light_field.depth.parallax import parallax
 from mirrorcam.optics.light_field.depth.sweep import Ranges, Sweep, range_around, sweep
 from mirrorcam.optics.light_field.light_field import Views
+from tests.nightly import a_few
 from tests.optics.light_field.depth.surfaces import everywhere, grid_views
 
 INVERSE_DISTANCES = np.linspace(1 / 900.0, 1 / 300.0, 20)
@@ -146,7 +147,7 @@ def test_threads_change_no_bit_and_weak_texture_is_averaged() -> None:
     )
 
 
-@pytest.mark.parametrize("weak", [False, True])
+@pytest.mark.parametrize("weak", a_few(1, [False, True]))
 def test_costs_of_a_range_equal_those_of_a_search_of_all_planes(weak: bool) -> None:
     views = grid_views(3, 3)
     planes = sweep(views, INVERSE_DISTANCES)

@@ -222,6 +222,7 @@ def test_static_scenes_keep_their_depth(scene: Any) -> None:
     assert np.nanmedian(filtered) < np.nanmedian(single) / 5
 
 
+@pytest.mark.slow
 def test_unrelated_frames_have_the_depth_of_single_ones() -> None:
     random = np.random.default_rng(2)
     walls = [

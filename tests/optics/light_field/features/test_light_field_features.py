@@ -14,6 +14,7 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.light_field.features import DetectorName, FeatureFinder, Features
 from mirrorcam.optics.light_field.features.light_field_features import _one_per_place
 from mirrorcam.optics.light_field.light_field import Axis, LightField, Views
+from tests.nightly import a_few
 from tests.optics.light_field.features.scenes import Plane, astigmatic, of_grey, of_planes, uneven_views
 from tests.optics.light_field.features.test_keypoints import NAMES
 
@@ -146,7 +147,7 @@ def test_features_are_sought_between_the_given_depths(scene: tuple[LightField, F
     assert near.depth_mm.max() < 420
 
 
-@pytest.mark.parametrize("turn_deg", [0.0, 45.0, 80.0])
+@pytest.mark.parametrize("turn_deg", a_few(1, [0.0, 45.0, 80.0]))
 def test_two_slopes_along_any_directions_are_flagged(turn_deg: float) -> None:
     views = uneven_views(positions_mm=uneven_views().positions_mm * [1.0, 1.0, 0.0])
     turn = np.deg2rad(turn_deg)

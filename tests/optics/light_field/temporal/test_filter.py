@@ -155,6 +155,7 @@ def test_other_views_and_other_samples_start_anew() -> None:
         assert video.filtered(each) is each
 
 
+@pytest.mark.slow
 def test_grey_and_floating_point_videos_are_filtered_too() -> None:
     random, video, floating = np.random.default_rng(14), TemporalFilter(1), TemporalFilter(1)
     for _ in range(10):

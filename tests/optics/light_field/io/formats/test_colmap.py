@@ -50,6 +50,7 @@ def test_colmaps_rig_matches_its_model(scene: tuple[LightField, FloatArray], col
         assert np.allclose(camera.cam_from_rig.rotation.matrix(), np.eye(3))
 
 
+@pytest.mark.slow
 def test_colmap_triangulates_the_scene(scene: tuple[LightField, FloatArray], colmap: Path) -> None:
     """Features, the rig and matches are pycolmap's; the points lie on the photographed surfaces."""
     database = colmap / "database.db"
