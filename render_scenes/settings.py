@@ -124,7 +124,7 @@ SENSORS: dict[SensorName, SensorModel] = {
 
 Bend = Literal["sphere", "cylinder"]
 TINT = Bounds(0.0, 100.0)
-Tint = Annotated[float, TINT.each]
+Tint = Annotated[float, TINT.limits]
 RADIANCE = Bounds(0.0, 1e6)
 RATE_HZ = Bounds(0.01, 500.0)
 POSES_HZ = Bounds(1e-3, 1e4)
@@ -154,7 +154,7 @@ class RenderSettings(Value):
         default="mitsuba", description="mitsuba: the reference, by path tracing; fast: analytic, for large sets"
     )
     spp: int = SAMPLES_PER_PIXEL.field(16, "samples per pixel of the reference renderer")
-    paper: float = RADIANCE.cut(least=1e-6).field(0.85, "radiance of the board's paper")
+    paper: float = RADIANCE.narrowed(min=1e-6).field(0.85, "radiance of the board's paper")
     ink: float = RADIANCE.field(0.05, "radiance of the board's ink")
     mirror_reflectance: float = Field(default=0.92, gt=0, le=1)
     finish: SurfaceFinish = SurfaceFinish()

@@ -25,7 +25,7 @@ from mirrorcam.optics.geometry.camera_library import read_body
 # Relative difference of the tangents of half fields of view above which two cameras are different models.
 OTHER_VIEW = 0.1
 
-_Size = Annotated[float, PART_MM.each]
+_Size = Annotated[float, PART_MM.limits]
 
 
 _positive = PART_MM.field
@@ -213,7 +213,7 @@ class Cutting(Value):
     sheet_mm: tuple[_Size, _Size] = Field(default=(300.0, 200.0), description="width and height of a sheet")
     kerf_mm: float = PART_GAP_MM.field(0.2, "full width of the laser's cut")
     gap_mm: float = Field(
-        default=3.0, gt=0.5, le=PART_MM.most, description="gap between mirrors on the sheet, and from them to its edge"
+        default=3.0, gt=0.5, le=PART_MM.max, description="gap between mirrors on the sheet, and from them to its edge"
     )
     mark_mm: float = _positive(5.0, "height of the mark on the back of a mirror")
     chamfer_mm: float = PART_GAP_MM.field(0.2, "width of the bevel ground on the edges of glass")

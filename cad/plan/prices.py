@@ -68,7 +68,7 @@ def _pairs(listed: object) -> object:
     return tuple(sorted(listed.items())) if isinstance(listed, dict) else listed
 
 
-_Price = Annotated[float, PRICE.each]
+_Price = Annotated[float, PRICE.limits]
 _PriceList = Annotated[
     tuple[tuple[Name, _Price], ...],
     BeforeValidator(_pairs, json_schema_input_type=dict[Name, _Price]),

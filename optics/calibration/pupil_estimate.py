@@ -121,7 +121,7 @@ def _fit_pupil_of(layout: Layout, frames: Sequence[BoardFrame], target: Target) 
 def _with_pupil(camera: Camera, fit: PupilFit) -> Camera:
     if fit.is_pinhole:
         return camera.with_pupil(Pupil(0.0, camera.focus_mm))
-    focus_mm = float(np.clip(1.0 / fit.nearness, DEPTH_MM.least, DEPTH_MM.most))
+    focus_mm = float(np.clip(1.0 / fit.nearness, DEPTH_MM.min, DEPTH_MM.max))
     return camera.with_pupil(Pupil(fit.aperture_mm, focus_mm if fit.shows_focus else camera.focus_mm))
 
 

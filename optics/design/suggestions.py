@@ -156,7 +156,7 @@ def suggestions(
 def _reducible_counts(spec: DesignSpec) -> Iterator[str]:
     if spec.pattern is None:
         for name, count, other in (("rows", spec.rows, spec.cols), ("cols", spec.cols, spec.rows)):
-            if count > MIRRORS.least and (count - 1) * other > 1:
+            if count > MIRRORS.min and (count - 1) * other > 1:
                 yield name
 
 
@@ -195,7 +195,7 @@ def _with_fold(spec: DesignSpec) -> Suggestion | None:
     requested = float(spec.fold_deg)
     easy = spec.replaced(fold_deg=EASY_FOLD_DEG)
     draft, _ = overlap_draft(easy, seed_meeting(easy), neighbour_pairs(spec.arrangement))
-    fold = np.deg2rad([requested, FOLD_DEG.least, FOLD_DEG.most])
+    fold = np.deg2rad([requested, FOLD_DEG.min, FOLD_DEG.max])
     outcome = _nearest(Solver(relaxed_fold(draft.program, draft.fold, *fold), SLACK_WEIGHTS, MAX_ITERATIONS))
     if outcome is None:
         return None
@@ -203,10 +203,10 @@ def _with_fold(spec: DesignSpec) -> Suggestion | None:
     for overshoot in OVERSHOOTS:
         target = requested + (nearest - requested) * (1.0 + overshoot)
         rounded = ceil if target > requested else floor
-        relaxed = spec.replaced(fold_deg=min(max(rounded(target * 10.0) / 10.0, FOLD_DEG.least), FOLD_DEG.most))
+        relaxed = spec.replaced(fold_deg=min(max(rounded(target * 10.0) / 10.0, FOLD_DEG.min), FOLD_DEG.max))
         layout = _designed(relaxed, outcome.values[:-1])
         if layout is not None:
-            change = abs(target - requested) / (FOLD_DEG.most - FOLD_DEG.least)
+            change = abs(target - requested) / (FOLD_DEG.max - FOLD_DEG.min)
             return Suggestion("fold_deg", relaxed, layout, change)
     return None
 

@@ -82,10 +82,10 @@ class Pattern(Value):
             return None
         count = int(match[2])
         if match[1] == "ring":
-            if not RING_VIEWS.least <= count <= RING_VIEWS.most:
+            if not RING_VIEWS.min <= count <= RING_VIEWS.max:
                 raise InputError(f"pattern {name}: expected a ring of {RING_VIEWS} views")
             return cls.ring(count)
-        sizes = {1 + 3 * rings * (rings + 1): rings for rings in range(int(RINGS.least), int(RINGS.most) + 1)}
+        sizes = {1 + 3 * rings * (rings + 1): rings for rings in range(int(RINGS.min), int(RINGS.max) + 1)}
         if count not in sizes:
             raise InputError(f"pattern {name}: expected hex with one of {', '.join(map(str, sizes))} views")
         return cls.hexagonal(sizes[count])

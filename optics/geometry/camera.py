@@ -30,7 +30,8 @@ PLAIN_LENS: LensName = "brown_conrady"
 
 SENSOR_PX = Bounds(1, 65_535)
 
-Corner = tuple[Annotated[float, OFFSET_MM.each], Annotated[float, OFFSET_MM.each], Annotated[float, OFFSET_MM.each]]
+_Coordinate = Annotated[float, OFFSET_MM.limits]
+Corner = tuple[_Coordinate, _Coordinate, _Coordinate]
 
 
 class Camera(Value):
@@ -73,8 +74,8 @@ class Camera(Value):
     distortion: Annotated[FloatArray, Shaped((None,), largest=LARGEST_DISTORTION)] = Field(
         default_factory=lambda: np.zeros(5), validate_default=True
     )
-    aperture_mm: float = Field(default=0.0, ge=APERTURE_MM.least, le=APERTURE_MM.most, exclude_if=lambda mm: mm == 0.0)
-    focus_mm: float = Field(default=FOCUS_MM, ge=DEPTH_MM.least, le=DEPTH_MM.most, exclude_if=lambda mm: mm == FOCUS_MM)
+    aperture_mm: float = Field(default=0.0, ge=APERTURE_MM.min, le=APERTURE_MM.max, exclude_if=lambda mm: mm == 0.0)
+    focus_mm: float = Field(default=FOCUS_MM, ge=DEPTH_MM.min, le=DEPTH_MM.max, exclude_if=lambda mm: mm == FOCUS_MM)
 
     body_mm: tuple[Corner, Corner] | None = Field(default=None, exclude_if=lambda box: box is None)
 

@@ -10,8 +10,8 @@ from mirrorcam.core.bounds import PART_GAP_MM, PART_MM, PART_OFFSET_MM, Bounds
 from mirrorcam.core.names import Name
 from mirrorcam.core.values import Value
 
-_Size = Annotated[float, PART_MM.each]
-_Place = Annotated[float, PART_OFFSET_MM.each]
+_Size = Annotated[float, PART_MM.limits]
+_Place = Annotated[float, PART_OFFSET_MM.limits]
 ViewAngle = Annotated[float, Field(gt=1, lt=179)]
 Box = tuple[tuple[float, float, float], tuple[float, float, float]]
 
@@ -58,8 +58,8 @@ class CameraBody(Value):
     depth_mm: float = PART_MM.field(description="length of the body along the lens axis, without lens ring and hinge")
     end_radius_mm: float = Field(
         default=0.0,
-        ge=PART_GAP_MM.least,
-        le=PART_GAP_MM.most,
+        ge=PART_GAP_MM.min,
+        le=PART_GAP_MM.max,
         exclude_if=lambda radius: radius == 0.0,
         description="radius of the body's four edges along the lens axis",
     )
@@ -81,15 +81,15 @@ class CameraBody(Value):
     cable_x_mm: float = PART_OFFSET_MM.field(0.0, "where the cable leaves the back, from the lens axis along x")
     cable_y_mm: float = Field(
         default=0.0,
-        ge=PART_OFFSET_MM.least,
-        le=PART_OFFSET_MM.most,
+        ge=PART_OFFSET_MM.min,
+        le=PART_OFFSET_MM.max,
         exclude_if=lambda place: place == 0.0,
         description="where the cable leaves the back, from the middle of the body along the image's y",
     )
     cable_thick_mm: float = Field(
         default=0.0,
-        ge=PART_GAP_MM.least,
-        le=PART_GAP_MM.most,
+        ge=PART_GAP_MM.min,
+        le=PART_GAP_MM.max,
         exclude_if=lambda thick: thick == 0.0,
         description="thickness of a ribbon whose width along x is cable_mm; 0: the cable is round",
     )

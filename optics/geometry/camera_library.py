@@ -48,10 +48,10 @@ class PublishedFigures(Value):
     horizontal_deg: ViewAngle | None = Field(default=None, description="field of view along the image's x")
     vertical_deg: ViewAngle | None = Field(default=None, description="field of view along the image's y")
     diagonal_deg: ViewAngle | None = Field(default=None, description="field of view along the diagonal")
-    view_px: tuple[Annotated[int, SENSOR_PX.each], Annotated[int, SENSOR_PX.each]] | None = Field(
+    view_px: tuple[Annotated[int, SENSOR_PX.limits], Annotated[int, SENSOR_PX.limits]] | None = Field(
         default=None, description="sensor pixels to which the stated field of view refers; default: the picture's"
     )
-    nearest_mm: float | None = Bounds(DEPTH_OR_INF_MM.least, 1e5).field(None, "closest focus distance")
+    nearest_mm: float | None = Bounds(DEPTH_OR_INF_MM.min, 1e5).field(None, "closest focus distance")
 
 
 class CameraProfile(Value):

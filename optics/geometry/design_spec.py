@@ -64,7 +64,7 @@ class DesignSpec(Value):
         description="positions of the views instead of rows and columns: hex7, hex19, ring8 or a JSON or TOML file",
     )
     scale_mm: float = LENGTH_MM.field(80.0, "height of the central mirror above the pupil")
-    fold_deg: Annotated[float, FOLD_DEG.each] | Literal["auto"] = Field(
+    fold_deg: Annotated[float, FOLD_DEG.limits] | Literal["auto"] = Field(
         default=120.0,
         description="angle from the camera's axis to the views' axis: auto, which chooses the best whole degree, or "
         f"{FOLD_DEG}",
@@ -72,7 +72,7 @@ class DesignSpec(Value):
     body_clearance_mm: float = GAP_MM.field(
         8.0, "clearance around the camera's body, for its clip, from mirrors and their light"
     )
-    depths_mm: tuple[Annotated[float, DEPTH_MM.each], ...] = Field(
+    depths_mm: tuple[Annotated[float, DEPTH_MM.limits], ...] = Field(
         default=(300.0, 500.0),
         min_length=1,
         max_length=MAX_DEPTHS,

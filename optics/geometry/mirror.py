@@ -53,8 +53,8 @@ class Mirror(Value):
     curvature_per_m : (k_xx, k_yy, k_xy), 1/m.
     """
 
-    virtual_centre_in_rig_mm: Annotated[FloatArray, Shaped((3,), largest=OFFSET_MM.most)]
-    outline_in_rig_mm: Annotated[FloatArray, Shaped((None, 3), largest=OFFSET_MM.most)]
+    virtual_centre_in_rig_mm: Annotated[FloatArray, Shaped((3,), largest=OFFSET_MM.max)]
+    outline_in_rig_mm: Annotated[FloatArray, Shaped((None, 3), largest=OFFSET_MM.max)]
     surface: Literal["first", "second"] = "first"
     thickness_mm: float = LENGTH_MM.field(1.0)
     refractive_index: float = REFRACTIVE_INDEX.field(1.49)

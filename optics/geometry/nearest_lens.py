@@ -115,7 +115,7 @@ def _least_squares(start: Camera, free: Sequence[int], rays: FloatArray, pixels:
         by_free = camera(values).project_with_jacobians(rays)[2][:, :, free].reshape(-1, len(free))
         return np.concatenate([by_free, prior])
 
-    lower = np.where(np.isin(free, [0, 1]), FOCAL_PX.least, -np.inf)
+    lower = np.where(np.isin(free, [0, 1]), FOCAL_PX.min, -np.inf)
     found = least_squares(
         residuals, start.intrinsics[free], jac=jacobian, bounds=(lower, np.inf), x_scale="jac", xtol=1e-12, ftol=1e-12
     )

@@ -334,7 +334,7 @@ def preview_frame(
     """
     if subject not in ("tabletop", "board"):
         raise InputError(f"subject is {subject!r}, expected tabletop or board")
-    if not WIDTH_PX.least <= width_px <= WIDTH_PX.most:
+    if not WIDTH_PX.min <= width_px <= WIDTH_PX.max:
         raise InputError(f"width of {width_px} px, expected {WIDTH_PX}")
     factor = min(width_px / layout.camera.width_px, 1.0)
     camera = layout.camera.binned(factor)

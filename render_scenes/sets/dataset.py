@@ -35,8 +35,8 @@ TRUTH = (
 class Reach(Value):
     """Range of depths of the boards visible in a mirror, and their largest tilt to its view; 0 without boards."""
 
-    nearest_mm: int = Field(ge=-DEPTH_MM.most, le=DEPTH_MM.most)
-    farthest_mm: int = Field(ge=-DEPTH_MM.most, le=DEPTH_MM.most)
+    nearest_mm: int = Field(ge=-DEPTH_MM.max, le=DEPTH_MM.max)
+    farthest_mm: int = Field(ge=-DEPTH_MM.max, le=DEPTH_MM.max)
     tilt_deg: int = Field(ge=0, le=180)
 
 

@@ -59,7 +59,7 @@ class SetRequest(Value):
 
     layout: Layout
     target: Target = Field(default_factory=default_board)
-    frames: int = PICTURES.cut(least=1).field(20)
+    frames: int = PICTURES.narrowed(min=1).field(20)
     base_frames: int = PICTURES.field(10)
     seed: int = SEED.field(0)
     tolerances: Tolerances = Tolerances()
@@ -85,8 +85,8 @@ def planned_frames(request: SetRequest) -> tuple[PosePlan, FloatArray]:
         return plan, plan.poses[:, None]
     if len(keys):
         count = int((len(keys) - 1) / request.poses_hz * request.rate_hz) + 1
-        if count > PICTURES.most:
-            raise InputError(f"poses: their motion takes {count} frames, expected {PICTURES.most} or fewer")
+        if count > PICTURES.max:
+            raise InputError(f"poses: their motion takes {count} frames, expected {PICTURES.max} or fewer")
     else:
         count = request.frames
         seconds = (count - 1) / request.rate_hz

@@ -29,7 +29,7 @@ from mirrorcam.render_scenes.settings import (
 
 Slug = Annotated[str, Field(max_length=48, pattern=r"^[a-z0-9]+(-[a-z0-9]+)*$")]
 """A name of lower-case letters, digits and hyphens, also used as a folder name."""
-COPIES = PICTURES.cut(least=1)
+COPIES = PICTURES.narrowed(min=1)
 BINNED = Bounds(0.05, 1.0)
 
 
@@ -101,8 +101,8 @@ class SetRecipe(Value):
     tolerances: Annotated[Tolerances, BeforeValidator(_tolerances)] = Tolerances()
     sensor: Annotated[SensorModel, BeforeValidator(_sensor)] = SENSORS["c920"]
     board: Target = Field(default_factory=default_board)
-    depths_mm: tuple[Annotated[float, DEPTH_MM.each], ...] = Field(default=(), max_length=MAX_DEPTHS)
-    frames: int = PICTURES.cut(least=1).field(20)
+    depths_mm: tuple[Annotated[float, DEPTH_MM.limits], ...] = Field(default=(), max_length=MAX_DEPTHS)
+    frames: int = PICTURES.narrowed(min=1).field(20)
     base_frames: int = PICTURES.field(10)
     seed: int = SEED.field(0)
     rate_hz: float | None = RATE_HZ.field(None)
@@ -119,7 +119,7 @@ class SetRecipe(Value):
             raise ValueError("lens_model and distortion: expected both or none")
         if self.depths_mm and self.layout is not None and self.layout.spec is None:
             raise ValueError("depths_mm: the layout has no specification, expected one that `mirrorcam design` wrote")
-        if self.seed + self.copies - 1 > SEED.most:
+        if self.seed + self.copies - 1 > SEED.max:
             raise ValueError(f"seed: of the last copy is {self.seed + self.copies - 1}, expected {SEED}")
         try:
             _ = self.settings, self.camera

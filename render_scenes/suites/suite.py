@@ -68,8 +68,8 @@ class Suite(Value):
     @model_validator(mode="after")
     def _check(self) -> Self:
         count = sum(recipe.copies for recipe in self.recipes)
-        if count > PICTURES.most:
-            raise ValueError(f"{count} sets, expected {PICTURES.most} or fewer")
+        if count > PICTURES.max:
+            raise ValueError(f"{count} sets, expected {PICTURES.max} or fewer")
         names = [recipe.name for recipe in self.sets]
         if len(set(names)) < len(names):
             twice = next(name for number, name in enumerate(names) if name in names[:number])

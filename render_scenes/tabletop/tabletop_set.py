@@ -50,7 +50,7 @@ MASK = {"nothing": 0, "matte": 1, "glossy": 2, "glass": 3}
 _AS_BUILT, _ARRANGEMENT, _FRAME, _NOISE, _VIEWS = range(5)
 _SUBPIXELS = 2
 
-_Index = Annotated[int, Field(ge=0, lt=GRID.most)]
+_Index = Annotated[int, Field(ge=0, lt=GRID.max)]
 
 
 class TabletopRequest(Value):
@@ -82,7 +82,7 @@ class TabletopRequest(Value):
     seed: int = SEED.field(0)
     tolerances: Tolerances = Tolerances()
     sensor: SensorModel = SENSORS["c920"]
-    spp: int = SAMPLES_PER_PIXEL.cut(least=4).field(64)
+    spp: int = SAMPLES_PER_PIXEL.narrowed(min=4).field(64)
     mirror_reflectance: float = Field(default=0.92, gt=0, le=1)
 
 
@@ -99,7 +99,7 @@ class TabletopSet(FolderManifest):
 
     schema_id: Literal["mirrorcam.scene/1"] = Field(default="mirrorcam.scene/1", alias="schema")
     layout_identity: str
-    depths_mm: tuple[Annotated[float, DEPTH_MM.each], ...]
+    depths_mm: tuple[Annotated[float, DEPTH_MM.limits], ...]
     meshes: tuple[tuple[str, str], ...] = Field(description="name and SHA-256 of the file of each mesh on the table")
     width_px: int = SENSOR_PX.field()
     height_px: int = SENSOR_PX.field()

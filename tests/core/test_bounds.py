@@ -20,9 +20,9 @@ class Numbers(Value):
 @pytest.mark.parametrize(
     "fields",
     [
-        {"share": 0.0, "seed": 0, "depth_mm": DEPTH_MM.least},
-        {"share": 1.0, "seed": 2**63 - 1, "depth_mm": DEPTH_MM.most, "focus_mm": math.inf},
-        {"depth_mm": 300.0, "focus_mm": DEPTH_MM.most},
+        {"share": 0.0, "seed": 0, "depth_mm": DEPTH_MM.min},
+        {"share": 1.0, "seed": 2**63 - 1, "depth_mm": DEPTH_MM.max, "focus_mm": math.inf},
+        {"depth_mm": 300.0, "focus_mm": DEPTH_MM.max},
     ],
 )
 def test_both_ends_belong_to_a_range(fields: dict[str, float]) -> None:
@@ -61,5 +61,5 @@ def test_the_range_is_part_of_the_description() -> None:
 
 
 def test_a_range_can_be_cut() -> None:
-    assert str(Bounds(1, 65536).cut(least=4)) == "4 to 65536"
-    assert Bounds(0.0, 1.0).cut(most=0.5) == Bounds(0.0, 0.5)
+    assert str(Bounds(1, 65536).narrowed(min=4)) == "4 to 65536"
+    assert Bounds(0.0, 1.0).narrowed(max=0.5) == Bounds(0.0, 0.5)

@@ -348,9 +348,9 @@ def _one_by_one(grey: Grey, target: Charuco | AprilGrid, *, mirrored: bool) -> M
 def _with_every_marker(target: Charuco | AprilGrid) -> Charuco | AprilGrid:
     """Return a board like the target with as many rows as its marker family allows."""
     if isinstance(target, AprilGrid):
-        return target.replaced(rows=min(len(TAG_FAMILY.bytesList) // target.cols, int(TAGS.most)))
+        return target.replaced(rows=min(len(TAG_FAMILY.bytesList) // target.cols, int(TAGS.max)))
     markers = dictionaries.count(target.dictionary)
-    return target.replaced(rows=min(2 * markers // target.cols, int(SQUARES.most)), first_marker=0, legacy=False)
+    return target.replaced(rows=min(2 * markers // target.cols, int(SQUARES.max)), first_marker=0, legacy=False)
 
 
 def _every_marker(target: Charuco | AprilGrid) -> Markers:

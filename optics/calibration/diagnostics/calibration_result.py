@@ -223,7 +223,7 @@ def as_estimated(layout: Layout, estimate: Estimate) -> Layout:
 
     A plate thickness at or below zero, which raises an alarm, is replaced by the least valid one.
     """
-    thickness_mm = np.maximum(estimate.thickness_mm, LENGTH_MM.least)
+    thickness_mm = np.maximum(estimate.thickness_mm, LENGTH_MM.min)
     mirrors = tuple(
         moved_to(mirror, centre).replaced(
             thickness_mm=thickness if mirror.is_second_surface else mirror.thickness_mm, curvature_per_m=curvature

@@ -119,7 +119,7 @@ def _spread(centres: FloatArray, steps: FloatArray) -> FloatArray:
 def _start_and_range_deg(spec: DesignSpec) -> tuple[float, float, float]:
     """Start value, lower and upper limit of the fold."""
     if spec.fold_deg == "auto":
-        return FIRST_FOLD_DEG, FOLD_DEG.least, FOLD_DEG.most
+        return FIRST_FOLD_DEG, FOLD_DEG.min, FOLD_DEG.max
     return spec.fold_deg, spec.fold_deg, spec.fold_deg
 
 

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from mirrorcam.core.disk.output_folder import OutputFolder
     from mirrorcam.render_scenes.suites.suite import Suite
 
-COPIES = PICTURES.cut(least=1)
+COPIES = PICTURES.narrowed(min=1)
 
 
 def suite(

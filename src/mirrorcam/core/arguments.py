@@ -36,7 +36,7 @@ GivenPath = Annotated[Path, BeforeValidator(_path_unless_one)]
 def check_count(name: str, value: object, bounds: Bounds) -> None:
     """Raise TypeError for an argument that is not an integer, InputError for one out of bounds."""
     check_type(name, value, int)
-    if not bounds.least <= cast(int, value) <= bounds.most:
+    if not bounds.min <= cast(int, value) <= bounds.max:
         raise InputError(f"{name}: {value}, expected {bounds}")
 
 

@@ -11,12 +11,12 @@ from typing import Any
 class Bounds:
     """A closed range of numbers, stated in the descriptions of fields."""
 
-    least: float
-    most: float
+    min: float
+    max: float
     text: str = ""
 
     def __str__(self) -> str:
-        return self.text or f"{_plain(self.least)} to {_plain(self.most)}"
+        return self.text or f"{_plain(self.min)} to {_plain(self.max)}"
 
     def field(self, default: Any = ..., description: str = "", unset: str = "") -> Any:
         """Return a field for a number in this range, required without a default; `unset` describes the default None."""
@@ -24,18 +24,18 @@ class Bounds:
 
         stated = f"{description}, {self}" if description else str(self)
         stated += f" [default: {unset}]" if unset else ""
-        return Field(default=default, ge=self.least, le=self.most, description=stated)
+        return Field(default=default, ge=self.min, le=self.max, description=stated)
 
     @property
-    def each(self) -> Any:
+    def limits(self) -> Any:
         """Constraint for each number of a tuple."""
         from pydantic import Field
 
-        return Field(ge=self.least, le=self.most)
+        return Field(ge=self.min, le=self.max)
 
-    def cut(self, least: float | None = None, most: float | None = None) -> Bounds:
-        """Return this range with another `least` or `most`."""
-        return Bounds(self.least if least is None else least, self.most if most is None else most)
+    def narrowed(self, min: float | None = None, max: float | None = None) -> Bounds:
+        """Return this range with a different `min` or `max`."""
+        return Bounds(self.min if min is None else min, self.max if max is None else max)
 
 
 def _plain(number: float) -> str:
@@ -48,8 +48,8 @@ GAP_MM = Bounds(0.0, 1e5)
 OFFSET_MM = Bounds(-1e5, 1e5)
 PART_MM = Bounds(0.001, 1e4)
 """Dimensions of parts of a device."""
-PART_GAP_MM = PART_MM.cut(least=0.0)
-PART_OFFSET_MM = PART_MM.cut(least=-PART_MM.most)
+PART_GAP_MM = PART_MM.narrowed(min=0.0)
+PART_OFFSET_MM = PART_MM.narrowed(min=-PART_MM.max)
 APERTURE_MM = Bounds(0.0, 1000.0)
 DEPTH_MM = Bounds(0.001, 1e6)
 DEPTH_OR_INF_MM = Bounds(0.001, math.inf, "0.001 to 1000000 or inf")

@@ -121,12 +121,12 @@ def with_tuples(value: Any) -> Any:
 
 
 def _depth_or_inf(depth_mm: float) -> float:
-    if depth_mm <= DEPTH_MM.most or depth_mm == math.inf:
+    if depth_mm <= DEPTH_MM.max or depth_mm == math.inf:
         return depth_mm
     raise ValueError(f"expected {DEPTH_OR_INF_MM}")
 
 
-DepthOrInf = Annotated[float, Field(ge=DEPTH_MM.least, allow_inf_nan=True), AfterValidator(_depth_or_inf)]
+DepthOrInf = Annotated[float, Field(ge=DEPTH_MM.min, allow_inf_nan=True), AfterValidator(_depth_or_inf)]
 """A depth in mm, or infinity."""
 
 Vector3 = Annotated[FloatArray, Shaped((3,))]

@@ -36,7 +36,7 @@ class SweepRequest(Value):
     depth_sets_mm: tuple[tuple[float, ...], ...] = Field(
         default=((300.0, 500.0),), description="scene depths at which the views of one design overlap"
     )
-    scales_mm: tuple[Annotated[float, LENGTH_MM.each], ...] = Field(
+    scales_mm: tuple[Annotated[float, LENGTH_MM.limits], ...] = Field(
         default=(60.0, 80.0, 120.0), description=f"heights of the central mirror above the pupil, {LENGTH_MM}"
     )
     tradeoffs: tuple[Annotated[float, Field(ge=0, le=1)], ...] = Field(

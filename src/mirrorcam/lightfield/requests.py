@@ -16,8 +16,8 @@ CAMERAS = Bounds(0, 255)
 FRAMES = Bounds(1, 10**9)
 WIDTH_PX = Bounds(2, 8192)
 TILT_DEG = Bounds(-85.0, 85.0)
-Tilt = Annotated[float, TILT_DEG.each]
-Offset = Annotated[float, OFFSET_MM.each]
+Tilt = Annotated[float, TILT_DEG.limits]
+Offset = Annotated[float, OFFSET_MM.limits]
 LoopFormat = Literal["gif", "mp4"]
 Detector = Annotated[
     Literal["SIFT", "ORB", "AKAZE", "SIFT4D"],
@@ -75,7 +75,7 @@ class DecodeRequest(Value):
     def _check(self) -> Self:
         live = self.live
         number = int(live) if live and live.isascii() and live.isdigit() else 0
-        if live == "" or not CAMERAS.least <= number <= CAMERAS.most:
+        if live == "" or not CAMERAS.min <= number <= CAMERAS.max:
             raise ValueError(f"--live {live or repr('')}: expected a number from {CAMERAS}, or an address")
         return self
 

@@ -77,13 +77,13 @@ SENSOR = "lens and sensor: ideal, c920, poor, webcam, or a .toml file"
 class PosesFile(Value):
     """Poses of the board: rig_from_board (n, 4, 4) in mm, and the number that a motion passes per second."""
 
-    poses: Annotated[FloatArray, Shaped((None, 4, 4), largest=DEPTH_MM.most)]
+    poses: Annotated[FloatArray, Shaped((None, 4, 4), largest=DEPTH_MM.max)]
     poses_hz: float = POSES_HZ.field(1.0)
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        if not 1 <= len(self.poses) <= PICTURES.most:
-            raise ValueError(f"{len(self.poses)} poses, expected 1 to {PICTURES.most}")
+        if not 1 <= len(self.poses) <= PICTURES.max:
+            raise ValueError(f"{len(self.poses)} poses, expected 1 to {PICTURES.max}")
         for number, pose in enumerate(self.poses):
             turn = pose[:3, :3]
             if not np.allclose(turn @ turn.T, np.eye(3), rtol=0.0, atol=1e-6) or np.linalg.det(turn) < 0.0:
@@ -97,7 +97,7 @@ class PosesFile(Value):
 class RenderRequest(Value):
     """Options of `mirrorcam render`: pictures of a board."""
 
-    frames: int = PICTURES.cut(least=1).field(20, "frames of the board through the mirrors")
+    frames: int = PICTURES.narrowed(min=1).field(20, "frames of the board through the mirrors")
     base_frames: int = PICTURES.field(10, "frames of the board by the camera without mirrors")
     seed: int = SEED.field(0, "seed of poses, tolerances and noise; the same seed gives the same bytes")
     renderer: RendererName | None = Field(
@@ -156,7 +156,7 @@ class RenderRequest(Value):
 class SceneRequest(Value):
     """Options of `mirrorcam scene`: a picture of a tabletop."""
 
-    depths_mm: tuple[Annotated[float, DEPTH_MM.each], ...] = Field(
+    depths_mm: tuple[Annotated[float, DEPTH_MM.limits], ...] = Field(
         default=(),
         max_length=MAX_DEPTHS,
         description=f"depths of the objects, nearest first: {MAX_DEPTHS} at most, {DEPTH_MM}. [default: the layout's]",

@@ -26,11 +26,11 @@ def bounded(bounds: Bounds, text: str, unset: str = "") -> Parameter:
         if value == ():
             raise ValueError("expected at least one value")
         for each in value if isinstance(value, tuple) else (value,):
-            if isinstance(each, int | float) and not bounds.least <= each <= bounds.most:
+            if isinstance(each, int | float) and not bounds.min <= each <= bounds.max:
                 raise ValueError(f"expected {bounds}")
 
     stated = f" [default: {unset}]" if unset else ""
-    converter = _integer if isinstance(bounds.least, int) else None
+    converter = _integer if isinstance(bounds.min, int) else None
     return Parameter(help=f"{text}, {bounds}{stated}", converter=converter, validator=check)
 
 

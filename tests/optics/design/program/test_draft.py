@@ -33,13 +33,13 @@ def test_unknowns_start_as_the_mirrors_of_the_seed() -> None:
 
 
 @pytest.mark.parametrize(
-    ("fold_deg", "least", "most"), [(100.0, 100.0, 100.0), ("auto", FOLD_DEG.least, FOLD_DEG.most)]
+    ("fold_deg", "minimum", "maximum"), [(100.0, 100.0, 100.0), ("auto", FOLD_DEG.min, FOLD_DEG.max)]
 )
-def test_a_fold_is_given_or_free_in_its_range(fold_deg: float | str, least: float, most: float) -> None:
+def test_a_fold_is_given_or_free_in_its_range(fold_deg: float | str, minimum: float, maximum: float) -> None:
     spec = DesignSpec.model_validate({"rows": 1, "cols": 2, "fold_deg": fold_deg})
     draft = Draft.of(spec, seed_of(spec, 375.0))
     low, high = draft.program.bounds
-    assert_allclose(np.degrees([*low[draft.fold], *high[draft.fold]]), [least, most])
+    assert_allclose(np.degrees([*low[draft.fold], *high[draft.fold]]), [minimum, maximum])
 
 
 def test_lengths_are_in_scales() -> None:
