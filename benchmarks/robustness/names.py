@@ -121,7 +121,7 @@ def resumed(folder: Path, random: np.random.Generator) -> str:
     _put(folder / manifest.FILE, listed.model_dump(mode="json", by_alias=True), random)
     if random.random() < 0.3:
         (folder / "truth").symlink_to(folder.parent)
-    manifest.continued(folder, ("layout.json", "frames/0000.jpg"))
+    manifest.resumed(folder, ("layout.json", "frames/0000.jpg"))
     return ""
 
 

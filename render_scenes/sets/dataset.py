@@ -47,10 +47,10 @@ class Dataset(FolderManifest):
     """
 
     FILE = MANIFEST
-    WHAT = "set"
+    NOUN = "set"
     FILES = (*KNOWN, "video.avi", "video.mp4")
     FOLDERS = ("frames", "base", "truth")
-    FOLLOWS = frozenset({"coverage", "reaches", "base_coverage"})
+    DERIVED = frozenset({"coverage", "reaches", "base_coverage"})
 
     schema_id: Literal["mirrorcam.dataset/1"] = Field(default="mirrorcam.dataset/1", alias="schema")
     layout_identity: str

@@ -125,7 +125,7 @@ def render_set(
     base_plan = plan_base_frames(layout, request.target, request.base_frames, request.random(Stream.BASE_POSES))
     dataset = _manifest(request, plan, base_plan, None if parts is None else parts.checksum, variant)
     dataset = dataset.replaced(request=_digest(dataset, built, plan, base_plan, request.seed))
-    dataset = dataset.continued(out, dataset.planned_names)
+    dataset = dataset.resumed(out, dataset.planned_names)
     dataset = dataset.added(out, partial(_write_known_files, dataset=dataset, layout=layout))
     finishes = draw_finishes(settings, len(built.mirrors), request.random(Stream.FINISH))
     obstacles = None if parts is None else BodyObstacles(bodies_around(parts))

@@ -7,7 +7,7 @@ from enum import IntEnum
 import numpy as np
 from pydantic import Field
 
-from mirrorcam.core.arguments import GivenPath
+from mirrorcam.core.arguments import PathField
 from mirrorcam.core.bounds import PICTURES, SEED
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray, Value
@@ -67,7 +67,7 @@ class SetRequest(Value):
     poses: tuple[tuple[tuple[float, ...], ...], ...] = ()
     poses_hz: float = POSES_HZ.field(1.0)
     rate_hz: float | None = RATE_HZ.field(None)
-    parts: GivenPath | None = None
+    parts: PathField | None = None
 
     def random(self, stream: Stream) -> np.random.Generator:
         """Return the random generator of a stream."""

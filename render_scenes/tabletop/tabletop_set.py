@@ -93,7 +93,7 @@ class TabletopSet(FolderManifest):
     """
 
     FILE = MANIFEST
-    WHAT = "scene"
+    NOUN = "scene"
     FILES = ("layout.json",)
     FOLDERS = ("frames", "truth")
 
@@ -156,7 +156,7 @@ def render_tabletop(request: TabletopRequest, out: Path, *, progress: Progress =
     manifest = manifest.replaced(request=_digest(manifest, built, tabletop.objects, request.seed))
     truth = {(t, s): _truth_names(t, s, views.rows * views.cols) for t, s in np.ndindex(views.rows, views.cols)}
     pictures = (manifest.frame_name, MAPS, *(name for names in truth.values() for name in names.values()))
-    manifest = manifest.continued(out, (*KNOWN, *pictures))
+    manifest = manifest.resumed(out, (*KNOWN, *pictures))
 
     def write_known(folder: Path) -> None:
         layout.save(folder / "layout.json")

@@ -69,7 +69,7 @@ class LightFieldStream:
             estimator = DepthEstimator(self._empty, near_mm=near_mm, far_mm=far_mm, quality="fast")
             self._depth = VideoDepth(estimator)
         # Robots act on what they see now: no frame waits while another is decoded.
-        self._camera = camera(settings.device, layout.camera.width_px, layout.camera.height_px, tell, waiting=1)
+        self._camera = camera(settings.device, layout.camera.width_px, layout.camera.height_px, tell, buffered=1)
         self._start_ns = self._camera.started_ns or time.time_ns()
 
     @property

@@ -88,7 +88,8 @@ class LightFieldNode:
                 if self._stream.dropped > told:
                     told = self._stream.dropped
                     self.node.get_logger().warning(
-                        f"{told} frames left out, which came faster than decoded", throttle_duration_sec=TOLD_EVERY_S
+                        f"{told} frames left out, which came too fast to decode",
+                        throttle_duration_sec=TOLD_EVERY_S,
                     )
             self.node.get_logger().info("the recording is over")
         except InputError as error:

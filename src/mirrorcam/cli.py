@@ -211,7 +211,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _end(error: BaseException) -> int:
     """Report the error that ended a command, and return the exit code; reraises a bug."""
-    if interruption.ended(error):
+    if interruption.caused(error):
         if interruption.requested() == signal.SIGTERM:
             return _refuse("terminated; finished files are complete", TERMINATED)
         return _refuse("interrupted; finished files are complete", INTERRUPTED)

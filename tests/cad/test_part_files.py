@@ -11,7 +11,7 @@ from build123d import Part
 from mirrorcam.cad import part_files
 from mirrorcam.cad.plan.hardware import HARDWARE, Printer
 from mirrorcam.cad.plan.part_plan import PartPlan
-from mirrorcam.core.disk.fingerprint import differing
+from mirrorcam.core.disk.fingerprint import differing_keys
 
 
 def make_wedge(plan: object) -> Part:
@@ -31,7 +31,7 @@ def test_other_numbers_dates_and_programs_are_another_part(monkeypatch: pytest.M
         (PART, Printer(plastic_g_per_cm3=1.0), screw),
         (PART, Printer(), screw.replaced(kind="nut")),
     ):
-        assert differing(part_files._inputs(part, printer, other), made_of) == ["parameters"]
+        assert differing_keys(part_files._inputs(part, printer, other), made_of) == ["parameters"]
     monkeypatch.setattr(part_files, "slicer_version", lambda: "PrusaSlicer-99.0")
     monkeypatch.setenv("SOURCE_DATE_EPOCH", "1700000000")
-    assert differing(part_files._inputs(PART, Printer(), screw), made_of) == ["date", "slicer"]
+    assert differing_keys(part_files._inputs(PART, Printer(), screw), made_of) == ["date", "slicer"]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from mirrorcam import cli
 from mirrorcam.core.console.progress import console
-from mirrorcam.core.figures.figure_texts import figures_alike
+from mirrorcam.core.figures.figure_texts import equal_decimals
 from mirrorcam.core.images.pictures import read_image
 from mirrorcam.designs.design_command import print_tolerance
 from mirrorcam.designs.tolerance import COLOURS, tolerance_figure, tolerance_metrics, write_tolerance
@@ -56,7 +56,7 @@ def test_tables_show_every_figure(found: Study, capsys: pytest.CaptureFixture[st
     for words in ("mirrors tilted 0.3° and shifted 0.3 mm", "p95", "0.25x", "mirror", "hidden mirrors"):
         assert words in printed
     for spread in found.spreads[1.0].values():
-        for text in figures_alike([spread.nominal, spread.low, spread.median, spread.high]):
+        for text in equal_decimals([spread.nominal, spread.low, spread.median, spread.high]):
             assert text in printed
 
 

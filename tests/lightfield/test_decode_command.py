@@ -266,7 +266,7 @@ def test_what_to_know_of_a_video_is_printed_once(here: Path, capfd: pytest.Captu
     assert cli.main(["decode", "odd.mp4", "--layout", "layout.json", "--out", "out"]) == 0
     printed = capfd.readouterr().out
     assert printed.count("odd.mp4 is interlaced: ") == 1
-    assert printed.count("odd.mp4 is to be shown turned by 90°: ") == 1
+    assert printed.count("odd.mp4 is displayed rotated by 90° by players: ") == 1
 
 
 @pytest.mark.skipif(os.name == "nt", reason="such names are none of a file on Windows")

@@ -101,7 +101,7 @@ def test_a_picture_that_its_exif_data_turns_is_said_to_be_one(folder: Path) -> N
     exif = Image.Exif()
     exif[0x0112] = 6
     turned.save(folder / "turned.jpg", exif=exif)
-    with pytest.raises(InputError, match=r"192x320 px as stored \(its EXIF data turns it\), expected 320x192 of"):
+    with pytest.raises(InputError, match=r"192x320 px as stored \(its EXIF data rotates it\), expected 320x192 of"):
         decoded((folder / "turned.jpg",), folder / "out")
 
 

@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 from mirrorcam.core.errors import InputError
-from mirrorcam.core.figures.figure_texts import count_text, names_together
+from mirrorcam.core.figures.figure_texts import count_text, grouped_names
 from mirrorcam.core.progress import Progress, no_progress
 from mirrorcam.core.values import FloatArray, InvalidValue
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
@@ -134,7 +134,7 @@ def calibrate_with_direct_view(
     if most is not None and len(pictures) > most:
         each = [[board.any for board in in_picture if board.any is not None] for in_picture in boards]
         used = most_informative(each, corners_mm, width_px=width, most=most)
-        notes = (f"{len(used)} of {len(pictures)} pictures used: {names_together([names[number] for number in used])}",)
+        notes = (f"{len(used)} of {len(pictures)} pictures used: {grouped_names([names[number] for number in used])}",)
         boards = [boards[number] for number in used]
         pictures, names = [pictures[number] for number in used], [names[number] for number in used]
     try:

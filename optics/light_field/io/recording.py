@@ -21,7 +21,7 @@ from mirrorcam.core.disk.files import (
     write_json,
     write_text,
 )
-from mirrorcam.core.disk.fingerprint import differing
+from mirrorcam.core.disk.fingerprint import differing_keys
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.processes.interruption import deferred
 from mirrorcam.core.values import InvalidValue, Value
@@ -146,7 +146,7 @@ class Recording:
                 raise InputError(f"{link}: is a link, expected only files and folders in a recording, or a new name")
         if self.complete:
             attributes, self.entries = sink.read(path)
-            if other := differing(attributes, self._about):
+            if other := differing_keys(attributes, self._about):
                 raise InputError(
                     f"{path}: exists and holds something else, expected a new name or the same job again: "
                     f"{' and '.join(other)} differ"
@@ -156,7 +156,7 @@ class Recording:
             return
         journal = self._folder / JOURNAL
         lines = complete_lines(journal)
-        if lines and (other := differing(lines[0], self._about)):
+        if lines and (other := differing_keys(lines[0], self._about)):
             raise InputError(
                 f"{self._folder}: is the beginning of another job, expected the same job or no such folder: "
                 f"{' and '.join(other)} differ"

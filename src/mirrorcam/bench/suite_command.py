@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 from mirrorcam.core.bounds import PICTURES
-from mirrorcam.core.console.options import Scheduler, Workers, bounded, check_place
+from mirrorcam.core.console.options import Scheduler, Workers, bounded, check_executor
 from mirrorcam.core.console.progress import long_work, print_table, say
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.extras import require
@@ -63,7 +63,7 @@ def suite(
         mirrorcam suite standard --plan
         mirrorcam suite smoke --out suites
     """
-    check_place(workers, scheduler)
+    check_executor(workers, scheduler)
     if name is None:
         if plan:
             raise InputError("--plan: expected the name of a suite, or a .toml file")

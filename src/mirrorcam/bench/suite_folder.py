@@ -138,7 +138,7 @@ def put_set(folder: Path, dataset: Dataset, write: Callable[[Path], None]) -> No
         damaged = [name for name in dataset.files if not dataset.intact(staged, name)]
         if damaged:
             raise InputError(f"{folder.name}: {damaged[0]} does not match its checksum, expected the rendered file")
-        begun = dataset.replaced(files={}).continued(folder, dataset.planned_names)
+        begun = dataset.replaced(files={}).resumed(folder, dataset.planned_names)
         begun.added(folder, lambda staging: move_files(staged, staging, dataset.files))
     finally:
         discard(staged)

@@ -23,7 +23,7 @@ from mirrorcam.bench.suite_folder import (
 )
 from mirrorcam.bench.suite_store import Store, fetch_set, is_stored
 from mirrorcam.core.disk.files import write_text
-from mirrorcam.core.disk.fingerprint import differing, file_digest
+from mirrorcam.core.disk.fingerprint import differing_keys, file_digest
 from mirrorcam.core.disk.output_folder import OutputFolder, output_folder
 from mirrorcam.core.disk.program import program_of
 from mirrorcam.core.errors import InputError
@@ -242,7 +242,7 @@ def _rendered(
 
 def _store(each: PlannedSet, result: SetResult) -> str:
     """Move the files of a result into place; return the reason of a failure, or an empty string."""
-    if other := differing(result.made_with, program_of(*CODE)):
+    if other := differing_keys(result.made_with, program_of(*CODE)):
         return f"{other[0]} of a worker differs from this machine's, expected the same everywhere"
     try:
         if result.files:

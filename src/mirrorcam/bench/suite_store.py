@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 from mirrorcam.bench.suite_folder import SETS, SUFFIX, SuiteManifest, put_set
 from mirrorcam.core.disk.files import LARGEST_FILE_BYTES, inside, json_of, model_from, read_bytes
-from mirrorcam.core.disk.fingerprint import differing
+from mirrorcam.core.disk.fingerprint import differing_keys
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.extras import require
 from mirrorcam.core.progress import Progress, no_progress
@@ -180,7 +180,7 @@ def fetch_set(store: Store, recipe: SetRecipe, folder: Path) -> None:
     name = _dataset_name(folder)
     where = f"{store.url}: {name}"
     dataset = model_from(Dataset, where, json_of(where, store.read(name)))
-    if other := differing(_requested(recipe), _stated(dataset)):
+    if other := differing_keys(_requested(recipe), _stated(dataset)):
         raise InputError(f"{store.url}: {name} has another {other[0]}, expected the one of the set {recipe.name}")
 
     def download(staging: Path) -> None:

@@ -10,7 +10,7 @@ from cyclopts import Parameter
 from mirrorcam.core.bounds import DEPTH_MM
 from mirrorcam.core.console.options import Force, bounded
 from mirrorcam.core.console.progress import print_table, say
-from mirrorcam.core.figures.figure_texts import SIGMA, figure_text, figures_alike
+from mirrorcam.core.figures.figure_texts import SIGMA, equal_decimals, figure_text
 
 if TYPE_CHECKING:
     from mirrorcam.optics.calibration.diagnostics.calibration_difference import CalibrationDifference
@@ -86,7 +86,7 @@ def _print(difference: CalibrationDifference, layout: Layout) -> None:
     rows = {view_label(layout, view.view): difference.figures([view]) for view in difference.views}
     rows["all views"] = difference.figures(difference.views)
     names = [name for name in COLUMNS if name in rows["all views"]]
-    columns = [figures_alike([figures[name].value for figures in rows.values()], digits=3) for name in names]
+    columns = [equal_decimals([figures[name].value for figures in rows.values()], digits=3) for name in names]
     print_table(["", *(COLUMNS[name] for name in names)], list(zip(rows, *columns, strict=True)))
     turn, shift = (figure_text(difference.motion[f"motion_{name}"].value, 3) for name in ("turn_deg", "shift_mm"))
     say("compare", _verdict(difference, layout))

@@ -25,11 +25,11 @@ def path_of(name: str, value: AnyPath) -> Path:
     return Path(text)
 
 
-def _path_unless_one(value: Any) -> Any:
+def _to_path(value: Any) -> Any:
     return Path(os.fspath(value)) if isinstance(value, os.PathLike) and not isinstance(value, Path) else value
 
 
-GivenPath = Annotated[Path, BeforeValidator(_path_unless_one)]
+PathField = Annotated[Path, BeforeValidator(_to_path)]
 """Field of a value that accepts any kind of path."""
 
 
@@ -43,5 +43,5 @@ def check_count(name: str, value: object, bounds: Bounds) -> None:
 def check_type(name: str, value: object, *expected: type) -> None:
     """Raise TypeError unless an argument has one of the types."""
     if not isinstance(value, expected):
-        names = " or ".join(each.__name__ for each in expected)
+        names = " or ".join(kind.__name__ for kind in expected)
         raise TypeError(f"{name}: {type(value).__name__}, expected {names}")

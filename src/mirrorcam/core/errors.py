@@ -2,4 +2,4 @@
 
 
 class InputError(ValueError):
-    """Invalid input; the message states in one line the value, its place, and what was expected."""
+    """Invalid input; the message states in one line the value, where it is, and what was expected."""

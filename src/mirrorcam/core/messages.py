@@ -11,9 +11,9 @@ if TYPE_CHECKING:
 LONGEST_MESSAGE = 300
 
 
-def shortened(text: str, most: int = LONGEST_MESSAGE) -> str:
-    """Cut the middle out of a text longer than `most` characters."""
-    return text if len(text) <= most else f"{text[: most * 2 // 3]} ... {text[-most // 4 :]}"
+def shortened(text: str, max_length: int = LONGEST_MESSAGE) -> str:
+    """Cut the middle out of a text longer than `max_length`."""
+    return text if len(text) <= max_length else f"{text[: max_length * 2 // 3]} ... {text[-max_length // 4 :]}"
 
 
 def _known_names(schema: Any) -> set[str]:
@@ -25,24 +25,24 @@ def _known_names(schema: Any) -> set[str]:
 
 
 def one_line(error: ValidationError, model: type[BaseModel] | None = None) -> str:
-    """Format the first of pydantic's findings, its place, and the number of others in one line.
+    """Format the first of pydantic's findings, its location, and the number of others in one line.
 
-    An unknown key takes precedence, with the closest key of `model`.
+    An unknown key takes precedence, and the closest key of `model` is suggested.
     """
     details = error.errors(include_url=False)
-    first = next((each for each in details if each["type"] == "extra_forbidden"), details[0])
-    where = ".".join(str(part) for part in first["loc"])
+    first = next((item for item in details if item["type"] == "extra_forbidden"), details[0])
+    location = ".".join(str(part) for part in first["loc"])
     message = first["msg"].removeprefix("Value error, ")
     if first["type"] == "extra_forbidden":
         names = _known_names(model.model_json_schema()) if model is not None else set()
         key = str(first["loc"][-1])
-        close = get_close_matches(key, sorted(names), n=1) if key not in names else []
-        message = f"not known, did you mean {close[0]}?" if close else "not known"
+        matches = get_close_matches(key, sorted(names), n=1) if key not in names else []
+        message = f"not known, did you mean {matches[0]}?" if matches else "not known"
     if first["type"] == "union_tag_not_found":
         message = f"{first['ctx']['discriminator']} is missing"
     if first["type"] == "union_tag_invalid":
         context = first["ctx"]
         message = f"{context['discriminator']} is {context['tag']!r}, expected one of {context['expected_tags']}"
     more = f" (and {len(details) - 1} more)" if len(details) > 1 else ""
-    text = f"{where}: {message}{more}" if where else f"{message}{more}"
+    text = f"{location}: {message}{more}" if location else f"{message}{more}"
     return shortened(" ".join(text.split()))

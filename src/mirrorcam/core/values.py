@@ -32,7 +32,7 @@ FloatArray = NDArray[np.float64]
 
 
 class InvalidValue(InputError):
-    """Invalid fields of a value; pydantic's findings are its cause, which copies and pickles lose."""
+    """Invalid fields of a value; its cause holds pydantic's findings, and is lost in copies and pickles."""
 
     @property
     def first(self) -> ErrorDetails | None:
@@ -41,10 +41,10 @@ class InvalidValue(InputError):
         return cause.errors(include_url=False)[0] if isinstance(cause, ValidationError) else None
 
     @property
-    def is_of_keys(self) -> bool:
+    def has_unknown_key(self) -> bool:
         """Whether a key is unknown, if the findings are kept."""
         cause = self.__cause__
-        return isinstance(cause, ValidationError) and any(each["type"] == "extra_forbidden" for each in cause.errors())
+        return isinstance(cause, ValidationError) and any(item["type"] == "extra_forbidden" for item in cause.errors())
 
     @property
     def title(self) -> str:
@@ -53,7 +53,7 @@ class InvalidValue(InputError):
 
     @property
     def reason(self) -> str:
-        """The first finding without its place; the complete message if the findings are not kept."""
+        """The first finding without its location; the complete message if the findings are not kept."""
         return str(self) if self.first is None else self.first["msg"].removeprefix("Value error, ")
 
 
@@ -76,7 +76,7 @@ class Shaped:
         if array is None:
             raise ValueError(f"not an array of numbers, expected shape {expected}")
         if array.ndim != len(self.shape) or any(
-            want is not None and want != got for want, got in zip(self.shape, array.shape, strict=True)
+            wanted is not None and wanted != length for wanted, length in zip(self.shape, array.shape, strict=True)
         ):
             raise ValueError(f"shape {array.shape}, expected {expected}")
         if not np.isfinite(array).all():
@@ -96,17 +96,17 @@ class Shaped:
     def __get_pydantic_json_schema__(
         self, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler
     ) -> dict[str, Any]:
-        found: dict[str, Any] = {"type": "number"}
+        items: dict[str, Any] = {"type": "number"}
         if np.isfinite(self.largest):
-            found |= {"minimum": -self.largest, "maximum": self.largest}
+            items |= {"minimum": -self.largest, "maximum": self.largest}
         for length in reversed(self.shape):
-            sized = {} if length is None else {"minItems": length, "maxItems": length}
-            found = {"type": "array", "items": found, **sized}
-        return found
+            lengths = {} if length is None else {"minItems": length, "maxItems": length}
+            items = {"type": "array", "items": items, **lengths}
+        return items
 
 
 def _is_numbers(value: Any) -> bool:
-    """Return whether nested lists hold only numbers; texts and booleans do not count."""
+    """Return whether nested lists hold only numbers; text and booleans are not numbers."""
     if isinstance(value, list | tuple):
         return all(map(_is_numbers, value))
     kind = value.dtype.kind if isinstance(value, np.ndarray | np.generic) else ""
@@ -116,7 +116,7 @@ def _is_numbers(value: Any) -> bool:
 def with_tuples(value: Any) -> Any:
     """Convert lists in nested tables to tuples, which strict validation requires in Python values."""
     if isinstance(value, dict):
-        return {name: with_tuples(each) for name, each in value.items()}
+        return {name: with_tuples(item) for name, item in value.items()}
     return tuple(map(with_tuples, value)) if isinstance(value, list) else value
 
 
@@ -143,24 +143,24 @@ def _hashable(data: Any) -> Any:
     return tuple(_hashable(value) for value in data) if isinstance(data, list | tuple) else data
 
 
-_STOPPING = ("list", "tuple", "set", "frozenset", "dict")
-"""Types of pydantic's schemas that can stop at the first invalid item."""
+_CONTAINERS = ("list", "tuple", "set", "frozenset", "dict")
+"""Types of pydantic schemas whose validation can stop at the first invalid item."""
 
 
 def _stop_at_first(schema: Any) -> None:
-    """Make all lists and tables in a pydantic schema stop at their first invalid item.
+    """Make the validation of all lists and tables in a pydantic schema stop at the first invalid item.
 
-    All findings about a long list would take gigabytes.
+    Findings about all items of a long list would take gigabytes.
     """
     pending = [schema]
     while pending:
-        each = pending.pop()
-        if isinstance(each, dict):
-            if each.get("type") in _STOPPING:
-                each["fail_fast"] = True
-            pending += (inner for name, inner in each.items() if name not in ("default", "metadata"))
-        elif isinstance(each, list | tuple):
-            pending += each
+        part = pending.pop()
+        if isinstance(part, dict):
+            if part.get("type") in _CONTAINERS:
+                part["fail_fast"] = True
+            pending += (inner for name, inner in part.items() if name not in ("default", "metadata"))
+        elif isinstance(part, list | tuple):
+            pending += part
 
 
 class Value(BaseModel):
@@ -185,7 +185,7 @@ class Value(BaseModel):
         except ValidationError as error:
             raise InvalidValue(one_line(error, type(self))) from error
 
-    # Pydantic validates nested values itself, without this __init__, and reports the place of a finding in them.
+    # Pydantic validates nested values itself, without this __init__, and reports the location of a finding in them.
     __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
 
     @classmethod
@@ -247,20 +247,20 @@ class Metric(Value):
 
     @field_validator("reason")
     @classmethod
-    def _only_of_none(cls, reason: str, info: ValidationInfo) -> str:
+    def _check_reason(cls, reason: str, info: ValidationInfo) -> str:
         known = math.isfinite(info.data.get("value", 0.0))
         if known and reason:
-            raise ValueError(f"a figure with a value has the reason {reason[:80]!r} for none, expected no reason")
+            raise ValueError(f"a known figure has the reason {reason[:80]!r} for being unknown, expected none")
         return reason if known or reason else NOT_FINITE
 
     @model_serializer(mode="wrap")
-    def _as_written(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        written: dict[str, Any] = handler(self)
+    def _serialized(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        fields: dict[str, Any] = handler(self)
         if self.known:
-            del written["reason"]
+            del fields["reason"]
         else:
-            written["value"] = None
-        return written
+            fields["value"] = None
+        return fields
 
     @property
     def known(self) -> bool:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mirrorcam.core.disk.files import atomic, read_record, write_json, write_text
-from mirrorcam.core.disk.fingerprint import differing, value_digest
+from mirrorcam.core.disk.fingerprint import differing_keys, value_digest
 from mirrorcam.core.disk.output_folder import OutputFolder
 from mirrorcam.core.disk.program import program_of
 from mirrorcam.core.errors import InputError
@@ -92,7 +92,7 @@ def _keep(spec: DesignSpec, answer: Answer | Died, output: OutputFolder) -> Outc
     outcome = outcome_of(spec, answer)
     if isinstance(answer, Died):
         answer = Answer(file_text(outcome))
-    if other := differing(answer.made_with, program_of(CODE)):
+    if other := differing_keys(answer.made_with, program_of(CODE)):
         raise InputError(f"{other[0]} of a worker differs from this machine's, expected the same on all workers")
     if outcome.status != "failed":
         contents = {_OUTCOME: answer.outcome.encode(), _LAYOUT: answer.layout.encode()}

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
-from mirrorcam.core.console.options import Force, Scheduler, Workers, check_place
+from mirrorcam.core.console.options import Force, Scheduler, Workers, check_executor
 from mirrorcam.core.console.progress import long_work, say
 from mirrorcam.core.extras import require
 
@@ -42,7 +42,7 @@ def sweep(
         mirrorcam sweep
         mirrorcam sweep sweep.toml --table parquet --out output/counts
     """
-    check_place(workers, scheduler)
+    check_executor(workers, scheduler)
     if table == "parquet":
         require("parquet")
     if scheduler is not None:

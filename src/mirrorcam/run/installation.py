@@ -13,7 +13,7 @@ from pathlib import Path
 
 import mirrorcam
 from mirrorcam.cad.write.slicer import PROGRAMS as SLICERS
-from mirrorcam.core.disk.program import OURS, normalised, required
+from mirrorcam.core.disk.program import PACKAGE, normalised, required
 from mirrorcam.core.extras import MODULES, missing_modules
 from mirrorcam.core.values import Value
 
@@ -97,8 +97,8 @@ def versions_tested() -> dict[str, str]:
 
 
 def _extra(name: str, tested: dict[str, str]) -> Extra:
-    base = required(OURS, frozenset())
-    names = base if name == BASE else required(OURS, frozenset({name})) - base
+    base = required(PACKAGE, frozenset())
+    names = base if name == BASE else required(PACKAGE, frozenset({name})) - base
     packages = tuple(Package(name=each, installed=_version(each), tested=tested.get(each)) for each in sorted(names))
     if name == BASE:
         missing = tuple(package.name for package in packages if package.installed is None)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import App, Parameter
 
-from mirrorcam.core.console.options import Scheduler, Workers, check_place
+from mirrorcam.core.console.options import Scheduler, Workers, check_executor
 from mirrorcam.core.console.progress import long_work, say
 from mirrorcam.core.extras import require
 from mirrorcam.core.figures.figure_texts import count_text
@@ -40,7 +40,7 @@ def render(
         mirrorcam render layout.json --renderer fast --sensor poor --as-built tilt_deg=0.5 --seed 7
         mirrorcam render verify set
     """
-    check_place(workers, scheduler)
+    check_executor(workers, scheduler)
     from mirrorcam.optics.geometry.layout import Layout
 
     device = Layout.load(layout)

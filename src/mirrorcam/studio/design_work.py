@@ -23,7 +23,7 @@ PRELOAD = (
     "mirrorcam.optics.design.preview",
 )
 """Modules that worker processes load in advance."""
-MOST_REMEMBERED = 300
+MAX_REMEMBERED = 300
 LOW_PRIORITY = 19
 
 
@@ -67,7 +67,7 @@ def described(spec: DesignSpec, layout: Layout) -> SolvedDesign:
     return SolvedDesign(layout, exact, parabola, design_drawing(parabola, spec, "parabola"))
 
 
-_remembered: deque[Layout] = deque(maxlen=MOST_REMEMBERED)
+_remembered: deque[Layout] = deque(maxlen=MAX_REMEMBERED)
 """Designs from which this process interpolates previews."""
 
 

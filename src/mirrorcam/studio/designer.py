@@ -61,7 +61,7 @@ class Advisor:
         self._process.close()
 
 
-MOST_KEPT = 300
+MAX_KEPT = 300
 
 
 class Designer:
@@ -141,7 +141,7 @@ class Designer:
     def _keep(self, spec: DesignSpec, found: Found) -> None:
         with self._lock:
             self._kept[spec] = found
-            while len(self._kept) > MOST_KEPT:
+            while len(self._kept) > MAX_KEPT:
                 self._kept.popitem(last=False)
         if isinstance(found, SolvedDesign):
             self._previewer.call(design_work.remember, found.layout)

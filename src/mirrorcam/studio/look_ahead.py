@@ -14,7 +14,7 @@ from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.studio import design_work
 from mirrorcam.studio.design_values import Found
 
-MOST_MIRRORS = 25
+MAX_MIRRORS = 25
 """Designs with more mirrors take too long to be solved speculatively."""
 
 Change = Callable[[DesignSpec], dict[str, Any]]
@@ -50,7 +50,7 @@ def nearby_requests(spec: DesignSpec) -> list[DesignSpec]:
             other = spec.replaced(**fields)
         except InvalidValue:
             continue  # outside the limits of a request, such as no rows
-        if len(other.arrangement.steps) <= MOST_MIRRORS:
+        if len(other.arrangement.steps) <= MAX_MIRRORS:
             found.append(other)
     return found
 

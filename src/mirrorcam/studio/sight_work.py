@@ -44,7 +44,7 @@ class Decoded(Value):
     error_mm: float | None
 
 
-MOST_SEEN = 12
+MAX_CACHED = 12
 _frame: tuple[str, PreviewFrame] | None = None
 _seen: OrderedDict[str, SeenBy] = OrderedDict()
 """The last decoded frames by name: several open pages may show different designs."""
@@ -78,7 +78,7 @@ def decoded(layout: Layout, subject: Subject) -> Decoded:
     seen = seen_in(_frame[1])
     _seen.pop(name, None)
     _seen[name] = seen
-    while len(_seen) > MOST_SEEN:
+    while len(_seen) > MAX_CACHED:
         _seen.popitem(last=False)
     near_mm, far_mm = seen.searched_mm
     focus_mm = 2.0 / (1.0 / near_mm + 1.0 / far_mm)

@@ -231,7 +231,7 @@ def test_devices_and_pipes_are_refused_at_once(tmp_path: Path) -> None:
     for path in (tmp_path / "pipe.json", Path("/dev/zero"), Path("/dev/stdin")):
         if path.is_file():
             continue
-        assert refusal(files.read_json, path) == f"{path}: is no regular file, expected one"
+        assert refusal(files.read_json, path) == f"{path}: is not a regular file, expected one"
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="files whose size is not known are Linux's")
@@ -289,6 +289,10 @@ def test_what_is_no_record_of_a_readable_size_is_refused(tmp_path: Path) -> None
     (tmp_path / "folder").mkdir()
     os.mkfifo(tmp_path / "fifo")
     (tmp_path / "endless").symlink_to("/dev/zero")
-    for name, reason in (("folder", "is a folder"), ("fifo", "is no regular file"), ("endless", "is no regular file")):
+    for name, reason in (
+        ("folder", "is a folder"),
+        ("fifo", "is not a regular file"),
+        ("endless", "is not a regular file"),
+    ):
         with pytest.raises(InputError, match=f"{name}: {reason}"):
             files.read_record(Note, tmp_path / name)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from mirrorcam.core.disk.fingerprint import differing, digest, file_digest, file_digests, intact, value_digest
+from mirrorcam.core.disk.fingerprint import differing_keys, digest, file_digest, file_digests, intact, value_digest
 from mirrorcam.core.errors import InputError
 
 # sha256 of "abc", from FIPS 180-4.
@@ -45,4 +45,4 @@ def test_no_name_of_a_file_leads_out_of_its_folder(name: str, tmp_path: Path) ->
 
 
 def test_differing_names_are_those_of_either_side() -> None:
-    assert differing({"a": 1, "b": 2, "c": None}, {"b": 3, "a": 1}) == ["b", "c"]
+    assert differing_keys({"a": 1, "b": 2, "c": None}, {"b": 3, "a": 1}) == ["b", "c"]

@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from benchmarks.robustness.damage import damaged_bytes
-from mirrorcam.core.disk.nested_text import DEEPEST, MOST_KEYS, MOST_TABLES, json_value, toml_value
+from mirrorcam.core.disk.nested_text import MAX_DEPTH, MAX_KEYS, MAX_TABLES, json_value, toml_value
 from mirrorcam.core.errors import InputError
 
 JSON = b'{"a": [1, -2.5e3, true, null, "\\u00e9 \\"[{,"], "b": {"c": {}}}'
@@ -70,8 +70,8 @@ def test_the_bounds_of_toml_refuse_nothing_that_is_small(text: str) -> None:
     ("raw", "message"),
     [
         (b"[" * 1_000_000, "nested deeper"),
-        (b'{"a":' * (DEEPEST + 1) + b"1" + b"}" * (DEEPEST + 1), "nested deeper"),
-        (b"[" + b"[]," * (MOST_TABLES + 1) + b"0]", "lists, tables and keys"),
+        (b'{"a":' * (MAX_DEPTH + 1) + b"1" + b"}" * (MAX_DEPTH + 1), "nested deeper"),
+        (b"[" + b"[]," * (MAX_TABLES + 1) + b"0]", "lists, tables and keys"),
         (b"1" * 1_000_000, "an integer of 1000000 digits"),
         (b'"\\ud800"', "surrogate"),
         (b'{"a": 1, "a": 2}', "'a' appears twice"),
@@ -112,7 +112,7 @@ def test_hostile_toml_is_refused_at_once(raw: bytes, message: str) -> None:
 def test_brackets_and_dots_in_texts_and_comments_are_none() -> None:
     many = "[{" * 1000 + "a." * 1000
     assert toml_value(f'a = "{many}" # {many}\nb = \'{many}\'\nc = """{many}"""'.encode()) == dict.fromkeys("abc", many)
-    assert json_value(json.dumps([[]] * DEEPEST + [many]).encode())[-1] == many
+    assert json_value(json.dumps([[]] * MAX_DEPTH + [many]).encode())[-1] == many
 
 
 def test_a_number_that_is_none_is_left_to_who_expects_one() -> None:
@@ -121,5 +121,5 @@ def test_a_number_that_is_none_is_left_to_who_expects_one() -> None:
 
 
 def test_a_table_of_very_many_keys_is_refused() -> None:
-    raw = json.dumps({f"a{number}": 1 for number in range(MOST_KEYS + 1)}).encode()
-    assert f"{MOST_KEYS + 1} keys in one table, expected {MOST_KEYS} or fewer" in refusal(json_value, raw)
+    raw = json.dumps({f"a{number}": 1 for number in range(MAX_KEYS + 1)}).encode()
+    assert f"{MAX_KEYS + 1} keys in one table, expected {MAX_KEYS} or fewer" in refusal(json_value, raw)

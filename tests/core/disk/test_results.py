@@ -22,10 +22,10 @@ CONTENTS = {"b": b"\x00\n{}", "a": b"", "parts/x": b"x" * 1000}
 def test_what_was_kept_comes_back(tmp_path: Path) -> None:
     store = Results(tmp_path / "results")
     assert store.get("name", MADE_OF) is None
-    assert store.changed("name", MADE_OF) == "not made yet"
+    assert store.difference("name", MADE_OF) == "not made yet"
     store.put("name", MADE_OF, CONTENTS)
     assert store.get("name", MADE_OF) == CONTENTS
-    assert store.changed("name", MADE_OF) == ""
+    assert store.difference("name", MADE_OF) == ""
     assert [path.name for path in (tmp_path / "results").iterdir()] == ["name"]
 
 
@@ -44,7 +44,7 @@ def test_another_input_option_or_version_makes_another_result(
     store, now = Results(tmp_path), MADE_OF | other
     store.put("name", MADE_OF, CONTENTS)
     assert store.get("name", now) is None
-    assert store.changed("name", now) == words
+    assert store.difference("name", now) == words
     store.put("name", now, {"new": b"new"})
     assert store.get("name", now) == {"new": b"new"}
     assert store.get("name", MADE_OF) is None

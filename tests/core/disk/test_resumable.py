@@ -18,10 +18,10 @@ from mirrorcam.core.errors import InputError
 
 class Pictures(FolderManifest):
     FILE = "pictures.json"
-    WHAT = "set"
+    NOUN = "set"
     FILES = ("board.toml",)
     FOLDERS = ("frames",)
-    FOLLOWS = frozenset({"coverage"})
+    DERIVED = frozenset({"coverage"})
 
     size: int = 1
     coverage: float = 0.5
@@ -33,7 +33,7 @@ PLANNED = ("board.toml", "frames/0.png", "frames/1.png")
 
 
 def begun(folder: Path, **changes: Any) -> Pictures:
-    return Pictures(**changes).continued(folder, PLANNED)
+    return Pictures(**changes).resumed(folder, PLANNED)
 
 
 def write(name: str, folder: Path) -> None:

@@ -6,11 +6,11 @@ import pytest
 
 from mirrorcam.core.figures.figure_texts import (
     count_text,
+    equal_decimals,
     figure_text,
-    figures_alike,
+    grouped_names,
     label_text,
     limit_text,
-    names_together,
     number_word,
     sentence_case,
     share_of_limit,
@@ -99,7 +99,7 @@ def test_standard_deviations_have_two_digits(sigma: float, text: str) -> None:
     ],
 )
 def test_values_beside_each_other_have_the_same_decimals(values: tuple[float, ...], texts: list[str]) -> None:
-    assert figures_alike(values) == texts
+    assert equal_decimals(values) == texts
 
 
 def test_values_of_one_unit_are_alike() -> None:
@@ -162,7 +162,7 @@ def test_a_value_within_its_limit_needs_no_further_digits() -> None:
 
 def test_frames_of_one_video_are_named_together() -> None:
     names = ["a.jpg", "clip.mp4 frame 7", "clip.mp4 frame 9", "b.mp4 frame 3", "b.jpg"]
-    assert names_together(names) == "a.jpg, clip.mp4 frames 7, 9, b.mp4 frame 3, b.jpg"
+    assert grouped_names(names) == "a.jpg, clip.mp4 frames 7, 9, b.mp4 frame 3, b.jpg"
 
 
 @pytest.mark.parametrize(

@@ -296,7 +296,7 @@ def test_the_orientation_is_stated_and_not_applied(tmp_path: Path) -> None:
 
 def test_an_image_of_an_unknown_suffix_is_not_written(tmp_path: Path) -> None:
     line = refusal(pictures.write_image, tmp_path / "a.xyz", picture())
-    assert line == f"{tmp_path / 'a.xyz'}: no image format for this suffix, expected .png or .jpg"
+    assert line == f"{tmp_path / 'a.xyz'}: not the suffix of an image format, expected .png or .jpg"
     assert list(tmp_path.iterdir()) == []
 
 

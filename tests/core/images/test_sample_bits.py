@@ -20,8 +20,8 @@ def test_the_lowest_bits_that_hold_the_largest_sample_are_used(bits: int) -> Non
 def test_a_set_is_scaled_by_its_largest_sample() -> None:
     some = [SampleBits.of(np.array([largest], np.uint16)) for largest in (200, 4095, 900)]
     assert [each.used for each in some] == [8, 12, 10]
-    assert SampleBits.together(some).used == 12
-    assert SampleBits.together([]).used == 8
+    assert SampleBits.combined(some).used == 12
+    assert SampleBits.combined([]).used == 8
 
 
 @pytest.mark.parametrize("bits", [10, 12, 14])
@@ -30,7 +30,7 @@ def test_stated_bits_are_the_highest_or_the_lowest_as_the_samples_tell(bits: int
     assert SampleBits.of(dark, bits).used == bits
     assert SampleBits.of(dark << (ALL - bits), bits).used == ALL
     assert SampleBits.of(dark, 16).used == ALL
-    assert SampleBits.together([SampleBits.of(dark, bits), SampleBits.of(dark, bits)]).stated == bits
+    assert SampleBits.combined([SampleBits.of(dark, bits), SampleBits.of(dark, bits)]).stated == bits
 
 
 def test_samples_beyond_the_used_bits_stay_white() -> None:

@@ -111,10 +111,10 @@ def test_any_damage_to_tags_is_refused_in_one_line_or_harmless(capfd: pytest.Cap
 @pytest.mark.parametrize(
     ("raw", "reason"),
     [
-        (saved("1"), "of another depth"),
+        (saved("1"), "of an unsupported depth"),
         (saved("F"), "floating-point"),
-        (saved("CMYK"), "of other colours"),
-        (saved("RGB", compression="jpeg"), "compressed by another method"),
+        (saved("CMYK"), "of unsupported colours"),
+        (saved("RGB", compression="jpeg"), "with an unsupported compression"),
         (saved("RGB", save_all=True, append_images=[Image.new("RGB", (9, 9))]), "holds several pictures"),
     ],
 )

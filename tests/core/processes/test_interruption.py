@@ -67,5 +67,5 @@ def test_what_a_library_makes_of_an_interruption_is_one() -> None:
         return raised
 
     with interruption.remembered():
-        assert not interruption.ended(ValueError("bad")) and interruption.ended(KeyboardInterrupt())
-        assert interruption.ended(error()) and not interruption.ended(ValueError("bad"))
+        assert not interruption.caused(ValueError("bad")) and interruption.caused(KeyboardInterrupt())
+        assert interruption.caused(error()) and not interruption.caused(ValueError("bad"))

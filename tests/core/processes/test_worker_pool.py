@@ -99,7 +99,7 @@ def test_how_a_worker_ended_is_reported() -> None:
 
 
 def test_a_worker_that_cannot_work_at_all_ends_the_work() -> None:
-    with pytest.raises(RuntimeError, match=r"a worker cannot work: (.|\n)*No module named 'casadi'"):
+    with pytest.raises(RuntimeError, match=r"a worker failed: (.|\n)*No module named 'casadi'"):
         list(run_local(TASKS, 2, broken))
     assert multiprocessing.active_children() == []
 

@@ -78,7 +78,7 @@ def read(path: Path) -> list[Frame]:
 
 def test_every_frame_of_a_fast_source_is_recorded_while_its_decoder_is_slow(tmp_path: Path) -> None:
     recorder = BackgroundRecorder(tmp_path / "a.mkv", *SIZE)
-    newest = NewestFrame(Camera(40, 60.0), arriving=recorder.give)
+    newest = NewestFrame(Camera(40, 60.0), on_arrival=recorder.give)
     decoded = 0
     while newest.take() is not None:
         decoded += 1

@@ -24,7 +24,7 @@ from benchmarks.robustness.native_opens import watched_opens
 from benchmarks.robustness.playlists import LISTS, sdp
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.video import camera_addresses
-from mirrorcam.core.video.camera_addresses import MOST_MISSED, camera, without_password
+from mirrorcam.core.video.camera_addresses import MAX_MISSED, camera, without_password
 from mirrorcam.core.video.frames import Frame, Lost
 from mirrorcam.core.video.live_camera import LiveCamera
 from tests.core.video.rtsp_server import PAYLOAD, rtp_packets, rtsp_served
@@ -372,7 +372,7 @@ def test_a_camera_by_its_number_is_gone_after_many_pictures_that_it_did_not_give
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     one, two = pictures(2)
-    misses: list[NDArray[np.uint8] | None] = [None] * (MOST_MISSED - 1)
+    misses: list[NDArray[np.uint8] | None] = [None] * (MAX_MISSED - 1)
     device = Camera([one[..., ::-1], *misses, two[..., ::-1]])
     monkeypatch.setattr(cv2, "VideoCapture", device)
     monkeypatch.setattr(camera_addresses, "LiveCamera", partial(LiveCamera, retry_s=30))

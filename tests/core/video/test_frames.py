@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from mirrorcam.core.errors import InputError
-from mirrorcam.core.video.frames import AHEAD, MOST, Frame, Lost, SpreadFrames, WatchedSource, read_ahead
+from mirrorcam.core.video.frames import AHEAD, MAX_KEPT, Frame, Lost, SpreadFrames, WatchedSource, read_ahead
 
 
 def test_reading_ahead_is_bounded_and_keeps_the_order() -> None:
@@ -64,7 +64,7 @@ def test_frames_are_spread_evenly(count: int) -> None:
     for number in range(count):
         spread.add(np.full(1, number, np.int64).astype(np.uint8) if count < 256 else np.array([number]))
     kept = [int(frame[0]) for frame in spread.kept]
-    assert min(count, 5) <= len(kept) <= MOST
+    assert min(count, 5) <= len(kept) <= MAX_KEPT
     steps = np.diff(kept)
     assert kept[0] == 0
     assert (steps == steps[:1]).all()
@@ -86,6 +86,6 @@ def test_a_watched_source_gives_the_same_frames_and_keeps_a_few() -> None:
     source = Source()
     watched = WatchedSource(source)
     assert [item.number for item in watched.frames(9)] == list(range(10, 41))
-    assert [int(frame[0, 0, 0]) for frame in watched.seen.kept] == [10, 14, 18, 22, 26, 30, 34, 38]
+    assert [int(frame[0, 0, 0]) for frame in watched.sample.kept] == [10, 14, 18, 22, 26, 30, 34, 38]
     watched.stop()
     assert source.stopped

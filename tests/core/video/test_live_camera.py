@@ -12,16 +12,16 @@ import pytest
 
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.video.frames import AHEAD, Frame, Lost, read_ahead
-from mirrorcam.core.video.live_camera import ENDING_S, Connection, LiveCamera, Seen
+from mirrorcam.core.video.live_camera import ENDING_S, CameraPicture, Connection, LiveCamera
 
 GREY = np.full((3, 4, 3), 7, np.uint8)
 
 
-def numbered(number: int) -> Seen:
-    return Seen(np.full((3, 4, 3), number, np.uint8))
+def numbered(number: int) -> CameraPicture:
+    return CameraPicture(np.full((3, 4, 3), number, np.uint8))
 
 
-def shows(*connections: Iterable[Seen] | None) -> Callable[[], Connection]:
+def shows(*connections: Iterable[CameraPicture] | None) -> Callable[[], Connection]:
     """A camera that is there once for each of some runs of pictures, and not there at each None."""
     left = iter(connections)
 
@@ -34,7 +34,7 @@ def shows(*connections: Iterable[Seen] | None) -> Callable[[], Connection]:
     return connect
 
 
-def forever(items: Iterable[Seen], over: threading.Event) -> Generator[Seen]:
+def forever(items: Iterable[CameraPicture], over: threading.Event) -> Generator[CameraPicture]:
     """Pictures, slowly enough for all to be used, and then none until the test is over."""
     for item in items:
         yield item
@@ -64,7 +64,7 @@ def test_times_are_as_far_apart_as_the_cameras_clock_says_and_never_go_back() ->
     stated = [5.0, 5.04, 5.08, 5.08, 0.5, 0.54]  # the clock stands still once, and starts anew
     arrived = iter([0.0, 0.01, 0.09, 0.10, 0.15, 9.0, 9.05])
     over = threading.Event()
-    seen = [Seen(GREY, each) for each in stated]
+    seen = [CameraPicture(GREY, each) for each in stated]
     camera = LiveCamera("camera 0", shows(forever(seen, over)), 4, 3, clock=lambda: next(arrived))
     frames = camera.frames()
     times = []
@@ -82,7 +82,7 @@ def test_times_are_as_far_apart_as_the_cameras_clock_says_and_never_go_back() ->
 def times_of(stated: list[float], arrived: list[float]) -> list[float]:
     """The times of frames by the camera's clock and by ours; a camera is opened at 0 s."""
     clock, over = iter([0.0, *arrived]), threading.Event()
-    seen = [Seen(GREY, each) for each in stated]
+    seen = [CameraPicture(GREY, each) for each in stated]
     camera = LiveCamera("camera 0", shows(forever(seen, over)), 4, 3, clock=lambda: next(clock))
     frames = camera.frames()
     found = [next(frames) for _ in stated]
@@ -108,7 +108,7 @@ def test_a_clock_that_jumps_is_followed_by_times_of_arrival() -> None:
 def test_the_oldest_frames_are_left_out_and_counted_where_they_come_too_fast() -> None:
     used, shown = threading.Event(), threading.Event()
 
-    def pictures() -> Generator[Seen]:
+    def pictures() -> Generator[CameraPicture]:
         yield numbered(0)
         used.wait(5)
         yield from map(numbered, range(1, 100))
@@ -128,13 +128,13 @@ def test_the_oldest_frames_are_left_out_and_counted_where_they_come_too_fast() -
 def test_with_one_that_may_wait_the_newest_frame_is_given() -> None:
     used, shown = threading.Event(), threading.Event()
 
-    def pictures() -> Generator[Seen]:
+    def pictures() -> Generator[CameraPicture]:
         yield numbered(0)
         used.wait(5)
         yield from map(numbered, range(1, 30))
         shown.set()
 
-    camera = LiveCamera("camera 0", lambda: Connection(pictures()), 4, 3, retry_s=30, waiting=1)
+    camera = LiveCamera("camera 0", lambda: Connection(pictures()), 4, 3, retry_s=30, buffered=1)
     frames = camera.frames()
     next(frames)
     used.set()
@@ -163,10 +163,10 @@ def test_a_camera_that_is_unplugged_and_comes_back_goes_on() -> None:
 def test_who_stops_listening_ends_the_camera_also_while_it_is_away() -> None:
     closed = []
 
-    def pictures() -> Generator[Seen]:
+    def pictures() -> Generator[CameraPicture]:
         try:
             while True:
-                yield Seen(GREY)
+                yield CameraPicture(GREY)
                 time.sleep(0.001)
         finally:
             closed.append(True)
@@ -176,7 +176,7 @@ def test_who_stops_listening_ends_the_camera_also_while_it_is_away() -> None:
     next(frames)
     frames.close()
     assert closed == [True]
-    gone = LiveCamera("camera 0", shows([Seen(GREY)]), 4, 3, retry_s=0.01)
+    gone = LiveCamera("camera 0", shows([CameraPicture(GREY)]), 4, 3, retry_s=0.01)
     frames = gone.frames()
     next(frames)
     time.sleep(0.1)
@@ -199,7 +199,7 @@ def test_a_reader_that_waits_for_a_camera_that_is_away_can_be_stopped() -> None:
 def test_a_camera_that_hangs_is_left_alone() -> None:
     over = threading.Event()
 
-    def pictures() -> Generator[Seen]:
+    def pictures() -> Generator[CameraPicture]:
         yield numbered(0)
         over.wait(20)
 
@@ -213,9 +213,9 @@ def test_a_camera_that_hangs_is_left_alone() -> None:
 
 
 def test_memory_does_not_grow_with_time() -> None:
-    def pictures() -> Generator[Seen]:
+    def pictures() -> Generator[CameraPicture]:
         for _ in range(3000):
-            yield Seen(np.zeros((100, 100, 3), np.uint8))
+            yield CameraPicture(np.zeros((100, 100, 3), np.uint8))
 
     camera = LiveCamera("camera 0", shows(*(pictures() for _ in range(4))), 100, 100, retry_s=0.001)
     frames = camera.frames()
@@ -233,7 +233,7 @@ def test_memory_does_not_grow_with_time() -> None:
 
 
 def test_all_frames_of_a_recording_are_given_from_time_0_on() -> None:
-    seen = [Seen(GREY, 1.4), Seen(None), Seen(GREY, 1.5)]
+    seen = [CameraPicture(GREY, 1.4), CameraPicture(None), CameraPicture(GREY, 1.5)]
     camera = LiveCamera("a server", lambda: Connection((each for each in seen), ends=True), 4, 3)
     first, lost, last = camera.frames()
     assert camera.started_ns == 0
@@ -247,6 +247,6 @@ def test_all_frames_of_a_recording_are_given_from_time_0_on() -> None:
 def test_what_is_not_as_expected_is_refused() -> None:
     with pytest.raises(InputError, match=r"^camera 0 cannot be opened$"):
         LiveCamera("camera 0", shows(), 4, 3)
-    small = LiveCamera("camera 0", shows([Seen(np.zeros((2, 2, 3), np.uint8))]), 4, 3)
+    small = LiveCamera("camera 0", shows([CameraPicture(np.zeros((2, 2, 3), np.uint8))]), 4, 3)
     with pytest.raises(InputError, match=r"^camera 0 gives 2x2 px, expected 4x3 of the layout's camera$"):
         next(small.frames())

@@ -142,7 +142,7 @@ def test_what_is_no_regular_file_is_refused(tmp_path: Path) -> None:
         pass
     if hasattr(os, "mkfifo"):
         os.mkfifo(tmp_path / "pipe.mkv")
-        with pytest.raises(InputError, match="is no regular file"), opened(tmp_path / "pipe.mkv"):
+        with pytest.raises(InputError, match="is not a regular file"), opened(tmp_path / "pipe.mkv"):
             pass
 
 

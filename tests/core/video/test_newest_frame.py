@@ -48,15 +48,15 @@ def test_only_the_newest_frame_is_given_and_the_others_are_counted() -> None:
         time.sleep(0.001)
     taken = newest.take()
     assert taken is not None and taken.frame.number == 3 and newest.dropped == 3
-    assert newest.take(0.01) is None and not newest.over
+    assert newest.take(0.01) is None and not newest.ended
     source.go.set()
     last = newest.take()
     assert last is not None and last.frame.number == 4
-    assert newest.take() is None and newest.over and newest.dropped == 3
+    assert newest.take() is None and newest.ended and newest.dropped == 3
 
 
 def test_every_frame_is_waited_for_where_that_is_asked() -> None:
-    newest = NewestFrame(Frames(20, lost=7), every=True)
+    newest = NewestFrame(Frames(20, lost=7), keep_all=True)
     numbers = []
     while (taken := newest.take()) is not None:
         numbers.append(taken.frame.number)
@@ -65,7 +65,7 @@ def test_every_frame_is_waited_for_where_that_is_asked() -> None:
 
 
 def test_frames_of_a_file_arrive_at_their_times() -> None:
-    newest = NewestFrame(Frames(4), paced=True, every=True)
+    newest = NewestFrame(Frames(4), paced=True, keep_all=True)
     moments = []
     while (taken := newest.take()) is not None:
         moments.append(taken.arrived_s)
@@ -73,7 +73,7 @@ def test_frames_of_a_file_arrive_at_their_times() -> None:
 
 
 def test_what_the_source_raises_arrives_after_its_frames() -> None:
-    newest = NewestFrame(Frames(1, fails=True), every=True)
+    newest = NewestFrame(Frames(1, fails=True), keep_all=True)
     assert newest.take() is not None
     with pytest.raises(InputError, match="gone"):
         newest.take()
@@ -81,8 +81,8 @@ def test_what_the_source_raises_arrives_after_its_frames() -> None:
 
 def test_stopping_lets_go_of_a_source_that_waits() -> None:
     source = Frames(5, hold_at=2)
-    newest = NewestFrame(source, every=True)
+    newest = NewestFrame(source, keep_all=True)
     newest.take()
     newest.stop()
-    assert (source.stopped and newest.over) or newest.take(1.0) is not None
+    assert (source.stopped and newest.ended) or newest.take(1.0) is not None
     assert not [thread for thread in threading.enumerate() if thread.name == "newest frame"]

@@ -35,6 +35,6 @@ def test_frames_that_a_camera_gave_too_fast_are_counted() -> None:
     assert losses(camera, 5, {}, 10) == []
     camera.dropped, camera.outages = 3, 1
     assert losses(camera, 5, {}, None) == [
-        "left out 3 of 8 frames, which came faster than decoded",
-        "the camera was gone 1 time",
+        "left out 3 of 8 frames, which came too fast to decode",
+        "the camera disconnected 1 time",
     ]

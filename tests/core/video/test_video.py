@@ -28,9 +28,9 @@ from tests.core.video.videos import (
 )
 
 TURNS = {
-    "turned by 90°": (0, 1, -1, 0),
-    "turned by 180°": (-1, 0, 0, -1),
-    "turned by 270°": (0, -1, 1, 0),
+    "rotated by 90°": (0, 1, -1, 0),
+    "rotated by 180°": (-1, 0, 0, -1),
+    "rotated by 270°": (0, -1, 1, 0),
     "mirrored": (-1, 0, 0, 1),
     "mirrored ": (1, 0, 0, -1),
 }
@@ -339,7 +339,7 @@ def at(*moments: int) -> list[Picture]:
     ],
 )
 def test_times_tell_what_is_missing_near_damage(moments: tuple[int, ...], reasons: list[str]) -> None:
-    found = list(with_missing(at(*moments), period=100.0, most=50))
+    found = list(with_missing(at(*moments), period=100.0, max_gap=50))
     assert [each.reason for each in found] == reasons
     assert [each.pixels is None for each in found] == [bool(reason) for reason in reasons]
 
@@ -368,7 +368,7 @@ def test_a_turned_video_is_remarked_on_and_used_as_it_is(tmp_path: Path, name: s
     plain = write_h264(tmp_path / "plain.mp4", pictures(3))
     turned = write_h264(tmp_path / name, pictures(3), matrix=TURNS[turn])
     (line,) = remarks(turned)
-    assert line.startswith(f"{name} is to be shown {turn.strip()}: ")
+    assert line.startswith(f"{name} is displayed {turn.strip()} by players: ")
     assert "-noautorotate" in line
     np.testing.assert_array_equal(frames(turned), frames(plain))
 

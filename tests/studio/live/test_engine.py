@@ -17,7 +17,7 @@ from mirrorcam.core.images.pictures import read_image, write_image
 from mirrorcam.core.video.video import Video
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import save_board
-from mirrorcam.studio.live.engine import LEAST_PICTURES, LiveEngine
+from mirrorcam.studio.live.engine import MIN_PICTURES, LiveEngine
 from mirrorcam.studio.live.status import LiveStatus
 from mirrorcam.studio.live.values import LiveRequest
 from tests.small_set import BOARD
@@ -150,9 +150,9 @@ def test_a_calibration_of_the_pictures_taken(finished_set: Path, tmp_path: Path)
         until(engine, lambda status: status.pictures == 1)
         with pytest.raises(InputError, match=r"number of calibration pictures is 1, expected 5 or more"):
             engine.calibrate()
-        for number in range(2, LEAST_PICTURES + 1):
+        for number in range(2, MIN_PICTURES + 1):
             copyfile(taken, taken.with_name(f"picture_{number:04}.png"))
-        assert engine.status().pictures_kept == LEAST_PICTURES and engine.status().taken == taken
+        assert engine.status().pictures_kept == MIN_PICTURES and engine.status().taken == taken
         out = engine.calibrate()
         assert out == tmp_path / "calibrations" / "calibration_0001"
         with pytest.raises(InputError, match="a calibration runs already"):

@@ -14,7 +14,7 @@ import pytest
 
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import save_board
-from mirrorcam.studio.live.engine import LEAST_PICTURES
+from mirrorcam.studio.live.engine import MIN_PICTURES
 from tests.small_set import BOARD
 from tests.studio.browser import NARROW, WIDE, browser_page, served
 from tests.studio.live.live_sets import repeated, write_live_set
@@ -242,7 +242,7 @@ def test_what_takes_long_is_told_from_its_beginning(browser: Any, tmp_path: Path
         assert page.inner_text("#camera").startswith("Measuring") and page.locator("#tilts td").count() == 0
 
         assert page.is_disabled("#calibrate")
-        for number in range(1, LEAST_PICTURES + 1):
+        for number in range(1, MIN_PICTURES + 1):
             assert page.is_disabled("#calibrate") and "calibration needs" in page.get_attribute("#calibrate", "title")
             page.click("#take")
             page.wait_for_selector(f"#hint:has-text('Picture {number} is saved')", timeout=LONG_MS)

@@ -218,7 +218,7 @@ def test_a_camera_that_goes_is_waited_for_and_counted(request_: LiveRequest, mon
         return Connection(pictures())
 
     def opened(text: str, wanted: Camera, on_note: Callable[[str], None]) -> LiveSource:
-        camera = LiveCamera("camera 0", connect, WIDTH_PX, HEIGHT_PX, on_note=on_note, retry_s=0.02, waiting=1)
+        camera = LiveCamera("camera 0", connect, WIDTH_PX, HEIGHT_PX, on_note=on_note, retry_s=0.02, buffered=1)
         return LiveSource(camera, "camera 0", "camera")
 
     monkeypatch.setattr(live_session, "open_source", opened)

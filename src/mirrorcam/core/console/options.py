@@ -25,8 +25,8 @@ def bounded(bounds: Bounds, text: str, unset: str = "") -> Parameter:
     def check(_: object, value: object) -> None:
         if value == ():
             raise ValueError("expected at least one value")
-        for each in value if isinstance(value, tuple) else (value,):
-            if isinstance(each, int | float) and not bounds.min <= each <= bounds.max:
+        for number in value if isinstance(value, tuple) else (value,):
+            if isinstance(number, int | float) and not bounds.min <= number <= bounds.max:
                 raise ValueError(f"expected {bounds}")
 
     stated = f" [default: {unset}]" if unset else ""
@@ -34,7 +34,7 @@ def bounded(bounds: Bounds, text: str, unset: str = "") -> Parameter:
     return Parameter(help=f"{text}, {bounds}{stated}", converter=converter, validator=check)
 
 
-def check_place(workers: int | None, scheduler: str | None) -> None:
+def check_executor(workers: int | None, scheduler: str | None) -> None:
     """Raise InputError if options request both local processes and a cluster."""
     if workers is not None and scheduler is not None:
         raise InputError("--workers and --scheduler: expected one of the two")
@@ -48,7 +48,7 @@ Scheduler = Annotated[
 Layout = Annotated[Path, Parameter(metavar="FILE", help="layout.json, calibrated if possible")]
 Adapter = Literal["none", "tripod", "arca", "iso9409", "gen3", "gen2", "profile20", "vesa", "monitor"]
 AdapterOption = Annotated[
-    Adapter, Parameter(help="what carries the device: a desk, a tripod, an arm and others (docs/cad.md)")
+    Adapter, Parameter(help="what carries the device: a desk, a tripod, an arm or something else (docs/cad.md)")
 ]
 Mounting = Annotated[
     Literal["glue", "screws"],

@@ -47,7 +47,7 @@ def say(title: str, text: str) -> None:
 def long_work(title: str, doing: str, unit: str = "") -> Iterator[Progress]:
     """Show the progress of the work `title` until the block ends without an error, then print its duration.
 
-    The block gets `advance(done, total)`, to be called as the work proceeds; work that cannot count never calls it.
+    The block gets `advance(done, total)`, to be called as the work proceeds; work without a known total never calls it.
     """
     started = time.monotonic()
     if not session().prints:
@@ -78,15 +78,15 @@ def long_work(title: str, doing: str, unit: str = "") -> Iterator[Progress]:
 
 def _cells(metrics: Sequence[Metric | None], unit: str) -> list[str]:
     """Values of one figure with equal decimals; a unit is added if it differs from the row's."""
-    from mirrorcam.core.figures.figure_texts import figure_text, figures_alike, unit_text
+    from mirrorcam.core.figures.figure_texts import equal_decimals, figure_text, unit_text
 
-    alike = iter(figures_alike([metric.value for metric in metrics if metric is not None and metric.unit == unit]))
+    texts = iter(equal_decimals([metric.value for metric in metrics if metric is not None and metric.unit == unit]))
     cells = []
     for metric in metrics:
         if metric is None:
             cells.append("")
         elif metric.unit == unit:
-            cells.append(next(alike))
+            cells.append(next(texts))
         else:
             cells.append(f"{figure_text(metric.value)} {unit_text(metric.unit)}")
     return cells
@@ -126,8 +126,8 @@ def print_metrics(
     )
 
     names = list(dict.fromkeys(name for metrics in reversed(list(columns.values())) for name in metrics))
-    every = {name: metric for metrics in columns.values() for name, metric in metrics.items()}
-    limited = any(metric.limit is not None for metric in every.values())
+    by_name = {name: metric for metrics in columns.values() for name, metric in metrics.items()}
+    limited = any(metric.limit is not None for metric in by_name.values())
     table = Table(box=None, pad_edge=False, header_style="bold")
     table.add_column("")
     for title in columns:
@@ -138,18 +138,18 @@ def print_metrics(
         table.add_column("")
 
     def add(name: str, indent: str) -> None:
-        unit = every[name].unit
+        unit = by_name[name].unit
         cells = _cells([metrics.get(name) for metrics in columns.values()], unit)
-        if cells[-1] and (digits := digits_past_limit(every[name], 4)) > 4:  # show the excess
-            cells[-1] = figure_text(every[name].value, digits)
+        if cells[-1] and (digits := digits_past_limit(by_name[name], 4)) > 4:  # show by how much it exceeds the limit
+            cells[-1] = figure_text(by_name[name].value, digits)
         row = [indent + label_text(name), *cells, unit_text(unit)]
         if limited:
-            row.append(limit_text(every[name], with_unit=False))
-            row.append("" if every[name].limit is None else "pass" if every[name].passed else "FAIL")
+            row.append(limit_text(by_name[name], with_unit=False))
+            row.append("" if by_name[name].limit is None else "pass" if by_name[name].passed else "FAIL")
         table.add_row(*row)
 
-    for title, beginnings in (groups or {}).items():
-        members = [name for name in names if name.startswith(tuple(beginnings))]
+    for title, prefixes in (groups or {}).items():
+        members = [name for name in names if name.startswith(tuple(prefixes))]
         if members:
             table.add_row(Text(title, style="bold"))
         for name in members:

@@ -32,14 +32,14 @@ _LONG_WORD = re.compile(rf"\S{{{LONGEST_VALUE + 1},}}")
 def one_line_message(message: str, hint: str = "") -> str:
     """Format a message as one line of printable characters; long words and texts are cut in the middle.
 
-    The hint follows uncut.
+    The hint that follows is never cut.
     """
     line = " ".join(message.split())
-    line = "".join(each if each.isprintable() else each.encode("unicode_escape").decode() for each in line)
-    most = LONGEST_MESSAGE - len("mirrorcam: ") - len(hint)
-    if len(line) > most:
+    line = "".join(char if char.isprintable() else char.encode("unicode_escape").decode() for char in line)
+    max_length = LONGEST_MESSAGE - len("mirrorcam: ") - len(hint)
+    if len(line) > max_length:
         line = _LONG_WORD.sub(lambda word: shortened(word[0], LONGEST_VALUE), line)
-    return shortened(line, most) + hint
+    return shortened(line, max_length) + hint
 
 
 def refusal(error: CycloptsError, commands: Sequence[str]) -> InputError:
@@ -54,7 +54,7 @@ def _reason(error: CycloptsError, commands: Sequence[str]) -> str:
 
     for cause in causes(error):
         if isinstance(cause, PydanticError):
-            return _invalid(cause, error.argument)
+            return _described_finding(cause, error.argument)
         if isinstance(cause, InputError):
             return str(cause)
     if isinstance(error, UnknownCommandError):
@@ -67,32 +67,32 @@ def _reason(error: CycloptsError, commands: Sequence[str]) -> str:
         name = error.argument.name
         return f"{name}: expected a value" if error.keyword else f"expected {name}"
     if isinstance(error, CoercionError) and error.argument is not None and error.token is not None:
-        return f"{_given(error.argument, error.token.value)}: expected {_expected(error.target_type)}"
+        return f"{_described_option(error.argument, error.token.value)}: expected {_described_type(error.target_type)}"
     if isinstance(error, ValidationError) and error.argument is not None and error.argument.tokens:
         values = " ".join(token.value for token in error.argument.tokens)
-        return f"{_given(error.argument, values)}: {error.exception_message}"
+        return f"{_described_option(error.argument, values)}: {error.exception_message}"
     if isinstance(error, UnusedCliTokensError):
         return f"unknown argument {' '.join(error.unused_tokens or ())}"
     return str(error).rstrip(".")
 
 
-def _expected(kind: Any) -> str:
+def _described_type(kind: Any) -> str:
     """Describe the values of a type: its choices, or its name."""
     if get_origin(kind) is Literal:
         return f"one of {', '.join(get_args(kind))}" if len(get_args(kind)) > 1 else str(get_args(kind)[0])
-    if inner := [each for each in get_args(kind) if each is not type(None)]:
-        return " or ".join(map(_expected, inner))
+    if inner := [member for member in get_args(kind) if member is not type(None)]:
+        return " or ".join(map(_described_type, inner))
     return get_hint_name(kind).upper()
 
 
-def _given(argument: Argument, value: object) -> str:
+def _described_option(argument: Argument, value: object) -> str:
     """Describe an option with its value and, unless it is the command line, its source."""
     source = next((token.source for token in argument.tokens if token.source not in ("", "cli")), "")
-    stated = {"": "", "env": " of the environment"}.get(source, f" of {source}")
-    return f"{argument.name} {shortened(repr(value), LONGEST_VALUE)}{stated}"
+    origin = {"": "", "env": " of the environment"}.get(source, f" of {source}")
+    return f"{argument.name} {shortened(repr(value), LONGEST_VALUE)}{origin}"
 
 
-def _invalid(error: PydanticError, argument: Argument | None) -> str:
+def _described_finding(error: PydanticError, argument: Argument | None) -> str:
     """Describe the first of pydantic's findings about a command's options, with the option in place of the field."""
     first = error.errors(include_url=False)[0]
     if not first["loc"]:
@@ -106,7 +106,9 @@ def _invalid(error: PydanticError, argument: Argument | None) -> str:
     if first["type"] == "too_long":
         context = first["ctx"]
         return f"{option}: {context['actual_length']} values, expected {context['max_length']} or fewer"
-    own = next((each for each in argument.children if each.name == option), None) if argument is not None else None
+    own = next((child for child in argument.children if child.name == option), None) if argument is not None else None
     value = first["input"]
-    stated = _given(own, value) if own is not None else f"{option} {shortened(repr(value), LONGEST_VALUE)}"
-    return f"{stated}: {first['msg'].removeprefix('Value error, ')}"
+    described = (
+        _described_option(own, value) if own is not None else f"{option} {shortened(repr(value), LONGEST_VALUE)}"
+    )
+    return f"{described}: {first['msg'].removeprefix('Value error, ')}"

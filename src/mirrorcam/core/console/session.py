@@ -34,7 +34,7 @@ class Session:
         self.results.setdefault("tables", []).append([dict(zip(heads, row, strict=True)) for row in rows])
 
     def figures(self, columns: Mapping[str, Mapping[str, Metric]]) -> None:
-        """Record figures by the names of their column and their own."""
+        """Record figures by the name of their column and their own name."""
         kept = self.results.setdefault("figures", {})
         for column, metrics in columns.items():
             kept.setdefault(column, {}).update(

@@ -43,10 +43,10 @@ _PACKAGES = {
 
 def missing_library(text: str) -> str | None:
     """Name the library that an error message reports as missing, and its package; None for other messages."""
-    found = _NOT_FOUND.search(text)
-    if found is None:
+    match = _NOT_FOUND.search(text)
+    if match is None:
         return None
-    name = found[1] or found[2]
+    name = match[1] or match[2]
     if name not in _PACKAGES:
         return f"the system library {name} is missing: install the system package that contains it"
     debian, fedora = _PACKAGES[name]
@@ -55,5 +55,5 @@ def missing_library(text: str) -> str | None:
 
 def missing_library_of(error: BaseException) -> str | None:
     """Return `missing_library` for an error on import or loading, or for its causes."""
-    loading = (each for each in causes(error) if isinstance(each, ImportError | OSError))
-    return next((sentence for each in loading if (sentence := missing_library(str(each)))), None)
+    loading = (cause for cause in causes(error) if isinstance(cause, ImportError | OSError))
+    return next((sentence for cause in loading if (sentence := missing_library(str(cause)))), None)

@@ -22,9 +22,9 @@ from mirrorcam.core.messages import shortened
 from mirrorcam.core.values import InvalidValue
 
 LARGEST_BYTES = 400_000_000
-"""Array bytes that every file may contain; with a reader's copies, they take less than 1 GB of memory."""
-LARGEST_GROWTH = 8
-"""Arrays of more than `LARGEST_BYTES`, as of large scenes, may take this many times the size of their files."""
+"""Array bytes that a file of any size may contain; with a reader's copies, they take less than 1 GB of memory."""
+MAX_GROWTH = 8
+"""Arrays of more than `LARGEST_BYTES`, as of large scenes, may have up to this many times the size of their files."""
 _PIECE_BYTES = 1 << 17
 _DIRECTORY_BYTES = 1 << 20
 """Largest file list of an archive; reading it takes 20 times as much memory. An array takes 60 bytes of it."""
@@ -36,8 +36,8 @@ _ERRORS = (
 
 
 @contextmanager
-def refusing(path: Path, what: str) -> Iterator[None]:
-    """Convert exceptions of a file's decoders to a one-line InputError: `path` is not `what`, and the reason.
+def refusing(path: Path, expected: str) -> Iterator[None]:
+    """Convert exceptions of a file's decoders to a one-line InputError: `path` is not `expected`, and the reason.
 
     The block should contain only reading and decoding. An InputError passes unchanged.
     """
@@ -48,15 +48,15 @@ def refusing(path: Path, what: str) -> Iterator[None]:
             raise
         text = str(getattr(error, "strerror", None) or error)
         reason = " ".join(text.split()) or type(error).__name__
-        raise InputError(shortened(f"{path}: not {what}: {reason}")) from None
+        raise InputError(shortened(f"{path}: not {expected}: {reason}")) from None
 
 
 def check_bytes(path: Path, size: int, stored: int) -> None:
     """Raise InputError if arrays of `size` bytes exceed the memory limit for files of `stored` bytes."""
-    most = max(LARGEST_BYTES, LARGEST_GROWTH * stored)
-    if size > most:
+    max_bytes = max(LARGEST_BYTES, MAX_GROWTH * stored)
+    if size > max_bytes:
         megabytes = min(size, 10**18) // 1_000_000
-        raise InputError(f"{path}: states arrays of {megabytes} MB, expected at most {most // 1_000_000} MB")
+        raise InputError(f"{path}: states arrays of {megabytes} MB, expected at most {max_bytes // 1_000_000} MB")
 
 
 def read_npy(path: Path) -> NDArray[Any]:
@@ -67,14 +67,14 @@ def read_npy(path: Path) -> NDArray[Any]:
 
 
 def read_npz(
-    path: Path, names: Sequence[str], what: str = "an .npz file that can be read"
+    path: Path, names: Sequence[str], expected: str = "an .npz file that can be read"
 ) -> Mapping[str, NDArray[Any]]:
     """Read those of the named arrays that an .npz file contains, as `read_npy` does.
 
-    Their checksums reveal damage. The InputError for an invalid file states that it is not `what`.
+    Their checksums reveal damage. The InputError for an invalid file states that it is not `expected`.
     """
     stored = stored_bytes(path)
-    with refusing(path, what), _Archive(path) as file, zipfile.ZipFile(file) as archive:
+    with refusing(path, expected), _Archive(path) as file, zipfile.ZipFile(file) as archive:
         found = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
         members = {name: found[name] for name in names if name in found}
         check_bytes(path, sum(info.file_size for info in members.values()), stored)
@@ -82,7 +82,7 @@ def read_npz(
         for name, info in members.items():
             # Other decompressors do not limit their output.
             if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
-                raise ValueError(f"{name} is compressed by another method than deflate")
+                raise ValueError(f"{name} is not compressed by deflate")
             with archive.open(info) as stream:
                 arrays[name] = _array(stream, path, info.file_size, stored)
         return arrays

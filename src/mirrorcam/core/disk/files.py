@@ -28,12 +28,12 @@ LARGEST_LAYOUT_BYTES = 50_000_000
 """Largest layout with a complete covariance, or table of results, in bytes."""
 LARGEST_FILE_BYTES = 100_000_000
 """Largest file that is read at once, in bytes: manifests of sets and records of long runs are smaller."""
-MOST_LINES = 1_000_000
-"""Lines of a record that is written line by line."""
+MAX_LINES = 1_000_000
+"""Maximum number of lines of a record that is written line by line."""
 TEMPORARY = ".mirrorcam-"
 """Prefix of the names of unfinished files."""
-_MOST_KNOWN = 1000
-"""No value has as many fields: a larger table is keyed by names, or has unknown keys."""
+_MAX_FIELDS = 1000
+"""No value has this many fields: a larger table is keyed by names, or has unknown keys."""
 _LONGEST_NAME, _LONGEST_PATH = 255, 1000
 _POINTER, _LARGEST_POINTER_BYTES = b"version https://git-lfs.github.com/spec/", 1024
 """First bytes of a Git LFS pointer, which replaces the file, and the size of the largest pointer."""
@@ -110,7 +110,7 @@ def is_inside(folder: Path, name: str) -> bool:
 
 
 def inside(folder: Path, name: str) -> Path:
-    """Return the path of a file by its name in a manifest; raises InputError for a name that leads out of it."""
+    """Return the path of a file by its name in a manifest; raises InputError for a name that leads out."""
     if not is_inside(folder, name):
         raise InputError(f"{folder}: lists {name[:80]!r}, expected the name of a file in this folder")
     return folder / name
@@ -149,14 +149,14 @@ def readable(path: Path) -> Iterator[None]:
 def stored_bytes(path: Path) -> int:
     """Return the size of a regular file; raises InputError in one line for anything else, which may block when opened.
 
-    The error for a Git LFS pointer, which replaces a file until it is fetched, names the command that fetches it.
+    The error for a Git LFS pointer, which replaces a file until it is fetched, names the command that fetches the file.
     """
     with readable(path):
         status = path.stat()
     if stat.S_ISDIR(status.st_mode):
         raise InputError(f"{path}: is a folder, expected a file")
     if not stat.S_ISREG(status.st_mode):
-        raise InputError(f"{path}: is no regular file, expected one")
+        raise InputError(f"{path}: is not a regular file, expected one")
     if status.st_size < _LARGEST_POINTER_BYTES:
         refuse_pointer(path)
     return status.st_size
@@ -174,29 +174,29 @@ def first_bytes(path: Path, count: int) -> bytes:
         return stream.read(count)
 
 
-def read_bytes(path: Path, most: int = LARGEST_FILE_BYTES) -> bytes:
-    """Return the content of a regular file; raises InputError in one line above `most` bytes."""
-    if (stored := stored_bytes(path)) <= most:
+def read_bytes(path: Path, max_bytes: int = LARGEST_FILE_BYTES) -> bytes:
+    """Return the content of a regular file; raises InputError in one line above `max_bytes`."""
+    if (stored := stored_bytes(path)) <= max_bytes:
         with readable(path), path.open("rb") as stream:
             content = stream.read(stored + 1)
             if len(content) > stored:  # it is growing, or its size is unknown
-                content += stream.read(most + 1 - len(content))
-        if len(content) <= most:
+                content += stream.read(max_bytes + 1 - len(content))
+        if len(content) <= max_bytes:
             return content
-    raise InputError(f"{path}: is larger than {most / 1e6:g} MB, expected a smaller file")
+    raise InputError(f"{path}: is larger than {max_bytes / 1e6:g} MB, expected a smaller file")
 
 
 def read_lines(path: Path) -> list[bytes]:
     """Read the lines of a record, without line ends; raises InputError in one line for an invalid file."""
     raw = read_bytes(path)
-    if raw.count(b"\n") > MOST_LINES:
-        raise InputError(f"{path}: has more than {MOST_LINES} lines, expected fewer")
+    if raw.count(b"\n") > MAX_LINES:
+        raise InputError(f"{path}: has more than {MAX_LINES} lines, expected fewer")
     return raw.split(b"\n")
 
 
-def read_json(path: Path, most: int = LARGEST_TEXT_BYTES) -> Any:
+def read_json(path: Path, max_bytes: int = LARGEST_TEXT_BYTES) -> Any:
     """Read the value of a JSON file (UTF-8); raises InputError in one line, also for a duplicate key."""
-    return json_of(path, read_bytes(path, most))
+    return json_of(path, read_bytes(path, max_bytes))
 
 
 def json_of(where: Path | str, raw: bytes) -> Any:
@@ -215,13 +215,13 @@ def toml_of(where: Path | str, raw: bytes) -> dict[str, Any]:
         raise InputError(shortened(f"{where}: {error}")) from None
 
 
-def read_model(model: type[Model], path: Path, most: int = LARGEST_TEXT_BYTES) -> Model:
+def read_model(model: type[Model], path: Path, max_bytes: int = LARGEST_TEXT_BYTES) -> Model:
     """Read a JSON or (by its suffix) TOML file into a pydantic model, or raise InputError in one line.
 
-    Types are strict: a text or a boolean is not accepted for a number. Neither is a file of more than `most` bytes; the
+    Types are strict: a text or a boolean is not accepted for a number. A file of more than `max_bytes` is refused; the
     default suits hand-written files.
     """
-    return model_of(model, path, read_bytes(path, most))
+    return model_of(model, path, read_bytes(path, max_bytes))
 
 
 def read_record(model: type[Model], path: Path) -> Model | None:
@@ -249,7 +249,7 @@ def tables_of(path: Path, raw: bytes) -> Any:
 
 
 def keys_of(path: Path, raw: bytes) -> frozenset[str]:
-    """Return the outermost keys in the content of such a file; empty unless it is a table."""
+    """Return the outermost keys in the content of a JSON or TOML file; empty unless it is a table."""
     tables = tables_of(path, raw)
     return frozenset(tables) if isinstance(tables, dict) else frozenset()
 
@@ -265,7 +265,7 @@ def model_from(model: type[Model], where: Path | str, data: Any) -> Model:
 def validated(model: type[Model], data: Any) -> Model:
     """Validate plain values as a pydantic model; raises InputError in one line if they are invalid."""
     try:
-        if any(len(table) > _MOST_KNOWN for table in _tables(data)):
+        if any(len(table) > _MAX_FIELDS for table in _tables(data)):
             _check_keys(model, data)
         return model.model_validate_json(json.dumps(data), strict=True)
     except InvalidValue as error:
@@ -277,35 +277,35 @@ def validated(model: type[Model], data: Any) -> Model:
 
 
 def _check_keys(model: type[Model], data: Any) -> None:
-    """Raise InvalidValue for unknown keys, tested on a part of each large table: all findings would take gigabytes."""
+    """Raise InvalidValue for unknown keys, searched in a part of each large table: all findings take gigabytes."""
     part = json.dumps(_shortened_tables(data))
     try:
         model.model_validate_json(part, strict=True)
     except InvalidValue as error:
-        if error.is_of_keys:
+        if error.has_unknown_key:
             raise
     except ValidationError:
         return  # the model is not a Value; its validation comes next
 
 
 def _tables(data: Any) -> Iterator[dict[str, Any]]:
-    """Yield all tables in plain values; lists of numbers, which may be long, are skipped."""
+    """Yield all tables in plain values, but skip lists of numbers, which may be long."""
     pending = [data]
     while pending:
-        each = pending.pop()
-        if isinstance(each, dict):
-            yield each
-            pending += each.values()
-        elif isinstance(each, list) and each and isinstance(each[0], dict | list):
-            pending += each
+        value = pending.pop()
+        if isinstance(value, dict):
+            yield value
+            pending += value.values()
+        elif isinstance(value, list) and value and isinstance(value[0], dict | list):
+            pending += value
 
 
 def _shortened_tables(data: Any) -> Any:
     """Return plain values with only the first keys of each table."""
     if isinstance(data, dict):
-        return {key: _shortened_tables(each) for key, each in islice(data.items(), _MOST_KNOWN)}
+        return {key: _shortened_tables(value) for key, value in islice(data.items(), _MAX_FIELDS)}
     if isinstance(data, list) and data and isinstance(data[0], dict | list):
-        return [_shortened_tables(each) for each in data]
+        return [_shortened_tables(item) for item in data]
     return data
 
 

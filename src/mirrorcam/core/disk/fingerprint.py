@@ -37,8 +37,8 @@ def file_digests(path: Path) -> dict[str, str]:
     """
     if path.is_file():
         return {path.name: file_digest(path)}
-    below = sorted(file for file in path.rglob("*") if file.is_file())
-    names = (file.relative_to(path).as_posix() for file in below)
+    files = sorted(file for file in path.rglob("*") if file.is_file())
+    names = (file.relative_to(path).as_posix() for file in files)
     return {name: file_digest(inside(path, name)) for name in names}
 
 
@@ -56,7 +56,7 @@ def is_intact(folder: Path, name: str, sha256: str) -> bool:
     return path.is_file() and file_digest(path) == sha256
 
 
-def differing(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
+def differing_keys(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
     """Return the sorted keys whose values differ between two mappings, or that only one of them has."""
     missing = object()
     return sorted(name for name in before.keys() | now.keys() if before.get(name, missing) != now.get(name, missing))

@@ -24,40 +24,40 @@ _DEFLATE = 1
 _PIECE_BYTES = 1 << 20
 
 
-def read_hdf5(path: Path, places: Mapping[str, str], what: str) -> dict[str, NDArray[Any]]:
-    """Read the arrays at paths like `group/name` that the file has, by name.
+def read_hdf5(path: Path, dataset_paths: Mapping[str, str], expected: str) -> dict[str, NDArray[Any]]:
+    """Read arrays by name from paths such as `group/name`, without those that the file lacks.
 
     Raises
     ------
     InputError
-        In one line for a file that is not `what`, and for arrays behind links, in other files, with other filters,
+        In one line for a file that is not `expected`, and for arrays behind links, in other files, with other filters,
         incomplete, or above the memory limit for a file of this size.
     """
     import h5py
 
-    stored, found, wanted = stored_bytes(path), {}, 0
-    with refusing(path, what), h5py.File(path, "r") as file:
-        for name, place in places.items():
-            dataset = _dataset(file, place, path)
+    stored, found, total_bytes = stored_bytes(path), {}, 0
+    with refusing(path, expected), h5py.File(path, "r") as file:
+        for name, dataset_path in dataset_paths.items():
+            dataset = _dataset(file, dataset_path, path)
             if dataset is not None:
-                wanted += dataset.nbytes
-                check_bytes(path, wanted, stored)
+                total_bytes += dataset.nbytes
+                check_bytes(path, total_bytes, stored)
                 _check_storage(dataset, path, stored)
                 found[name] = np.asarray(dataset[()])
     return found
 
 
-def _dataset(file: h5py.File, place: str, path: Path) -> h5py.Dataset | None:
+def _dataset(file: h5py.File, dataset_path: str, path: Path) -> h5py.Dataset | None:
     """Return the dataset at a path, or None; every link on the path must stay within the file."""
     import h5py
 
     node: Any = file
-    for name in place.split("/"):
+    for name in dataset_path.split("/"):
         link = node.get(name, getlink=True) if isinstance(node, h5py.Group) else None
         if link is None:
             return None
         if not isinstance(link, h5py.HardLink):
-            raise InputError(f"{path}: {place} is a link, expected an array in the file itself")
+            raise InputError(f"{path}: {dataset_path} is a link, expected an array in the file itself")
         node = node[name]
     return node if isinstance(node, h5py.Dataset) else None
 
@@ -66,7 +66,7 @@ def _check_storage(dataset: h5py.Dataset, path: Path, stored: int) -> None:
     """Raise InputError unless a dataset is stored in the file, with accepted filters."""
     where = f"{path}: {dataset.name}"
     if dataset.external or dataset.is_virtual:
-        raise InputError(f"{where} lies in other files, expected an array in the file itself")
+        raise InputError(f"{where} is stored in other files, expected an array in the file itself")
     if dataset.dtype.kind not in "uif":
         raise InputError(f"{where} holds {str(dataset.dtype)[:40]}, expected numbers")
     properties = dataset.id.get_create_plist()
@@ -87,7 +87,7 @@ def _check_storage(dataset: h5py.Dataset, path: Path, stored: int) -> None:
 
 
 def _check_inflated(dataset: h5py.Dataset, chunk_bytes: int, path: Path) -> None:
-    """Raise InputError for a compressed chunk larger than its contents can be: HDF5 would allocate all of it."""
+    """Raise InputError for a chunk that inflates to more than its stated size: HDF5 would allocate all of it."""
     for number in range(dataset.id.get_num_chunks()):
         chunk = dataset.id.get_chunk_info(number)
         # Deflate expands a byte to at most 1032; filters may add four for a checksum.

@@ -1,7 +1,7 @@
 """Variables of MATLAB 5 to 7 .mat files: numbers, text and structs; tags are checked before reading.
 
 The layout follows MathWorks' "MAT-File Format". Each element is a tag (type and size) and its content: a variable is
-one of type miMATRIX or, since MATLAB 7, one of type miCOMPRESSED, a deflated miMATRIX element.
+of type miMATRIX or, since MATLAB 7, of type miCOMPRESSED, a deflated miMATRIX element.
 """
 
 from __future__ import annotations
@@ -27,21 +27,21 @@ _CLASSES = {6: "f8", 7: "f4", 8: "i1", 9: "u1", 10: "i2", 11: "u2", 12: "i4", 13
 _TEXTS = {1: "latin-1", 2: "latin-1", 4: "utf-16-{}", 16: "utf-8", 17: "utf-16-{}", 18: "utf-32-{}"}
 _STRUCT, _CHAR = 2, 4
 _IS_COMPLEX = 0x08
-_DEEPEST = 4
+_MAX_DEPTH = 4
 
 Order = Literal["<", ">"]
 Parts = Iterator[tuple[int, memoryview]]
 
 
-def read_mat5(path: Path, names: Collection[str], what: str) -> dict[str, Any]:
+def read_mat5(path: Path, names: Collection[str], expected: str) -> dict[str, Any]:
     """Read variables by name: arrays, texts, and structs as dicts; None for other classes.
 
-    Raises InputError in one line for a file that is not `what`, and for arrays above the memory limit. Checksums reveal
-    damage to compressed variables.
+    Raises InputError in one line for a file that is not `expected`, and for arrays above the memory limit. Checksums
+    reveal damage to compressed variables.
     """
-    stored, wanted = stored_bytes(path), 0
+    stored, total_bytes = stored_bytes(path), 0
     raw, found = read_bytes(path, LARGEST_FILE_BYTES), dict[str, Any]()
-    with refusing(path, what):
+    with refusing(path, expected):
         order = _order(raw)
         for kind, content in _elements(memoryview(raw)[HEADER_BYTES:], order):
             inflate, size = zlib.decompressobj(), len(content)
@@ -49,8 +49,8 @@ def read_mat5(path: Path, names: Collection[str], what: str) -> dict[str, Any]:
                 kind, size = struct.unpack(f"{order}II", inflate.decompress(content, 8))
             if kind != _MATRIX:
                 raise ValueError(f"an element of type {kind}, expected a variable")
-            wanted += size
-            check_bytes(path, wanted, stored)
+            total_bytes += size
+            check_bytes(path, total_bytes, stored)
             if inflate.unconsumed_tail:
                 content = _inflated(inflate, size)
             name, value = _Matrix(order, path, stored).read(content, names)
@@ -62,10 +62,10 @@ def read_mat5(path: Path, names: Collection[str], what: str) -> dict[str, Any]:
 
 
 def _order(raw: bytes) -> Order:
-    mark = raw[HEADER_BYTES - 2 : HEADER_BYTES]
-    if mark not in (b"IM", b"MI"):
+    order_mark = raw[HEADER_BYTES - 2 : HEADER_BYTES]
+    if order_mark not in (b"IM", b"MI"):
         raise ValueError("has no header of MATLAB 5 to 7")
-    return "<" if mark == b"IM" else ">"
+    return "<" if order_mark == b"IM" else ">"
 
 
 def _inflated(inflate: zlib._Decompress, size: int) -> memoryview:
@@ -97,7 +97,7 @@ def _elements(content: memoryview, order: Order) -> Parts:
         at = end
 
 
-def _following(parts: Parts) -> tuple[int, memoryview]:
+def _next_part(parts: Parts) -> tuple[int, memoryview]:
     for part in parts:
         return part
     raise ValueError("an element is missing")
@@ -111,25 +111,25 @@ class _Matrix:
 
     def read(self, content: memoryview, names: Collection[str]) -> tuple[str, Any]:
         """Return name and value of a variable; the value is read only if the name is requested."""
-        flags, shape, name, parts = self._begin(content)
+        flags, shape, name, parts = self._header(content)
         return name, self._value(flags, shape, parts, 0) if name in names else None
 
-    def _begin(self, content: memoryview) -> tuple[int, tuple[int, ...], str, Parts]:
+    def _header(self, content: memoryview) -> tuple[int, tuple[int, ...], str, Parts]:
         parts = _elements(content, self._order)
-        flags = self._number(*_following(parts))
+        flags = self._number(*_next_part(parts))
         if flags & 0xFF not in {*_CLASSES, _STRUCT, _CHAR}:
             return flags, (), "", parts
-        shape = tuple(int(length) for length in self._numbers(*_following(parts)))
+        shape = tuple(int(length) for length in self._numbers(*_next_part(parts)))
         if not 2 <= len(shape) <= 8 or min(shape) < 0:
             raise ValueError(f"an array of shape {shape[:8]}")
-        return flags, shape, bytes(_following(parts)[1]).decode("ascii"), parts
+        return flags, shape, bytes(_next_part(parts)[1]).decode("ascii"), parts
 
     def _value(self, flags: int, shape: tuple[int, ...], parts: Parts, depth: int) -> Any:
         kind, count = flags & 0xFF, math.prod(shape)
         if kind == _STRUCT:
             return self._fields(count, parts, depth)
         if kind == _CHAR:
-            coding, text = _following(parts)
+            coding, text = _next_part(parts)
             return bytes(text).decode(_TEXTS[coding].format("le" if self._order == "<" else "be"))
         if kind not in _CLASSES:
             return None
@@ -137,25 +137,25 @@ class _Matrix:
             raise ValueError("an array of complex numbers, expected real ones")
         dtype = np.dtype(_CLASSES[kind])
         check_bytes(self._path, count * dtype.itemsize, self._stored)
-        numbers = self._numbers(*_following(parts))
+        numbers = self._numbers(*_next_part(parts))
         if numbers.size != count:
             raise ValueError(f"{numbers.size} numbers, expected {count} of shape {shape}")
         return numbers.astype(dtype, copy=False).reshape(shape, order="F")
 
     def _fields(self, count: int, parts: Parts, depth: int) -> dict[str, Any] | None:
         """The fields of a struct by name; None for an array of structs."""
-        if count != 1 or depth > _DEEPEST:
+        if count != 1 or depth > _MAX_DEPTH:
             return None
-        length = self._number(*_following(parts))
-        texts = bytes(_following(parts)[1])
+        length = self._number(*_next_part(parts))
+        texts = bytes(_next_part(parts)[1])
         if not 0 < length <= 64 or len(texts) % length:
-            raise ValueError("a struct without names of its fields")
+            raise ValueError("a struct without field names")
         keys = [texts[at : at + length].partition(b"\x00")[0].decode("ascii") for at in range(0, len(texts), length)]
         found = {}
         for key, (kind, content) in zip(keys, parts, strict=True):
             if kind != _MATRIX:
                 raise ValueError(f"a field of type {kind}, expected an array")
-            flags, shape, _, inner = self._begin(content) if len(content) else (0, (), "", iter(()))
+            flags, shape, _, inner = self._header(content) if len(content) else (0, (), "", iter(()))
             found[key] = self._value(flags, shape, inner, depth + 1)
         return found
 

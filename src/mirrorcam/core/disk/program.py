@@ -18,7 +18,7 @@ from pathlib import Path
 
 from mirrorcam.core.disk.fingerprint import digest, file_digest
 
-OURS = "mirrorcam"
+PACKAGE = "mirrorcam"
 NOT_INSTALLED = "not installed"
 _REQUIREMENT = re.compile(r"([\w.-]+)\s*(?:\[([^\]]*)\])?[^;]*(?:;(.*))?")
 _PARSING = threading.Lock()
@@ -37,9 +37,9 @@ def program_of(*modules: str) -> dict[str, str]:
 
 @cache
 def code_digest(*modules: str) -> str:
-    """Return the sha256 over modules and all modules of the same package that they import, directly or not.
+    """Return the sha256 of modules and all modules of the same package that they import, directly or not.
 
-    Imports count anywhere, also in functions, and so do strings with the name of a module, as in
+    All imports count, also those in functions, and so do strings with the name of a module, as in
     `import_module("mirrorcam.cad.build")`. Data files that a module reads count, see `_data_files`. Raises
     ModuleNotFoundError for a missing module.
     """
@@ -63,12 +63,12 @@ class _Source:
 @cache
 def _closure(modules: tuple[str, ...]) -> dict[str, _Source]:
     found: dict[str, _Source] = {}
-    waiting = list(modules)
-    while waiting:
-        name = waiting.pop()
+    pending = list(modules)
+    while pending:
+        name = pending.pop()
         if name not in found:
             found[name] = _source(name)
-            waiting += found[name].modules
+            pending += found[name].modules
     return found
 
 
@@ -76,26 +76,26 @@ def _closure(modules: tuple[str, ...]) -> dict[str, _Source]:
 def _source(module: str) -> _Source:
     path = _path_of(module)
     if path is None:
-        raise ModuleNotFoundError(f"no module {module!r} to take the digest of")
+        raise ModuleNotFoundError(f"no module {module!r} to compute the digest of")
     with _PARSING:
         tree = ast.parse(path.read_bytes())
     tree.body = _effective(tree.body)
     nodes = list(ast.walk(tree))
-    texts = {node.value for node in nodes if isinstance(node, ast.Constant) and isinstance(node.value, str)}
+    strings = {node.value for node in nodes if isinstance(node, ast.Constant) and isinstance(node.value, str)}
     variables = {node.id for node in nodes if isinstance(node, ast.Name)}
     imported = set(_imported(nodes, module if path.name == "__init__.py" else module.rpartition(".")[0]))
     top = module.partition(".")[0]
-    ours = {name for name in imported | texts if name.startswith(f"{top}.")}
+    modules = {name for name in imported | strings if name.startswith(f"{top}.")}
     if "iter_modules" in variables:  # it imports all modules of its folder
-        ours |= {f"{module.rpartition('.')[0]}.{sibling.stem}" for sibling in path.parent.glob("*.py")}
-    # Importing a module runs its parent packages; the top one only names its public modules.
+        modules |= {f"{module.rpartition('.')[0]}.{sibling.stem}" for sibling in path.parent.glob("*.py")}
+    # Importing a module runs its parent packages; the top package only names its public modules.
     names = {
-        ".".join(parts[:count]) for parts in (name.split(".") for name in ours) for count in range(2, len(parts) + 1)
+        ".".join(parts[:count]) for parts in (name.split(".") for name in modules) for count in range(2, len(parts) + 1)
     }
     attributes = {node.attr for node in nodes if isinstance(node, ast.Attribute)}
     folders = [path.parent, *([path.parents[1]] if "parents" in attributes else [])]
-    data = _data_files(folders, texts) if "__file__" in variables else []
-    parts = [ast.dump(tree, annotate_fields=False), *(f"{each.name} {file_digest(each)}" for each in data)]
+    data = _data_files(folders, strings) if "__file__" in variables else []
+    parts = [ast.dump(tree, annotate_fields=False), *(f"{file.name} {file_digest(file)}" for file in data)]
     libraries = {name.partition(".")[0] for name in imported} - sys.stdlib_module_names - {top}
     existing = frozenset(name for name in names if _path_of(name))
     return _Source(digest("\n".join(parts).encode()), existing, frozenset(libraries))
@@ -103,7 +103,7 @@ def _source(module: str) -> _Source:
 
 def _effective(body: list[ast.stmt]) -> list[ast.stmt]:
     """Return statements without docstrings and blocks for type checkers."""
-    kept: list[ast.stmt] = []
+    effective: list[ast.stmt] = []
     for statement in body:
         if isinstance(statement, ast.Expr) and isinstance(statement.value, ast.Constant):
             continue
@@ -112,10 +112,10 @@ def _effective(body: list[ast.stmt]) -> list[ast.stmt]:
                 if isinstance(block := getattr(inner, name, None), list):
                     setattr(inner, name, _effective(block))
         if isinstance(statement, ast.If) and ast.unparse(statement.test) in ("TYPE_CHECKING", "typing.TYPE_CHECKING"):
-            kept += statement.orelse
+            effective += statement.orelse
         else:
-            kept.append(statement)
-    return kept
+            effective.append(statement)
+    return effective
 
 
 def _imported(nodes: list[ast.AST], package: str) -> Iterator[str]:
@@ -130,11 +130,11 @@ def _imported(nodes: list[ast.AST], package: str) -> Iterator[str]:
             yield from (f"{base}.{alias.name}" for alias in node.names)
 
 
-def _data_files(folders: list[Path], texts: set[str]) -> list[Path]:
-    """Return the data files of a module that uses `__file__`: those in its folder, and those that its strings name."""
-    names = [text for text in texts if re.fullmatch(r"\w[\w.]*", text)]
+def _data_files(folders: list[Path], strings: set[str]) -> list[Path]:
+    """Return the data files of a module that uses `__file__`: those in its folder, and those named in its strings."""
+    names = [text for text in strings if re.fullmatch(r"\w[\w.]*", text)]
     named = [found for folder in folders for name in names for found in [folder / name, *(folder / name).rglob("*")]]
-    return sorted({each for each in (*folders[0].iterdir(), *named) if each.is_file() and each.suffix[:3] != ".py"})
+    return sorted({file for file in (*folders[0].iterdir(), *named) if file.is_file() and file.suffix[:3] != ".py"})
 
 
 @cache
@@ -153,9 +153,9 @@ def _path_of(module: str) -> Path | None:
 def _versions(*modules: str) -> dict[str, str]:
     libraries = {name for source in _closure(modules).values() for name in source.libraries}
     direct = {name for library in libraries for name in _distributions_of(library)}
-    found, waiting = set(direct), list(direct)
-    while waiting:
-        waiting += (new := required(waiting.pop(), frozenset()) - found)
+    found, pending = set(direct), list(direct)
+    while pending:
+        pending += (new := required(pending.pop(), frozenset()) - found)
         found |= new
     return {name: version(name) for name in sorted(found) if name in direct or _is_compiled(name)}
 
@@ -196,7 +196,7 @@ def required(distribution: str, extras: frozenset[str]) -> set[str]:
         if only_with and not only_with & extras:
             continue
         if normalised(name) == normalised(distribution):  # an extra made of other extras
-            found |= required(distribution, frozenset(each.strip() for each in inner.split(",")))
+            found |= required(distribution, frozenset(name.strip() for name in inner.split(",")))
         else:
             found.add(normalised(name))
     return found

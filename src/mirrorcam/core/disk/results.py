@@ -19,7 +19,7 @@ from mirrorcam.core.disk.files import (
     read_bytes,
     write_bytes,
 )
-from mirrorcam.core.disk.fingerprint import differing, digest
+from mirrorcam.core.disk.fingerprint import differing_keys, digest
 from mirrorcam.core.disk.program import NOT_INSTALLED
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import Value
@@ -29,7 +29,7 @@ _LONGEST_VERSION = 40
 
 
 class _Header(Value):
-    """The first line of a result's file: its inputs, and length and sha256 of the contents that follow."""
+    """The first line of a result's file: its inputs, and the length and sha256 of each of the contents that follow."""
 
     schema_id: Literal["mirrorcam.result/1"] = Field(default="mirrorcam.result/1", alias="schema")
     made_of: dict[str, str]
@@ -48,8 +48,8 @@ class Results:
 
     def __init__(self, folder: Path) -> None:
         if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
-            what = "link" if folder.is_symlink() else "file"
-            raise InputError(f"{folder}: is a {what}, expected a folder for results")
+            kind = "link" if folder.is_symlink() else "file"
+            raise InputError(f"{folder}: is a {kind}, expected a folder for results")
         self._folder = folder
 
     def get(self, name: str, made_of: Mapping[str, str]) -> dict[str, bytes] | None:
@@ -62,19 +62,19 @@ class Results:
         path = inside(self._folder, name)
         if os.path.lexists(path) and (path.is_symlink() or not path.is_file() or not _is_result(path)):
             return
-        stated = {key: (len(content), digest(content)) for key, content in contents.items()}
-        header = _Header(made_of=dict(made_of), contents=stated).model_dump(mode="json", by_alias=True)
+        entries = {key: (len(content), digest(content)) for key, content in contents.items()}
+        header = _Header(made_of=dict(made_of), contents=entries).model_dump(mode="json", by_alias=True)
         raw = b"\n".join([json.dumps(header, separators=(",", ":")).encode(), b"".join(contents.values())])
         if len(raw) <= LARGEST_FILE_BYTES:
             write_bytes(path, raw)
 
-    def changed(self, name: str, made_of: Mapping[str, str]) -> str:
+    def difference(self, name: str, made_of: Mapping[str, str]) -> str:
         """Describe the first difference from the inputs of a result; empty if nothing differs."""
         header, _ = self._read(name)
         if header is None:
             return "not made yet"
-        for key in differing(header.made_of, made_of):
-            before, now = (each.get(key, NOT_INSTALLED) for each in (header.made_of, made_of))
+        for key in differing_keys(header.made_of, made_of):
+            before, now = (inputs.get(key, NOT_INSTALLED) for inputs in (header.made_of, made_of))
             is_digest = max(len(before), len(now)) > _LONGEST_VERSION
             return f"{key} changed" if is_digest else f"{key} {before} → {now}"
         return ""

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Self
 
 from mirrorcam.core.disk.files import LARGEST_FILE_BYTES, TEMPORARY, read_model, write_text
-from mirrorcam.core.disk.fingerprint import differing, file_digests, intact, is_intact
+from mirrorcam.core.disk.fingerprint import differing_keys, file_digests, intact, is_intact
 from mirrorcam.core.disk.written_files import discard, move_files, refuse_blocked
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.processes.interruption import deferred
@@ -28,13 +28,13 @@ class FolderManifest(Value):
 
     FILE: ClassVar[str]
     """Name of the manifest file."""
-    WHAT: ClassVar[str]
+    NOUN: ClassVar[str]
     """Noun for the contents of the folder in messages."""
     FILES: ClassVar[tuple[str, ...]] = ()
     """Other files that the folder may contain."""
     FOLDERS: ClassVar[tuple[str, ...]] = ()
     """Subfolders that the folder may contain."""
-    FOLLOWS: ClassVar[frozenset[str]] = frozenset()
+    DERIVED: ClassVar[frozenset[str]] = frozenset()
     """Fields derived from others, which do not describe the request."""
 
     if TYPE_CHECKING:  # subclasses declare these fields, in the order of their file
@@ -58,14 +58,14 @@ class FolderManifest(Value):
         """Return whether a file of the folder exists with its checksum."""
         return name in self.files and is_intact(folder, name, self.files[name])
 
-    def continued(self, folder: Path, planned: Collection[str]) -> Self:
-        """Return the manifest of an interrupted run of the same request, without missing files, or else this one.
+    def resumed(self, folder: Path, planned: Collection[str]) -> Self:
+        """Return the manifest of an interrupted run of the same request, without missing files, or this one if none.
 
         `planned` are the names of all files to write. Raises InputError if the folder contains something else, a
         changed file, or a planned file that the manifest does not list.
         """
         if folder.exists() and not folder.is_dir():
-            raise InputError(f"{folder}: is a file, expected a folder for the {self.WHAT}")
+            raise InputError(f"{folder}: is a file, expected a folder for the {self.NOUN}")
         if not (folder / self.FILE).exists():
             foreign = [name for name in (*planned, *self.FOLDERS, *self.FILES) if os.path.lexists(folder / name)]
             if foreign:
@@ -73,23 +73,23 @@ class FolderManifest(Value):
             discard(folder / UNFINISHED)
             self.save(folder)
             return self
-        before = self.load(folder)
-        if before.request != self.request:
-            described = set(type(self).model_fields) - {"schema_id", "request", "files"} - self.FOLLOWS
-            other = differing(*({name: getattr(each, name) for name in described} for each in (before, self)))
-            differs = " and ".join(other) or "seed (or of another version of this program)"
+        saved = self.load(folder)
+        if saved.request != self.request:
+            described = set(type(self).model_fields) - {"schema_id", "request", "files"} - self.DERIVED
+            other = differing_keys(*({name: getattr(item, name) for name in described} for item in (saved, self)))
+            differs = " and ".join(other) or "seed (or by another version of this program)"
             raise InputError(
-                f"{folder}: holds a {self.WHAT} of another {differs}, expected the same request or a new folder"
+                f"{folder}: holds a {self.NOUN} with a different {differs}, expected the same request or a new folder"
             )
         refuse_blocked(folder, planned)
         discard(folder / UNFINISHED)
-        valid = intact(folder, before.files)
-        for name in sorted(before.files.keys() - valid.keys()):
+        valid = intact(folder, saved.files)
+        for name in sorted(saved.files.keys() - valid.keys()):
             if os.path.lexists(folder / name):
                 raise InputError(f"{folder / name}: was changed since it was written, expected it unchanged or removed")
-        before = before.replaced(files=valid)
-        before._refuse_others(folder, planned)
-        return before
+        saved = saved.replaced(files=valid)
+        saved._refuse_others(folder, planned)
+        return saved
 
     def _refuse_others(self, folder: Path, names: Collection[str], new: Mapping[str, str] | None = None) -> None:
         """Raise InputError for the first name that exists but is not listed, unless it has its `new` checksum."""
@@ -97,7 +97,7 @@ class FolderManifest(Value):
             if name in self.files or not os.path.lexists(folder / name):
                 continue
             if new is None or not is_intact(folder, name, new[name]):
-                expected = f"expected it removed, or a new folder for the {self.WHAT}"
+                expected = f"expected it removed, or a new folder for the {self.NOUN}"
                 raise InputError(f"{folder / name}: is not listed in {self.FILE}, {expected}")
 
     def added(self, folder: Path, write: Callable[[Path], None]) -> Self:

@@ -72,7 +72,7 @@ def staleness(stage: Stage, root: Path) -> str:
     results, now = Results(results_folder(root)), made_of(stage, root)
     contents = results.get(_result_name(stage), now)
     if contents is None:
-        return results.changed(_result_name(stage), now)
+        return results.difference(_result_name(stage), now)
     folder, files = root / stage.name, {name: sha256.decode(errors="replace") for name, sha256 in contents.items()}
     altered = sorted(files.keys() - intact(folder, files).keys())
     if not altered:
@@ -93,11 +93,11 @@ def perform(stage: Stage, output: OutputFolder, progress: Progress = no_progress
 
     Raises InputError, before any work, if the subfolder contains files that no stage wrote, or that were changed since.
     """
-    begun = made_of(stage, output.root)
+    inputs = made_of(stage, output.root)
     refuse_foreign([stage], output)
     target, keep = output.subfolder(stage.name), False
     # Resume an interrupted run with the same inputs; remove other unfinished files.
-    folder = target.unfinished / value_digest(begun)
+    folder = target.unfinished / value_digest(inputs)
     if not (stage.resumes and folder.is_dir() and is_inside(output.root, folder.relative_to(output.root).as_posix())):
         target.discard()
     folder.mkdir(parents=True, exist_ok=True)
@@ -105,9 +105,9 @@ def perform(stage: Stage, output: OutputFolder, progress: Progress = no_progress
         stage.work(folder, progress)
         files = {name: sha256.encode() for name, sha256 in file_digests(folder).items()}
         target.adopt(folder)
-        output.results.put(_result_name(stage), begun, files)
+        output.results.put(_result_name(stage), inputs, files)
     except BaseException as error:
-        keep = stage.resumes and interruption.ended(error)
+        keep = stage.resumes and interruption.caused(error)
         raise
     finally:
         if not keep:

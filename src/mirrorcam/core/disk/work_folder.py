@@ -62,19 +62,19 @@ def remove_tree(path: Path) -> None:
         path.unlink()
         return
     path.chmod(0o700)
-    waiting, token, lifted = [path], secrets.token_hex(8), 0
-    while waiting:
-        folder = waiting.pop()
+    pending, token, moved = [path], secrets.token_hex(8), 0
+    while pending:
+        folder = pending.pop()
         with os.scandir(folder) as entries:
-            within = [(Path(entry.path), entry.is_dir(follow_symlinks=False)) for entry in entries]
-        for each, is_folder in within:
+            children = [(Path(entry.path), entry.is_dir(follow_symlinks=False)) for entry in entries]
+        for child, is_folder in children:
             if is_folder:
                 # Moved to the top before it is emptied: no path becomes too long for the system.
-                each.chmod(0o700)
-                waiting.append(each.rename(path / f".{token}-{lifted}"))
-                lifted += 1
+                child.chmod(0o700)
+                pending.append(child.rename(path / f".{token}-{moved}"))
+                moved += 1
             else:
-                each.unlink()
+                child.unlink()
         if folder != path:
             folder.rmdir()
     path.rmdir()

@@ -82,8 +82,8 @@ class FolderRecord:
             except InputError:
                 continue  # incomplete or foreign: its files do not count as written
         if len(lines) > len(self._written):
-            every = (_Line(command=name, files=files) for name, files in self._written.items())
-            write_text(path, "".join(map(_text, every)))
+            current = (_Line(command=name, files=files) for name, files in self._written.items())
+            write_text(path, "".join(map(_text, current)))
 
     def of(self, command: str) -> Mapping[str, tuple[str, ...]]:
         """Return the checksums that each file of a command may have, by its name."""
@@ -92,7 +92,7 @@ class FolderRecord:
     def refuse_others(
         self, command: str, folder: Path, names: Iterable[str], new: Mapping[str, str] | None = None, *, advice: str
     ) -> None:
-        """Raise InputError for the first file that exists and is not as the command wrote it.
+        """Raise InputError for the first file that exists and differs from what the command wrote.
 
         A file that already has its `new` checksum is accepted. The message ends with `advice`.
         """
@@ -101,8 +101,8 @@ class FolderRecord:
             allowed = (*written.get(name, ()), *([] if new is None else [new[name]]))
             if os.path.lexists(folder / name) and not is_written(folder, name, allowed):
                 changed = "was changed since this command wrote it"
-                what = changed if name in written else "was not written by this command"
-                raise InputError(f"{folder / name}: {what}, {advice}")
+                reason = changed if name in written else "was not written by this command"
+                raise InputError(f"{folder / name}: {reason}, {advice}")
 
     def adopt(self, command: str, staging: Path, folder: Path, *, complete: bool, force: bool | None) -> None:
         """Move every file of a staging folder into another, and record them as files of a command.

@@ -23,7 +23,7 @@ from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import Value
 
 METADATA = "zarr.json"
-MOST_CHUNKS = 100_000
+MAX_CHUNKS = 100_000
 """Largest number of chunks of an array that is read completely."""
 _SLACK_BYTES = 4096
 _ZSTD = b"\x28\xb5\x2f\xfd"
@@ -153,9 +153,9 @@ class ZarrArray:
 
     def _chunk_indices(self) -> Iterator[tuple[int, ...]]:
         counts = [-(-length // chunk) for length, chunk in zip(self.shape, self.chunk_shape, strict=True)]
-        if math.prod(counts) > MOST_CHUNKS:
+        if math.prod(counts) > MAX_CHUNKS:
             path = self._group / self._name / METADATA
-            raise InputError(f"{path}: has more than {MOST_CHUNKS} chunks, expected fewer and larger ones")
+            raise InputError(f"{path}: has more than {MAX_CHUNKS} chunks, expected fewer and larger ones")
         return np.ndindex(*counts)
 
     def _bytes_of(self, shape: tuple[int, ...]) -> int:

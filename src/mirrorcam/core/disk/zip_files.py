@@ -15,7 +15,7 @@ _UNIX, _FILE_MODE = 3, 0o100644 << 16
 def files_to_zip(folder: Path) -> dict[str, Path]:
     """All files below a folder by relative path, sorted, without hidden files and folders.
 
-    Raises InputError where a link is among them.
+    Raises InputError if a link is among them.
     """
     link = folder if folder.is_symlink() else linked(folder)
     if link is not None:
@@ -27,7 +27,7 @@ def files_to_zip(folder: Path) -> dict[str, Path]:
 def write_zip(path: Path, files: Mapping[str, Path | bytes]) -> None:
     """Write a compressed ZIP file atomically from files, or their contents, by member name.
 
-    All are dated 1980-01-01, the first day that the format knows, and stand in the order of their names, so that the
+    All are dated 1980-01-01, the first day that the format can state, and sorted by name, so that the
     same contents give the same bytes (of the same zlib).
 
     Raises InputError for a name that would lead out of the folder that the ZIP file is unpacked into.

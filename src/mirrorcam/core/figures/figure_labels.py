@@ -1,6 +1,6 @@
 """Labels of figures on pages and in the terminal.
 
-Keys are names of metrics without their object ("mount.") and depth ("_300mm"); files keep the names. Labels of a device
+Keys are names of metrics without the object ("mount.") and the depth ("_300mm"); files keep the names. Labels of a device
 follow the object ("Mirrors: without a seat"), and together fit a terminal of 80 columns. Self-explanatory names
 ("grid_error", "pixel_efficiency") need no label.
 """
@@ -17,7 +17,7 @@ ASSEMBLY: Mapping[str, str] = {
     "centre_x_mm": "centre of mass, x",
     "centre_y_mm": "centre of mass, y",
     "centre_z_mm": "centre of mass, z",
-    "tips_at_deg": "angle at which it falls over",
+    "tips_at_deg": "tipping angle",
     "tripod_turns": "turns of a tripod's screw",
     "back_stress_mpa": "back's stress, load tripled",
     "tilt_deg": "tilt of the mirrors under gravity",
@@ -44,7 +44,7 @@ LIGHT: Mapping[str, str] = {
     "rim_light_stopped": "light blocked at pupil's rim",
     "shade_of_sheets": "light blocked by mirrors",
     "stray_light": "pixels with stray light",
-    "surroundings_on_mirrors": "light from around on mirrors",
+    "surroundings_on_mirrors": "surrounding light on mirrors",
     "light_gap_mm": "smallest gap to the light",
 }
 
@@ -110,9 +110,9 @@ PRINTED_PARTS: Mapping[str, str] = {
     "contact_n": "least force on a point of the nest",
     "leaf_strain": "strain of the leaves",
     "back_screw_n": "force of the screw behind the camera",
-    "end_screw_n": "force of the screw at its end",
+    "end_screw_n": "force of the screw at the camera's end",
     "reclamped_mm": "shift of the camera when clamped again",
-    "reclamped_deg": "turn of the camera when clamped again",
+    "reclamped_deg": "camera rotation when clamped again",
     "reclamped_px": "shift of the picture when clamped again",
     "reclamped_between_views_px": "the same between views",
     "support_filament_mm": "filament used for support, length",
@@ -123,7 +123,7 @@ DESIGNS: Mapping[str, str] = {
     "depth_farthest_mm": "farthest depth",
     "depth_resolution_fine": "fine depth resolution",
     "depth_sigma": "sigma of depth",
-    "whole_pupil": "pixels of the whole pupil",
+    "whole_pupil": "pixels of the full pupil",
     "disparity_s": "disparity along s",
     "disparity_t": "disparity along t",
     "circle_of_confusion": "worst circle of confusion",
@@ -194,7 +194,7 @@ VALIDATIONS: Mapping[str, str] = {
     "normal_error_rms_deg": "mirror normals, against the ground truth, RMS",
     "distance_error_rms_mm": "mirror distances, against the ground truth, RMS",
     "focal_error_px": "focal length, against the ground truth",
-    "pair_turn_deg": "rotation of two mirrors about the line of their planes, against the ground truth, taken out",
+    "pair_turn_deg": "rotation of two mirrors about their line of intersection, against the ground truth, removed",
     "decoded_corner_p95_px": "corners in decoded views, 95 % quantile",
     "decoded_corners": "corners found in decoded views",
     "normal_error_max_deg": "worst mirror normal, against the ground truth",

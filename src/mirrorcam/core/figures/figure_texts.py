@@ -13,10 +13,10 @@ from mirrorcam.core.values import Metric
 TIMES = "\N{MULTIPLICATION SIGN}"
 SIGMA = "\N{GREEK SMALL LETTER SIGMA}"
 NONE = "none"
-MOST_FURTHER_DIGITS = 9
+MAX_FURTHER_DIGITS = 9
 ROUNDING = 1e-9
-TINY, UNLIKE = 1e-3, 100.0
-"""Values are written with equal decimals if the largest is at least `TINY` and their ratio at most `UNLIKE`."""
+TINY, MAX_RATIO = 1e-3, 100.0
+"""Values are written with equal decimals if the largest is at least `TINY` and their ratio at most `MAX_RATIO`."""
 UNIT_ENDINGS = ("mm", "mm2", "mm3", "cm3", "um", "px", "deg", "g")
 SYMBOLS = {"1": "", "deg": "°"}
 """Units that follow their value without a space."""
@@ -36,13 +36,13 @@ _FRAME = re.compile(r"(.*) frame (\d+)")
 NUMBER_WORDS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve")
 
 
-def count_text(count: int, thing: str) -> str:
+def count_text(count: int, noun: str) -> str:
     """Return a count with its noun: "1 frame", "2 frames"."""
-    return f"{count} {thing}{'' if count == 1 else 's'}"
+    return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
-def names_together(names: Iterable[str]) -> str:
-    """List names of pictures in one line, grouping frames of a video: "a.jpg, clip.mp4 frames 7, 9"."""
+def grouped_names(names: Iterable[str]) -> str:
+    """List names of pictures in one line, with the frames of a video grouped: "a.jpg, clip.mp4 frames 7, 9"."""
     parts = []
     for video, group in groupby((_FRAME.fullmatch(name) or name for name in names), key=_video):
         members = list(group)
@@ -72,18 +72,18 @@ def figure_text(value: float, digits: int = 4) -> str:
     return f"{value:.{digits}g}" if value == 0 or abs(value) >= 1e-4 else f"{value:.1e}".replace("e-0", "e-")
 
 
-def figures_alike(values: Sequence[float], digits: int = 4) -> list[str]:
+def equal_decimals(values: Sequence[float], digits: int = 4) -> list[str]:
     """Format values of one figure with equal decimals: as many as the largest needs for its significant digits."""
     sizes = [abs(value) for value in values if value != 0 and not math.isnan(value)]
     # Tiny, infinite or very different values are formatted separately.
-    if not sizes or max(sizes) < TINY or not max(sizes) <= UNLIKE * min(sizes) < math.inf:
+    if not sizes or max(sizes) < TINY or not max(sizes) <= MAX_RATIO * min(sizes) < math.inf:
         return [figure_text(value, digits) for value in values]
     decimals = max(0, digits - 1 - math.floor(math.log10(float(f"{max(sizes):.{digits - 1}e}"))))
     texts = [f"{value:.{decimals}f}" for value in values if not math.isnan(value)]
     while decimals > 0 and all(text.endswith("0") for text in texts):
         texts, decimals = [text[:-1].rstrip(".") for text in texts], decimals - 1
-    known = iter(texts)
-    return [NONE if math.isnan(value) else next(known) for value in values]
+    remaining = iter(texts)
+    return [NONE if math.isnan(value) else next(remaining) for value in values]
 
 
 def sigma_text(sigma: float) -> str:
@@ -107,31 +107,31 @@ def unit_text(unit: str) -> str:
 
 
 def value_text(metric: Metric, value: float | None = None, digits: int = 4) -> str:
-    """Format a metric's value, or another value in its unit, with the unit; a share as a percentage.
+    """Format a metric's value, or another value in its unit, with the unit; a fraction as a percentage.
 
     A value just past its limit gets enough digits to differ from it. For an unknown value, return the reason.
     """
     if value is None and not metric.known:
         return f"{NONE}: {metric.reason}"
-    shown = metric.value if value is None else value
-    further = digits_past_limit(metric, digits) - digits
+    number = metric.value if value is None else value
+    extra_digits = digits_past_limit(metric, digits) - digits
     if metric.unit.startswith("of the "):
-        return f"{shown:.{1 + further}%}"
-    return _with_unit(figure_text(shown, digits + further), metric.unit)
+        return f"{number:.{1 + extra_digits}%}"
+    return _with_unit(figure_text(number, digits + extra_digits), metric.unit)
 
 
 def digits_past_limit(metric: Metric, digits: int) -> int:
     """Return enough digits to distinguish a metric from a limit that it exceeds; otherwise `digits`."""
     if metric.limit is None or metric.passed:
         return digits
-    share = metric.unit.startswith("of the ")
-    for more in range(MOST_FURTHER_DIGITS):
+    is_fraction = metric.unit.startswith("of the ")
+    for extra_digits in range(MAX_FURTHER_DIGITS):
         texts = [
-            f"{value:.{1 + more}%}" if share else figure_text(value, digits + more)
+            f"{value:.{1 + extra_digits}%}" if is_fraction else figure_text(value, digits + extra_digits)
             for value in (metric.value, metric.limit)
         ]
         if texts[0] != texts[1]:
-            return digits + more
+            return digits + extra_digits
     return digits
 
 
@@ -140,7 +140,7 @@ def values_text(metrics: Sequence[Metric]) -> list[str]:
     units = {metric.unit for metric in metrics}
     if len(units) != 1 or min(units).startswith("of the ") or not all(metric.known for metric in metrics):
         return [value_text(metric) for metric in metrics]
-    return [_with_unit(text, min(units)) for text in figures_alike([metric.value for metric in metrics])]
+    return [_with_unit(text, min(units)) for text in equal_decimals([metric.value for metric in metrics])]
 
 
 def _with_unit(text: str, unit: str) -> str:
@@ -156,8 +156,8 @@ def limit_text(metric: Metric, *, with_unit: bool = True) -> str:
     """Format the limit of a metric with its sign; empty without a limit."""
     if metric.limit is None:
         return ""
-    shown = value_text(metric, metric.limit) if with_unit else figure_text(metric.limit, digits_past_limit(metric, 4))
-    return f"{limit_sign(metric)} {shown}"
+    number = value_text(metric, metric.limit) if with_unit else figure_text(metric.limit, digits_past_limit(metric, 4))
+    return f"{limit_sign(metric)} {number}"
 
 
 def label_text(name: str, labels: Mapping[str, str] = LABELS) -> str:
@@ -170,8 +170,8 @@ def label_text(name: str, labels: Mapping[str, str] = LABELS) -> str:
     *objects, figure = re.split(r"\.(?=[a-z]|3mf)", name)
     at_depth = re.search(r"_([0-9][0-9.e+-]*)mm$", figure)
     stem = figure[: at_depth.start()] if at_depth else figure
-    what = labels.get(stem) or _words(stem)
-    return ": ".join([*map(_words, objects), f"{what} at {at_depth[1]} mm" if at_depth else what])
+    label = labels.get(stem) or _words(stem)
+    return ": ".join([*map(_words, objects), f"{label} at {at_depth[1]} mm" if at_depth else label])
 
 
 def _words(name: str) -> str:
@@ -188,7 +188,7 @@ def sentence_case(text: str) -> str:
 
 
 def share_of_limit(metric: Metric) -> float:
-    """Return the used share of a metric's limit: at most 1 if it passes, infinite if the metric is unknown."""
+    """Return the used fraction of a metric's limit: at most 1 if it passes, infinite if the metric is unknown."""
     if metric.limit is None:
         raise ValueError("metric without a limit")
     if not metric.known:

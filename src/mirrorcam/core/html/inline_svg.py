@@ -1,4 +1,4 @@
-"""SVG drawings in a page, coloured by its style sheet, and therefore legible in dark mode, too."""
+"""SVG drawings in a page, coloured by its style sheet, and so legible in dark mode, too."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ class Scale:
     def __call__(self, value: float) -> float:
         return self.start + (value - self.low) / (self.high - self.low) * (self.end - self.start)
 
-    def ticks(self, about: int = 5) -> list[float]:
-        """Return about `about` ticks within the scale, 1, 2 or 5 times a power of ten apart."""
-        rough = (self.high - self.low) / about
+    def ticks(self, count: int = 5) -> list[float]:
+        """Return about `count` ticks within the scale, spaced by 1, 2 or 5 times a power of ten."""
+        rough = (self.high - self.low) / count
         power = 10.0 ** np.floor(np.log10(rough))
-        step = power * min((1.0, 2.0, 5.0, 10.0), key=lambda times: abs(times * power - rough))
+        step = power * min((1.0, 2.0, 5.0, 10.0), key=lambda factor: abs(factor * power - rough))
         first, last = np.ceil(self.low / step - 1e-9), np.floor(self.high / step + 1e-9)
         return [float(step * number) for number in np.arange(first, last + 1)]
 
@@ -49,19 +49,19 @@ def drawing(width: float, height: float, body: str, label: str) -> Markup:
     return Markup(f'<svg {size} role="img" aria-label="{escape(label)}">{body}</svg>')
 
 
-def text(x: float, y: float, words: str, *, anchor: str = "middle", style: str = "", turn: bool = False) -> str:
-    """Return a text at a position; `turn` rotates it upwards."""
-    where = f'x="{coordinate(x)}" y="{coordinate(y)}"'
-    turned = f' transform="rotate(-90 {coordinate(x)} {coordinate(y)})"' if turn else ""
-    kind = f' class="{style}"' if style else ""
-    return f'<text {where} text-anchor="{anchor}"{kind}{turned}>{escape(words)}</text>'
+def text(x: float, y: float, words: str, *, anchor: str = "middle", style: str = "", vertical: bool = False) -> str:
+    """Return a text at a position; if `vertical`, it reads upwards."""
+    position = f'x="{coordinate(x)}" y="{coordinate(y)}"'
+    rotation = f' transform="rotate(-90 {coordinate(x)} {coordinate(y)})"' if vertical else ""
+    style_class = f' class="{style}"' if style else ""
+    return f'<text {position} text-anchor="{anchor}"{style_class}{rotation}>{escape(words)}</text>'
 
 
 def line(x1: float, y1: float, x2: float, y2: float, style: str) -> str:
     """Return a straight line with a class of the style sheet."""
     ends = zip(("x1", "y1", "x2", "y2"), (x1, y1, x2, y2), strict=True)
-    where = " ".join(f'{name}="{coordinate(value)}"' for name, value in ends)
-    return f'<line {where} class="{style}"/>'
+    position = " ".join(f'{name}="{coordinate(value)}"' for name, value in ends)
+    return f'<line {position} class="{style}"/>'
 
 
 def tick_text(value: float) -> str:
@@ -80,5 +80,5 @@ def axes(x: Scale, y: Scale, x_label: str, y_label: str, *, x_ticks: int = 6, y_
         parts.append(text(x(value), y.start + 20, tick_text(value), style="tick"))
     parts.append(line(x.start, y.start, x.end, y.start, "axis"))
     parts.append(text((x.start + x.end) / 2, y.start + 40, x_label, style="name"))
-    parts.append(text(x.start - 44, (y.start + y.end) / 2, y_label, style="name", turn=True))
+    parts.append(text(x.start - 44, (y.start + y.end) / 2, y_label, style="name", vertical=True))
     return "".join(parts)

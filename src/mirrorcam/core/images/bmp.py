@@ -14,7 +14,7 @@ from mirrorcam.core.images.jpeg import DamagedPicture
 
 BMP_BEGIN = b"BM"
 _FILE_BYTES, _HEADER_BYTES = 14, 40
-_PLAIN, _MASKS = 0, 3
+_UNCOMPRESSED, _MASKS = 0, 3
 _BLUE_GREEN_RED = struct.pack("<III", 0xFF0000, 0xFF00, 0xFF)
 """Masks of red, green and blue in a number of 32 bits whose first byte is blue."""
 
@@ -23,12 +23,12 @@ _BLUE_GREEN_RED = struct.pack("<III", 0xFF0000, 0xFF00, 0xFF)
 class Bmp:
     """The header of a BMP: size in px, bits per pixel, whether the top line is first, and offset of the pixels.
 
-    `colours` is the offset of the palette and the number of its colours, 0 for pixels with more than 8 bits.
+    `colours` is the offset of the palette and its number of colours, 0 for pixels with more than 8 bits.
     """
 
     size: tuple[int, int]
     depth: int
-    from_top: bool
+    top_down: bool
     pixels: int
     colours: tuple[int, int]
 
@@ -42,15 +42,15 @@ class Bmp:
         if header < _HEADER_BYTES or planes != 1 or width < 0:
             raise DamagedPicture(f"{name}: damaged, its header is not a BMP's")
         masks = raw[54:66] if method == _MASKS and depth == 32 else _BLUE_GREEN_RED
-        if method not in (_PLAIN, _MASKS) or depth not in (1, 4, 8, 24, 32) or masks != _BLUE_GREEN_RED:
+        if method not in (_UNCOMPRESSED, _MASKS) or depth not in (1, 4, 8, 24, 32) or masks != _BLUE_GREEN_RED:
             raise InputError(
                 f"{name}: a BMP of {depth} bits a pixel, compressed or with other colours, expected "
                 "an uncompressed one of 8, 24 or 32 bits"
             )
-        in_palette = (colours or 1 << depth) if depth <= 8 else 0
-        if in_palette > 256:
-            raise DamagedPicture(f"{name}: damaged, its palette is of a wrong length")
-        return cls((width, abs(height)), depth, height < 0, pixels, (_FILE_BYTES + header, in_palette))
+        palette_size = (colours or 1 << depth) if depth <= 8 else 0
+        if palette_size > 256:
+            raise DamagedPicture(f"{name}: damaged, its palette has a wrong length")
+        return cls((width, abs(height)), depth, height < 0, pixels, (_FILE_BYTES + header, palette_size))
 
     @property
     def line_bytes(self) -> int:
@@ -65,7 +65,7 @@ def decode_bmp(raw: bytes, bmp: Bmp, name: str) -> NDArray[np.uint8]:
     if bmp.pixels + bmp.line_bytes * height > len(raw) or begin + 4 * count > len(raw):
         raise DamagedPicture(f"{name}: image is truncated")
     lines = np.frombuffer(raw, np.uint8, bmp.line_bytes * height, bmp.pixels).reshape(height, -1)
-    lines = lines if bmp.from_top else lines[::-1]
+    lines = lines if bmp.top_down else lines[::-1]
     if bmp.depth > 8:
         samples = lines[:, : width * bmp.depth // 8].reshape(height, width, -1)
         return np.ascontiguousarray(samples[..., 2::-1])

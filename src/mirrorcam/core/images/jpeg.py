@@ -25,7 +25,7 @@ _TABLES, _SCAN, _END, _RESTARTS = 0xC4, 0xDA, 0xD9, 0xDD
 _END_OF_BLOCK = 0x00
 # A run that occurs in a lost block of a disk, but in no compressed picture.
 _ZEROS = bytes(256)
-_MOST_SEGMENTS, _MOST_SCANS = 10_000, 100
+_MAX_SEGMENTS, _MAX_SCANS = 10_000, 100
 """Limits per picture: a decoder visits all blocks for each scan, and encoders write about ten scans at most."""
 EXTRANEOUS = "extraneous bytes before marker 0xd"
 """libjpeg's warning about bytes between the end of the data and the next marker."""
@@ -37,7 +37,7 @@ class DamagedPicture(InputError):
 
 @dataclass(frozen=True)
 class Jpeg:
-    """Marker, and start and end of the content, of each segment of a JPEG, and offset of its end marker, if any.
+    """Marker of each segment of a JPEG, with start and end of its content, and offset of the end marker, if any.
 
     The end marker of a thumbnail, which is inside a segment, does not count. Appended data is ignored.
     """
@@ -48,15 +48,15 @@ class Jpeg:
     @classmethod
     def of(cls, raw: bytes) -> Jpeg:
         """Find the segments of JPEG data."""
-        found: list[tuple[int, int, int]] = []
+        segments: list[tuple[int, int, int]] = []
         at = 2
-        while len(found) < _MOST_SEGMENTS and (marker := _MARKER.search(raw, at)):
+        while len(segments) < _MAX_SEGMENTS and (marker := _MARKER.search(raw, at)):
             kind, begin = raw[marker.end() - 1], marker.end() + 2
             if kind == _END:
-                return cls(tuple(found), marker.start())
+                return cls(tuple(segments), marker.start())
             at = marker.end() + int.from_bytes(raw[marker.end() : begin])
-            found.append((kind, begin, at))
-        return cls(tuple(found), None)
+            segments.append((kind, begin, at))
+        return cls(tuple(segments), None)
 
     def size(self, raw: bytes) -> tuple[int, int]:
         """Return width and height in px; zeros if no header states them."""
@@ -70,7 +70,7 @@ class Jpeg:
     def is_overlong(self) -> bool:
         """Whether there are more segments or scans than any encoder writes."""
         scans = sum(kind == _SCAN for kind, _, _ in self.segments)
-        return len(self.segments) >= _MOST_SEGMENTS or scans > _MOST_SCANS
+        return len(self.segments) >= _MAX_SEGMENTS or scans > _MAX_SCANS
 
     def scan(self, raw: bytes) -> int:
         """Return the offset of the first compressed data; the length of the data without any."""
@@ -107,7 +107,7 @@ def _first_symbols(raw: bytes, kind: int, at: int, end: int) -> list[int]:
 def decode_jpeg(raw: bytes, jpeg: Jpeg, name: str, *, grey: bool = False) -> NDArray[np.uint8]:
     """Decode JPEG data (h, w, 3) in RGB, or (h, w) in grey.
 
-    Padding before a restart or the end, as webcams write it, is no damage if the data is complete without it.
+    Padding before a restart or the end, as webcams write it, is not damage if the data is complete without it.
 
     Parameters
     ----------
@@ -144,7 +144,7 @@ def decode_jpeg(raw: bytes, jpeg: Jpeg, name: str, *, grey: bool = False) -> NDA
 
 def overlong(name: str) -> str:
     """Return the message for a picture that `Jpeg.is_overlong`."""
-    return f"{name}: damaged, has more parts than any JPEG: over {_MOST_SEGMENTS} segments or {_MOST_SCANS} scans"
+    return f"{name}: damaged, has more parts than any JPEG: over {_MAX_SEGMENTS} segments or {_MAX_SCANS} scans"
 
 
 def _decoded(raw: bytes, grey: bool) -> NDArray[Any]:
@@ -154,7 +154,7 @@ def _decoded(raw: bytes, grey: bool) -> NDArray[Any]:
 
 def _without_padding(raw: bytes, jpeg: Jpeg) -> bytes:
     scan = jpeg.scan(raw)
-    return raw[:scan] + _PADDING.sub(lambda found: found[1] or found[0], raw[scan:])
+    return raw[:scan] + _PADDING.sub(lambda match: match[1] or match[0], raw[scan:])
 
 
 def _reason(name: str, error: ValueError) -> str:

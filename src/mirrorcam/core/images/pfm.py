@@ -14,7 +14,7 @@ from mirrorcam.core.errors import InputError
 # "Pf", width and height, and the scale whose sign gives the byte order; then one blank and the numbers.
 _HEADER = re.compile(rb"Pf\s+(?:#[^\n]*\n\s*)*(\d{1,6})\s+(\d{1,6})\s+([-+]?[0-9.]+(?:[eE][-+]?\d+)?)[ \t]*\r?\n")
 
-_LONGEST_HEADER = 4096
+_MAX_HEADER_BYTES = 4096
 
 
 def write_pfm(path: Path, values: NDArray[np.float32]) -> None:
@@ -29,7 +29,7 @@ def read_pfm(path: Path) -> NDArray[np.float32]:
     Raises InputError in one line for a file of another format, or a truncated one.
     """
     raw = read_bytes(path)
-    header = _HEADER.match(raw, 0, _LONGEST_HEADER)
+    header = _HEADER.match(raw, 0, _MAX_HEADER_BYTES)
     if header is None:
         raise InputError(f"{path}: not a PFM file of one channel, expected a header like 'Pf 512 512 -1'")
     width, height, scale = int(header[1]), int(header[2]), float(header[3])

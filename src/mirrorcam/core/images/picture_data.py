@@ -55,39 +55,39 @@ class PictureData:
         name = str(path)
         if raw.startswith(PNG_BEGIN):
             png = Png.of(raw, name)
-            found, channels = cls(name, raw, png, png.size, png.depth), png.channels
+            data, channels = cls(name, raw, png, png.size, png.depth), png.channels
             complete = raw.rfind(PNG_END) >= 0  # fast: it is at the end
         elif raw.startswith(JPEG_BEGIN):
             jpeg = Jpeg.of(raw)
             if jpeg.is_overlong:
                 raise DamagedPicture(overlong(name))
-            found, channels, complete = cls(name, raw, jpeg, jpeg.size(raw), 8), 3, jpeg.end is not None
+            data, channels, complete = cls(name, raw, jpeg, jpeg.size(raw), 8), 3, jpeg.end is not None
         elif raw.startswith(TIFF_BEGINS):
             tiff = Tiff.of(raw, name)
-            found, channels, complete = cls(name, raw, tiff, tiff.size, tiff.depth), tiff.channels, True
+            data, channels, complete = cls(name, raw, tiff, tiff.size, tiff.depth), tiff.channels, True
         elif raw.startswith(BMP_BEGIN):
             bmp = Bmp.of(raw, name)
-            found, channels, complete = cls(name, raw, bmp, bmp.size, 8), 3, True
+            data, channels, complete = cls(name, raw, bmp, bmp.size, 8), 3, True
         else:
             kind = " of BigTIFF" if raw.startswith(BIG_TIFF_BEGINS) else ""
             raise DamagedPicture(f"{name}: not an image{kind} that can be decoded, expected {EXPECTED}")
         if not complete:
             raise DamagedPicture(f"{name}: image is truncated")
-        found._check_size(channels)
-        return found
+        data._check_size(channels)
+        return data
 
     def _check_size(self, channels: int) -> None:
         width, height = self.size
         if not width * height:
             raise DamagedPicture(f"{self.name}: damaged, its header states no size")
-        most = f"expected a picture of at most {LARGEST_PICTURE_PX // 1_000_000} megapixels"
+        limit = f"expected a picture of at most {LARGEST_PICTURE_PX // 1_000_000} megapixels"
         if width * height > LARGEST_PICTURE_PX:
-            raise InputError(f"{self.name}: {width}x{height} px, {most}")
+            raise InputError(f"{self.name}: {width}x{height} px, {limit}")
         if max(width, height) > LARGEST_PICTURE_SIDE_PX:
-            raise InputError(f"{self.name}: {width}x{height} px, {most}, and {LARGEST_PICTURE_SIDE_PX} px a side")
+            raise InputError(f"{self.name}: {width}x{height} px, {limit}, and {LARGEST_PICTURE_SIDE_PX} px a side")
         if width * height * channels * max(self.depth, 8) > 8 * _LARGEST_BYTES:
-            each = f"{channels} x {self.depth} bits a pixel"
-            raise InputError(f"{self.name}: {width}x{height} px of {each}, {most} of 3 x 8 bits, or as many bytes")
+            samples = f"{channels} x {self.depth} bits a pixel"
+            raise InputError(f"{self.name}: {width}x{height} px of {samples}, {limit} of 3 x 8 bits, or as many bytes")
 
     @property
     def significant_bits(self) -> int | None:

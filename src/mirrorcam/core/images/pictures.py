@@ -32,10 +32,10 @@ LARGEST_FILE_BYTES = 4 * LARGEST_PICTURE_PX
 
 _SIDE_ENDINGS = (".toml", ".json", ".yaml", ".yml", ".csv", ".npz", ".html", ".md", ".db", ".ini")
 """Suffixes of files that may lie among pictures: boards, layouts, tables, results, and notes of file managers."""
-_MOST_NAMES = 3
+_MAX_NAMES = 3
 _ORIENTATION = 0x0112
 _SIXTEEN = 16
-_agreed: dict[tuple[Path, int, int], SampleBits] = {}
+_common_bits: dict[tuple[Path, int, int], SampleBits] = {}
 """Common sample bits of a set's 16-bit pictures, by path, time and size of each file."""
 
 
@@ -55,16 +55,17 @@ def pictures_in(paths: Sequence[Path], on_note: Callable[[str], None] = lambda l
         if not path.is_dir():
             found.append(path)
             continue
-        inside = sorted(filter(is_picture, path.iterdir()))
-        others = sorted(filter(_is_left_out, path.iterdir()))
-        names = ", ".join(each.name for each in others[:_MOST_NAMES]) + (", ..." if others[_MOST_NAMES:] else "")
-        if not inside:
-            there = f", but {names}" if others else ""
-            raise InputError(shortened(f"{path}: holds no picture{there}, expected {', '.join(PICTURE_ENDINGS)} files"))
-        if others:
-            of_all = count_text(len(inside) + len(others), "file")
-            on_note(shortened(f"{path}: {len(others)} of {of_all} left out: {names}"))
-        found += inside
+        pictures = sorted(filter(is_picture, path.iterdir()))
+        ignored = sorted(filter(_is_left_out, path.iterdir()))
+        names = ", ".join(file.name for file in ignored[:_MAX_NAMES]) + (", ..." if ignored[_MAX_NAMES:] else "")
+        if not pictures:
+            instead = f", but {names}" if ignored else ""
+            endings = ", ".join(PICTURE_ENDINGS)
+            raise InputError(shortened(f"{path}: holds no picture{instead}, expected {endings} files"))
+        if ignored:
+            total = count_text(len(pictures) + len(ignored), "file")
+            on_note(shortened(f"{path}: {len(ignored)} of {total} left out: {names}"))
+        found += pictures
     agree_on_bits(found, on_note)
     return found
 
@@ -79,12 +80,12 @@ def agree_on_bits(paths: Sequence[Path], on_note: Callable[[str], None] = lambda
     """Treat the 16-bit pictures among some files as one set with a common number of used bits.
 
     `read_image` then scales all of them equally; a single picture is scaled by its own samples. `on_note` takes a line
-    about them, where there are any.
+    about them, if there are any.
     """
     found: dict[tuple[Path, int, int], SampleBits] = {}
     for path in filter(is_picture, paths):
         with suppress(InputError):  # reported when the picture is read
-            if (known := _agreed.get(_key(path))) is not None:
+            if (known := _common_bits.get(_key(path))) is not None:
                 found[_key(path)] = known
                 continue
             begin = first_bytes(path, 25) if stored_bytes(path) else b""
@@ -93,15 +94,15 @@ def agree_on_bits(paths: Sequence[Path], on_note: Callable[[str], None] = lambda
                 if data.depth == _SIXTEEN:
                     found[_key(path)] = SampleBits.of(data.decoded(), data.significant_bits)
     if found:
-        together = SampleBits.together(found.values())
-        _agreed.update(dict.fromkeys(found, together))
-        on_note(_line_on_bits(len(found), together))
+        common = SampleBits.combined(found.values())
+        _common_bits.update(dict.fromkeys(found, common))
+        on_note(_line_on_bits(len(found), common))
 
 
 def line_on_bits(folder: Path) -> str | None:
     """A line about the pictures of 16 bits of a folder, or a file, that were read as a set; None without any."""
-    place = folder.absolute()
-    found = [bits for (path, *_), bits in _agreed.items() if path.is_relative_to(place)]
+    root = folder.absolute()
+    found = [bits for (path, *_), bits in _common_bits.items() if path.is_relative_to(root)]
     return _line_on_bits(len(found), found[0]) if found else None
 
 
@@ -110,7 +111,7 @@ def _line_on_bits(count: int, bits: SampleBits) -> str:
 
 
 def _key(path: Path) -> tuple[Path, int, int]:
-    """Read a picture's data; raises InputError if it is not a picture."""
+    """Return path, time and size of a file; raises InputError for anything else."""
     stored_bytes(path)
     status = path.stat()
     return path.absolute(), status.st_mtime_ns, status.st_size
@@ -119,7 +120,7 @@ def _key(path: Path) -> tuple[Path, int, int]:
 def read_image(path: AnyPath, *, grey: bool = False) -> NDArray[np.uint8]:
     """Read a picture with 8 bits a channel, PNG, JPEG, TIFF or BMP by its content.
 
-    Of 16 bits, those that are used count, of which the highest 8 are returned: see `agree_on_bits`.
+    Of 16-bit samples, the highest 8 of the used bits are returned: see `agree_on_bits`.
 
     Parameters
     ----------
@@ -165,8 +166,8 @@ def read_opacity(path: Path) -> NDArray[np.uint8] | None:
 
 def _bits(path: Path, data: PictureData, image: NDArray[np.uint16]) -> int:
     """Return the number of used bits of a picture, common to its set."""
-    agreed = _agreed.get(_key(path))
-    return (SampleBits.of(image, data.significant_bits) if agreed is None else agreed).used
+    common = _common_bits.get(_key(path))
+    return (SampleBits.of(image, data.significant_bits) if common is None else common).used
 
 
 def _data(path: Path) -> PictureData:
@@ -179,25 +180,25 @@ def picture_size(path: Path) -> tuple[int, int]:
 
 
 def orientation(path: Path) -> int:
-    """Return the EXIF orientation of a picture, 1 to 8; 1, also if the file states none, is as on the sensor."""
+    """Return the EXIF orientation of a picture, 1 to 8; 1 is as on the sensor, also assumed if the file states none."""
     from PIL import Image, UnidentifiedImageError
 
     try:
         with catch_warnings(action="ignore"), Image.open(BytesIO(read_bytes(path, LARGEST_FILE_BYTES))) as image:
-            found = image.getexif().get(_ORIENTATION, 1)
+            value = image.getexif().get(_ORIENTATION, 1)
     except (UnidentifiedImageError, OSError, ValueError, SyntaxError):
         return 1
-    return found if isinstance(found, int) and 1 <= found <= 8 else 1
+    return value if isinstance(value, int) and 1 <= value <= 8 else 1
 
 
-def check_size(path: Path, size: tuple[int, int], expected: tuple[int, int], whose: str) -> None:
-    """Raise InputError for a picture or video of another width and height, px, than `whose`.
+def check_size(path: Path, size: tuple[int, int], expected: tuple[int, int], owner: str) -> None:
+    """Raise InputError for a picture or video whose width and height, px, differ from those of `owner`.
 
     The message names a rotation in the EXIF data, which other programs apply.
     """
     if size != expected:
-        turned = " as stored (its EXIF data turns it)" if is_picture(path) and orientation(path) > 1 else ""
-        raise InputError(f"{path}: {size[0]}x{size[1]} px{turned}, expected {expected[0]}x{expected[1]} of {whose}")
+        rotation = " as stored (its EXIF data rotates it)" if is_picture(path) and orientation(path) > 1 else ""
+        raise InputError(f"{path}: {size[0]}x{size[1]} px{rotation}, expected {expected[0]}x{expected[1]} of {owner}")
 
 
 def encoded_image(image: NDArray[np.uint8], suffix: str, jpeg_quality: int = 95) -> bytes:
@@ -212,5 +213,5 @@ def encoded_image(image: NDArray[np.uint8], suffix: str, jpeg_quality: int = 95)
 def write_image(path: Path, image: NDArray[np.uint8]) -> None:
     """Write an RGB (h, w, 3) or grey (h, w) 8-bit image atomically, in the format of the suffix."""
     if path.suffix.lower() not in WRITTEN_ENDINGS:
-        raise InputError(f"{path}: no image format for this suffix, expected .png or .jpg")
+        raise InputError(f"{path}: not the suffix of an image format, expected .png or .jpg")
     write_bytes(path, encoded_image(image, path.suffix.lower()))

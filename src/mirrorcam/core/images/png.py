@@ -23,7 +23,7 @@ _PASSES = ((0, 0, 8, 8), (4, 0, 8, 8), (0, 4, 4, 8), (2, 0, 4, 4), (0, 2, 2, 4),
 _LARGEST_FILTER = 4
 _STORED_BYTES = 65_535
 """Bytes of the largest stored block of deflate."""
-_MOST_CHUNKS = 200_000
+_MAX_CHUNKS = 200_000
 """More chunks than the largest picture has, at 8 kB each as encoders write them."""
 _LARGE_BYTES = 1 << 26
 """Size of lines above which they should not be in memory twice."""
@@ -62,14 +62,14 @@ class Png:
     def _row_bytes(self) -> Iterator[tuple[int, int]]:
         """Number of rows of each pass, and bytes per row with its filter byte."""
         width, height = self.size
-        for column, row, across, down in _PASSES if self.interlaced else ((0, 0, 1, 1),):
-            cols, rows = -(-(width - column) // across), -(-(height - row) // down)
+        for column, row, column_step, row_step in _PASSES if self.interlaced else ((0, 0, 1, 1),):
+            cols, rows = -(-(width - column) // column_step), -(-(height - row) // row_step)
             if cols > 0 and rows > 0:
                 yield rows, 1 + (cols * _CHANNELS[self.colour] * self.depth + 7) // 8
 
 
 def significant_bits(raw: bytes) -> int | None:
-    """Return the significant bits (sBIT) that a PNG states, the most of any colour; None if it states none.
+    """Return the significant bits (sBIT) that a PNG states, the maximum over its colours; None if it states none.
 
     Opacity does not count.
     """
@@ -94,7 +94,7 @@ def decode_png(raw: bytes, png: Png, name: str, flags: int, *, opacity: bool = F
     raw
         The data.
     png
-        Their header.
+        Header of the data.
     name
         Name of the file in error messages.
     flags
@@ -143,15 +143,15 @@ def _parts(raw: bytes, png: Png, name: str) -> dict[bytes, bytes]:
     data: list[memoryview] = []
     parts: dict[bytes, bytes] = {}
     for number, (begin, end) in enumerate(_chunks(raw)):
-        if number >= _MOST_CHUNKS:
-            raise DamagedPicture(f"{name}: damaged, has more than {_MOST_CHUNKS} parts")
-        before, last = last, raw[begin : begin + 4]
+        if number >= _MAX_CHUNKS:
+            raise DamagedPicture(f"{name}: damaged, has more than {_MAX_CHUNKS} parts")
+        previous, last = last, raw[begin : begin + 4]
         if zlib.crc32(content[begin:end]) != int.from_bytes(raw[end : end + 4]):
             raise DamagedPicture(f"{name}: damaged, a checksum of its data is wrong")
-        if last == b"IHDR" and before:
+        if last == b"IHDR" and previous:
             raise DamagedPicture(f"{name}: damaged, its parts are in a wrong order")
         if last == b"IDAT":
-            if data and before != b"IDAT":
+            if data and previous != b"IDAT":
                 raise DamagedPicture(f"{name}: damaged, its parts are in a wrong order")
             data.append(content[begin + 4 : end])
         elif last in (b"PLTE", b"tRNS"):
@@ -159,13 +159,13 @@ def _parts(raw: bytes, png: Png, name: str) -> dict[bytes, bytes]:
                 raise DamagedPicture(f"{name}: damaged, its parts are in a wrong order")
             parts[last] = raw[begin + 4 : end]
         elif not last[0] & 0x20 and last not in (b"IHDR", b"IEND"):
-            raise DamagedPicture(f"{name}: damaged, has a part {last!r} that no PNG has")
+            raise DamagedPicture(f"{name}: damaged, has an unknown part {last!r}")
     if last != b"IEND" or not data:
         raise DamagedPicture(f"{name}: damaged, a part of it is missing")
     if png.colour == _PALETTE:
         palette = parts.get(b"PLTE", b"")
         if not palette or len(palette) % 3 or len(palette) > 3 << png.depth:
-            raise DamagedPicture(f"{name}: damaged, its palette is missing or of a wrong length")
+            raise DamagedPicture(f"{name}: damaged, its palette is missing or has a wrong length")
     return parts | {b"IDAT": b"".join(data)}
 
 

@@ -1,4 +1,4 @@
-"""Decode TIFF data of one picture, after a check of its tags."""
+"""Decode TIFF data of a single picture, after checking its tags."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ _WHITE_IS_ZERO, _BLACK_IS_ZERO, _RGB, _PALETTE = 0, 1, 2, 3
 _CHANNELS = {_WHITE_IS_ZERO: (1,), _BLACK_IS_ZERO: (1,), _RGB: (3, 4), _PALETTE: (1,)}
 _TYPES = {1: "B", 3: "H", 4: "I"}
 _REDUCED = 1
-_MOST_PAGES = 16
-_MOST_VALUES = 1 << 20
-"""Most values of a tag: strips have at least one line."""
-_KNOWN = frozenset(
+_MAX_PAGES = 16
+_MAX_VALUES = 1 << 20
+"""Maximum number of values of a tag: strips have at least one line."""
+_READ_TAGS = frozenset(
     (_WIDTH, _HEIGHT, _OFFSETS, _ROWS, _BYTES, _COLOURS, _TILE_WIDTH, _PHOTOMETRIC, *_DEFAULTS)
 )  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Tiff:
-    """The tags of a TIFF of one picture, with grey values or colours of 8 or 16 bits in strips.
+    """The tags of a TIFF with one picture, with grey values or colours of 8 or 16 bits in strips.
 
     Attributes
     ----------
@@ -65,11 +65,11 @@ class Tiff:
         """Read the tags; raises DamagedPicture if they are damaged, and InputError for an unsupported TIFF."""
         order = "<" if raw[:2] == b"II" else ">"
         try:
-            tags, following = _tags(raw, order, struct.unpack_from(f"{order}I", raw, 4)[0], _KNOWN)
-            for _ in range(_MOST_PAGES):
-                if not following:
+            tags, next_page = _tags(raw, order, struct.unpack_from(f"{order}I", raw, 4)[0], _READ_TAGS)
+            for _ in range(_MAX_PAGES):
+                if not next_page:
                     break
-                page, following = _tags(raw, order, following, {_KIND})
+                page, next_page = _tags(raw, order, next_page, {_KIND})
                 if not page.get(_KIND, (0,))[0] & _REDUCED:
                     raise InputError(f"{name}: holds several pictures, expected a TIFF with one")
             return cls._of_tags(tags, order, name)
@@ -78,30 +78,30 @@ class Tiff:
 
     @classmethod
     def _of_tags(cls, tags: dict[int, tuple[int, ...]], order: str, name: str) -> Tiff:
-        def one(tag: int) -> int:
+        def first(tag: int) -> int:
             return tags[tag][0] if tag in tags else _DEFAULTS[tag]
 
-        width, height = one(_WIDTH), one(_HEIGHT)
-        depths, samples, photometric = set(tags.get(_BITS, (1,))), one(_SAMPLES), one(_PHOTOMETRIC)
-        stated = {
-            "compressed by another method": one(_COMPRESSION) not in _COMPRESSIONS,
+        width, height = first(_WIDTH), first(_HEIGHT)
+        depths, samples, photometric = set(tags.get(_BITS, (1,))), first(_SAMPLES), first(_PHOTOMETRIC)
+        unsupported = {
+            "with an unsupported compression": first(_COMPRESSION) not in _COMPRESSIONS,
             "in tiles": _TILE_WIDTH in tags,
-            "with floating-point or signed numbers": one(_FORMAT) != 1,
-            "of another depth": depths not in ({8}, {16}) or (photometric == _PALETTE and depths != {8}),
-            "of other colours": samples not in _CHANNELS.get(photometric, ()),
-            "in separate planes": one(_PLANES) != 1 and samples > 1,
-            "of another order of bits": one(_FILL_ORDER) != 1 or one(_PREDICTOR) not in (1, 2),
+            "with floating-point or signed numbers": first(_FORMAT) != 1,
+            "of an unsupported depth": depths not in ({8}, {16}) or (photometric == _PALETTE and depths != {8}),
+            "of unsupported colours": samples not in _CHANNELS.get(photometric, ()),
+            "in separate planes": first(_PLANES) != 1 and samples > 1,
+            "with an unsupported bit order or predictor": first(_FILL_ORDER) != 1 or first(_PREDICTOR) not in (1, 2),
         }
-        other = next((text for text, is_so in stated.items() if is_so), None)
-        if other is not None:
+        problem = next((text for text, applies in unsupported.items() if applies), None)
+        if problem is not None:
             expected = "grey or RGB of 8 or 16 bits in strips, uncompressed or by LZW, deflate or PackBits"
-            raise InputError(f"{name}: a TIFF {other}, expected {expected}")
+            raise InputError(f"{name}: a TIFF {problem}, expected {expected}")
         rows = min(tags.get(_ROWS, (height,))[0], height)
         strips = -(-height // rows) if rows else 0
         if width and height and (not strips or not len(tags[_OFFSETS]) == len(tags[_BYTES]) == strips):
             raise DamagedPicture(f"{name}: damaged, its tags contradict each other")
         return cls(
-            (width, height), depths.pop(), samples, order, photometric, one(_COMPRESSION), one(_PREDICTOR), rows,
+            (width, height), depths.pop(), samples, order, photometric, first(_COMPRESSION), first(_PREDICTOR), rows,
             tags[_OFFSETS], tags[_BYTES], tags.get(_COLOURS, ()),
         )  # fmt: skip
 
@@ -118,11 +118,11 @@ def _tags(raw: bytes, order: str, at: int, known: Set[int]) -> tuple[dict[int, t
     for number in range(count):
         entry = at + 2 + 12 * number
         tag, kind, length = struct.unpack_from(f"{order}HHI", raw, entry)
-        if tag in known and kind in _TYPES and 0 < length <= _MOST_VALUES and tag not in found:
-            text = f"{order}{length}{_TYPES[kind]}"
-            inside = struct.calcsize(text) <= 4
-            begin = entry + 8 if inside else struct.unpack_from(f"{order}I", raw, entry + 8)[0]
-            found[tag] = struct.unpack_from(text, raw, begin)
+        if tag in known and kind in _TYPES and 0 < length <= _MAX_VALUES and tag not in found:
+            layout = f"{order}{length}{_TYPES[kind]}"
+            is_inline = struct.calcsize(layout) <= 4
+            begin = entry + 8 if is_inline else struct.unpack_from(f"{order}I", raw, entry + 8)[0]
+            found[tag] = struct.unpack_from(layout, raw, begin)
     return found, struct.unpack_from(f"{order}I", raw, at + 2 + 12 * count)[0]
 
 
@@ -134,12 +134,12 @@ def decode_tiff(raw: bytes, tiff: Tiff, name: str) -> NDArray[Any]:
     import av
 
     width, height = tiff.size
-    line = width * tiff.samples * tiff.depth // 8
+    line_bytes = width * tiff.samples * tiff.depth // 8
     for number, (offset, size) in enumerate(zip(tiff.offsets, tiff.sizes, strict=True)):
-        least = line * min(tiff.rows, height - number * tiff.rows) if tiff.compression == 1 else 1
+        min_bytes = line_bytes * min(tiff.rows, height - number * tiff.rows) if tiff.compression == 1 else 1
         if offset + size > len(raw):
             raise DamagedPicture(f"{name}: image is truncated")
-        if size < least:
+        if size < min_bytes:
             raise DamagedPicture(f"{name}: damaged, a part of it is missing")
     decoder: Any = av.CodecContext.create("tiff", "r")
     decoder.options = {"err_detect": "explode"}  # otherwise, undecodable lines stay black
@@ -159,7 +159,7 @@ def decode_tiff(raw: bytes, tiff: Tiff, name: str) -> NDArray[Any]:
 def _colours(tiff: Tiff, name: str) -> NDArray[np.uint8]:
     """Return the colours (256, 3) of a palette."""
     if len(tiff.colours) != 3 * 256:
-        raise DamagedPicture(f"{name}: damaged, its palette is missing or of a wrong length")
+        raise DamagedPicture(f"{name}: damaged, its palette is missing or has a wrong length")
     colours = np.reshape(tiff.colours, (3, 256)).T
     return (colours >> (8 if colours.max() > 255 else 0)).astype(np.uint8)
 
@@ -186,15 +186,15 @@ def _with_own_tags(raw: bytes, tiff: Tiff) -> bytes:
         (tag, 4, "I", values) for tag, values in longs.items()
     ])  # fmt: skip
     begin = len(raw) + len(raw) % 2
-    after, entries = begin + 2 + 12 * len(fields) + 4, b""
+    arrays_offset, entries = begin + 2 + 12 * len(fields) + 4, b""
     arrays = b""
     for tag, kind, letter, values in fields:
         packed = struct.pack(f"{tiff.order}{len(values)}{letter}", *values)
         if len(packed) > 4:
-            place = struct.pack(f"{tiff.order}I", after + len(arrays))
+            value = struct.pack(f"{tiff.order}I", arrays_offset + len(arrays))
             arrays += packed
         else:
-            place = packed.ljust(4, b"\x00")
-        entries += struct.pack(f"{tiff.order}HHI", tag, kind, len(values)) + place
+            value = packed.ljust(4, b"\x00")
+        entries += struct.pack(f"{tiff.order}HHI", tag, kind, len(values)) + value
     directory = struct.pack(f"{tiff.order}H", len(fields)) + entries + bytes(4) + arrays
     return b"".join((raw[:4], struct.pack(f"{tiff.order}I", begin), raw[8:], bytes(begin - len(raw)), directory))

@@ -22,28 +22,28 @@ def in_turn(calls: Sequence[Call]) -> Generator[Any, None, None]:
 
 
 def in_parallel(worker: WorkerProcess) -> Calls:
-    """Make calls in this process from the first on, and at the same time in a worker from the last on.
+    """Make calls in this process from the first onwards, and meanwhile in a worker from the last backwards.
 
     A single call is made in this process, and so is a call that kills the worker. An error is raised when its result is
     requested. The worker is killed once its result is no longer needed.
     """
 
     def make(calls: Sequence[Call]) -> Generator[Any, None, None]:
-        waiting, answers = deque(range(len(calls))), dict[int, Any]()
+        pending, answers = deque(range(len(calls))), dict[int, Any]()
         in_worker: int | None = None
         try:
             for number in range(len(calls)):
                 while number not in answers:
-                    if in_worker is not None and (not waiting or worker.connection.poll()):
+                    if in_worker is not None and (not pending or worker.connection.poll()):
                         answers[in_worker] = _answer(worker, calls[in_worker])
                         in_worker = None
                         continue
-                    if in_worker is None and len(waiting) > 1:
-                        in_worker = waiting.pop()
+                    if in_worker is None and len(pending) > 1:
+                        in_worker = pending.pop()
                         worker.send(calls[in_worker][0], *calls[in_worker][1])
-                    own = waiting.popleft()
-                    function, arguments = calls[own]
-                    answers[own] = function(*arguments)
+                    local = pending.popleft()
+                    function, arguments = calls[local]
+                    answers[local] = function(*arguments)
                 yield answers.pop(number)
         finally:
             if in_worker is not None:

@@ -51,25 +51,25 @@ def run_program(
 
     An exception such as KeyboardInterrupt ends the program, too. Raises subprocess.TimeoutExpired.
     """
-    theirs, ours = os.pipe()
+    read_end, write_end = os.pipe()
     try:
         process = subprocess.Popen(
             supervised(command),
-            stdin=theirs,
+            stdin=read_end,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             env=None if environment is None else dict(environment),
         )
     except BaseException:
-        os.close(ours)
+        os.close(write_end)
         raise
     finally:
-        os.close(theirs)
+        os.close(read_end)
     with process:
         try:
             out, err = process.communicate(timeout=timeout_s)
         finally:
-            os.close(ours)
+            os.close(write_end)
     return subprocess.CompletedProcess(command, process.returncode, out, err)
 
 
@@ -113,7 +113,7 @@ def _supervise(command: Sequence[str], ending_s: float, *, tree: bool, shell: bo
 
 @contextmanager
 def adopting_orphans() -> Iterator[Callable[[], None]]:
-    """On Linux, make this process adopt its orphaned descendants in the block; yield a function that ends them.
+    """On Linux, make this process adopt its orphaned descendants within the block; yield a function that ends them.
 
     Only processes of other sessions that began within the block are ended: the processes of a `tree` are in such
     sessions, and cannot join this process's session. On other systems, nothing is ended.
@@ -123,10 +123,10 @@ def adopting_orphans() -> Iterator[Callable[[], None]]:
         return
     from ctypes import CDLL
 
-    prctl, before = CDLL(None).prctl, _descendants()
+    prctl, earlier = CDLL(None).prctl, _descendants()
     prctl(_PR_SET_CHILD_SUBREAPER, 1)
     try:
-        yield lambda: _end_orphans(before)
+        yield lambda: _end_orphans(earlier)
     finally:
         prctl(_PR_SET_CHILD_SUBREAPER, 0)
 
@@ -147,8 +147,8 @@ if sys.platform != "win32":
     def _reaped(pid: int) -> int:
         """Wait for a child, reaping all others; return its exit code, or minus the signal."""
         while True:
-            found, status = os.waitpid(-1, 0)
-            if found == pid:
+            child, status = os.waitpid(-1, 0)
+            if child == pid:
                 return os.waitstatus_to_exitcode(status)
 
     def _end_tree(pid: int) -> None:
@@ -167,38 +167,38 @@ if sys.platform != "win32":
             os.killpg(pid, signal.SIGKILL)
         _kill_all(_descendants)
 
-    def _kill_all(found: Callable[[], set[int]]) -> set[int]:
-        """Kill all processes that `found` lists, even new ones; return their IDs."""
+    def _kill_all(current: Callable[[], set[int]]) -> set[int]:
+        """Kill all processes that `current` returns, even new ones; return their IDs."""
         # Stop them first: a running process could start others faster than they are killed.
         stopped: set[int] = set()
-        while new := found() - stopped:
+        while new := current() - stopped:
             _signal(new, signal.SIGSTOP)
             stopped |= new
         _signal(stopped, signal.SIGKILL)
         return stopped
 
-    def _end_orphans(before: set[int]) -> None:
+    def _end_orphans(earlier: set[int]) -> None:
         """Kill new descendants of this process in other sessions; wait for their end up to a time limit."""
-        deadline, left = time.monotonic() + TREE_ENDING_S, _kill_all(lambda: _of_other_sessions() - before)
-        while left and time.monotonic() < deadline:
-            for each in left.copy():
+        deadline, remaining = time.monotonic() + TREE_ENDING_S, _kill_all(lambda: _of_other_sessions() - earlier)
+        while remaining and time.monotonic() < deadline:
+            for pid in remaining.copy():
                 with suppress(ChildProcessError):
-                    os.waitpid(each, os.WNOHANG)
-            left &= _descendants()
+                    os.waitpid(pid, os.WNOHANG)
+            remaining &= _descendants()
             time.sleep(0.005)
 
     def _of_other_sessions() -> set[int]:
         found, own = set(), os.getsid(0)
-        for each in _descendants():
+        for pid in _descendants():
             with suppress(ProcessLookupError, PermissionError):
-                if os.getsid(each) != own:
-                    found.add(each)
+                if os.getsid(pid) != own:
+                    found.add(pid)
         return found
 
     def _signal(processes: set[int], number: int) -> None:
-        for each in processes:
+        for pid in processes:
             with suppress(ProcessLookupError, PermissionError):
-                os.kill(each, number)
+                os.kill(pid, number)
 
     def _descendants() -> set[int]:
         """Return the IDs of all descendants of this process on Linux; an empty set elsewhere."""
@@ -211,11 +211,11 @@ if sys.platform != "win32":
             with suppress(OSError):  # it has ended meanwhile
                 parent = int(Path(f"/proc/{number}/stat").read_bytes().rpartition(b")")[2].split()[1])
                 children.setdefault(parent, []).append(number)
-        found, waiting = set(), [os.getpid()]
-        while waiting:
-            below = children.get(waiting.pop(), [])
-            found.update(below)
-            waiting += below
+        found, pending = set(), [os.getpid()]
+        while pending:
+            direct = children.get(pending.pop(), [])
+            found.update(direct)
+            pending += direct
         return found
 
 

@@ -15,7 +15,7 @@ if sys.platform == "win32":
     SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGBREAK)  # Ctrl-Break
 else:
     SIGNALS = (signal.SIGINT, signal.SIGTERM)
-SECONDS_OF_ONE = 1.0
+SAME_SIGNAL_S = 1.0
 """Signals within this time count as one: `timeout`, for example, signals the process and its group."""
 
 _remembering = False
@@ -37,7 +37,7 @@ def _on_signal(number: int, frame: FrameType | None) -> None:
 def _interrupt() -> None:
     global _raised_s
     now = time.monotonic()
-    if now - _raised_s > SECONDS_OF_ONE:
+    if now - _raised_s > SAME_SIGNAL_S:
         _raised_s = now
         raise KeyboardInterrupt
 
@@ -51,17 +51,17 @@ def remembered() -> Iterator[None]:
     """
     global _remembering, _requested, _raised_s, _is_pending
     _remembering, _requested, _raised_s, _is_pending = True, None, float("-inf"), False
-    unset = (signal.SIG_DFL, signal.default_int_handler)
-    before = {number: signal.getsignal(number) for number in SIGNALS}
-    ours = [number for number in SIGNALS if before[number] in unset]
-    for number in ours:
+    defaults = (signal.SIG_DFL, signal.default_int_handler)
+    previous = {number: signal.getsignal(number) for number in SIGNALS}
+    handled = [number for number in SIGNALS if previous[number] in defaults]
+    for number in handled:
         signal.signal(number, _on_signal)
     try:
         yield
     finally:
         _remembering = False
-        for number in ours:
-            signal.signal(number, before[number])
+        for number in handled:
+            signal.signal(number, previous[number])
 
 
 @contextmanager
@@ -92,7 +92,7 @@ def check() -> None:
         raise KeyboardInterrupt
 
 
-def ended(error: BaseException) -> bool:
+def caused(error: BaseException) -> bool:
     """Return whether an interruption caused this error.
 
     Within `remembered`, this includes errors that a library raises instead, such as ImportError while a module loads.

@@ -55,9 +55,9 @@ def run_local(
     tasks, work
         The tasks, and the module-level function for each.
     workers
-        Largest number of processes.
+        Maximum number of processes.
     groups
-        Numbers of tasks that one worker should do, because they share data, unless others are idle; by default, tasks
+        Indices of tasks that one worker should do, because they share data, unless others are idle; by default, tasks
         start in order.
     preload
         Modules that are slow to load. If the system supports it, they are loaded once, in a process from which workers
@@ -90,8 +90,8 @@ def call_all(
     """
     answers: dict[int, Any] = {}
     in_this_process = ((number, _call(call)) for number, call in enumerate(calls))
-    with closing(in_this_process if workers == 1 else run_local(calls, workers, _call, preload=preload)) as numbered:
-        for number, answer in numbered:
+    with closing(in_this_process if workers == 1 else run_local(calls, workers, _call, preload=preload)) as results:
+        for number, answer in results:
             if isinstance(answer, Died):
                 raise RuntimeError(answer.reason)
             answers[number] = answer
@@ -121,22 +121,22 @@ class _Queue:
     """Order of tasks: a worker finishes its group; an idle one takes a new group, or else half of another worker's."""
 
     def __init__(self, groups: Sequence[Sequence[int]]) -> None:
-        self._waiting = [list(group) for group in groups]
-        self._own: dict[int, list[int]] = {}
+        self._unassigned = [list(group) for group in groups]
+        self._assigned: dict[int, list[int]] = {}
 
     def next(self, slot: int) -> int | None:
-        own = self._own.setdefault(slot, [])
-        if not own and self._waiting:
-            own += self._waiting.pop(0)
+        own = self._assigned.setdefault(slot, [])
+        if not own and self._unassigned:
+            own += self._unassigned.pop(0)
         if not own:
-            most = max(self._own.values(), key=len)
-            left = len(most) // 2
-            own += most[left:]
-            del most[left:]
+            longest = max(self._assigned.values(), key=len)
+            kept = len(longest) // 2
+            own += longest[kept:]
+            del longest[kept:]
         return own.pop(0) if own else None
 
-    def again(self, slot: int, task: int) -> None:
-        self._own[slot].insert(0, task)
+    def put_back(self, slot: int, task: int) -> None:
+        self._assigned[slot].insert(0, task)
 
 
 class _Pool(Generic[Task, Answer]):
@@ -157,7 +157,7 @@ class _Pool(Generic[Task, Answer]):
     def answers(self) -> Iterator[tuple[int, Answer | Died]]:
         """Wait for workers, take the answers of the ready ones, and send them their next tasks."""
         ready = wait([busy.worker.connection for busy in self.busy.values()])
-        for slot, busy in [(p, b) for p, b in self.busy.items() if b.worker.connection in ready]:
+        for slot, busy in [item for item in self.busy.items() if item[1].worker.connection in ready]:
             task = busy.task
             try:
                 answer = busy.worker.answer()
@@ -165,12 +165,12 @@ class _Pool(Generic[Task, Answer]):
                 if self._replace(slot):
                     yield task, Died(f"{ATTEMPTS} workers died of it, the last {death}")
                 continue
-            following = self._queue.next(slot)
-            if following is None:
+            next_task = self._queue.next(slot)
+            if next_task is None:
                 del self.busy[slot]
                 busy.worker.end()
             else:
-                busy.task = following
+                busy.task = next_task
                 self._send(busy)
             yield task, answer
 
@@ -180,7 +180,7 @@ class _Pool(Generic[Task, Answer]):
         self._deaths[task] += 1
         given_up = self._deaths[task] >= ATTEMPTS
         if not given_up:
-            self._queue.again(slot, task)
+            self._queue.put_back(slot, task)
         self.start(slot)
         return given_up
 

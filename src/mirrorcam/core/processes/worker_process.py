@@ -32,7 +32,7 @@ ONE_THREAD = dict.fromkeys(
     ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"), "1"
 )
 KILLED_FIRST = 10
-"""Priority of killing workers at exit: multiprocessing waits for its processes after all priorities from 0 on."""
+"""Priority of killing workers at exit: multiprocessing waits for its processes after it has run all priorities >= 0."""
 
 _STARTING = threading.Lock()
 
@@ -136,7 +136,7 @@ class WorkerProcess:
         if isinstance(reply, InputError):
             raise reply
         if isinstance(reply, str):
-            raise RuntimeError(f"a worker cannot work: {reply}")
+            raise RuntimeError(f"a worker failed: {reply}")
         return reply.answer
 
     def end(self) -> None:
@@ -167,7 +167,7 @@ class WorkerProcess:
             if self._closed:
                 raise WorkerDied("closed")
             if self._running is None:
-                self._running = _started(self, self._context)
+                self._running = _start_process(self, self._context)
             return self._running
 
     def _forget(self, running: _Running) -> None:
@@ -191,21 +191,21 @@ def begin_loading(preload: Sequence[str]) -> _Context:
     return context
 
 
-def _started(worker: WorkerProcess, context: _Context) -> _Running:
-    ours, theirs = context.Pipe()
-    their_lifeline, lifeline = context.Pipe(duplex=False)
-    process = context.Process(target=_serve, args=(theirs, their_lifeline), name="worker")
+def _start_process(worker: WorkerProcess, context: _Context) -> _Running:
+    connection, child_connection = context.Pipe()
+    child_lifeline, lifeline = context.Pipe(duplex=False)
+    process = context.Process(target=_serve, args=(child_connection, child_lifeline), name="worker")
     with _for_children():
         process.start()
-    _kill_when_closed(process, their_lifeline)
-    theirs.close()
-    their_lifeline.close()
-    return _Running(process, ours, lifeline, Finalize(worker, process.kill, exitpriority=KILLED_FIRST))
+    _kill_when_closed(process, child_lifeline)
+    child_connection.close()
+    child_lifeline.close()
+    return _Running(process, connection, lifeline, Finalize(worker, process.kill, exitpriority=KILLED_FIRST))
 
 
 def _serve(connection: Connection, lifeline: Connection) -> None:
     """Answer calls, with their results or errors, until the other end closes."""
-    threading.Thread(target=_end_with, args=(lifeline,), name="end with parent", daemon=True).start()
+    threading.Thread(target=_exit_when_closed, args=(lifeline,), name="end with parent", daemon=True).start()
     while True:
         try:
             done = _answer(connection)
@@ -242,7 +242,7 @@ def _kill_when_closed(process: BaseProcess, lifeline: Connection) -> None:
         fcntl.fcntl(lifeline, fcntl.F_SETFL, os.O_ASYNC)
 
 
-def _end_with(lifeline: Connection) -> None:
+def _exit_when_closed(lifeline: Connection) -> None:
     """End this process, even during a call, when the other end of a pipe closes."""
     wait([lifeline])
     os._exit(1)
@@ -254,16 +254,16 @@ def _for_children() -> Iterator[None]:
     with _STARTING:
         if sys.platform != "win32":
             resource_tracker.ensure_running()  # started by the first process, it would unblock Ctrl-C
-        before = {name: os.environ.get(name) for name in ONE_THREAD}
+        previous = {name: os.environ.get(name) for name in ONE_THREAD}
         os.environ.update(ONE_THREAD)
-        held = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT}) if sys.platform != "win32" else set()
+        old_mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT}) if sys.platform != "win32" else set()
         try:
             yield
         finally:
-            for name, value in before.items():
+            for name, value in previous.items():
                 if value is None:
                     del os.environ[name]
                 else:
                     os.environ[name] = value
             if sys.platform != "win32":
-                signal.pthread_sigmask(signal.SIG_SETMASK, held)
+                signal.pthread_sigmask(signal.SIG_SETMASK, old_mask)

@@ -30,7 +30,7 @@ def write_loop(path: Path, pictures: Sequence[NDArray[np.uint8]], pictures_hz: f
         elif path.suffix.lower() == ".mp4":
             _write_mp4(temporary, pictures, pictures_hz)
         else:
-            raise InputError(f"{path}: no format of loops for this suffix, expected .gif or .mp4")
+            raise InputError(f"{path}: not the suffix of an animation format, expected .gif or .mp4")
 
 
 def _write_gif(path: Path, pictures: Sequence[NDArray[np.uint8]], pictures_hz: float) -> None:
@@ -67,7 +67,7 @@ def require_x264() -> None:
     if X264 not in av.codecs_available:
         raise InputError(
             "this PyAV (av) is built without x264, expected its wheel from PyPI to write H.264; AVI, GIF and pictures "
-            "need none"
+            "do not need it"
         )
 
 

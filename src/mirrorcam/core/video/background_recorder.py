@@ -66,7 +66,7 @@ class _Output:
         """Return the position of the next write."""
         return self._at
 
-    def cut(self, size: int) -> None:
+    def truncate(self, size: int) -> None:
         """Truncate the file."""
         self._raw.truncate(size)
 
@@ -150,7 +150,7 @@ class FrameRecorder:
         """Remove incompletely written frames."""
         if self.failed is not None:
             self.frames = self._complete_frames
-            self._output.cut(self._complete_bytes)
+            self._output.truncate(self._complete_bytes)
 
 
 @dataclass(frozen=True)
@@ -191,13 +191,13 @@ class RecordingCounts:
     @property
     def reasons(self) -> str:
         """Reasons for losses, with the number of frames."""
-        found = {
+        losses = {
             "came faster than they could be written": self.too_slow,
             "were not stored by the disk": self.not_written,
             "were damaged": self.damaged,
             "were skipped": self.skipped,
         }
-        return ", ".join(f"{count} {reason}" for reason, count in found.items() if count)
+        return ", ".join(f"{count} {reason}" for reason, count in losses.items() if count)
 
 
 class BackgroundRecorder:
@@ -212,7 +212,7 @@ class BackgroundRecorder:
     width_px, height_px
         Size of the frames.
     waiting_bytes
-        Bytes of the frames that may wait; those that come while there is no room are lost.
+        Bytes of the frames that may wait; those that arrive while there is no room are lost.
     finishing_s
         Time at the end to write waiting frames.
     recorder
@@ -231,7 +231,7 @@ class BackgroundRecorder:
     ) -> None:
         self.path = path
         self._open: Callable[[], FrameRecorder] = lambda: recorder(path, width_px, height_px)
-        self._most, self._finishing_s = waiting_bytes, finishing_s
+        self._max_bytes, self._finishing_s = waiting_bytes, finishing_s
         self._changed = threading.Condition()
         self._waiting: deque[Frame] = deque()
         self._bytes = 0
@@ -252,7 +252,7 @@ class BackgroundRecorder:
             self._given, self._skipped, self._last = self._given + 1 + skipped, self._skipped + skipped, item.number
             if isinstance(item, Lost):
                 self._damaged += 1
-            elif self._bytes and self._bytes + item.pixels.nbytes > self._most:
+            elif self._bytes and self._bytes + item.pixels.nbytes > self._max_bytes:
                 self._too_slow += 1
             else:
                 self._taken += 1
@@ -318,7 +318,7 @@ class BackgroundRecorder:
             self._changed.wait_for(lambda: self._ends_s is not None)
             self._over = True
         try:
-            write_json(self.path.with_suffix(".json"), stated(self.path, self.counts, self.failed))
+            write_json(self.path.with_suffix(".json"), counts_record(self.path, self.counts, self.failed))
         except InputError as error:
             self._fail(str(error))
 
@@ -342,7 +342,7 @@ class BackgroundRecorder:
             self._failed = self._failed or reason
 
 
-def stated(path: Path, counts: RecordingCounts, failed: str | None) -> dict[str, object]:
+def counts_record(path: Path, counts: RecordingCounts, failed: str | None) -> dict[str, object]:
     """Return the content of a video's JSON file."""
     return {"schema": SCHEMA, "video": path.name, "failed": failed} | asdict(counts)
 
@@ -360,11 +360,11 @@ def new_recording(folder: Path) -> Path:
             folder.mkdir(parents=True, exist_ok=True)
             if not path.exists():
                 with side.open("x", encoding="utf-8") as file:
-                    file.write(json.dumps(stated(path, RecordingCounts(), None), indent=1) + "\n")
+                    file.write(json.dumps(counts_record(path, RecordingCounts(), None), indent=1) + "\n")
                 return path
         except FileExistsError:
             if not side.exists():
-                raise InputError(f"{folder}: is no folder, expected one to record into") from None
+                raise InputError(f"{folder}: is not a folder, expected one to record into") from None
         except OSError as error:
             raise InputError(f"{side}: cannot be written: {error.strerror}") from None
         number += 1

@@ -23,12 +23,12 @@ from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.sample_bits import SampleBits
 from mirrorcam.core.messages import shortened
 from mirrorcam.core.video.frames import AHEAD
-from mirrorcam.core.video.live_camera import Connection, LiveCamera, Seen
+from mirrorcam.core.video.live_camera import CameraPicture, Connection, LiveCamera
 from mirrorcam.core.video.media_files import FORMATS, MediaFile, opened
 from mirrorcam.core.video.video import frame_remarks
 from mirrorcam.core.video.video_pictures import has_16_bits, rgb_of, rgb_of_samples, samples_of_16_bits
 
-MOST_MISSED = 30
+MAX_MISSED = 30
 """Number of consecutive failed reads after which a camera counts as disconnected."""
 OPENING_S, READING_S = 10.0, 5.0
 """Timeouts for the connection to a server, and for each packet."""
@@ -56,23 +56,23 @@ def camera(
     width_px: int,
     height_px: int,
     on_note: Callable[[str], None] = lambda line: None,
-    waiting: int = AHEAD,
+    buffered: int = AHEAD,
 ) -> LiveCamera:
-    """Open a camera by number or address, and request a picture size; `on_note` and `waiting` as for `LiveCamera`.
+    """Open a camera by number or address, and request a picture size; `on_note` and `buffered` as for `LiveCamera`.
 
     Raises InputError in one line if it cannot be opened. Messages omit passwords in an address.
     """
-    number = address.isascii() and address.isdigit()
-    if not number and _local_file(address) is None and re.search(r"\s!\s", address):
+    is_number = address.isascii() and address.isdigit()
+    if not is_number and _local_file(address) is None and re.search(r"\s!\s", address):
         raise InputError(
             "a GStreamer pipeline cannot be read, expected an address: end it with `! mpegtsmux ! udpsink "
             "host=127.0.0.1 port=5000` and give udp://127.0.0.1:5000, or with `! v4l2sink device=/dev/videoN`"
         )
     # The camera is opened again after an outage: `cache` keeps remarks from being repeated.
     name, connect = without_password(address), partial(_addressed, address, width_px, height_px, cache(on_note))
-    if number:
+    if is_number:
         name, connect = f"camera {address}", partial(_numbered, int(address), width_px, height_px)
-    return LiveCamera(name, connect, width_px, height_px, on_note=on_note, waiting=waiting)
+    return LiveCamera(name, connect, width_px, height_px, on_note=on_note, buffered=buffered)
 
 
 def without_password(address: str) -> str:
@@ -98,14 +98,14 @@ def _numbered(number: int, width_px: int, height_px: int) -> Connection:
     return Connection(_captured(capture))
 
 
-def _captured(capture: Any) -> Generator[Seen]:
+def _captured(capture: Any) -> Generator[CameraPicture]:
     missed = 0
     try:
-        while missed < MOST_MISSED:
+        while missed < MAX_MISSED:
             succeeded, bgr = capture.read()
             missed = 0 if succeeded else missed + 1
             if succeeded:
-                yield Seen(np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), dtype=np.uint8))
+                yield CameraPicture(np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), dtype=np.uint8))
     finally:
         capture.release()
 
@@ -177,7 +177,7 @@ def _opened_stream(address: str) -> Any:
     """Open the stream of a server as an FFmpeg container; raises ValueError for a scheme outside `_SCHEMES`."""
     scheme = address.partition("://")[0] if "://" in address else ""
     if scheme not in _SCHEMES:
-        raise ValueError("neither a file nor an address of a kind that is read")
+        raise ValueError("neither a file nor an address of a supported kind")
     formats, protocols = _SCHEMES[scheme]
     options = {"format_whitelist": formats, "protocol_whitelist": protocols}
     if formats.startswith("rtsp"):
@@ -204,7 +204,7 @@ def _opened(address: Any, **settings: Any) -> Any:
     return av.open(address, timeout=(OPENING_S, READING_S), metadata_errors="replace", **settings)
 
 
-def _decoded(container: Any, stack: ExitStack, name: str, on_note: Callable[[str], None]) -> Generator[Seen]:
+def _decoded(container: Any, stack: ExitStack, name: str, on_note: Callable[[str], None]) -> Generator[CameraPicture]:
     """Yield the pictures of a container until it ends or fails; `stack` closes it, `on_note` gets remarks.
 
     After damage, pictures are lost until the next key frame.
@@ -215,7 +215,7 @@ def _decoded(container: Any, stack: ExitStack, name: str, on_note: Callable[[str
     # Otherwise, FFmpeg conceals errors in the data, and the frame seems complete.
     stream.codec_context.options = {"err_detect": "crccheck+explode"}
     stream.thread_type = "SLICE"  # frame threads would delay each picture by some frames
-    begun, complete, bits = False, False, SampleBits()
+    started, complete, bits = False, False, SampleBits()
 
     def pixels(frame: Any) -> NDArray[np.uint8]:
         nonlocal bits
@@ -223,8 +223,8 @@ def _decoded(container: Any, stack: ExitStack, name: str, on_note: Callable[[str
             return rgb_of(frame)
         # From all pictures so far: a dark one does not show how many bits the camera uses.
         samples = samples_of_16_bits(frame)
-        before, bits = bits, SampleBits.together((bits, SampleBits.of(samples)))
-        if bits.used != before.used:
+        previous, bits = bits, SampleBits.combined((bits, SampleBits.of(samples)))
+        if bits.used != previous.used:
             on_note(f"{name}: {bits}")
         return rgb_of_samples(samples, bits.used)
 
@@ -234,17 +234,17 @@ def _decoded(container: Any, stack: ExitStack, name: str, on_note: Callable[[str
                 frames = packet.decode()
             except av.error.InvalidDataError:
                 frames, complete = [], False
-                if begun:
-                    yield Seen(None)
+                if started:
+                    yield CameraPicture(None)
             for frame in frames:
                 key = bool(frame.key_frame) and frame.pict_type == _INTRA
                 complete = (complete or key or bool(stream.codec_context.codec.intra_only)) and not frame.is_corrupt
-                if complete and not begun:
-                    begun = True
+                if complete and not started:
+                    started = True
                     for line in frame_remarks(name, [frame]):
                         on_note(line)
-                if begun:
-                    yield Seen(pixels(frame) if complete else None, frame.time)
+                if started:
+                    yield CameraPicture(pixels(frame) if complete else None, frame.time)
     except (av.FFmpegError, OSError):
         return  # disconnected
     finally:

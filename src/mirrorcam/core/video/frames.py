@@ -1,4 +1,4 @@
-"""Frames of a source one after another: read ahead of their use, and a few spread evenly over a stream."""
+"""Frames of a source in order: read ahead of their use, and a few spread evenly over a stream."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 T = TypeVar("T")
 AHEAD = 4
-"""Frames buffered between reading and decoding, which evens out slow ones: 25 MB at 1920 x 1080."""
-MOST = 8
+"""Frames buffered between reading and decoding, which bridges slow ones: 25 MB at 1920 x 1080."""
+MAX_KEPT = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,13 +55,13 @@ def read_ahead(items: Iterator[T], count: int = AHEAD, stop: Callable[[], None] 
     The thread ends with the items, or when the returned iterator is closed. Then `stop` is called, which must end items
     that would wait forever.
     """
-    waiting: queue.Queue[Any] = queue.Queue(maxsize=count)
-    over, end = threading.Event(), object()
+    buffer: queue.Queue[Any] = queue.Queue(maxsize=count)
+    stopped, end = threading.Event(), object()
 
     def put(item: object) -> None:
-        while not over.is_set():
+        while not stopped.is_set():
             try:
-                waiting.put(item, timeout=0.1)
+                buffer.put(item, timeout=0.1)
                 return
             except queue.Full:
                 continue
@@ -70,7 +70,7 @@ def read_ahead(items: Iterator[T], count: int = AHEAD, stop: Callable[[], None] 
         try:
             for item in items:
                 put(item)
-                if over.is_set():
+                if stopped.is_set():
                     return
             put(end)
         except BaseException as error:  # raised again in the consumer
@@ -83,18 +83,18 @@ def read_ahead(items: Iterator[T], count: int = AHEAD, stop: Callable[[], None] 
     thread = threading.Thread(target=read, name="read ahead", daemon=True)
     thread.start()
     try:
-        while (item := waiting.get()) is not end:
+        while (item := buffer.get()) is not end:
             if isinstance(item, _Failed):
                 raise item.error
             yield item
     finally:
-        over.set()
+        stopped.set()
         stop()
         thread.join()
 
 
 class SpreadFrames:
-    """Keeps a spread of the added frames, every 1st, then 2nd, 4th, ...: at most 8, and at least 5 of 9 or more."""
+    """Keeps evenly spread frames: each one, then every 2nd, 4th, ...; at most 8, and 5 or more after 9."""
 
     def __init__(self) -> None:
         self.kept: list[NDArray[np.uint8]] = []
@@ -104,7 +104,7 @@ class SpreadFrames:
         """Add the next frame, without a copy."""
         if self._added % self._stride == 0:
             self.kept.append(frame)
-            if len(self.kept) > MOST:
+            if len(self.kept) > MAX_KEPT:
                 self.kept, self._stride = self.kept[::2], 2 * self._stride
         self._added += 1
 
@@ -114,13 +114,13 @@ class WatchedSource:
     """A source of frames that keeps a few evenly spread ones."""
 
     source: Source
-    seen: SpreadFrames = field(default_factory=SpreadFrames)
+    sample: SpreadFrames = field(default_factory=SpreadFrames)
 
     def frames(self, after: int = -1) -> Iterator[Frame | Lost]:
         """Yield the frames of the source."""
         for item in self.source.frames(after):
             if isinstance(item, Frame):
-                self.seen.add(item.pixels)
+                self.sample.add(item.pixels)
             yield item
 
     def stop(self) -> None:

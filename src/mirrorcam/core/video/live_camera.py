@@ -17,16 +17,16 @@ from mirrorcam.core.video.frames import AHEAD, Frame, Lost
 
 RETRY_S = 1.0
 """Time between attempts to reopen a camera."""
-MOST_AHEAD_S = 1.0
+MAX_AHEAD_S = 1.0
 """Largest advance of a camera's clock over ours between frames; a larger one means that its clock was reset."""
 ENDING_S = 1.0
 """Time to wait for a silent camera to close; afterwards it closes in the background."""
-LEAST_STEP_S = 1e-6
+MIN_STEP_S = 1e-6
 """Smallest step between times of frames."""
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class CameraPicture:
     """A picture (h, w, 3) in RGB, or None if damaged, and its time by the camera's clock, s, if it has one."""
 
     pixels: NDArray[np.uint8] | None
@@ -37,7 +37,7 @@ class Seen:
 class Connection:
     """An open camera: its pictures until it disconnects, and whether they are a recording, which ends."""
 
-    pictures: Generator[Seen]
+    pictures: Generator[CameraPicture]
     ends: bool = False
 
 
@@ -45,7 +45,7 @@ class LiveCamera:
     """A camera: its newest frames, in order.
 
     If frames arrive faster than they are used, the oldest are dropped. A camera that disconnects is reopened as soon as
-    it is back. Of a recording that a server plays, no frame is dropped.
+    it is back. If a server plays a recording, no frame is dropped.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ class LiveCamera:
         Time in s.
     retry_s
         Time between attempts to reopen the camera.
-    waiting
+    buffered
         Number of buffered frames; with 1, the next frame is always the newest.
 
     Attributes
@@ -89,16 +89,16 @@ class LiveCamera:
         on_note: Callable[[str], None] = lambda line: None,
         clock: Callable[[], float] = time.monotonic,
         retry_s: float = RETRY_S,
-        waiting: int = AHEAD,
+        buffered: int = AHEAD,
     ) -> None:
         self.name, self._connect, self._size = name, connect, (width_px, height_px)
-        self._on_note, self._clock, self._retry_s, self._most = on_note, clock, retry_s, waiting
+        self._on_note, self._clock, self._retry_s, self._max_buffered = on_note, clock, retry_s, buffered
         self.dropped, self.outages = 0, 0
         self._changed, self._over = threading.Condition(), threading.Event()
         self._connection = connect()
         self.ends = self._connection.ends
         self.started_ns = 0 if self.ends else time.time_ns()
-        self._started, self._times = clock(), _Times(follows=not self.ends)
+        self._started, self._times = clock(), _Times(is_live=not self.ends)
 
     def frames(self, after: int = -1) -> Generator[Frame | Lost]:
         """Yield frames from now on, numbered from `after` + 1, until `stop` or the end of a recording."""
@@ -114,23 +114,23 @@ class LiveCamera:
 
     def _recorded(self, after: int) -> Generator[Frame | Lost]:
         try:
-            for number, seen in enumerate(self._connection.pictures):
+            for number, picture in enumerate(self._connection.pictures):
                 if self._over.is_set():
                     return
                 if number > after:
-                    yield self._frame(number, seen)
+                    yield self._frame(number, picture)
         finally:
             self._connection.pictures.close()
 
     def _newest(self, after: int) -> Generator[Frame | Lost]:
-        waiting: deque[Any] = deque()
+        queue: deque[Any] = deque()
 
         def put(item: Frame | Lost | BaseException) -> None:
             with self._changed:
-                if len(waiting) == self._most and not isinstance(item, BaseException):
-                    waiting.popleft()
+                if len(queue) == self._max_buffered and not isinstance(item, BaseException):
+                    queue.popleft()
                     self.dropped += 1
-                waiting.append(item)
+                queue.append(item)
                 self._changed.notify_all()
 
         thread = threading.Thread(target=self._watch, args=(after + 1, put), name="camera", daemon=True)
@@ -138,10 +138,10 @@ class LiveCamera:
         try:
             while True:
                 with self._changed:
-                    self._changed.wait_for(lambda: waiting or self._over.is_set())
-                    if not waiting:
+                    self._changed.wait_for(lambda: queue or self._over.is_set())
+                    if not queue:
                         return
-                    item = waiting.popleft()
+                    item = queue.popleft()
                 if isinstance(item, BaseException):
                     raise item
                 yield item
@@ -154,20 +154,20 @@ class LiveCamera:
         connection = self._connection
         try:
             while True:
-                for seen in connection.pictures:
-                    put(self._frame(number, seen))
+                for picture in connection.pictures:
+                    put(self._frame(number, picture))
                     number += 1
                     if self._over.is_set():
                         return
                 if self._over.is_set():
                     return
                 self._on_note(f"{self.name} gives no more pictures, waiting for it to come back")
-                gone = self._clock()
+                lost_s = self._clock()
                 connection = self._reconnected()
                 if self._over.is_set():
                     return
                 self.outages += 1
-                self._on_note(f"{self.name} is back after {self._clock() - gone:.1f} s")
+                self._on_note(f"{self.name} is back after {self._clock() - lost_s:.1f} s")
         except BaseException as error:  # raised again in the consumer
             put(error)
         finally:
@@ -182,15 +182,15 @@ class LiveCamera:
                 continue
         return self._connection
 
-    def _frame(self, number: int, seen: Seen) -> Frame | Lost:
-        if seen.pixels is None:
+    def _frame(self, number: int, picture: CameraPicture) -> Frame | Lost:
+        if picture.pixels is None:
             return Lost(number, "is damaged")
-        height, width = seen.pixels.shape[:2]
+        height, width = picture.pixels.shape[:2]
         if (width, height) != self._size:
             expected = f"{self._size[0]}x{self._size[1]} of the layout's camera"
             raise InputError(f"{self.name} gives {width}x{height} px, expected {expected}")
-        arrived = self._clock() - self._started
-        return Frame(number, self._times.time_s(arrived, seen.time_s), seen.pixels)
+        arrival_s = self._clock() - self._started
+        return Frame(number, self._times.time_s(arrival_s, picture.time_s), picture.pixels)
 
 
 class _Times:
@@ -200,25 +200,25 @@ class _Times:
     were delayed in transit and arrive together keep their times. Times of a recording begin at 0.
     """
 
-    def __init__(self, follows: bool) -> None:
-        self._follows = follows
-        self._before: tuple[float, float] | None = None
+    def __init__(self, is_live: bool) -> None:
+        self._is_live = is_live
+        self._previous: tuple[float, float] | None = None
         """Arrival and camera time of the last frame that has one, s."""
         self._offset = 0.0
-        self._last = -LEAST_STEP_S
+        self._last = -MIN_STEP_S
 
-    def time_s(self, arrived: float, stated: float | None) -> float:
+    def time_s(self, arrival_s: float, camera_s: float | None) -> float:
         """Return the time of a frame from its arrival and its camera time, if any; all in s."""
-        found = arrived
-        if stated is not None:
-            if self._before is None or (self._follows and self._was_reset(arrived, stated, *self._before)):
-                self._offset = (arrived if self._follows else 0.0) - stated
-            self._before = arrived, stated
-            found = stated + self._offset
-        self._last = max(found, self._last + LEAST_STEP_S)
+        time_s = arrival_s
+        if camera_s is not None:
+            if self._previous is None or (self._is_live and self._was_reset(arrival_s, camera_s, *self._previous)):
+                self._offset = (arrival_s if self._is_live else 0.0) - camera_s
+            self._previous = arrival_s, camera_s
+            time_s = camera_s + self._offset
+        self._last = max(time_s, self._last + MIN_STEP_S)
         return self._last
 
     @staticmethod
-    def _was_reset(arrived: float, stated: float, arrived_before: float, stated_before: float) -> bool:
-        step = stated - stated_before
-        return step < 0 or step > arrived - arrived_before + MOST_AHEAD_S
+    def _was_reset(arrival_s: float, camera_s: float, arrival_before_s: float, camera_before_s: float) -> bool:
+        step = camera_s - camera_before_s
+        return step < 0 or step > arrival_s - arrival_before_s + MAX_AHEAD_S

@@ -16,11 +16,11 @@ from mirrorcam.core.disk.files import stored_bytes
 from mirrorcam.core.errors import InputError
 
 _CONTAINERS = "mov matroska avi mpegts mpeg flv live_flv asf ogg nut mxf gxf dv rm wtv dhav mpjpeg smjpeg cine ser"
-_PLAIN = "h264 hevc vvc m4v mpegvideo h261 h263 vc1 av1 obu ivf dirac dnxhd mjpeg mjpeg_2000 yuv4mpegpipe gif apng"
+_ELEMENTARY = "h264 hevc vvc m4v mpegvideo h261 h263 vc1 av1 obu ivf dirac dnxhd mjpeg mjpeg_2000 yuv4mpegpipe gif apng"
 _PICTURES = "bmp_pipe jpeg_pipe png_pipe tiff_pipe webp_pipe ppm_pipe pgm_pipe pbm_pipe pam_pipe dpx_pipe"
 _SOUND = "wav mp3 aac flac"
 """Opened to report that they contain no pictures."""
-FORMATS = ",".join(f"{_CONTAINERS} {_PLAIN} {_PICTURES} {_SOUND}".split())
+FORMATS = ",".join(f"{_CONTAINERS} {_ELEMENTARY} {_PICTURES} {_SOUND}".split())
 """FFmpeg's names of the accepted formats: those that contain all of their data and refer to no other file."""
 NO_PROTOCOL = "none"
 """Protocol whitelist without any valid protocol."""
@@ -41,11 +41,11 @@ class MediaFile(FileIO):
 def opened(path: Path) -> Iterator[Any]:
     """Open a local video of one of `FORMATS` as an FFmpeg container; no other file is opened.
 
-    Raises InputError for a path that is no regular file, or that FFmpeg cannot read.
+    Raises InputError for a path that is not a regular file, or that FFmpeg cannot read.
     """
     import av
 
-    with suppress(OSError):  # of a name that is too long
+    with suppress(OSError):  # a name that is too long
         if path.is_dir():
             raise InputError(f"{path}: is a folder, expected a video or pictures by their names (FOLDER/*.png)")
     stored_bytes(path)

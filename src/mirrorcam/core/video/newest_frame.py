@@ -13,7 +13,7 @@ ENDING_S = 2.0
 
 
 @dataclass(frozen=True)
-class Arrived:
+class ArrivedFrame:
     """A frame, and its time of arrival by the clock of `NewestFrame`, s."""
 
     frame: Frame
@@ -29,9 +29,9 @@ class NewestFrame:
         Source of frames: a `LiveCamera`, a `Video` or any object with `frames` and `stop`.
     paced
         Whether frames arrive at their stated times, as for a file; otherwise as fast as the source delivers them.
-    every
+    keep_all
         Whether to wait until each frame is taken, so that none is dropped.
-    arriving
+    on_arrival
         Called in the reading thread with each frame and each lost frame on arrival.
     clock
         Time in s.
@@ -47,27 +47,27 @@ class NewestFrame:
         source: Source,
         *,
         paced: bool = False,
-        every: bool = False,
-        arriving: Callable[[Frame | Lost], None] = lambda item: None,
+        keep_all: bool = False,
+        on_arrival: Callable[[Frame | Lost], None] = lambda item: None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self.dropped = self.lost = 0
-        self._source, self._paced, self._every, self._clock = source, paced, every, clock
-        self._arriving = arriving
+        self._source, self._paced, self._keep_all, self._clock = source, paced, keep_all, clock
+        self._on_arrival = on_arrival
         self._changed, self._stopping = threading.Condition(), threading.Event()
-        self._newest: Arrived | None = None
-        self._over = False
+        self._newest: ArrivedFrame | None = None
+        self._ended = False
         self._error: BaseException | None = None
         self._thread = threading.Thread(target=self._read, name="newest frame", daemon=True)
         self._thread.start()
 
-    def take(self, timeout_s: float | None = None) -> Arrived | None:
+    def take(self, timeout_s: float | None = None) -> ArrivedFrame | None:
         """Wait for a frame that was not taken yet; None at the end of the source, or after `timeout_s`.
 
         Reraises an exception of the source.
         """
         with self._changed:
-            self._changed.wait_for(lambda: self._newest is not None or self._over, timeout_s)
+            self._changed.wait_for(lambda: self._newest is not None or self._ended, timeout_s)
             newest, self._newest = self._newest, None
             self._changed.notify_all()
             if newest is None and self._error is not None:
@@ -75,10 +75,10 @@ class NewestFrame:
             return newest
 
     @property
-    def over(self) -> bool:
+    def ended(self) -> bool:
         """Whether the source has ended and its last frame was taken."""
         with self._changed:
-            return self._over and self._newest is None
+            return self._ended and self._newest is None
 
     def stop(self) -> None:
         """Stop reading, and release the source."""
@@ -96,25 +96,25 @@ class NewestFrame:
                     return
                 if isinstance(item, Lost):
                     self.lost += 1
-                    self._arriving(item)
+                    self._on_arrival(item)
                     continue
                 if self._paced:
                     started = self._clock() - item.time_s if started is None else started
                     if self._stopping.wait(max(started + item.time_s - self._clock(), 0.0)):
                         return
-                self._arriving(item)
+                self._on_arrival(item)
                 self._put(item)
         except BaseException as error:  # reraised by `take`
             self._error = error
         finally:
             with self._changed:
-                self._over = True
+                self._ended = True
                 self._changed.notify_all()
 
     def _put(self, frame: Frame) -> None:
         with self._changed:
-            if self._every:
+            if self._keep_all:
                 self._changed.wait_for(lambda: self._newest is None or self._stopping.is_set())
             self.dropped += self._newest is not None
-            self._newest = Arrived(frame, self._clock())
+            self._newest = ArrivedFrame(frame, self._clock())
             self._changed.notify_all()

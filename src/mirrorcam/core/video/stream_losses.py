@@ -28,22 +28,22 @@ def losses(source: Stream, kept: int, lost: Mapping[int, str], expected: int | N
 
     For a camera, also report dropped frames and outages.
     """
-    seen = kept + len(lost)
+    total = kept + len(lost)
     lines = []
     for reason in dict.fromkeys(lost.values()):
-        numbers = sorted(number for number, why in lost.items() if why == reason)
-        lines.append(f"skipped {len(numbers)} of {seen} frames, each {reason}: {spans(numbers)}")
+        numbers = sorted(number for number, cause in lost.items() if cause == reason)
+        lines.append(f"skipped {len(numbers)} of {total} frames, each {reason}: {spans(numbers)}")
     if isinstance(source, LiveCamera):
         if source.dropped:
-            lines.append(f"left out {source.dropped} of {seen + source.dropped} frames, which came faster than decoded")
+            lines.append(f"left out {source.dropped} of {total + source.dropped} frames, which came too fast to decode")
         if source.outages:
-            lines.append(f"the camera was gone {count_text(source.outages, 'time')}")
-    elif expected is not None and seen < expected:
-        lines.append(f"ends after {seen} of {expected} frames; the file is cut off")
+            lines.append(f"the camera disconnected {count_text(source.outages, 'time')}")
+    elif expected is not None and total < expected:
+        lines.append(f"ends after {total} of {expected} frames; the file is cut off")
     return lines
 
 
 def spans(numbers: Sequence[int]) -> str:
     """Return ascending numbers as text, with consecutive ones joined: 3, 7 to 12."""
-    runs = [[number for _, number in run] for _, run in groupby(enumerate(numbers), key=lambda each: each[1] - each[0])]
+    runs = [[number for _, number in run] for _, run in groupby(enumerate(numbers), key=lambda item: item[1] - item[0])]
     return ", ".join(str(run[0]) if len(run) == 1 else f"{run[0]} to {run[-1]}" for run in runs)

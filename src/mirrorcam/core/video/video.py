@@ -32,9 +32,9 @@ from mirrorcam.core.video.video_pictures import (
 )
 
 MISSING, WRONG_TIME = "is missing", "has a wrong time"
-_NEAR = 16
+_REORDERED = 16
 """Number of pictures after damage among which others may be missing: as many as a codec reorders."""
-_REMEMBERED = 4096
+_MAX_TIMESTAMPS = 4096
 """Number of past timestamps that are recognised when they repeat."""
 _SAMPLED_FRAMES, _SAMPLED_PACKETS = 8, 32
 _FIELD_ORDERS = range(2, 6)
@@ -73,8 +73,8 @@ class Video:
             self.rate_hz = float(stream.average_rate or 0.0)
             self.count = _count(container, stream)
             if self.width_px * self.height_px > LARGEST_PICTURE_PX:
-                most = f"{LARGEST_PICTURE_PX // 1_000_000} megapixels"
-                raise InputError(f"{path}: {self.width_px}x{self.height_px} px, expected a video of at most {most}")
+                limit = f"{LARGEST_PICTURE_PX // 1_000_000} megapixels"
+                raise InputError(f"{path}: {self.width_px}x{self.height_px} px, expected a video of at most {limit}")
             if on_note is not None:
                 for line in remarks(path.name, container, stream):
                     on_note(line)
@@ -82,8 +82,8 @@ class Video:
     def _stream(self, container: Any) -> Any:
         from av.stream import Disposition
 
-        # Cover pictures of music files are no video.
-        streams = [each for each in container.streams.video if not each.disposition & Disposition.attached_pic]
+        # Cover pictures of music files are not videos.
+        streams = [item for item in container.streams.video if not item.disposition & Disposition.attached_pic]
         if not streams:
             raise InputError(f"{self.path}: has no pictures, expected a video")
         stream = streams[0]
@@ -102,7 +102,7 @@ class Video:
         with opened(self.path) as container:
             stream = self._stream(container)
             period = 1 / (self.rate_hz * float(stream.time_base)) if self.rate_hz else 0.0
-            pictures = with_missing(self._pictures(container, stream), period, self._most(container))
+            pictures = with_missing(self._pictures(container, stream), period, self._stated_frames(container))
             start = stream.start_time or 0
             for number, picture in enumerate(pictures):
                 if number > after:
@@ -111,7 +111,7 @@ class Video:
     def stop(self) -> None:
         """Do nothing: reading a file never waits."""
 
-    def _most(self, container: Any) -> int:
+    def _stated_frames(self, container: Any) -> int:
         """Return the number of frames that fit into the stated duration."""
         return round(self.rate_hz * (container.duration or 0) / 1e6)
 
@@ -131,8 +131,8 @@ class Video:
 
     @cached_property
     def sample_bits(self) -> SampleBits:
-        """Used bits of all 16-bit frames, which are decoded for it; empty for a video of other samples."""
-        found = SampleBits()
+        """Used bits of all 16-bit frames, which are decoded for this; empty for a video of other samples."""
+        bits = SampleBits()
         with opened(self.path) as container:
             stream = self._stream(container)
             if has_16_bits(stream.codec_context):
@@ -140,14 +140,14 @@ class Video:
                 packets = packets_of(container, stream)
                 for picture in decoded_pictures(stream.codec_context, packets, size, samples_of_16_bits):
                     if picture.pixels is not None:
-                        found = SampleBits.together((found, SampleBits.of(picture.pixels())))
-                    if found.used == ALL:
+                        bits = SampleBits.combined((bits, SampleBits.of(picture.pixels())))
+                    if bits.used == ALL:
                         break
-        return found
+        return bits
 
 
 def _count(container: Any, stream: Any) -> int | None:
-    """Return the stated number of frames, without the empty frames that AVI counts, too."""
+    """Return the stated number of frames, without the empty frames, which AVI also counts."""
     stated, index = int(stream.frames), stream.index_entries
     if container.format.name == "avi" and len(index) and index[-1].timestamp + 1 == stated:
         return sum(entry.size > 0 for entry in index)
@@ -163,42 +163,44 @@ def _frame(number: int, picture: Picture, start: int, time_base: Any) -> Frame |
         return Lost(number, DAMAGED)
 
 
-def with_missing(pictures: Iterable[Picture], period: float, most: int) -> Iterator[Picture]:
+def with_missing(pictures: Iterable[Picture], period: float, max_gap: int) -> Iterator[Picture]:
     """Yield the pictures, and lost ones for gaps in the timestamps of a damaged file.
 
-    Only a constant frame rate, with timestamps `period` apart (0 if unknown), shows gaps; a gap above `most` frames
-    does not count. A picture with a timestamp not between its neighbours' is lost, but one with a repeated timestamp
+    Only a constant frame rate, with timestamps `period` apart (0 if unknown), shows gaps; a gap above `max_gap`
+    frames does not count. A picture with a timestamp not between its neighbours' is lost, but one with a repeated timestamp
     is a copy, and is left out.
     """
     last: int | None = None
-    even, steady, near = period > 0, 0, 0
-    seen: deque[int] = deque(maxlen=_REMEMBERED)
-    for picture, following in pairwise(chain(pictures, (None,))):
+    is_regular, regular_steps, near_damage = period > 0, 0, 0
+    recent: deque[int] = deque(maxlen=_MAX_TIMESTAMPS)
+    for picture, next_picture in pairwise(chain(pictures, (None,))):
         assert picture is not None
-        near = _NEAR if any(_may_miss(each, steady) for each in (picture, following)) else near - 1
+        near_damage = (
+            _REORDERED if any(_may_miss(item, regular_steps) for item in (picture, next_picture)) else near_damage - 1
+        )
         timestamp, missing = picture.timestamp, picture.skipped
-        if last is not None and timestamp <= last and timestamp in seen:
+        if last is not None and timestamp <= last and timestamp in recent:
             continue
-        steps = round((timestamp - last) / period) if even and last is not None else 0
+        steps = round((timestamp - last) / period) if is_regular and last is not None else 0
         on_grid = last is not None and abs(timestamp - last - steps * period) <= 1 + period / 20
-        too_late = following is not None and last is not None and last < following.timestamp <= timestamp
+        too_late = next_picture is not None and last is not None and last < next_picture.timestamp <= timestamp
         if last is not None and (timestamp <= last or (too_late and not (steps == 1 and on_grid))):
             yield Picture(timestamp, None, WRONG_TIME)
-            last = round(last + period) if even else last
+            last = round(last + period) if is_regular else last
             continue
-        if even and last is not None:
-            even = on_grid and (steps == 1 or near > 0)
-            missing = max(missing, steps - 1) if even and steps <= most else missing
-            steady += even
+        if is_regular and last is not None:
+            is_regular = on_grid and (steps == 1 or near_damage > 0)
+            missing = max(missing, steps - 1) if is_regular and steps <= max_gap else missing
+            regular_steps += is_regular
         yield from (Picture(timestamp, None, MISSING) for _ in range(missing))
         last = timestamp
-        seen.append(timestamp)
+        recent.append(timestamp)
         yield picture
 
 
-def _may_miss(picture: Picture | None, steady: int) -> bool:
-    """Return whether pictures next to this one may be missing, after `steady` pictures at even times."""
-    return picture is not None and (picture.broken or (picture.reason == DAMAGED and steady > _NEAR))
+def _may_miss(picture: Picture | None, regular_steps: int) -> bool:
+    """Return whether pictures next to this one may be missing, after `regular_steps` regular intervals."""
+    return picture is not None and (picture.broken or (picture.reason == DAMAGED and regular_steps > _REORDERED))
 
 
 def remarks(name: str, container: Any, stream: Any) -> list[str]:
@@ -216,11 +218,11 @@ def frame_remarks(name: str, frames: Sequence[Any], *, interlaced: bool = False)
             "distorts measurements; deinterlace it (ffmpeg -noautorotate -i VIDEO -vf bwdif=0 -crf 12 OUT.mkv), or "
             "hold the board and the scene still"
         )
-    turned = next(filter(None, map(_turned, frames)), None)
-    if turned is not None:
+    rotation = next(filter(None, map(_rotation, frames)), None)
+    if rotation is not None:
         found.append(
-            f"{name} is to be shown {turned}: its frames are used as they lie on the sensor; so that ffmpeg does the "
-            "same, put -noautorotate -display_rotation 0 before its -i"
+            f"{name} is displayed {rotation} by players: its frames are used as they lie on the sensor; to make "
+            "ffmpeg do the same, put -noautorotate -display_rotation 0 before its -i"
         )
     return found
 
@@ -241,13 +243,13 @@ def _frames(container: Any, stream: Any) -> Iterator[Any]:
         yield from decoded
 
 
-def _turned(frame: Any) -> str | None:
-    """Describe how players turn a frame by its display matrix; None if they do not."""
-    data = next((bytes(each) for each in frame.side_data if each.type.name == "DISPLAYMATRIX"), b"")
+def _rotation(frame: Any) -> str | None:
+    """Describe how players rotate or mirror a frame by its display matrix; None if they do not."""
+    data = next((bytes(item) for item in frame.side_data if item.type.name == "DISPLAYMATRIX"), b"")
     if len(data) != _MATRIX.size:
         return None
     a, b, _, c, d, *_ = _MATRIX.unpack(data)
     if a * d - b * c < 0:
         return "mirrored"
     angle = round(degrees(atan2(b, a))) % 360
-    return f"turned by {angle}°" if angle else None
+    return f"rotated by {angle}°" if angle else None

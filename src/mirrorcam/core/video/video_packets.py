@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-_LARGEST_GAP = 64
-"""Most bytes between two packets of a Matroska file with one stream: headers of a block and a cluster."""
+_MAX_GAP_BYTES = 64
+"""Maximum number of bytes between two packets of a Matroska file with one stream: headers of a block and a cluster."""
 _INDEX_NAME = b"idx1"
 _ENTRY = struct.Struct("<4s4xII")
 # Chunk names of frames, after the number of the stream.
@@ -56,7 +56,7 @@ def packets_of(container: Any, stream: Any) -> Iterator[Packet]:
 
     # AVI has no timestamps: its index numbers all frames, but FFmpeg numbers only those that it finds.
     index = AviIndex(Path(container.name)) if container.format.name == "avi" else None
-    alone = "matroska" in container.format.name and len(container.streams) == 1
+    is_only_stream = "matroska" in container.format.name and len(container.streams) == 1
     number, last, corrupt = 0, None, False
     try:
         for data in container.demux(stream):
@@ -68,7 +68,7 @@ def packets_of(container: Any, stream: Any) -> Iterator[Packet]:
                 timestamp, skipped = index.find(data.pos, data.size, timestamp)
             gap = False
             if last is not None:
-                gap = alone and not 0 <= data.pos - last.data.pos - last.data.size <= _LARGEST_GAP
+                gap = is_only_stream and not 0 <= data.pos - last.data.pos - last.data.size <= _MAX_GAP_BYTES
                 # Unreadable data before this packet may include the end of the last one.
                 yield replace(last, suspect=last.suspect or gap)
             has_pts = not index and data.pts is not None
@@ -125,20 +125,20 @@ class AviIndex:
         return self._timestamps[number] if number < len(self._timestamps) else timestamp, skipped
 
     def _number(self, position: int | None, size: int) -> int:
-        count, following = len(self._sizes), self._next
+        count, expected = len(self._sizes), self._next
         if not count or position is None:
-            return following
+            return expected
         if self._base is None and self._sizes[0] == size:
             # Offsets count from the start of the file or of its list of frames.
             self._base = position - next(iter(self._offsets))
-        known = self._offsets.get(position - (self._base or 0))
-        if known is not None and self._sizes[known] == size:
-            return known
-        order = (*range(following, count), *range(min(following, count)))
-        same = [number for number in order if self._sizes[number] == size]
-        after = (size, self._size_after(position + size)) if len(same) > 1 else ()
-        certain = (number for number in same if (*self._sizes[number : number + 2],) == after)
-        return next(certain, next(iter(same), following))
+        number = self._offsets.get(position - (self._base or 0))
+        if number is not None and self._sizes[number] == size:
+            return number
+        order = (*range(expected, count), *range(min(expected, count)))
+        candidates = [number for number in order if self._sizes[number] == size]
+        next_sizes = (size, self._size_after(position + size)) if len(candidates) > 1 else ()
+        matching = (number for number in candidates if (*self._sizes[number : number + 2],) == next_sizes)
+        return next(matching, next(iter(candidates), expected))
 
     def _size_after(self, end: int) -> int:
         """Return the size of the next chunk, from its header at the end of a chunk."""

@@ -22,7 +22,7 @@ SAMPLED = 8
 
 _INTRA = 1
 """FFmpeg's type of a picture that depends on no other (AV_PICTURE_TYPE_I)."""
-_MOST_AHEAD = 64
+_MAX_AHEAD = 64
 """Packets after which a missing frame is given up: more than a decoder reorders or decodes at once."""
 # Comment of a JPEG with samples in limited (television) range, which libjpeg ignores.
 _LIMITED_RANGE = b"CS=ITU601"
@@ -46,7 +46,7 @@ class Picture:
 def are_plain_jpegs(packets: Sequence[Packet], height_px: int) -> bool:
     """Return whether JPEG packets are like picture files: complete frames, not fields, in full range.
 
-    Damaged packets count as such, unless libjpeg warns of bytes before a marker in all of them: their camera writes so.
+    Damaged packets count as plain, unless libjpeg warns of bytes before a marker in all of them, as some cameras write.
     """
     extraneous = 0
     for packet in packets:
@@ -93,7 +93,7 @@ def _jpeg_picture(packet: Packet, size: tuple[int, int], with_ends: bool) -> Pic
 def _jpeg_of(raw: bytes) -> Jpeg:
     jpeg = Jpeg.of(raw)
     if not raw.startswith(JPEG_BEGIN) or not all(jpeg.size(raw)):
-        raise DamagedPicture("frame: no JPEG")
+        raise DamagedPicture("frame: not a JPEG")
     return jpeg
 
 
@@ -108,7 +108,7 @@ def other_size(size: tuple[int, int], expected: tuple[int, int]) -> str:
 
 
 @dataclass(frozen=True, eq=False)
-class _Shown:
+class _Ordered:
     """A packet in presentation order: its frame or None, timestamp, and number of the key frame that it depends on."""
 
     packet: Packet
@@ -127,16 +127,16 @@ class _Order:
     A frame is decided once all packets from its key frame up to its own are decoded or lost.
     """
 
-    def __init__(self, alone: bool) -> None:
-        self._alone = alone
-        self._sent: dict[int, Packet] = {}
+    def __init__(self, intra_only: bool) -> None:
+        self._intra_only = intra_only
+        self._pending: dict[int, Packet] = {}
         self._timestamps: list[int] = []
-        self._shown: deque[_Shown] = deque()
+        self._presented: deque[_Ordered] = deque()
         self._key = 0
         self._damaged: set[float] = set()
 
     def add_packet(self, packet: Packet) -> None:
-        self._sent[packet.number] = packet
+        self._pending[packet.number] = packet
         if not packet.has_pts:
             heapq.heappush(self._timestamps, packet.timestamp)
         if packet.gap:
@@ -147,55 +147,55 @@ class _Order:
 
     def add_frame(self, number: int, frame: Any, reorders: bool) -> None:
         """Add a decoded frame, and count frames that it has overtaken as lost."""
-        packet = self._sent.pop(number, None)
+        packet = self._pending.pop(number, None)
         if packet is None:
             return  # its timestamp is wrong: it was counted as lost before
         if frame.is_corrupt:
             self._damaged.add(number)
         key = _is_key(frame)
-        for each in sorted(self._sent.values(), key=lambda each: each.timestamp):
-            by_number = each.number < number and (key or not reorders)
-            overtaken = each.timestamp < packet.timestamp if packet.has_pts else by_number
-            if overtaken or each.number < number - _MOST_AHEAD:
-                self._miss(each)
+        for pending in sorted(self._pending.values(), key=lambda pending: pending.timestamp):
+            is_earlier = pending.number < number and (key or not reorders)
+            overtaken = pending.timestamp < packet.timestamp if packet.has_pts else is_earlier
+            if overtaken or pending.number < number - _MAX_AHEAD:
+                self._miss(pending)
         if key and number not in self._damaged:
             self._key = number
         self._show(packet, frame)
 
     def end(self) -> None:
         """Count all frames still expected as lost."""
-        for each in sorted(self._sent.values(), key=lambda each: each.timestamp):
-            self._miss(each)
+        for pending in sorted(self._pending.values(), key=lambda pending: pending.timestamp):
+            self._miss(pending)
 
     def _miss(self, packet: Packet) -> None:
-        del self._sent[packet.number]
+        del self._pending[packet.number]
         self._damaged.add(packet.number)
         self._show(packet, None)
 
     def _show(self, packet: Packet, frame: Any) -> None:
         timestamp = packet.timestamp if packet.has_pts else heapq.heappop(self._timestamps)
-        self._shown.append(_Shown(packet, frame, timestamp, self._key))
+        self._presented.append(_Ordered(packet, frame, timestamp, self._key))
 
-    def decided(self) -> Iterator[tuple[_Shown, str]]:
-        """Yield the frames that can be decided, in presentation order, each with the reason of its loss, or empty."""
-        while self._shown:
-            shown = self._shown[0]
-            number = shown.packet.number
-            if not self._alone and any(shown.key <= each < number for each in self._sent):
+    def decided(self) -> Iterator[tuple[_Ordered, str]]:
+        """Yield the frames that can be decided, in presentation order, each with the reason for its loss, empty if it is complete."""
+        while self._presented:
+            ordered = self._presented[0]
+            number = ordered.packet.number
+            if not self._intra_only and any(ordered.key <= sent < number for sent in self._pending):
                 return
-            self._shown.popleft()
-            alone = self._alone or _is_key(shown.frame)
-            depends = not alone and any(shown.key <= each < number for each in self._damaged)
-            yield shown, DEPENDS if depends else DAMAGED if number in self._damaged else ""
-        self._damaged = {each for each in self._damaged if each >= self._key}
+            self._presented.popleft()
+            intra_only = self._intra_only or _is_key(ordered.frame)
+            depends = not intra_only and any(ordered.key <= damaged < number for damaged in self._damaged)
+            yield ordered, DEPENDS if depends else DAMAGED if number in self._damaged else ""
+        self._damaged = {damaged for damaged in self._damaged if damaged >= self._key}
 
 
-def has_16_bits(shown: Any) -> bool:
+def has_16_bits(source: Any) -> bool:
     """Return whether a frame, or a decoder's output, is 16-bit grey or RGB, of which a camera may use only some bits.
 
     Formats of 10, 12 or 14 bits state their depth.
     """
-    return shown.format is not None and shown.format.name.startswith(
+    return source.format is not None and source.format.name.startswith(
         ("gray16", "ya16", "rgb48", "rgba64", "bgr48", "bgra64", "gbrp16", "gbrap16")
     )
 
@@ -232,15 +232,15 @@ def decoded_pictures(
     decoder.options = {"err_detect": "crccheck+explode"}
     order = _Order(bool(decoder.codec.intra_only))
 
-    def picture(shown: _Shown, reason: str, at_end: bool = False) -> Picture:
+    def picture(ordered: _Ordered, reason: str, at_end: bool = False) -> Picture:
         def pixels() -> NDArray[Any]:
-            return convert(shown.frame)
+            return convert(ordered.frame)
 
-        # At the end of the file, frames that are decoded after the last one shown may be cut off.
-        broken, skipped = shown.packet.gap or (at_end and bool(decoder.has_b_frames)), shown.packet.skipped
-        if not reason and (shown.frame.width, shown.frame.height) != size:
-            reason = other_size((shown.frame.width, shown.frame.height), size)
-        return Picture(shown.timestamp, None if reason else pixels, reason, broken, skipped)
+        # At the end of the file, frames that are decoded after the last one in presentation order may be cut off.
+        broken, skipped = ordered.packet.gap or (at_end and bool(decoder.has_b_frames)), ordered.packet.skipped
+        if not reason and (ordered.frame.width, ordered.frame.height) != size:
+            reason = other_size((ordered.frame.width, ordered.frame.height), size)
+        return Picture(ordered.timestamp, None if reason else pixels, reason, broken, skipped)
 
     failed = False
     for packet in packets:
@@ -256,8 +256,8 @@ def decoded_pictures(
         yield from starmap(picture, order.decided())
     _decode(decoder, None, order)
     order.end()
-    for shown, reason in order.decided():
-        yield picture(shown, reason, at_end=True)
+    for ordered, reason in order.decided():
+        yield picture(ordered, reason, at_end=True)
 
 
 def _decode(decoder: Any, data: Any, order: _Order) -> bool:

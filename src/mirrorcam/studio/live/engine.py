@@ -25,7 +25,7 @@ from mirrorcam.studio.live.values import DECODED, LivePicture, LivePictures, Liv
 
 OUTLINE_POINTS = 8
 """Points of an edge of an outline."""
-LEAST_PICTURES = MIN_FRAMES
+MIN_PICTURES = MIN_FRAMES
 """Least number of calibration pictures to begin with: the report requires as many in every view."""
 
 
@@ -181,15 +181,13 @@ class LiveEngine:
     def calibrate(self) -> Path:
         """Calibrate from the pictures taken, in a process of its own; returns the folder for the result.
 
-        Raises InputError with fewer than LEAST_PICTURES pictures, and while another calibration runs.
+        Raises InputError with fewer than MIN_PICTURES pictures, and while another calibration runs.
         """
         if self.board is None:
             raise InputError("no board is stated, expected --board board.toml to calibrate")
         pictures = self.out / "pictures"
-        if (count := self._pictures_kept()) < LEAST_PICTURES:
-            raise InputError(
-                f"{pictures}: number of calibration pictures is {count}, expected {LEAST_PICTURES} or more"
-            )
+        if (count := self._pictures_kept()) < MIN_PICTURES:
+            raise InputError(f"{pictures}: number of calibration pictures is {count}, expected {MIN_PICTURES} or more")
         if self._calibration is not None and self._calibration.state().state == "running":
             raise InputError("a calibration runs already, expected it to end first")
         out = numbered(self.out / "calibrations", "calibration", "")

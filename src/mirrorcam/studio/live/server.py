@@ -19,7 +19,7 @@ from starlette.routing import Mount, Route
 
 from mirrorcam.core.html.templates import render
 from mirrorcam.core.values import Value
-from mirrorcam.studio.live.engine import LEAST_PICTURES, LiveEngine
+from mirrorcam.studio.live.engine import MIN_PICTURES, LiveEngine
 from mirrorcam.studio.live.values import LiveRequest, PictureKind
 from mirrorcam.studio.local_server import (
     FILES,
@@ -41,7 +41,7 @@ def live_page(engine: LiveEngine, *, nonce: str) -> str:
         "about": asdict(engine.about),
         "outlines": engine.outlines_px(),
         "board": engine.board is not None,
-        "least_pictures": LEAST_PICTURES,
+        "least_pictures": MIN_PICTURES,
     }
     return render(
         WEB,

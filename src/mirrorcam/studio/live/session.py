@@ -22,7 +22,7 @@ from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import write_image
 from mirrorcam.core.video.frames import Frame
 from mirrorcam.core.video.live_camera import LiveCamera
-from mirrorcam.core.video.newest_frame import Arrived, NewestFrame
+from mirrorcam.core.video.newest_frame import ArrivedFrame, NewestFrame
 from mirrorcam.optics.alignment.meters import FocusMeter, measure_exposure, sharpness, sub_image_masks
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import Decoder
@@ -94,7 +94,7 @@ class LiveSession:
         self._every, self._plays = request.every, 0
         self._newest: NewestFrame | None = None
         self._dropped = self._lost = 0
-        self._last: Arrived | None = None
+        self._last: ArrivedFrame | None = None
         self._made: dict[PictureKind, float | None] = {}
         if not self.opened.ends:
             self._read()
@@ -131,10 +131,10 @@ class LiveSession:
         self._recording.order(orders.record)
         if orders.plays > self._plays and self.opened.ends:
             self._plays = orders.plays
-            if self._newest is None or self._newest.over:
+            if self._newest is None or self._newest.ended:
                 self._read()
         arrived = None if self._newest is None else self._newest.take(orders.timeout_s)
-        over = self._newest is not None and self._newest.over
+        over = self._newest is not None and self._newest.ended
         shown = None
         if arrived is not None:
             self._last, self._made = arrived, {}
@@ -176,11 +176,11 @@ class LiveSession:
         self._newest = NewestFrame(
             self.opened.source,
             paced=self.opened.paced and not self._every,
-            every=self._every,
-            arriving=self._recording.give,
+            keep_all=self._every,
+            on_arrival=self._recording.give,
         )
 
-    def _reordered(self, last: Arrived, orders: Orders) -> Shown | None:
+    def _reordered(self, last: ArrivedFrame, orders: Orders) -> Shown | None:
         """Return newly ordered results of the last frame: other kinds, another focus, or depth."""
         kinds = tuple(
             kind
@@ -193,7 +193,7 @@ class LiveSession:
         remaining = replace(orders, kinds=kinds, depth=depth, frames=False, take=None)
         return replace(self._results(replace(last, arrived_s=time.monotonic()), remaining), again=True)
 
-    def _results(self, arrived: Arrived, orders: Orders) -> Shown:
+    def _results(self, arrived: ArrivedFrame, orders: Orders) -> Shown:
         frame, jpegs = arrived.frame, dict[PictureKind, bytes]()
         if "frame" in orders.kinds:
             jpegs["frame"] = _jpeg(cv2.resize(frame.pixels, self._frame_px, interpolation=cv2.INTER_AREA))
