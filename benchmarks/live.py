@@ -135,7 +135,7 @@ def main() -> None:
             repeated(Path(folder) / "once.mp4", video, TIMES)
         figures = {"reading_and_jpeg_hz": limit(video)}
         request = LiveRequest(given.layout, str(video))
-        fast = LiveRequest(given.layout, str(video), every=True)
+        fast = LiveRequest(given.layout, str(video), every_frame=True)
         rows = [
             session("frame, views, refocus, depth", request, (*DECODED, "depth"), given.seconds),
             session("frame, views, refocus", request, DECODED, given.seconds),

@@ -1,6 +1,6 @@
 """A picture of every camera of the library in its clip: `python -m docs.make_cameras docs/images/cameras.jpg`.
 
-Each is seen from the side of the scene and from above, to a scale of its own, its clip in orange.
+Each is drawn at its own scale, from the side of the scene and from above, with its clip in orange.
 """
 
 from __future__ import annotations
@@ -26,19 +26,19 @@ TILE_PX = (400, 330)
 TITLE_PX, MARGINS_PX = 40, (20, 20)
 COLUMNS = 5
 CLIP_RGB = (0.93, 0.55, 0.20)
-TOWARDS = np.array([0.45, 1.0, 0.8])
+TO_VIEWER = np.array([0.45, 1.0, 0.8])
 
 
 def axes() -> FloatArray:
-    """Rows right, up and towards the viewer (3, 3) in rig; up is along the lens axis."""
-    towards = TOWARDS / np.linalg.norm(TOWARDS)
-    up = np.array([0.0, 0.0, 1.0]) - towards[2] * towards
+    """Unit vectors (3, 3) right, up and towards the viewer, in the rig frame; up is along the lens axis."""
+    to_viewer = TO_VIEWER / np.linalg.norm(TO_VIEWER)
+    up = np.array([0.0, 0.0, 1.0]) - to_viewer[2] * to_viewer
     up /= np.linalg.norm(up)
-    return np.array([np.cross(up, towards), up, towards])
+    return np.array([np.cross(up, to_viewer), up, to_viewer])
 
 
 def tile(name: str) -> Pixels:
-    """A camera in its clip, with its screws, over its name."""
+    """A camera in its clip, with its screws, above its name."""
     hardware = HARDWARE.replaced(camera=library()[name].body)
     plan = plan_clip(hardware)
     bodies = [
@@ -51,13 +51,13 @@ def tile(name: str) -> Pixels:
         mesh.apply_transform(frame)
         bodies.append(ShadedBody(np.asarray(mesh.triangles, dtype=np.float64), ITEM_RGB["screw"]))
     points = np.concatenate([body.triangles.reshape(-1, 3) for body in bodies])
-    shot = render(bodies, Screen.around(points, axes(), TILE_PX, MARGINS_PX))
+    picture = render(bodies, Screen.around(points, axes(), TILE_PX, MARGINS_PX))
     title = np.full((TITLE_PX, TILE_PX[0], 3), 255, np.uint8)
     text = library()[name].name
     (width, _), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, 0.52, 1)
-    at = ((TILE_PX[0] - width) // 2, 26)
-    cv2.putText(title, text, at, cv2.FONT_HERSHEY_SIMPLEX, 0.52, (40, 44, 52), 1, cv2.LINE_AA)
-    return np.concatenate([np.asarray(shot.image, dtype=np.uint8), title])
+    origin = ((TILE_PX[0] - width) // 2, 26)
+    cv2.putText(title, text, origin, cv2.FONT_HERSHEY_SIMPLEX, 0.52, (40, 44, 52), 1, cv2.LINE_AA)
+    return np.concatenate([np.asarray(picture.image, dtype=np.uint8), title])
 
 
 def gallery(names: tuple[str, ...]) -> Pixels:

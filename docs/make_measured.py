@@ -139,11 +139,11 @@ def row(line: str, records: Records) -> str:
 def _fields(record: Record) -> dict[str, float | str]:
     cells = () if record.table is None else record.table.rows
     texts = {f"{name}/{column}": cell for name, *others in cells for column, cell in enumerate(others)}
-    return {name: each.value for name, each in record.values.items()} | texts
+    return {name: item.value for name, item in record.values.items()} | texts
 
 
 def page(records: Records) -> str:
-    """The page; a line of the template starts a table where the line before it is no row."""
+    """The page; a line of the template starts a table if the line before it is not a row."""
     lines: list[str] = []
     for line in TEMPLATE.split("\n"):
         if " | " not in line:

@@ -61,39 +61,39 @@ FILES: dict[str, Any] = {
     "sweep": SweepRequest,
     "views": ViewsFile,
 }
-"""What reads a file, by the name of its schema."""
-FILLED = {"camera_profile": ("name", "cx_px", "cy_px", "fy_px")}
-"""Keys that reading fills in from the rest of the file, so that its tables may leave them out."""
+"""The type that reads a kind of file, by the name of its schema."""
+DERIVED_KEYS = {"camera_profile": ("name", "cx_px", "cy_px", "fy_px")}
+"""Keys that are derived from the rest of the file when it is read, so that its tables may omit them."""
 
 
 ATTRIBUTE = re.compile(r"^(\w+(?:, \w+)*) : .*\n((?:    .*\n?)+)", flags=re.MULTILINE)
 
 
-def _described(found: Any) -> Any:
-    """The same without generated titles; what a docstring says of its attributes stands at their properties."""
-    if isinstance(found, list):
-        return [_described(each) for each in found]
-    if not isinstance(found, dict):
-        return found
-    kept = {key: _described(each) for key, each in found.items() if key != "title" or not isinstance(each, str)}
-    if isinstance(found.get("properties"), dict) and "description" in kept:
-        summary, _, attributes = kept["description"].partition("\n\nAttributes\n----------\n")
-        kept["description"] = summary
+def _described(value: Any) -> Any:
+    """A schema without generated titles, with the attributes of a docstring as descriptions of the properties."""
+    if isinstance(value, list):
+        return [_described(item) for item in value]
+    if not isinstance(value, dict):
+        return value
+    table = {key: _described(item) for key, item in value.items() if key != "title" or not isinstance(item, str)}
+    if isinstance(value.get("properties"), dict) and "description" in table:
+        summary, _, attributes = table["description"].partition("\n\nAttributes\n----------\n")
+        table["description"] = summary
         for names, text in ATTRIBUTE.findall(attributes):
             for name in names.split(", "):
-                said = [" ".join(text.split()).rstrip("."), kept["properties"].get(name, {}).get("description", "")]
-                if name in kept["properties"]:
-                    kept["properties"][name]["description"] = "; ".join(filter(None, said))
-    return kept
+                texts = [" ".join(text.split()).rstrip("."), table["properties"].get(name, {}).get("description", "")]
+                if name in table["properties"]:
+                    table["properties"][name]["description"] = "; ".join(filter(None, texts))
+    return table
 
 
 def schema(name: str) -> dict[str, Any]:
     """The JSON Schema of a kind of file."""
-    found = TypeAdapter(FILES[name]).json_schema(by_alias=True, mode="validation")
-    for table in found.get("$defs", {}).values():
+    json_schema = TypeAdapter(FILES[name]).json_schema(by_alias=True, mode="validation")
+    for table in json_schema.get("$defs", {}).values():
         if "required" in table:
-            table["required"] = [key for key in table["required"] if key not in FILLED.get(name, ())]
-    return {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": name, **_described(found)}
+            table["required"] = [key for key in table["required"] if key not in DERIVED_KEYS.get(name, ())]
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": name, **_described(json_schema)}
 
 
 def schema_text(name: str) -> str:
@@ -102,7 +102,7 @@ def schema_text(name: str) -> str:
 
 
 def main() -> None:
-    """Write all of them."""
+    """Write all schemas."""
     FOLDER.mkdir(exist_ok=True)
     for name in FILES:
         write_text(FOLDER / f"{name}.schema.json", schema_text(name))

@@ -1,6 +1,6 @@
 """Draw the figures of docs/theory.md from a layout: `python docs/make_theory.py [LAYOUT]`.
 
-Without a layout, from that of the default design in tests/data. The same layout gives the same bytes.
+By default, from the layout of the default design in tests/data. The same layout gives the same bytes.
 """
 
 from __future__ import annotations
@@ -38,17 +38,17 @@ STYLE: dict[Any, Any] = {
 
 
 def mirrors(axes: Axes, layout: Layout) -> None:
-    """The middle column of mirrors from the side: pupil, virtual centres, light to a point, and its way unfolded."""
+    """The central column of mirrors from the side: pupil, virtual centres, rays to a point, and unfolded rays."""
     side = (layout.view_from_rig[2], -layout.view_from_rig[1])  # depth to the right, up is up
 
     def flat(points: FloatArray) -> FloatArray:
         return np.stack([points @ side[0], points @ side[1]], axis=-1)
 
-    across = layout.virtual_centres_in_view_mm.reshape(-1, 3)[:, :2].mean(axis=0)
-    target = np.array([*across, DEPTH_MM]) @ layout.view_from_rig
-    middle = layout.cols // 2
+    centre_xy = layout.virtual_centres_in_view_mm.reshape(-1, 3)[:, :2].mean(axis=0)
+    target = np.array([*centre_xy, DEPTH_MM]) @ layout.view_from_rig
+    column = layout.cols // 2
     for row in range(layout.rows):
-        mirror = layout.mirrors[row * layout.cols + middle]
+        mirror = layout.mirrors[row * layout.cols + column]
         centre = mirror.virtual_centre_in_rig_mm
         image = reflect(target, centre)
         hit = image * (0.5 * centre @ centre) / (image @ centre)
@@ -66,7 +66,7 @@ def mirrors(axes: Axes, layout: Layout) -> None:
     axes.annotate("pupil of the camera", (0, 0), (0, -17), color=CAMERA, va="top", **label)
     lowest = centres[:, 1].min()
     axes.text(centres[:, 0].mean(), lowest - 14, "virtual cameras", color=VIEW, va="top", **label)
-    top = flat(layout.mirrors[middle].outline_in_rig_mm)
+    top = flat(layout.mirrors[column].outline_in_rig_mm)
     axes.text(top[:, 0].mean(), top[:, 1].max() + 8, "mirrors", color=MIRROR, **label)
     axes.text(DEPTH_MM, flat(target)[1] + 11.0, "a point of the scene", color=COMMON, **label)
     axes.set(xlabel="depth, mm", ylabel="up, mm", aspect="equal")
@@ -75,7 +75,7 @@ def mirrors(axes: Axes, layout: Layout) -> None:
 
 
 def sensor(axes: Axes, layout: Layout) -> None:
-    """The sub-images on the sensor, and in each what all views see at one depth."""
+    """The sub-images on the sensor, and in each the region that all views see at one depth."""
     region, _ = common_region(layout, DEPTH_MM)
     for index, name in enumerate(layout.mirror_names):
         outline = layout.outline_px(index)
@@ -94,15 +94,15 @@ def positions(axes: Axes, layout: Layout) -> None:
     grid = fitted_grid(layout)[0].reshape(-1, 3)[:, :2]
     axes.plot(*grid.T, "+", color=FAINT, markersize=12)
     axes.plot(*views.T, "o", color=VIEW, markersize=7)
-    for name, place in zip(layout.mirror_names, views, strict=True):
-        axes.annotate(name, place, (6, 6), textcoords="offset points", fontsize=10)
+    for name, position in zip(layout.mirror_names, views, strict=True):
+        axes.annotate(name, position, (6, 6), textcoords="offset points", fontsize=10)
     axes.set(xlabel="x, mm", ylabel="y, mm", aspect="equal", title="views")
     axes.margins(0.2)
     axes.invert_yaxis()
 
 
 def slopes(axes: Axes, layout: Layout) -> None:
-    """Lines of points at several depths over the position of the view: an epipolar-plane image, drawn."""
+    """Lines of points at several depths over the position of the view: a schematic epipolar-plane image."""
     focal = layout.camera.fx_px
     x = np.linspace(-40.0, 40.0, 2)
     for depth, point, color in ((280.0, -45.0, RAY), (400.0, 0.0, COMMON), (800.0, 130.0, VIEW)):
@@ -110,24 +110,24 @@ def slopes(axes: Axes, layout: Layout) -> None:
         axes.plot(u, x, color=color, linewidth=2)
         axes.annotate(f"{depth:g} mm", (u[0], x[0]), (0, 6), textcoords="offset points", ha="center", color=color)
     rows = layout.virtual_centres_in_view_mm[layout.rows // 2]
-    for place in rows[:, 0] - rows[layout.cols // 2, 0]:
-        axes.axhline(place, color=FAINT, linewidth=0.7, linestyle=":")
+    for x_mm in rows[:, 0] - rows[layout.cols // 2, 0]:
+        axes.axhline(x_mm, color=FAINT, linewidth=0.7, linestyle=":")
     axes.set(xlabel="u from the principal point, px", ylabel="x of the view, mm", title="one row of all views")
     axes.invert_yaxis()
     axes.margins(0.12)
 
 
 def depth_errors(axes: Axes, layout: Layout) -> None:
-    """Standard deviation of depth over depth: the bound of this layout, and what relative tilts of mirrors add."""
+    """Standard deviation of depth over depth: the bound of this layout, and the effect of relative tilts of mirrors."""
     depths = np.geomspace(200.0, 3000.0, 60)
-    middle = layout.virtual_centres_in_view_mm.reshape(-1, 3).mean(axis=0)
-    points = np.stack([np.full(60, middle[0]), np.full(60, middle[1]), depths], axis=-1)
+    centre = layout.virtual_centres_in_view_mm.reshape(-1, 3).mean(axis=0)
+    points = np.stack([np.full(60, centre[0]), np.full(60, centre[1]), depths], axis=-1)
     sigma = depth_sigma_mm(layout, points)
     axes.loglog(depths, sigma, color=VIEW, linewidth=2, label="matching 5 x 5 px with a C920's noise")
-    for turn_deg, style in ((0.001, "--"), (0.01, ":")):
-        error = tilt_error_mm(layout, np.radians(turn_deg), depths - middle[2])
+    for tilt_deg, style in ((0.001, "--"), (0.01, ":")):
+        error = tilt_error_mm(layout, np.radians(tilt_deg), depths - centre[2])
         axes.loglog(
-            depths, error, color=MIRROR, linestyle=style, label=f"unknown tilts of {turn_deg:g}° of all mirrors"
+            depths, error, color=MIRROR, linestyle=style, label=f"unknown tilts of {tilt_deg:g}° of all mirrors"
         )
     axes.set(xlabel="depth, mm", ylabel="standard deviation of depth, mm")
     axes.xaxis.set_minor_locator(NullLocator())
@@ -136,15 +136,15 @@ def depth_errors(axes: Axes, layout: Layout) -> None:
     axes.legend(frameon=False)
 
 
-def tilt_error_mm(layout: Layout, turn_rad: float, distance_mm: FloatArray) -> FloatArray:
-    """Standard deviation of depth, at a distance from the views, where each mirror has an unknown turn about two axes.
+def tilt_error_mm(layout: Layout, tilt_rad: float, distance_mm: FloatArray) -> FloatArray:
+    """Standard deviation of depth, at a distance from the views, if each mirror has an unknown tilt about two axes.
 
-    A view turns by about twice as much as its mirror, so that at the distance D the depth by least squares over all
-    baselines b_i moves by 2 turn D^2 / sqrt(sum |b_i - mean of b|^2).
+    A view rotates by about twice the tilt of its mirror. At the distance D, the depth by least squares over all
+    baselines b_i therefore changes by 2 tilt D^2 / sqrt(sum |b_i - mean of b|^2).
     """
     baselines = layout.virtual_centres_in_view_mm.reshape(-1, 3)[:, :2]
     spread = np.linalg.norm(baselines - baselines.mean(axis=0))
-    return np.asarray(2.0 * turn_rad * distance_mm**2 / spread)
+    return np.asarray(2.0 * tilt_rad * distance_mm**2 / spread)
 
 
 def draw(layout: Layout, folder: Path) -> None:

@@ -1,7 +1,7 @@
-"""Make the pictures of docs/tour.md by its own commands: `python docs/make_tour.py [--work FOLDER]`.
+"""Make the pictures of docs/tour.md by its commands: `python docs/make_tour.py [--work FOLDER]`.
 
-Commands run in the folder, by default output/tour, with empty output folders; a scene that is there already is not
-rendered again. Above each picture a comment names the files it is made of, which are placed side by side.
+Commands run in the folder, by default output/tour, with empty output folders; an existing scene is
+not rendered again. Above each picture, a comment names the files that it is made of, which are placed side by side.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ from mirrorcam.core.disk.files import write_bytes
 from mirrorcam.core.images.pictures import encoded_image, read_image
 
 TOUR = Path(__file__).with_name("tour.md")
-WIDEST_PX = 1440
+MAX_WIDTH_PX = 1440
 JPEG_QUALITY = 88
 GAP_PX = 6
 
 
 @dataclass(frozen=True)
 class Illustration:
-    """A picture of the tour, relative to it, and the files it is made of, relative to the folder of the commands."""
+    """Paths of a picture, from the tour, and of the files that it is made of, from the folder of the commands."""
 
     picture: str
     made_of: tuple[str, ...]
@@ -47,25 +47,25 @@ def files(text: str) -> dict[str, str]:
 
 
 def illustrations(text: str) -> list[Illustration]:
-    """The pictures of a tour, with what they are made of."""
-    found = re.findall(r"^(?:<!-- from (.+) -->\n)?!\[[^]]+\]\((.+)\)$", text, flags=re.MULTILINE)
-    unknown = [picture for made_of, picture in found if not made_of]
+    """The pictures of a tour, with the files that they are made of."""
+    matches = re.findall(r"^(?:<!-- from (.+) -->\n)?!\[[^]]+\]\((.+)\)$", text, flags=re.MULTILINE)
+    unknown = [picture for made_of, picture in matches if not made_of]
     if unknown:
-        raise ValueError(f"{unknown}: no comment says what they are made of")
-    return [Illustration(picture, tuple(made_of.split())) for made_of, picture in found]
+        raise ValueError(f"{unknown}: no comment names the files that they are made of")
+    return [Illustration(picture, tuple(made_of.split())) for made_of, picture in matches]
 
 
 def illustrate(made_of: list[Path], picture: Path) -> None:
-    """Write a picture: files beside each other, no wider than `WIDEST_PX`; what moves as it is."""
+    """Write a picture: files side by side, no wider than `MAX_WIDTH_PX`; an animation is copied."""
     if made_of[0].suffix == ".gif":
         shutil.copyfile(made_of[0], picture)
         return
-    every = [read_image(path) for path in made_of]
-    height = min(image.shape[0] for image in every)
+    images = [read_image(path) for path in made_of]
+    height = min(image.shape[0] for image in images)
     gap = np.full((height, GAP_PX, 3), 255, np.uint8)
-    row = np.concatenate([part for image in every for part in (gap, image[:height])][1:], axis=1)
-    if row.shape[1] > WIDEST_PX:
-        size = WIDEST_PX, round(row.shape[0] * WIDEST_PX / row.shape[1])
+    row = np.concatenate([part for image in images for part in (gap, image[:height])][1:], axis=1)
+    if row.shape[1] > MAX_WIDTH_PX:
+        size = MAX_WIDTH_PX, round(row.shape[0] * MAX_WIDTH_PX / row.shape[1])
         row = np.asarray(cv2.resize(row, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
     write_bytes(picture, encoded_image(row, picture.suffix, JPEG_QUALITY))
 
@@ -88,8 +88,8 @@ def main() -> None:
         if arguments[0] != "scene" and out.exists():
             shutil.rmtree(out)
         subprocess.run([sys.executable, "-m", "mirrorcam", *arguments], cwd=work, check=True)
-    for each in illustrations(text):
-        illustrate([work / name for name in each.made_of], TOUR.parent / each.picture)
+    for illustration in illustrations(text):
+        illustrate([work / name for name in illustration.made_of], TOUR.parent / illustration.picture)
 
 
 if __name__ == "__main__":

@@ -2,10 +2,10 @@
 
     python examples/decode_video.py [OUT [VIDEO LAYOUT]]
 
-Decodes VIDEO with LAYOUT, the `layout.json` that `mirrorcam calibrate` wrote for your camera. Without them it renders a
-short video first (this needs the extra `render`) and decodes it with the nominal layout, as designed. The rendered
-camera deviates from its design, as every real one does, so that the views are then shifted by some pixels against each
-other: depth and refocusing need the calibrated layout.
+Decodes VIDEO with LAYOUT, the `layout.json` that `mirrorcam calibrate` wrote for your camera. By default, it
+first renders a short video (this needs the extra `render`) and decodes it with the nominal layout. The rendered camera
+deviates from its design, as every real one does, so that the views are shifted by a few pixels relative to each other:
+depth and refocusing need the calibrated layout.
 """
 
 import sys
@@ -27,13 +27,13 @@ def rendered_video(out: Path) -> tuple[Path, Path]:
     return out / "video.mp4", out / "layout.json"
 
 
-def main(out: Path, *given: Path) -> None:
-    video, layout = given or rendered_video(out / "set")
+def main(out: Path, *files: Path) -> None:
+    video, layout = files or rendered_video(out / "set")
 
-    # Every frame becomes a light field in one Zarr group; an interrupted run is continued.
+    # Every frame becomes a light field in one Zarr group; an interrupted run is resumed.
     decode_files((video,), out, layout=layout)
 
-    # The first four. Samples are [t, s, v, u, c]: rows and columns of views, rows and columns of pixels, colour.
+    # The first four frames. Samples are [t, s, v, u, c]: rows and columns of views, rows and columns of pixels, colour.
     for number in range(4):
         light_field = mirrorcam.open_light_field(out / f"{video.stem}.zarr", frame=number)
         print(f"frame {number}: samples {light_field.samples.shape}, {light_field.valid.mean():.0%} valid")

@@ -25,17 +25,17 @@ def main(out: Path) -> None:
     dataset = mirrorcam.render_set(request, out / "set")
     frame = mirrorcam.read_image(out / "set" / dataset.frame_names[0])
 
-    # The rendered camera is not quite the designed one; a real camera would be calibrated, here the truth is known.
+    # The rendered camera deviates from its design. A real one is calibrated; here, the truth is known.
     layout = mirrorcam.Layout.load(out / "set" / "truth" / "layout.json")
     light_field = mirrorcam.Decoder(layout).decode(frame)
 
     # Depth is measured from the camera's pupil along the views, in mm; confidence goes from 0 to 1.
     depth = mirrorcam.estimate_depth(light_field, near_mm=250.0, far_mm=800.0)
-    sure = depth.confidence > 0.5
-    print(f"{sure.mean():.0%} of the pixels are sure, median depth {np.median(depth.depth_mm[sure]):.1f} mm")
+    reliable = depth.confidence > 0.5
+    print(f"{reliable.mean():.0%} of the pixels reliable, median depth {np.median(depth.depth_mm[reliable]):.1f} mm")
 
     # Points are in mm in the frame of the camera: x right, y to the scene, z up.
-    cloud = np.where(sure, depth.depth_mm, np.float32(np.nan))
+    cloud = np.where(reliable, depth.depth_mm, np.float32(np.nan))
     mirrorcam.write_light_field(out / "points.ply", light_field, "ply", cloud)
 
 

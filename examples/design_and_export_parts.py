@@ -12,10 +12,10 @@ import mirrorcam
 
 
 def main(out: Path) -> None:
-    # What is asked for: one row of two mirrors above a Logitech C920, with views that overlap at 300 and 500 mm.
+    # The request: one row of two mirrors above a Logitech C920, with views that overlap at 300 and 500 mm.
     spec = mirrorcam.DesignSpec(rows=1, cols=2, depths_mm=(300.0, 500.0))
 
-    # The optimiser answers with a layout: the camera and the mirrors, all in mm in the frame of the camera ("rig").
+    # The optimiser returns a layout: the camera and the mirrors, all in mm in the frame of the camera ("rig").
     layout = mirrorcam.design(spec)
     layout.save(out / "layout.json")
     for name in ("grid_error", "pixel_efficiency_300mm", "pixel_efficiency_500mm", "baseline_x_mm"):

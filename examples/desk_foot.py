@@ -1,8 +1,8 @@
-"""The desk foot of the default device in build123d alone: open it, change it, run it; it needs nothing of MirrorCam.
+"""The desk foot of the default device in build123d alone: open it, change it, run it; it does not need MirrorCam.
 
 Usage: python examples/desk_foot.py [OUT]      writes OUT/desk_foot.step and .stl (OUT: output/examples/desk_foot)
-Lengths in mm, x to the right, y to the front, z up; the origin is the middle of the upper face, over the tripod's nut.
-Upper face and screws are the interface to the mount of every device: keep those.
+Lengths in mm, x to the right, y to the front, z up; the origin is on the upper face, on the axis of the nut.
+Upper face and screws are the interface to the mount of every device: keep them.
 """
 
 import sys
@@ -11,35 +11,35 @@ from pathlib import Path
 
 import build123d as bd
 
-THICK = 6.36
-RIGHT, FRONT, BACK, CORNER = 27.8, 55.71, -10.0, 8.0  # how far the plate reaches, and what its corners are cut by
+THICKNESS = 6.36
+RIGHT, FRONT, BACK, CORNER = 27.8, 55.71, -10.0, 8.0  # extents of the plate, and legs of its chamfered corners
 SCREWS = [(x, y) for x in (-17.0, 17.0) for y in (0.0, 9.5)]
 GRIP = 5.5  # from the top of a screw's head to the mount
 SCREW_HOLE, HEAD = 3.4, 6.82  # M3, ISO 273; head of ISO 10642 and 0.1 mm
-LEAN, FLARE = 44.0, 0.31  # of a head's cone, steeper than what needs support; how far it opens below the head
+HALF_ANGLE_DEG, FLARE = 44.0, 0.31  # of a head's cone, printable without support; clearance around the head
 NUT_FLATS, NUT_FLOOR, TRIPOD_HOLE = 11.31, 0.6, 6.6  # 1/4-20 UNC, ASME B18.2.2, and 0.2 mm of play
 
 
 def desk_foot() -> bd.Part:
-    sink, wide = THICK - GRIP, HEAD / 2 + FLARE
-    cone = (wide - SCREW_HOLE / 2) / tan(radians(LEAN))
+    sink, radius = THICKNESS - GRIP, HEAD / 2 + FLARE
+    cone = (radius - SCREW_HOLE / 2) / tan(radians(HALF_ANGLE_DEG))
     with bd.BuildPart() as part:
         with bd.BuildSketch():
             with bd.Locations((0, (FRONT + BACK) / 2)):
                 plate = bd.Rectangle(2 * RIGHT, FRONT - BACK)
             bd.chamfer(plate.vertices(), CORNER)
-        bd.extrude(amount=-THICK)
+        bd.extrude(amount=-THICKNESS)
         with bd.Locations(*((x, y, 0) for x, y in SCREWS)):
             bd.Hole(SCREW_HOLE / 2)
-        with bd.Locations(*((x, y, -THICK) for x, y in SCREWS)):
-            low = (bd.Align.CENTER, bd.Align.CENTER, bd.Align.MIN)
-            bd.Cylinder(wide, sink - FLARE, align=low, mode=bd.Mode.SUBTRACT)
+        with bd.Locations(*((x, y, -THICKNESS) for x, y in SCREWS)):
+            bottom = (bd.Align.CENTER, bd.Align.CENTER, bd.Align.MIN)
+            bd.Cylinder(radius, sink - FLARE, align=bottom, mode=bd.Mode.SUBTRACT)
         with bd.Locations(*((x, y, -GRIP - FLARE) for x, y in SCREWS)):
-            bd.Cone(wide, SCREW_HOLE / 2, cone, align=low, mode=bd.Mode.SUBTRACT)
+            bd.Cone(radius, SCREW_HOLE / 2, cone, align=bottom, mode=bd.Mode.SUBTRACT)
         bd.Hole(TRIPOD_HOLE / 2)
         with bd.BuildSketch():
             bd.RegularPolygon(NUT_FLATS / 2, 6, major_radius=False)
-        bd.extrude(amount=-(THICK - NUT_FLOOR), mode=bd.Mode.SUBTRACT)
+        bd.extrude(amount=-(THICKNESS - NUT_FLOOR), mode=bd.Mode.SUBTRACT)
     solid = bd.Part(part.part)
     solid.label = "desk_foot"
     return solid

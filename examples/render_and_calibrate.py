@@ -1,4 +1,4 @@
-"""Render a calibration set with a camera that is not built exactly as designed, and calibrate that camera from it.
+"""Render a calibration set with a camera that is not built exactly as designed, and calibrate that camera from the set.
 
     python examples/render_and_calibrate.py [OUT]
 
@@ -18,7 +18,7 @@ def main(out: Path) -> None:
     )
     layout = mirrorcam.design(mirrorcam.DesignSpec(camera=camera, rows=2, cols=2))
 
-    # Pictures of a ChArUco board: through mirrors that are tilted and shifted a little, and by the camera alone.
+    # Pictures of a ChArUco board: through slightly tilted and shifted mirrors, and by the camera alone.
     board = mirrorcam.Charuco(cols=12, rows=8, square_mm=24.0, marker_mm=18.0)
     settings = mirrorcam.RenderSettings(renderer="fast", maps=False)
     request = mirrorcam.SetRequest(layout=layout, target=board, frames=6, base_frames=4, settings=settings)
@@ -31,7 +31,7 @@ def main(out: Path) -> None:
     calibration.layout.save(out / "calibrated.json")
     print(f"reprojection: {calibration.metrics['rms_x_px'].value:.4f} px RMS along x")
 
-    # Of a rendered set the truth is known: calibrate it again, without looking, and compare.
+    # The truth of a rendered set is known: calibrate again without it, and compare.
     validation = mirrorcam.validate(out / "set")
     for name in ("normal_error_max_deg", "distance_error_max_mm"):
         print(f"{name}: {validation.metrics[name].value:.2g}, limit {validation.metrics[name].limit:g}")

@@ -2,7 +2,7 @@
 
     python examples/sweep_two_workers.py [OUT]
 
-Interrupt it when you like: finished designs are kept, and the next run resumes. With the extra `cluster`,
+Interrupt it at any time: finished designs are kept, and the next run resumes. With the extra `cluster`,
 `design_on_cluster` in place of `design_here` shares the work among the workers of a Dask scheduler.
 """
 
@@ -16,7 +16,7 @@ from mirrorcam.optics.design.spec_grid import grid
 
 
 def main(out: Path) -> None:
-    # All combinations of what varies; the rest is as in the common spec.
+    # All combinations of the values below; all other fields are those of the common spec.
     specs = grid(
         mirrorcam.DesignSpec(min_edge_mm=2.0),
         counts=[(1, 2), (1, 3)],
@@ -24,10 +24,10 @@ def main(out: Path) -> None:
         scales_mm=[60.0],
         tradeoffs=[0.1, 0.3, 0.5],
     )
-    swept = write_sweep(specs, out, partial(design_here, workers=2))
+    sweep = write_sweep(specs, out, partial(design_here, workers=2))
 
-    # OUT/sweep.csv has a row for each design, OUT/layouts its layout, and OUT/pareto.png the figure of them all.
-    for outcome in swept.outcomes:
+    # OUT/sweep.csv has a row for each design, OUT/layouts its layout, and OUT/pareto.png the figure of all designs.
+    for outcome in sweep.outcomes:
         spec, figures = outcome.spec, outcome.metrics
         print(f"{spec.rows} x {spec.cols}, tradeoff {spec.tradeoff}: {outcome.status}")
         print(f"  grid error {figures['grid_error'].value:.3f}, baseline {figures['baseline_x_mm'].value:.0f} mm")

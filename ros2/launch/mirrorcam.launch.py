@@ -13,11 +13,11 @@ ARGUMENTS = {
         "0",
         "number of the camera, /dev/videoN, or an address, such as rtsp://HOST/PATH",
     ),
-    "depth": (bool, "true", "whether depth and points are published to those who listen"),
-    "near_mm": (float, "0.0", "nearest depth that is searched, 0: 0.6 times the reference depth"),
-    "far_mm": (float, "0.0", "farthest depth that is searched, 0: 2 times the reference depth"),
-    "width_px": (int, "0", "width of every view, 0: as sharp as the frame"),
-    "reference_depth_mm": (float, "0.0", "depth of zero disparity, 0: that of the layout"),
+    "depth": (bool, "true", "whether depth and points are published while there are subscribers"),
+    "near_mm": (float, "0.0", "minimum depth that is searched, 0: 0.6 times the reference depth"),
+    "far_mm": (float, "0.0", "maximum depth that is searched, 0: 2 times the reference depth"),
+    "width_px": (int, "0", "width of every view, 0: the resolution of the frame"),
+    "reference_depth_mm": (float, "0.0", "depth of zero disparity, 0: the layout's"),
 }
 
 

@@ -1,4 +1,4 @@
-"""The messages of a camera, one frame after the other; this module does without ROS."""
+"""The messages of a camera, frame by frame; this module does not need ROS."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from mirrorcam.optics.light_field.light_field import LightField
 
 @dataclass(frozen=True)
 class Settings:
-    """What the node is asked for; 0 leaves a number to the library.
+    """Settings of the node; 0 stands for the default of the library.
 
     Parameters
     ----------
@@ -32,7 +32,7 @@ class Settings:
     depth
         Whether depth is measured.
     near_mm, far_mm
-        Depths between which it is searched.
+        Depth range that is searched.
     width_px
         Width of every view.
     reference_depth_mm
@@ -49,12 +49,12 @@ class Settings:
 
 
 class LightFieldStream:
-    """Decodes a camera's frames; raises InputError where settings, layout or camera do not allow that.
+    """Decodes a camera's frames; raises InputError if settings, layout or camera do not allow that.
 
-    `tell` gets a line when the camera goes and when it is back.
+    `on_note` gets a line when the camera disconnects and when it is back.
     """
 
-    def __init__(self, settings: Settings, tell: Callable[[str], None]) -> None:
+    def __init__(self, settings: Settings, on_note: Callable[[str], None]) -> None:
         layout = Layout.load(settings.layout)
         self._decoder = Decoder(
             layout,
@@ -68,8 +68,8 @@ class LightFieldStream:
             near_mm, far_mm = settings.near_mm or None, settings.far_mm or None
             estimator = DepthEstimator(self._empty, near_mm=near_mm, far_mm=far_mm, quality="fast")
             self._depth = VideoDepth(estimator)
-        # Robots act on what they see now: no frame waits while another is decoded.
-        self._camera = camera(settings.device, layout.camera.width_px, layout.camera.height_px, tell, buffered=1)
+        # Robots act on the newest frame: none waits while another is decoded.
+        self._camera = camera(settings.device, layout.camera.width_px, layout.camera.height_px, on_note, buffered=1)
         self._start_ns = self._camera.started_ns or time.time_ns()
 
     @property
@@ -82,7 +82,7 @@ class LightFieldStream:
         self._camera.stop()
 
     def latched(self) -> list[Published]:
-        """What is published once."""
+        """The messages that are published once."""
         return list(latched_messages(self._empty, self._start_ns))
 
     def topics(self) -> list[Published]:
@@ -92,19 +92,19 @@ class LightFieldStream:
     def _unknown(self) -> DepthMap:
         """A depth map without any depth."""
         view = np.argwhere((self._empty.positions_mm == 0).all(axis=2))[0]
-        nothing = np.full((self._empty.height_px, self._empty.width_px), np.nan, np.float32)
+        unknown = np.full((self._empty.height_px, self._empty.width_px), np.nan, np.float32)
         return DepthMap(
             views=self._empty,
             view=(int(view[0]), int(view[1])),
-            depth_mm=nothing,
-            sigma_mm=nothing,
-            confidence=np.zeros_like(nothing),
+            depth_mm=unknown,
+            sigma_mm=unknown,
+            confidence=np.zeros_like(unknown),
         )
 
     def frames(self, wants_depth: Callable[[], bool]) -> Generator[list[Published] | Lost]:
-        """The messages of each frame, or why it is lost; depth is measured while somebody wants it.
+        """The messages of each frame, or why it is lost; depth is measured while there are subscribers.
 
-        A recording that a server or a file plays is played in time.
+        A recording, from a server or a file, is played in real time.
         """
         for item in light_fields(self._decoder, self._camera, ahead=0):
             if isinstance(item, Lost):

@@ -1,4 +1,4 @@
-"""Messages of the library as those of ROS 2, whose classes are given; this module does without ROS."""
+"""Convert messages of the library to ROS 2, whose classes are passed in; this module does not need ROS."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ import numpy as np
 from mirrorcam.optics.light_field.io.ros_messages import RosMessage
 
 MessageClass = Callable[[str], Any]
-"""Gives the class of a type such as `sensor_msgs/msg/Image`."""
+"""Returns the class of a type such as `sensor_msgs/msg/Image`."""
 
 
 def ros_message(message: RosMessage, class_of: MessageClass) -> Any:
-    """The message of ROS 2 with the same fields, and those within it.
+    """The ROS 2 message with the same fields, nested messages included.
 
-    Sequences of numbers become `array.array`, which messages keep without a look at every item; arrays of a fixed
-    length stay NumPy's, as messages hold them.
+    Sequences of numbers become `array.array`, which messages store without checking every item; arrays of a fixed
+    length stay NumPy arrays, as in ROS messages.
     """
     kind = class_of(message.type)
     types = kind.get_fields_and_field_types()
@@ -29,7 +29,7 @@ def _value(value: Any, field_type: str, class_of: MessageClass) -> Any:
     if isinstance(value, RosMessage):
         return ros_message(value, class_of)
     if isinstance(value, list):
-        return [_value(each, "", class_of) for each in value]
+        return [_value(item, "", class_of) for item in value]
     if isinstance(value, np.ndarray) and field_type.startswith("sequence<"):
         numbers = array(value.dtype.char)
         numbers.frombytes(np.ascontiguousarray(value).view(np.uint8).data)

@@ -1,4 +1,4 @@
-"""The node: parameters in, topics out. Decoding runs in a thread of its own, so that ROS is always served."""
+"""The node: parameters in, topics out. Decoding runs in its own thread, so that ROS callbacks are never delayed."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ from mirrorcam_ros.messages import ros_message
 DEPTH_TOPICS = ("depth/image_rect", "depth/camera_info", "points")
 LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 FRAMES = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.VOLATILE)
-"""Who listens may ask for less: reliable publishers serve subscriptions with sensor data's quality of service, too."""
-TOLD_EVERY_S = 10.0
+"""Reliable publishers also serve subscribers that request less, such as the quality of service of sensor data."""
+WARNING_PERIOD_S = 10.0
 
 
 def class_of(message_type: str) -> Any:
@@ -34,14 +34,14 @@ def class_of(message_type: str) -> Any:
 
 
 class LightFieldNode:
-    """Publishes the light field of one camera; raises InputError where its parameters do not allow that.
+    """Publishes the light field of one camera; raises InputError if its parameters do not allow that.
 
-    `node` is the node of rclpy, which serves its parameters and topics.
+    `node` is the rclpy node with its parameters and topics.
     """
 
     def __init__(self) -> None:
         self.node = Node("light_field")
-        # As text or number: 0 in a file of parameters is a number.
+        # Text or number: 0 in a parameter file is a number.
         any_type = ParameterDescriptor(dynamic_typing=True)
         settings = Settings(
             layout=Path(self._parameter("layout", "")),
@@ -54,9 +54,9 @@ class LightFieldNode:
         )
         self._stream = LightFieldStream(settings, self.node.get_logger().warning)
         latched, frames = self._stream.latched(), self._stream.topics()
-        self._outputs = {each.topic: self._publisher(each) for each in (*latched, *frames)}
+        self._outputs = {message.topic: self._publisher(message) for message in (*latched, *frames)}
         self._publish(latched)
-        self._over = threading.Event()
+        self._closing = threading.Event()
         self._thread = threading.Thread(target=self._run, name="light field", daemon=True)
         self._thread.start()
 
@@ -68,44 +68,44 @@ class LightFieldNode:
         return self.node.create_publisher(class_of(published.message.type), published.topic, quality)
 
     def _publish(self, messages: list[Published]) -> None:
-        for each in messages:
-            self._outputs[each.topic].publish(ros_message(each.message, class_of))
+        for published in messages:
+            self._outputs[published.topic].publish(ros_message(published.message, class_of))
 
     def _wants_depth(self) -> bool:
         return any(self._outputs[topic].get_subscription_count() for topic in DEPTH_TOPICS)
 
     def _run(self) -> None:
-        """Publish frames until the node ends, the recording is over or the camera is of no use."""
-        told = 0
+        """Publish frames until the node or the recording ends, or the camera cannot be used."""
+        reported = 0
         try:
             for messages in self._stream.frames(self._wants_depth):
-                if self._over.is_set():
+                if self._closing.is_set():
                     return
                 if isinstance(messages, Lost):
                     self.node.get_logger().warning(f"frame {messages.number} {messages.reason}")
                     continue
                 self._publish(messages)
-                if self._stream.dropped > told:
-                    told = self._stream.dropped
+                if self._stream.dropped > reported:
+                    reported = self._stream.dropped
                     self.node.get_logger().warning(
-                        f"{told} frames left out, which came too fast to decode",
-                        throttle_duration_sec=TOLD_EVERY_S,
+                        f"{reported} frames left out, which came too fast to decode",
+                        throttle_duration_sec=WARNING_PERIOD_S,
                     )
-            self.node.get_logger().info("the recording is over")
+            self.node.get_logger().info("the recording has ended")
         except InputError as error:
             self.node.get_logger().fatal(str(error))
         rclpy.try_shutdown()
 
     def close(self) -> None:
         """Stop decoding, and end the node."""
-        self._over.set()
+        self._closing.set()
         self._stream.stop()
         self._thread.join(timeout=5.0)
         self.node.destroy_node()
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the node until it is interrupted; 2 where its parameters are of no use."""
+    """Run the node until it is interrupted; return 2 if its parameters are invalid."""
     rclpy.init(args=arguments)
     try:
         light_field = LightFieldNode()

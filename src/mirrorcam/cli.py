@@ -27,7 +27,7 @@ from mirrorcam.core.processes import interruption
 
 DONE, CHECK_FAILED, BAD_INPUT, INTERRUPTED, TERMINATED = 0, 1, 2, 130, 143
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
-"""Errors of a stream without a name, such as standard output, that accepts no more data."""
+"""Errors of a stream without a file name, such as standard output, that accepts no more data."""
 CONFIG = "mirrorcam.toml"
 """File of the current folder with defaults of options: a table for each command."""
 LARGEST_CONFIG_BYTES = 4_000
@@ -82,7 +82,7 @@ COMMANDS = {
 }
 NAMES = tuple(name for commands in COMMANDS.values() for name in commands)
 _SESSION = Group("Output and errors", sort_key=1000)
-Quiet = Annotated[bool, Parameter(("--quiet", "-q"), group=_SESSION, help="print errors alone")]
+Quiet = Annotated[bool, Parameter(("--quiet", "-q"), group=_SESSION, help="print errors only")]
 Verbose = Annotated[
     bool, Parameter(("--verbose", "-v"), group=_SESSION, help="also print warnings of libraries and tracebacks")
 ]
@@ -97,7 +97,7 @@ def application(config: Path = Path(CONFIG)) -> App:
         help_epilogue=CONFIGURED,
         version=f"mirrorcam {__version__}",
         config=[Env("MIRRORCAM_", show=False), *_configuration(config)],
-        default_parameter=Parameter(negative=(), consume_multiple=True, show_default=_stated),
+        default_parameter=Parameter(negative=(), consume_multiple=True, show_default=_default_text),
         help_format="plaintext",
         exit_on_error=False,
         print_error=False,
@@ -108,12 +108,12 @@ def application(config: Path = Path(CONFIG)) -> App:
     app.register_install_completion_command(group=_SESSION)
     for number, (title, commands) in enumerate(COMMANDS.items()):
         group = Group(title, sort_key=number)
-        for place, (name, (function, summary)) in enumerate(commands.items()):
-            app.command(f"mirrorcam.{function}", name=name, help=summary, group=group, sort_key=place)
+        for position, (name, (function, summary)) in enumerate(commands.items()):
+            app.command(f"mirrorcam.{function}", name=name, help=summary, group=group, sort_key=position)
     return app
 
 
-def _stated(default: object) -> str | None:
+def _default_text(default: object) -> str | None:
     """The default of an option in its help: None for flags, lists as typed."""
     if default is False or default is None or default == ():
         return None
@@ -121,17 +121,17 @@ def _stated(default: object) -> str | None:
 
 
 def _configuration(path: Path) -> list[Dict]:
-    """Read the configuration file, if any; raises InputError for a table that is not of a command."""
+    """Read the configuration file, if any; raises InputError for a table that does not belong to a command."""
     if not path.is_file():
         return []
     from mirrorcam.core.disk.files import read_bytes, toml_of
 
     tables = toml_of(path, read_bytes(path, LARGEST_CONFIG_BYTES))
-    known = (*NAMES, "quiet", "verbose", "json")
+    valid = (*NAMES, "quiet", "verbose", "json")
     for key in tables:
-        if key not in known:
-            close = get_close_matches(key, known, n=1)
-            raise InputError(f"{path}: {key!r} is not a command" + (f", did you mean {close[0]}?" if close else ""))
+        if key not in valid:
+            matches = get_close_matches(key, valid, n=1)
+            raise InputError(f"{path}: {key!r} is not a command" + (f", did you mean {matches[0]}?" if matches else ""))
     return [Dict(tables, source=str(path))]
 
 
@@ -187,7 +187,7 @@ def _refuse(message: str, code: int) -> int:
     return code
 
 
-def _print_no_more() -> None:
+def _discard_output() -> None:
     """Discard further standard output, also at the flush when this process ends."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
@@ -218,13 +218,13 @@ def _end(error: BaseException) -> int:
     if isinstance(error, InputError):
         return _refuse(str(error), BAD_INPUT)
     if isinstance(error, BrokenPipeError):
-        _print_no_more()  # the reader of the output has closed it
+        _discard_output()  # the reader of the output has closed it
         return CHECK_FAILED
     if isinstance(error, OSError) and error.filename is not None:
         return _refuse(f"{error.filename}: {error.strerror}", BAD_INPUT)
     if isinstance(error, OSError) and error.errno in FULL:
-        _print_no_more()
+        _discard_output()
         return _refuse(f"cannot write: {error.strerror}", BAD_INPUT)
-    if lacking := missing_library_of(error):
-        return _refuse(lacking, BAD_INPUT)
+    if missing := missing_library_of(error):
+        return _refuse(missing, BAD_INPUT)
     raise error

@@ -38,7 +38,7 @@ def test_a_request_that_cannot_be_is_refused_as_a_value() -> None:
 def test_a_preview_is_the_parabola_until_something_near_was_solved(
     small: SolvedDesign, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(design_work, "_remembered", type(design_work._remembered)(maxlen=5))
+    monkeypatch.setattr(design_work, "_known_layouts", type(design_work._known_layouts)(maxlen=5))
     other = SMALL.replaced(scale_mm=90.0)
     first = DesignDrawing.model_validate_json(design_work.preview(other) or "")
     assert first.kind == "parabola"
@@ -61,6 +61,6 @@ def test_the_report_holds_figures_and_pictures(small: SolvedDesign) -> None:
 
 
 def test_a_layout_that_was_solved_before_keeps_its_figures(default_layout: Layout) -> None:
-    found = design_work.described(DesignSpec(), default_layout.replaced(spec=DesignSpec()))
+    found = design_work.solved_design(DesignSpec(), default_layout.replaced(spec=DesignSpec()))
     assert found.drawing.identity == default_layout.identity
     assert {figure.name for figure in found.drawing.verdict} >= {"smallest_gap_mm", "blocked_light"}

@@ -13,14 +13,14 @@ import pytest
 
 from mirrorcam.optics.geometry.arrangement import Pattern
 from mirrorcam.optics.geometry.design_spec import DesignSpec
-from mirrorcam.studio.design_values import Found, RefusedDesign
+from mirrorcam.studio.design_values import DesignResult, RefusedDesign
 from mirrorcam.studio.look_ahead import LookAhead, nearby_requests
 
 FAILS, ENDS, LONG = DesignSpec(rows=4), DesignSpec(rows=5), DesignSpec(rows=6)
 ONE, TWO, THREE = (DesignSpec(rows=rows) for rows in (1, 2, 3))
 
 
-def answer(spec: DesignSpec) -> Found:
+def answer(spec: DesignSpec) -> DesignResult:
     """What the process does for a request."""
     if spec == FAILS:
         raise ValueError("no such mirror")
@@ -36,7 +36,7 @@ class Ahead:
 
     def __init__(self) -> None:
         self.known: set[DesignSpec] = set()
-        self.kept: Queue[tuple[DesignSpec, Found]] = Queue()
+        self.kept: Queue[tuple[DesignSpec, DesignResult]] = Queue()
         self.looking = LookAhead(self.known.__contains__, lambda spec, found: self.kept.put((spec, found)), answer)
         self.looking.start()
 
@@ -73,7 +73,7 @@ def test_a_request_that_fails_is_logged_and_the_next_gone_on_with(
 def test_what_keeps_a_solution_may_fail_too(caplog: pytest.LogCaptureFixture) -> None:
     kept = threading.Event()
 
-    def keep(spec: DesignSpec, found: Found) -> None:
+    def keep(spec: DesignSpec, found: DesignResult) -> None:
         if spec == ONE:
             raise RuntimeError("the previewer cannot work")
         kept.set()

@@ -176,7 +176,7 @@ def test_a_request_that_is_none_is_refused_in_words(page: Watched, studio: tuple
     page.page.evaluate("() => new Promise((done) => setTimeout(done, 50))")
     assert page.status == "Not a request"
     assert "rows" in page.page.inner_text("#finding")
-    assert page.page.inner_text("#infeasible-title") == "This is no request for a design"
+    assert page.page.inner_text("#infeasible-title") == "This is not a valid request"
 
 
 def test_pinned_designs_stand_beside_the_current_one(page: Watched, studio: tuple[str, Path]) -> None:
@@ -188,7 +188,7 @@ def test_pinned_designs_stand_beside_the_current_one(page: Watched, studio: tupl
     text = page.page.inner_text("#compare")
     assert "1 x 2, 80 mm" in text
     assert "1 x 2, 100 mm (now)" in text
-    assert "Asked for differently" in text
+    assert "Differences of the requests" in text
     assert "\nScale" in text
     page.page.click("#compare >> text=Go to")
     page.page.wait_for_selector("#status.exact")

@@ -96,7 +96,7 @@ class BagRecorder:
     ) -> None:
         depth = None if video is None else video.estimate(light_field)
         stamp = stamp_ns(frame.time_s, start_ns)
-        before = latched_messages(light_field, stamp) if first else ()
-        bag.write([*before, *frame_messages(light_field, stamp, depth)], stamp)
+        latched = latched_messages(light_field, stamp) if first else ()
+        bag.write([*latched, *frame_messages(light_field, stamp, depth)], stamp)
         if self.show is not None:
             self.show(frame.time_s, light_field, depth)

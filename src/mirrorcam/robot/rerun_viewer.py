@@ -27,7 +27,7 @@ SCENE, DEPTH, TIME = "light_field", "depth", "frame_time"
 PORT = 9876
 """Port on which the viewer listens."""
 WAIT_S = 5.0
-PLANES_M = 0.02
+IMAGE_PLANE_M = 0.02
 """Distance in front of a view at which its picture is drawn."""
 CORNER_PX = 0.5
 """In rerun, (0, 0) is the corner of the picture, not the centre of its first pixel."""
@@ -78,12 +78,12 @@ class RerunViewer:
         if depth is not None:
             recording.log(DEPTH, rerun.DepthImage(depth_m(depth), meter=1.0))
             points = points_m(depth)
-            known = np.isfinite(points[..., 2])
-            colours = rgb(light_field.samples[depth.view])[known]
-            recording.log(f"{SCENE}/points", rerun.Points3D(points[known], colors=colours))
+            valid = np.isfinite(points[..., 2])
+            colours = rgb(light_field.samples[depth.view])[valid]
+            recording.log(f"{SCENE}/points", rerun.Points3D(points[valid], colors=colours))
 
     def _show_cameras(self, views: Views) -> None:
-        """Show the positions of the views, and arrange the windows: the scene, the reference view and its depth."""
+        """Show the positions of the views, and arrange the panes: the scene, the reference view and its depth."""
         import rerun
         import rerun.blueprint as rrb
 
@@ -92,14 +92,14 @@ class RerunViewer:
         for view in np.ndindex(views.rows, views.cols):
             matrix = views.matrices[view].copy()
             matrix[:2, 2] += CORNER_PX
-            place_m = views.positions_mm[view] * M_FROM_MM
+            position_m = views.positions_mm[view] * M_FROM_MM
             pinhole = rerun.Pinhole(
                 image_from_camera=matrix,
                 resolution=(views.width_px, views.height_px),
-                image_plane_distance=PLANES_M,
+                image_plane_distance=IMAGE_PLANE_M,
             )
             self._recording.log(
-                f"{SCENE}/{view_topic(view)}", rerun.Transform3D(translation=place_m), pinhole, static=True
+                f"{SCENE}/{view_topic(view)}", rerun.Transform3D(translation=position_m), pinhole, static=True
             )
         t, s = (int(index) for index in np.argwhere((views.positions_mm == 0).all(axis=2))[0])
         self._recording.send_blueprint(
@@ -124,7 +124,7 @@ def _listens() -> bool:
 
 
 def _open_window() -> None:
-    """Open a viewer in a window; raises InputError where that fails."""
+    """Open a viewer in a window; raises InputError if that fails."""
     import rerun
 
     if sys.platform.startswith("linux") and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):

@@ -50,28 +50,28 @@ def key_of(spec: DesignSpec) -> str:
 def atlas(common: DesignSpec, grid: AtlasGrid, *, workers: int, progress: Progress = no_progress) -> dict[str, Any]:
     """Return the drawings of all designs of a grid as JSON values, by the keys of their requests.
 
-    All other fields are those of `common`. The faceted parabola, which does not depend on the trade-off, is stored
-    once. Raises RuntimeError if the processes that solve a design die.
+    All other fields of the requests are those of `common`. The faceted parabola, which does not depend on the
+    trade-off, is stored once. Raises RuntimeError if the processes that solve a design die.
     """
     specs = grid.specs(common)
     designs: dict[str, Any] = {}
     parabolas: dict[str, Any] = {}
-    for number, found in sorted(_solved(specs, workers, progress)):
+    for number, result in sorted(_solved(specs, workers, progress)):
         spec = specs[number]
-        if isinstance(found, RefusedDesign):
-            designs[key_of(spec)] = {"constraint": found.constraint, "finding": found.finding}
+        if isinstance(result, RefusedDesign):
+            designs[key_of(spec)] = {"constraint": result.constraint, "finding": result.finding}
             continue
-        designs[key_of(spec)] = _short(found.drawing)
-        if found.parabola_drawing is not None:
-            parabolas[_shape(spec)] = _short(found.parabola_drawing)
+        designs[key_of(spec)] = _without_spec(result.drawing)
+        if result.parabola_drawing is not None:
+            parabolas[_parabola_key(spec)] = _without_spec(result.parabola_drawing)
     return {"axes": grid.axes, "designs": designs, "parabolas": parabolas}
 
 
-def _shape(spec: DesignSpec) -> str:
+def _parabola_key(spec: DesignSpec) -> str:
     return key_of(spec).rpartition(",")[0]
 
 
-def _short(drawing: DesignDrawing) -> dict[str, Any]:
+def _without_spec(drawing: DesignDrawing) -> dict[str, Any]:
     """Return a drawing without the request, which its key contains."""
     return drawing.model_dump(mode="json", exclude={"spec"})
 
@@ -79,10 +79,10 @@ def _short(drawing: DesignDrawing) -> dict[str, Any]:
 def _solved(
     specs: Sequence[DesignSpec], workers: int, progress: Progress
 ) -> Iterator[tuple[int, SolvedDesign | RefusedDesign]]:
-    """Yield the designs by the numbers of their requests, as they are solved."""
+    """Yield the index of each request and its result, as it is solved."""
     answers = run_local(specs, workers, design_work.solve, preload=design_work.PRELOAD)
-    for done, (number, found) in enumerate(answers, 1):
-        if isinstance(found, Died):
-            raise RuntimeError(f"{key_of(specs[number])}: {found.reason}")
+    for done, (number, result) in enumerate(answers, 1):
+        if isinstance(result, Died):
+            raise RuntimeError(f"{key_of(specs[number])}: {result.reason}")
         progress(done, len(specs))
-        yield number, found
+        yield number, result

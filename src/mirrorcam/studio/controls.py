@@ -29,7 +29,7 @@ class CameraNumber(Value):
 class Control(Value):
     """One control: the field of the request that it sets, and the range of its slider.
 
-    A number may be entered beyond the slider, within the range `allowed` (None: unbounded).
+    A number may be entered beyond the ends of the slider, within the range `allowed` (None: unbounded).
 
     A slider with `values` snaps to them. `auto` is the text of a switch that leaves the value to the optimiser, and
     `preset` the value when it is switched off.
@@ -75,7 +75,7 @@ CAMERA_NUMBERS = (
 
 def control_groups(spec: DesignSpec) -> tuple[ControlGroup, ...]:
     """Return all controls; the request's camera is offered even if it is not in the library."""
-    cameras = [Camera.c920(), *_others()]
+    cameras = [Camera.c920(), *_library_cameras()]
     if spec.camera not in cameras:
         cameras.append(spec.camera)
     camera = Control(
@@ -84,7 +84,7 @@ def control_groups(spec: DesignSpec) -> tuple[ControlGroup, ...]:
         kind="camera",
         help="The webcam below the mirrors. Its pixels are what all views share; its lens and body decide how near "
         "mirrors can be.",
-        cameras=tuple(each.model_dump(mode="json") for each in cameras),
+        cameras=tuple(camera.model_dump(mode="json") for camera in cameras),
         numbers=tuple(
             CameraNumber(
                 name=name, label=label, unit=unit, allowed=_allowed(Camera, name), preset=_preset(Camera, name)
@@ -101,7 +101,7 @@ def control_groups(spec: DesignSpec) -> tuple[ControlGroup, ...]:
 
 
 @cache
-def _others() -> tuple[Camera, ...]:
+def _library_cameras() -> tuple[Camera, ...]:
     """Cameras of the library other than the default one."""
     cameras = (profile.camera for profile in library().values() if profile.optics)
     return tuple(camera for camera in cameras if camera != Camera.c920())
@@ -118,7 +118,7 @@ def _preset(model: type[Value], name: str) -> float | None:
 
 @cache
 def _allowed(model: type[Value], name: str) -> tuple[float | None, float | None]:
-    """Return the least and greatest number that a field, or each of its elements, accepts."""
+    """Return the minimum and maximum that a field, or each of its elements, accepts."""
     field = model.model_json_schema()["properties"][name]
     parts = (field, field.get("items", {}), *field.get("anyOf", ()))
     bounded: dict[str, float] = next((part for part in parts if "minimum" in part), {})
@@ -126,11 +126,11 @@ def _allowed(model: type[Value], name: str) -> tuple[float | None, float | None]
 
 
 def change_text(spec: DesignSpec, other: DesignSpec, parameter: str) -> str:
-    """Describe the difference of two requests in a parameter: "Scale 92 mm instead of 50 mm"."""
+    """Describe how two requests differ in a parameter: "Scale 92 mm instead of 50 mm"."""
     if parameter in ("rows", "cols"):
         return f"{other.rows} x {other.cols} mirrors instead of {spec.rows} x {spec.cols}"
-    control = next(each for group in control_groups(spec) for each in group.controls if each.name == parameter)
-    texts = [_value_text(getattr(each, parameter), control.unit) for each in (other, spec)]
+    control = next(item for group in control_groups(spec) for item in group.controls if item.name == parameter)
+    texts = [_value_text(getattr(request, parameter), control.unit) for request in (other, spec)]
     return f"{control.label} {texts[0]} instead of {texts[1]}"
 
 
@@ -141,17 +141,17 @@ def _value_text(value: float | tuple[float, ...] | str, unit: str) -> str:
 
 
 def snapping_groups(axes: Mapping[str, Sequence[float]]) -> tuple[ControlGroup, ...]:
-    """Return only the controls of the fields in `axes`, which snap to the values there."""
-    every = {control.name: control for control in (*_VIEWS, *_SCENE)}
-    counts = every["rows"]
-    kept = [
+    """Return only the controls of the fields in `axes`, which snap to the values in `axes`."""
+    by_name = {control.name: control for control in (*_VIEWS, *_SCENE)}
+    counts = by_name["rows"]
+    controls = [
         *(
             Control(name=name, label=label, values=tuple(axes[name]), help=counts.help if name == "cols" else "")
             for name, label in (("rows", "Rows"), ("cols", "Columns"))
         ),
-        *(every[name].replaced(values=tuple(axes[name])) for name in ("scale_mm", "tradeoff")),
+        *(by_name[name].replaced(values=tuple(axes[name])) for name in ("scale_mm", "tradeoff")),
     ]
-    return (ControlGroup(title="Solved designs", controls=tuple(kept)),)
+    return (ControlGroup(title="Solved designs", controls=tuple(controls)),)
 
 
 _VIEWS = (
@@ -161,7 +161,7 @@ _VIEWS = (
         kind="counts",
         least=1,
         most=6,
-        help="More views see round more obstacles and average more noise; each gets fewer pixels.",
+        help="More views see around more obstacles and average more noise; each gets fewer pixels.",
     ),
     Control(
         name="scale_mm",
@@ -171,7 +171,7 @@ _VIEWS = (
         most=200,
         log=True,
         help="Height of the central mirror above the lens. A larger device has longer baselines, so finer depth; it "
-        "is heavier, and its views overlap from farther on.",
+        "is heavier, and its views overlap only farther away.",
     ),
     Control(
         name="fold_deg",
@@ -195,7 +195,7 @@ _SCENE = (
         most=3000,
         step=5,
         log=True,
-        help="Where all views are to see the same, from the lens on. Depths close together share more pixels.",
+        help="Depths, from the lens, where all views should see the same. Depths close together share more pixels.",
     ),
     Control(
         name="tradeoff",
@@ -211,7 +211,7 @@ _SCENE = (
         kind="choice",
         choices=(("overlap", "overlap"), ("depth", "depth")),
         preset="overlap",
-        help="Depth then gives up 1 % of the overlap for the least standard deviation of depth.",
+        help="Depth gives up 1 % of the overlap for the smallest standard deviation of depth.",
     ),
 )
 _MIRRORS = (
@@ -261,12 +261,12 @@ _MIRRORS = (
 _LIMITS = (
     Control(
         name="seen_gap_mm",
-        label="Gap of sub-images",
+        label="Gap between sub-images",
         unit="mm",
         least=0,
         most=5,
         step=0.1,
-        help="Seen from the lens, at the height of the central mirror: room for mirrors that are off.",
+        help="Seen from the lens, at the height of the central mirror: room for mirrors out of position.",
     ),
     Control(
         name="body_clearance_mm",
@@ -302,7 +302,7 @@ _LIMITS = (
         least=0,
         most=1,
         step=0.05,
-        help="Standard deviation of mirrors' tilts: the mean over devices as built is optimised then, which takes "
+        help="Standard deviation of mirrors' tilts: the mean over as-built devices is then optimised, which takes "
         "longer.",
     ),
     Control(
@@ -312,6 +312,6 @@ _LIMITS = (
         least=0,
         most=1,
         step=0.05,
-        help="Standard deviation of mirrors' shifts along their normals: none hides a part of another then.",
+        help="Standard deviation of mirrors' shifts along their normals, so that none hides part of another.",
     ),
 )

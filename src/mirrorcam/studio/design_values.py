@@ -119,7 +119,7 @@ class RefusedDesign:
     drawing: ViolationDrawing | None = None
 
 
-Found = SolvedDesign | RefusedDesign
+DesignResult = SolvedDesign | RefusedDesign
 """The result of a request."""
 
 

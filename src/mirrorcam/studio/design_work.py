@@ -23,13 +23,13 @@ PRELOAD = (
     "mirrorcam.optics.design.preview",
 )
 """Modules that worker processes load in advance."""
-MAX_REMEMBERED = 300
+MAX_LAYOUTS = 300
 LOW_PRIORITY = 19
 
 
 @cache
 def _partner() -> WorkerProcess:
-    """The process that shares the solution of a design with this one."""
+    """The process that solves each design together with this one."""
     return WorkerProcess(preload=("mirrorcam.optics.design.optimise",))
 
 
@@ -47,14 +47,14 @@ def solve(spec: DesignSpec, calls: Calls = in_turn) -> SolvedDesign | RefusedDes
     except InfeasibleDesign as error:
         from mirrorcam.studio.drawing import violation_drawing
 
-        where = None if error.where is None else violation_drawing(spec, error.where)
-        return RefusedDesign(error.constraint, error.finding, where)
+        drawing = None if error.where is None else violation_drawing(spec, error.where)
+        return RefusedDesign(error.constraint, error.finding, drawing)
     except InputError as error:
         return RefusedDesign("", str(error))
-    return described(layout.spec or spec, layout)
+    return solved_design(layout.spec or spec, layout)
 
 
-def described(spec: DesignSpec, layout: Layout) -> SolvedDesign:
+def solved_design(spec: DesignSpec, layout: Layout) -> SolvedDesign:
     """Return a solved layout with its faceted parabola, and their drawings."""
     from mirrorcam.optics.design.optimise import assessed_parabola
     from mirrorcam.studio.drawing import design_drawing
@@ -67,13 +67,13 @@ def described(spec: DesignSpec, layout: Layout) -> SolvedDesign:
     return SolvedDesign(layout, exact, parabola, design_drawing(parabola, spec, "parabola"))
 
 
-_remembered: deque[Layout] = deque(maxlen=MAX_REMEMBERED)
+_known_layouts: deque[Layout] = deque(maxlen=MAX_LAYOUTS)
 """Designs from which this process interpolates previews."""
 
 
 def remember(layout: Layout) -> None:
     """Add a design to those from which previews are interpolated."""
-    _remembered.append(layout)
+    _known_layouts.append(layout)
 
 
 def preview(spec: DesignSpec) -> str | None:
@@ -82,7 +82,7 @@ def preview(spec: DesignSpec) -> str | None:
     from mirrorcam.optics.design.program.seeds import faceted_parabola
     from mirrorcam.studio.drawing import design_drawing
 
-    layout = preview_layout(spec, list(_remembered))
+    layout = preview_layout(spec, list(_known_layouts))
     try:
         if layout is not None:
             return design_drawing(layout, spec, "preview").model_dump_json()
@@ -112,11 +112,11 @@ def begin_suggestions(spec: DesignSpec, constraint: str, finding: str) -> None:
     """Begin a search for feasible requests near a refused one, which `next_suggestion` continues."""
     from mirrorcam.optics.design.suggestions import suggestions
 
-    found = suggestions(spec, InfeasibleDesign(constraint, finding), in_parallel(_partner()))
+    alternatives = suggestions(spec, InfeasibleDesign(constraint, finding), in_parallel(_partner()))
     _suggestions[:] = [
         (
-            SuggestedRequest(text=change_text(spec, each.spec, each.parameter), spec=each.spec.model_dump(mode="json"))
-            for each in found
+            SuggestedRequest(text=change_text(spec, item.spec, item.parameter), spec=item.spec.model_dump(mode="json"))
+            for item in alternatives
         )
     ]
 

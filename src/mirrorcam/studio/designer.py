@@ -14,7 +14,7 @@ from mirrorcam.core.processes.worker_process import WorkerDied, WorkerProcess
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.studio import design_work, sight_work
-from mirrorcam.studio.design_values import Found, RefusedDesign, SolvedDesign, SuggestedRequest, ToleranceBars
+from mirrorcam.studio.design_values import DesignResult, RefusedDesign, SolvedDesign, SuggestedRequest, ToleranceBars
 from mirrorcam.studio.look_ahead import LookAhead, nearby_requests
 from mirrorcam.studio.sight_work import Decoded, Frame, Subject
 from mirrorcam.studio.turns import PageRequest, Superseded, Turns
@@ -31,11 +31,12 @@ class Advisor:
         self, spec: DesignSpec, refused: RefusedDesign, page_request: PageRequest
     ) -> Iterator[SuggestedRequest]:
         """Yield feasible requests near a refused one until the search ends."""
+        call = self._process.call
         try:
             with self._turns.turn(page_request, spec), self._searching():
-                self._process.call(design_work.begin_suggestions, spec, refused.constraint, refused.finding)
-                while not page_request.gone and (found := self._process.call(design_work.next_suggestion)) is not None:
-                    yield found
+                call(design_work.begin_suggestions, spec, refused.constraint, refused.finding)
+                while not page_request.dropped and (other := call(design_work.next_suggestion)) is not None:
+                    yield other
         except (Superseded, WorkerDied):
             return  # the search was ended
 
@@ -49,7 +50,7 @@ class Advisor:
 
     @contextmanager
     def _searching(self) -> Iterator[None]:
-        """Kill the process if a search is abandoned, as it works ahead."""
+        """Kill the process if a search is abandoned, because it works ahead."""
         try:
             yield
         except GeneratorExit:
@@ -61,7 +62,7 @@ class Advisor:
         self._process.close()
 
 
-MAX_KEPT = 300
+MAX_RESULTS = 300
 
 
 class Designer:
@@ -73,13 +74,13 @@ class Designer:
 
     def __init__(self) -> None:
         self._stored: dict[DesignSpec, Path] = {}
-        self._kept: OrderedDict[DesignSpec, Found] = OrderedDict()
+        self._results: OrderedDict[DesignSpec, DesignResult] = OrderedDict()
         self._solver, self._previewer, self._analyst = (WorkerProcess(preload=design_work.PRELOAD) for _ in range(3))
         self._painter, self._advisor = WorkerProcess(), Advisor()
-        self._look_ahead = LookAhead(self._kept.__contains__, self._keep)
+        self._look_ahead = LookAhead(self._results.__contains__, self._keep)
         self._lock = threading.Lock()
         self._solutions, self._studies = Turns(self._solver.kill), Turns(self._analyst.kill)
-        self._over = False
+        self._closed = False
 
     def start(self) -> None:
         """Start the processes for the first request in advance; others start when needed."""
@@ -90,36 +91,36 @@ class Designer:
     def close(self) -> None:
         """End all processes."""
         with self._lock:
-            self._over = True
-        for each in (self._look_ahead, self._solver, self._previewer, self._analyst, self._painter, self._advisor):
-            each.close()
+            self._closed = True
+        for worker in (self._look_ahead, self._solver, self._previewer, self._analyst, self._painter, self._advisor):
+            worker.close()
 
     def keep(self, spec: DesignSpec, layout: Layout) -> None:
         """Add a solved design, such as an opened file's."""
-        self._keep(spec, self._previewer.call(design_work.described, spec, layout))
+        self._keep(spec, self._previewer.call(design_work.solved_design, spec, layout))
 
     def offer(self, stored: Mapping[DesignSpec, Path]) -> None:
         """Add files of solved layouts, such as a sweep's; each is read when it is requested."""
         self._stored = dict(stored)
 
-    def solve(self, spec: DesignSpec, page_request: PageRequest | None = None) -> Found:
+    def solve(self, spec: DesignSpec, page_request: PageRequest | None = None) -> DesignResult:
         """Solve a request exactly when its page has its turn.
 
         A page's new request ends the solution of its earlier one, whose call raises Superseded. Raises InputError if
         the process that solves it dies.
         """
         page_request = page_request or PageRequest()
-        if spec in self._stored and spec not in self._kept:
+        if spec in self._stored and spec not in self._results:
             self.keep(spec, Layout.load(self._stored[spec]))
         self._advisor.end_search(page_request)  # for an abandoned request
-        found = self._kept.get(spec)
-        if found is None:
+        result = self._results.get(spec)
+        if result is None:
             with self._solutions.turn(page_request, spec):
-                found = self._kept.get(spec) or self._solved_now(spec, page_request)
+                result = self._results.get(spec) or self._solve_now(spec, page_request)
         else:
             self._solutions.drop_earlier(page_request, spec)
         self._look_ahead.solve_next(nearby_requests(spec))
-        return found
+        return result
 
     def leave(self, page_request: PageRequest) -> None:
         """Cancel a request that its page abandoned."""
@@ -127,40 +128,40 @@ class Designer:
         self._studies.leave(page_request)
         self._advisor.leave(page_request)
 
-    def _solved_now(self, spec: DesignSpec, page_request: PageRequest) -> Found:
+    def _solve_now(self, spec: DesignSpec, page_request: PageRequest) -> DesignResult:
         try:
             with self._look_ahead.paused():
-                found: Found = self._solver.call(design_work.solve_in_two, spec)
+                result: DesignResult = self._solver.call(design_work.solve_in_two, spec)
         except WorkerDied as death:
-            if page_request.gone or self._over:
+            if page_request.dropped or self._closed:
                 raise Superseded from None
             raise InputError(f"the process that solved it ended {death}: change something, or try again") from None
-        self._keep(spec, found)
-        return found
+        self._keep(spec, result)
+        return result
 
-    def _keep(self, spec: DesignSpec, found: Found) -> None:
+    def _keep(self, spec: DesignSpec, result: DesignResult) -> None:
         with self._lock:
-            self._kept[spec] = found
-            while len(self._kept) > MAX_KEPT:
-                self._kept.popitem(last=False)
-        if isinstance(found, SolvedDesign):
-            self._previewer.call(design_work.remember, found.layout)
+            self._results[spec] = result
+            while len(self._results) > MAX_RESULTS:
+                self._results.popitem(last=False)
+        if isinstance(result, SolvedDesign):
+            self._previewer.call(design_work.remember, result.layout)
 
     def preview(self, spec: DesignSpec) -> str | None:
         """An immediate, approximate drawing of a request's design, as JSON; None without a preview."""
-        found = self._kept.get(spec)
-        if isinstance(found, SolvedDesign):
-            return found.drawing.model_dump_json()
+        result = self._results.get(spec)
+        if isinstance(result, SolvedDesign):
+            return result.drawing.model_dump_json()
         drawing: str | None = self._previewer.call(design_work.preview, spec)
         self._look_ahead.solve_next([spec])
         return drawing
 
     def solved(self, spec: DesignSpec) -> SolvedDesign:
         """The design of a solved request. Raises InputError for others."""
-        found = self._kept.get(spec)
-        if not isinstance(found, SolvedDesign):
-            raise InputError("this design is not solved, expected one that is")
-        return found
+        result = self._results.get(spec)
+        if not isinstance(result, SolvedDesign):
+            raise InputError("this design is not solved yet, expected a solved one")
+        return result
 
     def tolerance(self, spec: DesignSpec, page_request: PageRequest | None = None) -> ToleranceBars:
         """Expected figures of devices as built, for a solved design; takes seconds.
@@ -175,15 +176,15 @@ class Designer:
 
     def report(self, spec: DesignSpec) -> str:
         """The report of a solved design. Raises InputError for one that is not."""
-        found, page_request = self.solved(spec), PageRequest(object())
+        result, page_request = self.solved(spec), PageRequest(object())
         with self._studies.turn(page_request, spec):
-            return str(self._studied(page_request, design_work.report, found.layout, found.parabola))
+            return str(self._studied(page_request, design_work.report, result.layout, result.parabola))
 
     def _studied(self, page_request: PageRequest, work: Callable[..., Any], *arguments: Any) -> Any:
         try:
             return self._analyst.call(work, *arguments)
         except WorkerDied:
-            if page_request.gone:
+            if page_request.dropped:
                 raise Superseded from None
             raise
 
@@ -192,7 +193,7 @@ class Designer:
 
         Raises InputError for a request that was not refused.
         """
-        refused = self._kept.get(spec)
+        refused = self._results.get(spec)
         if not isinstance(refused, RefusedDesign) or not refused.constraint:
             raise InputError("this design was not refused, expected a refused one")
         return self._advisor.suggestions(spec, refused, page_request or PageRequest())

@@ -43,7 +43,7 @@ GROUPS: Mapping[str, Sequence[str]] = {
 """Titles of the groups of figures, with the prefixes of their figures' names."""
 
 CURVE_POINTS, COARSE_CURVE_POINTS = 33, 9
-BEYOND = 2.2
+MAX_DEPTH_RATIO = 2.2
 """Largest depth of the curves, relative to the farthest working depth."""
 MM_DECIMALS, PX_DECIMALS, RAY_DECIMALS = 2, 1, 5
 
@@ -85,24 +85,24 @@ def design_drawing(layout: Layout, spec: DesignSpec, kind: Kind) -> DesignDrawin
 
 def violation_drawing(spec: DesignSpec, where: LeastViolation) -> ViolationDrawing:
     """Return the drawing of an infeasible request: its mirrors, whose sub-images may overlap, and the violations."""
-    turn, camera = spec.view_from_rig.T, spec.camera
+    rotation, camera = spec.view_from_rig.T, spec.camera
     beyond_mm = max(float(np.linalg.norm(mirror.outline_in_rig_mm.mean(axis=0))) for mirror in where.mirrors)
     body = np.zeros((0, 3)) if camera.body_mm is None else spec.kept_free_in_rig_mm
     return ViolationDrawing(
         sensor_px=(camera.width_px, camera.height_px),
-        body_mm=_rounded(body @ turn, MM_DECIMALS),
+        body_mm=_rounded(body @ rotation, MM_DECIMALS),
         mirrors=[
             MirrorDrawing(
                 name=name,
-                solid_mm=_rounded(mirror.solid.corners_in_rig_mm @ turn, MM_DECIMALS),
-                chief_mm=_rounded(_chief(mirror, beyond_mm) @ turn, MM_DECIMALS),
+                solid_mm=_rounded(mirror.solid.corners_in_rig_mm @ rotation, MM_DECIMALS),
+                chief_mm=_rounded(_chief(mirror, beyond_mm) @ rotation, MM_DECIMALS),
                 outline_px=_rounded(camera.pixels_from_normalized(mirror.apparent.outline_normalized), PX_DECIMALS),
                 usable_px=[],
             )
             for name, mirror in zip(spec.arrangement.names, where.mirrors, strict=True)
         ],
         concerned=sorted({number for violation in where.violations for number in violation.mirrors}),
-        places_mm=[_rounded(violation.place_in_rig_mm @ turn, MM_DECIMALS) for violation in where.violations],
+        places_mm=[_rounded(violation.place_in_rig_mm @ rotation, MM_DECIMALS) for violation in where.violations],
     )
 
 
@@ -112,28 +112,28 @@ def _rounded(points: FloatArray, decimals: int) -> list[list[float]]:
 
 
 def _body(layout: Layout) -> FloatArray:
-    """Return corners (8, 3) of the camera's body in rig, mm; empty if unknown."""
+    """Return corners (8, 3) of the camera's body in the rig frame, mm; empty if unknown."""
     return np.zeros((0, 3)) if layout.camera.body_mm is None else box_corners(*layout.camera.body_mm)
 
 
 def _mirrors(views: FieldsOfView) -> list[MirrorDrawing]:
     """Return the drawing of each mirror; its chief ray extends as far beyond it as the farthest mirror is away."""
     layout = views.layout
-    turn = layout.view_from_rig.T
+    rotation = layout.view_from_rig.T
     beyond_mm = max(float(np.linalg.norm(mirror.outline_in_rig_mm.mean(axis=0))) for mirror in layout.mirrors)
     usable = [vertices(part) for part in views.sub_images]
-    drawn = []
+    drawings = []
     for k, (mirror, name) in enumerate(zip(layout.mirrors, layout.mirror_names, strict=True)):
-        drawn.append(
+        drawings.append(
             MirrorDrawing(
                 name=name,
-                solid_mm=_rounded(mirror.solid.corners_in_rig_mm @ turn, MM_DECIMALS),
-                chief_mm=_rounded(_chief(mirror, beyond_mm) @ turn, MM_DECIMALS),
+                solid_mm=_rounded(mirror.solid.corners_in_rig_mm @ rotation, MM_DECIMALS),
+                chief_mm=_rounded(_chief(mirror, beyond_mm) @ rotation, MM_DECIMALS),
                 outline_px=_rounded(_outline_px(layout, k), PX_DECIMALS),
                 usable_px=_rounded(layout.camera.pixels_from_normalized(usable[k]), PX_DECIMALS),
             )
         )
-    return drawn
+    return drawings
 
 
 def _outline_px(layout: Layout, index: int) -> FloatArray:
@@ -142,11 +142,11 @@ def _outline_px(layout: Layout, index: int) -> FloatArray:
 
 
 def _chief(mirror: Mirror, beyond_mm: float) -> FloatArray:
-    """Return the chief ray (3, 3) in rig, mm: the pupil, the mirror, and a point towards the scene."""
+    """Return the chief ray (3, 3) in the rig frame, mm: the pupil, the mirror, and a point towards the scene."""
     seen = mirror.apparent
-    met = seen.cut(seen.outline_normalized.mean(axis=0))
-    leaving = met - seen.virtual_centre_in_rig_mm
-    return np.array([np.zeros(3), met, met + leaving * (beyond_mm / np.linalg.norm(leaving))])
+    hit = seen.cut(seen.outline_normalized.mean(axis=0))
+    reflected = hit - seen.virtual_centre_in_rig_mm
+    return np.array([np.zeros(3), hit, hit + reflected * (beyond_mm / np.linalg.norm(reflected))])
 
 
 def _rays(views: FieldsOfView) -> ViewRays:
@@ -165,25 +165,25 @@ def _common_px(layout: Layout, views: FieldsOfView, depth_mm: float) -> list[lis
     if region.is_empty:
         return []
     # With a distorted lens, edges are curved: draw a few points on each.
-    drawn = region if not layout.camera.is_undistorted else Polygon(vertices(region))
-    return [_rounded(seen, PX_DECIMALS) for seen in layout.camera.project(images_in_rig(layout, drawn, depth_mm))]
+    outline = region if not layout.camera.is_undistorted else Polygon(vertices(region))
+    return [_rounded(image, PX_DECIMALS) for image in layout.camera.project(images_in_rig(layout, outline, depth_mm))]
 
 
 def _curves(
     layout: Layout, views: FieldsOfView, spacings: FloatArray, depths_mm: Sequence[float], *, coarse: bool
 ) -> Curves:
     nearest_mm = max(views.reach_mm * 1.02, 0.4 * depths_mm[0])
-    farthest_mm = max(BEYOND * depths_mm[-1], 1.1 * nearest_mm)
-    sampled = np.geomspace(nearest_mm, farthest_mm, COARSE_CURVE_POINTS if coarse else CURVE_POINTS)
+    farthest_mm = max(MAX_DEPTH_RATIO * depths_mm[-1], 1.1 * nearest_mm)
+    sample_depths_mm = np.geomspace(nearest_mm, farthest_mm, COARSE_CURVE_POINTS if coarse else CURVE_POINTS)
     focal_px = np.array([layout.camera.fx_px, layout.camera.fy_px])
     steps_px_mm = focal_px * np.abs(spacings)
     best_px_mm = float((steps_px_mm * layout.arrangement.extent).max())
-    behind_mm = float(layout.virtual_centres_in_view_mm.reshape(-1, 3)[layout.central_index, 2])
-    distances_mm = sampled - behind_mm
-    sigmas = [] if coarse else [mean_depth_sigma_mm(views, float(depth)) for depth in sampled]
+    centre_mm = float(layout.virtual_centres_in_view_mm.reshape(-1, 3)[layout.central_index, 2])
+    distances_mm = sample_depths_mm - centre_mm
+    sigmas = [] if coarse else [mean_depth_sigma_mm(views, float(depth)) for depth in sample_depths_mm]
     return Curves(
-        depths_mm=np.round(sampled, 1).tolist(),
-        usable=[round(views.pixel_efficiency(views.common_region(depth)[0], depth), 5) for depth in sampled],
+        depths_mm=np.round(sample_depths_mm, 1).tolist(),
+        usable=[round(views.pixel_efficiency(views.common_region(depth)[0], depth), 5) for depth in sample_depths_mm],
         disparity_px=np.round(steps_px_mm.max() / distances_mm, 4).tolist(),
         resolution_mm=np.round(distances_mm**2 / best_px_mm, 5).tolist(),
         sigma_mm=[None if sigma is None or not math.isfinite(sigma) else round(sigma, 5) for sigma in sigmas],
@@ -206,20 +206,20 @@ def _figure(name: str, metric: Metric) -> FigureText:
 def _grouped(metrics: Mapping[str, Metric]) -> dict[str, list[FigureText]]:
     """Return figures by the titles of their groups, in the order of `GROUPS`."""
 
-    def members(beginnings: Iterable[str]) -> list[FigureText]:
-        return [_figure(n, m) for beginning in beginnings for n, m in metrics.items() if n.startswith(beginning)]
+    def figures_of(prefixes: Iterable[str]) -> list[FigureText]:
+        return [_figure(n, m) for prefix in prefixes for n, m in metrics.items() if n.startswith(prefix)]
 
-    return {title: found for title, beginnings in GROUPS.items() if (found := members(beginnings))}
+    return {title: members for title, prefixes in GROUPS.items() if (members := figures_of(prefixes))}
 
 
 def tolerance_bars(layout: Layout) -> ToleranceBars:
     """Return figures of devices built by hand, at the depths of the layout's spec. Raises InputError as `study`."""
     if layout.spec is None:
-        raise ValueError("a layout without a spec, expected one that was designed")
+        raise ValueError("the layout has no spec, expected one that was designed")
     tolerances = Tolerances.hobby()
-    found = study(layout, tolerances, sorted(layout.spec.depths_mm))
+    results = study(layout, tolerances, sorted(layout.spec.depths_mm))
     bars = []
-    for name, spread in found.spreads[1.0].items():
+    for name, spread in results.spreads[1.0].items():
         ends = [value_text(Metric(value=value, unit=spread.unit)) for value in (spread.low, spread.high)]
         bars.append(
             ToleranceBar(
@@ -231,5 +231,5 @@ def tolerance_bars(layout: Layout) -> ToleranceBars:
                 text=f"{ends[0]} to {ends[1]}",
             )
         )
-    assumed = f"{found.devices} devices, standard deviations of {tolerances.workmanship}; 90 % of them lie in the bar"
-    return ToleranceBars(assumed=assumed, hidden=found.hidden[1.0], bars=bars)
+    assumed = f"{results.devices} devices, standard deviations of {tolerances.workmanship}; 90 % of them lie in the bar"
+    return ToleranceBars(assumed=assumed, hidden=results.hidden[1.0], bars=bars)

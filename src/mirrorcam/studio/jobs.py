@@ -33,7 +33,7 @@ def write_folder(root: Path, layout: Layout) -> str:
     name = folder_name(layout)
     folder = root / name
     if layout.spec is None:
-        raise ValueError("a layout without a spec, expected one that was designed")
+        raise ValueError("the layout has no spec, expected one that was designed")
     if not (folder / "layout.json").is_file():
         layout.save(folder / "layout.json")
     if not (folder / DESIGN_FILE).is_file():
@@ -54,7 +54,7 @@ def zipped(root: Path, name: str) -> Path:
     with tempfile.NamedTemporaryFile(suffix=".zip", delete=False) as file:
         path = Path(file.name)
     try:
-        write_zip(path, {f"{parts[0]}/{inside}": source for inside, source in files.items()})
+        write_zip(path, {f"{parts[0]}/{name}": source for name, source in files.items()})
     except BaseException:
         path.unlink()
         raise
@@ -97,13 +97,13 @@ class Plan:
 def plans(folder: Path, adapter: Adapter = "none") -> dict[JobKind, Plan]:
     """Return the jobs for a design in a folder with its layout.json and design.toml.
 
-    `adapter` is the kind of the device's back.
+    `adapter` is the kind of back of the device.
     """
-    layout, carried = str(folder / "layout.json"), ("--adapter", adapter)
+    layout, back = str(folder / "layout.json"), ("--adapter", adapter)
     return {
-        "parts": Plan(("cad", layout, *carried, "--out", str(folder / "parts")), "parts", "index.html"),
+        "parts": Plan(("cad", layout, *back, "--out", str(folder / "parts")), "parts", "index.html"),
         "set": Plan(("render", layout, "--frames", str(FRAMES), "--out", str(folder / "set")), "set", "dataset.json"),
-        "run": Plan(("run", str(folder / "design.toml"), *carried, "--out", str(folder / "run")), "run", "index.html"),
+        "run": Plan(("run", str(folder / "design.toml"), *back, "--out", str(folder / "run")), "run", "index.html"),
     }
 
 
@@ -140,9 +140,9 @@ class Jobs:
         """
         plan = plans(self.root / design, adapter)[kind]
         with self._lock:
-            made = [job for job in self._jobs.values() if (job.design, job.kind) == (design, kind)]
-            if any(job.state == "running" for job in made):
-                raise InputError(f"{design}: that is being made already")
+            same = [job for job in self._jobs.values() if (job.design, job.kind) == (design, kind)]
+            if any(job.state == "running" for job in same):
+                raise InputError(f"{design}: this is already being made")
             job = _Job(len(self._jobs) + 1, kind, design, plan, ChildCommand(plan.arguments))
             self._jobs[job.number] = job
         return self._report(job)
@@ -170,8 +170,8 @@ class Jobs:
 
     def _report(self, job: _Job) -> JobReport:
         state, lines = job.state, job.command.lines
-        counted = [found for line in lines if (found := PROGRESS.search(line))]
-        share = float(counted[-1][1]) / max(float(counted[-1][2]), 1.0) if counted else None
+        counted = [match for line in lines if (match := PROGRESS.search(line))]
+        fraction = float(counted[-1][1]) / max(float(counted[-1][2]), 1.0) if counted else None
         page = f"{job.design}/{job.plan.folder}/{job.plan.page}"
         return JobReport(
             number=job.number,
@@ -180,7 +180,7 @@ class Jobs:
             command=command_line(job.plan.arguments),
             state=state,
             seconds=round(job.command.seconds, 1),
-            progress=1.0 if state == "done" else share,
+            progress=1.0 if state == "done" else fraction,
             lines=list(lines),
             page=page if state != "running" and (self.root / page).is_file() else "",
             folder=f"{job.design}/{job.plan.folder}",

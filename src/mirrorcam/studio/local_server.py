@@ -38,11 +38,11 @@ class _Protocol(H11Protocol):
     """
 
     def send_400_response(self, msg: str) -> None:
-        begun = self.cycle is not None and self.cycle.response_started
+        started = self.cycle is not None and self.cycle.response_started
         if self.cycle is not None:
             self.cycle.disconnected = True
             self.cycle.message_event.set()
-        if begun:
+        if started:
             self.transport.close()
         else:
             super().send_400_response(msg)
@@ -98,7 +98,7 @@ def run_server(
 
 HOSTS = ("127.0.0.1", "localhost", "[::1]")
 LARGEST_BODY_BYTES = 2_000_000
-LONGEST_LENGTH = 20
+MAX_LENGTH_DIGITS = 20
 """Largest number of digits of an accepted Content-Length."""
 FILES = "/files"
 """Path of generated pages, whose scripts and styles are inline."""
@@ -106,7 +106,7 @@ _DENY_OTHERS = "default-src 'none'; base-uri 'none'; form-action 'none'; frame-a
 
 
 class LocalAccess:
-    """Refuses requests with another Host or from pages of other sites, and bodies that are too large.
+    """Refuses requests with a different Host or from pages of other sites, and bodies that are too large.
 
     Otherwise, another site's page could reach this server: by a name that resolves to it (the Host is then that name),
     or by a form or script (the Origin is then that site). The content security policy of the responses permits only
@@ -132,12 +132,12 @@ class LocalAccess:
             f"script-src {inline}; style-src {inline}; img-src 'self' data: blob:; connect-src 'self' data: blob:"
         )
 
-        begun = False
+        started = False
 
         async def with_policy(message: Message) -> None:
-            nonlocal begun
+            nonlocal started
             if message["type"] == "http.response.start":
-                begun = True
+                started = True
                 headers = MutableHeaders(scope=message)
                 headers["Content-Security-Policy"] = policy
                 headers["X-Content-Type-Options"] = "nosniff"
@@ -149,7 +149,7 @@ class LocalAccess:
         try:
             await self._app(scope, _limited(receive), with_policy)
         except ClientDisconnect:
-            if not begun:
+            if not started:
                 await PlainTextResponse("the request was cut off", status_code=400)(scope, receive, send)
 
     def _refusal(self, headers: Headers, method: str, path: str) -> str:
@@ -159,15 +159,15 @@ class LocalAccess:
         origin = headers.get("origin")
         if origin is not None and not self._is_own(origin):
             return "the request comes from a page of another site"
-        following_a_link = method == "GET" and headers.get("sec-fetch-mode") == "navigate"
-        if headers.get("sec-fetch-site", "none") not in ("none", "same-origin") and not following_a_link:
+        follows_link = method == "GET" and headers.get("sec-fetch-mode") == "navigate"
+        if headers.get("sec-fetch-site", "none") not in ("none", "same-origin") and not follows_link:
             return "the request comes from a page of another site"
         if method == "POST" and not headers.get("content-type", "").startswith("application/json"):
             return "expected application/json"
         length = headers.get("content-length", "0") or "0"
         if not (length.isascii() and length.isdigit()):
             return "Content-Length: expected a number of bytes"
-        too_large = len(length) > LONGEST_LENGTH or int(length) > LARGEST_BODY_BYTES
+        too_large = len(length) > MAX_LENGTH_DIGITS or int(length) > LARGEST_BODY_BYTES
         return "the request is too large" if too_large else ""
 
     def _is_own(self, origin: str) -> bool:
@@ -256,21 +256,21 @@ class _SentFile(FileResponse):
     """Sends as many bytes as Content-Length states; if the file has become shorter, the connection breaks."""
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        left, ended = 0, False
+        remaining, ended = 0, False
 
         async def send_stated(message: Message) -> None:
-            nonlocal left, ended
+            nonlocal remaining, ended
             if message["type"] == "http.response.start":
-                left = int(Headers(raw=message["headers"]).get("content-length", "0"))
+                remaining = int(Headers(raw=message["headers"]).get("content-length", "0"))
                 await send(message)
             elif scope["method"] == "HEAD":
                 await send(message)
             elif not ended:
-                body = message["body"][:left]
-                left -= len(body)
-                if left and not message.get("more_body", False):
+                body = message["body"][:remaining]
+                remaining -= len(body)
+                if remaining and not message.get("more_body", False):
                     raise OSError("the file has become shorter")
-                ended = not left
+                ended = not remaining
                 await send({**message, "body": body, "more_body": not ended})
 
         try:

@@ -12,7 +12,7 @@ from mirrorcam.core.processes.worker_process import WorkerProcess
 from mirrorcam.core.values import InvalidValue
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.studio import design_work
-from mirrorcam.studio.design_values import Found
+from mirrorcam.studio.design_values import DesignResult
 
 MAX_MIRRORS = 25
 """Designs with more mirrors take too long to be solved speculatively."""
@@ -20,28 +20,28 @@ MAX_MIRRORS = 25
 Change = Callable[[DesignSpec], dict[str, Any]]
 
 
-def _count(name: str, by: int) -> Change:
-    return lambda spec: {name: getattr(spec, name) + by}
+def _add(name: str, step: int) -> Change:
+    return lambda spec: {name: getattr(spec, name) + step}
 
 
-def _times(name: str, factor: float) -> Change:
+def _scaled(name: str, factor: float) -> Change:
     return lambda spec: {name: round(getattr(spec, name) * factor)}
 
 
-def _plus(name: str, by: float) -> Change:
-    return lambda spec: {name: round(getattr(spec, name) + by, 3)}
+def _add_rounded(name: str, step: float) -> Change:
+    return lambda spec: {name: round(getattr(spec, name) + step, 3)}
 
 
 CHANGES: tuple[Change, ...] = (
-    *(_count(name, by) for by in (1, -1) for name in ("rows", "cols")),
-    *(_times("scale_mm", factor) for factor in (1.3, 1 / 1.3)),
-    *(_plus("tradeoff", by) for by in (0.2, -0.2)),
+    *(_add(name, step) for step in (1, -1) for name in ("rows", "cols")),
+    *(_scaled("scale_mm", factor) for factor in (1.3, 1 / 1.3)),
+    *(_add_rounded("tradeoff", step) for step in (0.2, -0.2)),
 )
 
 
 def nearby_requests(spec: DesignSpec) -> list[DesignSpec]:
     """Return requests one step from this one, likeliest first, for designs that solve in a few seconds."""
-    found = []
+    requests = []
     for change in CHANGES:
         fields = change(spec)
         if spec.pattern is not None and fields.keys() & {"rows", "cols"}:
@@ -51,8 +51,8 @@ def nearby_requests(spec: DesignSpec) -> list[DesignSpec]:
         except InvalidValue:
             continue  # outside the limits of a request, such as no rows
         if len(other.arrangement.steps) <= MAX_MIRRORS:
-            found.append(other)
-    return found
+            requests.append(other)
+    return requests
 
 
 _log = logging.getLogger(__name__)
@@ -65,7 +65,7 @@ class LookAhead:
 
     Parameters
     ----------
-    known
+    is_solved
         Returns whether a request is solved already.
     keep
         Called with the solution of a request, in a thread of this object.
@@ -75,16 +75,16 @@ class LookAhead:
 
     def __init__(
         self,
-        known: Callable[[DesignSpec], bool],
-        keep: Callable[[DesignSpec, Found], None],
-        solve: Callable[[DesignSpec], Found] = design_work.solve,
+        is_solved: Callable[[DesignSpec], bool],
+        keep: Callable[[DesignSpec, DesignResult], None],
+        solve: Callable[[DesignSpec], DesignResult] = design_work.solve,
     ) -> None:
-        self._known, self._keep, self._solve = known, keep, solve
+        self._is_solved, self._keep, self._solve = is_solved, keep, solve
         self._process = WorkerProcess(preload=design_work.PRELOAD)
         self._changed = threading.Condition()
         self._pending: list[DesignSpec] = []
         self._pauses = 0
-        self._over = False
+        self._closed = False
 
     def start(self) -> None:
         """Start the thread."""
@@ -110,7 +110,7 @@ class LookAhead:
     def close(self) -> None:
         """End at once."""
         with self._changed:
-            self._over = True
+            self._closed = True
             self._changed.notify_all()
         self._process.close()
 
@@ -120,16 +120,16 @@ class LookAhead:
                 self._process.call(design_work.at_low_priority)
                 self._keep(spec, self._process.call(self._solve, spec))
             except Exception:  # logged: without this design a click only takes longer, and the thread must go on
-                if not self._over:
+                if not self._closed:
                     _log.exception("this request is not solved ahead: %r", spec)
 
     def _next(self) -> DesignSpec | None:
         """Wait for the first unsolved request; None at the end."""
         with self._changed:
-            while not self._over:
+            while not self._closed:
                 while self._pending and not self._pauses:
                     spec = self._pending.pop(0)
-                    if not self._known(spec):
+                    if not self._is_solved(spec):
                         return spec
                 self._changed.wait()
         return None

@@ -34,35 +34,35 @@ class SweepPoint(Value):
 
 
 def sweep_points(outcomes: Sequence[Outcome]) -> list[SweepPoint]:
-    """Return the points of solved designs, in order; designs without a figure, as of a single depth, are omitted."""
-    found = []
+    """Return the points of solved designs, in order; those without a figure, as with a single depth, are omitted."""
+    points = []
     for outcome in outcomes:
         figures = summary_figures(outcome)
-        across, deep, share = (
+        field_deg, depth_per_m, efficiency = (
             figures[name] for name in ("fov_diagonal_deg", "depth_of_field_per_m", "pixel_efficiency_mean")
         )
-        error = outcome.metrics.get("grid_error")
-        if across is None or deep is None or share is None or error is None or not error.known:
+        grid_error = outcome.metrics.get("grid_error")
+        if field_deg is None or depth_per_m is None or efficiency is None or grid_error is None or not grid_error.known:
             continue
         spec = outcome.spec
-        found.append(
+        points.append(
             SweepPoint(
                 title=f"{spec.arrangement.text}, {spec.scale_mm:g} mm, trade-off {spec.tradeoff:g}",
                 spec=spec,
-                field_deg=across,
-                depth_per_m=deep,
-                grid_error=error.value,
-                efficiency=share,
+                field_deg=field_deg,
+                depth_per_m=depth_per_m,
+                grid_error=grid_error.value,
+                efficiency=efficiency,
                 best=[],
             )
         )
     fronts = {
-        "field": pareto_front([(point.field_deg, point.depth_per_m) for point in found]),
-        "grid": pareto_front([(-point.grid_error, point.efficiency) for point in found]),
+        "field": pareto_front([(point.field_deg, point.depth_per_m) for point in points]),
+        "grid": pareto_front([(-point.grid_error, point.efficiency) for point in points]),
     }
     return [
         point.replaced(best=[name for name, front in fronts.items() if number in front])
-        for number, point in enumerate(found)
+        for number, point in enumerate(points)
     ]
 
 
@@ -89,13 +89,13 @@ class PageStart:
     sweep: tuple[SweepPoint, ...] = ()
 
 
-def studio_page(begin: PageStart, folder: Path, *, nonce: str) -> str:
+def studio_page(page_start: PageStart, folder: Path, *, nonce: str) -> str:
     """Render the page of a server that writes into a folder; browsers run only scripts and styles with the nonce."""
     start = {
-        "spec": begin.spec.model_dump(mode="json"),
+        "spec": page_start.spec.model_dump(mode="json"),
         "defaults": DesignSpec().model_dump(mode="json"),
-        "controls": [group.model_dump(mode="json") for group in control_groups(begin.spec)],
-        "sweep": [point.model_dump(mode="json") for point in begin.sweep],
+        "controls": [group.model_dump(mode="json") for group in control_groups(page_start.spec)],
+        "sweep": [point.model_dump(mode="json") for point in page_start.sweep],
     }
     scripts = [*SCRIPTS, "server.js", "sight.js", "make.js", "main.js"]
     return render(

@@ -36,7 +36,7 @@ from mirrorcam.studio.turns import PageRequest, Superseded
 Result = TypeVar("Result")
 PAGE_HEADER = "x-page"
 """Header with the name of a page: its newest request replaces only its own earlier ones."""
-LONGEST_NAME, LONGEST_NUMBER = 64, 16
+MAX_NAME_LENGTH, MAX_NUMBER_LENGTH = 64, 16
 
 
 class Opened(Value):
@@ -74,28 +74,28 @@ class DesignAnswers:
 
     async def design(self, request: Request) -> Response:
         try:
-            found = await self._solved(request, self._designer.solve)
+            result = await self._solved(request, self._designer.solve)
         except InputError as error:
             return _json({"status": "refused", "constraint": "", "finding": str(error)})
         except Superseded:
             return _json({"status": "superseded"})
-        if not isinstance(found, SolvedDesign):
-            where = found.drawing and found.drawing.model_dump(mode="json")
-            refusal = {"constraint": found.constraint, "finding": found.finding, "where": where}
+        if not isinstance(result, SolvedDesign):
+            where = result.drawing and result.drawing.model_dump(mode="json")
+            refusal = {"constraint": result.constraint, "finding": result.finding, "where": where}
             return _json({"status": "refused"} | refusal)
-        drawings = {"drawing": found.drawing, "parabola": found.parabola_drawing}
+        drawings = {"drawing": result.drawing, "parabola": result.parabola_drawing}
         return _json(
-            {"status": "solved"} | {name: each and each.model_dump(mode="json") for name, each in drawings.items()}
+            {"status": "solved"} | {name: item and item.model_dump(mode="json") for name, item in drawings.items()}
         )
 
     async def suggestions(self, request: Request) -> Response:
         page_request = _page_request(request)
-        found = self._designer.suggestions(await posted(DesignSpec, request), page_request)
+        suggestions = self._designer.suggestions(await posted(DesignSpec, request), page_request)
 
         async def lines() -> AsyncIterator[str]:
-            async with self._attended(request, page_request):
-                async for each in iterate_in_threadpool(found):
-                    yield f"{each.model_dump_json()}\n"
+            async with self._cancelled_on_disconnect(request, page_request):
+                async for suggestion in iterate_in_threadpool(suggestions):
+                    yield f"{suggestion.model_dump_json()}\n"
 
         return StreamingResponse(lines(), media_type="application/x-ndjson")
 
@@ -136,23 +136,23 @@ class DesignAnswers:
         """Return the result of work on the design of a request."""
         page_request = _page_request(request)  # first: a later request may be parsed sooner
         spec = await posted(DesignSpec, request)
-        async with self._attended(request, page_request):
+        async with self._cancelled_on_disconnect(request, page_request):
             return await run_in_threadpool(work, spec, page_request)
 
     @asynccontextmanager
-    async def _attended(self, request: Request, page_request: PageRequest) -> AsyncIterator[None]:
+    async def _cancelled_on_disconnect(self, request: Request, page_request: PageRequest) -> AsyncIterator[None]:
         """Cancel the request if its page disconnects within the block."""
 
-        async def attend() -> None:
+        async def watch() -> None:
             while (await request.receive())["type"] != "http.disconnect":
                 continue
             await run_in_threadpool(self._designer.leave, page_request)
 
-        attending = asyncio.create_task(attend())
+        watching = asyncio.create_task(watch())
         try:
             yield
         finally:
-            attending.cancel()
+            watching.cancel()
 
     @property
     def routes(self) -> list[Route]:
@@ -189,7 +189,7 @@ class JobAnswers:
 
     async def cancel(self, request: Request) -> Response:
         number = request.path_params["number"]
-        if not (number.isascii() and number.isdigit() and len(number) < LONGEST_NUMBER):
+        if not (number.isascii() and number.isdigit() and len(number) < MAX_NUMBER_LENGTH):
             return PlainTextResponse("not found", status_code=404)
         self._jobs.cancel(int(number))
         return _json({})
@@ -229,7 +229,7 @@ def studio_app(start: PageStart, designer: Designer, jobs: Jobs, port: int) -> S
 def _page_request(request: Request) -> PageRequest:
     """Return the page's request by the name in its header; without a name, each request counts as its own page."""
     name = request.headers.get(PAGE_HEADER)
-    return PageRequest(object() if name is None else name[:LONGEST_NAME])
+    return PageRequest(object() if name is None else name[:MAX_NAME_LENGTH])
 
 
 def _json(value: Any) -> Response:

@@ -1,4 +1,4 @@
-"""Simulated frames of a design, rendered and decoded in a process of the studio; the last are kept for refocusing."""
+"""Simulated frames of a design, rendered and decoded in a process of the studio; the latest are kept for refocusing."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class Decoded(Value):
 
 MAX_CACHED = 12
 _frame: tuple[str, PreviewFrame] | None = None
-_seen: OrderedDict[str, SeenBy] = OrderedDict()
+_cached: OrderedDict[str, SeenBy] = OrderedDict()
 """The last decoded frames by name: several open pages may show different designs."""
 
 
@@ -75,18 +75,18 @@ def decoded(layout: Layout, subject: Subject) -> Decoded:
     if _frame is None or _frame[0] != name:
         frame(layout, subject)
     assert _frame is not None
-    seen = seen_in(_frame[1])
-    _seen.pop(name, None)
-    _seen[name] = seen
-    while len(_seen) > MAX_CACHED:
-        _seen.popitem(last=False)
-    near_mm, far_mm = seen.searched_mm
+    products = seen_in(_frame[1])
+    _cached.pop(name, None)
+    _cached[name] = products
+    while len(_cached) > MAX_CACHED:
+        _cached.popitem(last=False)
+    near_mm, far_mm = products.searched_mm
     focus_mm = 2.0 / (1.0 / near_mm + 1.0 / far_mm)
-    error_mm = seen.median_error_mm
+    error_mm = products.median_error_mm
     return Decoded(
-        views=_data_url(seen.views_picture()),
-        refocused=_data_url(seen.refocused(focus_mm)),
-        depth=_data_url(seen.depth_picture()),
+        views=_data_url(products.views_picture()),
+        refocused=_data_url(products.refocused(focus_mm)),
+        depth=_data_url(products.depth_picture()),
         near_mm=near_mm,
         far_mm=far_mm,
         focus_mm=focus_mm,
@@ -96,10 +96,10 @@ def decoded(layout: Layout, subject: Subject) -> Decoded:
 
 def refocused(layout: Layout, subject: Subject, depth_mm: float) -> Frame:
     """Return the picture refocused at a depth. Raises InputError unless this design was decoded recently."""
-    seen = _seen.get(_name(layout, subject))
-    if seen is None:
-        raise InputError("this design is no longer decoded, expected one of the last few")
-    return Frame(picture=_data_url(seen.refocused(depth_mm)))
+    products = _cached.get(_name(layout, subject))
+    if products is None:
+        raise InputError("this design is no longer decoded, expected one of the most recent")
+    return Frame(picture=_data_url(products.refocused(depth_mm)))
 
 
 def _data_url(picture: NDArray[np.uint8]) -> str:

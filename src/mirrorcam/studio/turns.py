@@ -24,7 +24,7 @@ class PageRequest:
     """
 
     def __init__(self, page: Hashable = "") -> None:
-        self.page, self.gone = page, False
+        self.page, self.dropped = page, False
         self.arrival = next(_ARRIVALS)
         self.subject: Hashable = None
 
@@ -56,12 +56,12 @@ class Turns:
         with self._changed:
             page_request.subject = subject
             self._drop_earlier(page_request)
-            page_request.gone |= any(
-                each.page == page_request.page and each.arrival > page_request.arrival for each in self._queue
+            page_request.dropped |= any(
+                other.page == page_request.page and other.arrival > page_request.arrival for other in self._queue
             )
             self._queue.append(page_request)
-            self._changed.wait_for(lambda: page_request.gone or self._queue[0] is page_request)
-            if page_request.gone:
+            self._changed.wait_for(lambda: page_request.dropped or self._queue[0] is page_request)
+            if page_request.dropped:
                 self._queue.remove(page_request)
                 self._changed.notify_all()
                 raise Superseded
@@ -98,9 +98,9 @@ class Turns:
                 self._drop(other)
 
     def _drop(self, page_request: PageRequest) -> None:
-        if page_request.gone:
+        if page_request.dropped:
             return
-        page_request.gone = True
+        page_request.dropped = True
         if self._at_work is page_request:
             self._end()
         self._changed.notify_all()

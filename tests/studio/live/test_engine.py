@@ -167,7 +167,9 @@ def test_a_video_waits_for_its_beginning_and_plays_again_once_it_has_ended(
     default_layout: Layout, tmp_path: Path
 ) -> None:
     layout, video = write_live_set(tmp_path, default_layout)
-    request = LiveRequest(layout, str(video), frame_width_px=240, view_width_px=100, depth_width_px=80, every=True)
+    request = LiveRequest(
+        layout, str(video), frame_width_px=240, view_width_px=100, depth_width_px=80, every_frame=True
+    )
     with LiveEngine(request, out=tmp_path / "out", hold=True) as engine:
         assert engine.wait_for("frame", 0, 2.0) is None and engine.status().frames == 0
         with pytest.raises(InputError, match="expected a source that has ended"):
@@ -213,7 +215,12 @@ def test_a_source_that_fails_is_told(default_layout: Layout, tmp_path: Path) -> 
 def test_memory_stays_flat_over_ten_thousand_frames(live_set: tuple[Path, Path], tmp_path: Path) -> None:
     repeated(live_set[1], tmp_path / "hour.mkv", 9)
     request = LiveRequest(
-        live_set[0], str(tmp_path / "hour.mkv"), frame_width_px=160, view_width_px=60, depth_width_px=60, every=True
+        live_set[0],
+        str(tmp_path / "hour.mkv"),
+        frame_width_px=160,
+        view_width_px=60,
+        depth_width_px=60,
+        every_frame=True,
     )
     held: list[float] = []
     with LiveEngine(request, out=tmp_path) as engine:

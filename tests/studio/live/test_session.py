@@ -30,7 +30,7 @@ from tests.studio.live.live_sets import HEIGHT_PX, WIDTH_PX, frame, small, write
 @pytest.fixture(scope="module")
 def request_(tmp_path_factory: pytest.TempPathFactory, default_layout: Layout) -> LiveRequest:
     layout, video = write_live_set(tmp_path_factory.mktemp("live"), default_layout)
-    return LiveRequest(layout, str(video), frame_width_px=240, view_width_px=100, depth_width_px=80, every=True)
+    return LiveRequest(layout, str(video), frame_width_px=240, view_width_px=100, depth_width_px=80, every_frame=True)
 
 
 @pytest.fixture
@@ -41,7 +41,7 @@ def session(request_: LiveRequest) -> Iterator[LiveSession]:
 
 
 def test_pictures_have_the_sizes_that_the_session_states(session: LiveSession) -> None:
-    about, shown = session.about, session.next(Orders(depth=True)).shown
+    about, shown = session.about, session.next(Orders(depth=True)).results
     assert about.kind == "video" and about.grid == (3, 3) and about.camera_px == (WIDTH_PX, HEIGHT_PX)
     assert shown is not None and set(shown.jpegs) == {"frame", "views", "refocus"}
     for kind, jpeg in shown.jpegs.items():
@@ -54,45 +54,45 @@ def test_pictures_have_the_sizes_that_the_session_states(session: LiveSession) -
 
 def test_the_source_ends_after_every_frame(session: LiveSession) -> None:
     numbers = []
-    while not (answer := session.next(Orders(kinds=()))).over or answer.shown is not None:
-        assert answer.shown is not None and answer.shown.jpegs == {}
-        numbers.append(answer.shown.number)
-        if answer.over:
+    while not (answer := session.next(Orders(kinds=()))).ended or answer.results is not None:
+        assert answer.results is not None and answer.results.jpegs == {}
+        numbers.append(answer.results.number)
+        if answer.ended:
             break
     assert numbers == list(range(12)) and answer.dropped == 0 and answer.lost == 0
 
 
 def test_a_video_waits_for_its_orders_and_plays_as_often_as_they_say(session: LiveSession) -> None:
     waiting = session.next(Orders(plays=0))
-    assert waiting.shown is None and not waiting.over
+    assert waiting.results is None and not waiting.ended
     numbers = []
     for plays in (1, 2):
         over = False
         while not over:
             answer = session.next(Orders(kinds=(), plays=plays))
-            over = answer.over
-            numbers += [] if answer.shown is None else [answer.shown.number]
+            over = answer.ended
+            numbers += [] if answer.results is None else [answer.results.number]
     assert numbers == 2 * list(range(12))
 
 
 def test_an_order_to_play_again_before_the_end_changes_nothing(session: LiveSession) -> None:
     numbers = []
     for plays in (1, 1, 2, 3):
-        shown = session.next(Orders(kinds=(), plays=plays)).shown
+        shown = session.next(Orders(kinds=(), plays=plays)).results
         assert shown is not None
         numbers.append(shown.number)
     assert numbers == [0, 1, 2, 3]
 
 
 def test_the_last_frame_becomes_what_is_ordered_after_the_end_once(session: LiveSession) -> None:
-    while not session.next(Orders(kinds=("frame",))).over:
+    while not session.next(Orders(kinds=("frame",))).ended:
         pass
     orders = Orders(kinds=("frame", "views", "refocus"), depth=True)
-    shown = session.next(orders).shown
-    assert shown is not None and shown.again and shown.number == 11
+    shown = session.next(orders).results
+    assert shown is not None and shown.repeated and shown.number == 11
     assert set(shown.jpegs) == {"views", "refocus"} and shown.samples is not None
-    assert session.next(orders).shown is None
-    focused = session.next(replace(orders, focus_mm=230.0)).shown
+    assert session.next(orders).results is None
+    focused = session.next(replace(orders, focus_mm=230.0)).results
     assert focused is not None and set(focused.jpegs) == {"refocus"} and focused.samples is None
     assert focused.jpegs["refocus"] != shown.jpegs["refocus"]
 
@@ -110,7 +110,7 @@ def test_the_focus_changes_the_refocused_picture_alone(request_: LiveRequest) ->
     found = []
     for focus in (None, 400.0, 230.0):
         session = LiveSession(request_)
-        shown = session.next(Orders(focus_mm=focus)).shown
+        shown = session.next(Orders(focus_mm=focus)).results
         session.close()
         assert shown is not None
         found.append(shown.jpegs)
@@ -121,17 +121,17 @@ def test_the_focus_changes_the_refocused_picture_alone(request_: LiveRequest) ->
 
 
 def test_meters_and_frames_for_the_alignment(session: LiveSession) -> None:
-    shown = session.next(Orders(frames=True)).shown
+    shown = session.next(Orders(frames=True)).results
     assert shown is not None and shown.sharpness is not None and shown.exposure is not None
     assert len(shown.sharpness) == 9
     assert [each.shape for each in shown.frames] == [(HEIGHT_PX, WIDTH_PX)]
-    following = session.next(Orders()).shown
+    following = session.next(Orders()).results
     assert following is not None and following.frames == ()
 
 
 def test_a_calibration_picture_is_the_frame_itself(session: LiveSession, tmp_path: Path, request_: LiveRequest) -> None:
     path = tmp_path / "pictures" / "a.png"
-    shown = session.next(Orders(take=path)).shown
+    shown = session.next(Orders(take=path)).results
     assert shown is not None and shown.taken == path
     first = next(iter(Video(Path(request_.source)).frames()))
     assert isinstance(first, Frame) and np.array_equal(read_image(path), first.pixels)
@@ -171,9 +171,9 @@ def test_a_camera_is_recorded_at_its_rate_however_slow_pictures_are(
         return LiveSource(camera, "camera 0", "camera")
 
     monkeypatch.setattr(live_session, "open_source", opened)
-    session = LiveSession(replace(request_, source="0", every=False))
+    session = LiveSession(replace(request_, source="0", every_frame=False))
     path, decoded = tmp_path / "a.mkv", 0
-    while (answer := session.next(Orders(kinds=("frame",), record=path, timeout_s=0.5))).shown is not None:
+    while (answer := session.next(Orders(kinds=("frame",), record=path, timeout_s=0.5))).results is not None:
         decoded += 1
         time.sleep(0.15)
     lines = session.close()
@@ -193,10 +193,10 @@ def test_closing_finishes_the_recording(request_: LiveRequest, tmp_path: Path) -
 
 def test_a_process_has_one_session_which_another_replaces(request_: LiveRequest) -> None:
     first = live_session.open_session(request_)
-    assert live_session.next_pictures(Orders()).shown is not None
+    assert live_session.next_pictures(Orders()).results is not None
     assert live_session.open_session(request_) == first
     answer = live_session.next_pictures(Orders())
-    assert answer.shown is not None and answer.shown.number == 0
+    assert answer.results is not None and answer.results.number == 0
     live_session.close_session()
 
 
@@ -228,7 +228,7 @@ def test_a_camera_that_goes_is_waited_for_and_counted(request_: LiveRequest, mon
         lines += answer.lines
         answer = session.next(Orders(kinds=(), timeout_s=0.2))
     session.close()
-    assert answer.outages >= 2 and not answer.over
+    assert answer.outages >= 2 and not answer.ended
     assert any("gives no more pictures" in line for line in lines) and any("is back" in line for line in lines)
 
 

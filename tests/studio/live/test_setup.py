@@ -28,14 +28,14 @@ def layout(tmp_path: Path, default_layout: Layout) -> Path:
 def test_a_device_as_designed_is_told_to_be_straight(layout: Path) -> None:
     setup = LiveSetup(layout, None)
     frames = tuple(frame(setup.layout, 400.0, shift)[..., 0] for shift in (0.0, 5.0, 11.0))
-    report = setup.align(frames, anew=True)
+    report = setup.align(frames, restart=True)
     assert report.names == setup.layout.mirror_names and len(report.edges) == len(report.scene) == 9
     for tilt in (*report.edges, *report.scene):
         for value, sigma in zip((tilt.right_deg, tilt.down_deg), tilt.sigma_deg, strict=True):
             assert value is None or abs(value) < 3.0 * sigma
     assert report.camera.startswith("camera turned ")
     assert len(report.designed_px) == len(report.seen_px)
-    again = setup.align(frames, anew=False)
+    again = setup.align(frames, restart=False)
     assert again.edges[4].sigma_deg == pytest.approx(report.edges[4].sigma_deg, rel=0.1)
 
 

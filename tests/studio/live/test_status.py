@@ -13,19 +13,19 @@ from mirrorcam.render_scenes.sets.render_set import render_set
 from mirrorcam.render_scenes.sets.set_request import SetRequest
 from mirrorcam.render_scenes.settings import RenderSettings
 from mirrorcam.studio.live.status import LINES_KEPT, CalibrationRun, LiveMeters, LiveStatus, quantile, rate
-from mirrorcam.studio.live.values import Answer, Shown
+from mirrorcam.studio.live.values import Answer, FrameResults
 from tests.shared import built_once
 from tests.small_set import BOARD
 
 
-def answer(shown: Shown | None, *, over: bool = False, lines: tuple[str, ...] = ()) -> Answer:
+def answer(shown: FrameResults | None, *, over: bool = False, lines: tuple[str, ...] = ()) -> Answer:
     return Answer(
-        shown, over=over, dropped=3, lost=2, outages=1, recorded=7, not_recorded=2, memory_mb=50.0, lines=lines
+        shown, ended=over, dropped=3, lost=2, outages=1, recorded=7, not_recorded=2, memory_mb=50.0, lines=lines
     )
 
 
-def shown(done_s: float, latency_ms: float, **more: object) -> Shown:
-    return Shown(0, 0.0, arrived_s=done_s - 1e-3 * latency_ms, done_s=done_s, jpegs={}, **more)  # type: ignore[arg-type]
+def shown(done_s: float, latency_ms: float, **more: object) -> FrameResults:
+    return FrameResults(0, 0.0, arrived_s=done_s - 1e-3 * latency_ms, done_s=done_s, jpegs={}, **more)  # type: ignore[arg-type]
 
 
 def status(meters: LiveMeters, recording: Path | None = None) -> LiveStatus:
@@ -66,7 +66,7 @@ def test_what_was_not_measured_stays_as_it_was() -> None:
 def test_the_last_frame_once_more_is_no_other_frame() -> None:
     meters, now = LiveMeters(), time.monotonic()
     meters.note(answer(shown(now, 10.0)))
-    meters.note(answer(shown(now, 500.0, again=True), over=True))
+    meters.note(answer(shown(now, 500.0, repeated=True), over=True))
     found = status(meters)
     assert found.frames == 1 and found.latency_p95_ms == pytest.approx(10.0) and found.over
 

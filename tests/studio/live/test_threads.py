@@ -21,7 +21,7 @@ from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.studio.live import threads as live_threads
 from mirrorcam.studio.live.status import LiveMeters, LiveStatus
 from mirrorcam.studio.live.threads import DecodingThread, DepthThread, LiveWorker, SetupThread
-from mirrorcam.studio.live.values import LivePictures, LiveRequest, Shown
+from mirrorcam.studio.live.values import FrameResults, LivePictures, LiveRequest
 from tests.core.processes.processes import ended
 from tests.small_set import BOARD
 from tests.studio.live.live_sets import frame, repeated, small, write_live_set
@@ -102,7 +102,7 @@ def test_one_that_has_not_been_started_can_be_closed() -> None:
 
 
 LONG_S, WIDTH_PX = 60.0, 80
-FRAME = Shown(number=3, time_s=0.5, arrived_s=0.0, done_s=0.0, jpegs={})
+FRAME = FrameResults(number=3, time_s=0.5, arrived_s=0.0, done_s=0.0, jpegs={})
 
 
 def status(meters: LiveMeters) -> LiveStatus:
@@ -333,7 +333,7 @@ def test_a_recording_ends_with_its_source_and_so_does_what_was_not_taken_in_time
     parts.until(lambda status: any("before the calibration picture" in line for line in status.lines))
     shown = parts.status.frames
     parts.decoding.play(again=False)
-    parts.decoding.play(again=True)
+    parts.decoding.play(repeated=True)
     parts.until(lambda status: status.over and status.frames > shown)
     assert parts.status.pictures == 0 and parts.status.failed is None
     parts.decoding.close()

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mirrorcam.studio.live.values import DECODED, LivePictures, LiveRequest, Orders, Shown
+from mirrorcam.studio.live.values import DECODED, FrameResults, LivePictures, LiveRequest, Orders
 
 
 def test_orders_and_requests_pass_between_processes() -> None:
@@ -28,8 +28,8 @@ def test_by_default_all_pictures_of_a_frame_are_made_and_nothing_is_written() ->
 LONG_S = 60.0
 
 
-def shown(number: int) -> Shown:
-    return Shown(number=number, time_s=0.1 * number, arrived_s=0.0, done_s=0.0, jpegs={})
+def shown(number: int) -> FrameResults:
+    return FrameResults(number=number, time_s=0.1 * number, arrived_s=0.0, done_s=0.0, jpegs={})
 
 
 def test_pictures_are_counted_in_their_kind_and_the_newest_is_kept() -> None:

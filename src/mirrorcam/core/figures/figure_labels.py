@@ -1,7 +1,7 @@
 """Labels of figures on pages and in the terminal.
 
-Keys are names of metrics without the object ("mount.") and the depth ("_300mm"); files keep the names. Labels of a device
-follow the object ("Mirrors: without a seat"), and together fit a terminal of 80 columns. Self-explanatory names
+Keys are names of metrics without the object ("mount.") and the depth ("_300mm"); files keep the names. Labels of a
+device follow the object ("Mirrors: without a seat"), and together fit a terminal of 80 columns. Self-explanatory names
 ("grid_error", "pixel_efficiency") need no label.
 """
 

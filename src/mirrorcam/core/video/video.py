@@ -167,17 +167,16 @@ def with_missing(pictures: Iterable[Picture], period: float, max_gap: int) -> It
     """Yield the pictures, and lost ones for gaps in the timestamps of a damaged file.
 
     Only a constant frame rate, with timestamps `period` apart (0 if unknown), shows gaps; a gap above `max_gap`
-    frames does not count. A picture with a timestamp not between its neighbours' is lost, but one with a repeated timestamp
-    is a copy, and is left out.
+    frames does not count. A picture with a timestamp not between its neighbours' is lost, but one with a repeated
+    timestamp is a copy, and is left out.
     """
     last: int | None = None
     is_regular, regular_steps, near_damage = period > 0, 0, 0
     recent: deque[int] = deque(maxlen=_MAX_TIMESTAMPS)
     for picture, next_picture in pairwise(chain(pictures, (None,))):
         assert picture is not None
-        near_damage = (
-            _REORDERED if any(_may_miss(item, regular_steps) for item in (picture, next_picture)) else near_damage - 1
-        )
+        is_damaged = any(_may_miss(item, regular_steps) for item in (picture, next_picture))
+        near_damage = _REORDERED if is_damaged else near_damage - 1
         timestamp, missing = picture.timestamp, picture.skipped
         if last is not None and timestamp <= last and timestamp in recent:
             continue

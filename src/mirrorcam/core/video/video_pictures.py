@@ -177,7 +177,7 @@ class _Order:
         self._presented.append(_Ordered(packet, frame, timestamp, self._key))
 
     def decided(self) -> Iterator[tuple[_Ordered, str]]:
-        """Yield the frames that can be decided, in presentation order, each with the reason for its loss, empty if it is complete."""
+        """Yield the frames that can be decided, in presentation order, each with the reason for its loss, if any."""
         while self._presented:
             ordered = self._presented[0]
             number = ordered.packet.number
@@ -237,7 +237,8 @@ def decoded_pictures(
             return convert(ordered.frame)
 
         # At the end of the file, frames that are decoded after the last one in presentation order may be cut off.
-        broken, skipped = ordered.packet.gap or (at_end and bool(decoder.has_b_frames)), ordered.packet.skipped
+        packet = ordered.packet
+        broken, skipped = packet.gap or (at_end and bool(decoder.has_b_frames)), packet.skipped
         if not reason and (ordered.frame.width, ordered.frame.height) != size:
             reason = other_size((ordered.frame.width, ordered.frame.height), size)
         return Picture(ordered.timestamp, None if reason else pixels, reason, broken, skipped)

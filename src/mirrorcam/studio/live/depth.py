@@ -18,8 +18,8 @@ from mirrorcam.optics.light_field.io.view_images import INVALID_RGB
 from mirrorcam.optics.light_field.light_field import LightField
 
 JPEG_QUALITY = 85
-SURE = 0.5
-"""Smallest confidence of depth that is shown in colour."""
+MIN_CONFIDENCE = 0.5
+"""Minimum confidence of depth that is shown in colour."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +33,7 @@ class DepthPicture:
     depth_mm
         Depth (v, u), rounded; 0 where unknown.
     median_mm
-        Median depth in the middle of the picture; NaN if unknown.
+        Median depth in the centre of the picture; NaN if unknown.
     """
 
     jpeg: bytes
@@ -61,18 +61,18 @@ class LiveDepth:
         return LightField.of(self._views, samples, self._weights)
 
     def _picture(self, depth: DepthMap) -> DepthPicture:
-        known = np.isfinite(depth.depth_mm) & (depth.confidence >= SURE)
-        inverse = 1.0 / np.where(known, depth.depth_mm, 1.0)
+        valid = np.isfinite(depth.depth_mm) & (depth.confidence >= MIN_CONFIDENCE)
+        inverse_depth = 1.0 / np.where(valid, depth.depth_mm, 1.0)
         near, far = 1.0 / self._estimator.near_mm, 1.0 / self._estimator.far_mm
-        level = np.clip(255.0 * (inverse - far) / (near - far), 0.0, 255.0).astype(np.uint8)
+        level = np.clip(255.0 * (inverse_depth - far) / (near - far), 0.0, 255.0).astype(np.uint8)
         coloured: Any = cv2.applyColorMap(level, cv2.COLORMAP_TURBO)[..., ::-1]
-        picture = np.where(known[..., None], coloured, np.array(INVALID_RGB, np.uint8))
-        height, width = known.shape
-        middle = (slice(height // 3, -(height // 3)), slice(width // 3, -(width // 3)))
-        inner = depth.depth_mm[middle][known[middle]]
+        picture = np.where(valid[..., None], coloured, np.array(INVALID_RGB, np.uint8))
+        height, width = valid.shape
+        centre = (slice(height // 3, -(height // 3)), slice(width // 3, -(width // 3)))
+        inner = depth.depth_mm[centre][valid[centre]]
         return DepthPicture(
             simplejpeg.encode_jpeg(np.ascontiguousarray(picture), JPEG_QUALITY),
-            np.where(known, np.clip(np.nan_to_num(depth.depth_mm), 0.0, 65535.0), 0.0).round().astype(np.uint16),
+            np.where(valid, np.clip(np.nan_to_num(depth.depth_mm), 0.0, 65535.0), 0.0).round().astype(np.uint16),
             float(np.median(inner)) if len(inner) else float("nan"),
         )
 

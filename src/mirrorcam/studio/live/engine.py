@@ -24,9 +24,9 @@ from mirrorcam.studio.live.threads import DecodingThread, DepthThread, SetupThre
 from mirrorcam.studio.live.values import DECODED, LivePicture, LivePictures, LiveRequest, PictureKind, SessionAbout
 
 OUTLINE_POINTS = 8
-"""Points of an edge of an outline."""
+"""Number of points on each edge of an outline."""
 MIN_PICTURES = MIN_FRAMES
-"""Least number of calibration pictures to begin with: the report requires as many in every view."""
+"""Minimum number of calibration pictures: the report requires as many in every view."""
 
 
 class LiveEngine:
@@ -109,11 +109,11 @@ class LiveEngine:
     def outlines_px(self) -> dict[str, list[list[float]]]:
         """Outline (n, 2) of each mirror's sub-image as designed, in pixels of the camera, by the mirror's name."""
         layout = Layout.load(self.request.layout)
-        found = {}
+        outlines = {}
         for k, name in enumerate(layout.mirror_names):
             outline = layout.outline_px(k, points_per_edge=OUTLINE_POINTS, usable=True)
-            found[name] = outline[np.isfinite(outline).all(axis=1)].round(1).tolist()
-        return found
+            outlines[name] = outline[np.isfinite(outline).all(axis=1)].round(1).tolist()
+        return outlines
 
     def begin(self) -> None:
         """Start a waiting source; no effect on a started one."""
@@ -123,7 +123,7 @@ class LiveEngine:
         """Restart a source that has ended. Raises InputError if it has not ended, or has failed."""
         status = self.status()
         if status.failed is not None or not status.over:
-            raise InputError(f"{self.about.source} plays, or has failed, expected a source that has ended")
+            raise InputError(f"{self.about.source} is playing or has failed, expected a source that has ended")
         self._decoding.play(again=True)
 
     def latest(self, kind: PictureKind) -> LivePicture | None:
@@ -135,10 +135,10 @@ class LiveEngine:
         return self._pictures.wait_for(kind, after, timeout_s)
 
     def focus(self, depth_mm: float) -> None:
-        """Refocus at a depth from the next frame on. Raises InputError for one not beyond the views."""
+        """Refocus at a depth from the next frame on. Raises InputError for a depth that is not beyond the views."""
         if not depth_mm > self.about.least_focus_mm:
-            least = f"more than {self.about.least_focus_mm:.0f} mm"
-            raise InputError(f"focus at {depth_mm:g} mm, expected a depth beyond the views, {least}")
+            limit = f"more than {self.about.least_focus_mm:.0f} mm"
+            raise InputError(f"focus at {depth_mm:g} mm, expected a depth beyond the views, {limit}")
         self._decoding.order(focus_mm=depth_mm)
 
     def show(self, kinds: tuple[PictureKind, ...]) -> None:

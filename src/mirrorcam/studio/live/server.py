@@ -57,7 +57,7 @@ def live_page(engine: LiveEngine, *, nonce: str) -> str:
 
 
 WAIT_S = 2.0
-"""Longest wait for a picture before the page repeats its request."""
+"""Maximum wait for a picture before the page repeats its request."""
 IDLE_S = 3.0
 """Time after which pictures that no page requests are no longer made."""
 
@@ -87,23 +87,23 @@ class LiveAnswers:
         if kind not in get_args(PictureKind) or not (after.isascii() and after.isdigit() and len(after) < 16):
             return PlainTextResponse("not found", status_code=404)
         self._engine.begin()
-        found = await run_in_threadpool(self._engine.wait_for, kind, int(after), WAIT_S)
-        if found is None:
+        picture = await run_in_threadpool(self._engine.wait_for, kind, int(after), WAIT_S)
+        if picture is None:
             return Response(status_code=204)
-        headers = {"X-Serial": str(found.serial), "X-Frame": str(found.frame), "X-Time": f"{found.time_s:.3f}"}
-        return Response(found.jpeg, media_type="image/jpeg", headers=headers)
+        headers = {"X-Serial": str(picture.serial), "X-Frame": str(picture.frame), "X-Time": f"{picture.time_s:.3f}"}
+        return Response(picture.jpeg, media_type="image/jpeg", headers=headers)
 
     async def depth(self, request: Request) -> Response:
         """Return the depth, mm, at fractions of the reference view's width and height; null if unknown."""
-        found, query = self._engine.latest("depth"), request.query_params
+        picture, query = self._engine.latest("depth"), request.query_params
         try:
             right, down = float(query["right"]), float(query["down"])
         except (KeyError, ValueError):
             return PlainTextResponse("expected right and down, from 0 to 1", status_code=422)
-        if found is None or found.depth_mm is None or not (0.0 <= right <= 1.0 and 0.0 <= down <= 1.0):
+        if picture is None or picture.depth_mm is None or not (0.0 <= right <= 1.0 and 0.0 <= down <= 1.0):
             return as_json({"depth_mm": None})
-        height, width = found.depth_mm.shape
-        value = int(found.depth_mm[min(int(down * height), height - 1), min(int(right * width), width - 1)])
+        height, width = picture.depth_mm.shape
+        value = int(picture.depth_mm[min(int(down * height), height - 1), min(int(right * width), width - 1)])
         return as_json({"depth_mm": value or None})
 
     async def status(self, request: Request) -> Response:
@@ -121,8 +121,8 @@ class LiveAnswers:
             "take_picture": engine.take_picture,
             "calibrate": engine.calibrate,
         }
-        made = await run_in_threadpool(actions[order.action])
-        return as_json({"path": str(made) if isinstance(made, Path) else None})
+        result = await run_in_threadpool(actions[order.action])
+        return as_json({"path": str(result) if isinstance(result, Path) else None})
 
     def _status(self) -> dict[str, Any]:
         status = asdict(self._engine.status())
@@ -141,9 +141,9 @@ def as_json(value: Any) -> Response:
 def plain(value: Any) -> Any:
     """Convert a value to JSON types."""
     if isinstance(value, dict):
-        return {key: plain(each) for key, each in value.items()}
+        return {key: plain(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
-        return [plain(each) for each in value]
+        return [plain(item) for item in value]
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return str(value) if isinstance(value, Path) else value

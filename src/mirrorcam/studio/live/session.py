@@ -31,12 +31,12 @@ from mirrorcam.optics.light_field.io.view_images import INVALID_RGB, SEPARATOR_P
 from mirrorcam.optics.light_field.light_field import LightField
 from mirrorcam.optics.light_field.render.refocusing import FocalPlane, refocus, to_bytes
 from mirrorcam.studio.live.streams import LiveRecording, open_source
-from mirrorcam.studio.live.values import Answer, LiveRequest, Orders, PictureKind, SessionAbout, Shown
+from mirrorcam.studio.live.values import Answer, FrameResults, LiveRequest, Orders, PictureKind, SessionAbout
 
 JPEG_QUALITY = 82
 METER_S = 0.2
 """Time between measurements of focus and exposure."""
-KEPT_FRAMES, KEPT_S = 6, 0.5
+RECENT_FRAMES, RECENT_STEP_S = 6, 0.5
 """Number of frames kept for the alignment, and time between them."""
 
 
@@ -47,13 +47,13 @@ class ViewsPicture:
         self._grid = light_field.is_grid
         self._invalid = np.flatnonzero(~light_field.valid)
         height, width = light_field.height_px, light_field.width_px
-        down, across = light_field.rows * (height + SEPARATOR_PX), light_field.cols * (width + SEPARATOR_PX)
-        self._picture = np.full((down - SEPARATOR_PX, across - SEPARATOR_PX, 3), SEPARATOR_RGB, np.uint8)
+        height_px, width_px = light_field.rows * (height + SEPARATOR_PX), light_field.cols * (width + SEPARATOR_PX)
+        self._picture = np.full((height_px - SEPARATOR_PX, width_px - SEPARATOR_PX, 3), SEPARATOR_RGB, np.uint8)
         self._tile = np.array([height, width]) + SEPARATOR_PX
         self.size_px = (self._picture.shape[1], self._picture.shape[0])
         if not self._grid:
-            shown = tiled_views(light_field)
-            self.size_px = (shown.shape[1], shown.shape[0])
+            tiled = tiled_views(light_field)
+            self.size_px = (tiled.shape[1], tiled.shape[0])
 
     def of(self, light_field: LightField) -> NDArray[np.uint8]:
         """Return the picture (h, w, 3), whose memory is reused for the next one."""
@@ -87,11 +87,11 @@ class LiveSession:
         self._frame_px = (request.frame_width_px, round(camera.height_px * scale))
         self._masks = sub_image_masks(self.layout)
         self._meter, self._measured_s = FocusMeter(len(self._masks)), -np.inf
-        self._kept: deque[NDArray[np.uint8]] = deque(maxlen=KEPT_FRAMES)
-        self._kept_s = -np.inf
+        self._recent: deque[NDArray[np.uint8]] = deque(maxlen=RECENT_FRAMES)
+        self._recent_s = -np.inf
         self._recording = LiveRecording(camera, self._lines.append)
         self.opened = open_source(request.source, camera, self._lines.append)
-        self._every, self._plays = request.every, 0
+        self._every, self._plays = request.every_frame, 0
         self._newest: NewestFrame | None = None
         self._dropped = self._lost = 0
         self._last: ArrivedFrame | None = None
@@ -110,7 +110,7 @@ class LiveSession:
             "depth": (small.width_px, small.height_px),
         }
         camera, reference = self.layout.camera, views.reference_depth_mm
-        least = views.reference_view_depth_mm + max(float(views.positions_mm[..., 2].max()), 0.0)
+        min_focus_mm = views.reference_view_depth_mm + max(float(views.positions_mm[..., 2].max()), 0.0)
         return SessionAbout(
             source=self.opened.name,
             kind=self.opened.kind,
@@ -121,7 +121,7 @@ class LiveSession:
             reference_mm=reference,
             near_mm=DEFAULT_NEAR * reference,
             far_mm=DEFAULT_FAR * reference,
-            least_focus_mm=least,
+            least_focus_mm=min_focus_mm,
         )
 
     def next(self, orders: Orders) -> Answer:
@@ -134,26 +134,26 @@ class LiveSession:
             if self._newest is None or self._newest.ended:
                 self._read()
         arrived = None if self._newest is None else self._newest.take(orders.timeout_s)
-        over = self._newest is not None and self._newest.ended
-        shown = None
+        ended = self._newest is not None and self._newest.ended
+        results = None
         if arrived is not None:
             self._last, self._made = arrived, {}
-            shown = self._results(arrived, orders)
-        elif over and self._last is not None:
-            shown = self._reordered(self._last, orders)
-        recorded = self._recording.counts
+            results = self._results(arrived, orders)
+        elif ended and self._last is not None:
+            results = self._reordered(self._last, orders)
+        counts = self._recording.counts
         source = self.opened.source
         live = source if isinstance(source, LiveCamera) else None
         return Answer(
-            shown,
-            over=over,
+            results,
+            ended=ended,
             dropped=self._dropped
             + (0 if self._newest is None else self._newest.dropped)
             + (0 if live is None else live.dropped),
             lost=self._lost + (0 if self._newest is None else self._newest.lost),
             outages=0 if live is None else live.outages,
-            recorded=recorded.recorded,
-            not_recorded=recorded.lost,
+            recorded=counts.recorded,
+            not_recorded=counts.lost,
             memory_mb=resident_mb(),
             lines=self._messages(),
         )
@@ -180,7 +180,7 @@ class LiveSession:
             on_arrival=self._recording.give,
         )
 
-    def _reordered(self, last: ArrivedFrame, orders: Orders) -> Shown | None:
+    def _reordered(self, last: ArrivedFrame, orders: Orders) -> FrameResults | None:
         """Return newly ordered results of the last frame: other kinds, another focus, or depth."""
         kinds = tuple(
             kind
@@ -191,9 +191,9 @@ class LiveSession:
         if not kinds and not depth:
             return None
         remaining = replace(orders, kinds=kinds, depth=depth, frames=False, take=None)
-        return replace(self._results(replace(last, arrived_s=time.monotonic()), remaining), again=True)
+        return replace(self._results(replace(last, arrived_s=time.monotonic()), remaining), repeated=True)
 
-    def _results(self, arrived: ArrivedFrame, orders: Orders) -> Shown:
+    def _results(self, arrived: ArrivedFrame, orders: Orders) -> FrameResults:
         frame, jpegs = arrived.frame, dict[PictureKind, bytes]()
         if "frame" in orders.kinds:
             jpegs["frame"] = _jpeg(cv2.resize(frame.pixels, self._frame_px, interpolation=cv2.INTER_AREA))
@@ -214,10 +214,10 @@ class LiveSession:
             self._measured_s = done
             sharp = tuple(self._meter.measure(sharpness(grey, self._masks)).tolist())
             exposure = measure_exposure(frame.pixels, self._masks)
-        if grey is not None and done - self._kept_s >= KEPT_S:
-            self._kept_s = done
-            self._kept.append(grey)
-        return Shown(
+        if grey is not None and done - self._recent_s >= RECENT_STEP_S:
+            self._recent_s = done
+            self._recent.append(grey)
+        return FrameResults(
             number=frame.number,
             time_s=frame.time_s,
             arrived_s=arrived.arrived_s,
@@ -226,7 +226,7 @@ class LiveSession:
             sharpness=sharp,
             exposure=exposure,
             samples=None if samples is None else np.asarray(samples, np.uint8),
-            frames=tuple(self._kept) if orders.frames else (),
+            frames=tuple(self._recent) if orders.frames else (),
             taken=self._save_picture(frame, orders.take),
         )
 
@@ -263,7 +263,7 @@ _SESSIONS: list[LiveSession] = []
 
 
 def open_session(request: LiveRequest) -> SessionAbout:
-    """Open this process's session, in place of the one before. Raises InputError as `LiveSession`."""
+    """Open this process's session, in place of the previous one. Raises InputError as `LiveSession`."""
     close_session()
     _SESSIONS.append(LiveSession(request))
     return _SESSIONS[0].about

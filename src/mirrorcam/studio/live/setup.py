@@ -96,27 +96,27 @@ class LiveSetup:
         self.layout = Layout.load(layout)
         self._edges: EdgeAligner | None = None
         self._scene: SceneAligner | None = None
-        self._near: Alignment | None = None
+        self._previous: Alignment | None = None
         self._target = None if board is None else load_board(board)
         self._planner: NextPosePlanner | None = None
 
-    def align(self, frames: tuple[NDArray[np.uint8], ...], anew: bool) -> AlignmentReport:
-        """Measure the alignment in frames (h, w); `anew` ignores earlier results."""
+    def align(self, frames: tuple[NDArray[np.uint8], ...], restart: bool) -> AlignmentReport:
+        """Measure the alignment in frames (h, w); `restart` ignores earlier results."""
         if self._edges is None:
             self._edges = EdgeAligner(self.layout)
         if self._scene is None and len(self.layout.mirrors) >= MIN_MIRRORS:
             self._scene = SceneAligner(self.layout)
-        edges = self._near = self._edges.align(frames, None if anew else self._near)
+        edges = self._previous = self._edges.align(frames, None if restart else self._previous)
         scene = None if self._scene is None else self._scene.align(frames[-FRAMES:])
         assert edges.edges is not None
-        designed, seen = edges.edges.seen_points
+        designed, detected = edges.edges.seen_points
         return AlignmentReport(
             names=self.layout.mirror_names,
             edges=_words(edges),
             scene=() if scene is None else _words(scene),
             camera=camera_words(edges),
             designed_px=tuple(map(tuple, designed.round(1).tolist())),
-            seen_px=tuple(map(tuple, seen.round(1).tolist())),
+            seen_px=tuple(map(tuple, detected.round(1).tolist())),
             points=0 if scene is None else scene.points,
         )
 
@@ -129,36 +129,37 @@ class LiveSetup:
             raise InputError("no board is stated, expected --board board.toml to take calibration pictures")
         if self._planner is None:
             self._planner = NextPosePlanner.designed(self.layout, self._target)
-        found = sub_images(read_image(path, grey=True), self.layout, self._target).corners
-        pose = pose_by_layout(self.layout, self._target, found) if len(found) else None
+        corners = sub_images(read_image(path, grey=True), self.layout, self._target).corners
+        pose = pose_by_layout(self.layout, self._target, corners) if len(corners) else None
         if pose is not None:
-            self._planner.add(pose, found)
-        following = self._planner.next()
+            self._planner.add(pose, corners)
+        next_pose = self._planner.next()
         return PoseHint(
             picture=path.name,
-            views=len(np.unique(found.view)),
-            corners=len(found),
-            sentence=following.sentence,
-            sigma_deg=float(following.sigma_deg.max()),
-            enough=following.enough,
+            views=len(np.unique(corners.view)),
+            corners=len(corners),
+            sentence=next_pose.sentence,
+            sigma_deg=float(next_pose.sigma_deg.max()),
+            enough=next_pose.enough,
         )
 
 
 def _words(alignment: Alignment) -> tuple[TiltWords, ...]:
-    def known(value: float) -> float | None:
+    def finite(value: float) -> float | None:
         return float(value) if np.isfinite(value) else None
 
     return tuple(
-        TiltWords(each.words, known(each.right_deg), known(each.down_deg), each.sigma_deg) for each in alignment.mirrors
+        TiltWords(tilt.words, finite(tilt.right_deg), finite(tilt.down_deg), tilt.sigma_deg)
+        for tilt in alignment.mirrors
     )
 
 
 def camera_words(alignment: Alignment) -> str:
     """Orientation of the camera: "camera turned 0.4° right, 0.1° up, rolled 0.2°"; axes of the picture."""
-    turn, sigma = alignment.camera_turn_deg, alignment.camera_turn_sigma_deg
-    if not np.isfinite(turn).all():
+    rotation, sigma = alignment.camera_turn_deg, alignment.camera_turn_sigma_deg
+    if not np.isfinite(rotation).all():
         return "camera orientation not determined"
-    right, up, roll = turn[1], turn[0], turn[2]
+    right, up, roll = rotation[1], rotation[0], rotation[2]
     sideways = f"{abs(right):.1f}° {'right' if right >= 0 else 'left'} (±{sigma[1]:.1f}°)"
     upwards = f"{abs(up):.1f}° {'up' if up >= 0 else 'down'} (±{sigma[0]:.1f}°)"
     rolled = f"{abs(roll):.1f}° {'clockwise' if roll >= 0 else 'anticlockwise'} (±{sigma[2]:.1f}°)"
@@ -173,9 +174,9 @@ def open_setup(layout: Path, board: Path | None) -> None:
     _SETUPS[:] = [LiveSetup(layout, board)]
 
 
-def align_mirrors(frames: tuple[NDArray[np.uint8], ...], anew: bool) -> AlignmentReport:
+def align_mirrors(frames: tuple[NDArray[np.uint8], ...], restart: bool) -> AlignmentReport:
     """Measure the alignment in frames."""
-    return _SETUPS[0].align(frames, anew)
+    return _SETUPS[0].align(frames, restart)
 
 
 def add_picture(path: Path) -> PoseHint:

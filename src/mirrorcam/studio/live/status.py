@@ -15,7 +15,7 @@ import numpy as np
 from mirrorcam.core.processes.child_command import ChildCommand
 from mirrorcam.optics.alignment.meters import Exposure
 from mirrorcam.studio.live.setup import Aligning, AlignmentReport, PoseHint
-from mirrorcam.studio.live.values import Answer, Shown
+from mirrorcam.studio.live.values import Answer, FrameResults
 
 State = Literal["running", "done", "alarm", "failed", "cancelled"]
 _STATES: dict[int, State] = {0: "done", 1: "alarm"}
@@ -74,7 +74,7 @@ class CalibrationRun:
         self._command.wait()
 
 
-REMEMBERED = 120
+RATE_FRAMES = 120
 """Frames over which rates and latencies are measured."""
 RECENT_S = 3.0
 LINES_KEPT = 50
@@ -119,7 +119,7 @@ class LiveStatus:
     calibration
         State of the calibration.
     depth_median_mm
-        Depth in the middle of the picture.
+        Depth at the centre of the picture.
     lines
         The last messages.
     failed
@@ -163,9 +163,9 @@ class LiveMeters:
 
     def __init__(self, on_note: Callable[[str], None] = lambda line: None) -> None:
         self._on_note, self._lock = on_note, threading.Lock()
-        self._arrivals: deque[float] = deque(maxlen=REMEMBERED)
-        self._latencies: deque[float] = deque(maxlen=REMEMBERED)
-        self._depths: deque[tuple[float, float]] = deque(maxlen=REMEMBERED)
+        self._arrivals: deque[float] = deque(maxlen=RATE_FRAMES)
+        self._latencies: deque[float] = deque(maxlen=RATE_FRAMES)
+        self._depths: deque[tuple[float, float]] = deque(maxlen=RATE_FRAMES)
         self._answer: Answer | None = None
         self._frames = self._pictures = 0
         self._sharpness: tuple[float, ...] = ()
@@ -180,7 +180,7 @@ class LiveMeters:
     def ended(self) -> bool:
         """Whether the source or the session has ended."""
         with self._lock:
-            return self._failed is not None or (self._answer is not None and self._answer.over)
+            return self._failed is not None or (self._answer is not None and self._answer.ended)
 
     def note(self, answer: Answer) -> None:
         """Count an answer of the decoding process."""
@@ -188,23 +188,23 @@ class LiveMeters:
             self.say(line)
         with self._lock:
             self._answer = answer
-            shown = answer.shown
-            if shown is None:
+            results = answer.results
+            if results is None:
                 return
-            if not shown.again:
+            if not results.repeated:
                 self._frames += 1
-                self._arrivals.append(shown.done_s)
-                self._latencies.append(1e3 * (shown.done_s - shown.arrived_s))
-            self._sharpness = self._sharpness if shown.sharpness is None else shown.sharpness
-            self._exposure = self._exposure if shown.exposure is None else shown.exposure
-            if shown.taken is not None:
-                self._pictures, self._taken = self._pictures + 1, shown.taken
+                self._arrivals.append(results.done_s)
+                self._latencies.append(1e3 * (results.done_s - results.arrived_s))
+            self._sharpness = self._sharpness if results.sharpness is None else results.sharpness
+            self._exposure = self._exposure if results.exposure is None else results.exposure
+            if results.taken is not None:
+                self._pictures, self._taken = self._pictures + 1, results.taken
 
-    def note_depth(self, shown: Shown, median_mm: float) -> None:
+    def note_depth(self, results: FrameResults, median_mm: float) -> None:
         """Count a depth estimate of a frame; the median is NaN if unknown."""
         done_s = time.monotonic()
         with self._lock:
-            self._depths.append((done_s, 1e3 * (done_s - shown.arrived_s)))
+            self._depths.append((done_s, 1e3 * (done_s - results.arrived_s)))
             self._depth_median_mm = median_mm if np.isfinite(median_mm) else None
 
     def say(self, line: str) -> None:
@@ -243,7 +243,7 @@ class LiveMeters:
             recorded = (0, 0) if answer is None else (answer.recorded, answer.not_recorded)
             return LiveStatus(
                 frames=self._frames,
-                rate_hz=rate([each for each in self._arrivals if now - each < RECENT_S]),
+                rate_hz=rate([arrival for arrival in self._arrivals if now - arrival < RECENT_S]),
                 depth_hz=rate([done for done, _ in depths]),
                 latency_ms=quantile(latencies, 0.5),
                 latency_p95_ms=quantile(latencies, 0.95),
@@ -251,7 +251,7 @@ class LiveMeters:
                 dropped=0 if answer is None else answer.dropped,
                 lost=0 if answer is None else answer.lost,
                 outages=0 if answer is None else answer.outages,
-                over=answer is not None and answer.over,
+                over=answer is not None and answer.ended,
                 memory_mb=0.0 if answer is None else answer.memory_mb,
                 sharpness=self._sharpness,
                 exposure=self._exposure,

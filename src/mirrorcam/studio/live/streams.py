@@ -30,7 +30,7 @@ class PictureFolder:
     """
 
     def __init__(self, folder: Path, size: tuple[int, int], on_note: Callable[[str], None] = lambda line: None) -> None:
-        self._paths, self._over, self._size = pictures_in([folder], on_note), threading.Event(), size
+        self._paths, self._stopped, self._size = pictures_in([folder], on_note), threading.Event(), size
         check_size(self._paths[0], picture_size(self._paths[0]), size, "the layout's camera")
 
     def frames(self, after: int = -1) -> Iterator[Frame | Lost]:
@@ -38,7 +38,7 @@ class PictureFolder:
         for number, path in enumerate(self._paths):
             if number <= after:
                 continue
-            if self._over.is_set():
+            if self._stopped.is_set():
                 return
             try:
                 pixels = read_image(path)
@@ -50,7 +50,7 @@ class PictureFolder:
 
     def stop(self) -> None:
         """End `frames`."""
-        self._over.set()
+        self._stopped.set()
 
 
 @dataclass(frozen=True)
@@ -72,24 +72,24 @@ class LiveSource:
         return self.ends
 
 
-def open_source(text: str, wanted: Camera, on_note: Callable[[str], None] = lambda line: None) -> LiveSource:
+def open_source(text: str, expected: Camera, on_note: Callable[[str], None] = lambda line: None) -> LiveSource:
     """Open a source by name: a folder, a video file, or the number or address of a camera.
 
     Parameters
     ----------
     text
         Name of the source.
-    wanted
+    expected
         Camera whose picture size the frames must have.
     on_note
-        Called with lines about outages of a camera, a video, and ignored files of a folder.
+        Called with lines about outages of a camera, remarks on a video, and ignored files of a folder.
 
     Raises
     ------
     InputError
         If the source cannot be opened, or has another size.
     """
-    size = wanted.width_px, wanted.height_px
+    size = expected.width_px, expected.height_px
     is_number = text.isascii() and text.isdigit()
     path = None if is_number else existing(text)
     if path is not None and path.is_dir():

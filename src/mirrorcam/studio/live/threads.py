@@ -27,7 +27,7 @@ from mirrorcam.studio.live.setup import (
     open_setup,
 )
 from mirrorcam.studio.live.status import LiveMeters
-from mirrorcam.studio.live.values import Answer, LivePictures, LiveRequest, Orders, SessionAbout, Shown
+from mirrorcam.studio.live.values import Answer, FrameResults, LivePictures, LiveRequest, Orders, SessionAbout
 
 ENDING_S = 5.0
 """Time for work to end by itself."""
@@ -38,7 +38,7 @@ class LiveWorker:
 
     Parameters
     ----------
-    what
+    purpose
         Purpose, for messages.
     work
         Function of the thread: calls `process` until `ending` is set.
@@ -55,10 +55,10 @@ class LiveWorker:
         Set when `work` must return.
     """
 
-    def __init__(self, what: str, work: Callable[[], None], fail: Callable[[str], None]) -> None:
+    def __init__(self, purpose: str, work: Callable[[], None], fail: Callable[[str], None]) -> None:
         self.process, self.changed, self.ending = WorkerProcess(), threading.Condition(), threading.Event()
-        self._what, self._work, self._fail = what, work, fail
-        self._thread = threading.Thread(target=self._run, name=f"live {what}", daemon=True)
+        self._purpose, self._work, self._fail = purpose, work, fail
+        self._thread = threading.Thread(target=self._run, name=f"live {purpose}", daemon=True)
 
     def start(self) -> None:
         """Begin the work."""
@@ -81,7 +81,7 @@ class LiveWorker:
         except (InputError, RuntimeError, WorkerDied) as error:
             if not self.ending.is_set():
                 died = isinstance(error, WorkerDied)
-                self._fail(f"the process for {self._what} has ended {error}" if died else str(error))
+                self._fail(f"the process for {self._purpose} has ended {error}" if died else str(error))
 
 
 class DepthThread:
@@ -101,7 +101,7 @@ class DepthThread:
         self._layout, self._width_px = layout, width_px
         self._pictures, self._meters = pictures, meters
         self._on = True
-        self._input: tuple[Shown, NDArray[np.uint8]] | None = None
+        self._input: tuple[FrameResults, NDArray[np.uint8]] | None = None
         self._worker = LiveWorker("depth", self._measure, partial(meters.fail_part, "depth"))
 
     @property
@@ -117,10 +117,10 @@ class DepthThread:
             if not on:
                 self._input = None
 
-    def give(self, shown: Shown, samples: NDArray[np.uint8]) -> None:
+    def give(self, results: FrameResults, samples: NDArray[np.uint8]) -> None:
         """Estimate depth in the samples (t, s, v, u, 3) of a frame next."""
         with self._worker.changed:
-            self._input = (shown, samples)
+            self._input = (results, samples)
             self._worker.changed.notify_all()
 
     def start(self) -> None:
@@ -134,20 +134,20 @@ class DepthThread:
     def _measure(self) -> None:
         process = self._worker.process
         process.call(open_depth, self._layout, self._width_px)
-        while (given := self._next()) is not None:
-            shown, samples = given
-            found: DepthPicture = process.call(measure_depth, samples)
+        while (item := self._next()) is not None:
+            results, samples = item
+            picture: DepthPicture = process.call(measure_depth, samples)
             with self._worker.changed:
                 if self._on:
-                    self._meters.note_depth(shown, found.median_mm)
-                    self._pictures.put("depth", shown, found.jpeg, found.depth_mm)
+                    self._meters.note_depth(results, picture.median_mm)
+                    self._pictures.put("depth", results, picture.jpeg, picture.depth_mm)
 
-    def _next(self) -> tuple[Shown, NDArray[np.uint8]] | None:
+    def _next(self) -> tuple[FrameResults, NDArray[np.uint8]] | None:
         """Wait for the newest input; None at the end."""
         with self._worker.changed:
             self._worker.changed.wait_for(lambda: self._input is not None or self._worker.ending.is_set())
-            given, self._input = self._input, None
-            return None if self._worker.ending.is_set() else given
+            item, self._input = self._input, None
+            return None if self._worker.ending.is_set() else item
 
 
 class SetupThread:
@@ -165,7 +165,7 @@ class SetupThread:
 
     def __init__(self, layout: Path, board: Path | None, meters: LiveMeters) -> None:
         self._layout, self._board = layout, board
-        self._aligning, self._anew, self._switched = False, True, 0
+        self._aligning, self._restart, self._switch_count = False, True, 0
         self._frames: tuple[NDArray[np.uint8], ...] = ()
         self._pictures: deque[Path] = deque()
         self._report: AlignmentReport | None = None
@@ -197,9 +197,9 @@ class SetupThread:
     def align(self, on: bool) -> None:
         """Switch the repeated comparison of mirrors with the layout on, from the start, or off."""
         with self._worker.changed:
-            self._aligning, self._anew, self._frames = on, True, ()
+            self._aligning, self._restart, self._frames = on, True, ()
             if on:
-                self._switched, self._report = self._switched + 1, None
+                self._switch_count, self._report = self._switch_count + 1, None
 
     def give_frames(self, frames: tuple[NDArray[np.uint8], ...]) -> None:
         """Compare mirrors in grey frames (h, w) next."""
@@ -230,19 +230,19 @@ class SetupThread:
                 if ending.is_set():
                     return
                 path = self._pictures.popleft() if self._pictures else None
-                frames, anew, switched = self._frames, self._anew, self._switched
+                frames, restart, switch_count = self._frames, self._restart, self._switch_count
                 if path is None:
-                    self._anew = False
+                    self._restart = False
             if path is not None:
                 self._hint = process.call(add_picture, path)
                 continue
-            report: AlignmentReport = process.call(align_mirrors, frames, anew)
+            report: AlignmentReport = process.call(align_mirrors, frames, restart)
             with changed:
-                if self._switched == switched:
+                if self._switch_count == switch_count:
                     self._report, self._frames = report, ()
 
 
-OVER_S = 0.2
+ENDED_POLL_S = 0.2
 """Polling interval once the source has ended."""
 
 
@@ -319,7 +319,7 @@ class DecodingThread:
         with changed:
             changed.wait_for(lambda: ending.is_set() or not self._ends or self._orders.plays > 0)
         while not ending.is_set():
-            orders = self._ordered()
+            orders = self._current_orders()
             try:
                 answer: Answer = process.call(next_pictures, orders)
             except InputError as error:
@@ -329,16 +329,16 @@ class DecodingThread:
                 self._meters.say(str(error))
                 self.order(take=None, record=None)
                 continue
-            self._hand_on(answer, orders)
-            if answer.over:
-                self._rest(orders.plays)
+            self._distribute(answer, orders)
+            if answer.ended:
+                self._wait_after_end(orders.plays)
         try:
             for line in process.call(close_session):
                 self._meters.say(line)
         except (InputError, RuntimeError, WorkerDied) as error:
             self._meters.say(str(error))
 
-    def _rest(self, plays: int) -> None:
+    def _wait_after_end(self, plays: int) -> None:
         """Wait after the source has ended for the `plays`-th time."""
         with self._worker.changed:
             if self._orders.plays == plays:
@@ -347,9 +347,9 @@ class DecodingThread:
                     self._meters.say("the source has ended before the calibration picture was taken")
                 self._orders = replace(self._orders, record=None, take=None)
             ending = self._worker.ending
-            self._worker.changed.wait_for(lambda: ending.is_set() or self._orders.plays > plays, timeout=OVER_S)
+            self._worker.changed.wait_for(lambda: ending.is_set() or self._orders.plays > plays, timeout=ENDED_POLL_S)
 
-    def _ordered(self) -> Orders:
+    def _current_orders(self) -> Orders:
         """Return the orders without unwatched pictures, but with the needs of depth and setup."""
         with self._worker.changed:
             orders = self._orders
@@ -360,21 +360,21 @@ class DecodingThread:
             frames=self._setup.wants_frames,
         )
 
-    def _hand_on(self, answer: Answer, orders: Orders) -> None:
+    def _distribute(self, answer: Answer, orders: Orders) -> None:
         """Distribute the results of a frame, count it, and remove completed orders."""
-        shown = answer.shown
+        results = answer.results
         with self._worker.changed:
             if orders.reset_focus:
                 self._orders = replace(self._orders, reset_focus=False)
-            if shown is not None and shown.taken is not None and self._orders.take == shown.taken:
+            if results is not None and results.taken is not None and self._orders.take == results.taken:
                 self._orders = replace(self._orders, take=None)
-        if shown is not None:
-            for kind, jpeg in shown.jpegs.items():
-                self._pictures.put(kind, shown, jpeg)
-            if shown.samples is not None:
-                self._depth.give(replace(shown, jpegs={}, frames=()), shown.samples)
-            if shown.frames:
-                self._setup.give_frames(shown.frames)
-            if shown.taken is not None:
-                self._setup.give_picture(shown.taken)
+        if results is not None:
+            for kind, jpeg in results.jpegs.items():
+                self._pictures.put(kind, results, jpeg)
+            if results.samples is not None:
+                self._depth.give(replace(results, jpegs={}, frames=()), results.samples)
+            if results.frames:
+                self._setup.give_frames(results.frames)
+            if results.taken is not None:
+                self._setup.give_picture(results.taken)
         self._meters.note(answer)

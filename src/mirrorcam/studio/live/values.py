@@ -33,7 +33,7 @@ class LiveRequest:
         Number or address of a camera, a video file, or a folder of pictures.
     frame_width_px, view_width_px, depth_width_px
         Widths of pictures.
-    every
+    every_frame
         Show every frame of a file, as fast as possible, instead of the newest in real time.
     """
 
@@ -42,7 +42,7 @@ class LiveRequest:
     frame_width_px: int = FRAME_WIDTH_PX
     view_width_px: int = VIEW_WIDTH_PX
     depth_width_px: int = DEPTH_WIDTH_PX
-    every: bool = False
+    every_frame: bool = False
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,7 @@ class Orders:
     reset_focus
         Whether to reset the best sharpness so far.
     plays
-        Requested number of starts of a finite source: 0 waits; one more than so far restarts a source that has ended.
+        Requested number of starts of a finite source: 0 waits; one more than before restarts a source that has ended.
         A camera always plays.
     timeout_s
         Time to wait for a frame.
@@ -103,7 +103,7 @@ class Orders:
 
 
 @dataclass(frozen=True, eq=False)
-class Shown:
+class FrameResults:
     """The results of one frame.
 
     Attributes
@@ -124,7 +124,7 @@ class Shown:
         Some of the last frames (h, w), grey.
     taken
         The file that the frame was written to.
-    again
+    repeated
         Whether this repeats the last frame of an ended source, for newly requested pictures.
     """
 
@@ -138,7 +138,7 @@ class Shown:
     samples: NDArray[np.uint8] | None = None
     frames: tuple[NDArray[np.uint8], ...] = ()
     taken: Path | None = None
-    again: bool = False
+    repeated: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,8 +148,8 @@ class Answer:
     `recorded` and `not_recorded` count frames of the current recording: those in the file, and lost ones.
     """
 
-    shown: Shown | None
-    over: bool
+    results: FrameResults | None
+    ended: bool
     dropped: int
     lost: int
     outages: int
@@ -185,14 +185,16 @@ class LivePictures:
     def __init__(self, idle_s: float | None) -> None:
         self._idle_s, self._requested = idle_s, dict.fromkeys(get_args(PictureKind), -np.inf)
         self._latest: dict[PictureKind, LivePicture] = {}
-        self._changed, self._over = threading.Condition(), False
+        self._changed, self._ended = threading.Condition(), False
 
-    def put(self, kind: PictureKind, shown: Shown, jpeg: bytes, depth_mm: NDArray[np.uint16] | None = None) -> None:
+    def put(
+        self, kind: PictureKind, results: FrameResults, jpeg: bytes, depth_mm: NDArray[np.uint16] | None = None
+    ) -> None:
         """Replace the picture of a kind by one of a frame."""
         with self._changed:
-            before = self._latest.get(kind)
-            serial = 1 if before is None else before.serial + 1
-            self._latest[kind] = LivePicture(serial, shown.number, shown.time_s, jpeg, depth_mm)
+            previous = self._latest.get(kind)
+            serial = 1 if previous is None else previous.serial + 1
+            self._latest[kind] = LivePicture(serial, results.number, results.time_s, jpeg, depth_mm)
             self._changed.notify_all()
 
     def latest(self, kind: PictureKind) -> LivePicture | None:
@@ -205,7 +207,7 @@ class LivePictures:
 
         def newer() -> bool:
             picture = self._latest.get(kind)
-            return (picture is not None and picture.serial > after) or self._over
+            return (picture is not None and picture.serial > after) or self._ended
 
         with self._changed:
             self._requested[kind] = time.monotonic() + timeout_s
@@ -221,5 +223,5 @@ class LivePictures:
     def end(self) -> None:
         """Release all waiting threads."""
         with self._changed:
-            self._over = True
+            self._ended = True
             self._changed.notify_all()

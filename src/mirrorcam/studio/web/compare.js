@@ -2,7 +2,7 @@
 // Compares pinned designs with each other and the current one: pictures, figures, and differences of their requests.
 (() => {
   const { element } = Studio;
-  const MOST = 4;
+  const MAX_PINS = 4;
   const NAMES = { rows: "Rows", cols: "Columns", pattern: "Pattern" };
 
   Studio.Pins = class {
@@ -11,11 +11,11 @@
     }
 
     get full() {
-      return this.pinned.length >= MOST;
+      return this.pinned.length >= MAX_PINS;
     }
 
     pin(drawing) {
-      if (this.full || drawing.kind !== "exact" || this.pinned.some((each) => each.identity === drawing.identity)) return;
+      if (this.full || drawing.kind !== "exact" || this.pinned.some((pin) => pin.identity === drawing.identity)) return;
       this.pinned = [...this.pinned, drawing];
     }
 
@@ -25,7 +25,7 @@
 
     draw(current) {
       const { host } = this;
-      const designs = [...this.pinned, ...(current && !this.pinned.some((each) => each.identity === current.identity) ? [current] : [])];
+      const designs = [...this.pinned, ...(current && !this.pinned.some((pin) => pin.identity === current.identity) ? [current] : [])];
       host.hidden = !this.pinned.length;
       if (host.hidden) return;
       const cards = this.pinned.map((drawing) => {
@@ -35,7 +35,7 @@
         recall.addEventListener("click", () => this.recall(drawing.spec));
         const remove = element("button", { type: "button", "aria-label": `Remove ${drawing.title}` }, "Remove");
         remove.addEventListener("click", () => {
-          this.pinned = this.pinned.filter((each) => each !== drawing);
+          this.pinned = this.pinned.filter((pin) => pin !== drawing);
           this.draw(current);
           this.changed();
         });
@@ -49,10 +49,10 @@
       const table = element("div", { class: "wide-table", tabindex: 0, role: "region", "aria-label": "Figures of the designs" });
       Studio.drawFigures(table, columns, { title: true });
       if (requestRows.length) {
-        const heading = element("tr", { class: "title" }, element("th", { scope: "rowgroup", colspan: designs.length + 1 }, "Asked for differently"));
+        const heading = element("tr", { class: "title" }, element("th", { scope: "rowgroup", colspan: designs.length + 1 }, "Differences of the requests"));
         table.querySelector("tbody").prepend(heading, ...requestRows);
       }
-      const note = "Marks are against the last column.";
+      const note = "Marks compare with the last column.";
       host.replaceChildren(element("h2", {}, "Compare"), element("div", { class: "cards" }, ...cards), table, element("p", { class: "key" }, note));
     }
   };

@@ -4,7 +4,7 @@
   const { element } = Studio;
 
   // The position of a snapping slider is the index of its value.
-  const closest = (values, value) => values.reduce((best, each, i) => (Math.abs(each - value) < Math.abs(values[best] - value) ? i : best), 0);
+  const closest = (values, value) => values.reduce((best, other, i) => (Math.abs(other - value) < Math.abs(values[best] - value) ? i : best), 0);
   const toSlider = (control, value) => {
     if (control.values.length) return closest(control.values, value);
     return control.log ? Math.log(value) : value;
@@ -14,7 +14,7 @@
     const value = control.log ? Math.exp(position) : position;
     return +(Math.round(value / control.step) * control.step).toPrecision(10);
   };
-  const reach = (control) =>
+  const ends = (control) =>
     control.values.length ? [0, control.values.length - 1] : [toSlider(control, control.least), toSlider(control, control.most)];
 
   const row = (control, ...parts) => {
@@ -23,7 +23,7 @@
   };
 
   const slider = (control, label, history, read, write) => {
-    const [low, high] = reach(control);
+    const [low, high] = ends(control);
     const range = element("input", {
       type: "range", min: low, max: high, step: control.values.length ? 1 : control.log ? (high - low) / 400 : control.step, "aria-label": label,
       "aria-describedby": `${control.name}-help`,
@@ -73,7 +73,7 @@
         parts.push(element("label", { class: "check" }, auto, control.auto));
       }
       const refresh = (spec, exact) => {
-        [first, second].forEach((each) => each(spec, exact));
+        [first, second].forEach((update) => update(spec, exact));
         if (auto) {
           auto.checked = spec[control.name] === "auto";
           range.disabled = auto.checked;
@@ -92,7 +92,7 @@
         const head = element("div", { class: "head" }, element("span", { class: "name" }, label), element("span", { class: "value" }, field, element("span", { class: "unit" }, "")));
         return [head, range];
       });
-      return [row(control, ...lines.flat()), (spec) => refreshes.forEach((each) => each(spec))];
+      return [row(control, ...lines.flat()), (spec) => refreshes.forEach((update) => update(spec))];
     },
 
     depths(control, history) {
@@ -117,17 +117,17 @@
       const span = element("div", { class: "span" });
       const axis = element("div", { class: "axis" }, span, first, second);
       const refresh = (spec) => {
-        [a, b, c, d].forEach((each) => each(spec));
-        const [low, high] = reach(control);
-        const share = (depth) => Math.max(0, Math.min(1, (toSlider(control, depth) - low) / (high - low)));
-        span.style.left = `${100 * share(near(spec))}%`;
-        span.style.right = `${100 * (1 - share(far(spec)))}%`;
+        [a, b, c, d].forEach((update) => update(spec));
+        const [low, high] = ends(control);
+        const fraction = (depth) => Math.max(0, Math.min(1, (toSlider(control, depth) - low) / (high - low)));
+        span.style.left = `${100 * fraction(near(spec))}%`;
+        span.style.right = `${100 * (1 - fraction(far(spec)))}%`;
         const between = inner(spec, low, high);
-        others.textContent = between.length ? `and ${between.map((depth) => Studio.number(depth, 4)).join(", ")} mm between` : "";
-        others.hidden = !between.length;
+        note.textContent = between.length ? `and ${between.map((depth) => Studio.number(depth, 4)).join(", ")} mm between` : "";
+        note.hidden = !between.length;
       };
-      const others = element("p", { class: "help", hidden: true });
-      return [row(control, head, axis, others), refresh];
+      const note = element("p", { class: "help", hidden: true });
+      return [row(control, head, axis, note), refresh];
     },
 
     choice(control, history) {
@@ -148,7 +148,7 @@
       const known = control.cameras;
       const select = element("select", { "aria-label": control.label, "aria-describedby": "camera-help" });
       known.forEach((camera, i) => select.append(element("option", { value: i }, camera.name)));
-      select.append(element("option", { value: "own" }, "Numbers of your own"));
+      select.append(element("option", { value: "own" }, "Your own numbers"));
       const fields = control.numbers.map(({ name, label, unit, allowed, preset }) => {
         const field = element("input", { type: "number", step: "any", min: allowed[0], max: allowed[1], "aria-label": `${label}${unit ? `, ${unit}` : ""}` });
         field.addEventListener("change", () => {
@@ -166,8 +166,8 @@
         else history.set({ camera: known[Number(select.value)] });
       });
       const refresh = (spec) => {
-        const found = index(spec);
-        select.value = found < 0 ? "own" : String(found);
+        const number = index(spec);
+        select.value = number < 0 ? "own" : String(number);
         for (const [name, preset, field] of fields) field.value = spec.camera[name] ?? preset;
       };
       return [row(control, element("div", { class: "head" }, element("span", { class: "name" }, control.label)), select, own), refresh];
@@ -186,6 +186,6 @@
       const group = element("details", { class: "group", open }, element("summary", {}, title), ...rows);
       host.append(group);
     }
-    return (spec, exact) => refreshes.forEach((each) => each(spec, exact));
+    return (spec, exact) => refreshes.forEach((update) => update(spec, exact));
   };
 })();

@@ -24,15 +24,15 @@ Studio.path = (points, closed = true) =>
   points.length ? `M${points.map(([x, y]) => `${+x.toFixed(2)} ${+y.toFixed(2)}`).join("L")}${closed ? "Z" : ""}` : "";
 
 // The part of a convex polygon where a x + b y + c >= 0.
-const cut = (polygon, [a, b, c]) => {
+const clip = (polygon, [a, b, c]) => {
   const kept = [];
   const height = ([x, y]) => a * x + b * y + c;
   polygon.forEach((point, i) => {
     const next = polygon[(i + 1) % polygon.length];
-    const [here, there] = [height(point), height(next)];
-    if (here >= 0) kept.push(point);
-    if (here >= 0 !== there >= 0) {
-      const t = here / (here - there);
+    const [start, end] = [height(point), height(next)];
+    if (start >= 0) kept.push(point);
+    if (start >= 0 !== end >= 0) {
+      const t = start / (start - end);
       kept.push([point[0] + t * (next[0] - point[0]), point[1] + t * (next[1] - point[1])]);
     }
   });
@@ -49,9 +49,9 @@ Studio.intersection = (polygons) => {
   if (!polygons.length) return [];
   return polygons.slice(1).reduce((common, polygon) => {
     const sign = Math.sign(Studio.area(polygon));
-    return polygon.reduce((kept, [x, y], i) => {
+    return polygon.reduce((clipped, [x, y], i) => {
       const [u, v] = polygon[(i + 1) % polygon.length];
-      return cut(kept, [-(v - y) * sign, (u - x) * sign, ((v - y) * x - (u - x) * y) * sign]);
+      return clip(clipped, [-(v - y) * sign, (u - x) * sign, ((v - y) * x - (u - x) * y) * sign]);
     }, common);
   }, polygons[0]);
 };
@@ -59,14 +59,14 @@ Studio.intersection = (polygons) => {
 // The footprint of each view on the plane at a depth, by mirror; empty for a plane nearer than the mirrors.
 Studio.footprints = (drawing, depth) => {
   const { mirror, points_mm: points, directions, reach_mm: reach } = drawing.rays;
-  const seen = drawing.mirrors.map(() => []);
+  const footprints = drawing.mirrors.map(() => []);
   if (depth > reach) {
     mirror.forEach((k, i) => {
       const step = depth - points[i][2];
-      seen[k].push([points[i][0] + step * directions[i][0], points[i][1] + step * directions[i][1]]);
+      footprints[k].push([points[i][0] + step * directions[i][0], points[i][1] + step * directions[i][1]]);
     });
   }
-  return seen;
+  return footprints;
 };
 
 Studio.bounds = (points) =>
@@ -75,13 +75,13 @@ Studio.bounds = (points) =>
     [Infinity, Infinity, -Infinity, -Infinity],
   );
 
-// Round numbers for the ticks of an axis, about `most` of them.
-Studio.ticks = (low, high, most = 5) => {
-  const step = 10 ** Math.floor(Math.log10((high - low) / most));
-  const size = [1, 2, 5, 10].map((factor) => factor * step).find((each) => (high - low) / each <= most);
-  const found = [];
-  for (let tick = Math.ceil(low / size - 1e-9) * size; tick <= high + 1e-9 * size; tick += size) found.push(+tick.toPrecision(12));
-  return found;
+// Round numbers for the ticks of an axis, about `count` of them.
+Studio.ticks = (low, high, count = 5) => {
+  const step = 10 ** Math.floor(Math.log10((high - low) / count));
+  const size = [1, 2, 5, 10].map((factor) => factor * step).find((spacing) => (high - low) / spacing <= count);
+  const values = [];
+  for (let tick = Math.ceil(low / size - 1e-9) * size; tick <= high + 1e-9 * size; tick += size) values.push(+tick.toPrecision(12));
+  return values;
 };
 
 Studio.number = (value, digits = 3) => {
@@ -89,4 +89,4 @@ Studio.number = (value, digits = 3) => {
   return Math.abs(value) >= 1000 ? value.toFixed(0) : String(+value.toPrecision(digits));
 };
 
-Studio.percent = (share) => `${(100 * share).toFixed(1)} %`;
+Studio.percent = (fraction) => `${(100 * fraction).toFixed(1)} %`;

@@ -6,8 +6,8 @@
   const HEADLINES = [
     ["usable_efficiency", "usable pixels"],
     ["grid_error", "grid error"],
-    ["fov_x", "field of view, across"],
-    ["baseline_x", "baseline, across"],
+    ["fov_x", "field of view, x"],
+    ["baseline_x", "baseline, x"],
     ["depth_sigma", "\u03c3 of depth"],
     ["smallest_area", "smallest mirror"],
   ];
@@ -17,15 +17,15 @@
 
   Studio.drawTiles = (host, drawing) => {
     const tiles = HEADLINES.map(([start, label]) => {
-      const found = all(drawing).filter((figure) => figure.name.startsWith(start));
+      const figures = all(drawing).filter((figure) => figure.name.startsWith(start));
       const short = (number) => Studio.number(+number);
-      const texts = found.map((figure) => figure.text.replace(/\d+\.\d+/, short).replace(" grid spacings", " spacings"));
+      const texts = figures.map((figure) => figure.text.replace(/\d+\.\d+/, short).replace(" grid spacings", " spacings"));
       // With several depths, show the nearest and the farthest.
       const unit = / \S+$/;
       const first = texts.length > 1 && texts[0].match(unit)?.[0] === texts.at(-1).match(unit)?.[0] ? texts[0].replace(unit, "") : texts[0];
       const text = texts.length > 1 ? `${first} \u2026 ${texts.at(-1)}` : (first ?? "none");
-      const why = found.find((figure) => figure.reason)?.reason;
-      return element("div", { title: why }, element("dt", {}, label), element("dd", {}, text));
+      const reason = figures.find((figure) => figure.reason)?.reason;
+      return element("div", { title: reason }, element("dt", {}, label), element("dd", {}, text));
     });
     host.replaceChildren(...tiles);
   };
@@ -65,7 +65,7 @@
     const rows = drawing.verdict.map((figure) =>
       element("tr", { class: figure.passed ? undefined : "failed" }, element("th", { scope: "row" }, figure.label), element("td", {}, ...textOf(figure)), element("td", { class: "limit" }, figure.limit), element("td", {}, figure.passed ? "passes" : "FAILS")),
     );
-    const heads = element("tr", {}, ...["Check", "Found", "Limit", "Result"].map((text) => element("th", { scope: "col" }, text)));
+    const heads = element("tr", {}, ...["Check", "Measured", "Limit", "Result"].map((text) => element("th", { scope: "col" }, text)));
     host.replaceChildren(element("table", { class: "figures" }, element("thead", {}, heads), element("tbody", {}, ...rows)));
   };
 })();

@@ -62,22 +62,22 @@
 
   at("near").textContent = `${about.near_mm.toFixed(0)} mm`;
   at("far").textContent = `${about.far_mm.toFixed(0)} mm`;
-  let pointed = null;
-  let moved = false;
+  let pointer = null;
+  let hasMoved = false;
   at("depth").addEventListener("pointermove", (event) => {
     const box = event.target.getBoundingClientRect();
-    pointed = [(event.clientX - box.left) / box.width, (event.clientY - box.top) / box.height];
-    moved = true;
+    pointer = [(event.clientX - box.left) / box.width, (event.clientY - box.top) / box.height];
+    hasMoved = true;
     wakeStatus();
   });
-  at("depth").addEventListener("pointerleave", () => { pointed = null; });
+  at("depth").addEventListener("pointerleave", () => { pointer = null; });
   at("depth").addEventListener("click", async (event) => {
     const box = event.target.getBoundingClientRect();
-    const found = await depthAt((event.clientX - box.left) / box.width, (event.clientY - box.top) / box.height);
-    if (found === null) return;
-    focus.value = valueOf(found);
+    const depth = await depthAt((event.clientX - box.left) / box.width, (event.clientY - box.top) / box.height);
+    if (depth === null) return;
+    focus.value = valueOf(depth);
     focusText();
-    order("focus", { depth_mm: found });
+    order("focus", { depth_mm: depth });
   });
   const depthAt = async (right, down) => {
     const answer = await fetch(`/depth?right=${right.toFixed(4)}&down=${down.toFixed(4)}`);
@@ -135,19 +135,19 @@
     if (!status.taken) return;
     const { hint } = status;
     const name = fileName(status.taken);
-    const found = hint?.picture === name ? `${hint.views} of ${names.length} mirrors show the board; ${hint.sentence}` : status.failed_parts.setup ?? "finding the board in it …";
-    const text = `Picture ${status.pictures_kept} is saved, ${name}: ${found}`;
+    const result = hint?.picture === name ? `${hint.views} of ${names.length} mirrors show the board; ${hint.sentence}` : status.failed_parts.setup ?? "finding the board in it …";
+    const text = `Picture ${status.pictures_kept} is saved, ${name}: ${result}`;
     if (text !== at("hint").textContent) at("hint").textContent = text;
   };
 
   const allowButtons = (status) => {
     const { calibration, pictures_kept: kept } = status;
     const ended = status.failed ? "the session has ended" : status.over ? `${about.source} has ended: play it again first` : null;
-    allow("again", status.over && !status.failed ? null : status.failed ? "the session has ended" : `${about.source} plays now`);
+    allow("again", status.over && !status.failed ? null : status.failed ? "the session has ended" : `${about.source} is playing`);
     allow("record", status.recording ? null : ended);
     allow("take", ended);
-    const few = kept < start.least_pictures ? `${kept} calibration pictures are there, calibration needs ${start.least_pictures} or more` : null;
-    allow("calibrate", calibration?.state === "running" ? "a calibration runs" : few);
+    const few = kept < start.least_pictures ? `${kept} calibration pictures so far, calibration needs ${start.least_pictures} or more` : null;
+    allow("calibrate", calibration?.state === "running" ? "a calibration is running" : few);
   };
 
   const showFiles = (status) => {
@@ -177,7 +177,7 @@
       if (aligning !== "off") at("camera").textContent = status.failed_parts.setup ?? (aligning === "waiting" ? ended : MEASURING);
       return;
     }
-    at("camera").textContent = `By edges: ${alignment.camera}. By points: ${alignment.points} matched. Where a tilt says right, the mirror turns its view to the right, by twice as much.`;
+    at("camera").textContent = `By edges: ${alignment.camera}. By points: ${alignment.points} matched. A mirror tilted to the right turns its view to the right, by twice as much.`;
     Studio.drawTilts(at("tilts"), alignment);
   };
 
@@ -190,9 +190,9 @@
     at("ended").hidden = !status.over || Boolean(status.failed);
     at("failed").hidden = !status.failed;
     at("failed").textContent = status.failed ?? "";
-    const gone = status.outages ? `, gone ${status.outages} times` : "";
-    at("counts").textContent = `frame ${status.frames}, ${status.dropped} dropped, ${status.lost} lost${gone}; ${(status.memory_mb ?? 0).toFixed(0)} MB`;
-    if (!pointed) at("depth-text").textContent = depthText(status);
+    const outages = status.outages ? `, disconnected ${status.outages} times` : "";
+    at("counts").textContent = `frame ${status.frames}, ${status.dropped} dropped, ${status.lost} lost${outages}; ${(status.memory_mb ?? 0).toFixed(0)} MB`;
+    if (!pointer) at("depth-text").textContent = depthText(status);
     showMeters(status);
     showFiles(status);
     if (!ticking && ticked === ticks) {
@@ -204,9 +204,9 @@
   const depthText = (status) => {
     if (status.failed_parts.depth) return status.failed_parts.depth;
     if (!at("depth").dataset.serial) return "starting …";
-    const unknown = about.layout_kind === "nominal" ? "not known in the middle: calibrate first" : "not known in the middle";
-    const middle = status.depth_median_mm === null ? unknown : `${status.depth_median_mm.toFixed(0)} mm in the middle; click to focus there`;
-    return status.over ? middle : `${status.depth_hz.toFixed(1)} a second, ${middle}`;
+    const unknown = about.layout_kind === "nominal" ? "unknown at the centre: calibrate first" : "unknown at the centre";
+    const centre = status.depth_median_mm === null ? unknown : `${status.depth_median_mm.toFixed(0)} mm at the centre; click to focus there`;
+    return status.over ? centre : `${status.depth_hz.toFixed(1)} a second, ${centre}`;
   };
 
   // Poll less often after the end of the source or server, until the user acts.
@@ -218,16 +218,16 @@
   const follow = async () => {
     for (;;) {
       let resting = true;
-      const touched = moved;
-      moved = false;
+      const touched = hasMoved;
+      hasMoved = false;
       try {
         const ticked = ticking ? -1 : ticks;
         const status = await (await fetch("/status")).json();
         show(status, ticked);
         resting = pictures.rest && status.calibration?.state !== "running" && !touched;
-        if (pointed && !resting) {
-          const found = await depthAt(...pointed);
-          at("depth-text").textContent = found === null ? "not known there" : `${found} mm there; click to focus`;
+        if (pointer && !resting) {
+          const depth = await depthAt(...pointer);
+          at("depth-text").textContent = depth === null ? "unknown there" : `${depth} mm there; click to focus`;
         }
       } catch {
         at("status").className = "status failed";

@@ -2,7 +2,7 @@
 // Displays of the status: meters, and the alignment of the mirrors.
 (() => {
   const { element, svg, path } = Studio;
-  const LARGER = 5;
+  const MAGNIFICATION = 5;
   const LETTER_PX = 14;
 
   Studio.Overlay = class {
@@ -12,14 +12,14 @@
       host.setAttribute("preserveAspectRatio", "none");
       this.outlines = svg("g");
       this.labels = [];
-      this.seen = svg("g");
+      this.detected = svg("g");
       for (const [name, points] of Object.entries(outlines)) {
         const [left, top, right, bottom] = Studio.bounds(points);
         const label = { x: (left + right) / 2, y: (top + bottom) / 2, width: right - left, letters: name.length, plate: svg("rect"), text: svg("text", {}, name) };
         this.labels.push(label);
         this.outlines.append(svg("path", { d: path(points), class: "outline" }), label.plate, label.text);
       }
-      host.append(this.outlines, this.seen);
+      host.append(this.outlines, this.detected);
       new ResizeObserver(() => this.fit(about.camera_px[0] / Math.max(host.clientWidth, 1))).observe(host);
     }
 
@@ -27,9 +27,9 @@
     fit(scale) {
       for (const { x, y, width, letters, plate, text } of this.labels) {
         const size = Math.min(LETTER_PX * scale, (0.9 * width) / (0.6 * letters + 0.8));
-        const wide = (0.6 * letters + 0.8) * size;
-        const at = { x: x - wide / 2, y: y - 0.75 * size, width: wide, height: 1.5 * size, rx: 0.35 * size };
-        for (const [key, value] of Object.entries(at)) plate.setAttribute(key, value.toFixed(1));
+        const plateWidth = (0.6 * letters + 0.8) * size;
+        const box = { x: x - plateWidth / 2, y: y - 0.75 * size, width: plateWidth, height: 1.5 * size, rx: 0.35 * size };
+        for (const [key, value] of Object.entries(box)) plate.setAttribute(key, value.toFixed(1));
         for (const [key, value] of Object.entries({ x, y: y + 0.35 * size, "font-size": size })) text.setAttribute(key, value.toFixed(1));
       }
     }
@@ -39,17 +39,17 @@
     }
 
     edges(alignment) {
-      const shown = alignment ? alignment.designed_px.map(([x, y], i) => {
+      const marks = alignment ? alignment.designed_px.map(([x, y], i) => {
         const [u, v] = alignment.seen_px[i];
-        const [a, b] = [x + LARGER * (u - x), y + LARGER * (v - y)];
+        const [a, b] = [x + MAGNIFICATION * (u - x), y + MAGNIFICATION * (v - y)];
         return [svg("line", { x1: x, y1: y, x2: a, y2: b, class: "seen" }), svg("circle", { cx: a, cy: b, r: 6 })];
       }) : [];
-      this.seen.replaceChildren(...shown.flat());
+      this.detected.replaceChildren(...marks.flat());
     }
   };
 
   const tilt = (words) => {
-    const sigma = words.sigma_deg.map((each) => each.toFixed(2)).join(" / ");
+    const sigma = words.sigma_deg.map((sigma) => sigma.toFixed(2)).join(" / ");
     return [words.words, words.words === "cannot tell" ? "" : `±${sigma}°`];
   };
 
@@ -77,9 +77,9 @@
     show(values) {
       values.forEach((value, k) => {
         const { bar, text, name } = this.cells[k];
-        const known = value !== null;
-        bar.style.transform = `scaleY(${known ? value.toFixed(3) : 0})`;
-        text.textContent = known ? `${name}: ${(100 * value).toFixed(0)} %` : `${name}: –`;
+        const isKnown = value !== null;
+        bar.style.transform = `scaleY(${isKnown ? value.toFixed(3) : 0})`;
+        text.textContent = isKnown ? `${name}: ${(100 * value).toFixed(0)} %` : `${name}: –`;
       });
     }
   };
@@ -91,9 +91,9 @@
     }
 
     show(parts) {
-      const most = Math.max(...parts, 1e-6);
+      const max = Math.max(...parts, 1e-6);
       parts.forEach((part, k) => {
-        this.bars[k].style.transform = `scaleY(${Math.sqrt(part / most).toFixed(3)})`;
+        this.bars[k].style.transform = `scaleY(${Math.sqrt(part / max).toFixed(3)})`;
       });
     }
   };

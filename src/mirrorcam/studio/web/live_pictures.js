@@ -3,14 +3,14 @@
 // the source, the page requests only pending ones, such as another focus.
 (() => {
   const KINDS = ["frame", "views", "refocus", "depth"];
-  const FRUITLESS_MS = 1000; // shortest time between requests if the first gave no picture
-  const STILL_TO_COME_MS = 4000;
+  const RETRY_MS = 1000; // shortest time between requests if the first gave no picture
+  const EXPECTED_MS = 4000;
 
   Studio.order = (action, fields = {}) => Studio.post("/order", { action, ...fields });
 
   Studio.Pictures = class {
     constructor(about) {
-      this.seen = document.visibilityState !== "hidden";
+      this.visible = document.visibilityState !== "hidden";
       this.ended = false;
       this.failed = false;
       this.wake();
@@ -21,7 +21,7 @@
         this.follow(kind, canvas);
       }
       document.addEventListener("visibilitychange", () => {
-        this.seen = document.visibilityState !== "hidden";
+        this.visible = document.visibilityState !== "hidden";
         this.wake();
       });
     }
@@ -41,13 +41,13 @@
 
     // Resume requests, because new pictures are expected.
     wake() {
-      this.until = performance.now() + STILL_TO_COME_MS;
+      this.until = performance.now() + EXPECTED_MS;
       this.woken?.();
       this.waking = new Promise((resolve) => { this.woken = resolve; });
     }
 
     requests(serial) {
-      if (!this.seen) return false;
+      if (!this.visible) return false;
       return !this.rest || (serial === 0 && !this.failed);
     }
 
@@ -63,7 +63,7 @@
         try {
           const answer = await fetch(`/picture/${kind}?after=${serial}`);
           if (answer.status !== 200) {
-            await pause(requestedAt + FRUITLESS_MS - performance.now());
+            await pause(requestedAt + RETRY_MS - performance.now());
             continue;
           }
           const picture = await createImageBitmap(await answer.blob());
@@ -72,7 +72,7 @@
           serial = Number(answer.headers.get("X-Serial"));
           canvas.dataset.serial = serial;
         } catch {
-          await pause(FRUITLESS_MS);
+          await pause(RETRY_MS);
         }
       }
     }

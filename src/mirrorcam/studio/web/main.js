@@ -24,7 +24,7 @@
   const labels = Object.fromEntries(start.controls.flatMap((group) => group.controls).map(({ name, label }) => [name, label]));
   const canPin = () => {
     byId("pin").disabled = pins.full;
-    byId("pin").title = pins.full ? "Four designs are pinned: remove one first" : "Keep this design to compare others with";
+    byId("pin").title = pins.full ? "Four designs are pinned: remove one first" : "Keep this design for comparison";
   };
   const pins = new Studio.Pins(byId("compare"), labels, (spec) => history.settle(spec), canPin);
 
@@ -48,7 +48,7 @@
   const drawDepth = () => {
     const { drawing } = state;
     const shared = Studio.drawCoverage(byId("coverage"), drawing, state.depth, comparison());
-    const size = shared ? `all views see ${Studio.number(shared[2] - shared[0])} x ${Studio.number(shared[3] - shared[1])} mm` : "no part is seen by all views";
+    const size = shared ? `all views see ${Studio.number(shared[2] - shared[0])} x ${Studio.number(shared[3] - shared[1])} mm` : "no part is visible in all views";
     byId("depth-text").textContent = `${Studio.number(state.depth)} mm: ${size}`;
     view?.light(drawing, state.depth);
     view?.visible();
@@ -101,10 +101,10 @@
       return;
     }
     requests.busy = true;
-    const before = requests.drawn;
+    const drawnBefore = requests.drawn;
     try {
       const answer = await source.preview(spec);
-      if (answer?.drawing && requests.drawn === before) {
+      if (answer?.drawing && requests.drawn === drawnBefore) {
         state.drawing = answer.drawing;
         draw();
         const texts = { parabola: "Preview: the faceted parabola", preview: "Preview" };
@@ -174,11 +174,11 @@
 
   const refuse = async (answer, spec, mine) => {
     requests.drawn += 1;
-    say("failed", answer.constraint ? "Cannot be" : "Not a request");
+    say("failed", answer.constraint ? "Not feasible" : "Not a request");
     const note = byId("infeasible");
     note.hidden = false;
     const finding = answer.finding;
-    byId("infeasible-title").textContent = answer.constraint ? "This design cannot be" : "This is no request for a design";
+    byId("infeasible-title").textContent = answer.constraint ? "This design is not feasible" : "This is not a valid request";
     byId("finding").textContent = answer.constraint ? finding.charAt(0).toUpperCase() + finding.slice(1) : finding;
     const list = byId("suggestions");
     list.replaceChildren();
@@ -198,7 +198,7 @@
     await source.suggestions(spec, take).catch(lost);
     if (mine !== requests.exact) return;
     byId("looking").hidden = true;
-    if (!list.children.length) list.append(element("li", {}, "No single change was found that makes it possible."));
+    if (!list.children.length) list.append(element("li", {}, "No single change makes it feasible."));
   };
 
   // ---- design request ------------------------------------------------------------------------------------------

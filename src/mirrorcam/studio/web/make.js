@@ -3,7 +3,7 @@
 (() => {
   const { element } = Studio;
   const TITLES = { parts: "Parts", set: "Calibration set", run: "Everything" };
-  const STATES = { running: "works", done: "done", failed: "failed", cancelled: "cancelled" };
+  const STATES = { running: "running", done: "done", failed: "failed", cancelled: "cancelled" };
 
   const size = (bytes) => (bytes < 1e6 ? `${Math.ceil(bytes / 1e3)} kB` : `${Studio.number(bytes / 1e6, 2)} MB`);
 

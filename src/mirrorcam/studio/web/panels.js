@@ -97,8 +97,8 @@
     }
     centres.forEach((centre, k) => {
       root.append(svg("path", { d: path([grid[k], centre], false), class: "off", "stroke-width": u * 0.5 }));
-      const place = { cx: centre[0], cy: centre[1], r: u * (k === drawing.central ? 1.7 : 1.2), class: "view" };
-      root.append(svg("circle", place));
+      const circle = { cx: centre[0], cy: centre[1], r: u * (k === drawing.central ? 1.7 : 1.2), class: "view" };
+      root.append(svg("circle", circle));
     });
     ruler(root, box);
   };
@@ -112,11 +112,11 @@
     const x = (depth) => left + ((Math.log(depth) - near) / (far - near)) * (width - left - right);
     const values = lines.flatMap((line) => line.values).filter((value) => value !== null && value > 0);
     if (!values.length) return;
-    const most = Math.max(...values);
-    const least = scale === "log" ? Math.max(Math.min(...values), most / 1e4) : 0;
-    const level = (value) => (scale === "log" ? Math.log(Math.max(value, least) / least) / Math.log(most / least || 1) : value / most);
+    const max = Math.max(...values);
+    const min = scale === "log" ? Math.max(Math.min(...values), max / 1e4) : 0;
+    const level = (value) => (scale === "log" ? Math.log(Math.max(value, min) / min) / Math.log(max / min || 1) : value / max);
     const y = (value) => height - bottom - (level(value) / 1.05) * (height - bottom - top);
-    const marks = scale === "log" ? [1e-3, 1e-2, 0.1, 1, 10, 100, 1000].filter((v) => v >= least && v <= most) : ticks(0, most, 4);
+    const marks = scale === "log" ? [1e-3, 1e-2, 0.1, 1, 10, 100, 1000].filter((v) => v >= min && v <= max) : ticks(0, max, 4);
     for (const tick of marks) {
       root.append(svg("path", { d: path([[left, y(tick)], [width - right, y(tick)]], false), class: "rule" }));
       const text = svg("text", { x: left - 5, y: y(tick), class: "tick", "text-anchor": "end", "dominant-baseline": "middle" });
@@ -128,8 +128,8 @@
     const round = inside.reduceRight((kept, d) => (kept.length && x(kept[0]) - x(d) < (kept.length === 1 ? 44 : 26) ? kept : [d, ...kept]), []);
     round.forEach((depth, i) => {
       const last = i === round.length - 1;
-      const place = last && x(depth) > width - 40 ? { x: width - 2, "text-anchor": "end" } : { x: x(depth), "text-anchor": "middle" };
-      const text = svg("text", { ...place, y: height - 7, class: "tick" });
+      const anchor = last && x(depth) > width - 40 ? { x: width - 2, "text-anchor": "end" } : { x: x(depth), "text-anchor": "middle" };
+      const text = svg("text", { ...anchor, y: height - 7, class: "tick" });
       text.textContent = last ? `${depth} mm` : depth;
       root.append(text);
     });

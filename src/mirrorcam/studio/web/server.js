@@ -15,11 +15,11 @@
   };
   // Abort the previous request to the same address (AbortError): browsers open few connections, and slow outdated
   // requests would block previews.
-  const underWay = {};
+  const pending = {};
   const postNewest = (address, body, kind = "json") => {
-    underWay[address]?.abort();
-    underWay[address] = new AbortController();
-    return post(address, body, kind, underWay[address].signal);
+    pending[address]?.abort();
+    pending[address] = new AbortController();
+    return post(address, body, kind, pending[address].signal);
   };
   Object.assign(Studio, { post, postNewest });
   Studio.source = {

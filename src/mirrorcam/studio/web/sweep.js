@@ -8,7 +8,7 @@
   ];
   const SHADES = 5;
 
-  const plot = (points, { name, x: [across, xLabel], y: [upwards, yLabel] }, go) => {
+  const plot = (points, { name, x: [xKey, xLabel], y: [yKey, yLabel] }, go) => {
     const [width, height, left, bottom, top, right] = [460, 300, 46, 42, 26, 12];
     const values = (key) => points.map((point) => point[key]);
     // Axes start at 0, unless the points would fill less than half of the plot.
@@ -17,7 +17,7 @@
       const spread = high - low || high;
       return low < 0.5 * high ? [0, 1.06 * high] : [low - 0.08 * spread, high + 0.08 * spread];
     };
-    const [[left0, right0], [low0, high0]] = [range(across), range(upwards)];
+    const [[left0, right0], [low0, high0]] = [range(xKey), range(yKey)];
     const x = (value) => left + ((value - left0) / (right0 - left0)) * (width - left - right);
     const y = (value) => height - bottom - ((value - low0) / (high0 - low0)) * (height - bottom - top);
     const root = svg("svg", { viewBox: `0 0 ${width} ${height}`, role: "group", "aria-label": `${yLabel} over ${xLabel}` });
@@ -33,12 +33,12 @@
     for (const tick of ticks(left0, right0, 6)) text(number(tick), { x: x(tick), y: height - bottom + 16, "text-anchor": "middle" });
     text(xLabel, { x: (left + width - right) / 2, y: height - 8, "text-anchor": "middle" });
     text(yLabel, { x: left, y: 14 });
-    const best = points.filter((point) => point.best.includes(name)).sort((a, b) => a[across] - b[across]);
-    root.append(svg("path", { d: path(best.map((point) => [x(point[across]), y(point[upwards])]), false), class: "front" }));
+    const best = points.filter((point) => point.best.includes(name)).sort((a, b) => a[xKey] - b[xKey]);
+    root.append(svg("path", { d: path(best.map((point) => [x(point[xKey]), y(point[yKey])]), false), class: "front" }));
     for (const point of points) {
-      const label = `${point.title}: ${number(point[across])} and ${number(point[upwards])}${point.best.includes(name) ? ", on the front" : ""}`;
+      const label = `${point.title}: ${number(point[xKey])} and ${number(point[yKey])}${point.best.includes(name) ? ", on the front" : ""}`;
       const shade = Math.min(SHADES, Math.ceil(Math.sqrt(point.spec.rows * point.spec.cols)));
-      const place = { cx: x(point[across]), cy: y(point[upwards]), r: 7 };
+      const place = { cx: x(point[xKey]), cy: y(point[yKey]), r: 7 };
       const mark = svg("circle", { ...place, class: `point shade${shade}`, role: "button", tabindex: 0, "aria-label": label });
       const title = svg("title");
       title.textContent = label;
@@ -61,13 +61,13 @@
     host.hidden = false;
     host.replaceChildren(
       element("h2", {}, `Sweep of ${points.length} designs`),
-      element("div", { class: "plots" }, ...PLOTS.map((each) => plot(points, each, go))),
-      element("p", { class: "key" }, "Darker points have more views; the line joins designs that no other beats in both figures. Click one to see it."),
+      element("div", { class: "plots" }, ...PLOTS.map((axes) => plot(points, axes, go))),
+      element("p", { class: "key" }, "Darker points have more views; the line joins the designs that no other surpasses in both figures. Click one to see it."),
     );
     return (spec) => {
       for (const point of points) {
-        const here = JSON.stringify(point.spec) === JSON.stringify(spec);
-        for (const mark of point.marks) mark.classList.toggle("here", here);
+        const isCurrent = JSON.stringify(point.spec) === JSON.stringify(spec);
+        for (const mark of point.marks) mark.classList.toggle("here", isCurrent);
       }
     };
   };

@@ -1,5 +1,5 @@
 "use strict";
-// Figures of devices as built: a bar for 90 % of them, their median and the design.
+// Figures of as-built devices: a bar for 90 % of them, their median, and the design.
 (() => {
   const { element, svg } = Studio;
 
@@ -9,8 +9,8 @@
       return;
     }
     const rows = study.bars.map(({ label, design, low, median, high, text }) => {
-      const most = 1.08 * Math.max(design, high, 1e-12);
-      const x = (value) => (200 * value) / most;
+      const max = 1.08 * Math.max(design, high, 1e-12);
+      const x = (value) => (200 * value) / max;
       const picture = svg("svg", { viewBox: "0 0 200 16", preserveAspectRatio: "none", class: "bars", "aria-hidden": "true" });
       picture.append(
         svg("rect", { x: 0, y: 7, width: 200, height: 2, class: "track" }),
@@ -20,7 +20,7 @@
       );
       return element("tr", {}, element("th", { scope: "row" }, label), element("td", { class: "picture" }, picture), element("td", {}, text));
     });
-    const hidden = study.hidden ? ` In ${Studio.percent(study.hidden)} of them a mirror hides a part of another.` : "";
+    const hidden = study.hidden ? ` In ${Studio.percent(study.hidden)} of them a mirror hides part of another.` : "";
     const table = element("table", { class: "figures tolerance" }, element("tbody", {}, ...rows));
     host.replaceChildren(table, element("p", { class: "key" }, `${study.assumed}.${hidden}`));
   };

@@ -1,7 +1,7 @@
 "use strict";
 // Mirrors, chief rays, light and the device in 3-D. Drawings are in view axes; in three.js, y is up and the scene at -z.
 (() => {
-  const place = ([x, y, z]) => [x, -y, -z];
+  const toThree = ([x, y, z]) => [x, -y, -z];
   const HOME = [0.8, 0.25, -0.55];
 
   class View3D {
@@ -19,7 +19,7 @@
       this.scene.add(this.world);
       const canvas = this.renderer.domElement;
       canvas.setAttribute("role", "img");
-      canvas.setAttribute("aria-label", "The mirrors in 3-D: drag to turn, scroll or pinch to zoom; buttons turn it, too");
+      canvas.setAttribute("aria-label", "The mirrors in 3-D: drag to rotate, scroll or pinch to zoom; buttons rotate it, too");
       stage.prepend(canvas);
       new ResizeObserver(() => this.resize()).observe(stage);
       this.resize();
@@ -37,10 +37,10 @@
     }
 
     draw() {
-      if (this.wanted) return;
-      this.wanted = true;
+      if (this.isScheduled) return;
+      this.isScheduled = true;
       requestAnimationFrame(() => {
-        this.wanted = false;
+        this.isScheduled = false;
         this.sun.position.copy(this.camera.position).add(new THREE.Vector3(-200, 400, 100));
         this.renderer.render(this.scene, this.camera);
       });
@@ -49,17 +49,17 @@
     look(direction) {
       const [x, y, z] = direction;
       const distance = (this.radius / Math.sin((this.camera.fov * Math.PI) / 360)) * 0.86 * Math.max(1, 1 / this.camera.aspect);
-      this.controls.target.copy(this.middle);
-      this.camera.position.copy(this.middle).add(new THREE.Vector3(x, y, z).normalize().multiplyScalar(distance));
+      this.controls.target.copy(this.centre);
+      this.camera.position.copy(this.centre).add(new THREE.Vector3(x, y, z).normalize().multiplyScalar(distance));
       this.controls.update();
       this.draw();
     }
 
     replace(name, group) {
-      const before = this.layers.get(name);
-      if (before) {
-        this.world.remove(before);
-        before.traverse((node) => node.geometry?.dispose());
+      const previous = this.layers.get(name);
+      if (previous) {
+        this.world.remove(previous);
+        previous.traverse((node) => node.geometry?.dispose());
       }
       this.layers.set(name, group);
       if (group) this.world.add(group);
@@ -67,7 +67,7 @@
 
     prism(solid) {
       const count = solid.length / 2;
-      const corners = solid.flatMap(place);
+      const corners = solid.flatMap(toThree);
       const index = [];
       for (let i = 1; i < count - 1; i += 1) index.push(0, i, i + 1, count, count + i + 1, count + i);
       for (let i = 0; i < count; i += 1) {
@@ -82,7 +82,7 @@
 
     lines(segments, material) {
       const geometry = new THREE.BufferGeometry();
-      geometry.setAttribute("position", new THREE.Float32BufferAttribute(segments.flatMap(place), 3));
+      geometry.setAttribute("position", new THREE.Float32BufferAttribute(segments.flatMap(toThree), 3));
       return new THREE.LineSegments(geometry, material);
     }
 
@@ -101,7 +101,7 @@
     }
 
     // Mirrors, chief rays and the camera, also of an infeasible design.
-    bodies({ mirrors: drawn, body_mm: box }, concerned = []) {
+    bodies({ mirrors: drawings, body_mm: box }, concerned = []) {
       const { colours } = this;
       const mirrors = new THREE.Group();
       // Double-sided, without normals: flat shading computes them for each face.
@@ -109,16 +109,16 @@
         new THREE.MeshStandardMaterial({
           color: colour, flatShading: true, side: THREE.DoubleSide, metalness: 0.1, roughness: 0.35, emissive: colour, emissiveIntensity: 0.35,
         });
-      const [usual, wrong] = [glass(colours.mirror), glass(colours.bad)];
+      const [plain, wrong] = [glass(colours.mirror), glass(colours.bad)];
       const edges = [];
-      drawn.forEach(({ solid_mm: solid }, k) => {
-        mirrors.add(new THREE.Mesh(this.prism(solid), concerned.includes(k) ? wrong : usual));
+      drawings.forEach(({ solid_mm: solid }, k) => {
+        mirrors.add(new THREE.Mesh(this.prism(solid), concerned.includes(k) ? wrong : plain));
         edges.push(...this.edges(solid));
       });
       mirrors.add(this.lines(edges, this.ink(colours.ink, 0.65)));
       this.replace("mirrors", mirrors);
       const rays = new THREE.Group();
-      rays.add(this.lines(drawn.flatMap(({ chief_mm: [a, b, c] }) => [a, b, b, c]), this.ink(colours.ray)));
+      rays.add(this.lines(drawings.flatMap(({ chief_mm: [a, b, c] }) => [a, b, b, c]), this.ink(colours.ray)));
       this.replace("rays", rays);
       const body = new THREE.Group();
       body.add(this.lines(this.cross([0, 0, 0], 2), this.ink(colours.ink)));
@@ -175,17 +175,17 @@
         });
         const { mirror, points_mm: points, directions } = drawing.rays;
         drawing.mirrors.forEach((_, k) => {
-          const own = mirror.map((m, i) => (m === k ? i : -1)).filter((i) => i >= 0);
-          const corners = own.flatMap((i) => {
+          const indices = mirror.map((m, i) => (m === k ? i : -1)).filter((i) => i >= 0);
+          const corners = indices.flatMap((i) => {
             const step = depth - points[i][2];
             return [points[i], points[i].map((p, axis) => p + step * directions[i][axis])];
           });
-          const index = own.flatMap((_, i) => {
-            const [a, b] = [2 * i, 2 * ((i + 1) % own.length)];
+          const index = indices.flatMap((_, i) => {
+            const [a, b] = [2 * i, 2 * ((i + 1) % indices.length)];
             return [a, a + 1, b, b, a + 1, b + 1];
           });
           const geometry = new THREE.BufferGeometry();
-          geometry.setAttribute("position", new THREE.Float32BufferAttribute(corners.flatMap(place), 3));
+          geometry.setAttribute("position", new THREE.Float32BufferAttribute(corners.flatMap(toThree), 3));
           geometry.setIndex(index);
           group.add(new THREE.Mesh(geometry, material));
         });
@@ -203,12 +203,12 @@
       const box = new THREE.Box3();
       const points = drawing.mirrors.flatMap(({ solid_mm: s, chief_mm: c }) => [...s, ...c]);
       for (const point of [...points, ...(drawing.centres_mm ?? []), ...drawing.body_mm]) {
-        box.expandByPoint(new THREE.Vector3(...place(point)));
+        box.expandByPoint(new THREE.Vector3(...toThree(point)));
       }
       const sphere = box.getBoundingSphere(new THREE.Sphere());
-      const unlike = !this.radius || sphere.radius > 1.15 * this.radius || sphere.radius < 0.75 * this.radius;
-      if (!unlike) return;
-      [this.middle, this.radius] = [sphere.center, sphere.radius];
+      const hasChanged = !this.radius || sphere.radius > 1.15 * this.radius || sphere.radius < 0.75 * this.radius;
+      if (!hasChanged) return;
+      [this.centre, this.radius] = [sphere.center, sphere.radius];
       this.look(this.direction ?? HOME);
     }
 
