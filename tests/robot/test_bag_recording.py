@@ -21,7 +21,7 @@ from mirrorcam.core.console.reporter import TERMINAL
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import write_image
 from mirrorcam.core.video.frames import Frame
-from mirrorcam.core.video.live_camera import Connection, LiveCamera, Seen
+from mirrorcam.core.video.live_camera import CameraPicture, Connection, LiveCamera
 from mirrorcam.core.video.video import Video
 from mirrorcam.lightfield import decoding
 from mirrorcam.lightfield.decoding import decode_files
@@ -143,10 +143,10 @@ def test_a_video_without_a_good_frame_leaves_no_bag(here: Path) -> None:
     assert results(here) == ["bad.avi", "layout.json", "video.avi"]
 
 
-def interrupted_after(count: int) -> Generator[Seen]:
+def interrupted_after(count: int) -> Generator[CameraPicture]:
     """Pictures of a camera, 25 a second; then Ctrl-C is pressed."""
     for number, picture in enumerate(pictures(count, 320, 192)):
-        yield Seen(picture, number / RATE)
+        yield CameraPicture(picture, number / RATE)
         threading.Event().wait(0.05)
     raise KeyboardInterrupt
 

@@ -114,10 +114,10 @@ def test_what_is_near_is_solved_ahead(designer: Designer) -> None:
     designer.solve(SMALL)
     ahead = SMALL.replaced(rows=2)
     for _ in range(600):
-        if ahead in designer._kept:
+        if ahead in designer._results:
             break
         time.sleep(0.1)
-    assert isinstance(designer._kept[ahead], SolvedDesign)
+    assert isinstance(designer._results[ahead], SolvedDesign)
 
 
 def test_a_refusal_is_kept_too(designer: Designer) -> None:

@@ -41,7 +41,7 @@ def test_a_frame_is_decoded_and_focused_on_any_depth(default_layout: Layout) -> 
 def test_what_was_decoded_lately_is_focused_though_another_was_decoded_since(
     default_layout: Layout, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(sight_work, "_seen", OrderedDict())
+    monkeypatch.setattr(sight_work, "_cached", OrderedDict())
     layout = default_layout.replaced(spec=DesignSpec())
     sight_work.decoded(layout, "board")
     with pytest.raises(InputError, match="no longer decoded"):
@@ -49,7 +49,7 @@ def test_what_was_decoded_lately_is_focused_though_another_was_decoded_since(
     first = sight_work.refocused(layout, "board", 400.0)
     sight_work.decoded(layout, "tabletop")
     assert sight_work.refocused(layout, "board", 400.0) == first
-    monkeypatch.setattr(sight_work, "MOST_SEEN", 1)
+    monkeypatch.setattr(sight_work, "MAX_CACHED", 1)
     sight_work.decoded(layout, "tabletop")
     with pytest.raises(InputError, match="no longer decoded"):
         sight_work.refocused(layout, "board", 400.0)

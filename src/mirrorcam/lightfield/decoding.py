@@ -20,7 +20,7 @@ from mirrorcam.core.figures.figure_texts import count_text
 from mirrorcam.core.images.jpeg import DamagedPicture
 from mirrorcam.core.images.pictures import is_picture, read_image, write_image
 from mirrorcam.core.video.camera_addresses import camera, without_password
-from mirrorcam.core.video.frames import MOST, Frame
+from mirrorcam.core.video.frames import MAX_KEPT, Frame
 from mirrorcam.core.video.stream_losses import Stream
 from mirrorcam.core.video.video import Video
 from mirrorcam.lightfield.epipolar_images import write_epi
@@ -233,7 +233,7 @@ def _decode_pictures(
 
 def spread(paths: Sequence[Path]) -> list[Path]:
     """Choose a few evenly spread pictures."""
-    indices = np.unique(np.linspace(0, len(paths) - 1, min(len(paths), MOST)).round().astype(int))
+    indices = np.unique(np.linspace(0, len(paths) - 1, min(len(paths), MAX_KEPT)).round().astype(int))
     return [paths[index] for index in indices]
 
 

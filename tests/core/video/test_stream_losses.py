@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from mirrorcam.core.video.live_camera import Connection, LiveCamera, Seen
+from mirrorcam.core.video.live_camera import CameraPicture, Connection, LiveCamera
 from mirrorcam.core.video.stream_losses import losses, spans
 
 
@@ -30,7 +30,7 @@ def test_losses_are_grouped_by_reason() -> None:
 
 
 def test_frames_that_a_camera_gave_too_fast_are_counted() -> None:
-    nothing: list[Seen] = []
+    nothing: list[CameraPicture] = []
     camera = LiveCamera("camera 0", lambda: Connection(seen for seen in nothing), 4, 3)
     assert losses(camera, 5, {}, 10) == []
     camera.dropped, camera.outages = 3, 1

@@ -14,7 +14,7 @@ import simplejpeg
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import read_image
 from mirrorcam.core.video.frames import Frame
-from mirrorcam.core.video.live_camera import Connection, LiveCamera, Seen
+from mirrorcam.core.video.live_camera import CameraPicture, Connection, LiveCamera
 from mirrorcam.core.video.video import Video
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
@@ -159,11 +159,11 @@ def test_a_camera_is_recorded_at_its_rate_however_slow_pictures_are(
 ) -> None:
     shown = [each.pixels for each in Video(Path(request_.source)).frames() if isinstance(each, Frame)]
 
-    def pictures() -> Generator[Seen]:
+    def pictures() -> Generator[CameraPicture]:
         began = time.monotonic()
         for number in range(90):
             time.sleep(max(began + number / 60.0 - time.monotonic(), 0.0))
-            yield Seen(shown[number % len(shown)], number / 60.0)
+            yield CameraPicture(shown[number % len(shown)], number / 60.0)
         time.sleep(60.0)
 
     def opened(text: str, wanted: Camera, on_note: Callable[[str], None]) -> LiveSource:
@@ -211,9 +211,9 @@ def test_a_camera_that_goes_is_waited_for_and_counted(request_: LiveRequest, mon
         if attempts == 2:
             raise InputError("not there")
 
-        def pictures() -> Generator[Seen]:
+        def pictures() -> Generator[CameraPicture]:
             for pixels in shown[:2]:
-                yield Seen(pixels)
+                yield CameraPicture(pixels)
 
         return Connection(pictures())
 

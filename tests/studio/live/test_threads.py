@@ -333,7 +333,7 @@ def test_a_recording_ends_with_its_source_and_so_does_what_was_not_taken_in_time
     parts.until(lambda status: any("before the calibration picture" in line for line in status.lines))
     shown = parts.status.frames
     parts.decoding.play(again=False)
-    parts.decoding.play(repeated=True)
+    parts.decoding.play(again=True)
     parts.until(lambda status: status.over and status.frames > shown)
     assert parts.status.pictures == 0 and parts.status.failed is None
     parts.decoding.close()

@@ -231,7 +231,7 @@ def test_an_index_that_leads_elsewhere_is_refused(bag: Path, tmp_path: Path) -> 
 
 
 def test_light_fields_larger_than_memory_are_refused(bag: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(array_files, "LARGEST_GROWTH", 0)
+    monkeypatch.setattr(array_files, "MAX_GROWTH", 0)
     monkeypatch.setattr(array_files, "LARGEST_BYTES", 100_000)
     with pytest.raises(InputError, match="states arrays of 0 MB"):
         StoredBag(bag)

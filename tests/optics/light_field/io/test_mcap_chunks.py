@@ -25,7 +25,7 @@ def chunk(held: int, compression: bytes, content: bytes) -> bytes:
 @pytest.fixture
 def path(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setattr(array_files, "LARGEST_BYTES", 1000)
-    monkeypatch.setattr(array_files, "LARGEST_GROWTH", 0)
+    monkeypatch.setattr(array_files, "MAX_GROWTH", 0)
     return tmp_path / "a.mcap"
 
 

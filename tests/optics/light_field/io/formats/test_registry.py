@@ -247,7 +247,7 @@ def test_pictures_that_take_too_much_memory_in_total_are_refused(
     light_field = plane(3, 3, 1.0)
     write_light_field(path, light_field, to)
     monkeypatch.setattr(array_files, "LARGEST_BYTES", 9 * 90 * 120 * 7)
-    monkeypatch.setattr(array_files, "LARGEST_GROWTH", 0)
+    monkeypatch.setattr(array_files, "MAX_GROWTH", 0)
     if to != "colmap":  # its pictures have margins
         open_light_field(path)
     monkeypatch.setattr(array_files, "LARGEST_BYTES", 9 * 90 * 120 * 7 - 1)
