@@ -1,7 +1,7 @@
-"""A gallery of devices: a list of them in a TOML file, and for each a folder with all that it takes to make it.
+"""A gallery of devices: their list in a TOML file, and for each a folder with all files to build it.
 
-A device's folder holds what its stages wrote: `design/`, `cad/`, `picture/device.jpg` and `files/NAME.zip`. A stage
-whose result is there, of the same request, code and files, is not done again.
+A device's folder holds the results of its stages: `design/`, `cad/`, `picture/device.jpg` and `files/NAME.zip`. A stage
+is not repeated if its result exists for the same request, code and files.
 """
 
 from __future__ import annotations
@@ -61,9 +61,9 @@ estimates. The device and its files are under CERN-OHL-W-2.0: see NOTICE.txt and
 
 
 class GalleryDevice(Value):
-    """A device of the list: what it is for, its request for a design, and its hardware.
+    """A device of the list: its purpose, its request for a design, and its hardware.
 
-    `camera` is a name of the library, `pattern` one like hex7 in place of rows and columns.
+    `camera` is a name in the camera library, `pattern` a name like hex7 in place of rows and columns.
     """
 
     name: str = Field(pattern=r"^[a-z][a-z0-9-]{2,39}$")
@@ -77,7 +77,7 @@ class GalleryDevice(Value):
     @model_validator(mode="after")
     def _check(self) -> Self:
         if read_profile(self.camera).optics is None:
-            raise ValueError(f"camera {self.camera}: its lens is any, expected one whose optics are known")
+            raise ValueError(f"camera {self.camera}: its lens is not specified, expected known optics")
         if self.pattern is not None and Pattern.named(self.pattern) is None:
             raise ValueError(f"pattern {self.pattern}: expected a name like hex7 or ring8")
         return self
@@ -90,12 +90,12 @@ class GalleryDevice(Value):
 
     @property
     def made_with(self) -> Hardware:
-        """The dimensions that its parts are drawn from."""
+        """The hardware that its parts are designed for."""
         return self.hardware.replaced(camera=read_profile(self.camera).body)
 
 
 class DeviceList(Value):
-    """The devices of the gallery, in their order there."""
+    """The devices of the gallery, in order of appearance."""
 
     devices: tuple[GalleryDevice, ...] = Field(min_length=1)
 
@@ -108,32 +108,32 @@ class DeviceList(Value):
 
 
 class Work(Value):
-    """What a stage of a device took when it was done: seconds, and those of all processors (user and system)."""
+    """Time that a stage of a device took, s: elapsed, and of all processors (user and system)."""
 
     seconds: float
     processor_s: float
 
 
 class WorkOfDevice(Value):
-    """What the stages of a device took, by their names."""
+    """Time that the stages of a device took, by their names."""
 
     stages: dict[str, Work] = Field(default_factory=dict)
 
-    def total(self, what: Literal["seconds", "processor_s"]) -> float:
+    def total(self, field: Literal["seconds", "processor_s"]) -> float:
         """The sum over all stages."""
-        return sum(getattr(work, what) for work in self.stages.values())
+        return sum(getattr(work, field) for work in self.stages.values())
 
 
 def device_stages(device: GalleryDevice, root: Path, licence: str) -> tuple[Stage, ...]:
-    """The steps of a device into its folder `root`, in order; `licence` is the text of that of its files."""
+    """The stages of a device in its folder `root`, in order; `licence` is the text of the licence of its files."""
     layout_path, cad, hardware = root / "design" / "layout.json", root / "cad", device.made_with
 
     def design(folder: Path, progress: Progress) -> None:
         write_design(device.spec, folder)
 
     def parts(folder: Path, progress: Progress) -> None:
-        kept = results_folder(root)
-        checks = build_parts(Layout.load(layout_path), folder, hardware, results=kept, progress=progress)
+        results = results_folder(root)
+        checks = build_parts(Layout.load(layout_path), folder, hardware, results=results, progress=progress)
         failed = [
             f"{name} is {figure_text(check.value)}, limit {check.limit:g}"
             for name, check in checks.items()
@@ -165,8 +165,8 @@ def device_stages(device: GalleryDevice, root: Path, licence: str) -> tuple[Stag
             "layout.json": layout_path,
             "device.jpg": root / "picture" / "device.jpg",
         }
-        every = files_to_zip(cad) | added
-        write_zip(folder / f"{device.name}.zip", {f"{device.name}/{name}": each for name, each in every.items()})
+        contents = files_to_zip(cad) | added
+        write_zip(folder / f"{device.name}.zip", {f"{device.name}/{name}": file for name, file in contents.items()})
 
     return (
         Stage(
@@ -201,9 +201,9 @@ def device_stages(device: GalleryDevice, root: Path, licence: str) -> tuple[Stag
 
 
 def make_device(device: GalleryDevice, out: Path, licence: str) -> str:
-    """Do the stages of a device that are not done yet, in the folder `out`/NAME; returns what was done, in a line.
+    """Do the unfinished stages of a device in the folder `out`/NAME; returns a line that lists them.
 
-    Raises InputError where the device cannot be made or a check fails, and where a file of somebody else would be
+    Raises InputError if the device cannot be made or a check fails, and if a file that no stage wrote would be
     replaced.
     """
     root = out / device.name
@@ -212,55 +212,55 @@ def make_device(device: GalleryDevice, out: Path, licence: str) -> str:
         refuse_foreign(device_stages(device, root, licence), output)
         for stage in device_stages(device, root, licence):
             if staleness(stage, root):
-                start, before = time.perf_counter(), processor_s()
+                start, cpu = time.perf_counter(), processor_s()
                 perform(stage, output)
-                work = Work(seconds=round(time.perf_counter() - start, 1), processor_s=round(processor_s() - before, 1))
+                work = Work(seconds=round(time.perf_counter() - start, 1), processor_s=round(processor_s() - cpu, 1))
                 _note_work(output, stage.name, work)
                 done.append(f"{stage.name} in {work.seconds:.0f} s")
     return ", ".join(done) or "nothing changed, kept"
 
 
 def is_finished(device: GalleryDevice, out: Path, licence: str) -> bool:
-    """Whether the folder `out`/NAME holds all that `make_device` would make now."""
+    """Whether the folder `out`/NAME holds everything that `make_device` would make now."""
     root = out / device.name
     return not any(staleness(stage, root) for stage in device_stages(device, root, licence))
 
 
 def _note_work(output: OutputFolder, stage: str, work: Work) -> None:
     group = output.grouped("work")
-    known = work_of(output.root)
+    earlier = work_of(output.root)
     with group.staged(complete=False) as folder:
-        write_json(folder / "work.json", WorkOfDevice(stages={**known.stages, stage: work}).model_dump(mode="json"))
+        write_json(folder / "work.json", WorkOfDevice(stages={**earlier.stages, stage: work}).model_dump(mode="json"))
 
 
 def work_of(root: Path) -> WorkOfDevice:
-    """What the stages in a device's folder took; none where that is not known."""
+    """Time that the stages in a device's folder took; empty if unknown."""
     return read_record(WorkOfDevice, root / "work.json") or WorkOfDevice()
 
 
 def processor_s() -> float:
-    """Seconds that all processors have worked for this process and the programs that it has waited for."""
+    """Processor time of this process and of its ended child processes, s."""
     return sum(os.times()[:4])
 
 
 def mirrors_text(layout: Layout, hardware: Hardware) -> str:
-    """What the mirrors of a device are."""
+    """Description of the mirrors of a device."""
     spec = layout.spec or DesignSpec()
     return f"{spec.surface}-surface {hardware.cutting.material}, {spec.thickness_mm:g} mm"
 
 
 def card_of(device: GalleryDevice, root: Path) -> GalleryCard:
-    """What the gallery says of a finished device in its folder."""
+    """The card of a finished device in its folder."""
     from mirrorcam.render_scenes.reference.device_bodies import ASSEMBLY, read_assembly
     from mirrorcam.render_scenes.reference.product_picture import level_from_rig
 
     layout, checks = Layout.load(root / "design" / "layout.json"), read_metrics(root / "cad" / "checks.json")
     hardware, spec = device.made_with, device.spec
     points = np.concatenate([body.points for body in read_assembly(root / "cad" / ASSEMBLY)]) @ level_from_rig(layout).T
-    across, along, up = np.ptp(points, axis=0).round(1).tolist()
+    width_mm, depth_mm, height_mm = np.ptp(points, axis=0).round(1).tolist()
     metrics = {name: metric.value for name, metric in layout.metrics.items()}
     minutes = checks.get("device.print_minutes")
-    held = {"glue": "glued", "screws": "on screws"}[hardware.holder.mirrors]
+    fixing = {"glue": "glued", "screws": "on screws"}[hardware.holder.mirrors]
     return GalleryCard(
         name=device.name,
         title=device.title,
@@ -269,9 +269,9 @@ def card_of(device: GalleryDevice, root: Path) -> GalleryCard:
         mirror_count=len(layout.mirrors),
         camera=hardware.camera.name,
         mount="a desk, or a tripod" if isinstance(hardware.back, DeskBack) else hardware.back.title,
-        mirrors=f"{mirrors_text(layout, hardware)}, {held}",
+        mirrors=f"{mirrors_text(layout, hardware)}, {fixing}",
         fasteners={"insert": "heat-set inserts", "nut": "nuts"}[hardware.screw.kind],
-        size_mm=(across, up, along),
+        size_mm=(width_mm, height_mm, depth_mm),
         mass_g=checks["device.mass_g"].value,
         price=checks["device.price"].value,
         currency=checks["device.price"].unit,

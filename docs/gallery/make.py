@@ -1,9 +1,9 @@
 """Make the gallery of devices: `python -m docs.gallery OUT [--only NAME ...] [--workers N]`.
 
-For each device of docs/gallery/gallery.toml, OUT/NAME gets its design, all that `mirrorcam cad` writes, a rendered
-picture and a ZIP file of all files to make it; OUT/index.html shows them, OUT/gallery.json has their figures. What is
-there and has not changed is kept, and a run that was cut off goes on. With --record also the figures and the picture in
-docs/gallery.md are written.
+For each device of docs/gallery/gallery.toml, OUT/NAME gets its design, the output of `mirrorcam cad`, a rendered
+picture and a ZIP file with all files to build it; OUT/index.html shows the devices, OUT/gallery.json holds their
+figures. Unchanged results are kept, and an interrupted run is resumed. With --record, the figures and the picture in
+docs/gallery.md are also written.
 """
 
 from __future__ import annotations
@@ -93,18 +93,18 @@ def table_of(gallery: Gallery) -> str:
 
 
 def record_of(gallery: Gallery) -> str:
-    """What docs/gallery.md shows of a run, in Markdown: all pictures, where it was made, and the table."""
+    """The record of a run in docs/gallery.md, in Markdown: all pictures, machine and commit, and the table."""
     count = number_word(len(gallery.cards))
-    took = sum(work.total("processor_s") for work in gallery.work.values())
-    made = f"Made on {gallery.date} on a machine with {gallery.machine}, of commit {gallery.commit}"
+    processor_s = sum(work.total("processor_s") for work in gallery.work.values())
+    origin = f"Made on {gallery.date} on a machine with {gallery.machine}, of commit {gallery.commit}"
     return (
         f"![The {count} devices, from the front and from the side](images/{OVERVIEW.name})\n\n"
-        f"{made}, with {gallery.slicer}, in {took / 60.0:.0f} minutes of one core.\n\n{table_of(gallery)}"
+        f"{origin}, with {gallery.slicer}, in {processor_s / 60.0:.0f} minutes of one core.\n\n{table_of(gallery)}"
     )
 
 
 def with_record(page: str, record: str) -> str:
-    """A page of documentation with another record between its two marks; raises InputError for one without them."""
+    """A page of documentation with a new record between its two marks; raises InputError for a page without them."""
     before, begin, rest = page.partition(BEGIN)
     _, end, after = rest.partition(END)
     if not begin or not end:
@@ -113,7 +113,7 @@ def with_record(page: str, record: str) -> str:
 
 
 def overview(pictures: Sequence[Path]) -> NDArray[np.uint8]:
-    """All pictures beside each other, in rows of `OVERVIEW_COLUMNS`."""
+    """All pictures side by side, in rows of `OVERVIEW_COLUMNS`."""
     tiles = [cv2.resize(read_image(path), OVERVIEW_TILE_PX, interpolation=cv2.INTER_AREA) for path in pictures]
     tiles += [np.full_like(tiles[0], 255)] * (-len(tiles) % OVERVIEW_COLUMNS)
     starts = range(0, len(tiles), OVERVIEW_COLUMNS)
@@ -121,31 +121,31 @@ def overview(pictures: Sequence[Path]) -> NDArray[np.uint8]:
 
 
 def machine_text() -> str:
-    """The processor of this machine and how many cores of it are used, in a few words."""
+    """The processor of this machine, and the number of cores available to this process."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:
         lines = []
-    named = next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), "")
-    return f"{named or platform.processor() or platform.machine()}, {count_text(cores(), 'core')}"
+    model = next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), "")
+    return f"{model or platform.processor() or platform.machine()}, {count_text(cores(), 'core')}"
 
 
 def commit_text() -> str:
-    """The commit of this checkout, with a + where files differ from it; "" outside of one."""
+    """The commit of this checkout, with a + if files differ from it; "" outside a checkout."""
     run = partial(subprocess.run, cwd=DOCS, capture_output=True, text=True, check=False)
-    found = run(["git", "rev-parse", "--short=12", "HEAD"])
+    head = run(["git", "rev-parse", "--short=12", "HEAD"])
     changed = run(["git", "status", "--porcelain", "--untracked-files=no"]).stdout.strip()
-    return f"{found.stdout.strip()}{'+' if changed else ''}" if found.returncode == 0 else ""
+    return f"{head.stdout.strip()}{'+' if changed else ''}" if head.returncode == 0 else ""
 
 
 def make(devices: Sequence[GalleryDevice], out: Path, workers: int) -> Mapping[str, str]:
-    """Make devices in as many processes; returns why those were not made that were not, by their names."""
+    """Make devices in up to `workers` processes; returns the reason for each failure, by the name of the device."""
     failed: dict[str, str] = {}
-    with closing(run_local(devices, workers, partial(_made, out=out), preload=KERNEL)) as answers:
+    with closing(run_local(devices, workers, partial(_make_one, out=out), preload=KERNEL)) as answers:
         for number, answer in answers:
             name = devices[number].name
-            told, error = ("", answer.reason) if isinstance(answer, Died) else answer
-            say("gallery", f"{name}: {error or told}")
+            summary, error = ("", answer.reason) if isinstance(answer, Died) else answer
+            say("gallery", f"{name}: {error or summary}")
             if error:
                 failed[name] = error
     return failed
@@ -156,8 +156,8 @@ def licence_text() -> str:
     return LICENCE.read_text(encoding="utf-8")
 
 
-def _made(device: GalleryDevice, out: Path) -> tuple[str, str]:
-    """What was done for a device, or why it could not be made: the other devices go on."""
+def _make_one(device: GalleryDevice, out: Path) -> tuple[str, str]:
+    """A summary of the work on a device, and the reason why it failed; one of them is empty."""
     try:
         return make_device(device, out, licence_text()), ""
     except InputError as error:
@@ -186,10 +186,10 @@ def write_gallery(devices: Sequence[GalleryDevice], out: Path) -> Gallery:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Make what is missing, then the page."""
+    """Make missing devices, then the page."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("out", type=Path, help="folder, new or of an earlier run")
-    parser.add_argument("--only", nargs="+", metavar="NAME", help="make these alone; the page keeps others")
+    parser.add_argument("out", type=Path, help="new folder, or the folder of an earlier run")
+    parser.add_argument("--only", nargs="+", metavar="NAME", help="make only these; the page keeps the others")
     parser.add_argument("--workers", type=int, default=cores(), help="devices made at once (one for each core)")
     parser.add_argument("--devices", type=Path, default=LIST, help="the list of devices (docs/gallery/gallery.toml)")
     parser.add_argument("--record", action="store_true", help="also write the figures and the picture of docs/")
@@ -197,22 +197,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
     start = time.perf_counter()
     try:
         require("cad", "render")
-        listed = read_model(DeviceList, options.devices).devices
-        unknown = sorted(set(options.only or ()) - {device.name for device in listed})
+        devices = read_model(DeviceList, options.devices).devices
+        unknown = sorted(set(options.only or ()) - {device.name for device in devices})
         if unknown:
             raise InputError(f"--only {', '.join(unknown)}: expected names of {options.devices}")
-        chosen = [device for device in listed if not options.only or device.name in options.only]
-        if options.record and chosen != list(listed):
+        chosen = [device for device in devices if not options.only or device.name in options.only]
+        if options.record and chosen != list(devices):
             raise InputError("--record: expected all devices, without --only")
         if slicer_version() is None:
-            say("gallery", "no PrusaSlicer: times of printing will be missing, and parts are not checked by slicing")
+            say("gallery", "no PrusaSlicer: printing times will be missing, and parts are not checked by slicing")
         failed = make(chosen, options.out, max(options.workers, 1))
         if failed:
             return 1
         others = [
-            device for device in listed if device not in chosen and is_finished(device, options.out, licence_text())
+            device for device in devices if device not in chosen and is_finished(device, options.out, licence_text())
         ]
-        gallery = write_gallery([device for device in listed if device in (*chosen, *others)], options.out)
+        gallery = write_gallery([device for device in devices if device in (*chosen, *others)], options.out)
         if options.record:
             write_text(PAGE, with_record(PAGE.read_text(encoding="utf-8"), record_of(gallery)))
             image = overview([options.out / card.picture for card in gallery.cards])
@@ -220,9 +220,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except InputError as error:
         print(error, file=sys.stderr)
         return 2
-    took = time.perf_counter() - start
-    processors = sum(work.total("processor_s") for work in gallery.work.values())
-    shown_text = count_text(len(gallery.cards), "device")
-    say("gallery", f"{shown_text} after {took:.0f} s; their stages took {processors:.0f} s of processors")
+    elapsed_s = time.perf_counter() - start
+    processor_s = sum(work.total("processor_s") for work in gallery.work.values())
+    count = count_text(len(gallery.cards), "device")
+    say("gallery", f"{count} after {elapsed_s:.0f} s; their stages took {processor_s:.0f} s of processor time")
     say("gallery", f"open {options.out / 'index.html'}")
     return 0

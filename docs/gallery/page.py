@@ -1,4 +1,4 @@
-"""The page of a gallery of devices: a card for each, which works from disk and offline."""
+"""The page of a gallery of devices: one card each; it works offline, from a local file."""
 
 from __future__ import annotations
 
@@ -20,42 +20,42 @@ ORDERS = (
     ("price", "lowest price first"),
     ("mass", "lightest first"),
     ("minutes", "shortest printing first"),
-    ("sigma", f"least {SIGMA} of depth first"),
+    ("sigma", f"smallest {SIGMA} of depth first"),
 )
-"""What cards can be ordered by: the names of their figures, and what people read."""
+"""Orders of the cards: name of the figure, and text on the page."""
 
 
 class AtDepth(Value):
-    """Figures of a layout at one of its working depths; shares are of the sensor."""
+    """Figures of a layout at one of its working depths; efficiencies are fractions of the sensor."""
 
     depth_mm: float
     pixel_efficiency: float
     usable_efficiency: float | None = None
-    """None of a pinhole."""
+    """None for a pinhole."""
     sigma_mm: float
 
 
 class GalleryCard(Value):
-    """What the gallery says of a device.
+    """The description of a device in the gallery.
 
     Attributes
     ----------
     views
-        How views are arranged: "3 x 3", "hex7".
+        Arrangement of the views: "3 x 3", "hex7".
     mount
-        What carries the device.
+        The support of the device.
     mirrors
-        What the mirrors are, and how they are held.
+        Type of the mirrors, and how they are fixed.
     size_mm
         Width, height and depth of the device in use, along the axes of a level view.
     mass_g
-        Mass as sliced is not known of all parts: with plastic taken as solid.
+        Mass with all plastic taken as solid, because not every part has a mass as sliced.
     print_minutes
-        Time to print everything, None where no slicer is installed.
+        Time to print everything, None if no slicer is installed.
     focus_mm
-        The best distance in focus, None of a pinhole.
+        The best focus distance, None for a pinhole.
     checks
-        How many checks the device passed.
+        Number of checks that the device passed.
     zip_bytes
         Size of the ZIP file of all files.
     """
@@ -82,11 +82,11 @@ class GalleryCard(Value):
     @property
     def working(self) -> AtDepth:
         """The figures at the nearest working depth."""
-        return min(self.at_depths, key=lambda each: each.depth_mm)
+        return min(self.at_depths, key=lambda at: at.depth_mm)
 
     @property
     def facts(self) -> list[tuple[str, str]]:
-        """Names and texts of what a card lists."""
+        """Names and texts of the facts on a card."""
         size = f"{NBSP}{TIMES} ".join(f"{length:.0f}" for length in self.size_mm)
         return [
             ("Views", f"{self.views.replace(' x ', f' {TIMES} ')}, {count_text(self.mirror_count, 'mirror')}"),
@@ -97,10 +97,10 @@ class GalleryCard(Value):
             ("Size", f"{size}{NBSP}mm"),
             ("Mass, as if solid", f"{self.mass_g:.0f} g"),
             ("Price, estimated", f"{self.price:.0f} {self.currency}"),
-            ("Printing", "not known" if self.print_minutes is None else hours_text(self.print_minutes)),
-            ("Seen by all views", _alike(f"{at.pixel_efficiency:.0%}" for at in self.at_depths)),
+            ("Printing", "unknown" if self.print_minutes is None else hours_text(self.print_minutes)),
+            ("Seen by all views", _range_text(f"{at.pixel_efficiency:.0%}" for at in self.at_depths)),
             *(
-                [("Usable by the whole lens", _alike(f"{at.usable_efficiency:.0%}" for at in self.at_depths))]
+                [("Usable by the full pupil", _range_text(f"{at.usable_efficiency:.0%}" for at in self.at_depths))]
                 if all(at.usable_efficiency is not None for at in self.at_depths)
                 else []
             ),
@@ -124,7 +124,7 @@ class GalleryCard(Value):
 
     @property
     def page(self) -> str:
-        """The device's own page, relative to that of the gallery."""
+        """The device's own page, relative to the page of the gallery."""
         return f"{self.name}/cad/index.html"
 
     @property
@@ -138,23 +138,23 @@ class GalleryCard(Value):
         return f"{self.name}/files/{self.name}.zip"
 
 
-def _alike(texts: Iterable[str]) -> str:
-    """Texts of figures at one depth after the other, or the one that all of them are."""
-    every = list(texts)
-    return every[0] if len(set(every)) == 1 else " to ".join((every[0], every[-1]))
+def _range_text(texts: Iterable[str]) -> str:
+    """The first and last of some texts joined by "to", or the text that all of them share."""
+    values = list(texts)
+    return values[0] if len(set(values)) == 1 else " to ".join((values[0], values[-1]))
 
 
 def gallery_html(cards: Sequence[GalleryCard], picture_px: tuple[int, int], *, command: str) -> str:
-    """The page. Every text that comes from outside is escaped; links are relative, with forward slashes.
+    """The page. All external text is escaped; links are relative, with forward slashes.
 
     Parameters
     ----------
     cards
-        The devices, in the order in which they are shown at first.
+        The devices, in their initial order.
     picture_px
         Width and height of all pictures.
     command
-        What the page says it was made by.
+        The command that the page names as its origin.
     """
     unsliced = [card.title for card in cards if card.print_minutes is None]
     return render(

@@ -1,4 +1,4 @@
-"""What the theme leaves to be mended, so that pages can be read by keyboard and screen reader."""
+"""Fix the accessibility of the theme for keyboards and screen readers."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ LINES = {
     "<dd>": '<span class="sig-line">',
     "</dd>": "</span>",
 }
-"""Parameters on lines of their own are no definitions."""
-MENDED = {
+"""Parameters on separate lines are not definition lists."""
+FIXES = {
     '<p class="caption" role="heading">': '<p class="caption" role="heading" aria-level="2">',
     '<aside class="sidebar-drawer">': '<aside class="sidebar-drawer" aria-label="All pages">',
     '<aside class="toc-drawer': '<aside aria-label="On this page" class="toc-drawer',
@@ -21,24 +21,24 @@ MENDED = {
     '<div class="table-wrapper': '<div tabindex="0" class="table-wrapper',
     '<th class="head"><p></p></th>': "<td></td>",
 }
-"""Headings have a level, landmarks a name, what scrolls can be reached by the keyboard, and no heading is empty."""
+"""Headings get a level, landmarks a name, scrolling elements the keyboard focus, and empty headings are removed."""
 
 
 def _lines(signature: re.Match[str]) -> str:
     text = signature[0]
-    for tag, instead in LINES.items():
-        text = text.replace(tag, instead)
+    for tag, replacement in LINES.items():
+        text = text.replace(tag, replacement)
     return text
 
 
 def accessible(html: str) -> str:
-    """The HTML of a page, mended."""
-    for found, instead in MENDED.items():
-        html = html.replace(found, instead)
+    """The fixed HTML of a page."""
+    for original, replacement in FIXES.items():
+        html = html.replace(original, replacement)
     return SIGNATURE.sub(_lines, html)
 
 
-def mend(folder: Path) -> None:
-    """Mend all pages in a folder."""
+def fix(folder: Path) -> None:
+    """Fix all pages in a folder."""
     for path in folder.rglob("*.html"):
         path.write_text(accessible(path.read_text(encoding="utf-8")), encoding="utf-8")

@@ -15,8 +15,8 @@ GROUPS = {
     "Synthetic sets": ("RenderSettings", "SetRequest", "render_set", "validate"),
     "Errors": ("InputError",),
 }
-"""The public names by what they are for."""
-PARTS = {
+"""The public names by purpose."""
+RELATED = {
     "Cameras and layouts": ("optics.geometry.mirror.Mirror", "core.values.Metric"),
     "Calibration": ("optics.calibration.calibration.Calibration",),
     "Light fields and depth": (
@@ -26,11 +26,11 @@ PARTS = {
     ),
     "Synthetic sets": ("render_scenes.sets.dataset.Dataset",),
 }
-"""What the public functions take or return besides, by its module."""
+"""Other types that the public functions take or return, with their modules."""
 
 
-def _directive(name: str, found: object) -> str:
-    if not inspect.isclass(found):
+def _directive(name: str, value: object) -> str:
+    if not inspect.isclass(value):
         return f".. autofunction:: {name}\n"
     return f".. autoclass:: {name}\n   :members:\n   :exclude-members: model_config, model_post_init\n"
 
@@ -40,7 +40,7 @@ def _in_rst(directives: list[str]) -> str:
 
 
 def names_page() -> str:
-    """The page of the public names and of what they return."""
+    """The page of the public names and the related types."""
     lines = [
         "# Public names of the library\n",
         "Every name of `import mirrorcam`. [As a library](../library.md) shows how they work together, "
@@ -48,10 +48,10 @@ def names_page() -> str:
     ]
     for title, names in GROUPS.items():
         directives = [_directive(f"mirrorcam.{name}", getattr(mirrorcam, name)) for name in names]
-        for path in PARTS.get(title, ()):
+        for path in RELATED.get(title, ()):
             module, _, name = path.rpartition(".")
-            found = getattr(__import__(f"mirrorcam.{module}", fromlist=[name]), name)
-            directives.append(_directive(f"mirrorcam.{path}", found))
+            value = getattr(__import__(f"mirrorcam.{module}", fromlist=[name]), name)
+            directives.append(_directive(f"mirrorcam.{path}", value))
         lines.append(f"## {title}\n\n{_in_rst(directives)}")
     return "\n".join(lines)
 

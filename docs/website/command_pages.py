@@ -16,30 +16,30 @@ PAGE = re.compile(r"docs/(\w+)\.md")
 
 def commands(app: App, names: Sequence[str] = cli.NAMES) -> dict[str, App]:
     """Commands and their subcommands, each with its docstring as its help, by the names that follow `mirrorcam`."""
-    found: dict[str, App] = {}
+    apps: dict[str, App] = {}
     for name in names:
         cli.show_docstring(app, [name])
-        found[name] = app[name]
+        apps[name] = app[name]
         for inner in (inner for inner in app[name] if not inner.startswith("-")):
             cli.show_docstring(app, [name, inner])
-            found[f"{name} {inner}"] = app[name][inner]
-            app[name].default_parameter = app.default_parameter  # which cyclopts' documents do not pass on
-    return found
+            apps[f"{name} {inner}"] = app[name][inner]
+            app[name].default_parameter = app.default_parameter  # which cyclopts does not pass on in its documentation
+    return apps
 
 
 def sections() -> dict[str, str]:
     """The help of each command and subcommand in Markdown: usage, text, arguments, options, examples."""
     app = cli.application()
-    known = commands(app)
+    apps = commands(app)
     parts = HEADING.split(app.generate_docs())
-    found = {}
+    texts = {}
     for level, name, text in zip(parts[1::3], parts[2::3], parts[3::3], strict=True):
-        if name not in known:
-            continue  # of the completion of shells
-        title, _, examples = (known[name].help_epilogue or "").removesuffix(cli.CONFIGURED).partition("\n")
-        shown = f"\n**{title}**\n\n```sh\n{_dedented(examples)}\n```\n" if examples.strip() else ""
-        found[name] = PAGE.sub(r"[\1](../../\1.md)", f"#{level} mirrorcam {name}\n\n{text.strip()}\n{shown}")
-    return found
+        if name not in apps:
+            continue  # shell completion
+        title, _, examples = (apps[name].help_epilogue or "").removesuffix(cli.CONFIGURED).partition("\n")
+        example = f"\n**{title}**\n\n```sh\n{_dedented(examples)}\n```\n" if examples.strip() else ""
+        texts[name] = PAGE.sub(r"[\1](../../\1.md)", f"#{level} mirrorcam {name}\n\n{text.strip()}\n{example}")
+    return texts
 
 
 def _dedented(lines: str) -> str:
@@ -47,10 +47,10 @@ def _dedented(lines: str) -> str:
 
 
 def command_pages() -> dict[str, str]:
-    """The pages of all commands, with their subcommands, and the list of them, by name."""
-    found = sections()
-    written = {
-        f"{FOLDER}/{name}": "\n".join(text for title, text in found.items() if title.split()[0] == name)
+    """The pages of all commands, with their subcommands, and the list of commands, by name."""
+    texts = sections()
+    pages = {
+        f"{FOLDER}/{name}": "\n".join(text for title, text in texts.items() if title.split()[0] == name)
         for name in cli.NAMES
     }
     rows = [
@@ -59,11 +59,11 @@ def command_pages() -> dict[str, str]:
         for name, (_, summary) in commands.items()
     ]
     names = "\n".join(cli.NAMES)
-    written[f"{FOLDER}/index"] = (
+    pages[f"{FOLDER}/index"] = (
         "# Commands and their options\n\n"
         "These pages hold what `mirrorcam COMMAND --help` prints. [Commands by task](../../commands.md) shows which "
         "command to use when. Every command also takes `--quiet`, `--verbose` and `--json`, and reads "
         "[defaults of its options](../../commands.md#defaults-and-completion).\n\n"
         "| command | does |\n|---|---|\n" + "\n".join(rows) + f"\n\n```{{toctree}}\n:hidden:\n\n{names}\n```\n"
     )
-    return written
+    return pages

@@ -15,11 +15,11 @@ language = "en"
 
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "docstrings", "mathml"]
 root_doc = "index"
-# Two hyphens begin an option.
+# Two hyphens begin an option: no dashes.
 smartquotes_action = "qe"
 exclude_patterns = ["images/**", "schemas/**"]
 nitpicky = True
-# Types of other packages, and those of ours that no page is about.
+# Types of other packages, and our types that have no page.
 nitpick_ignore_regex = [("py:.*", ".*")]
 
 myst_enable_extensions = ["attrs_block", "attrs_inline", "colon_fence", "dollarmath", "deflist"]

@@ -1,4 +1,4 @@
-"""Formulas as MathML, which browsers draw themselves: no script, no font, nothing from the network."""
+"""Formulas as MathML, which browsers render without scripts, fonts or network."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def _inline(translator: HTML5Translator, node: nodes.math) -> None:
 
 
 def _block(translator: HTML5Translator, node: nodes.math_block) -> None:
-    # A formula that is wider than the screen scrolls in a box of its own, which the keyboard reaches.
+    # A formula that is wider than the screen scrolls in its own box, which can get the keyboard focus.
     translator.body.append('<div class="formula" tabindex="0" role="group" aria-label="formula">')
     translator.body.append(tex2mathml(node.astext(), as_block=True))
     translator.body.append("</div>\n")

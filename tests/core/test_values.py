@@ -244,7 +244,7 @@ def test_a_metric_without_a_finite_value_is_none_with_a_reason(
 
 def test_a_metric_with_a_value_has_no_reason() -> None:
     assert "reason" not in Metric(value=1.0, unit="px").model_dump()
-    with pytest.raises(ValueError, match="expected no reason"):
+    with pytest.raises(ValueError, match="for being unknown, expected none"):
         Metric(value=1.0, unit="px", reason="none")
 
 

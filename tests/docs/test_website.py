@@ -104,10 +104,10 @@ def test_parameters_on_lines_of_their_own_are_no_definitions() -> None:
 
 def test_what_is_said_of_a_parameter_is_no_type() -> None:
     pytest.importorskip("sphinx", reason="the extra docs is not installed")
-    from docs.website.docstrings import stated_below
+    from docs.website.docstrings import with_text_below
 
     text = ["A b.", "", "Parameters", "----------", "a : of the glass.", "b : int", "    How many."]
-    assert stated_below(text) == [*text[:4], "a", "    of the glass.", *text[5:]]
+    assert with_text_below(text) == [*text[:4], "a", "    of the glass.", *text[5:]]
 
 
 def test_every_command_and_option_is_in_the_reference() -> None:
@@ -158,7 +158,7 @@ def test_a_folder_of_others_is_no_site(tmp_path: Path, capsys: pytest.CaptureFix
     (tmp_path / "thesis.txt").write_text("mine", encoding="utf-8")
     with pytest.raises(SystemExit, match="2"):
         main([str(tmp_path)])
-    assert "no earlier site" in capsys.readouterr().err
+    assert "nor an earlier site" in capsys.readouterr().err
     assert (tmp_path / "thesis.txt").is_file()
 
 
@@ -174,7 +174,7 @@ def test_what_lies_in_the_site_is_not_lost_with_it(
         (tmp_path / name).touch()
     with pytest.raises(SystemExit, match="2"):
         main([str(tmp_path), option, str(tmp_path / "mine")])
-    assert f"mine: expected a place outside {tmp_path}, which is replaced" in capsys.readouterr().err
+    assert f"mine: expected a path outside {tmp_path}, which is replaced" in capsys.readouterr().err
     assert (tmp_path / "mine/index.html").is_file()
 
 

@@ -75,7 +75,7 @@ def test_the_bounds_of_toml_refuse_nothing_that_is_small(text: str) -> None:
         (b"1" * 1_000_000, "an integer of 1000000 digits"),
         (b'"\\ud800"', "surrogate"),
         (b'{"a": 1, "a": 2}', "'a' appears twice"),
-        ("{}".encode("utf-16"), "no text in UTF-8"),
+        ("{}".encode("utf-16"), "is not UTF-8 text"),
         (b"", "Expecting value"),
     ],
 )
@@ -101,7 +101,7 @@ LONG_KEY = ".".join(["a"] * 50_000).encode()
         (b"a = " + b"1" * 200_000, "an integer of more than"),
         (b'a = """\n' + b'\\"""\n' * 40_000 + b"\\", "not valid TOML"),
         (b"a = 1\n" * 2, "Cannot overwrite"),
-        (b"\xff", "no text in UTF-8"),
+        (b"\xff", "is not UTF-8 text"),
         (b"#" * 250_001, "is larger than 0.25 MB"),
     ],
 )

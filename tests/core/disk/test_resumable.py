@@ -119,14 +119,14 @@ def test_work_that_fails_leaves_nothing(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("changes", "differs"),
-    [({"size": 2, "coverage": 0.1}, "size"), ({"coverage": 0.1}, r"seed \(or of another version of this program\)")],
+    [({"size": 2, "coverage": 0.1}, "size"), ({"coverage": 0.1}, r"seed \(or by another version of this program\)")],
 )
 def test_another_request_is_refused_and_names_what_differs(
     changes: dict[str, Any], differs: str, tmp_path: Path
 ) -> None:
     written(tmp_path)
     before = (tmp_path / "pictures.json").read_bytes()
-    with pytest.raises(InputError, match=f"holds a set of another {differs}, expected the same request"):
+    with pytest.raises(InputError, match=f"holds a set with a different {differs}, expected the same request"):
         begun(tmp_path, request="other", **changes)
     assert (tmp_path / "pictures.json").read_bytes() == before
 

@@ -121,7 +121,7 @@ REFUSED = {
     "no palette": (header(3) + INDICES + END, "palette"),
     "part of a colour": (header(3) + chunk(b"PLTE", b"abcd") + INDICES + END, "palette"),
     "palette too long": (header(3, 2) + chunk(b"PLTE", b"abc" * 5) + INDICES + END, "palette"),
-    "unknown critical part": (header() + chunk(b"ABCD", b"x") + DATA + END, "no PNG has"),
+    "unknown critical part": (header() + chunk(b"ABCD", b"x") + DATA + END, "has an unknown part"),
     "depth": (header(2, 3) + DATA + END, "not a PNG's"),
     "type of colour": (header(5) + DATA + END, "not a PNG's"),
     "interlacing": (header(last=b"\0\0\2") + DATA + END, "not a PNG's"),

@@ -33,7 +33,7 @@ def device(**changes: Any) -> GalleryDevice:
         ({"name": "Nine Views"}, "name"),
         ({"purpose": "A device."}, "purpose"),
         ({"camera": "no_such_camera"}, "no_such_camera"),
-        ({"camera": "board_38"}, "its lens is any"),
+        ({"camera": "board_38"}, "its lens is not specified"),
         ({"pattern": "star5"}, "expected a name like hex7"),
         ({"design": {"rows": 40}}, "rows"),
         ({"hardware": {"back": {"kind": "balloon"}}}, "back"),

@@ -64,8 +64,8 @@ def test_what_is_not_known_is_not_invented() -> None:
         at_depths=tuple(at.replaced(usable_efficiency=None) for at in NINE.at_depths),
     )
     facts = dict(bare.facts)
-    assert facts["Printing"] == "not known"
-    assert not {"Focus locked at", "Usable by the whole lens"} & facts.keys()
+    assert facts["Printing"] == "unknown"
+    assert not {"Focus locked at", "Usable by the full pupil"} & facts.keys()
     missing = "Times of printing are missing"
     assert missing not in read(*CARDS).text
     assert f"{missing}: PrusaSlicer" in read(bare).text
