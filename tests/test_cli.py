@@ -352,7 +352,7 @@ def test_verbose_shows_the_traceback(monkeypatch: pytest.MonkeyPatch, capfd: pyt
         (KeyboardInterrupt(), 130, "mirrorcam: interrupted; finished files are complete"),
     ],
 )
-def test_what_ends_a_command_is_told_in_one_line(
+def test_the_end_of_a_command_is_reported_in_one_line(
     error: BaseException, code: int, line: str, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     stand_in(monkeypatch, raising(error))
@@ -409,7 +409,7 @@ def test_what_a_library_makes_of_a_signal_is_one(
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is always full")
 @pytest.mark.parametrize("arguments", [["--help"], ["board"]])
-def test_a_full_standard_output_is_told_in_one_line(arguments: list[str], tmp_path: Path) -> None:
+def test_a_full_standard_output_is_reported_in_one_line(arguments: list[str], tmp_path: Path) -> None:
     with Path("/dev/full").open("w") as full:
         command = [sys.executable, "-m", "mirrorcam", *arguments]
         done = subprocess.run(command, cwd=tmp_path, stdout=full, stderr=subprocess.PIPE, text=True, check=False)

@@ -146,7 +146,7 @@ def test_the_check_sees_what_is_missing_and_what_does_not_belong() -> None:
     ]
 
 
-def test_builds_start_anew_and_miss_a_folder_that_is_no_package(checkout: Path, tmp_path: Path) -> None:
+def test_builds_start_from_scratch_and_skip_folders_that_are_not_packages(checkout: Path, tmp_path: Path) -> None:
     copy = tmp_path / "copy"
     shutil.copytree(checkout, copy)
     (copy / "optics" / "camera_files" / "write" / "__init__.py").unlink()

@@ -131,7 +131,7 @@ def test_a_path_that_cannot_be_is_refused_alike_whatever_its_kind(
 
 
 @pytest.mark.parametrize("name", TAKING_PATHS)
-def test_what_is_no_path_is_a_type_error(name: str, arguments: dict[str, Any]) -> None:
+def test_arguments_that_are_not_paths_are_type_errors(name: str, arguments: dict[str, Any]) -> None:
     for parameter in TAKING_PATHS[name]:
         for wrong in (3, b"bytes"):
             with pytest.raises(TypeError, match=rf"^{parameter}: {type(wrong).__name__}, expected str or os.PathLike"):

@@ -79,7 +79,7 @@ def archive(order: list[str], mtime: int, mode: int, owner: str) -> bytes:
     return packed.getvalue()
 
 
-def test_an_sdist_tells_nothing_of_the_machine_that_built_it() -> None:
+def test_an_sdist_reveals_nothing_about_the_build_machine() -> None:
     settled = script("settle_sdist").settled
     first = settled(archive(["p/a", "p/b"], 1_000, 0o600, "ann"), 5)
     assert first == settled(archive(["p/b", "p/a"], 2_000, 0o664, "ben"), 5)

@@ -46,7 +46,7 @@ def test_every_picture_is_there_and_made_of_what_a_command_writes() -> None:
     assert shown == {path.name for path in (TOUR.parent / "images").glob("tour_*")}
 
 
-def test_pictures_stand_beside_each_other(tmp_path: Path) -> None:
+def test_pictures_are_placed_side_by_side(tmp_path: Path) -> None:
     for number, width in enumerate((900, 1100)):
         write_image(tmp_path / f"{number}.png", np.full((300 + number, width, 3), 80 * number, np.uint8))
     illustrate([tmp_path / "0.png", tmp_path / "1.png"], tmp_path / "both.png")

@@ -48,7 +48,7 @@ def main() -> int:
     cameras, poses = [], []
     for view in views:
         boards = {
-            number: seen for number, frame in enumerate(frames) if (seen := corners(frame, view, target)) is not None
+            number: grid for number, frame in enumerate(frames) if (grid := corners(frame, view, target)) is not None
         }
         if len(boards) < MIN_BOARDS:
             print(f"{view['name']}: {len(boards)} boards, expected at least {MIN_BOARDS}", file=sys.stderr)

@@ -15,7 +15,7 @@ from mirrorcam.core.bounds import (
     LARGEST_DISTORTION,
     LARGEST_PICTURE_PX,
     OFFSET_MM,
-    PLACE_PX,
+    PRINCIPAL_POINT_PX,
     Bounds,
 )
 from mirrorcam.core.names import Name
@@ -67,8 +67,8 @@ class Camera(Value):
     height_px: int = SENSOR_PX.field()
     fx_px: float = FOCAL_PX.field()
     fy_px: float = FOCAL_PX.field()
-    cx_px: float = PLACE_PX.field()
-    cy_px: float = PLACE_PX.field()
+    cx_px: float = PRINCIPAL_POINT_PX.field()
+    cy_px: float = PRINCIPAL_POINT_PX.field()
     lens_model: LensName = Field(default=PLAIN_LENS, exclude_if=lambda name: name == PLAIN_LENS)
     lens_grid: LensGrid | None = Field(default=None, exclude_if=lambda grid: grid is None)
     distortion: Annotated[FloatArray, Shaped((None,), largest=LARGEST_DISTORTION)] = Field(

@@ -27,7 +27,7 @@ def test_any_path_becomes_a_path(given: str) -> None:
 
 
 @pytest.mark.parametrize("given", [3, None, b"a/b.json", OwnPath(b"a/b.json"), ["a"], object()])
-def test_what_is_no_path_is_refused_by_its_name(given: str) -> None:
+def test_arguments_that_are_not_paths_are_refused_by_name(given: str) -> None:
     with pytest.raises(TypeError, match=rf"^folder: {type(given).__name__}, expected str or os\.PathLike\[str\]$"):
         path_of("folder", given)
 

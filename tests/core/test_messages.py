@@ -24,12 +24,12 @@ def message(fields: object) -> str:
     return one_line(caught.value, Sides)
 
 
-def test_a_finding_has_its_place_and_the_number_of_the_others() -> None:
+def test_a_finding_states_its_location_and_the_number_of_others() -> None:
     assert message({"a": {}}) == "sides.a.width_mm: Field required"
     assert message({"a": {}, "b": {}}) == "sides.a.width_mm: Field required (and 1 more)"
 
 
-def test_a_key_that_is_not_known_comes_first_with_what_may_have_been_meant() -> None:
+def test_an_unknown_key_comes_first_with_the_closest_known_one() -> None:
     assert message({"a": {"widht_mm": 1.0}}) == "sides.a.widht_mm: not known, did you mean width_mm? (and 1 more)"
     assert message({"a": {"width_mm": 1.0, "zzz": 1.0}}) == "sides.a.zzz: not known"
 

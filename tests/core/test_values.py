@@ -107,7 +107,7 @@ def test_values_are_frozen_and_copies_check_themselves() -> None:
         thing.replaced(length=1.0)
 
 
-def test_equal_values_are_equal_and_hash_alike() -> None:
+def test_equal_values_are_equal_and_have_equal_hashes() -> None:
     first = Thing(point=[0.0, 1.0, 2.0], notes={"a": 1.0, "b": 2.0})
     same = Thing(point=[-0.0, 1.0, 2.0], notes={"b": 2.0, "a": 1.0})
     assert first == same

@@ -102,7 +102,7 @@ def test_parameters_on_lines_of_their_own_are_no_definitions() -> None:
     )
 
 
-def test_what_is_said_of_a_parameter_is_no_type() -> None:
+def test_the_text_of_a_parameter_is_not_a_type() -> None:
     pytest.importorskip("sphinx", reason="the extra docs is not installed")
     from docs.website.docstrings import with_text_below
 
@@ -151,7 +151,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return built_once(tmp_path_factory, "documentation_site", build) / "site"
 
 
-def test_a_folder_of_others_is_no_site(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_foreign_folder_is_not_a_site(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("sphinx", reason="the extra docs is not installed")
     from docs.website.__main__ import main
 

@@ -126,7 +126,7 @@ def port(monkeypatch: pytest.MonkeyPatch) -> int:
     return free
 
 
-def test_a_viewer_that_ends_at_once_is_told(monkeypatch: pytest.MonkeyPatch, port: int) -> None:
+def test_a_viewer_that_ends_at_once_is_reported(monkeypatch: pytest.MonkeyPatch, port: int) -> None:
     asked = dict[str, Any]()
     monkeypatch.setattr(rerun, "spawn", asked.update)
     with pytest.raises(InputError, match=r"^--view: rerun's viewer does not start: it ended at once$"):

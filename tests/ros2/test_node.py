@@ -82,7 +82,7 @@ def test_depth_is_not_measured_while_nobody_listens_or_where_it_is_off(ros: Ros)
     assert not DEPTH_TOPICS & set(ros.publishers)
 
 
-def test_what_is_of_no_use_is_told_in_one_line(ros: Ros, capfd: pytest.CaptureFixture[str]) -> None:
+def test_invalid_settings_are_reported_in_one_line(ros: Ros, capfd: pytest.CaptureFixture[str]) -> None:
     from mirrorcam_ros.node import main
 
     for changes, message in (

@@ -28,7 +28,7 @@ def test_the_ends_of_a_slider_are_requests_and_its_text_is_a_sentence(control: C
         DesignSpec().replaced(**{control.name: choice if isinstance(control.preset, str) else int(choice)})
 
 
-def test_a_camera_of_a_file_is_offered_beside_the_presets() -> None:
+def test_a_camera_from_a_file_is_offered_with_the_presets() -> None:
     own = Camera.c920().replaced(name="mine", fx_px=900.0)
     (camera,) = (c for c in control_groups(DesignSpec(camera=own))[0].controls if c.kind == "camera")
     names = [each["name"] for each in camera.cameras]

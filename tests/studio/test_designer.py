@@ -101,7 +101,7 @@ def test_a_page_that_leaves_frees_the_solver_for_the_others(designer: Designer) 
 
 
 @pytest.mark.slow
-def test_a_solver_that_dies_is_said_and_replaced(designer: Designer) -> None:
+def test_a_solver_that_dies_is_reported_and_replaced(designer: Designer) -> None:
     killed = threading.Timer(0.5, designer._solver.kill)
     killed.start()
     with pytest.raises(InputError, match="ended by signal 9"):

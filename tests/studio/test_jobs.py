@@ -85,7 +85,7 @@ def test_commands_write_below_the_folder_of_the_design(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("adapter", BACKS)
-def test_what_carries_the_device_is_told_to_the_commands_that_build_it(adapter: Any, tmp_path: Path) -> None:
+def test_the_adapter_is_passed_to_the_commands_that_build_the_device(adapter: Any, tmp_path: Path) -> None:
     made = plans(tmp_path / "d", adapter)
     for kind in ("parts", "run"):
         arguments = made[kind].arguments

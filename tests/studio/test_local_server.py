@@ -202,7 +202,7 @@ def test_a_value_or_a_refusal_in_one_line(asking: TestClient, body: str, status:
     assert said in answer.text
 
 
-def test_bodies_are_parsed_beside_the_event_loop(asking: TestClient, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_bodies_are_parsed_outside_the_event_loop(asking: TestClient, monkeypatch: pytest.MonkeyPatch) -> None:
     def parsed(body: bytes) -> dict[str, int]:
         with pytest.raises(RuntimeError, match="no running event loop"):
             asyncio.get_running_loop()

@@ -53,14 +53,14 @@ def ahead() -> Iterator[Ahead]:
     made.looking.close()
 
 
-def test_wishes_are_met_in_their_order_except_what_is_known(ahead: Ahead) -> None:
+def test_requests_are_solved_in_order_except_solved_ones(ahead: Ahead) -> None:
     ahead.known.add(TWO)
     ahead.looking.solve_next([THREE, TWO, ONE])
     assert [ahead.next(), ahead.next()] == [THREE, ONE]
 
 
 @pytest.mark.parametrize(("fails", "why"), [(FAILS, "no such mirror"), (ENDS, "with exit code 7")])
-def test_a_request_that_fails_is_logged_and_the_next_gone_on_with(
+def test_a_failing_request_is_logged_and_the_next_is_solved(
     ahead: Ahead, fails: DesignSpec, why: str, caplog: pytest.LogCaptureFixture
 ) -> None:
     ahead.looking.solve_next([fails, ONE])
@@ -86,7 +86,7 @@ def test_what_keeps_a_solution_may_fail_too(caplog: pytest.LogCaptureFixture) ->
     looking.close()
 
 
-def test_nothing_is_begun_during_a_pause_nor_after_it_before_the_next_wish(ahead: Ahead) -> None:
+def test_nothing_starts_during_a_pause_nor_afterwards_until_the_next_request(ahead: Ahead) -> None:
     with ahead.looking.paused():
         ahead.looking.solve_next([ONE])
         time.sleep(0.3)
@@ -96,7 +96,7 @@ def test_nothing_is_begun_during_a_pause_nor_after_it_before_the_next_wish(ahead
     assert ahead.kept.empty()
 
 
-def test_the_end_comes_at_once_and_is_no_error(ahead: Ahead, caplog: pytest.LogCaptureFixture) -> None:
+def test_the_end_is_immediate_and_not_an_error(ahead: Ahead, caplog: pytest.LogCaptureFixture) -> None:
     ahead.looking.solve_next([ONE, LONG, TWO])
     assert ahead.next() == ONE
     time.sleep(0.3)

@@ -179,7 +179,7 @@ def test_a_request_that_is_none_is_refused_in_words(page: Watched, studio: tuple
     assert page.page.inner_text("#infeasible-title") == "This is not a valid request"
 
 
-def test_pinned_designs_stand_beside_the_current_one(page: Watched, studio: tuple[str, Path]) -> None:
+def test_pinned_designs_are_shown_next_to_the_current_one(page: Watched, studio: tuple[str, Path]) -> None:
     opened(page, studio)
     page.page.click("#pin")
     page.page.get_by_role("spinbutton", name="Scale, number").fill("100")

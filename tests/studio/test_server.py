@@ -67,7 +67,7 @@ def test_a_request_gives_its_exact_design_and_the_files_of_it(client: TestClient
         (b'{"scale_mm": 1e999}', "scale_mm"),
     ],
 )
-def test_what_is_no_request_is_refused_in_one_line(client: TestClient, body: bytes, expected: str) -> None:
+def test_invalid_requests_are_refused_in_one_line(client: TestClient, body: bytes, expected: str) -> None:
     found = client.post("/design", content=body, headers=JSON).json()
     assert found["status"] == "refused"
     assert expected in found["finding"]
@@ -87,7 +87,7 @@ def test_a_request_reads_no_file_of_this_machine(client: TestClient, tmp_path: P
         assert "secret" not in answer
 
 
-def test_files_of_the_folder_are_given_and_none_beside_it(client: TestClient) -> None:
+def test_files_in_the_folder_are_served_and_none_outside(client: TestClient) -> None:
     assert client.get("/files/some/file.txt").text == "inside"
     for path in (
         *("/files/../secret.txt", "/files/%2e%2e/secret.txt", "/files/some/../../secret.txt"),
@@ -107,7 +107,7 @@ def test_there_are_no_files_before_the_first_job(tmp_path: Path) -> None:
     designer.close()
 
 
-def test_a_picture_is_no_design(client: TestClient) -> None:
+def test_a_picture_is_not_a_design(client: TestClient) -> None:
     answer = client.post("/opened", content=json.dumps({"name": "a.jpg", "text": "x"}), headers=JSON)
     assert (answer.status_code, answer.text) == (422, "a.jpg: expected a design.toml or a layout.json")
 

@@ -38,7 +38,7 @@ def test_a_frame_is_decoded_and_focused_on_any_depth(default_layout: Layout) -> 
     assert np.abs(near.astype(float) - far).mean() > 2.0
 
 
-def test_what_was_decoded_lately_is_focused_though_another_was_decoded_since(
+def test_a_recently_decoded_design_is_refocused_after_another_was_decoded(
     default_layout: Layout, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(sight_work, "_cached", OrderedDict())

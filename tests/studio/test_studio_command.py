@@ -29,7 +29,7 @@ def test_a_snapshot_is_written_once(
     assert path.read_text() == "mine"
 
 
-def test_a_file_that_is_no_design_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_file_that_is_not_a_design_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "design.toml").write_text("rows = 0")
     assert_refused_here(["studio", str(tmp_path / "design.toml"), "--no-browser"], capsys, "rows")
     assert_refused_here(["studio", str(tmp_path / "none.toml"), "--no-browser"], capsys, "no such file")

@@ -32,6 +32,6 @@ def test_each_plot_has_its_front() -> None:
     assert points[0].efficiency == 0.6
 
 
-def test_a_design_without_a_figure_is_no_point() -> None:
+def test_a_design_without_a_figure_is_not_a_point() -> None:
     bare = Outcome(spec=DesignSpec(), status="solved", metrics={"grid_error": Metric(value=0.1, unit="1")})
     assert sweep_points([bare]) == []

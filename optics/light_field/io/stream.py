@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.core.video.frames import AHEAD, Frame, Lost, Source, read_ahead
+from mirrorcam.core.video.frames import READ_AHEAD, Frame, Lost, Source, read_ahead
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.io.recording import Recording
 from mirrorcam.optics.light_field.light_field import LightField
@@ -28,7 +28,7 @@ class RecordingCheck(Protocol):
         """Check some frames of a recording named `name`; `sources` are the arguments of a command that reads them."""
 
 
-def light_fields(decoder: Decoder, source: Source, after: int = -1, *, ahead: int = AHEAD) -> Iterator[Decoded]:
+def light_fields(decoder: Decoder, source: Source, after: int = -1, *, ahead: int = READ_AHEAD) -> Iterator[Decoded]:
     """Yield the light fields of a source's frames after a number, and its lost frames, in order.
 
     Frames are read in a separate thread, `ahead` of them in advance; with 0, each on demand.

@@ -198,9 +198,9 @@ def find_drift_files(
         else:
             for item in WatchedSource(Video(path, on_note), sample).frames():
                 del item
-    if not sample.kept:
+    if not sample.frames:
         raise InputError(f"{paths[0]}: no frame could be decoded, expected at least one")
-    return drift_of(layout, sample.kept)
+    return drift_of(layout, sample.frames)
 
 
 def write_drift_files(layout: Layout, drift: Drift, tilt: MountTilt, sources: Sequence[str], folder: Path) -> None:

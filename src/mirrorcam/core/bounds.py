@@ -68,7 +68,7 @@ FOCAL_PX = Bounds(0.001, 1e7)
 MIRRORS = Bounds(1, 12)
 """Rows or columns of mirrors."""
 FOLD_DEG = Bounds(60.0, 150.0)
-PLACE_PX = Bounds(-1e7, 1e7)
+PRINCIPAL_POINT_PX = Bounds(-1e7, 1e7)
 REFRACTIVE_INDEX = Bounds(1.0, 4.0)
 LINE_PX = Bounds(0, 65_535)
 LARGEST_PICTURE_PX = 120_000_000

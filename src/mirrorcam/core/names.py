@@ -74,7 +74,7 @@ def drawable(text: str, glyphs: Container[int]) -> str:
 
 def fitted(text: str, width: float, width_of: Callable[[str], float]) -> str:
     """Cut a text wider than `width`, and end it with "..."."""
-    kept, end = text, ""
-    while kept and width_of(kept + end) > width:
-        kept, end = kept[:-1], "..."
-    return kept + end
+    start, end = text, ""
+    while start and width_of(start + end) > width:
+        start, end = start[:-1], "..."
+    return start + end

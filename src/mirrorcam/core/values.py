@@ -106,7 +106,7 @@ class Shaped:
 
 
 def _is_numbers(value: Any) -> bool:
-    """Return whether nested lists hold only numbers; text and booleans are not numbers."""
+    """Return whether nested lists hold only numbers; strings and booleans are not numbers."""
     if isinstance(value, list | tuple):
         return all(map(_is_numbers, value))
     kind = value.dtype.kind if isinstance(value, np.ndarray | np.generic) else ""
@@ -198,7 +198,7 @@ class Value(BaseModel):
 
     @classmethod
     def model_validate_json(cls, json_data: str | bytes | bytearray, **options: Any) -> Self:
-        """The value of a text in JSON; raises InvalidValue. `options` are pydantic's."""
+        """The value of a JSON text; raises InvalidValue. `options` are pydantic's."""
         try:
             return super().model_validate_json(json_data, **options)
         except ValidationError as error:

@@ -98,7 +98,7 @@ class StreamRecorder:
         first = self.output.path / f"{name}_views.png"
         self.reporter.note("decode", f"{recording.path} written: {count_text(count, 'frame')}; the first in {first}")
         if self.check is not None:
-            self.check.report(watched.sample.kept, f"{name}_{self.check.file}", sources_text(source))
+            self.check.report(watched.sample.frames, f"{name}_{self.check.file}", sources_text(source))
 
     def _decode(
         self, source: WatchedSource, name: str, recording: Recording, picture: str, expected: int | None

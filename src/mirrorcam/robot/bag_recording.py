@@ -79,7 +79,7 @@ class BagRecorder:
                 raise NothingDecoded(f"{name}: no frame could be decoded, expected at least one")
         self.reporter.note("decode", f"{path} written: {count_text(kept, 'frame')}")
         if self.check is not None:
-            self.check.report(watched.sample.kept, f"{name}_{self.check.file}", sources_text(source))
+            self.check.report(watched.sample.frames, f"{name}_{self.check.file}", sources_text(source))
         if interrupted:
             raise KeyboardInterrupt
         return len(lost) + max((expected or 0) - kept - len(lost), 0)

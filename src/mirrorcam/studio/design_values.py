@@ -32,7 +32,7 @@ class ViewRays(Value):
 
 
 class Curves(Value):
-    """Figures over depth; sigma is null where the views have no common field, and empty in a preview."""
+    """Figures over depth; sigma is null if the views have no common field, and empty in a preview."""
 
     depths_mm: list[float]
     usable: list[float]
@@ -92,8 +92,8 @@ class SolvedDesign:
 class ViolationDrawing(Value):
     """The mirrors that violate a request least, and where; lengths in view axes, mm.
 
-    `concerned` are the indices of mirrors that violate the constraint, `places_mm` the segments (2, 3) where they do,
-    worst first.
+    `concerned` are the indices of mirrors that violate the constraint, `places_mm` the segments (2, 3) where they do
+    so, worst first.
     """
 
     sensor_px: tuple[int, int]

@@ -143,9 +143,9 @@ def _outline_px(layout: Layout, index: int) -> FloatArray:
 
 def _chief(mirror: Mirror, beyond_mm: float) -> FloatArray:
     """Return the chief ray (3, 3) in the rig frame, mm: the pupil, the mirror, and a point towards the scene."""
-    seen = mirror.apparent
-    hit = seen.cut(seen.outline_normalized.mean(axis=0))
-    reflected = hit - seen.virtual_centre_in_rig_mm
+    apparent = mirror.apparent
+    hit = apparent.cut(apparent.outline_normalized.mean(axis=0))
+    reflected = hit - apparent.virtual_centre_in_rig_mm
     return np.array([np.zeros(3), hit, hit + reflected * (beyond_mm / np.linalg.norm(reflected))])
 
 

@@ -52,7 +52,7 @@ def test_a_bar_on_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
     assert "done in" in stream.getvalue()
 
 
-def test_metrics_beside_each_other_with_limits(log: StringIO) -> None:
+def test_several_columns_of_metrics_with_limits(log: StringIO) -> None:
     parabola = {"grid_error": Metric(value=0.4, unit="1")}
     optimised = {
         "grid_error": Metric(value=0.105, unit="1", limit=0.11),
@@ -70,7 +70,7 @@ def test_a_figure_just_past_its_limit_is_printed_so(log: StringIO) -> None:
     assert log.getvalue().splitlines()[1].split() == ["grid", "error", "0.110004", "≤", "0.11", "FAIL"]
 
 
-def test_groups_of_figures_and_what_is_in_none(log: StringIO) -> None:
+def test_groups_of_figures_and_ungrouped_figures(log: StringIO) -> None:
     near = Metric(value=1e5, unit="mm or more")
     progress.print_metrics(
         {

@@ -89,7 +89,7 @@ def test_other_compression_is_refused(tmp_path: Path) -> None:
         read_npz(tmp_path / "a.npz", ("a",))
 
 
-def test_what_is_no_regular_file_is_refused(tmp_path: Path) -> None:
+def test_anything_but_a_regular_file_is_refused(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe.npy")
     for path, message in (
         (tmp_path / "pipe.npy", "is not a regular file"),

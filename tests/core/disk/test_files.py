@@ -45,7 +45,7 @@ def test_a_pointer_of_git_lfs_is_none_of_the_file(tmp_path: Path, read: Any) -> 
         files.refuse_pointer(other)
 
 
-def test_a_file_appears_whole_at_the_end(tmp_path: Path) -> None:
+def test_a_file_appears_complete_at_the_end(tmp_path: Path) -> None:
     path = tmp_path / "deep" / "er" / "note.txt"
     with files.atomic(path) as temporary:
         assert temporary.parent == path.parent
@@ -83,7 +83,7 @@ def test_a_written_file_is_readable_by_others_as_any_file_is(tmp_path: Path) -> 
     assert len(modes) == 1
 
 
-def test_places_that_cannot_be_written_are_refused(tmp_path: Path) -> None:
+def test_paths_that_cannot_be_written_are_refused(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("x")
     assert "cannot be written" in refusal(files.write_text, tmp_path / "file" / "note.txt", "x")
     assert "is a folder, expected a file" in refusal(files.write_text, tmp_path, "x")
@@ -140,7 +140,7 @@ def test_models_are_read_from_json_and_toml(tmp_path: Path) -> None:
         ("note.json", '{"text": "a", "point": [0, true, 2]}', "point: not an array of numbers, expected shape (3)"),
         ("note.json", '{"text": "a", "text": "b"}', "not valid JSON: the key 'text' appears twice"),
         ("note.json", '{"text": "a", "' + "x" * 5000 + '": 1}', " ... "),
-        ("note.toml", "text = 1979-05-27", "expected numbers, texts and tables"),
+        ("note.toml", "text = 1979-05-27", "expected numbers, strings and tables"),
         ("note.json", '{"size_mm": -1}', "text: Field required (and 1 more)"),
         ("note.json", "[1]", "Input should be an object"),
         ("note.json", '{"text": ', "not valid JSON"),
@@ -219,7 +219,7 @@ def test_the_same_arrays_give_the_same_bytes(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["note.json", "note.toml"])
-def test_a_byte_order_mark_is_no_part_of_the_text(tmp_path: Path, name: str) -> None:
+def test_a_byte_order_mark_is_skipped(tmp_path: Path, name: str) -> None:
     text = '{"text": "a"}' if name.endswith("json") else 'text = "a"'
     (tmp_path / name).write_text(text, encoding="utf-8-sig")
     assert files.read_model(Note, tmp_path / name).text == "a"
@@ -279,7 +279,7 @@ def test_numbered_names_are_never_those_of_something(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("content", [None, "", "{", '{"size": "many"}', '{"unknown": 1}'])
-def test_a_record_that_is_not_whole_is_none(content: str | None, tmp_path: Path) -> None:
+def test_an_incomplete_record_is_none(content: str | None, tmp_path: Path) -> None:
     if content is not None:
         (tmp_path / "record.json").write_text(content)
     assert files.read_record(Note, tmp_path / "record.json") is None

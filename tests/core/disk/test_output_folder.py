@@ -26,7 +26,7 @@ def contents(folder: Path) -> list[str]:
     return sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*"))
 
 
-def test_files_take_their_places_together_when_the_block_ends(tmp_path: Path) -> None:
+def test_files_are_moved_into_place_together_when_the_block_ends(tmp_path: Path) -> None:
     out = tmp_path / "deep" / "out"
     with output_folder(out, "cad") as output:
         with output.staged() as folder:
@@ -130,7 +130,7 @@ with output_folder(Path(sys.argv[1]), "decode") as output:
 """
 
 
-def test_the_second_process_says_who_holds_the_folder_and_a_dead_holder_holds_nothing(tmp_path: Path) -> None:
+def test_the_second_process_names_the_holder_of_the_folder_and_a_dead_holder_is_ignored(tmp_path: Path) -> None:
     holder = subprocess.Popen([sys.executable, "-c", HOLDS, str(tmp_path / "out")], stdout=subprocess.PIPE, text=True)
     try:
         assert holder.stdout is not None
@@ -162,7 +162,7 @@ def test_a_hidden_folder_of_somebody_else_is_refused(kind: str, tmp_path: Path) 
     assert contents(tmp_path / "theirs") == []
 
 
-def test_a_file_in_the_place_of_the_folder_is_refused(tmp_path: Path) -> None:
+def test_a_file_instead_of_the_folder_is_refused(tmp_path: Path) -> None:
     (tmp_path / "out").write_text("mine")
     for path in (tmp_path / "out", tmp_path / "out" / "deeper"):
         with pytest.raises(InputError, match=r"is a file|cannot be written"), output_folder(path, "cad"):
@@ -298,14 +298,14 @@ def test_commands_have_records_of_their_own(tmp_path: Path) -> None:
     assert put(tmp_path, command="design", a="2") == {"a": "2", "b": "1"}
 
 
-def test_results_beside_each_other_stay_and_folders_are_written_whole(tmp_path: Path) -> None:
+def test_other_results_stay_and_folders_are_replaced_completely(tmp_path: Path) -> None:
     put(tmp_path, complete=False, one="1", scene__a="1", scene__b="1", other__a="1")
     found = put(tmp_path, complete=False, two="1", scene__a="2")
     assert found == {"one": "1", "two": "1", "scene/a": "2", "other/a": "1"}
 
 
 @pytest.mark.parametrize("stop", range(4))
-def test_writing_that_was_cut_off_goes_on_another_time(
+def test_interrupted_writing_is_resumed_by_the_next_run(
     stop: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     put(tmp_path, a="1", b="1", c="1")

@@ -50,7 +50,7 @@ def test_another_input_option_or_version_makes_another_result(
     assert store.get("name", MADE_OF) is None
 
 
-def test_what_is_damaged_is_made_anew(tmp_path: Path) -> None:
+def test_damaged_results_are_replaced(tmp_path: Path) -> None:
     store = Results(tmp_path)
     store.put("name", MADE_OF, CONTENTS)
     whole = (tmp_path / "name").read_bytes()
@@ -62,7 +62,7 @@ def test_what_is_damaged_is_made_anew(tmp_path: Path) -> None:
         assert (tmp_path / "name").read_bytes() == whole
 
 
-def test_what_others_put_there_is_neither_used_nor_replaced(tmp_path: Path) -> None:
+def test_foreign_files_are_neither_used_nor_replaced(tmp_path: Path) -> None:
     (tmp_path / "thesis").write_text("mine")
     (tmp_path / "file").write_text("mine")
     (tmp_path / "folder").mkdir()
@@ -99,7 +99,7 @@ while True:
 """
 
 
-def test_two_processes_and_their_kills_leave_whole_results(tmp_path: Path) -> None:
+def test_two_killed_processes_leave_complete_results(tmp_path: Path) -> None:
     folder = tmp_path / "results"
     command = [sys.executable, "-c", PUTS, str(folder)]
     writing = [subprocess.Popen([*command, by], stdout=subprocess.PIPE, text=True) for by in "12"]

@@ -52,7 +52,7 @@ def test_a_new_folder_begins_with_its_manifest(tmp_path: Path) -> None:
     assert begun(tmp_path / "new") == Pictures.load(tmp_path / "new") == Pictures()
 
 
-def test_the_same_request_goes_on_with_what_is_intact(tmp_path: Path) -> None:
+def test_the_same_request_resumes_with_intact_files(tmp_path: Path) -> None:
     assert list(written(tmp_path).files) == ["frames/0.png", "frames/1.png"]
     assert begun(tmp_path) == Pictures.load(tmp_path) == written(tmp_path)
     (tmp_path / "frames/0.png").write_text("altered")
@@ -74,7 +74,7 @@ def test_unfinished_files_of_a_killed_run_are_removed_and_others_stay(tmp_path: 
     assert all((tmp_path / name).read_text() == "mine" for name in mine)
 
 
-def test_files_of_others_in_the_place_of_planned_ones_are_refused_before_any_work(tmp_path: Path) -> None:
+def test_foreign_files_with_planned_names_are_refused_before_any_work(tmp_path: Path) -> None:
     written(tmp_path)
     write("board.toml", tmp_path)
     with pytest.raises(
@@ -100,7 +100,7 @@ def test_a_file_that_came_in_the_meantime_is_not_replaced(tmp_path: Path) -> Non
     assert sorted(path.name for path in tmp_path.iterdir()) == ["board.toml", "frames", "pictures.json"]
 
 
-def test_a_run_killed_while_files_take_their_places_is_gone_on_with(tmp_path: Path) -> None:
+def test_a_run_killed_while_files_are_moved_is_resumed(tmp_path: Path) -> None:
     files = {name: digest(name.encode()) for name in PLANNED}
     begun(tmp_path).replaced(files=files).save(tmp_path)
     write("frames/0.png", tmp_path)

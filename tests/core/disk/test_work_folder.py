@@ -53,7 +53,7 @@ def test_a_folder_goes_with_all_that_is_in_it_and_links_lead_nowhere(tmp_path: P
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="links of POSIX")
-def test_a_folder_that_was_replaced_by_a_link_goes_without_what_it_leads_to(tmp_path: Path, temporary: Path) -> None:
+def test_a_link_that_replaced_a_folder_is_removed_without_its_target(tmp_path: Path, temporary: Path) -> None:
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "a").touch()
     with work_folder() as folder:

@@ -8,12 +8,12 @@ from mirrorcam.core.figures.figure_texts import (
     count_text,
     equal_decimals,
     figure_text,
+    fraction_of_limit,
     grouped_names,
     label_text,
     limit_text,
     number_word,
     sentence_case,
-    share_of_limit,
     sigma_text,
     value_text,
     values_text,
@@ -51,7 +51,7 @@ def test_values_and_limits_carry_their_unit(metric: Metric, value: str, limit: s
     assert limit_text(metric) == limit
 
 
-def test_a_limit_beside_a_column_of_units_has_none() -> None:
+def test_a_limit_next_to_a_column_of_units_has_no_unit() -> None:
     assert limit_text(Metric(value=1.0, unit="mm", limit=2.0), with_unit=False) == "≤ 2"
 
 
@@ -98,11 +98,11 @@ def test_standard_deviations_have_two_digits(sigma: float, text: str) -> None:
         *[((1e-7, 2e-7), ["1.0e-7", "2.0e-7"]), ((float("nan"), 1.5), ["none", "1.5"])],
     ],
 )
-def test_values_beside_each_other_have_the_same_decimals(values: tuple[float, ...], texts: list[str]) -> None:
+def test_values_of_one_row_have_equal_decimals(values: tuple[float, ...], texts: list[str]) -> None:
     assert equal_decimals(values) == texts
 
 
-def test_values_of_one_unit_are_alike() -> None:
+def test_values_of_one_unit_have_equal_decimals() -> None:
     mm = [Metric(value=54.8, unit="mm"), Metric(value=60.86, unit="mm")]
     assert values_text(mm) == ["54.80 mm", "60.86 mm"]
     assert values_text([mm[0], Metric(value=1e5, unit="mm or more")]) == ["54.8 mm", "100000 mm or more"]
@@ -114,7 +114,7 @@ def test_a_figure_that_is_none_says_why() -> None:
     none, one = Metric(value=float("nan"), unit="mm", limit=2.0, reason="no view"), Metric(value=1.25, unit="mm")
     assert (value_text(none), limit_text(none)) == ("none: no view", "≤ 2 mm")
     assert values_text([one, none]) == ["1.25 mm", "none: no view"]
-    assert share_of_limit(none) == float("inf")
+    assert fraction_of_limit(none) == float("inf")
 
 
 def test_a_name_given_by_hand_wins() -> None:
@@ -178,10 +178,10 @@ def test_frames_of_one_video_are_named_together() -> None:
     ],
 )
 def test_share_of_limit(metric: Metric, share: float) -> None:
-    assert share_of_limit(metric) == pytest.approx(share)
+    assert fraction_of_limit(metric) == pytest.approx(share)
     assert metric.passed == (share <= 1)
 
 
-def test_without_a_limit_there_is_no_share() -> None:
+def test_without_a_limit_there_is_no_fraction() -> None:
     with pytest.raises(ValueError, match="without a limit"):
-        share_of_limit(Metric(value=1.0, unit="mm"))
+        fraction_of_limit(Metric(value=1.0, unit="mm"))

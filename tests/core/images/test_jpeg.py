@@ -31,7 +31,7 @@ def read(raw: bytes) -> NDArray[np.uint8]:
 
 
 @pytest.mark.parametrize("padding", [b"\x00", b"\x00\x00\x00", b"\xff\x00", b"\xff\x00\xff\x00"])
-def test_padding_before_restarts_as_of_webcams_is_no_damage(padding: bytes) -> None:
+def test_padding_before_restarts_as_from_webcams_is_not_damage(padding: bytes) -> None:
     raw = encoded(cv2.IMWRITE_JPEG_RST_INTERVAL, 5)
     scan = Jpeg.of(raw).scan(raw)
     padded = raw[:scan] + re.sub(rb"(?=\xff[\xd0-\xd7\xd9])", lambda _: padding, raw[scan:])

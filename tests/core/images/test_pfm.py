@@ -45,7 +45,7 @@ def test_big_ends_and_comments_are_read(tmp_path: Path) -> None:
         (b"Pf\n4 3\n0\n" + bytes(48), "expected 48 for 4x3"),
     ],
 )
-def test_what_is_no_map_is_refused(tmp_path: Path, content: bytes, message: str) -> None:
+def test_files_that_are_not_maps_are_refused(tmp_path: Path, content: bytes, message: str) -> None:
     (tmp_path / "a.pfm").write_bytes(content)
     with pytest.raises(InputError, match=message):
         read_pfm(tmp_path / "a.pfm")

@@ -64,6 +64,6 @@ def test_sizes_of_other_kinds_are_judged_too(kind: str) -> None:
 
 
 @pytest.mark.parametrize("raw", [b"", b"II+\0" + bytes(60), b"GIF89a" + bytes(60), b"RIFF\0\0\0\0WEBP" + bytes(60)])
-def test_what_is_no_picture_is_refused(raw: bytes) -> None:
+def test_files_that_are_not_pictures_are_refused(raw: bytes) -> None:
     with pytest.raises(DamagedPicture, match="expected PNG, JPEG, TIFF or BMP"):
         PictureData.of(Path("a.png"), raw)

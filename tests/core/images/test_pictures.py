@@ -103,7 +103,7 @@ def test_pictures_of_16_bits_are_read_by_the_bits_in_use(suffix: str, bits: int,
     assert np.array_equal(grey, cv2.cvtColor(wanted, cv2.COLOR_RGB2GRAY) if channels == 3 else wanted)
 
 
-def test_pictures_of_a_set_are_scaled_alike(tmp_path: Path) -> None:
+def test_pictures_of_a_set_are_scaled_equally(tmp_path: Path) -> None:
     for number, largest in enumerate((300, 4095, 1000)):
         ramp = np.linspace(0, largest, 100).astype(np.uint16).reshape(10, 10)
         write_16_bits(tmp_path / f"{number}.png", ramp)
@@ -152,7 +152,9 @@ def test_the_end_of_a_thumbnail_is_not_the_end_of_the_photograph(tmp_path: Path)
 
 
 @pytest.mark.parametrize("options", [[cv2.IMWRITE_JPEG_PROGRESSIVE, 1], [cv2.IMWRITE_JPEG_RST_INTERVAL, 2]])
-def test_progressive_and_restarting_jpegs_are_read_and_refused_alike(tmp_path: Path, options: list[int]) -> None:
+def test_progressive_and_restarting_jpegs_are_read_and_refused_in_the_same_way(
+    tmp_path: Path, options: list[int]
+) -> None:
     path = tmp_path / "a.jpg"
     raw = cv2.imencode(".jpg", picture(), options)[1].tobytes()
     path.write_bytes(raw)
@@ -194,7 +196,7 @@ def test_opacity_is_that_of_pictures_with_one(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("content", [b"", b"hello", b"GIF89a"])
-def test_what_is_no_image_is_refused(tmp_path: Path, content: bytes) -> None:
+def test_files_that_are_not_images_are_refused(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "a.png"
     path.write_bytes(content)
     assert "not an image that can be decoded, expected PNG, JPEG, TIFF or BMP" in refusal(pictures.read_image, path)
@@ -208,7 +210,7 @@ def test_the_name_makes_no_picture_of_another_format(tmp_path: Path, kind: str) 
 
 
 @pytest.mark.parametrize("kind", ["png", "tiff", "bmp"])
-def test_the_content_tells_the_format(tmp_path: Path, kind: str) -> None:
+def test_the_content_determines_the_format(tmp_path: Path, kind: str) -> None:
     Image.fromarray(picture()).save(tmp_path / f"b.{kind}")
     (tmp_path / f"b.{kind}").rename(tmp_path / "b.jpg")
     assert np.array_equal(pictures.read_image(tmp_path / "b.jpg"), picture())

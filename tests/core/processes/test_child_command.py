@@ -76,7 +76,7 @@ def test_a_cancelled_command_may_finish_its_file(scripted: Path) -> None:
     assert command.lines == ("ready", "whole")
 
 
-def test_one_that_does_not_end_is_killed(scripted: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_command_that_does_not_end_is_killed(scripted: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(child_command, "ENDING_S", 0.3)
     scripted.write_text(WAITS.format('print("not yet", flush=True)'))
     command = ready(ChildCommand(["render"]))

@@ -36,7 +36,7 @@ def files_of(folder: Path) -> dict[str, bytes]:
     return {name: content for name, content in files.items() if not name.startswith(HIDDEN)}
 
 
-def test_where_no_scheduler_answers_it_is_said_in_one_line(
+def test_a_missing_scheduler_is_reported_in_one_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr("mirrorcam.core.processes.cluster.SECONDS_TO_CONNECT", 0.5)

@@ -25,7 +25,7 @@ def test_a_swallowed_interruption_is_raised_at_the_next_check() -> None:
 
 
 @pytest.mark.parametrize("number", interruption.SIGNALS)
-def test_signals_are_told_apart_and_one_sent_twice_is_one(number: signal.Signals) -> None:
+def test_signals_are_distinguished_and_one_sent_twice_counts_once(number: signal.Signals) -> None:
     before = signal.getsignal(number)
     with interruption.remembered():
         assert interruption.requested() is None

@@ -175,7 +175,7 @@ def refuse(name: str) -> None:
     raise InputError(f"{name}: refused")
 
 
-def test_a_call_that_kills_its_workers_is_no_hang() -> None:
+def test_a_call_that_kills_its_workers_does_not_hang() -> None:
     with pytest.raises(RuntimeError, match=r"^3 workers died of it, the last with exit code 3$"):
         call_all([(os._exit, (3,)), (pow, (2, 5))], 2, preload=PRELOADED)
     assert multiprocessing.active_children() == []

@@ -131,7 +131,7 @@ def test_a_kill_is_of_the_call_that_is_made_not_of_those_that_wait(worker: Worke
     assert died == ["first", "second"]
 
 
-def test_an_answer_that_nothing_asks_for_is_refused(worker: WorkerProcess) -> None:
+def test_an_answer_without_a_call_is_refused(worker: WorkerProcess) -> None:
     with pytest.raises(ValueError, match="no call was sent"):
         worker.answer()
 
@@ -168,7 +168,7 @@ def one_below(levels: int) -> int:
     return below
 
 
-def test_an_end_without_a_call_is_no_death() -> None:
+def test_an_end_without_a_call_is_not_a_death() -> None:
     worker = WorkerProcess()
     worker.end()
     number = worker.call(os.getpid)

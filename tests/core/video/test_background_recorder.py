@@ -185,7 +185,7 @@ def test_on_a_disk_that_gets_full_complete_frames_stay_and_can_be_played(
     assert sorted(file.name for file in tmp_path.iterdir()) == ["a.json", "a.mkv"][: 1 + path.exists()]
 
 
-def test_a_video_that_cannot_be_begun_is_told(tmp_path: Path) -> None:
+def test_a_video_that_cannot_be_started_is_reported(tmp_path: Path) -> None:
     (tmp_path / "a.mkv").write_bytes(b"mine")
     recorder = BackgroundRecorder(tmp_path / "a.mkv", *SIZE)
     recorder.give(noisy(0))

@@ -91,7 +91,7 @@ def test_damaged_pictures_and_those_that_depend_on_them_are_lost(tmp_path: Path)
     assert {lost.reason for lost in found if isinstance(lost, Lost)} == {"is damaged"}
 
 
-def test_what_to_know_of_a_recording_is_said_once(tmp_path: Path) -> None:
+def test_remarks_on_a_recording_are_made_once(tmp_path: Path) -> None:
     path, lines = write_h264(tmp_path / "a.mp4", pictures(3), interlaced=True, matrix=(0, 1, -1, 0)), list[str]()
     assert len(list(camera(str(path), 160, 96, lines.append).frames())) == 3
     assert [line.split(" is ")[1].split()[0] for line in lines] == ["interlaced:", "to"]
@@ -261,7 +261,7 @@ def test_a_stream_is_read_by_its_description(tmp_path: Path) -> None:
     thread.join()
 
 
-def test_a_description_of_a_stream_is_no_playlist(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_description_of_a_stream_is_not_a_playlist(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(camera_addresses, "OPENING_S", 0.3)
     other = write_mjpeg(tmp_path / "other.mkv", pictures(2))
     for listed in LISTS:
@@ -327,7 +327,7 @@ def test_a_silent_server_is_not_waited_for_without_end(monkeypatch: pytest.Monke
         camera(f"udp://127.0.0.1:{free_port()}", 160, 96)
 
 
-def test_sound_alone_is_no_camera(tmp_path: Path) -> None:
+def test_sound_alone_is_not_a_camera(tmp_path: Path) -> None:
     with av.open(str(tmp_path / "a.wav"), "w") as container:
         stream: Any = container.add_stream("pcm_s16le", rate=8000, layout="mono")
         sound = av.AudioFrame.from_ndarray(np.zeros((1, 800), np.int16), format="s16", layout="mono")

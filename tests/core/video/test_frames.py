@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from mirrorcam.core.errors import InputError
-from mirrorcam.core.video.frames import AHEAD, MAX_KEPT, Frame, Lost, SpreadFrames, WatchedSource, read_ahead
+from mirrorcam.core.video.frames import MAX_KEPT, READ_AHEAD, Frame, Lost, SpreadFrames, WatchedSource, read_ahead
 
 
 def test_reading_ahead_is_bounded_and_keeps_the_order() -> None:
@@ -24,10 +24,10 @@ def test_reading_ahead_is_bounded_and_keeps_the_order() -> None:
     ahead = read_ahead(numbers())
     assert next(ahead) == 0
     deadline = time.monotonic() + 5
-    while len(made) < AHEAD + 2 and time.monotonic() < deadline:
+    while len(made) < READ_AHEAD + 2 and time.monotonic() < deadline:
         time.sleep(0.01)
     time.sleep(0.1)
-    assert len(made) == AHEAD + 2  # one given, AHEAD in the queue, one in the thread's hand
+    assert len(made) == READ_AHEAD + 2  # one given, READ_AHEAD in the queue, one in the thread's hand
     assert list(ahead) == list(range(1, 30))
 
 
@@ -63,7 +63,7 @@ def test_frames_are_spread_evenly(count: int) -> None:
     spread = SpreadFrames()
     for number in range(count):
         spread.add(np.full(1, number, np.int64).astype(np.uint8) if count < 256 else np.array([number]))
-    kept = [int(frame[0]) for frame in spread.kept]
+    kept = [int(frame[0]) for frame in spread.frames]
     assert min(count, 5) <= len(kept) <= MAX_KEPT
     steps = np.diff(kept)
     assert kept[0] == 0
@@ -86,6 +86,6 @@ def test_a_watched_source_gives_the_same_frames_and_keeps_a_few() -> None:
     source = Source()
     watched = WatchedSource(source)
     assert [item.number for item in watched.frames(9)] == list(range(10, 41))
-    assert [int(frame[0, 0, 0]) for frame in watched.sample.kept] == [10, 14, 18, 22, 26, 30, 34, 38]
+    assert [int(frame[0, 0, 0]) for frame in watched.sample.frames] == [10, 14, 18, 22, 26, 30, 34, 38]
     watched.stop()
     assert source.stopped

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from mirrorcam.core.errors import InputError
-from mirrorcam.core.video.frames import AHEAD, Frame, Lost, read_ahead
+from mirrorcam.core.video.frames import READ_AHEAD, Frame, Lost, read_ahead
 from mirrorcam.core.video.live_camera import ENDING_S, CameraPicture, Connection, LiveCamera
 
 GREY = np.full((3, 4, 3), 7, np.uint8)
@@ -119,7 +119,7 @@ def test_the_oldest_frames_are_left_out_and_counted_where_they_come_too_fast() -
     first = next(frames)
     used.set()
     assert shown.wait(10)
-    found = [first, *(next(frames) for _ in range(AHEAD))]
+    found = [first, *(next(frames) for _ in range(READ_AHEAD))]
     frames.close()
     assert [frame.number for frame in found[1:]] == [96, 97, 98, 99]
     assert camera.dropped == 100 - len(found)
@@ -143,7 +143,7 @@ def test_with_one_that_may_wait_the_newest_frame_is_given() -> None:
     frames.close()
 
 
-def test_a_camera_that_is_unplugged_and_comes_back_goes_on() -> None:
+def test_a_camera_that_is_unplugged_and_comes_back_continues() -> None:
     over, lines = threading.Event(), list[str]()
     off = threading.Event()
     off.set()
@@ -229,7 +229,7 @@ def test_memory_does_not_grow_with_time() -> None:
     tracemalloc.stop()
     frames.close()
     # 12,000 pictures passed; those that wait, and some in the hands of threads, are all that is there.
-    assert peak < (AHEAD + 6) * 30_000 + 200_000
+    assert peak < (READ_AHEAD + 6) * 30_000 + 200_000
 
 
 def test_all_frames_of_a_recording_are_given_from_time_0_on() -> None:

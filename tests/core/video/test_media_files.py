@@ -56,7 +56,7 @@ def test_formats_that_lead_elsewhere_are_not_read() -> None:
 
 @pytest.mark.parametrize("target", ["other.mkv", "../above.mkv", "{}/other.mkv", "file:other.mkv"])
 @pytest.mark.parametrize("listed", LISTS, ids=lambda listed: listed.__name__)
-def test_a_list_of_files_is_no_video(
+def test_a_list_of_files_is_not_a_video(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, listed: Callable[[str], str], target: str
 ) -> None:
     folder = tmp_path / "folder"
@@ -131,7 +131,7 @@ def test_data_in_another_file_are_not_read(tmp_path: Path) -> None:
     assert len(frames) <= 3
 
 
-def test_what_is_no_regular_file_is_refused(tmp_path: Path) -> None:
+def test_anything_but_a_regular_file_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"nowhere\.mkv: no such file$"), opened(tmp_path / "nowhere.mkv"):
         pass
     with pytest.raises(InputError, match="too long"), opened(tmp_path / ("x" * 300)):
@@ -146,7 +146,7 @@ def test_what_is_no_regular_file_is_refused(tmp_path: Path) -> None:
             pass
 
 
-def test_a_place_that_no_file_has_is_answered(tmp_path: Path) -> None:
+def test_a_seek_outside_a_file_returns_an_error_code(tmp_path: Path) -> None:
     (tmp_path / "a").write_bytes(bytes(10))
     with MediaFile(tmp_path / "a") as file:
         assert file.seek(-1) < 0

@@ -141,7 +141,7 @@ def test_a_file_that_breaks_off_gives_the_frames_before(tmp_path: Path, name: st
         assert video.count == 40
 
 
-def test_what_is_no_video_is_refused_in_one_line(tmp_path: Path) -> None:
+def test_files_that_are_not_videos_are_refused_in_one_line(tmp_path: Path) -> None:
     (tmp_path / "empty.mp4").write_bytes(b"")
     (tmp_path / "words.mp4").write_text("not a video\n" * 100, encoding="utf-8")
     with av.open(str(tmp_path / "sound.wav"), "w") as container:
@@ -175,7 +175,7 @@ def test_what_is_no_video_is_refused_in_one_line(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("stored", "bits"), [("gray16le", 12), ("gray16le", 16), ("rgb48le", 10), ("gray12le", 12)])
-def test_frames_of_many_bits_are_scaled_alike_by_those_in_use(stored: str, bits: int, tmp_path: Path) -> None:
+def test_frames_of_many_bits_are_scaled_equally_by_the_used_bits(stored: str, bits: int, tmp_path: Path) -> None:
     write_ramps(tmp_path / "a.mkv", stored, bits, (100, 255))
     video = Video(tmp_path / "a.mkv")
     frames, lost = split(list(video.frames()))
@@ -186,7 +186,7 @@ def test_frames_of_many_bits_are_scaled_alike_by_those_in_use(stored: str, bits:
     assert not is_guessed or video.sample_bits.used == bits
 
 
-def test_a_pointer_of_git_lfs_is_no_video(tmp_path: Path) -> None:
+def test_a_git_lfs_pointer_is_not_a_video(tmp_path: Path) -> None:
     (tmp_path / "a.mp4").write_text(
         f"version https://git-lfs.github.com/spec/v1\noid sha256:{'0' * 64}\nsize 1000000\n"
     )
@@ -272,7 +272,7 @@ def test_frames_of_which_only_the_index_knows_keep_their_numbers(tmp_path: Path)
 
 
 @pytest.mark.parametrize("name", ["a.mkv", "a.ts"])
-def test_frames_that_only_their_time_tells_of_keep_their_numbers(name: str, tmp_path: Path) -> None:
+def test_frames_identified_by_time_alone_keep_their_numbers(name: str, tmp_path: Path) -> None:
     path = write_h264(tmp_path / name, pictures(40), key_every=10)
     with av.open(str(path)) as container:
         places = [packet.pos or 0 for packet in container.demux(video=0) if packet.size]
@@ -338,7 +338,7 @@ def at(*moments: int) -> list[Picture]:
         ((0, 100, 99_000, 99_100), ["", "", "", ""]),
     ],
 )
-def test_times_tell_what_is_missing_near_damage(moments: tuple[int, ...], reasons: list[str]) -> None:
+def test_times_show_missing_frames_near_damage(moments: tuple[int, ...], reasons: list[str]) -> None:
     found = list(with_missing(at(*moments), period=100.0, max_gap=50))
     assert [each.reason for each in found] == reasons
     assert [each.pixels is None for each in found] == [bool(reason) for reason in reasons]

@@ -64,7 +64,7 @@ def video(tmp_path: Path) -> Path:
     return write_mjpeg(tmp_path / "a.avi", pictures(COUNT))
 
 
-def test_every_packet_of_a_whole_file_is_in_its_place(video: Path) -> None:
+def test_every_packet_of_a_complete_file_is_numbered(video: Path) -> None:
     assert found(video) == [(number, 0) for number in range(COUNT)]
 
 

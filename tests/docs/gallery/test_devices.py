@@ -114,7 +114,7 @@ def test_another_request_is_another_device(built: list[str], tmp_path: Path) -> 
     assert make_device(nuts, tmp_path, "another licence").startswith("files in ")
 
 
-def test_a_run_that_is_cut_off_goes_on(built: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_interrupted_run_is_resumed(built: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def cut_off(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 

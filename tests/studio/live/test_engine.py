@@ -198,7 +198,7 @@ def test_what_cannot_be_opened_is_refused_and_leaves_no_process(live_set: tuple[
     engine.close()
 
 
-def test_a_source_that_fails_is_told(default_layout: Layout, tmp_path: Path) -> None:
+def test_a_failing_source_is_reported(default_layout: Layout, tmp_path: Path) -> None:
     layout = small(default_layout)
     layout.save(tmp_path / "layout.json")
     (tmp_path / "frames").mkdir()

@@ -216,7 +216,7 @@ def test_a_source_that_plays_cannot_be_played_again(browser: Any, address: str) 
         assert watched.page.get_attribute("#again", "title") == "long.mkv is playing"
 
 
-def test_what_takes_long_is_told_from_its_beginning(browser: Any, tmp_path: Path, default_layout: Layout) -> None:
+def test_long_work_is_reported_from_its_start(browser: Any, tmp_path: Path, default_layout: Layout) -> None:
     layout, video = write_live_set(tmp_path, default_layout, frames=25)
     repeated(video, tmp_path / "long.mkv", 100)
     save_board(tmp_path / "board.toml", BOARD)

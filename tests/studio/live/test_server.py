@@ -83,7 +83,7 @@ def test_what_is_not_there_is_not_found(client: TestClient, path: str) -> None:
     assert client.get(path).status_code == 404
 
 
-def test_depth_at_a_place(client: TestClient) -> None:
+def test_depth_at_a_point(client: TestClient) -> None:
     until(client, "depth_hz")
     value = client.get("/depth?right=0.5&down=0.5").json()["depth_mm"]
     assert value is None or 200 < value < 1000

@@ -25,7 +25,7 @@ def layout(tmp_path: Path, default_layout: Layout) -> Path:
 
 
 @pytest.mark.slow
-def test_a_device_as_designed_is_told_to_be_straight(layout: Path) -> None:
+def test_a_device_as_designed_is_reported_as_straight(layout: Path) -> None:
     setup = LiveSetup(layout, None)
     frames = tuple(frame(setup.layout, 400.0, shift)[..., 0] for shift in (0.0, 5.0, 11.0))
     report = setup.align(frames, restart=True)

@@ -20,7 +20,7 @@ from tests.core.video.videos import pictures, write_h264, write_mjpeg
 CAMERA = Camera(width_px=160, height_px=96, fx_px=100.0, fy_px=100.0, cx_px=80.0, cy_px=48.0)
 
 
-def test_a_video_and_a_folder_are_told_apart(tmp_path: Path) -> None:
+def test_a_video_and_a_folder_are_distinguished(tmp_path: Path) -> None:
     shown = pictures(3)
     video = write_mjpeg(tmp_path / "a.avi", shown)
     (tmp_path / "frames").mkdir()
@@ -57,7 +57,7 @@ def test_a_name_that_looks_like_an_address_is_a_file(
     assert open_source(name, CAMERA).kind == "folder"
 
 
-def test_what_to_know_of_a_video_is_said(tmp_path: Path) -> None:
+def test_remarks_on_a_video_are_reported(tmp_path: Path) -> None:
     lines: list[str] = []
     open_source(str(write_h264(tmp_path / "a.mp4", pictures(3), matrix=(0, 1, -1, 0))), CAMERA, lines.append)
     assert [line.startswith("a.mp4 is to be shown turned by 90°: ") for line in lines] == [True]

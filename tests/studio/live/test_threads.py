@@ -157,7 +157,7 @@ def test_samples_that_nobody_looks_at_are_not_wanted(layout: Path) -> None:
     thread.close()
 
 
-def test_a_failure_is_said_and_does_not_end_the_session(tmp_path: Path) -> None:
+def test_a_failure_is_reported_and_does_not_end_the_session(tmp_path: Path) -> None:
     meters = LiveMeters()
     thread = DepthThread(tmp_path / "none.json", WIDTH_PX, LivePictures(None), meters)
     thread.start()
@@ -223,7 +223,7 @@ def test_a_report_and_a_hint_are_made_of_what_is_given(thread: SetupThread, devi
     assert thread.report is None
 
 
-def test_a_picture_that_cannot_be_read_is_told(thread: SetupThread, tmp_path: Path) -> None:
+def test_a_picture_that_cannot_be_read_is_reported(thread: SetupThread, tmp_path: Path) -> None:
     meters = LiveMeters()
     other = SetupThread(tmp_path / "layout.json", tmp_path / "board.toml", meters)
     other.give_picture(tmp_path / "none.png")

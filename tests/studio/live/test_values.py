@@ -45,7 +45,7 @@ def test_pictures_are_counted_in_their_kind_and_the_newest_is_kept() -> None:
 
 
 @pytest.mark.parametrize("comes", [True, False])
-def test_who_waits_goes_on_with_the_next_picture_or_at_the_end(comes: bool) -> None:
+def test_waiting_ends_with_the_next_picture_or_at_the_end(comes: bool) -> None:
     pictures = LivePictures(None)
     pictures.put("frame", shown(0), b"0")
     found: list[int | None] = []

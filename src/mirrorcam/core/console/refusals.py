@@ -59,10 +59,10 @@ def _reason(error: CycloptsError, commands: Sequence[str]) -> str:
             return str(cause)
     if isinstance(error, UnknownCommandError):
         unknown = next(iter(error.unused_tokens or ()), "")
-        known = [name for name in error.app or () if not name.startswith("-")] if error.command_chain else commands
-        close = get_close_matches(unknown, known, n=1)
-        expected = f", expected {', '.join(known)}" if error.command_chain else ""
-        return f"unknown command {unknown!r}" + (f", did you mean {close[0]}?" if close else expected)
+        names = [name for name in error.app or () if not name.startswith("-")] if error.command_chain else commands
+        matches = get_close_matches(unknown, names, n=1)
+        expected = f", expected {', '.join(names)}" if error.command_chain else ""
+        return f"unknown command {unknown!r}" + (f", did you mean {matches[0]}?" if matches else expected)
     if isinstance(error, MissingArgumentError) and error.argument is not None:
         name = error.argument.name
         return f"{name}: expected a value" if error.keyword else f"expected {name}"

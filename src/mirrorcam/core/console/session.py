@@ -35,9 +35,9 @@ class Session:
 
     def figures(self, columns: Mapping[str, Mapping[str, Metric]]) -> None:
         """Record figures by the name of their column and their own name."""
-        kept = self.results.setdefault("figures", {})
+        recorded = self.results.setdefault("figures", {})
         for column, metrics in columns.items():
-            kept.setdefault(column, {}).update(
+            recorded.setdefault(column, {}).update(
                 {name: metric.model_dump(mode="json") | {"passed": metric.passed} for name, metric in metrics.items()}
             )
 

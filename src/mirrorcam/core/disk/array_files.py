@@ -75,8 +75,8 @@ def read_npz(
     """
     stored = stored_bytes(path)
     with refusing(path, expected), _Archive(path) as file, zipfile.ZipFile(file) as archive:
-        found = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
-        members = {name: found[name] for name in names if name in found}
+        stored_members = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
+        members = {name: stored_members[name] for name in names if name in stored_members}
         check_bytes(path, sum(info.file_size for info in members.values()), stored)
         arrays = {}
         for name, info in members.items():

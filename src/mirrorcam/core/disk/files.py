@@ -218,7 +218,7 @@ def toml_of(where: Path | str, raw: bytes) -> dict[str, Any]:
 def read_model(model: type[Model], path: Path, max_bytes: int = LARGEST_TEXT_BYTES) -> Model:
     """Read a JSON or (by its suffix) TOML file into a pydantic model, or raise InputError in one line.
 
-    Types are strict: a text or a boolean is not accepted for a number. A file of more than `max_bytes` is refused; the
+    Types are strict: strings and booleans are not accepted as numbers. A file of more than `max_bytes` is refused; the
     default suits hand-written files.
     """
     return model_of(model, path, read_bytes(path, max_bytes))
@@ -273,7 +273,7 @@ def validated(model: type[Model], data: Any) -> Model:
     except ValidationError as error:  # for a model that is not a Value, such as a table of values
         raise InputError(one_line(error, model)) from None
     except TypeError as error:  # a date or a time of TOML
-        raise InputError(f"{error}, expected numbers, texts and tables") from None
+        raise InputError(f"{error}, expected numbers, strings and tables") from None
 
 
 def _check_keys(model: type[Model], data: Any) -> None:

@@ -56,7 +56,7 @@ def is_intact(folder: Path, name: str, sha256: str) -> bool:
     return path.is_file() and file_digest(path) == sha256
 
 
-def differing_keys(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
+def differing_keys(first: Mapping[str, Any], second: Mapping[str, Any]) -> list[str]:
     """Return the sorted keys whose values differ between two mappings, or that only one of them has."""
     missing = object()
-    return sorted(name for name in before.keys() | now.keys() if before.get(name, missing) != now.get(name, missing))
+    return sorted(key for key in first.keys() | second.keys() if first.get(key, missing) != second.get(key, missing))

@@ -35,7 +35,7 @@ def read_hdf5(path: Path, dataset_paths: Mapping[str, str], expected: str) -> di
     """
     import h5py
 
-    stored, found, total_bytes = stored_bytes(path), {}, 0
+    stored, arrays, total_bytes = stored_bytes(path), {}, 0
     with refusing(path, expected), h5py.File(path, "r") as file:
         for name, dataset_path in dataset_paths.items():
             dataset = _dataset(file, dataset_path, path)
@@ -43,8 +43,8 @@ def read_hdf5(path: Path, dataset_paths: Mapping[str, str], expected: str) -> di
                 total_bytes += dataset.nbytes
                 check_bytes(path, total_bytes, stored)
                 _check_storage(dataset, path, stored)
-                found[name] = np.asarray(dataset[()])
-    return found
+                arrays[name] = np.asarray(dataset[()])
+    return arrays
 
 
 def _dataset(file: h5py.File, dataset_path: str, path: Path) -> h5py.Dataset | None:

@@ -1,4 +1,4 @@
-"""Variables of MATLAB 5 to 7 .mat files: numbers, text and structs; tags are checked before reading.
+"""Variables of MATLAB 5 to 7 .mat files: numbers, strings and structs; tags are checked before reading.
 
 The layout follows MathWorks' "MAT-File Format". Each element is a tag (type and size) and its content: a variable is
 of type miMATRIX or, since MATLAB 7, of type miCOMPRESSED, a deflated miMATRIX element.
@@ -34,13 +34,13 @@ Parts = Iterator[tuple[int, memoryview]]
 
 
 def read_mat5(path: Path, names: Collection[str], expected: str) -> dict[str, Any]:
-    """Read variables by name: arrays, texts, and structs as dicts; None for other classes.
+    """Read variables by name: arrays, strings, and structs as dicts; None for other classes.
 
     Raises InputError in one line for a file that is not `expected`, and for arrays above the memory limit. Checksums
     reveal damage to compressed variables.
     """
     stored, total_bytes = stored_bytes(path), 0
-    raw, found = read_bytes(path, LARGEST_FILE_BYTES), dict[str, Any]()
+    raw, variables = read_bytes(path, LARGEST_FILE_BYTES), dict[str, Any]()
     with refusing(path, expected):
         order = _order(raw)
         for kind, content in _elements(memoryview(raw)[HEADER_BYTES:], order):
@@ -55,10 +55,10 @@ def read_mat5(path: Path, names: Collection[str], expected: str) -> dict[str, An
                 content = _inflated(inflate, size)
             name, value = _Matrix(order, path, stored).read(content, names)
             if name in names:
-                if name in found:
+                if name in variables:
                     raise ValueError(f"{name} appears twice")
-                found[name] = value
-    return found
+                variables[name] = value
+    return variables
 
 
 def _order(raw: bytes) -> Order:
@@ -147,17 +147,17 @@ class _Matrix:
         if count != 1 or depth > _MAX_DEPTH:
             return None
         length = self._number(*_next_part(parts))
-        texts = bytes(_next_part(parts)[1])
-        if not 0 < length <= 64 or len(texts) % length:
+        names = bytes(_next_part(parts)[1])
+        if not 0 < length <= 64 or len(names) % length:
             raise ValueError("a struct without field names")
-        keys = [texts[at : at + length].partition(b"\x00")[0].decode("ascii") for at in range(0, len(texts), length)]
-        found = {}
+        keys = [names[at : at + length].partition(b"\x00")[0].decode("ascii") for at in range(0, len(names), length)]
+        fields = {}
         for key, (kind, content) in zip(keys, parts, strict=True):
             if kind != _MATRIX:
                 raise ValueError(f"a field of type {kind}, expected an array")
             flags, shape, _, inner = self._header(content) if len(content) else (0, (), "", iter(()))
-            found[key] = self._value(flags, shape, inner, depth + 1)
-        return found
+            fields[key] = self._value(flags, shape, inner, depth + 1)
+        return fields
 
     def _number(self, kind: int, content: memoryview) -> int:
         return int(self._numbers(kind, content)[0])

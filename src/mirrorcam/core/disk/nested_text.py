@@ -49,7 +49,7 @@ def json_value(raw: bytes) -> Any:
     text = _decoded(raw, "JSON")
     if raw.count(b"[") + raw.count(b"{") > MAX_DEPTH or raw.count(b",") > MAX_VALUES:
         if raw.count(b'"') > 2 * MAX_VALUES:
-            raise InputError(f"not valid JSON: more than {MAX_VALUES} texts")
+            raise InputError(f"not valid JSON: more than {MAX_VALUES} strings")
         _check_outline(_JSON_STRING.sub(b"s", raw), "JSON")
     try:
         value = _DECODER.decode(text)

@@ -102,8 +102,8 @@ class OutputFolder:
         refuse_blocked(self.path, (pattern for pattern in patterns if not has_magic(pattern)))
         if not self.force:
             matching = [path for pattern in patterns for path in sorted(self.path.glob(pattern))]
-            found = (path for path in matching if path.is_symlink() or not path.is_dir())
-            self._refuse(path.relative_to(self.path).as_posix() for path in found)
+            files = (path for path in matching if path.is_symlink() or not path.is_dir())
+            self._refuse(path.relative_to(self.path).as_posix() for path in files)
 
     def has_written(self, name: str) -> bool:
         """Return whether this command wrote a file of that name, even if it was changed since."""

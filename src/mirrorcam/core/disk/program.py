@@ -62,14 +62,14 @@ class _Source:
 
 @cache
 def _closure(modules: tuple[str, ...]) -> dict[str, _Source]:
-    found: dict[str, _Source] = {}
+    sources: dict[str, _Source] = {}
     pending = list(modules)
     while pending:
         name = pending.pop()
-        if name not in found:
-            found[name] = _source(name)
-            pending += found[name].modules
-    return found
+        if name not in sources:
+            sources[name] = _source(name)
+            pending += sources[name].modules
+    return sources
 
 
 @cache
@@ -133,7 +133,7 @@ def _imported(nodes: list[ast.AST], package: str) -> Iterator[str]:
 def _data_files(folders: list[Path], strings: set[str]) -> list[Path]:
     """Return the data files of a module that uses `__file__`: those in its folder, and those named in its strings."""
     names = [text for text in strings if re.fullmatch(r"\w[\w.]*", text)]
-    named = [found for folder in folders for name in names for found in [folder / name, *(folder / name).rglob("*")]]
+    named = [path for folder in folders for name in names for path in [folder / name, *(folder / name).rglob("*")]]
     return sorted({file for file in (*folders[0].iterdir(), *named) if file.is_file() and file.suffix[:3] != ".py"})
 
 
@@ -153,11 +153,11 @@ def _path_of(module: str) -> Path | None:
 def _versions(*modules: str) -> dict[str, str]:
     libraries = {name for source in _closure(modules).values() for name in source.libraries}
     direct = {name for library in libraries for name in _distributions_of(library)}
-    found, pending = set(direct), list(direct)
+    distributions, pending = set(direct), list(direct)
     while pending:
-        pending += (new := required(pending.pop(), frozenset()) - found)
-        found |= new
-    return {name: version(name) for name in sorted(found) if name in direct or _is_compiled(name)}
+        pending += (new := required(pending.pop(), frozenset()) - distributions)
+        distributions |= new
+    return {name: version(name) for name in sorted(distributions) if name in direct or _is_compiled(name)}
 
 
 @cache
@@ -187,7 +187,7 @@ def required(distribution: str, extras: frozenset[str]) -> set[str]:
         lines = metadata.requires(distribution) or []
     except metadata.PackageNotFoundError:
         return set()
-    found = set()
+    requirements = set()
     for line in lines:
         match = _REQUIREMENT.match(line)
         assert match is not None, line
@@ -196,10 +196,10 @@ def required(distribution: str, extras: frozenset[str]) -> set[str]:
         if only_with and not only_with & extras:
             continue
         if normalised(name) == normalised(distribution):  # an extra made of other extras
-            found |= required(distribution, frozenset(name.strip() for name in inner.split(",")))
+            requirements |= required(distribution, frozenset(name.strip() for name in inner.split(",")))
         else:
-            found.add(normalised(name))
-    return found
+            requirements.add(normalised(name))
+    return requirements
 
 
 def normalised(name: str) -> str:

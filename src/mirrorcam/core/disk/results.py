@@ -69,14 +69,14 @@ class Results:
             write_bytes(path, raw)
 
     def difference(self, name: str, made_of: Mapping[str, str]) -> str:
-        """Describe the first difference from the inputs of a result; empty if nothing differs."""
+        """Describe the first difference between the inputs of a result and `made_of`; empty if there is none."""
         header, _ = self._read(name)
         if header is None:
             return "not made yet"
         for key in differing_keys(header.made_of, made_of):
-            before, now = (inputs.get(key, NOT_INSTALLED) for inputs in (header.made_of, made_of))
-            is_digest = max(len(before), len(now)) > _LONGEST_VERSION
-            return f"{key} changed" if is_digest else f"{key} {before} → {now}"
+            old, new = (inputs.get(key, NOT_INSTALLED) for inputs in (header.made_of, made_of))
+            is_digest = max(len(old), len(new)) > _LONGEST_VERSION
+            return f"{key} changed" if is_digest else f"{key} {old} → {new}"
         return ""
 
     def _read(self, name: str) -> tuple[_Header | None, dict[str, bytes]]:

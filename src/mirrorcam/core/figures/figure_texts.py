@@ -187,7 +187,7 @@ def sentence_case(text: str) -> str:
     return text if _FILE_FIRST.match(text) else text[:1].upper() + text[1:]
 
 
-def share_of_limit(metric: Metric) -> float:
+def fraction_of_limit(metric: Metric) -> float:
     """Return the used fraction of a metric's limit: at most 1 if it passes, infinite if the metric is unknown."""
     if metric.limit is None:
         raise ValueError("metric without a limit")

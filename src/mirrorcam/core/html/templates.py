@@ -14,7 +14,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
 from mirrorcam.core.figures.figure_labels import LABELS
-from mirrorcam.core.figures.figure_texts import label_text, limit_text, sentence_case, share_of_limit, value_text
+from mirrorcam.core.figures.figure_texts import fraction_of_limit, label_text, limit_text, sentence_case, value_text
 from mirrorcam.core.values import Metric
 
 KIT = Path(__file__).parent
@@ -77,7 +77,7 @@ class FigureTable:
     def of(cls, metrics: Mapping[str, Metric], labels: Mapping[str, str] = LABELS) -> FigureTable:
         """Return the table of metrics by name; `labels` are their labels by name."""
         with_limit = [(name, metric) for name, metric in metrics.items() if metric.limit is not None]
-        with_limit.sort(key=lambda item: (item[1].passed, -share_of_limit(item[1])))
+        with_limit.sort(key=lambda item: (item[1].passed, -fraction_of_limit(item[1])))
         others = [(name, metric) for name, metric in metrics.items() if metric.limit is None]
         return cls(
             tuple(figure_row(name, metric, labels) for name, metric in with_limit),
@@ -92,7 +92,7 @@ class FigureTable:
 
 def figure_row(name: str, metric: Metric, labels: Mapping[str, str] = LABELS) -> FigureRow:
     """Format label, value and limit of a metric."""
-    share = 0.0 if metric.limit is None else min(share_of_limit(metric), 1.0)
+    share = 0.0 if metric.limit is None else min(fraction_of_limit(metric), 1.0)
     label = sentence_case(label_text(name, labels))
     return FigureRow(label, value_text(metric), limit_text(metric), share, metric.passed)
 

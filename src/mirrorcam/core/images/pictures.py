@@ -50,10 +50,10 @@ def pictures_in(paths: Sequence[Path], on_note: Callable[[str], None] = lambda l
     They count as one set, see `agree_on_bits`. `on_note` takes a line about ignored files of a folder, and one about
     pictures of 16 bits. Raises InputError for a folder without pictures.
     """
-    found: list[Path] = []
+    listed: list[Path] = []
     for path in paths:
         if not path.is_dir():
-            found.append(path)
+            listed.append(path)
             continue
         pictures = sorted(filter(is_picture, path.iterdir()))
         ignored = sorted(filter(_is_left_out, path.iterdir()))
@@ -65,9 +65,9 @@ def pictures_in(paths: Sequence[Path], on_note: Callable[[str], None] = lambda l
         if ignored:
             total = count_text(len(pictures) + len(ignored), "file")
             on_note(shortened(f"{path}: {len(ignored)} of {total} left out: {names}"))
-        found += pictures
-    agree_on_bits(found, on_note)
-    return found
+        listed += pictures
+    agree_on_bits(listed, on_note)
+    return listed
 
 
 def _is_left_out(path: Path) -> bool:
@@ -82,28 +82,28 @@ def agree_on_bits(paths: Sequence[Path], on_note: Callable[[str], None] = lambda
     `read_image` then scales all of them equally; a single picture is scaled by its own samples. `on_note` takes a line
     about them, if there are any.
     """
-    found: dict[tuple[Path, int, int], SampleBits] = {}
+    set_bits: dict[tuple[Path, int, int], SampleBits] = {}
     for path in filter(is_picture, paths):
         with suppress(InputError):  # reported when the picture is read
-            if (known := _common_bits.get(_key(path))) is not None:
-                found[_key(path)] = known
+            if (bits := _common_bits.get(_key(path))) is not None:
+                set_bits[_key(path)] = bits
                 continue
             begin = first_bytes(path, 25) if stored_bytes(path) else b""
             if begin.startswith(TIFF_BEGINS) or (begin.startswith(PNG_BEGIN) and begin[24:] == bytes((_SIXTEEN,))):
                 data = PictureData.of(path, read_bytes(path, LARGEST_FILE_BYTES))
                 if data.depth == _SIXTEEN:
-                    found[_key(path)] = SampleBits.of(data.decoded(), data.significant_bits)
-    if found:
-        common = SampleBits.combined(found.values())
-        _common_bits.update(dict.fromkeys(found, common))
-        on_note(_line_on_bits(len(found), common))
+                    set_bits[_key(path)] = SampleBits.of(data.decoded(), data.significant_bits)
+    if set_bits:
+        common = SampleBits.combined(set_bits.values())
+        _common_bits.update(dict.fromkeys(set_bits, common))
+        on_note(_line_on_bits(len(set_bits), common))
 
 
 def line_on_bits(folder: Path) -> str | None:
     """A line about the pictures of 16 bits of a folder, or a file, that were read as a set; None without any."""
     root = folder.absolute()
-    found = [bits for (path, *_), bits in _common_bits.items() if path.is_relative_to(root)]
-    return _line_on_bits(len(found), found[0]) if found else None
+    matching = [bits for (path, *_), bits in _common_bits.items() if path.is_relative_to(root)]
+    return _line_on_bits(len(matching), matching[0]) if matching else None
 
 
 def _line_on_bits(count: int, bits: SampleBits) -> str:

@@ -111,19 +111,19 @@ class Tiff:
         return 3 if self.photometric == _PALETTE else self.samples
 
 
-def _tags(raw: bytes, order: str, at: int, known: Set[int]) -> tuple[dict[int, tuple[int, ...]], int]:
-    """Return the known tags of a directory, and the offset of the next; raises struct.error beyond the file."""
+def _tags(raw: bytes, order: str, at: int, wanted: Set[int]) -> tuple[dict[int, tuple[int, ...]], int]:
+    """Return the wanted tags of a directory, and the offset of the next; raises struct.error beyond the file."""
     (count,) = struct.unpack_from(f"{order}H", raw, at)
-    found: dict[int, tuple[int, ...]] = {}
+    tags: dict[int, tuple[int, ...]] = {}
     for number in range(count):
         entry = at + 2 + 12 * number
         tag, kind, length = struct.unpack_from(f"{order}HHI", raw, entry)
-        if tag in known and kind in _TYPES and 0 < length <= _MAX_VALUES and tag not in found:
+        if tag in wanted and kind in _TYPES and 0 < length <= _MAX_VALUES and tag not in tags:
             layout = f"{order}{length}{_TYPES[kind]}"
             is_inline = struct.calcsize(layout) <= 4
             begin = entry + 8 if is_inline else struct.unpack_from(f"{order}I", raw, entry + 8)[0]
-            found[tag] = struct.unpack_from(layout, raw, begin)
-    return found, struct.unpack_from(f"{order}I", raw, at + 2 + 12 * count)[0]
+            tags[tag] = struct.unpack_from(layout, raw, begin)
+    return tags, struct.unpack_from(f"{order}I", raw, at + 2 + 12 * count)[0]
 
 
 def decode_tiff(raw: bytes, tiff: Tiff, name: str) -> NDArray[Any]:

@@ -162,7 +162,7 @@ if sys.platform != "win32":
                 time.sleep(0.005)
 
     def _kill_tree(pid: int) -> None:
-        """Kill the group of a child, and every descendant of this process where the system lists them."""
+        """Kill the group of a child, and every descendant of this process if the system lists them."""
         with suppress(ProcessLookupError, PermissionError):
             os.killpg(pid, signal.SIGKILL)
         _kill_all(_descendants)
@@ -188,12 +188,12 @@ if sys.platform != "win32":
             time.sleep(0.005)
 
     def _of_other_sessions() -> set[int]:
-        found, own = set(), os.getsid(0)
+        others, own = set(), os.getsid(0)
         for pid in _descendants():
             with suppress(ProcessLookupError, PermissionError):
                 if os.getsid(pid) != own:
-                    found.add(pid)
-        return found
+                    others.add(pid)
+        return others
 
     def _signal(processes: set[int], number: int) -> None:
         for pid in processes:
@@ -211,12 +211,12 @@ if sys.platform != "win32":
             with suppress(OSError):  # it has ended meanwhile
                 parent = int(Path(f"/proc/{number}/stat").read_bytes().rpartition(b")")[2].split()[1])
                 children.setdefault(parent, []).append(number)
-        found, pending = set(), [os.getpid()]
+        descendants, pending = set(), [os.getpid()]
         while pending:
             direct = children.get(pending.pop(), [])
-            found.update(direct)
+            descendants.update(direct)
             pending += direct
-        return found
+        return descendants
 
 
 if __name__ == "__main__":

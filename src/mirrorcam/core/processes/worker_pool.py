@@ -130,9 +130,9 @@ class _Queue:
             own += self._unassigned.pop(0)
         if not own:
             longest = max(self._assigned.values(), key=len)
-            kept = len(longest) // 2
-            own += longest[kept:]
-            del longest[kept:]
+            half = len(longest) // 2
+            own += longest[half:]
+            del longest[half:]
         return own.pop(0) if own else None
 
     def put_back(self, slot: int, task: int) -> None:

@@ -22,7 +22,7 @@ from mirrorcam.core.disk.files import stored_bytes
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.sample_bits import SampleBits
 from mirrorcam.core.messages import shortened
-from mirrorcam.core.video.frames import AHEAD
+from mirrorcam.core.video.frames import READ_AHEAD
 from mirrorcam.core.video.live_camera import CameraPicture, Connection, LiveCamera
 from mirrorcam.core.video.media_files import FORMATS, MediaFile, opened
 from mirrorcam.core.video.video import frame_remarks
@@ -56,7 +56,7 @@ def camera(
     width_px: int,
     height_px: int,
     on_note: Callable[[str], None] = lambda line: None,
-    buffered: int = AHEAD,
+    buffered: int = READ_AHEAD,
 ) -> LiveCamera:
     """Open a camera by number or address, and request a picture size; `on_note` and `buffered` as for `LiveCamera`.
 

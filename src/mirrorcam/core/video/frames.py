@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 T = TypeVar("T")
-AHEAD = 4
+READ_AHEAD = 4
 """Frames buffered between reading and decoding, which bridges slow ones: 25 MB at 1920 x 1080."""
 MAX_KEPT = 8
 
@@ -49,8 +49,8 @@ class _Failed:
     error: BaseException
 
 
-def read_ahead(items: Iterator[T], count: int = AHEAD, stop: Callable[[], None] = lambda: None) -> Generator[T]:
-    """Yield the same items, which a thread reads ahead by at most `count`; an error is raised in its place.
+def read_ahead(items: Iterator[T], count: int = READ_AHEAD, stop: Callable[[], None] = lambda: None) -> Generator[T]:
+    """Yield the same items, which a thread reads ahead by at most `count`; an error is raised in order.
 
     The thread ends with the items, or when the returned iterator is closed. Then `stop` is called, which must end items
     that would wait forever.
@@ -97,15 +97,15 @@ class SpreadFrames:
     """Keeps evenly spread frames: each one, then every 2nd, 4th, ...; at most 8, and 5 or more after 9."""
 
     def __init__(self) -> None:
-        self.kept: list[NDArray[np.uint8]] = []
+        self.frames: list[NDArray[np.uint8]] = []
         self._added, self._stride = 0, 1
 
     def add(self, frame: NDArray[np.uint8]) -> None:
         """Add the next frame, without a copy."""
         if self._added % self._stride == 0:
-            self.kept.append(frame)
-            if len(self.kept) > MAX_KEPT:
-                self.kept, self._stride = self.kept[::2], 2 * self._stride
+            self.frames.append(frame)
+            if len(self.frames) > MAX_KEPT:
+                self.frames, self._stride = self.frames[::2], 2 * self._stride
         self._added += 1
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.core.errors import InputError
-from mirrorcam.core.video.frames import AHEAD, Frame, Lost
+from mirrorcam.core.video.frames import READ_AHEAD, Frame, Lost
 
 RETRY_S = 1.0
 """Time between attempts to reopen a camera."""
@@ -89,7 +89,7 @@ class LiveCamera:
         on_note: Callable[[str], None] = lambda line: None,
         clock: Callable[[], float] = time.monotonic,
         retry_s: float = RETRY_S,
-        buffered: int = AHEAD,
+        buffered: int = READ_AHEAD,
     ) -> None:
         self.name, self._connect, self._size = name, connect, (width_px, height_px)
         self._on_note, self._clock, self._retry_s, self._max_buffered = on_note, clock, retry_s, buffered

@@ -23,12 +23,12 @@ def sources_text(source: Stream) -> str:
     return str(source.path) if isinstance(source, Video) else "FRAMES"
 
 
-def losses(source: Stream, kept: int, lost: Mapping[int, str], expected: int | None) -> list[str]:
+def losses(source: Stream, used: int, lost: Mapping[int, str], expected: int | None) -> list[str]:
     """Return a line per reason for unused frames, and one if the file ends early.
 
     For a camera, also report dropped frames and outages.
     """
-    total = kept + len(lost)
+    total = used + len(lost)
     lines = []
     for reason in dict.fromkeys(lost.values()):
         numbers = sorted(number for number, cause in lost.items() if cause == reason)

@@ -210,20 +210,20 @@ def remarks(name: str, container: Any, stream: Any) -> list[str]:
 
 def frame_remarks(name: str, frames: Sequence[Any], *, interlaced: bool = False) -> list[str]:
     """Return remarks on a video or camera from some frames; `interlaced` is the flag of its header."""
-    found = []
+    lines = []
     if interlaced or any(frame.interlaced_frame for frame in frames):
-        found.append(
+        lines.append(
             f"{name} is interlaced: the odd and even rows of a frame were exposed at different times, so that motion "
             "distorts measurements; deinterlace it (ffmpeg -noautorotate -i VIDEO -vf bwdif=0 -crf 12 OUT.mkv), or "
             "hold the board and the scene still"
         )
     rotation = next(filter(None, map(_rotation, frames)), None)
     if rotation is not None:
-        found.append(
+        lines.append(
             f"{name} is displayed {rotation} by players: its frames are used as they lie on the sensor; to make "
             "ffmpeg do the same, put -noautorotate -display_rotation 0 before its -i"
         )
-    return found
+    return lines
 
 
 def _frames(container: Any, stream: Any) -> Iterator[Any]:

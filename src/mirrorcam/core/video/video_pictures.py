@@ -103,7 +103,7 @@ def _ended(raw: bytes, jpeg: Jpeg) -> bytes:
 
 
 def other_size(size: tuple[int, int], expected: tuple[int, int]) -> str:
-    """Return the reason why a picture of another size than the video's is lost."""
+    """Return the reason why a picture whose size differs from the video's is lost."""
     return f"is {size[0]}x{size[1]} px, others {expected[0]}x{expected[1]}"
 
 

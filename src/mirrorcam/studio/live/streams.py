@@ -26,7 +26,7 @@ Kind = Literal["camera", "video", "folder"]
 class PictureFolder:
     """The pictures of a folder as frames, sorted by name; `on_note` is called about its other files.
 
-    Raises InputError for a folder without pictures, or if the first has another size than the layout's camera.
+    Raises InputError for a folder without pictures, or if the size of the first differs from the layout's camera.
     """
 
     def __init__(self, folder: Path, size: tuple[int, int], on_note: Callable[[str], None] = lambda line: None) -> None:
@@ -87,7 +87,7 @@ def open_source(text: str, expected: Camera, on_note: Callable[[str], None] = la
     Raises
     ------
     InputError
-        If the source cannot be opened, or has another size.
+        If the source cannot be opened, or its frames have another size.
     """
     size = expected.width_px, expected.height_px
     is_number = text.isascii() and text.isdigit()
