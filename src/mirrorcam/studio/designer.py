@@ -171,16 +171,16 @@ class Designer:
         """
         page_request, layout = page_request or PageRequest(), self.solved(spec).layout
         with self._studies.turn(page_request, spec):
-            bars: ToleranceBars = self._studied(page_request, design_work.tolerance, layout)
+            bars: ToleranceBars = self._analysed(page_request, design_work.tolerance, layout)
         return bars
 
     def report(self, spec: DesignSpec) -> str:
         """The report of a solved design. Raises InputError for one that is not."""
         result, page_request = self.solved(spec), PageRequest(object())
         with self._studies.turn(page_request, spec):
-            return str(self._studied(page_request, design_work.report, result.layout, result.parabola))
+            return str(self._analysed(page_request, design_work.report, result.layout, result.parabola))
 
-    def _studied(self, page_request: PageRequest, work: Callable[..., Any], *arguments: Any) -> Any:
+    def _analysed(self, page_request: PageRequest, work: Callable[..., Any], *arguments: Any) -> Any:
         try:
             return self._analyst.call(work, *arguments)
         except WorkerDied:

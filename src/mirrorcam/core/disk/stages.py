@@ -1,8 +1,9 @@
 """Stages: steps of work that are repeated only when their inputs have changed.
 
-A stage owns one subfolder of the run's folder. It works in a hidden folder, whose files are moved into target when the
-work succeeds. The store of results then keeps their checksums and inputs: parameters, contents of the files read, the
-code of the stage, and versions of libraries. Interrupted work leaves nothing that could be mistaken for a result.
+A stage owns one subfolder of the run's folder. It works in a hidden folder, whose files are moved into the subfolder
+when the work succeeds. The store of results then keeps their checksums and inputs: parameters, contents of the files
+read, the code of the stage, and versions of libraries. Interrupted work leaves nothing that could be mistaken for a
+result.
 """
 
 from __future__ import annotations

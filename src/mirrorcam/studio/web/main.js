@@ -132,47 +132,47 @@
   };
 
   const solve = async (spec) => {
-    const mine = (requests.exact += 1);
-    const began = performance.now();
+    const serial = (requests.exact += 1);
+    const startedAt = performance.now();
     say("solving", "Solving \u2026");
     byId("infeasible").hidden = true;
     let answer;
     try {
       answer = await source.design(spec);
     } catch (error) {
-      if (mine === requests.exact) lost(error);
+      if (serial === requests.exact) lost(error);
       return;
     }
-    if (mine !== requests.exact) return;
+    if (serial !== requests.exact) return;
     if (answer.status === "superseded") {
       lost(new Error("another request of this page came first"));
       return;
     }
-    performance.measure("solve", { start: began, end: performance.now() });
+    performance.measure("solve", { start: startedAt, end: performance.now() });
     if (answer.status === "solved") {
       Object.assign(state, { drawing: answer.drawing, parabola: answer.parabola });
       requests.drawn += 1;
       draw();
       say("exact", passed(answer.drawing));
-      after(spec, mine);
-    } else refuse(answer, spec, mine);
+      after(spec, serial);
+    } else refuse(answer, spec, serial);
     document.dispatchEvent(new CustomEvent("settled", { detail: answer }));
   };
 
   // Slow results follow after the design.
-  const after = async (spec, mine) => {
+  const after = async (spec, serial) => {
     if (state.device !== state.drawing.identity) view?.replace("device", null);
     byId("built-option").hidden = state.device !== state.drawing.identity;
     if (!byId("tolerance")) return;
     sight.look();
     byId("tolerance").classList.add("old");
     const study = await source.tolerance(spec).catch((error) => ({ reason: error.message }));
-    if (mine !== requests.exact || !study) return;
+    if (serial !== requests.exact || !study) return;
     byId("tolerance").classList.remove("old");
     Studio.drawTolerance(byId("tolerance"), study);
   };
 
-  const refuse = async (answer, spec, mine) => {
+  const refuse = async (answer, spec, serial) => {
     requests.drawn += 1;
     say("failed", answer.constraint ? "Not feasible" : "Not a request");
     const note = byId("infeasible");
@@ -190,13 +190,13 @@
     if (!answer.constraint) return;
     byId("looking").hidden = false;
     const take = ({ text, spec: other }) => {
-      if (mine !== requests.exact) return;
+      if (serial !== requests.exact) return;
       const button = element("button", { type: "button" }, text);
       button.addEventListener("click", () => history.settle(other));
       list.append(element("li", {}, button));
     };
     await source.suggestions(spec, take).catch(lost);
-    if (mine !== requests.exact) return;
+    if (serial !== requests.exact) return;
     byId("looking").hidden = true;
     if (!list.children.length) list.append(element("li", {}, "No single change makes it feasible."));
   };

@@ -24,18 +24,18 @@
 
     // First the frame, then what is decoded from it; outdated responses are not shown.
     async look() {
-      const mine = (this.latest += 1);
+      const serial = (this.latest += 1);
       const body = { spec: this.spec(), subject: this.subject };
       for (const id of ["frame", "views", "refocused", "measured"]) this.byId(id).classList.add("old");
       this.byId("focus").disabled = true;
       try {
-        const began = performance.now();
+        const startedAt = performance.now();
         const frame = await Studio.postNewest("/frame", body);
-        if (mine !== this.latest || !frame) return;
+        if (serial !== this.latest || !frame) return;
         this.set("frame", frame.picture);
-        performance.measure("frame", { start: began, end: performance.now() });
+        performance.measure("frame", { start: startedAt, end: performance.now() });
         const decoded = await Studio.postNewest("/decoded", body);
-        if (mine !== this.latest || !decoded) return;
+        if (serial !== this.latest || !decoded) return;
         this.set("views", decoded.views);
         this.set("refocused", decoded.refocused);
         this.set("measured", decoded.depth);
@@ -49,7 +49,7 @@
         const error = decoded.error_mm === null ? "" : `, median error ${Studio.number(decoded.error_mm, 2)} mm`;
         this.say(`Depth from ${Studio.number(decoded.near_mm)} mm (red) to ${Studio.number(decoded.far_mm)} mm (blue), darker where it is less sure${error}.`);
       } catch (error) {
-        if (mine === this.latest) this.say(error.message);
+        if (serial === this.latest) this.say(error.message);
       }
     }
 
@@ -65,12 +65,12 @@
         return;
       }
       this.focusing = true;
-      const mine = this.latest;
+      const serial = this.latest;
       try {
         const { picture } = await Studio.post("/refocused", { spec: this.spec(), subject: this.subject, depth_mm: depth });
-        if (mine === this.latest) this.set("refocused", picture);
+        if (serial === this.latest) this.set("refocused", picture);
       } catch (error) {
-        if (mine === this.latest) this.say(error.message);
+        if (serial === this.latest) this.say(error.message);
       } finally {
         this.focusing = false;
         const waiting = this.next !== null;
