@@ -51,7 +51,7 @@ def test_views_are_published_in_time_and_depth_where_somebody_listens(ros: Ros, 
     before = time.time_ns()
     assert main() == 0
     assert time.time_ns() - before >= (COUNT - 1) / RATE * 1e9
-    assert ros.logged == [("info", "the recording is over")]
+    assert ros.logged == [("info", "the recording has ended")]
     assert len(ros.publishers) == 3 + 18 + 3
     for topic, publisher in ros.publishers.items():
         latched = topic in ("/tf_static", "views", "weights")

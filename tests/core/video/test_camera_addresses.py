@@ -94,7 +94,7 @@ def test_damaged_pictures_and_those_that_depend_on_them_are_lost(tmp_path: Path)
 def test_remarks_on_a_recording_are_made_once(tmp_path: Path) -> None:
     path, lines = write_h264(tmp_path / "a.mp4", pictures(3), interlaced=True, matrix=(0, 1, -1, 0)), list[str]()
     assert len(list(camera(str(path), 160, 96, lines.append).frames())) == 3
-    assert [line.split(" is ")[1].split()[0] for line in lines] == ["interlaced:", "to"]
+    assert [line.split(" is ")[1].split()[0] for line in lines] == ["interlaced:", "displayed"]
 
 
 def test_pictures_of_many_bits_are_scaled_by_those_in_use(tmp_path: Path) -> None:
@@ -285,7 +285,7 @@ def test_a_description_of_a_stream_is_not_a_playlist(tmp_path: Path, monkeypatch
             r"^/dev/video251 cannot be opened: No such file or directory; expected the number of a camera",
         ),
         ("v4l2:///dev/video251", r"^v4l2:///dev/video251 cannot be opened: "),
-        ("nonsense://here", r"^nonsense://here cannot be opened: neither a file nor an address of a kind "),
+        ("nonsense://here", r"^nonsense://here cannot be opened: neither a file nor an address of a supported kind"),
         (
             "v4l2src device=/dev/video0 ! appsink",
             r"^a GStreamer pipeline cannot be read, expected an address: .*udpsink",

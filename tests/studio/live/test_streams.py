@@ -60,7 +60,7 @@ def test_a_name_that_looks_like_an_address_is_a_file(
 def test_remarks_on_a_video_are_reported(tmp_path: Path) -> None:
     lines: list[str] = []
     open_source(str(write_h264(tmp_path / "a.mp4", pictures(3), matrix=(0, 1, -1, 0))), CAMERA, lines.append)
-    assert [line.startswith("a.mp4 is to be shown turned by 90°: ") for line in lines] == [True]
+    assert [line.startswith("a.mp4 is displayed rotated by 90° by players: ") for line in lines] == [True]
 
 
 def test_a_damaged_picture_is_lost_and_one_of_another_size_refused(tmp_path: Path) -> None:
