@@ -110,5 +110,5 @@ def test_bars_lie_around_their_median(default_layout: Layout) -> None:
 
 
 def test_a_layout_without_depths_cannot_be_studied(default_layout: Layout) -> None:
-    with pytest.raises(ValueError, match="without a spec"):
+    with pytest.raises(ValueError, match="has no spec"):
         tolerance_bars(default_layout.replaced(spec=None))
