@@ -141,7 +141,7 @@ def test_a_design_that_cannot_be_says_why_and_where_and_offers_the_nearest_that_
     page: Watched, studio: tuple[str, Path]
 ) -> None:
     opened(page, studio, f"{SMALL}&min_edge_mm=80")
-    assert page.status == "Cannot be"
+    assert page.status == "Not feasible"
     assert "Mirrors cannot have edges of 80 mm" in page.page.inner_text("#finding")
     assert page.page.locator("#sensor path.wrong").count() == 2
     page.page.wait_for_selector("#looking", state="hidden")
