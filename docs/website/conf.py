@@ -1,4 +1,4 @@
-"""Settings of the documentation site; `python docs/build_site.py OUT` gathers its pages and builds it."""
+"""Settings of the documentation site; `python -m docs.website OUT` gathers its pages and builds it."""
 
 from __future__ import annotations
 
