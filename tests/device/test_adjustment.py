@@ -87,7 +87,7 @@ def test_a_devices_folder_gives_what_it_was_made_from(tmp_path: Path) -> None:
     assert layout.identity == pair().identity
     assert hardware.holder.mirrors == "screws"
     assert hardware.screw.kind == "nut"
-    with pytest.raises(InputError, match=r"no source/layout\.json in it"):
+    with pytest.raises(InputError, match=r"has no source/layout\.json"):
         read_device(tmp_path / "source")
 
 

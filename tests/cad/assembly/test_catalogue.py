@@ -136,11 +136,11 @@ def test_nuts_lie_in_their_pockets(each_device: Device) -> None:
         placed = Location(Plane(*(tuple(item.rig_from_item[:3, column]) for column in (3, 0, 2))))
         nut = item_solid(item)
         part = made[item.joins[-1]]
-        assert common_mm3(part, placed * nut) == pytest.approx(0.0, abs=1e-6)
-        assert common_mm3(part, placed * Rotation(0.0, 0.0, 30.0) * nut) > 0.3
+        assert overlap_mm3(part, placed * nut) == pytest.approx(0.0, abs=1e-6)
+        assert overlap_mm3(part, placed * Rotation(0.0, 0.0, 30.0) * nut) > 0.3
 
 
-def common_mm3(part: Part, other: Part) -> float:
+def overlap_mm3(part: Part, other: Part) -> float:
     return float(sum(solid.volume for solid in part.intersect(other) or []))
 
 

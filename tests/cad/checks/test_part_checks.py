@@ -23,7 +23,7 @@ from mirrorcam.cad.checks import check_part, part_checks
 from mirrorcam.cad.checks.exported_mesh import solid_of
 from mirrorcam.cad.checks.part_checks import (
     LAYER_MM,
-    THICK_MM,
+    MAX_WALL_MM,
     check_overhangs,
     floating_mm2,
     overhangs,
@@ -94,7 +94,7 @@ def test_a_floor_is_told_from_a_wall_by_the_way_that_it_prints() -> None:
     # Printed on its end, the floor is a wall.
     assert thinnest_wall_mm(tray, solid_of(tray), along) == pytest.approx(0.6, abs=1e-6)
     ball = trimesh.creation.icosphere(radius=20.0)
-    assert thinnest_floor_mm(ball, solid_of(ball), up) == THICK_MM
+    assert thinnest_floor_mm(ball, solid_of(ball), up) == MAX_WALL_MM
 
 
 PRINTER = HARDWARE.printer

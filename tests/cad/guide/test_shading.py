@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely import LineString
 
-from mirrorcam.cad.guide.labels import Label, annotate, middle_pixel, uncrossed_order
+from mirrorcam.cad.guide.labels import Label, annotate, innermost_body_pixel, uncrossed_order
 from mirrorcam.cad.guide.shading import Screen, ShadedBody, Shot, edges_of, merged_lines, render, visible_lines
 from mirrorcam.core.values import FloatArray
 
@@ -35,7 +35,7 @@ def screen(size_px: tuple[int, int] = (200, 160)) -> Screen:
 def test_a_box_covers_its_pixels_at_its_height() -> None:
     shot = render([box((-10, -5, 0), (10, 5, 7), RED)], screen())
     assert (shot.bodies == 0).sum() == 20 * 4 * 10 * 4
-    np.testing.assert_allclose(shot.nearness[shot.bodies == 0], 7.0)
+    np.testing.assert_allclose(shot.z_mm[shot.bodies == 0], 7.0)
     assert shot.image[80, 100].argmax() == 0
     assert (shot.image[:10] == 255).all()
 
@@ -50,7 +50,7 @@ def test_a_sphere_is_round_and_as_near_as_its_equation() -> None:
     x, y = (columns + 0.25 - 100.0) / 4.0, (80.0 - rows - 0.25) / 4.0
     inner = np.hypot(x, y) < 12.0
     expected = np.sqrt(15.0**2 - x[inner] ** 2 - y[inner] ** 2)
-    np.testing.assert_allclose(shot.nearness[rows[inner], columns[inner]], expected, atol=0.1)
+    np.testing.assert_allclose(shot.z_mm[rows[inner], columns[inner]], expected, atol=0.1)
 
 
 @pytest.mark.parametrize("order", [(0, 1), (1, 0)])
@@ -132,12 +132,12 @@ def test_a_label_points_inside_of_what_is_seen() -> None:
         box((0, 0, 1), (1, 1, 2), RED),
     ]
     shot = render(bodies, screen((800, 400)))
-    point = middle_pixel(shot, 0)
+    point = innermost_body_pixel(shot, 0)
     assert point is not None
     assert shot.bodies[int(point[1]), int(point[0])] == 0
     # Half hidden: the middle of the visible part, not of the complete body.
     assert point[0] > 400 + 5 * 4
-    assert middle_pixel(shot, 2) is None
+    assert innermost_body_pixel(shot, 2) is None
     named = annotate(shot, [Label(0, "red"), Label(1, "blue"), Label(2, "hidden")])
     changed = (named != shot.image).any(axis=-1)
     assert changed[:, :100].any()

@@ -199,9 +199,9 @@ def test_a_part_may_reach_to_the_edge_of_the_bed(block: PartPlan, built_block: B
 
 def test_parts_too_near_or_off_the_bed_are_seen(block: PartPlan, built_block: BuiltPart) -> None:
     body = body_on_bed(built_block.stl, block, HARDWARE.printer)
-    near = body.placed(np.eye(2), np.array([0.0, 10.0 + GAP_MM - 0.1]))
+    near = body.transformed(np.eye(2), np.array([0.0, 10.0 + GAP_MM - 0.1]))
     assert failed(check_plates([Plate((body, near))], HARDWARE.printer)) == {"part_gap_mm"}
-    off = body.placed(np.eye(2), np.array([0.0, 106.0]))
+    off = body.transformed(np.eye(2), np.array([0.0, 106.0]))
     assert failed(check_plates([Plate((body, off))], HARDWARE.printer)) == {"beyond_bed_mm"}
     high = replace(body, points=body.points - (0.0, 0.0, 0.1))
     assert failed(check_plates([Plate((high,))], HARDWARE.printer)) == {"beyond_bed_mm"}
