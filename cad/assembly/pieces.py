@@ -75,8 +75,8 @@ ANGLE_RAD = 0.35
 class Piece:
     """A piece of the assembled device: `mesh` in the rig frame, mm.
 
-    `explode_mm` (3,) is its displacement in an exploded view. `name` is unique: the name of a part or a fastener, or "mirror_ROW-COLUMN". `number` is a part or mirror
-    number, "" for bought items; `item` is the bought item of a fastener.
+    `name` is unique: the name of a part or fastener, or "mirror_ROW-COLUMN". `number` is a part or mirror number, ""
+    for bought items. `explode_mm` (3,) is the displacement in an exploded view; `item` is the bought item of a fastener.
     """
 
     name: str

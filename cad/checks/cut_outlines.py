@@ -174,7 +174,7 @@ def mirrors_as_cut(outlines: Mapping[str, OutlineFit], layout: Layout) -> dict[s
 
 
 def prism(mirror: Mirror, outline: FloatArray, low_mm: float, high_mm: float) -> manifold3d.Manifold:
-    """The solid, in the rig frame, between two heights over the reflecting plane, on an outline (n, 2) from the back."""
+    """The solid in the rig frame between two heights over the mirror plane, with an outline (n, 2) seen from behind."""
     in_plane = outline * (1.0, -1.0)
     ends = [np.column_stack([in_plane, np.full(len(in_plane), height)]) for height in (low_mm, high_mm)]
     return manifold3d.Manifold.hull_points(transform(mirror.rig_from_plane, np.concatenate(ends)))

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from mirrorcam.cad.guide.part_views import (
-    OVERLAP_MM,
     FRONT,
     ISOMETRIC,
+    OVERLAP_MM,
     RIGHT,
     TOP,
     PartView,
