@@ -214,7 +214,7 @@ def _camera_screws(device: Device) -> Iterator[BoughtItem]:
 
 
 def _carrier_items(device: Device) -> Iterator[BoughtItem]:
-    """The screws that draw every mirror's carrier to the holder, their springs, and their inserts or nuts."""
+    """The screws that pull every mirror's carrier towards the holder, their springs, and their inserts or nuts."""
     holder, screw = device.holder, device.hardware.screw
     if not isinstance(holder, ScrewedHolderPlan):
         return

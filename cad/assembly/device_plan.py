@@ -174,9 +174,9 @@ def connections(device: Device) -> tuple[Connection, ...]:
     foot = rigid(downwards, mount.foot.mean(axis=0))
     back_foot = rigid(downwards, back.foot_heads.mean(axis=0) + back.foot.grip_mm * ABOVE)
     # x along the slide, z towards the clip.
-    along_slide = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]).T
-    slide = rigid(along_slide, mount.slide)
-    clip_slide = rigid(along_slide, clip.slide_middle)
+    slide_axes = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]).T
+    slide = rigid(slide_axes, mount.slide)
+    clip_slide = rigid(slide_axes, clip.slide_middle)
     return (
         Connection("back", HOLDER, MOUNT, back_frame, mount.rig_from_head @ np.diag([1.0, -1.0, -1.0, 1.0])),
         Connection("slide", MOUNT, CLIP, slide, clip_slide, clip.travel_mm),

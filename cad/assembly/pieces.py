@@ -76,7 +76,8 @@ class Piece:
     """A piece of the assembled device: `mesh` in the rig frame, mm.
 
     `name` is unique: the name of a part or fastener, or "mirror_ROW-COLUMN". `number` is a part or mirror number, ""
-    for bought items. `explode_mm` (3,) is the displacement in an exploded view; `item` is the bought item of a fastener.
+    for bought items. `explode_mm` (3,) is the displacement in an exploded view; `item` is the bought item of a
+    fastener.
     """
 
     name: str

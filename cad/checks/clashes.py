@@ -55,7 +55,7 @@ def close_pairs(solids: Mapping[str, manifold3d.Manifold]) -> list[SolidPair]:
         if box_gap >= MAX_GAP_MM:
             continue
         first, second = (solids[name] for name in names)
-        gap = first.min_clearance(second, MAX_GAP_MM)
+        gap = first.min_gap(second, MAX_GAP_MM)
         depth = FORMED_MM if _forms(*names) else PRESSED_MM if _pressed(*names) else ROUNDING_MM
         if gap < MAX_GAP_MM:
             pairs.append(SolidPair(names, overlap_mm3(first, second, depth) if box_gap <= 0.0 else 0.0, gap))

@@ -41,7 +41,7 @@ CAMERA = "camera"
 # (ISO 9358).
 MAX_STRAY_LIGHT = 1.0 / 255.0 / (5.0 * 0.03)
 # Height above its seat from which a mirror is lowered, as a multiple of its thickness.
-DROP_TO_THICKNESS = 4.0
+DROP_HEIGHT_RATIO = 4.0
 # Reduction of the tested clearance around a mirror, so that walls exactly at the clearance do not clash.
 ROUNDING_MM = 1e-3
 
@@ -258,7 +258,7 @@ def check_drop(
         corners, thickness = outlines[name].corners, mirror.thickness_mm
         seat_mm = mirror.back_mm + ROUNDING_MM
         enlarged = np.array(Polygon(corners).buffer(clearance_mm - ROUNDING_MM).exterior.coords)
-        in_path += overlap_mm3(printed, prism(mirror, corners, seat_mm, seat_mm + DROP_TO_THICKNESS * thickness))
+        in_path += overlap_mm3(printed, prism(mirror, corners, seat_mm, seat_mm + DROP_HEIGHT_RATIO * thickness))
         in_clearance += overlap_mm3(printed, prism(mirror, enlarged, seat_mm, seat_mm + thickness))
     return {
         "drop_clash_mm3": Metric(value=in_path, unit="mm3", limit=0.0),

@@ -80,7 +80,7 @@ KEYS_MM = {2.0: (1.7, 14.0, 45.0), 3.0: (2.9, 18.0, 56.0), 4.0: (3.4, 20.0, 63.0
 COUNTERSUNK_KEYS_MM = {3.0: (2.3, 16.0, 50.0), 4.0: (2.9, 18.0, 56.0)}
 # Swing of a hex key, and number of tested orientations.
 KEY_SWING_DEG, KEY_ORIENTATIONS = 60.0, 12
-# Diameter of the rod that pushes a nut, and its start beyond the path.
+# Diameter of the rod that pushes a nut, and the distance beyond the path at which it starts.
 ROD_MM = (2.5, 40.0)
 # Clearance of a tool, such as a soldering iron over the part's face.
 CLEARANCE_MM = 0.05

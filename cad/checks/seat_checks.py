@@ -30,8 +30,8 @@ COVER_ROUNDING = 1e-3
 WALL_SEARCH_MM = 0.1
 WALL_SEARCH_DEG = 0.1
 CURVE_POINTS = 17
-# Smaller areas, a third of the square of a printed line, are ignored. Obstacles of any size are found by the check that
-# lowers the mirror into its seat.
+# Smaller areas, a third of the square of a printed line's width, are ignored. Obstacles of any size are found by the
+# check that lowers the mirror into its seat.
 MIN_AREA_MM2 = 0.05
 
 

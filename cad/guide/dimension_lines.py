@@ -18,7 +18,7 @@ GAP_MM = 1.0
 TEXT_OFFSET_MM, EXTENSION_MM = 0.9, 1.5
 # Largest overlap of dimension lines that meet at an arrow head.
 TOUCH_MM = 0.05
-# Gap between text and an extension line, and candidate shifts of text along its line, none first.
+# Gap between text and an extension line, and candidate shifts of text along its line, zero first.
 TEXT_GAP_MM = 0.6
 SHIFTS = (0.0, *(sign * tenths / 10.0 for tenths in range(1, 5) for sign in (-1, 1)))
 
@@ -111,7 +111,10 @@ def _text_centre(linear: LinearDimension, width: float, crossing: FloatArray) ->
 
 
 def _covered_range(linear: LinearDimension, width: float, *, text_first: bool = False) -> tuple[float, float]:
-    """The range of a tier that a dimension line and its text cover; text that does not fit is outside the arrows."""
+    """The range of a tier that a dimension line and its text cover; text that does not fit is outside the arrows.
+
+    It is then at the upper end or, with `text_first`, at the lower end.
+    """
     low, high = float(linear.ends.min()), float(linear.ends.max())
     if text_fits(linear.span, linear.text):
         return low, high

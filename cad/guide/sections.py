@@ -72,14 +72,14 @@ def _axis_of(hole: Hole) -> tuple[float, ...]:
     return tuple(np.round(np.concatenate([foot, axis]), 3).tolist())
 
 
-def cut(solid: Part, normal: int, position_mm: float, bed_from_rig: FloatArray) -> Section | None:
+def cut(solid: Part, axis: int, position_mm: float, bed_from_rig: FloatArray) -> Section | None:
     """Cut a solid and view the part behind the plane; None if the plane misses it."""
-    axes = AXES[normal] @ bed_from_rig
+    axes = AXES[axis] @ bed_from_rig
     to_viewer = axes[2]
-    normal_in_rig = bed_from_rig[normal]
+    normal_in_rig = bed_from_rig[axis]
     origin = position_mm * normal_in_rig
-    behind = solid.split(Plane(origin=tuple(origin), z_dir=tuple(to_viewer)), keep=Keep.BOTTOM)
-    pieces = behind if isinstance(behind, list) else [behind]
+    rear = solid.split(Plane(origin=tuple(origin), z_dir=tuple(to_viewer)), keep=Keep.BOTTOM)
+    pieces = rear if isinstance(rear, list) else [rear]
     solids = [body for piece in pieces if piece is not None for body in piece.solids()]
     faces = [
         area
@@ -91,7 +91,7 @@ def cut(solid: Part, normal: int, position_mm: float, bed_from_rig: FloatArray) 
     if not faces:
         return None
     view = project(Part(Compound(children=solids).wrapped), axes, with_hidden=False)
-    return Section(normal, position_mm, view, tuple(faces))
+    return Section(axis, position_mm, view, tuple(faces))
 
 
 def _lies_on(face: Face, normal: FloatArray, offset_mm: float) -> bool:

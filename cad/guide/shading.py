@@ -38,7 +38,7 @@ CORNER_DARKNESS = 0.55
 
 @dataclass(frozen=True)
 class ShadedBody:
-    """Triangles (n, 3, 3) in the rig frame, mm, anticlockwise from outside, in one colour (0 to 1); mirrors `shine`."""
+    """Triangles (n, 3, 3) in the rig frame, mm, counter-clockwise, in one colour (0 to 1); mirrors `shine`."""
 
     triangles: FloatArray
     rgb: Rgb
@@ -249,7 +249,7 @@ def _draw_line(
 # Faces that meet at a smaller angle belong to one curved surface.
 SMOOTH_DEG = 25.0
 # Tolerance of the z of a visible edge, since its surfaces are oblique within a pixel.
-BEHIND_MM = 0.6
+Z_TOLERANCE_MM = 0.6
 # Minimum length of a drawn piece of an edge: rounding makes dots of hidden edges visible.
 MIN_PIECE_PX = 2.5
 NO_SURFACE = -1e9
@@ -292,7 +292,7 @@ def _visible(points: FloatArray, shot: Shot) -> NDArray[np.bool_]:
     height, width = farthest.shape
     columns, rows = np.floor(points[:, :2]).astype(int).T
     return np.asarray(
-        points[:, 2] >= farthest[np.clip(rows, 0, height - 1), np.clip(columns, 0, width - 1)] - BEHIND_MM
+        points[:, 2] >= farthest[np.clip(rows, 0, height - 1), np.clip(columns, 0, width - 1)] - Z_TOLERANCE_MM
     )
 
 

@@ -68,7 +68,7 @@ PLASTICS = (
     Plastic(
         "PA-CF", 3500.0, 1.2, 60e-6, 60.0, 0.9, 5e-3,
         "expansion 22e-6 along the lines, 248e-6 across layers, swelling .5 to 1.5 %: Faust et al. 2021, "
-        "doi 10.3390/polym13213637, the value is the mean within a layer; the rest from memory, of moist nylon",
+        "doi 10.3390/polym13213637 (the values are means within a layer); the rest from memory, of moist nylon",
     ),
 )  # fmt: skip
 MIRROR_CTE_PER_K = {"acrylic": 70e-6, "glass": 9e-6}
@@ -146,8 +146,8 @@ def device_motions(device: Device, size_mm: float) -> DeviceMotions:
     head = transform(mount.rig_from_head, np.column_stack([mount.holes_in_head_mm, np.zeros(4)]))
     slide = clip.slide_at
     centres = np.vstack([foot, head, slide])
-    foot_up, scene = np.array([0.0, 0.0, 1.0]), np.array([0.0, 1.0, 0.0])
-    axes = np.array([*[foot_up] * len(foot), *[mount.rig_from_head[:3, 2]] * len(head), *[scene] * len(slide)])
+    up, to_scene = np.array([0.0, 0.0, 1.0]), np.array([0.0, 1.0, 0.0])
+    axes = np.array([*[up] * len(foot), *[mount.rig_from_head[:3, 2]] * len(head), *[to_scene] * len(slide)])
     feet, heads, slides = (
         tuple(range(*ends))
         for ends in ((0, len(foot)), (len(foot), len(foot) + len(head)), (len(centres) - len(slide), len(centres)))

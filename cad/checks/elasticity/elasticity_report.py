@@ -33,9 +33,9 @@ from mirrorcam.core.values import FloatArray, Metric
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.layout_in_pose import GravityTable, MirrorMotion, image_shifts_px
 
-RISE_K = 10.0
+TEMPERATURE_RISE_K = 10.0
 # Fraction of the error due to gravity that the table does not correct: the modulus of prints is uncertain by a fifth.
-RESIDUAL_OF_TABLE = 0.2
+RESIDUAL_FRACTION = 0.2
 # Factor on motions in the numerical derivatives of image points, which are linear in such small motions.
 STEP = 0.1
 
@@ -59,7 +59,7 @@ class Error:
 class Errors:
     """Errors of a device printed in one plastic that its calibration does not include.
 
-    `gravity` is for a change from no gravity to 1 g in the worst direction; turning the device over doubles it.
+    `gravity` is for a change from no gravity to 1 g in the worst direction; turning the device upside down doubles it.
     `corrected` remains after correction by the table. `heating` is for 10 K, `creep` for 1000 h in the worst direction.
     `mirrors_heating_deg` are the rotations of the mirrors for 10 K, by name.
     """
@@ -77,13 +77,15 @@ def errors_of(layout: Layout, motions: DeviceMotions, depth_mm: float, plastic: 
     sag = motions.under_gravity(plastic.modulus_mpa, plastic.density_g_per_cm3)
     gravity = Error(_worst_rotation_deg(sag), *_worst_shifts_px(layout, sag, depth_mm))
     expansion = motions.under_strain(
-        plastic.cte_per_k * RISE_K, SUPPORT_CTE_PER_K * RISE_K, motions.mirror_cte_per_k * RISE_K
+        plastic.cte_per_k * TEMPERATURE_RISE_K,
+        SUPPORT_CTE_PER_K * TEMPERATURE_RISE_K,
+        motions.mirror_cte_per_k * TEMPERATURE_RISE_K,
     )
     heating = {name: motion[:, None] for name, motion in expansion.items()}
     return Errors(
         plastic=plastic,
         gravity=gravity,
-        corrected=gravity.times(RESIDUAL_OF_TABLE),
+        corrected=gravity.times(RESIDUAL_FRACTION),
         heating=Error(_worst_rotation_deg(heating), *_worst_shifts_px(layout, heating, depth_mm)),
         creep=gravity.times(plastic.creep),
         mirrors_heating_deg={name: float(np.degrees(np.linalg.norm(motion[3:]))) for name, motion in expansion.items()},

@@ -16,8 +16,8 @@ from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.checks.elasticity import elasticity_report
 from mirrorcam.cad.checks.elasticity.device_motions import PLASTICS, DeviceMotions, Plastic
 from mirrorcam.cad.checks.elasticity.elasticity_report import (
-    RESIDUAL_OF_TABLE,
-    RISE_K,
+    RESIDUAL_FRACTION,
+    TEMPERATURE_RISE_K,
     all_errors,
     errors_of,
     figures,
@@ -43,7 +43,7 @@ def test_a_turn_of_all_mirrors_moves_all_images_alike(default_layout: Layout, tu
     assert 0.8 * straight < errors.gravity.px < 1.8 * straight
     assert errors.gravity.residual_px < 0.02 * errors.gravity.px
     assert errors.creep == errors.gravity.times(0.5)
-    assert errors.corrected == errors.gravity.times(RESIDUAL_OF_TABLE)
+    assert errors.corrected == errors.gravity.times(RESIDUAL_FRACTION)
 
 
 def test_modulus_and_density_act_as_in_closed_form(default_layout: Layout, turning: DeviceMotions) -> None:
@@ -62,7 +62,7 @@ def test_warmth_scales_the_device_and_turns_nothing(default_layout: Layout, turn
     assert heating.deg == 0.0
     centres = default_layout.virtual_centres_in_rig_mm
     farthest = np.linalg.norm(centres, axis=1).max()
-    assert 0.0 < heating.px < 3.0 * RISE_K * 50e-6 * farthest / 400.0 * default_layout.camera.fx_px
+    assert 0.0 < heating.px < 3.0 * TEMPERATURE_RISE_K * 50e-6 * farthest / 400.0 * default_layout.camera.fx_px
 
 
 def test_the_robots_table_moves_a_layout_as_the_motions_say(default_layout: Layout, turning: DeviceMotions) -> None:
