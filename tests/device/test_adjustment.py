@@ -77,7 +77,7 @@ def test_a_mirror_beyond_the_travel_is_named_and_glued_ones_are_refused() -> Non
     assert not adjust(misaligned(tilt_deg=4.0), pair(), with_screws()).mirrors[0].reached
     with pytest.raises(InputError, match=r'glued to their holder, expected holder\.mirrors = "screws"'):
         adjust(misaligned(), pair(), HARDWARE)
-    with pytest.raises(InputError, match="calibration of 2 mirrors, device of 4"):
+    with pytest.raises(InputError, match="calibration has 2 mirrors, expected the 4 of the device"):
         adjust(misaligned(), parabola(2, 2, scale_mm=60.0), with_screws())
 
 

@@ -87,7 +87,7 @@ def item(kind: BoughtKind, size: str) -> BoughtItem:
 )
 def test_every_screw_has_the_key_of_its_standard(device: Device, sizes: tuple[str, ...], keys: dict[str, str]) -> None:
     found = tools_of(device, [item("screw", size) for size in sizes])
-    assert {tool.name: tool.purpose for tool in found if tool.name.startswith("hex key")} == keys
+    assert {tool.name: tool.purpose for tool in found if tool.name.endswith("hex key")} == keys
 
 
 def test_tools_follow_fasteners_and_material(device: Device) -> None:
