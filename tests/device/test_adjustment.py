@@ -43,7 +43,7 @@ def misaligned(tilt_deg: float = 0.5, sigma_mm: float | None = None) -> Layout:
     return layout.replaced(mirrors=tuple(mirrors), kind="calibrated", uncertainty=known)
 
 
-def test_the_turns_found_bring_every_mirror_to_its_design() -> None:
+def test_the_computed_turns_bring_every_mirror_to_its_design() -> None:
     measured, designed = misaligned(), pair()
     found = adjust(measured, designed, with_screws())
     for each, was, wanted, carrier in zip(

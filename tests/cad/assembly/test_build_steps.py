@@ -63,7 +63,7 @@ SPLIT = {"mirror_holder", "mirror_0-0", "mount_1", "mount_2", "camera_clip", "ca
         (("something", "else"), set()),
     ],
 )
-def test_at_a_screw_there_is_what_hangs_together_with_its_parts_by_then(
+def test_pieces_present_at_a_screw_are_those_connected_to_its_parts_by_then(
     joins: tuple[str, ...], there: set[str]
 ) -> None:
     assert parts_when_joined(joins, SPLIT) == there

@@ -92,7 +92,7 @@ def test_every_screw_of_the_frame_holds_in_its_own_thread(each_device: Device) -
         assert item.joins[-1] in {name for other in threads for name in other.joins}
 
 
-def test_what_is_bought_is_counted_by_kind(each_device: Device) -> None:
+def test_bought_items_are_counted_by_kind(each_device: Device) -> None:
     items = bought_items(each_device)
     kind = each_device.hardware.screw.kind
     lips = each_device.hardware.camera.held_by.kind == "lips"

@@ -143,7 +143,7 @@ def test_fasteners_are_where_they_are_told(device: Device) -> None:
     np.testing.assert_allclose(screw.mesh.bounds.mean(axis=0)[1:], [20.0, 30.0], atol=0.02)
 
 
-def test_what_is_bought_is_named_as_in_a_shop() -> None:
+def test_bought_items_have_trade_names() -> None:
     assert item_title(item("screw", "M3", 8.0)) == "M3 x 8 screw"
     assert item_title(item("screw", f"M3{COUNTERSUNK}", 10.0)) == "M3 x 10 countersunk screw"
     assert item_title(item("nut", "M3", 2.4)) == "M3 nut"

@@ -38,7 +38,7 @@ def test_two_boxes_share_the_box_of_their_overlap_or_leave_the_gap_between(x: fl
         assert meeting.overlap_mm3 == pytest.approx(float(np.prod(overlap)), abs=1e-9)
 
 
-def test_what_is_far_apart_does_not_meet() -> None:
+def test_distant_solids_are_not_a_close_pair() -> None:
     assert close_pairs({"a": box(8.0), "b": box(8.0, 8.0 + MAX_GAP_MM, 0.0, 0.0)}) == []
 
 
@@ -145,7 +145,7 @@ def test_the_wrist_fills_its_clamp_and_no_more() -> None:
         ((40.0, 0.0, 0.0), set()),
     ],
 )
-def test_what_the_cover_meets_is_found(device: Device, at: tuple[float, float, float], failing: set[str]) -> None:
+def test_obstacles_to_the_cover_are_detected(device: Device, at: tuple[float, float, float], failing: set[str]) -> None:
     """A block of 10 mm, moved off by 30 mm along z, then 60 mm along x, with or without a cube of 2 mm on its path."""
     assert device.cover is not None
     plan = type(device.cover)(**{**vars(device.cover), "way_mm": np.array([(0.0, 0.0, 30.0), (60.0, 0.0, 0.0)])})

@@ -127,7 +127,7 @@ def test_a_block_in_the_light_is_found(default_layout: Layout, share: float) -> 
     assert failed(checked(default_layout)) == set()
 
 
-def test_a_speck_beside_the_light_is_as_near_as_to_its_nearest_ray(fold_90_layout: Layout) -> None:
+def test_the_gap_of_a_speck_to_the_light_is_its_distance_from_the_nearest_ray(fold_90_layout: Layout) -> None:
     """Specks between pupil and mirrors: rays are up to 1.5 steps apart, and the hull fills the gaps."""
     rays = np.concatenate([light_of(fold_90_layout, index, HARDWARE).rays[0] for index in range(9)])
     starts, along = rays[:, 0], rays[:, 1] - rays[:, 0]

@@ -35,7 +35,7 @@ class Dimensions:
     dimensions: tuple[Length | Hole, ...]
 
 
-def test_what_lies_askew_has_its_line_beside_it_off_the_part(block: Callable[..., PartPlan]) -> None:
+def test_an_oblique_length_has_its_dimension_line_parallel_to_it_off_the_part(block: Callable[..., PartPlan]) -> None:
     part = block()
     ends = np.array([(-30.0, -15.0, 5.0), (10.0, 15.0, 5.0)])
     askew, level = Length(ends, "askew"), Length(ends, "across", np.array([1.0, 0.0, 0.0]))

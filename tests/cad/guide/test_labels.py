@@ -31,7 +31,7 @@ def test_leaders_of_random_places_never_cross() -> None:
         assert not any(first.crosses(second) for first, second in combinations(lines, 2))
 
 
-def test_an_anchor_is_deepest_inside_what_is_seen_of_a_body() -> None:
+def test_an_anchor_is_the_innermost_visible_pixel_of_a_body() -> None:
     bodies = np.full((40, 60), -1, dtype=np.int32)
     bodies[10:31, 20:41] = 3
     bodies[0:2, 0:2] = 5
@@ -41,7 +41,7 @@ def test_an_anchor_is_deepest_inside_what_is_seen_of_a_body() -> None:
     assert innermost_body_pixel(shot_of(bodies), 4) is None
 
 
-def test_only_what_is_seen_gets_a_label() -> None:
+def test_only_visible_bodies_have_labels() -> None:
     bodies = np.full((300, 400), -1, dtype=np.int32)
     bodies[120:180, 170:230] = 0
     shot = shot_of(bodies)

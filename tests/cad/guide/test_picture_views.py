@@ -72,7 +72,7 @@ def one(made: Made, kind: str) -> Piece:
     return next(piece for piece in made.pieces if piece.kind == kind)
 
 
-def test_what_rests_may_be_pale_but_for_mirrors(made: Made) -> None:
+def test_existing_pieces_may_be_pale_except_mirrors(made: Made) -> None:
     part, mirror = one(made, "part"), one(made, "mirror")
     assert in_place(part).body.rgb == part.rgb
     assert min(in_place(part, pale=True).body.rgb) > min(part.rgb)
@@ -103,7 +103,7 @@ def test_an_insert_is_at_the_beginning_of_its_way_behind_an_arrow(made: Made) ->
     assert name_of(insert) == ""
 
 
-def test_fasteners_stand_off_what_rests(stages: Stages) -> None:
+def test_fasteners_are_displaced_from_existing_pieces(stages: Stages) -> None:
     items = assembled(stages.mount, [], stages.holder_screws, stages.mount)
     assert len(items) == len(stages.mount) + len(stages.holder_screws)
     base = mean([piece.explode_mm for piece in stages.mount])

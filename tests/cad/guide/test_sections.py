@@ -68,7 +68,7 @@ def test_a_part_is_cut_where_most_of_its_blind_holes_are() -> None:
     assert section_plane("a plan", [], BED) is None
 
 
-def test_the_trace_is_drawn_where_it_is_in_the_way_of_no_text(block: Callable[..., PartPlan]) -> None:
+def test_the_cutting_plane_line_is_drawn_clear_of_text(block: Callable[..., PartPlan]) -> None:
     part = block()
     solid = part.make(part.plan)
     section = cut(solid, 0, 20.0, BED)

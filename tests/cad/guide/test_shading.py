@@ -54,7 +54,7 @@ def test_a_sphere_is_round_and_as_near_as_its_equation() -> None:
 
 
 @pytest.mark.parametrize("order", [(0, 1), (1, 0)])
-def test_what_is_nearer_is_seen_in_any_order(order: tuple[int, int]) -> None:
+def test_nearer_bodies_hide_farther_ones_in_any_order(order: tuple[int, int]) -> None:
     bodies = [box((-10, -10, 0), (10, 10, 5), RED), box((-3, -3, 6), (3, 3, 8), BLUE)]
     shot = render([bodies[i] for i in order], screen())
     assert (shot.bodies == order.index(1)).sum() == (6 * 4) ** 2
@@ -125,7 +125,7 @@ def test_no_line_to_a_label_crosses_another(seed: int, count: int) -> None:
     assert not any(a.crosses(b) for a, b in combinations(lines, 2))
 
 
-def test_a_label_points_inside_of_what_is_seen() -> None:
+def test_a_label_points_inside_the_visible_part_of_its_body() -> None:
     bodies = [
         box((-15, -10, 0), (15, 10, 5), RED),
         box((-15, -10, 6), (5, 10, 8), BLUE),
@@ -170,7 +170,7 @@ def test_a_cylinder_on_its_side_is_its_outline_and_its_ends() -> None:
     assert length_mm(cylinder, shot_of(cylinder)) == pytest.approx(60.0, rel=0.05)
 
 
-def test_what_lies_behind_is_not_drawn() -> None:
+def test_hidden_edges_are_not_drawn() -> None:
     below = trimesh.creation.box((20.0, 10.0, 5.0))
     cover = trimesh.creation.box((10.0, 20.0, 5.0))
     cover.apply_translation((6.0, 0.0, 20.0))

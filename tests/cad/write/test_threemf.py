@@ -90,7 +90,7 @@ def test_it_lies_as_it_prints_amid_the_bed(written: Path) -> None:
     np.testing.assert_allclose(list(placed.MinCoordinate), [BED[0] / 2 - 30.0, BED[1] / 2 - 5.0, 0.0], atol=1e-4)
 
 
-def test_it_says_what_it_is(written: Path, block: PartPlan) -> None:
+def test_the_model_has_its_metadata(written: Path, block: PartPlan) -> None:
     model = read(written)
     group = model.GetMetaDataGroup()
     texts = {group.GetMetaData(i).GetName(): group.GetMetaData(i).GetValue() for i in range(group.GetMetaDataCount())}
@@ -127,7 +127,7 @@ def test_a_reader_finds_any_name_of_a_material_as_it_is(
     assert [each.get("name") for each in tree.iter() if each.tag.endswith("}base")] == [name]
 
 
-def test_the_same_part_gives_the_same_bytes_and_another_other_ids(
+def test_the_same_part_gives_the_same_bytes_and_a_different_part_different_ids(
     written: Path, block: PartPlan, built_block: BuiltPart, tmp_path: Path
 ) -> None:
     write_3mf(tmp_path / "again.3mf", built_block.stl, block, HARDWARE.printer)

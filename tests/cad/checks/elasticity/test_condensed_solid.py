@@ -45,7 +45,7 @@ def test_a_bar_is_timoshenkos_cantilever(bar: Tetrahedra) -> None:
     assert free[3, 3] == pytest.approx(LENGTH * 2.0 * (1.0 + POISSON) / (0.1406 * SIDE**4), rel=0.05)
 
 
-def test_what_it_carries_sinks_and_goes_with_its_expansion(bar: Tetrahedra) -> None:
+def test_a_carried_body_sinks_and_follows_the_expansion_of_the_solid(bar: Tetrahedra) -> None:
     solid = Solid(bar)
     first, last = ends(solid)
     beyond = LAST + np.array([10.0, 0.0, 0.0])
@@ -121,7 +121,7 @@ def test_a_stiff_strip_glued_to_a_bar_stretches_it_as_volkersen_says(bar: Tetrah
     assert alike[0] - alike[1] == pytest.approx(LENGTH, rel=0.01)
 
 
-def test_what_is_glued_softly_goes_with_its_seat_and_sinks_in_its_glue(bar: Tetrahedra) -> None:
+def test_a_softly_glued_body_follows_its_seat_and_sinks_in_its_glue(bar: Tetrahedra) -> None:
     solid = Solid(bar)
     first, last = ends(solid)
     glue = np.tile(0.1 * np.eye(3), (len(last), 1, 1))

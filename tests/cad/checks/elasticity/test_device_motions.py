@@ -91,7 +91,7 @@ def solved(device: Device) -> DeviceMotions:
 
 
 @pytest.mark.slow
-def test_where_all_expands_alike_the_device_only_grows(device: Device, solved: DeviceMotions, gmsh: str) -> None:
+def test_uniform_expansion_only_scales_the_device(device: Device, solved: DeviceMotions, gmsh: str) -> None:
     """Mirrors move away from the camera by the strain, without rotation, except where the camera rests."""
     for name, mirror in zip(device.layout.mirror_names, device.layout.mirrors, strict=True):
         motion = solved.under_strain(1e-3, 1e-3, 1e-3)[name]

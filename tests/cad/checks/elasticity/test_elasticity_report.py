@@ -125,7 +125,7 @@ def test_the_plastic_that_moves_images_least_is_recommended_unless_it_swells(
     assert np.isfinite(list(named.values())).all()
 
 
-def test_what_cannot_be_solved_is_refused_before_the_work(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_unsolvable_hardware_is_refused_before_the_work(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(elasticity_report, "gmsh_program", lambda: "gmsh")
     require_solvable(HARDWARE)
     wooden = HARDWARE.replaced(printer=HARDWARE.printer.replaced(plastic="wood"))
