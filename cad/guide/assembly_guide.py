@@ -116,23 +116,12 @@ def _cure_texts(device: Device) -> dict[str, str]:
     deepest = max(
         float(maximum_inscribed_circle(Polygon(mirror.outline_in_plane_mm)).length) for mirror in device.layout.mirrors
     )
-    min_days, max_days = (math.ceil(deepest / speed) for speed in CURED_MM_PER_DAY[::-1])
-    return {
-        "deepest_mm": f"{deepest:.0f}",
-        "days": f"{min_days} to {max_days}" if max_days > min_days else f"{min_days}",
-    }
+    low, high = (math.ceil(deepest / speed) for speed in CURED_MM_PER_DAY[::-1])
+    return {"deepest_mm": f"{deepest:.0f}", "days": f"{low} to {high}" if high > low else f"{low}"}
 
 
-# Measures of a camera with rows in the guide's first table.
-IN_TABLE = {
-    "width_mm",
-    "height_mm",
-    "depth_mm",
-    "lens_ring_mm",
-    "lens_protrusion_mm",
-    "pupil_behind_front_mm",
-    "mass_g",
-}
+# Main measures of a camera, in the guide's first table.
+MAIN = {"width_mm", "height_mm", "depth_mm", "lens_ring_mm", "lens_protrusion_mm", "pupil_behind_front_mm", "mass_g"}
 
 
 def _more_measures(camera: CameraBody) -> list[tuple[str, str, str, str]]:
@@ -140,7 +129,7 @@ def _more_measures(camera: CameraBody) -> list[tuple[str, str, str, str]]:
     return [
         (measure.description, measure.field, f"{getattr(camera, measure.field):g}", measure.method)
         for measure in MEASURES
-        if measure.field not in IN_TABLE and not (measure.field.startswith("cable") and not camera.has_cable)
+        if measure.field not in MAIN and not (measure.field.startswith("cable") and not camera.has_cable)
     ]
 
 

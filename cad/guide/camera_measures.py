@@ -39,12 +39,7 @@ MEASURES = (
     Measure("F", "lens_y_mm", "lens axis below the body's centre", "calipers, from both sides"),
     Measure("G", "lens_ring_mm", "diameter of the lens ring or barrel", "calipers"),
     Measure("H", "lens_protrusion_mm", "lens ring or barrel in front of the body", "depth rod of the calipers"),
-    Measure(
-        "J",
-        "pupil_behind_front_mm",
-        "entrance pupil behind the front of the body",
-        "two photographs of a ruler, see guide",
-    ),
+    Measure("J", "pupil_behind_front_mm", "entrance pupil behind the front", "two photographs of a ruler, see guide"),
     Measure("K", "cable_mm", "diameter of the cable", "calipers"),
     Measure("L", "cable_x_mm", "cable to the right of the lens axis, at the back", "ruler"),
     Measure("M", "hinge_mm", "width of a protrusion on a side, such as a stand; 0 for none", "calipers"),
@@ -105,7 +100,7 @@ def _from_behind(sheet: DrawingSheet, body: CameraBody, scale: float, low: Float
     ring_label = lens + (0.75 * scale * body.lens_ring_mm / 2.0 + 1.0) * np.ones(2)
     sheet.text(ring_label, f"Ø {_label('G', body.lens_ring_mm)}", TEXT_MM, over_lines=True)
     caption = low + size * (0.5, 1.0) + np.array([0.0, 3.0])
-    sheet.text(caption, "from behind: right is right in the picture", TEXT_MM, align="center", colour=SOFT)
+    sheet.text(caption, "from behind: left and right as in the picture", TEXT_MM, align="center", colour=SOFT)
 
 
 def _from_the_side(sheet: DrawingSheet, body: CameraBody, scale: float, low: FloatArray) -> None:

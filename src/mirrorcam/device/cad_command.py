@@ -19,7 +19,7 @@ from mirrorcam.device.hardware_choice import HardwareChoice
 if TYPE_CHECKING:
     from mirrorcam.device.adjustment import MirrorTurns
 
-PRINTED_CHECKS = ("device.", "mirrors.", "elastic.")
+PRINTED = ("device.", "mirrors.", "elastic.")
 """Prefixes of the names of checks that are printed even if they pass."""
 SPP, JPEG_QUALITY = 64, 85
 """Samples per pixel of a picture of the device, and its JPEG quality."""
@@ -86,9 +86,7 @@ def cad(
     from mirrorcam.cad.plan.prices import summary_of
 
     failed = {name for name, check in checks.items() if not check.passed}
-    print_metrics(
-        {"measured": {name: checks[name] for name in checks if name in failed or name.startswith(PRINTED_CHECKS)}}
-    )
+    print_metrics({"measured": {name: checks[name] for name in checks if name in failed or name.startswith(PRINTED)}})
     limited = sum(check.limit is not None for check in checks.values())
     verdict = f"{len(failed)} of {limited} checks failed" if failed else f"{limited} checks passed"
     figures = count_text(len(checks) - limited, "figure")

@@ -56,10 +56,8 @@ class HardwareChoice(Value):
         hardware = HARDWARE if self.hardware is None else read_model(Hardware, self.hardware)
         if self.body:
             hardware = hardware.replaced(camera=read_body(self.body))
-        elif (
-            layout is not None and "camera" not in hardware.model_fields_set and (profile := profile_of(layout.camera))
-        ):
-            hardware = hardware.replaced(camera=profile.body)
+        elif layout is not None and "camera" not in hardware.model_fields_set and (match := profile_of(layout.camera)):
+            hardware = hardware.replaced(camera=match.body)
         if self.mounting:
             hardware = hardware.replaced(holder=hardware.holder.replaced(mirrors=self.mounting))
         if self.adapter and self.adapter != hardware.back.kind:
