@@ -17,7 +17,7 @@ from mirrorcam.cad.plan.fasteners import diameter_mm
 from mirrorcam.cad.plan.part_plan import BoughtItem
 
 CAMERA = "camera"
-# Regular expressions of names.
+# Regular expressions for the names of pieces.
 MIRROR, ADAPTER, CARRIERS = r"mirror_\d+(?:-\d+)?", r"adapter_\w+", rf"{CARRIER}\d+(?:-\d+)?"
 
 
@@ -47,17 +47,17 @@ STEPS = (
 )
 
 
-def with_camera(
+def connected_to_camera(
     steps: Iterable[Step], last: Step, pieces: Iterable[str], fastened: Mapping[str, tuple[str, ...]]
 ) -> set[str]:
-    """The pieces connected to the camera at the end of a step, without the camera itself.
+    """The pieces connected to the camera after a step, without the camera itself.
 
     Parameters
     ----------
     steps : iterable of Step
         All steps, in order.
     last : Step
-        The step that ends.
+        The last completed step.
     pieces : iterable of str
         Names of all pieces of the assembled device except fasteners; "mount_1" is a piece of a split part.
     fastened : mapping of str to tuple of str
@@ -79,9 +79,10 @@ def with_camera(
 
 
 def parts_when_joined(joins: Iterable[str], pieces: Iterable[str], steps: Iterable[Step] = STEPS) -> set[str]:
-    """The pieces present when parts are screwed together: all that are connected to them after that step.
+    """The pieces present when parts are screwed together: all pieces connected to them after the joining step.
 
-    This is the step that joins both parts, else the first after which each is joined to something, else the last.
+    The joining step is the one that joins both parts; otherwise the first step after which every part is joined to
+    something; otherwise the last step.
 
     Parameters
     ----------
@@ -98,16 +99,16 @@ def parts_when_joined(joins: Iterable[str], pieces: Iterable[str], steps: Iterab
         Names of pieces.
     """
     parts, order, names = tuple(joins), tuple(steps), set(pieces)
-    last = next((step for step in order if any(_matches(pair, parts) for pair in step.joins)), None)
-    if last is None:
+    joining = next((step for step in order if any(_matches(pair, parts) for pair in step.joins)), None)
+    if joining is None:
         joined_kinds: list[str] = []
         for step in order:
             joined_kinds += [kind for pair in step.joins for kind in pair]
             if all(any(is_piece_of(part, kind) for kind in joined_kinds) for part in parts):
-                last = step
+                joining = step
                 break
-    started = {name for name in names if any(is_piece_of(name, part) for part in parts)}
-    return _connected(started, names, _joined_until(order, last or order[-1]))
+    screwed = {name for name in names if any(is_piece_of(name, part) for part in parts)}
+    return _connected(screwed, names, _joined_until(order, joining or order[-1]))
 
 
 def _matches(pair: tuple[str, str], parts: tuple[str, ...]) -> bool:
@@ -125,15 +126,15 @@ def _joined_until(steps: Iterable[Step], last: Step) -> list[tuple[str, str]]:
     return joins
 
 
-def _connected(start: set[str], names: set[str], joins: list[tuple[str, str]]) -> set[str]:
-    """A set of pieces, and all that pairs of patterns join to it, directly or through others."""
-    connected = set(start)
+def _connected(initial: set[str], names: set[str], joins: list[tuple[str, str]]) -> set[str]:
+    """A set of pieces, and all pieces joined to it by pairs of patterns, directly or through others."""
+    connected = set(initial)
     while added := {
         name
         for name in names - connected
         for pair in joins
-        for own, other in (pair, pair[::-1])
-        if is_piece_of(name, own) and any(is_piece_of(piece, other) for piece in connected)
+        for kind, other_kind in (pair, pair[::-1])
+        if is_piece_of(name, kind) and any(is_piece_of(piece, other_kind) for piece in connected)
     }:
         connected |= added
     return connected
@@ -144,7 +145,7 @@ def is_piece_of(name: str, kind: str) -> bool:
     return re.fullmatch(rf"(?:{kind})(?:_\d+)?", name) is not None
 
 
-# Width across flats of the hexagon socket by the thread's diameter, mm: ISO 4762, table 1, and ISO 10642, table 1.
+# Width across flats of the hexagon socket by thread diameter, mm: ISO 4762, table 1, and ISO 10642, table 1.
 SOCKETS_MM = {
     "ISO 4762": {2.0: 1.5, 3.0: 2.5, 4.0: 3.0, 5.0: 4.0, 6.0: 5.0},
     "ISO 10642": {3.0: 2.0, 4.0: 2.5, 5.0: 3.0, 6.0: 4.0},
@@ -171,21 +172,21 @@ def tools_of(device: Device, items: Sequence[BoughtItem]) -> tuple[Tool, ...]:
     if glass:
         tools += [
             Tool("goggles and cut-resistant gloves", "to break glass"),
-            Tool("paint marker", "to name the mirrors"),
+            Tool("paint marker", "to label the mirrors"),
         ]
     if any(item.kind == "insert" for item in items):
         tools.append(Tool("soldering iron with a tip for M3 inserts", "at about 220 °C in PLA"))
     if any((item.kind, item.size) == ("nut", "M3") for item in items):
         tools.append(Tool("tweezers", "to place nuts"))
     tools += [
-        Tool("syringe of 5 ml", "to lay beads of glue"),
-        Tool("cotton gloves", "to touch mirrors with"),
+        Tool("5 ml syringe", "to lay beads of glue"),
+        Tool("cotton gloves", "to handle mirrors"),
         *_keys(items),
     ]
     if any(standard_of(item_title(item)).startswith("for plastics") for item in items if item.kind == "screw"):
         tools.append(Tool("small screwdriver", "for the screws of the camera's board"))
     if not isinstance(device.holder, ScrewedHolderPlan):
-        tools.append(Tool("dental floss", "to take out a mirror again"))
+        tools.append(Tool("dental floss", "to remove a mirror"))
     return tuple(tools)
 
 
@@ -193,7 +194,7 @@ def also_needed(device: Device) -> tuple[Tool, ...]:
     """Items needed that are neither built in nor tools."""
     needed = [
         Tool("calibration board, printed on paper", "`mirrorcam board --out board.pdf` makes the page, at 100 %"),
-        Tool("flat stiff plate of its size, of glass or aluminium", "to glue the board on"),
+        Tool("flat stiff plate of the same size, glass or aluminium", "to glue the board on"),
     ]
     if device.hardware.camera.held_by.kind == "lips" and device.hardware.camera.held_by.display:
         needed.append(Tool("dot of felt, 1 mm thick", "between the display and the screw"))
@@ -212,4 +213,4 @@ def _keys(items: Sequence[BoughtItem]) -> list[Tool]:
         name = f"M{diameter:g} ({standard})"
         if name not in names:
             names.append(name)
-    return [Tool(f"hex key of {size:g} mm", f"screws {', '.join(sorted(screws[size]))}") for size in sorted(screws)]
+    return [Tool(f"{size:g} mm hex key", f"screws {', '.join(sorted(screws[size]))}") for size in sorted(screws)]

@@ -1,6 +1,6 @@
 """The catalogue of a device: printed parts with names, numbers, named faces and poses on the bed, and bought items.
 
-A bought insert or nut has the moves by which it leaves its seat, which follow from the plans of the pockets.
+Each bought insert or nut has the moves by which it leaves its seat; they follow from the plans of the pockets.
 """
 
 from __future__ import annotations
@@ -32,11 +32,11 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.camera_body import Lips
 from mirrorcam.optics.geometry.transforms import rigid, transform
 
-# Orientations of a part in print: rows are the bed's x, y and z in rig.
+# Orientations of a part in print: rows are the bed's x, y and z in the rig frame.
 X_UP = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
 Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 Z_UP = np.eye(3)
-SCENE = np.array([0.0, 1.0, 0.0])
+RIGHT, TO_SCENE, UP = np.eye(3)
 
 # Distance of carriers from the holder in an exploded view.
 CARRIER_EXPLODE_MM = 25.0
@@ -51,7 +51,7 @@ EXPLODE = {
 
 
 def parts_of(device: Device) -> tuple[PartPlan, ...]:
-    """Parts to print, in the order of their numbers; a part larger than the bed as its pieces."""
+    """Parts to print, in the order of their numbers; a part larger than the bed is replaced by its pieces."""
     return _on_bed(device).parts
 
 
@@ -65,12 +65,12 @@ def _on_bed(device: Device) -> Pieces:
         **{part.name: part.plan.corners for part in device.back.parts},
         COUPON: corners_of(device.coupon.pieces),
         **({COVER: corners_of((device.cover.outer,))} if device.cover else {}),
-        **{carrier_name(each.name): corners_of((each.body,)) for each in device.mirror_carriers},
+        **{carrier_name(carrier.name): corners_of((carrier.body,)) for carrier in device.mirror_carriers},
     }
     cuts = {HOLDER: device.holder.cuts_on_bed_mm}
     if device.mount.bed_cuts_mm:
         cuts[MOUNT] = ((), device.mount.bed_cuts_mm)
-    pieces = [split(part, corners[part.name], device.hardware, cuts.get(part.name)) for part in _uncut(device)]
+    pieces = [split(part, corners[part.name], device.hardware, cuts.get(part.name)) for part in _unsplit(device)]
     parts = (part for piece in pieces for part in piece.parts)
     return Pieces(
         tuple(replace(part, faces=named_faces(device, part.name)) for part in parts),
@@ -78,9 +78,9 @@ def _on_bed(device: Device) -> Pieces:
     )
 
 
-def _uncut(device: Device) -> Iterator[PartPlan]:
+def _unsplit(device: Device) -> Iterator[PartPlan]:
     """The parts to print before they are split, in the order of their numbers."""
-    moves = explode_of(device)
+    moves = explode_moves(device)
 
     def part(
         number: int, name: str, title: str, plan: Any, make: Any, print_from_rig: FloatArray, rgb: Rgb
@@ -106,13 +106,13 @@ def _uncut(device: Device) -> Iterator[PartPlan]:
 
 
 def bought_items(device: Device) -> tuple[BoughtItem, ...]:
-    """Screws, inserts, nuts and pins of the device, in place."""
+    """Screws, inserts, nuts and pins of the device, in their positions."""
     mount, clip, back = device.mount, device.clip, device.back
     head_z = -mount.rig_from_head[:3, 2]
     holes = np.column_stack([mount.holes_in_head_mm, np.full(4, -mount.head.grip_mm)])
     slots = device.holder.slot_directions if device.holder.slots else ACROSS
-    down, scene = np.array([0.0, 0.0, -1.0]), np.array([0.0, 1.0, 0.0])
-    slide = clip.slide_at - clip.slide.grip_mm * scene
+    down = np.array([0.0, 0.0, -1.0])
+    slide = clip.slide_at - clip.slide.grip_mm * TO_SCENE
     head, foot = (MOUNT, HOLDER), (back.parts[0].name, MOUNT)
     return (
         *_screws(
@@ -124,9 +124,9 @@ def bought_items(device: Device) -> tuple[BoughtItem, ...]:
             holder_nut_exits_mm,
             slots,
         ),
-        *_screws(device, slide, -scene, clip.slide, (MOUNT, CLIP), slide_nut_exits_mm),
+        *_screws(device, slide, -TO_SCENE, clip.slide, (MOUNT, CLIP), slide_nut_exits_mm),
         *_screws(device, back.foot_heads, down, back.foot, foot, foot_nut_exits_mm, size=back.foot_size),
-        *(item for joint in back.joints for item in _of_joint(device, joint)),
+        *(item for joint in back.joints for item in _joint_screws(device, joint)),
         *back.items,
         *_camera_screws(device),
         *_carrier_items(device),
@@ -134,18 +134,18 @@ def bought_items(device: Device) -> tuple[BoughtItem, ...]:
     )
 
 
-def _of_joint(device: Device, joint: BackJoint) -> Iterator[BoughtItem]:
+def _joint_screws(device: Device, joint: BackJoint) -> Iterator[BoughtItem]:
     """The screws of a joint between two parts of the back, with their inserts or nuts."""
     yield from _screws(
         device, joint.heads, joint.out, joint.stack, joint.joins, lambda _, seats: joint.nut_exits_mm, joint.corners
     )
 
 
-def explode_of(device: Device) -> dict[str, FloatArray]:
-    """Displacements (3,) of the printed parts in an exploded view, by name."""
+def explode_moves(device: Device) -> dict[str, FloatArray]:
+    """Displacements (3,) of the printed parts in an exploded view, by part name."""
     moves = {name: np.array(move) for name, move in EXPLODE.items()}
     carrier_move = EXPLODE[HOLDER] - CARRIER_EXPLODE_MM * device.holder.rig_from_mount[:3, 2]
-    carriers = {carrier_name(each.name): carrier_move for each in device.mirror_carriers}
+    carriers = {carrier_name(carrier.name): carrier_move for carrier in device.mirror_carriers}
     return moves | {part.name: part.explode_mm for part in device.back.parts} | carriers
 
 
@@ -165,7 +165,7 @@ def _screws(
     their seats by the moves `nut_exits_mm`.
     """
     screw = device.hardware.screw
-    outer, inner = (explode_of(device)[name] for name in joins)
+    outer, inner = (explode_moves(device)[name] for name in joins)
     for head in heads:
         if stack.washer_mm > 0.0:
             yield BoughtItem("washer", "M3", stack.washer_mm, along(head, out), outer + 23.0 * out, joins)
@@ -197,32 +197,29 @@ def _thread(
 def _camera_screws(device: Device) -> Iterator[BoughtItem]:
     """The fasteners of the camera in its clip: sprung screws on a body, or a board's own screws."""
     clip, hardware = device.clip, device.hardware
-    above = np.array([0.0, 0.0, 1.0])
     clip_move = np.array(EXPLODE[CLIP])
     held_by = hardware.camera.held_by
     if not isinstance(held_by, Lips):
         for head in clip.board_screws:
             size = f"M{held_by.screw_mm:g}{FORMING}"
-            yield BoughtItem(
-                "screw", size, held_by.screw_length_mm, along(head, above), clip_move + 20.0 * above, (CLIP,)
-            )
+            yield BoughtItem("screw", size, held_by.screw_length_mm, along(head, UP), clip_move + 20.0 * UP, (CLIP,))
     for sprung in clip.nest.screws if clip.nest else ():
         out = -sprung.axis
         yield BoughtItem("screw", "M3", sprung.length_mm, along(sprung.head, out), clip_move + 25.0 * out, (CLIP,))
         seat = sprung.tip + (sprung.mouth_mm - sprung.thread_mm) * out
         insert = hardware.screw.kind == "insert"
         moves = insert_exit_mm(out) if insert else sprung.nut_way_mm
-        corner_direction = ACROSS if insert else SCENE - (SCENE @ out) * out
+        corner_direction = ACROSS if insert else TO_SCENE - (TO_SCENE @ out) * out
         yield _thread(device, along(seat, out, corner_direction), clip_move, (CLIP,), moves)
 
 
 def _carrier_items(device: Device) -> Iterator[BoughtItem]:
-    """The screws that draw every mirror's carrier to the holder, their springs, and their inserts or nuts."""
+    """The screws that pull every mirror's carrier towards the holder, their springs, and their inserts or nuts."""
     holder, screw = device.holder, device.hardware.screw
     if not isinstance(holder, ScrewedHolderPlan):
         return
-    adjuster, outward, across = holder.adjuster, holder.rig_from_mount[:3, 2], holder.rig_from_mount[:3, 0]
-    moves = explode_of(device)
+    adjuster, outward, corner = holder.adjuster, holder.rig_from_mount[:3, 2], holder.rig_from_mount[:3, 0]
+    moves = explode_moves(device)
     holder_move = moves[HOLDER]
     for carrier, heads in zip(holder.carriers, holder.heads.reshape(-1, 3, 3), strict=True):
         name = carrier_name(carrier.name)
@@ -253,16 +250,16 @@ def _carrier_items(device: Device) -> Iterator[BoughtItem]:
             else:
                 seat = mouth - UNDER_NUT_MM * outward
                 exit_mm = beyond(corners_of((carrier.body,)), seat, -outward)[None]
-                yield _thread(device, along(seat, outward, across), carrier_move, (name,), exit_mm)
+                yield _thread(device, along(seat, outward, corner), carrier_move, (name,), exit_mm)
 
 
 def with_base_at(bed_from_rig: FloatArray, low_mm: float) -> FloatArray:
-    """The transform (4, 4) of a part to the bed: a rotation (3, 3), after which its lowest point is at `low_mm`."""
+    """The transform (4, 4) of a part to the bed: a rotation (3, 3), then a shift of its lowest height `low_mm` to 0."""
     return rigid(bed_from_rig, [0.0, 0.0, -low_mm])
 
 
 def rotated_on_bed(bed_from_rig: FloatArray, degrees: float) -> FloatArray:
-    """A transform (4, 4) to the bed, followed by a rotation about the bed's normal."""
+    """A transform (4, 4) to the bed, followed by a rotation in degrees about the bed's normal."""
     about_z = np.eye(4)
     about_z[:2, :2] = rotation_2d(degrees)
     return np.asarray(about_z @ bed_from_rig)
@@ -278,19 +275,19 @@ def face_down(rig_from_face: FloatArray) -> FloatArray:
 def named_faces(device: Device, part: str) -> tuple[NamedFace, ...]:
     """The named faces of a printed part or of a piece of it, such as "mount_1".
 
-    "seat_ROW-COLUMN" and "pad_ROW-COLUMN" are behind each mirror, "joint_NAME" at each connection to another part.
+    "seat_ROW-COLUMN" and "pad_ROW-COLUMN" are behind each mirror; "joint_NAME" is at each connection to another part.
     """
-    uncut = re.sub(r"_\d+$", "", part)
+    whole_part = re.sub(r"_\d+$", "", part)
     faces = []
     for joint in connections(device):
-        if joint.parent == uncut:
+        if joint.parent == whole_part:
             frame = joint.rig_from_parent_joint
             faces.append(NamedFace(f"joint_{joint.name}", frame[:3, 3], frame[:3, 2]))
-        if joint.child == uncut:
+        if joint.child == whole_part:
             frame = joint.rig_from_child_joint
             faces.append(NamedFace(f"joint_{joint.name}", frame[:3, 3], -frame[:3, 2]))
     for name, mirror in zip(device.layout.mirror_names, device.layout.mirrors, strict=True):
-        if (part != carrier_name(name)) if device.mirror_carriers else (uncut != HOLDER):
+        if (part != carrier_name(name)) if device.mirror_carriers else (whole_part != HOLDER):
             continue
         normal = mirror.rig_from_plane[:3, 2]
         for kind, height in (("seat", seat_height_mm(mirror, device.hardware)), ("pad", mirror.back_mm)):
@@ -299,19 +296,17 @@ def named_faces(device: Device, part: str) -> tuple[NamedFace, ...]:
     return tuple(faces)
 
 
-SIDE = np.array([1.0, 0.0, 0.0])
-ABOVE = np.array([0.0, 0.0, 1.0])
 # Distance of an insert from its hole in an exploded view.
 INSERT_EXPLODE_MM = 17.0
 
 
 def insert_exit_mm(out: FloatArray) -> FloatArray:
-    """The exit move (1, 3) of an insert in the face that the screw enters, along a unit vector `out` (3,)."""
+    """The exit move (1, 3) of an insert, along the outward unit normal `out` (3,) of the face that the screw enters."""
     return INSERT_EXPLODE_MM * out[None]
 
 
 def holder_nut_exits_mm(device: Device, seats: FloatArray) -> FloatArray:
-    """Exit moves (n, 1, 3) in rig of the nuts at seats (n, 3) in the holder's back: along their slots."""
+    """Exit moves (n, 1, 3) in the rig frame, along their slots, of the nuts at seats (n, 3) in the holder's back."""
     corners, directions = device.holder.corners_in_rig, device.holder.slot_directions
     unit = directions / np.linalg.norm(directions, axis=1)[:, None]
     return np.array([[beyond(corners, seat, direction)] for seat, direction in zip(seats, unit, strict=True)])
@@ -320,7 +315,7 @@ def holder_nut_exits_mm(device: Device, seats: FloatArray) -> FloatArray:
 def slide_nut_exits_mm(device: Device, seats: FloatArray) -> FloatArray:
     """Exit moves (n, 1, 3) of the nuts of the clip's slide: from its wall towards the scene."""
     corners = corners_of(device.clip.pieces)
-    return np.array([[beyond(corners, seat, SCENE)] for seat in seats])
+    return np.array([[beyond(corners, seat, TO_SCENE)] for seat in seats])
 
 
 def foot_nut_exits_mm(device: Device, seats: FloatArray) -> FloatArray:
@@ -328,6 +323,6 @@ def foot_nut_exits_mm(device: Device, seats: FloatArray) -> FloatArray:
     corners, screw = corners_of(device.mount.pieces), device.hardware.screw
     plate = device.mount.foot_z_mm + foot_plate_mm(device.mount.section.depth_mm, device.hardware)
     # The origin of a nut is at its face towards the screw.
-    off_plate = [(plate - seat[2] + screw.nut_height_mm / 4.0) * ABOVE for seat in seats]
-    sides = [beyond(corners, seat, np.sign(seat[0]) * SIDE) for seat in seats]
+    off_plate = [(plate - seat[2] + screw.nut_height_mm / 4.0) * UP for seat in seats]
+    sides = [beyond(corners, seat, np.sign(seat[0]) * RIGHT) for seat in seats]
     return np.stack([off_plate, sides], axis=1)

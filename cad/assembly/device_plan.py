@@ -29,13 +29,13 @@ from mirrorcam.optics.geometry.camera_body import BoardHoles
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.transforms import rigid
 
-# Steps of each move of the dust cover at which clashes with the camera are tested.
+# Number of steps of each move of the dust cover at which clashes with the camera are tested.
 COVER_STEPS = 8
 
 
 @dataclass(frozen=True, eq=False)
 class Device:
-    """The plans of all printed parts of a layout, in rig, mm.
+    """The plans of all printed parts of a layout, in the rig frame, mm.
 
     Made by `plan_device`; compared by identity, so that it can be a key of caches.
     """
@@ -110,11 +110,11 @@ def plan_device(layout: Layout, hardware: Hardware) -> Device:
 def _require_known_screws(hardware: Hardware) -> None:
     """Raise InputError if the thread of a camera board's screws is not in the table."""
     camera = hardware.camera
-    known = sorted(thread.diameter_mm for thread in THREADS.values())
-    if isinstance(camera.held_by, BoardHoles) and camera.held_by.screw_mm not in known:
+    diameters = sorted(thread.diameter_mm for thread in THREADS.values())
+    if isinstance(camera.held_by, BoardHoles) and camera.held_by.screw_mm not in diameters:
         raise InputError(
             f"camera body {camera.name}: held_by.screw_mm is {camera.held_by.screw_mm:g}, expected one of "
-            f"{', '.join(f'{each:g}' for each in known)}"
+            f"{', '.join(f'{diameter:g}' for diameter in diameters)}"
         )
 
 
@@ -125,8 +125,8 @@ def _cover(
     cover = plan_cover(layout, holder, mount, hardware) if hardware.holder.dust_cover else None
     if cover is None:
         return None
-    shares = np.linspace(0.0, 1.0, COVER_STEPS + 1)[:, None]
-    shifts = np.vstack([shares * cover.way_mm[0], cover.way_mm[0] + shares * cover.way_mm[1]])
+    fractions = np.linspace(0.0, 1.0, COVER_STEPS + 1)[:, None]
+    shifts = np.vstack([fractions * cover.way_mm[0], cover.way_mm[0] + fractions * cover.way_mm[1]])
     clashes = (
         overlap_mm(moved(cover.outer, shift), solid) > 0.0
         for shift in shifts
@@ -140,9 +140,12 @@ def camera_boxes(hardware: Hardware) -> tuple[Frustum, ...]:
     camera, body = hardware.camera, body_box(hardware.camera)
     boxes = [body.solid]
     if camera.hinge_mm:
-        half, side, back = camera.hinge_mm / 2.0, float(body.high[1]), float(body.low[2])
+        half_width, side_y, back_z = camera.hinge_mm / 2.0, float(body.high[1]), float(body.low[2])
         boxes.append(
-            box((-half, side, back), (half, side + camera.hinge_from_back_mm / 2.0, back + camera.hinge_from_back_mm))
+            box(
+                (-half_width, side_y, back_z),
+                (half_width, side_y + camera.hinge_from_back_mm / 2.0, back_z + camera.hinge_from_back_mm),
+            )
         )
     return tuple(boxes)
 
@@ -157,23 +160,25 @@ def lens_boxes(hardware: Hardware) -> tuple[Frustum, ...]:
 
 
 def over_travel(solids: tuple[Frustum, ...], travel_mm: float) -> tuple[Frustum, ...]:
-    """Solids at both ends and the middle of their travel along z."""
-    return tuple(moved(solid, np.array([0.0, 0.0, by])) for by in (-travel_mm, 0.0, travel_mm) for solid in solids)
+    """Solids at both ends and at mid-travel along z."""
+    return tuple(
+        moved(solid, np.array([0.0, 0.0, shift])) for shift in (-travel_mm, 0.0, travel_mm) for solid in solids
+    )
 
 
 def connections(device: Device) -> tuple[Connection, ...]:
     """The joints between the parts, starting from the holder."""
     mount, clip, back = device.mount, device.clip, device.back
-    out_of_back = device.holder.rig_from_mount
+    back_frame = device.holder.rig_from_mount
     downwards = np.diag([1.0, -1.0, -1.0])
     foot = rigid(downwards, mount.foot.mean(axis=0))
     back_foot = rigid(downwards, back.foot_heads.mean(axis=0) + back.foot.grip_mm * ABOVE)
     # x along the slide, z towards the clip.
-    along_slide = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]).T
-    slide = rigid(along_slide, mount.slide)
-    clip_slide = rigid(along_slide, clip.slide_middle)
+    slide_axes = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]).T
+    slide = rigid(slide_axes, mount.slide)
+    clip_slide = rigid(slide_axes, clip.slide_middle)
     return (
-        Connection("back", HOLDER, MOUNT, out_of_back, mount.rig_from_head @ np.diag([1.0, -1.0, -1.0, 1.0])),
+        Connection("back", HOLDER, MOUNT, back_frame, mount.rig_from_head @ np.diag([1.0, -1.0, -1.0, 1.0])),
         Connection("slide", MOUNT, CLIP, slide, clip_slide, clip.travel_mm),
         Connection("foot", MOUNT, back.parts[0].name, foot, back_foot),
         *back.connections,

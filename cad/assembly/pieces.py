@@ -62,7 +62,7 @@ STANDARDS = {
     "compression spring": "spring steel, DIN 2098 or similar",
 }
 # Densities in g/cm3: acrylic (PMMA, 1.18 to 1.19 in data sheets), float glass (EN 572-1), brass CuZn39Pb3, steel.
-MIRRORS, BRASS, STEEL = {"acrylic": 1.19, "glass": 2.5}, 8.47, 7.85
+MIRROR_DENSITIES, BRASS_DENSITY, STEEL_DENSITY = {"acrylic": 1.19, "glass": 2.5}, 8.47, 7.85
 MIRROR_EXPLODE_MM = 35.0
 CAMERA_EXPLODE_MM = 15.0
 BOARD_EXPLODE_MM = 40.0
@@ -73,10 +73,11 @@ ANGLE_RAD = 0.35
 
 @dataclass(frozen=True)
 class Piece:
-    """A piece of the assembled device: `mesh` in rig, mm, and its displacement `explode_mm` (3,) in an exploded view.
+    """A piece of the assembled device: `mesh` in the rig frame, mm.
 
-    `name` is unique: the name of a part or a fastener, or "mirror_ROW-COLUMN". `number` is the number of a part or a
-    mirror, "" for bought items; `item` is the bought item of a fastener.
+    `name` is unique: the name of a part or fastener, or "mirror_ROW-COLUMN". `number` is a part or mirror number, ""
+    for bought items. `explode_mm` (3,) is the displacement in an exploded view; `item` is the bought item of a
+    fastener.
     """
 
     name: str
@@ -110,7 +111,7 @@ def _printed(part: BuiltPart) -> Piece:
 
 
 def mirror_pieces(device: Device, printed: Sequence[Piece]) -> tuple[Piece, ...]:
-    """The mirrors as cut; in an exploded view each moves with its carrier or its piece of the holder, and off it."""
+    """The mirrors as cut; in an exploded view they move with their carriers or holder pieces, and away from these."""
     pieces = []
     carriers = {piece.name: piece for piece in printed}
     for name, mirror in zip(device.layout.mirror_names, device.layout.mirrors, strict=True):
@@ -125,17 +126,17 @@ def mirror_pieces(device: Device, printed: Sequence[Piece]) -> tuple[Piece, ...]
                 rgb=MIRROR_RGB,
                 explode_mm=nearest.explode_mm + MIRROR_EXPLODE_MM * mirror.normal_in_rig,
                 mesh=mesh,
-                mass=mass_of(mesh, MIRRORS[device.hardware.cutting.material]),
+                mass=mass_of(mesh, MIRROR_DENSITIES[device.hardware.cutting.material]),
             )
         )
     return tuple(pieces)
 
 
 def holder_under(mirror: Mirror, parts: Sequence[PieceOrPart]) -> PieceOrPart:
-    """The holder or, if it is split, the piece whose centre of mass is nearest to the middle of a mirror."""
-    middle = mirror.outline_in_rig_mm.mean(axis=0)
+    """The holder or, if it is split, the piece whose centre of mass is nearest to the centre of a mirror."""
+    centre = mirror.outline_in_rig_mm.mean(axis=0)
     holders = [part for part in parts if part.name.startswith(HOLDER)]
-    return min(holders, key=lambda part: float(np.linalg.norm(part.mass.centre_in_rig_mm - middle)))
+    return min(holders, key=lambda part: float(np.linalg.norm(part.mass.centre_in_rig_mm - centre)))
 
 
 def camera_piece(device: Device, clip: Piece) -> Piece:
@@ -149,7 +150,7 @@ def camera_piece(device: Device, clip: Piece) -> Piece:
 
 
 def item_pieces(items: Sequence[BoughtItem]) -> tuple[Piece, ...]:
-    """The fasteners in place."""
+    """The fasteners in their positions."""
     meshes: dict[tuple[str, str, float], trimesh.Trimesh] = {}
     pieces = []
     for name, item in zip(item_names(items), items, strict=True):
@@ -167,7 +168,7 @@ def item_pieces(items: Sequence[BoughtItem]) -> tuple[Piece, ...]:
                 rgb=ITEM_RGB[item.kind],
                 explode_mm=item.explode_mm,
                 mesh=mesh,
-                mass=mass_of(mesh, BRASS if item.kind == "insert" else STEEL),
+                mass=mass_of(mesh, BRASS_DENSITY if item.kind == "insert" else STEEL_DENSITY),
                 item=item,
             )
         )
@@ -223,7 +224,7 @@ def tessellated(solid: Part) -> trimesh.Trimesh:
 
 
 def mass_of(mesh: trimesh.Trimesh, density_g_per_cm3: float) -> MassProperties:
-    """Volume, mass, centre and inertia of a mesh in rig, filled with one material."""
+    """Volume, mass, centre and inertia of a mesh in the rig frame, filled with one material."""
     density_g_per_mm3 = density_g_per_cm3 / 1000.0
     return MassProperties(
         volume_mm3=mesh.volume,
@@ -235,9 +236,9 @@ def mass_of(mesh: trimesh.Trimesh, density_g_per_cm3: float) -> MassProperties:
 
 
 def combined(bodies: Sequence[MassProperties]) -> MassProperties:
-    """Several bodies as one, by the parallel axis theorem.
+    """The mass properties of several bodies as one, by the parallel axis theorem.
 
-    I = sum of I_k + m_k (|d_k|^2 1 - d_k d_k^T), with d_k from the common centre to the centre of body k.
+    I = sum of I_k + m_k (|d_k|^2 1 - d_k d_k^T), with d_k from the common centre of mass to that of body k.
     """
     masses = np.array([body.mass_g for body in bodies])
     centres = np.array([body.centre_in_rig_mm for body in bodies])
@@ -255,7 +256,7 @@ def combined(bodies: Sequence[MassProperties]) -> MassProperties:
 
 ABOVE: Any = (Align.CENTER, Align.CENTER, Align.MIN)
 BELOW: Any = (Align.CENTER, Align.CENTER, Align.MAX)
-HINGE_MM = 7.8
+HINGE_DIAMETER_MM = 7.8
 CABLE_STUB_MM = 20.0
 # Coils of a spring that is drawn as a sleeve, including the inactive ones.
 SLEEVE_COILS = 5.5
@@ -264,30 +265,30 @@ WASHER, WASHER_HOLE = 7.0 / 3.0, 3.2 / 3.0
 
 
 def camera_solid(camera: CameraBody) -> Part:
-    """The camera in rig, with its entrance pupil at the origin: body, lens ring, folded foot, hinge, cable."""
+    """The camera in the rig frame, its pupil at the origin: body, lens ring, folded foot, hinge, cable."""
     front = camera.pupil_behind_front_mm
-    middle = (-camera.lens_x_mm, -camera.lens_y_mm)
+    centre = (-camera.lens_x_mm, -camera.lens_y_mm)
     with BuildPart() as body:
         if camera.end_radius_mm > 0.0:
-            with BuildSketch(Plane((*middle, front))):
+            with BuildSketch(Plane((*centre, front))):
                 _rounded(camera)
             extrude(amount=-camera.depth_mm)
         else:
-            with Locations((*middle, front)):
+            with Locations((*centre, front)):
                 Box(camera.width_mm, camera.height_mm, camera.depth_mm, align=BELOW)
         if camera.lens_protrusion_mm > 0.0:
             with Locations((0.0, 0.0, front)):
                 Cylinder(camera.lens_ring_mm / 2.0, camera.lens_protrusion_mm, align=ABOVE)
         if camera.hinge_mm > 0.0:
-            low = front - camera.depth_mm + HINGE_MM / 2.0
-            with Locations((middle[0], middle[1] + camera.height_mm / 2.0, low)):
-                Cylinder(HINGE_MM / 2.0, camera.hinge_mm, rotation=(0.0, 90.0, 0.0))
+            hinge_z = front - camera.depth_mm + HINGE_DIAMETER_MM / 2.0
+            with Locations((centre[0], centre[1] + camera.height_mm / 2.0, hinge_z)):
+                Cylinder(HINGE_DIAMETER_MM / 2.0, camera.hinge_mm, rotation=(0.0, 90.0, 0.0))
         if camera.foot_mm is not None:
             width, height, depth = camera.foot_mm
-            with Locations((middle[0], middle[1] + (camera.height_mm + height) / 2.0, front - camera.depth_mm)):
+            with Locations((centre[0], centre[1] + (camera.height_mm + height) / 2.0, front - camera.depth_mm)):
                 Box(width, height, min(depth, camera.depth_mm), align=ABOVE)
         if camera.has_cable:
-            with Locations((camera.cable_x_mm, middle[1] + camera.cable_y_mm, front - camera.depth_mm)):
+            with Locations((camera.cable_x_mm, centre[1] + camera.cable_y_mm, front - camera.depth_mm)):
                 if camera.cable_thick_mm > 0.0:
                     Box(camera.cable_mm, camera.cable_thick_mm, CABLE_STUB_MM, align=BELOW)
                 else:
@@ -350,5 +351,5 @@ def _sleeve(spring: BoughtItem) -> Part:
 def _solid(body: BuildPart) -> Part:
     part = body.part
     if part is None or len(part.solids()) != 1:
-        raise ValueError("expected one solid")
+        raise ValueError("the body must be one solid")
     return part

@@ -1,7 +1,7 @@
-"""Checks of mirrors on carriers: clashes over the full travel, spring forces and access by the driver.
+"""Checks of mirrors on carriers: clashes over the full travel, spring forces and access for the driver.
 
-In each pose the mirror is tilted by `holder.adjust_deg` about one of several axes and moved by `holder.adjust_mm` in
-either direction. Its own screws move with it; `plan_adjuster` leaves space for their shanks.
+In each pose the mirror is tilted by `holder.adjust_deg` about one of several axes and shifted by `holder.adjust_mm`
+in either direction along the screws' axes. Its own screws move with it; `plan_adjuster` leaves space for their shanks.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import manifold3d
 import numpy as np
 
 from mirrorcam.cad.assembly.device_plan import Device
-from mirrorcam.cad.checks.clashes import FASTENERS, common_mm3
+from mirrorcam.cad.checks.clashes import FASTENERS, overlap_mm3
 from mirrorcam.cad.holder.adjuster import DRIVER_MM
 from mirrorcam.cad.holder.carriers import CarrierPlan, rotation_about, turn_deg
 from mirrorcam.cad.holder.screwed_holder import ScrewedHolderPlan
@@ -22,9 +22,9 @@ from mirrorcam.core.values import FloatArray, Metric
 
 DIRECTIONS = 8
 GRAVITY_N_PER_G = 9.80665e-3
-# Length of a driver's blade, and diameter and length of its handle.
+# Length of a driver's blade; diameter and length of its handle.
 BLADE_MM, HANDLE_MM = 75.0, (20.0, 30.0)
-# Only solids nearer than this to a mirror are tested.
+# Only solids closer than this to a mirror are tested.
 NEAR_MM = 5.0
 
 
@@ -38,28 +38,28 @@ def check_adjustment(
     device : Device
         The plans of its parts.
     solids : mapping of str to Manifold
-        The solids of the assembled device by name, in rig, mm.
+        The solids of the assembled device by name, in the rig frame, mm.
     supports : mapping of str to Manifold
         Solids that support the device and may block a driver.
 
     Returns
     -------
     dict of str to Metric
-        Volume that tilted mirrors with their carriers share with other solids; the least gap to these; the least force
-        of a spring, limited by the heaviest mirror's weight under acceleration; volume that blocks the driver in the
-        assembled device; smallest and largest tilt by one turn of a screw.
+        Overlap of tilted mirrors and their carriers with other solids; the smallest gap to these; the smallest force of
+        a spring, limited by the heaviest mirror's weight under acceleration; volume that blocks the driver in the
+        assembled device; smallest and largest tilt per turn of a screw.
     """
     holder = device.holder
     if not isinstance(holder, ScrewedHolderPlan):
         return {}
-    swept, gap = _tilted(device, holder, solids)
-    shaken = device.hardware.clip.shaken_g * GRAVITY_N_PER_G * _heaviest_g(device, solids)
+    clash, gap = _travel_clash(device, holder, solids)
+    min_force = device.hardware.clip.shaken_g * GRAVITY_N_PER_G * _heaviest_g(device, solids)
     degrees = [turn_deg(carrier) for carrier in holder.carriers]
     return {
-        "mirrors.adjust_clash_mm3": Metric(value=swept, unit="mm3", limit=0.0),
+        "mirrors.adjust_clash_mm3": Metric(value=clash, unit="mm3", limit=0.0),
         "mirrors.adjust_gap_mm": Metric(value=round(gap, 3), unit="mm"),
         "mirrors.spring_least_n": Metric(
-            value=round(holder.adjuster.least_n, 2), unit="N", limit=round(shaken, 3), lower_is_better=False
+            value=round(holder.adjuster.least_n, 2), unit="N", limit=round(min_force, 3), lower_is_better=False
         ),
         "mirrors.adjust_tool_clash_mm3": Metric(
             value=_driver_clash(holder, {**solids, **supports}), unit="mm3", limit=0.0
@@ -70,7 +70,7 @@ def check_adjustment(
 
 
 def poses(carrier: CarrierPlan, tilt_deg: float, shift_mm: float) -> Iterator[FloatArray]:
-    """Motions (4, 4) in rig that take a carrier to the ends of its travel."""
+    """Motions (4, 4) in the rig frame that take a carrier to the ends of its travel."""
     frame, back = carrier.rig_from_back, np.linalg.inv(carrier.rig_from_back)
     for azimuth in 2.0 * np.pi / DIRECTIONS * np.arange(DIRECTIONS):
         for shift in (-shift_mm, shift_mm):
@@ -82,12 +82,12 @@ def poses(carrier: CarrierPlan, tilt_deg: float, shift_mm: float) -> Iterator[Fl
             yield frame @ motion @ back
 
 
-def _tilted(
+def _travel_clash(
     device: Device, holder: ScrewedHolderPlan, solids: Mapping[str, manifold3d.Manifold]
 ) -> tuple[float, float]:
-    """Volume that tilted mirrors and carriers share with other solids, and the least gap between them."""
+    """Overlap of tilted mirrors and carriers with other solids, and the smallest gap between them."""
     dimensions = device.hardware.holder
-    common, gap = 0.0, NEAR_MM
+    overlap, gap = 0.0, NEAR_MM
     for carrier in holder.carriers:
         own = {carrier_name(carrier.name), f"mirror_{carrier.name}"}
         moving = manifold3d.Manifold.compose([solids[name] for name in sorted(own) if name in solids])
@@ -101,9 +101,9 @@ def _tilted(
         obstacle = manifold3d.Manifold.compose(others)
         for pose in poses(carrier, dimensions.adjust_deg, dimensions.adjust_mm):
             tilted = moving.transform(pose[:3])
-            common += common_mm3(tilted, obstacle)
+            overlap += overlap_mm3(tilted, obstacle)
             gap = min(gap, tilted.min_gap(obstacle, NEAR_MM))
-    return common, gap
+    return overlap, gap
 
 
 def _heaviest_g(device: Device, solids: Mapping[str, manifold3d.Manifold]) -> float:
@@ -121,7 +121,7 @@ def _heaviest_g(device: Device, solids: Mapping[str, manifold3d.Manifold]) -> fl
 
 
 def _driver_clash(holder: ScrewedHolderPlan, solids: Mapping[str, manifold3d.Manifold]) -> float:
-    """Largest volume that a driver at a screw shares with the assembled device and its support."""
+    """Largest overlap of a driver at a screw with the assembled device and its support."""
     obstacle = manifold3d.Manifold.compose([solid for name, solid in solids.items() if not name.startswith(FASTENERS)])
     head_radius = SUNK_HEAD * thread_of("M3").diameter_mm / 2.0
     blade = manifold3d.Manifold.cylinder(BLADE_MM, DRIVER_MM / 2.0, circular_segments=32)
@@ -131,5 +131,5 @@ def _driver_clash(holder: ScrewedHolderPlan, solids: Mapping[str, manifold3d.Man
     clash = 0.0
     for head in holder.heads:
         frame[:3, 3] = head
-        clash = max(clash, common_mm3(obstacle, driver.transform(frame[:3])))
+        clash = max(clash, overlap_mm3(obstacle, driver.transform(frame[:3])))
     return clash

@@ -24,13 +24,14 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.transforms import transform
 
-# Least distance of a laser's lines: closer lines merge.
-LINE_GAP_MM = 0.5
-GAP_SEARCH_MM = 10.0
+# Minimum distance between the laser's lines: closer lines merge.
+MIN_LINE_GAP_MM = 0.5
+# Upper limit of measured gaps between outlines.
+MAX_GAP_MM = 10.0
 MITRE_LIMIT = 100.0
 # Fits whose errors differ by less are equally good: a rectangle fits in two orientations.
 SAME_FIT_MM = 1e-3
-ARROW_DEG = 0.1
+MAX_ARROW_ERROR_DEG = 0.1
 
 
 @dataclass(frozen=True)
@@ -41,7 +42,7 @@ class MirrorCut:
     path: FloatArray
     strokes: tuple[FloatArray, ...]
 
-    def finished(self, cutting: Cutting) -> FloatArray:
+    def finished_outline(self, cutting: Cutting) -> FloatArray:
         """The outline (n, 2) of the cut mirror, without the kerf, counter-clockwise."""
         shrunk = orient(Polygon(self.path)).buffer(-cutting.allowance_mm, join_style="mitre", mitre_limit=MITRE_LIMIT)
         return np.array(orient(shrunk).exterior.coords)[:-1]
@@ -49,7 +50,7 @@ class MirrorCut:
 
 @dataclass(frozen=True)
 class OutlineFit:
-    """A rigid fit of a polygon onto another: corners (n, 2) in the other's order, rotation (2, 2) and error."""
+    """A rigid fit of one polygon onto another: corners (n, 2) in the order of the second, rotation (2, 2) and error."""
 
     corners: FloatArray
     rotation: FloatArray
@@ -57,15 +58,15 @@ class OutlineFit:
 
 
 def fits(polygon: FloatArray, expected: FloatArray) -> list[OutlineFit]:
-    """Best rigid fits of a polygon's corners (n, 2) onto other corners (n, 2), for every first corner and both orders.
+    """Best rigid fits of a polygon's corners (n, 2) onto others (n, 2), for every starting corner and both orders.
 
     Empty if the counts differ. The same corners in reverse order are the same shape; a mirror image is not.
     """
     if len(polygon) != len(expected):
         return []
-    fits_by_order = []
-    middle = expected.mean(axis=0)
-    centred = expected - middle
+    candidates = []
+    centre = expected.mean(axis=0)
+    centred = expected - centre
     for corners in (polygon, polygon[::-1]):
         for start in range(len(corners)):
             source = np.roll(corners, start, axis=0)
@@ -75,10 +76,10 @@ def fits(polygon: FloatArray, expected: FloatArray) -> list[OutlineFit]:
             angle = np.arctan2(sine_sum, (source * centred).sum())
             rotation = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
             rotated = source @ rotation.T
-            fits_by_order.append(
-                OutlineFit(rotated + middle, rotation, float(np.linalg.norm(rotated - centred, axis=1).max()))
+            candidates.append(
+                OutlineFit(rotated + centre, rotation, float(np.linalg.norm(rotated - centred, axis=1).max()))
             )
-    return fits_by_order
+    return candidates
 
 
 def read_cuts(paths: Sequence[Path]) -> tuple[dict[str, MirrorCut], dict[str, int]]:
@@ -113,16 +114,16 @@ def mirror_fits(cuts: Mapping[str, MirrorCut], layout: Layout, cutting: Cutting)
     for name, mirror in zip(layout.mirror_names, layout.mirrors, strict=True):
         if name not in cuts:
             continue
-        candidates = fits(cuts[name].finished(cutting), _from_back(mirror))
-        least = min((fit.error_mm for fit in candidates), default=0.0)
-        equal = [fit for fit in candidates if fit.error_mm <= least + SAME_FIT_MM]
-        if equal:
-            best_fits[name] = min(equal, key=lambda fit: _arrow_error_deg(cuts[name], fit))
+        candidates = fits(cuts[name].finished_outline(cutting), _from_back(mirror))
+        min_error = min((fit.error_mm for fit in candidates), default=0.0)
+        best = [fit for fit in candidates if fit.error_mm <= min_error + SAME_FIT_MM]
+        if best:
+            best_fits[name] = min(best, key=lambda fit: _arrow_error_deg(cuts[name], fit))
     return best_fits
 
 
 def check_cuts(paths: Sequence[Path], layout: Layout, cutting: Cutting) -> dict[str, Metric]:
-    """Check that every mirror occurs once, in shape, on its stock sheet, apart from others, with its mark upright."""
+    """Check that every mirror occurs once, has its shape and an upright mark, and is on its sheet, clear of others."""
     cuts, errors = read_cuts(paths)
     best_fits = mirror_fits(cuts, layout, cutting)
     outlines = [(cut.sheet, Polygon(cut.path)) for cut in cuts.values()]
@@ -130,7 +131,7 @@ def check_cuts(paths: Sequence[Path], layout: Layout, cutting: Cutting) -> dict[
     gaps = [
         outline.distance(outlines[other][1])
         for index, (sheet, outline) in enumerate(outlines)
-        for other in tree.query(outline.buffer(GAP_SEARCH_MM))
+        for other in tree.query(outline.buffer(MAX_GAP_MM))
         if other != index and outlines[other][0] == sheet
     ]
     stock = box(0.0, 0.0, *cutting.sheet_mm)
@@ -143,7 +144,7 @@ def check_cuts(paths: Sequence[Path], layout: Layout, cutting: Cutting) -> dict[
             value=max((fit.error_mm for fit in best_fits.values()), default=0.0) * 1000.0, unit="um", limit=1.0
         ),
         "outline_gap_mm": Metric(
-            value=min(gaps, default=GAP_SEARCH_MM), unit="mm", limit=LINE_GAP_MM, lower_is_better=False
+            value=min(gaps, default=MAX_GAP_MM), unit="mm", limit=MIN_LINE_GAP_MM, lower_is_better=False
         ),
         "outlines_off_sheet": Metric(
             value=sum(not stock.contains(outline) for _, outline in outlines), unit="", limit=0
@@ -151,36 +152,36 @@ def check_cuts(paths: Sequence[Path], layout: Layout, cutting: Cutting) -> dict[
         "marks_missing": Metric(value=sum(not cut.strokes for cut in cuts.values()), unit="", limit=0),
         "marks_off_mirror": Metric(
             value=sum(
-                not Polygon(cut.finished(cutting)).contains(LineString(stroke))
+                not Polygon(cut.finished_outline(cutting)).contains(LineString(stroke))
                 for cut in cuts.values()
                 for stroke in cut.strokes
             ),
             unit="",
             limit=0,
         ),
-        "arrow_error_deg": Metric(value=max(arrows, default=0.0), unit="deg", limit=ARROW_DEG),
+        "arrow_error_deg": Metric(value=max(arrows, default=0.0), unit="deg", limit=MAX_ARROW_ERROR_DEG),
     }
 
 
-def mirrors_as_cut(placed: Mapping[str, OutlineFit], layout: Layout) -> dict[str, manifold3d.Manifold]:
-    """The finished mirrors in place in rig: right prisms from back to front, by row and column."""
+def mirrors_as_cut(outlines: Mapping[str, OutlineFit], layout: Layout) -> dict[str, manifold3d.Manifold]:
+    """The finished mirrors in their positions in the rig frame: right prisms from back to front, by row and column."""
     solids = {}
     for name, mirror in zip(layout.mirror_names, layout.mirrors, strict=True):
-        if name in placed:
+        if name in outlines:
             back = mirror.back_mm
-            solids[name] = prism(mirror, placed[name].corners, back, back + mirror.thickness_mm)
+            solids[name] = prism(mirror, outlines[name].corners, back, back + mirror.thickness_mm)
     return solids
 
 
 def prism(mirror: Mirror, outline: FloatArray, low_mm: float, high_mm: float) -> manifold3d.Manifold:
-    """The solid in rig between two heights over the reflecting plane, on a convex outline (n, 2) seen from the back."""
-    flat = outline * (1.0, -1.0)
-    ends = [np.column_stack([flat, np.full(len(flat), height)]) for height in (low_mm, high_mm)]
+    """The solid in the rig frame between two heights over the mirror plane, with an outline (n, 2) seen from behind."""
+    in_plane = outline * (1.0, -1.0)
+    ends = [np.column_stack([in_plane, np.full(len(in_plane), height)]) for height in (low_mm, high_mm)]
     return manifold3d.Manifold.hull_points(transform(mirror.rig_from_plane, np.concatenate(ends)))
 
 
 def _arrow_error_deg(cut: MirrorCut, fit: OutlineFit) -> float:
-    """Angle of the engraved arrow from up, with the mirror oriented as in the device; 180 if there is no arrow."""
+    """Angle between the engraved arrow and the up direction, with the mirror as in the device; 180 without an arrow."""
     if not cut.strokes or len(cut.strokes[0]) != 2:
         return 180.0
     x, y = fit.rotation @ (cut.strokes[0][1] - cut.strokes[0][0])

@@ -18,9 +18,9 @@ from shapely import Polygon
 
 from mirrorcam.cad.assembly.catalogue import bought_items
 from mirrorcam.cad.assembly.device_plan import Device
-from mirrorcam.cad.assembly.pieces import BRASS, MIRRORS, STEEL, combined, item_names, mass_of
+from mirrorcam.cad.assembly.pieces import BRASS_DENSITY, MIRROR_DENSITIES, STEEL_DENSITY, combined, item_names, mass_of
 from mirrorcam.cad.checks.adjustment import check_adjustment
-from mirrorcam.cad.checks.clashes import FASTENERS, FORMING, check_clashes, check_cover, common_mm3, is_mirror
+from mirrorcam.cad.checks.clashes import FASTENERS, FORMING, check_clashes, check_cover, is_mirror, overlap_mm3
 from mirrorcam.cad.checks.cut_outlines import OutlineFit, check_cuts, mirror_fits, mirrors_as_cut, prism, read_cuts
 from mirrorcam.cad.checks.exported_mesh import is_manifold, read_stl, solid_of
 from mirrorcam.cad.checks.light_paths import check_light, check_step_views, check_surrounding_light
@@ -36,12 +36,12 @@ from mirrorcam.optics.geometry.layout import Layout
 
 ASSEMBLY = "assembly.glb"
 CAMERA = "camera"
-# Limit of the share of pixels that see the surroundings past all parts. Their veiling glare is at most one of 255 grey
-# levels if they are five times as bright as the scene, and the lens scatters 3 % of the light over the picture (ISO
-# 9358).
-STRAY_LIGHT = 1.0 / 255.0 / (5.0 * 0.03)
-# Height above its seat from which a mirror is lowered, in thicknesses.
-DROP_OF_THICKNESS = 4.0
+# Limit of the fraction of pixels that see the surroundings past all parts. Their veiling glare is at most one of 255
+# grey levels if they are five times as bright as the scene, and the lens scatters 3 % of the light over the picture
+# (ISO 9358).
+MAX_STRAY_LIGHT = 1.0 / 255.0 / (5.0 * 0.03)
+# Height above its seat from which a mirror is lowered, as a multiple of its thickness.
+DROP_HEIGHT_RATIO = 4.0
 # Reduction of the tested clearance around a mirror, so that walls exactly at the clearance do not clash.
 ROUNDING_MM = 1e-3
 
@@ -51,7 +51,7 @@ class DeviceAsMade:
     """A device as read back from its folder: parts as printed, mirrors as cut, other pieces as assembled.
 
     `outlines` are the mirrors' outlines in the files `sheets`, by row and column. `assembly` has the meshes of the
-    assembly and `solids` the solids of all pieces, both by name, in rig, mm.
+    assembly and `solids` the solids of all pieces, both by name, in the rig frame, mm.
     """
 
     device: Device
@@ -152,8 +152,8 @@ def _check_stiffness(device: Device) -> dict[str, Metric]:
 def _check_mirrors(made: DeviceAsMade) -> dict[str, Metric]:
     """Check the mirrors as cut, their seats, and their paths to the seats."""
     layout, hardware = made.device.layout, made.device.hardware
-    seated = CARRIER if made.device.mirror_carriers else HOLDER
-    holders = (part for part in made.printed if part.name.startswith(seated))
+    seat_prefix = CARRIER if made.device.mirror_carriers else HOLDER
+    holders = (part for part in made.printed if part.name.startswith(seat_prefix))
     faces = flat_faces(import_step(part.step) for part in holders)
     return {
         **check_cuts(made.sheets, layout, hardware.cutting),
@@ -164,8 +164,8 @@ def _check_mirrors(made: DeviceAsMade) -> dict[str, Metric]:
 
 def _check_stray_light(made: DeviceAsMade) -> dict[str, Metric]:
     parts = manifold3d.Manifold.compose(list(made.valid_parts.values()))
-    share = stray_light(made.device.layout, parts, [solid for solid in made.mirrors if solid is not None])
-    return {"device.stray_light": Metric(value=share, unit="of the pixels", limit=STRAY_LIGHT)}
+    fraction = stray_light(made.device.layout, parts, [solid for solid in made.mirrors if solid is not None])
+    return {"device.stray_light": Metric(value=fraction, unit="of the pixels", limit=MAX_STRAY_LIGHT)}
 
 
 def _check_cover(made: DeviceAsMade, parts: Sequence[BuiltPart]) -> dict[str, Metric]:
@@ -178,14 +178,14 @@ def _check_cover(made: DeviceAsMade, parts: Sequence[BuiltPart]) -> dict[str, Me
 def supports_of(
     device: Device, fasteners: Mapping[str, manifold3d.Manifold] = MappingProxyType({})
 ) -> dict[str, manifold3d.Manifold]:
-    """Solids outside the device to which its back is fastened, by name, in rig, with holes for the fasteners."""
-    holes_for = manifold3d.Manifold.compose(list(fasteners.values()))
+    """Solids outside the device that support it, by name, in the rig frame, with holes for the fasteners."""
+    holes = manifold3d.Manifold.compose(list(fasteners.values()))
     return {
         support.name: manifold3d.Manifold.batch_boolean(
             [manifold3d.Manifold.hull_points(np.vstack([solid.base, solid.top])) for solid in support.solids],
             manifold3d.OpType.Add,
         )
-        - holes_for
+        - holes
         for support in device.back.supports
     }
 
@@ -209,9 +209,9 @@ def assembly_mass(hardware: Hardware, assembly: Mapping[str, trimesh.Trimesh]) -
         if name == CAMERA:
             density = hardware.camera.mass_g / (mesh.volume / 1000.0)
         elif is_mirror(name):
-            density = MIRRORS[hardware.cutting.material]
+            density = MIRROR_DENSITIES[hardware.cutting.material]
         elif name.startswith(FASTENERS):
-            density = BRASS if name.startswith("insert") else STEEL
+            density = BRASS_DENSITY if name.startswith("insert") else STEEL_DENSITY
         else:
             density = hardware.printer.plastic_g_per_cm3
         bodies.append(mass_of(mesh, density))
@@ -219,7 +219,7 @@ def assembly_mass(hardware: Hardware, assembly: Mapping[str, trimesh.Trimesh]) -
 
 
 def check_mass(total: MassProperties) -> dict[str, Metric]:
-    """Mass of the assembly, and its centre of mass in rig."""
+    """Mass of the assembly, and its centre of mass in the rig frame."""
     return {
         "device.mass_g": Metric(value=round(total.mass_g, 2), unit="g"),
         **{
@@ -230,7 +230,7 @@ def check_mass(total: MassProperties) -> dict[str, Metric]:
 
 
 def read_glb(path: Path) -> dict[str, trimesh.Trimesh]:
-    """The pieces of a GLB file by name, in rig, mm: the frame of its node `device`, whatever the file's unit."""
+    """The pieces of a GLB file by name, in the rig frame (that of its node `device`), mm, whatever the file's unit."""
     scene = trimesh.load_scene(path)
     rig_from_file = np.linalg.inv(scene.graph.get("device")[0])
     meshes = {}
@@ -248,7 +248,7 @@ def check_drop(
 ) -> dict[str, Metric]:
     """Check that the mirrors, as cut, reach their seats along the normal with the stated clearance around them.
 
-    Reports the volumes that parts share with the mirrors' paths, and with the mirrors enlarged by the clearance.
+    Reports the overlap of parts with the mirrors' paths, and with the mirrors enlarged by the clearance.
     """
     printed = manifold3d.Manifold.compose(list(parts))
     in_path = in_clearance = 0.0
@@ -257,9 +257,9 @@ def check_drop(
             continue
         corners, thickness = outlines[name].corners, mirror.thickness_mm
         seat_mm = mirror.back_mm + ROUNDING_MM
-        grown = np.array(Polygon(corners).buffer(clearance_mm - ROUNDING_MM).exterior.coords)
-        in_path += common_mm3(printed, prism(mirror, corners, seat_mm, seat_mm + DROP_OF_THICKNESS * thickness))
-        in_clearance += common_mm3(printed, prism(mirror, grown, seat_mm, seat_mm + thickness))
+        enlarged = np.array(Polygon(corners).buffer(clearance_mm - ROUNDING_MM).exterior.coords)
+        in_path += overlap_mm3(printed, prism(mirror, corners, seat_mm, seat_mm + DROP_HEIGHT_RATIO * thickness))
+        in_clearance += overlap_mm3(printed, prism(mirror, enlarged, seat_mm, seat_mm + thickness))
     return {
         "drop_clash_mm3": Metric(value=in_path, unit="mm3", limit=0.0),
         "room_clash_mm3": Metric(value=in_clearance, unit="mm3", limit=0.0),

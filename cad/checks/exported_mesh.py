@@ -22,9 +22,9 @@ def read_stl(path: Path) -> trimesh.Trimesh:
 
 
 def read_3mf(path: Path) -> trimesh.Trimesh:
-    """Read a 3MF file, mm, as one mesh: the objects of its build items in their places on the bed.
+    """Read a 3MF file, mm, as one mesh: the objects of its build items in their positions on the bed.
 
-    Raises ValueError for content that this program never writes: another unit, or an object composed of others.
+    Raises ValueError for content that this program never writes: a different unit, or an object composed of others.
     """
     with zipfile.ZipFile(path) as package:
         model = ElementTree.fromstring(package.read(MODEL_3MF))
@@ -40,9 +40,11 @@ def read_3mf(path: Path) -> trimesh.Trimesh:
         vertices = np.array([[float(v.attrib[axis]) for axis in "xyz"] for v in body.iter(f"{CORE_3MF}vertex")])
         faces = [[int(t.attrib[corner]) for corner in ("v1", "v2", "v3")] for t in body.iter(f"{CORE_3MF}triangle")]
         # Twelve numbers, row by row, of the matrix (4, 3) by which a row vector (x, y, z, 1) is multiplied.
-        place = np.array(item.get("transform", "1 0 0 0 1 0 0 0 1 0 0 0").split(), dtype=np.float64).reshape(4, 3)
+        bed_from_object = np.array(item.get("transform", "1 0 0 0 1 0 0 0 1 0 0 0").split(), dtype=np.float64).reshape(
+            4, 3
+        )
         corners.append(np.array(faces) + sum(map(len, points)))
-        points.append(vertices @ place[:3] + place[3])
+        points.append(vertices @ bed_from_object[:3] + bed_from_object[3])
     return trimesh.Trimesh(np.concatenate(points), np.concatenate(corners))
 
 

@@ -1,4 +1,4 @@
-"""Checks of load-bearing features: the six points and leaves of the camera's clip, and the back under the device.
+"""Checks of load-bearing features: the clip's six contacts and leaf springs, and the back that carries the device.
 
 They cover the camera's repeatability in its clip, the device's stability, the engagement of a tripod's screw, and the
 stress in the back.
@@ -25,17 +25,17 @@ from mirrorcam.core.values import FloatArray, Metric
 from mirrorcam.optics.geometry.camera_body import BoardHoles
 from mirrorcam.optics.geometry.layout import Layout
 
-# Gaps are measured up to this one.
-MEASURED_MM = 5.0
+# Upper limit of measured gaps.
+MAX_GAP_MM = 5.0
 
 
 def check_nest(clip: ClipPlan, layout: Layout, hardware: Hardware) -> dict[str, Metric]:
-    """Check that the screws press a body on all six points, without overstraining their leaves.
+    """Check that the screws press a body against all six contacts without overstraining their leaf springs.
 
     Parameters
     ----------
     clip : ClipPlan
-        The clip; a clip for a board has neither points nor leaves.
+        The clip; a clip for a board has neither contacts nor leaf springs.
     layout : Layout
         Camera and mirrors, for the motion of sub-images.
     hardware : Hardware
@@ -44,8 +44,8 @@ def check_nest(clip: ClipPlan, layout: Layout, hardware: Hardware) -> dict[str, 
     Returns
     -------
     dict of str to Metric
-        The least force at any point under that acceleration, the largest strain of a leaf, and the screws' forces; for
-        boards too, the standard deviations of re-clamping.
+        The smallest force at any contact under that acceleration, the largest strain of a leaf spring, and the screws'
+        forces. For bodies and boards, the standard deviations of re-clamping.
     """
     repeats = repeatability(clip, layout, hardware)
     figures = {
@@ -62,11 +62,11 @@ def check_nest(clip: ClipPlan, layout: Layout, hardware: Hardware) -> dict[str, 
         return reclamped
     printer, camera = hardware.printer, hardware.camera
     weight = camera.mass_g / 1000.0 * GRAVITY_N_PER_KG * hardware.clip.shaken_g
-    least = least_contact_n(clip.nest, body_box(camera).middle, weight, printer.plastic_mpa)
+    min_force = least_contact_n(clip.nest, body_box(camera).middle, weight, printer.plastic_mpa)
     forces = [screw.leaf.force_n(printer.plastic_mpa) for screw in clip.nest.screws]
     strain = max(screw.leaf.strain for screw in clip.nest.screws)
     return {
-        f"{CLIP}.contact_n": Metric(value=round(least, 2), unit="N", limit=0.0, lower_is_better=False),
+        f"{CLIP}.contact_n": Metric(value=round(min_force, 2), unit="N", limit=0.0, lower_is_better=False),
         f"{CLIP}.leaf_strain": Metric(value=round(strain, 5), unit="", limit=printer.plastic_strain),
         f"{CLIP}.back_screw_n": Metric(value=round(forces[0], 1), unit="N"),
         f"{CLIP}.end_screw_n": Metric(value=round(forces[1], 1), unit="N"),
@@ -77,45 +77,46 @@ def check_nest(clip: ClipPlan, layout: Layout, hardware: Hardware) -> dict[str, 
 def check_rest(
     clip: manifold3d.Manifold | None, camera: manifold3d.Manifold | None, hardware: Hardware
 ) -> dict[str, Metric]:
-    """Check that the play of a board's holes lets a tie draw its lens onto the clip's rest.
+    """Check that the play of a board's holes lets a tie pull its lens onto the clip's rest, which supports the lens.
 
     Parameters
     ----------
     clip, camera : Manifold or None
-        The solids in the device, in rig, mm; None if invalid.
+        The solids in the device, in the rig frame, mm; None if invalid.
     hardware : Hardware
         The camera's body; without `rest_mm` there is nothing to check.
 
     Returns
     -------
     dict of str to Metric
-        The gap between clip and barrel above the board; `MEASURED_MM` if a solid is invalid.
+        The gap between clip and barrel above the board; `MAX_GAP_MM` if a solid is invalid.
     """
     body = hardware.camera
     if body.rest_mm is None or not isinstance(body.held_by, BoardHoles):
         return {}
-    # Posts and board end below the rest.
-    level = body.pupil_behind_front_mm + body.rest_mm[0] / 2.0
-    gap = MEASURED_MM
+    # Posts and board end below this height.
+    height = body.pupil_behind_front_mm + body.rest_mm[0] / 2.0
+    gap = MAX_GAP_MM
     if clip is not None and camera is not None:
-        upper = [solid.trim_by_plane((0.0, 0.0, 1.0), level) for solid in (clip, camera)]
-        gap = min(float(upper[0].min_gap(upper[1], MEASURED_MM)), MEASURED_MM)
+        above = [solid.trim_by_plane((0.0, 0.0, 1.0), height) for solid in (clip, camera)]
+        gap = min(float(above[0].min_gap(above[1], MAX_GAP_MM)), MAX_GAP_MM)
     return {f"{CLIP}.rest_gap_mm": Metric(value=round(gap, 3), unit="mm", limit=round(body.held_by.play_mm, 3))}
 
 
 STANDARD_GRAVITY = 9.80665
-# Load of a device that is carried, knocked or moved by an arm, in multiples of its weight.
-TIMES_ITS_WEIGHT = 3.0
-# Stress that a print bears across its layers for years: a sixth of the short-term strength there, about 30 MPa for PLA
+# Load of a device that is carried, knocked or moved by an arm, as a multiple of its weight.
+LOAD_FACTOR = 3.0
+# Stress that a print bears across its layers for years: a sixth of the short-term strength, about 30 MPa for PLA
 # (Kuznetsov et al., Strength of PLA components fabricated with fused deposition technology, Polymers 10, 2018).
 STRESS_MPA = 5.0
-TURNS = 3.0
+# Minimum engagement of a tripod's screw in its nut, in turns.
+MIN_TURNS = 3.0
 
 
 def check_back(
     back: Back, items: Sequence[BoughtItem], solids: Mapping[str, manifold3d.Manifold], total: MassProperties
 ) -> dict[str, Metric]:
-    """Check a back under a device.
+    """Check the back that carries a device.
 
     Parameters
     ----------
@@ -124,7 +125,7 @@ def check_back(
     items : sequence of BoughtItem
         All bought items of the device, in the order of their names.
     solids : mapping of str to Manifold
-        The solids of the assembled device by name, in rig, mm.
+        The solids of the assembled device by name, in the rig frame, mm.
     total : MassProperties
         Mass properties of the assembled device.
 
@@ -134,37 +135,39 @@ def check_back(
         The largest stress in the back's necks under a multiple of the device's weight in any direction; for a
         free-standing device, the tilt at which it falls over; for a back with a tripod's nut, the turns of engagement.
     """
-    force = TIMES_ITS_WEIGHT * total.mass_g / 1000.0 * STANDARD_GRAVITY
+    force = LOAD_FACTOR * total.mass_g / 1000.0 * STANDARD_GRAVITY
     stress = max((neck.stress_mpa(force, total.centre_in_rig_mm) for neck in back.necks), default=0.0)
     checks = {"device.back_stress_mpa": Metric(value=round(stress, 3), unit="MPa", limit=STRESS_MPA)}
     if back.stand is not None:
-        tips = tips_at_deg(back.stand, total.centre_in_rig_mm)
+        angle = tipping_angle_deg(back.stand, total.centre_in_rig_mm)
         limit = back.stand.tip_deg
-        checks["device.tips_at_deg"] = Metric(value=round(tips, 2), unit="deg", limit=limit, lower_is_better=False)
+        checks["device.tips_at_deg"] = Metric(value=round(angle, 2), unit="deg", limit=limit, lower_is_better=False)
     for name, item in zip(item_names(items), items, strict=True):
         if item.kind == "nut" and item.size == TRIPOD:
             turns = tripod_turns(back.table.nut.screw_mm, solids.get(name), solids.get(item.joins[0]))
-            checks["device.tripod_turns"] = Metric(value=round(turns, 2), unit="", limit=TURNS, lower_is_better=False)
+            checks["device.tripod_turns"] = Metric(
+                value=round(turns, 2), unit="", limit=MIN_TURNS, lower_is_better=False
+            )
     return checks
 
 
-def tips_at_deg(stand: Stand, centre_mm: FloatArray) -> float:
-    """The smallest tilt in deg over a side of its base at which a device falls over; negative if it cannot stand.
+def tipping_angle_deg(stand: Stand, centre_mm: FloatArray) -> float:
+    """The smallest tilt in deg, over any side of its base, at which a device falls over; negative if it cannot stand.
 
     The centre of mass (3,) is above the side at a tilt of atan(d / h), with d its horizontal distance from the side and
     h its height.
     """
     starts, ends = stand.corners, np.roll(stand.corners, -1, axis=0)
-    along = (ends - starts) / np.linalg.norm(ends - starts, axis=1)[:, None]
-    inward = np.column_stack([-along[:, 1], along[:, 0]])
-    middle = stand.corners.mean(axis=0)
-    inward *= np.sign(((middle - starts) * inward).sum(axis=1))[:, None]
+    directions = (ends - starts) / np.linalg.norm(ends - starts, axis=1)[:, None]
+    inward = np.column_stack([-directions[:, 1], directions[:, 0]])
+    centre = stand.corners.mean(axis=0)
+    inward *= np.sign(((centre - starts) * inward).sum(axis=1))[:, None]
     distance = float(((centre_mm[:2] - starts) * inward).sum(axis=1).min())
     return float(np.degrees(np.arctan2(distance, centre_mm[2] - stand.z_mm)))
 
 
 def tripod_turns(screw_mm: float, nut: manifold3d.Manifold | None, part: manifold3d.Manifold | None) -> float:
-    """Turns of a tripod's screw, `screw_mm` long, in the nut over a part's lower face; 0 if nut or part is missing."""
+    """Turns of a tripod's screw, `screw_mm` long, in the nut above a part's lower face; 0 if nut or part is missing."""
     if nut is None or part is None:
         return 0.0
     thread_start = nut.bounding_box()[2] - part.bounding_box()[2]

@@ -38,24 +38,24 @@ from mirrorcam.core.values import FloatArray, Metric
 # Two faces form a wall if they are parallel to within 15 deg; the edge of a wedge is not a wall.
 WALL_COSINE = np.cos(np.radians(15.0))
 WALL_SAMPLE_MM2 = 1.0
-LEAST_WALL_MM2 = 0.5
-# Walls are measured up to this thickness.
-THICK_MM = 12.0
+MIN_WALL_MM2 = 0.5
+# Upper limit of measured wall thickness.
+MAX_WALL_MM = 12.0
 # Depth below the surface at which rays start, above the rounding of 1e-5 mm in an STL file.
 SURFACE_MM = 1e-3
 
 
 def thinnest_wall_mm(mesh: trimesh.Trimesh, body: manifold3d.Manifold, up: FloatArray | None = None) -> float:
-    """Smallest distance, along the inward normal, of two faces that are parallel to within 15 deg; at most `THICK_MM`.
+    """Smallest distance, along the inward normal, between faces parallel to within 15 deg; at most `MAX_WALL_MM`.
 
-    The thinnest spots are ignored up to a total area of `LEAST_WALL_MM2`, which no nozzle prints. With `up` (3,), a
+    The thinnest spots are ignored up to a total area of `MIN_WALL_MM2`, which no nozzle prints. With `up` (3,), a
     unit vector, faces that are level to within 15 deg are left to `thinnest_floor_mm`.
     """
     return _thinnest_mm(mesh, body, np.full(len(mesh.faces), True) if up is None else ~_level(mesh, up))
 
 
 def thinnest_floor_mm(mesh: trimesh.Trimesh, body: manifold3d.Manifold, up: FloatArray) -> float:
-    """`thinnest_wall_mm` for faces that are level in print: floors consist of layers, walls of lines."""
+    """As `thinnest_wall_mm`, for faces that are level in print: floors consist of layers, walls of lines."""
     return _thinnest_mm(mesh, body, _level(mesh, up))
 
 
@@ -64,26 +64,28 @@ def _level(mesh: trimesh.Trimesh, up: FloatArray) -> NDArray[np.bool_]:
 
 
 def _thinnest_mm(mesh: trimesh.Trimesh, body: manifold3d.Manifold, faces: NDArray[np.bool_]) -> float:
-    """Least thickness of `body` under the selected faces (m,) of its mesh."""
+    """Smallest thickness of `body` under the selected faces (m,) of its mesh."""
     points, normals, areas = _samples(np.array(mesh.triangles)[faces], np.array(mesh.face_normals)[faces])
-    walls = np.full(len(points), THICK_MM)
+    walls = np.full(len(points), MAX_WALL_MM)
     for index, (point, normal) in enumerate(zip(points, normals, strict=True)):
-        hits = body.ray_cast(point - SURFACE_MM * normal, point - THICK_MM * normal)
+        hits = body.ray_cast(point - SURFACE_MM * normal, point - MAX_WALL_MM * normal)
         if hits and -np.dot(hits[0].normal, normal) >= WALL_COSINE:
-            walls[index] = SURFACE_MM + hits[0].distance * (THICK_MM - SURFACE_MM)
+            walls[index] = SURFACE_MM + hits[0].distance * (MAX_WALL_MM - SURFACE_MM)
     thinnest_first = np.argsort(walls, kind="stable")
-    large_enough = np.cumsum(areas[thinnest_first]) > LEAST_WALL_MM2
-    return float(walls[thinnest_first][np.argmax(large_enough)]) if large_enough.any() else THICK_MM
+    large_enough = np.cumsum(areas[thinnest_first]) > MIN_WALL_MM2
+    return float(walls[thinnest_first][np.argmax(large_enough)]) if large_enough.any() else MAX_WALL_MM
 
 
 def _samples(triangles: FloatArray, normals: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Points (m, 3) spread over triangles (n, 3, 3), with their normals (m, 3) and the areas (m,) they represent."""
-    sizes = np.linalg.norm(np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]), axis=1) / 2
-    if not (sizes > 0.0).any():
+    triangle_areas = (
+        np.linalg.norm(np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]), axis=1) / 2
+    )
+    if not (triangle_areas > 0.0).any():
         return np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0)
     points, faces, areas = [], [], []
-    for index in np.flatnonzero(sizes > 0.0):
-        n = int(np.ceil(np.sqrt(sizes[index] / WALL_SAMPLE_MM2)))
+    for index in np.flatnonzero(triangle_areas > 0.0):
+        n = int(np.ceil(np.sqrt(triangle_areas[index] / WALL_SAMPLE_MM2)))
         i, j = np.meshgrid(np.arange(n), np.arange(n), indexing="ij")
         upright = np.stack([i, j], axis=-1)[i + j < n] + 1.0 / 3.0
         inverted = np.stack([i, j], axis=-1)[i + j < n - 1] + 2.0 / 3.0
@@ -91,24 +93,24 @@ def _samples(triangles: FloatArray, normals: FloatArray) -> tuple[FloatArray, Fl
         a, b, c = triangles[index]
         points.append(a + barycentric[:, :1] * (b - a) + barycentric[:, 1:] * (c - a))
         faces.append(np.full(len(barycentric), index))
-        areas.append(np.full(len(barycentric), sizes[index] / len(barycentric)))
+        areas.append(np.full(len(barycentric), triangle_areas[index] / len(barycentric)))
     return np.concatenate(points), normals[np.concatenate(faces)], np.concatenate(areas)
 
 
 LAYER_MM = 0.2
 # Tolerance of angles in a mesh, which has facets and rounded numbers.
 ANGLE_DEG = 0.5
-# A region at most this wide in plan needs no support: it overhangs the layer below no further than a layer of a face at
-# the overhang limit.
+# A region no wider than this in plan needs no support: it overhangs the layer below no further than a face at the
+# overhang limit does.
 STRIP_MM = 0.2
 # Largest angle of a flat ceiling, and largest horizontal gap between a bridge's end and the material below it.
 FLAT_DEG = 1.0
 TOUCH_MM = 0.05
 ON_BED_MM = 0.01
-# Spacing of the lines of a bridge, their tested directions, and the least supported share of their total length.
+# Spacing of the lines of a bridge, their tested directions, and the minimum supported fraction of their total length.
 BRIDGE_STEP_MM = 0.2
 BRIDGE_ANGLES_DEG = np.arange(0.0, 180.0, 5.0)
-BRIDGE_SHARE = 0.99
+MIN_BRIDGED_FRACTION = 0.99
 
 
 def check_overhangs(mesh: trimesh.Trimesh, solid: manifold3d.Manifold, printer: Printer) -> dict[str, Metric]:
@@ -174,7 +176,7 @@ def bridge_mm(ceiling: Polygon, below: MultiPolygon, limit_mm: float) -> float |
         ends = _spans(ceiling, float(angle_deg))
         lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
         bridging = intersects_xy(supports, ends[..., 0], ends[..., 1]).all(axis=1) & (lengths <= limit_mm)
-        if lengths[bridging].sum() >= BRIDGE_SHARE * lengths.sum() > 0.0:
+        if lengths[bridging].sum() >= MIN_BRIDGED_FRACTION * lengths.sum() > 0.0:
             longest.append(float(lengths[bridging].max()))
     return min(longest, default=None)
 
@@ -182,13 +184,13 @@ def bridge_mm(ceiling: Polygon, below: MultiPolygon, limit_mm: float) -> float |
 def _spans(area: Polygon, angle_deg: float) -> FloatArray:
     """Ends (n, 2, 2) of parallel lines across an area, `BRIDGE_STEP_MM` apart, at an angle to x."""
     angle = np.radians(angle_deg)
-    along, across = np.array([np.cos(angle), np.sin(angle)]), np.array([-np.sin(angle), np.cos(angle)])
+    direction, normal = np.array([np.cos(angle), np.sin(angle)]), np.array([-np.sin(angle), np.cos(angle)])
     corners = get_coordinates(area)
-    low, high = (corners @ across).min(), (corners @ across).max()
+    low, high = (corners @ normal).min(), (corners @ normal).max()
     count = max(1, int(np.ceil((high - low) / BRIDGE_STEP_MM)))
     levels = low + (np.arange(count) + 0.5) * (high - low) / count
-    reach = np.array([(corners @ along).min() - 1.0, (corners @ along).max() + 1.0])
-    lines = linestrings(levels[:, None, None] * across + reach[None, :, None] * along)
+    extent = np.array([(corners @ direction).min() - 1.0, (corners @ direction).max() + 1.0])
+    lines = linestrings(levels[:, None, None] * normal + extent[None, :, None] * direction)
     chords = get_parts(intersection(lines, area))
     return np.array([chord.coords[:] for chord in chords if chord.length > 0.0]).reshape(-1, 2, 2)
 
@@ -202,7 +204,7 @@ def polygons(section: manifold3d.CrossSection) -> MultiPolygon:
 def floating_mm2(solid: manifold3d.Manifold, overhang_deg: float) -> float:
     """The area of the largest piece of a layer that is not supported down to the bed."""
     _, _, bed_mm, _, _, top_mm = solid.bounding_box()
-    reach = LAYER_MM * np.tan(np.radians(overhang_deg))
+    max_overhang = LAYER_MM * np.tan(np.radians(overhang_deg))
     supported_below: manifold3d.CrossSection | None = None
     largest = 0.0
     for height in np.arange(bed_mm + LAYER_MM / 2.0, top_mm, LAYER_MM):
@@ -210,9 +212,9 @@ def floating_mm2(solid: manifold3d.Manifold, overhang_deg: float) -> float:
         if supported_below is None:
             supported = pieces
         else:
-            reachable = supported_below.offset(reach, manifold3d.JoinType.Round)
-            supported = [piece for piece in pieces if not (piece ^ reachable).is_empty()]
-            largest = max([largest, *(piece.area() for piece in pieces if (piece ^ reachable).is_empty())])
+            supportable = supported_below.offset(max_overhang, manifold3d.JoinType.Round)
+            supported = [piece for piece in pieces if not (piece ^ supportable).is_empty()]
+            largest = max([largest, *(piece.area() for piece in pieces if (piece ^ supportable).is_empty())])
         supported_below = manifold3d.CrossSection.compose(supported)
     return largest
 
@@ -220,7 +222,7 @@ def floating_mm2(solid: manifold3d.Manifold, overhang_deg: float) -> float:
 # Tolerance between a 3MF file, with decimal numbers, and an STL file, with 32-bit numbers.
 SAME_MESH_UM = 5.0
 SAME_VOLUME = 1e-6
-# Shift of faces by rounding in files, which is up to 4e-6 mm for corners at 100 mm.
+# Shift of faces due to rounding in files, which is up to 4e-6 mm for corners at 100 mm.
 ROUNDED_MM = 1e-6
 
 
@@ -232,7 +234,7 @@ def check_part(part: PartPlan, folder: Path, printer: Printer) -> dict[str, Metr
     part : PartPlan
         The part's plan.
     folder : Path
-        Folder with NAME.step, NAME.stl (both in rig, mm) and NAME.3mf (as printed).
+        Folder with NAME.step, NAME.stl (both in the rig frame, mm) and NAME.3mf (as printed).
     printer : Printer
         Limits of the printer.
 

@@ -1,11 +1,11 @@
-"""Access to fasteners: the volumes that they and their tools sweep, against the parts present at that step.
+"""Access to fasteners: the volumes that they and their tools sweep must be clear of the parts present at that step.
 
 - An insert is pressed into its single part by a soldering iron.
 - A screw enters along its axis and is turned by a straight driver or, if that does not reach, by a hex key, which
   swings by a sixth of a turn before it is repositioned (ISO 2936).
-- A nut is pushed along its path by a rod as thick as closed tweezers, which starts 40 mm beyond the end of the path.
+- A nut is pushed along its path by a rod as thick as closed tweezers, from 40 mm beyond the outer end of the path.
 
-Inserts and nuts are swept through the meshes of their parts along the moves in the pictures.
+Inserts and nuts are swept through the meshes of their parts along the exit moves of the guide's pictures.
 """
 
 from __future__ import annotations
@@ -18,19 +18,19 @@ import numpy as np
 
 from mirrorcam.cad.assembly.build_steps import is_piece_of, parts_when_joined
 from mirrorcam.cad.assembly.pieces import item_names
-from mirrorcam.cad.checks.clashes import FASTENERS, PRESSED_MM, ROUNDING_MM, common_mm3
+from mirrorcam.cad.checks.clashes import FASTENERS, PRESSED_MM, ROUNDING_MM, overlap_mm3
 from mirrorcam.cad.plan.fasteners import COUNTERSUNK, SUNK_HEAD, diameter_mm
 from mirrorcam.cad.plan.part_plan import BoughtItem
 from mirrorcam.core.values import FloatArray, Metric
 
 
 def swept(solid: manifold3d.Manifold, moves_mm: np.ndarray) -> manifold3d.Manifold:
-    """The volume that the convex hull of a solid sweeps by successive moves (n, 3)."""
+    """The volume that the convex hull of a solid sweeps in successive moves (n, 3)."""
     current, hulls = solid.hull(), []
     for move in moves_mm:
-        next_place = current.translate(tuple(float(shift) for shift in move))
-        hulls.append(manifold3d.Manifold.batch_hull([current, next_place]))
-        current = next_place
+        shifted = current.translate(tuple(float(shift) for shift in move))
+        hulls.append(manifold3d.Manifold.batch_hull([current, shifted]))
+        current = shifted
     return manifold3d.Manifold.batch_boolean(hulls, manifold3d.OpType.Add)
 
 
@@ -42,15 +42,15 @@ def check_insertion(items: Sequence[BoughtItem], solids: Mapping[str, manifold3d
     items : sequence of BoughtItem
         All bought items of a device, in the order of their names.
     solids : mapping of str to Manifold
-        The solids of the assembled device by name, in rig, mm: bought items, and parts or their pieces.
+        The solids of the assembled device by name, in the rig frame, mm: bought items, and parts or their pieces.
 
     Returns
     -------
     dict of str to Metric
-        Volume that the paths to the seats share with the parts of the seats, and the number of inserts and nuts whose
-        path does not start outside the hull of that part.
+        Overlap of the paths to the seats with the parts of the seats, and the number of inserts and nuts whose path
+        does not start outside the convex hull of its part.
     """
-    common, blocked = 0.0, 0
+    overlap, blocked = 0.0, 0
     for name, item in zip(item_names(items), items, strict=True):
         if item.kind not in ("insert", "nut"):
             continue
@@ -60,26 +60,27 @@ def check_insertion(items: Sequence[BoughtItem], solids: Mapping[str, manifold3d
             continue
         part = manifold3d.Manifold.compose(seat_solids)
         depth = PRESSED_MM if item.kind == "insert" else ROUNDING_MM
-        common += common_mm3(part, swept(solids[name], item.exit_moves_mm), depth)
-        outside = solids[name].translate(tuple(float(shift) for shift in item.exit_moves_mm.sum(axis=0)))
-        blocked += not (part.hull() ^ outside).is_empty()
+        overlap += overlap_mm3(part, swept(solids[name], item.exit_moves_mm), depth)
+        start = solids[name].translate(tuple(float(shift) for shift in item.exit_moves_mm.sum(axis=0)))
+        blocked += not (part.hull() ^ start).is_empty()
     return {
-        "device.insertion_clash_mm3": Metric(value=common, unit="mm3", limit=0.0),
+        "device.insertion_clash_mm3": Metric(value=overlap, unit="mm3", limit=0.0),
         "device.threads_that_cannot_enter": Metric(value=blocked, unit="", limit=0),
     }
 
 
 # The barrel of a soldering iron behind its tip, which is inside the insert: diameter and length.
 IRON_MM = (8.0, 30.0)
-# Diameter and length of a driver's handle, and of its blade by the diameter of the screw.
+# Diameter and length of a driver's handle, and of its blade by screw diameter.
 HANDLE_MM = (20.0, 30.0)
 BLADES_MM = {2.0: (3.0, 50.0), 3.0: (4.0, 75.0), 4.0: (4.5, 75.0), 5.0: (5.0, 75.0), 6.0: (6.0, 100.0)}
 OTHER_BLADE_MM = (6.0, 100.0)
-# Hex keys (ISO 2936): width across corners, short and long arm, by the diameter of the screw.
+# Hex keys (ISO 2936): width across corners, short and long arm, by screw diameter.
 KEYS_MM = {2.0: (1.7, 14.0, 45.0), 3.0: (2.9, 18.0, 56.0), 4.0: (3.4, 20.0, 63.0), 5.0: (4.6, 25.0, 70.0)}
-SUNK_KEYS_MM = {3.0: (2.3, 16.0, 50.0), 4.0: (2.9, 18.0, 56.0)}
-KEY_SWINGS_DEG = 60.0
-KEY_TURNS = 12
+COUNTERSUNK_KEYS_MM = {3.0: (2.3, 16.0, 50.0), 4.0: (2.9, 18.0, 56.0)}
+# Swing of a hex key, and number of tested orientations.
+KEY_SWING_DEG, KEY_ORIENTATIONS = 60.0, 12
+# Diameter of the rod that pushes a nut, and the distance beyond the path at which it starts.
 ROD_MM = (2.5, 40.0)
 # Clearance of a tool, such as a soldering iron over the part's face.
 CLEARANCE_MM = 0.05
@@ -94,13 +95,13 @@ def check_tool_reach(items: Sequence[BoughtItem], solids: Mapping[str, manifold3
     items : sequence of BoughtItem
         All bought items of a device, in the order of their names.
     solids : mapping of str to Manifold
-        The solids of the assembled device by name, in rig, mm: parts, mirrors and camera; fasteners are ignored.
+        The solids of the assembled device by name, in the rig frame, mm: parts, mirrors and camera; fasteners are
+        ignored.
 
     Returns
     -------
     dict of str to Metric
-        The largest volume that a fastener's tool shares with the parts present, and the shared volume of each tool
-        that clashes.
+        The largest overlap of a fastener's tool with the parts present, and the overlap of each tool that clashes.
     """
     others = {name: solid for name, solid in solids.items() if not name.startswith(FASTENERS)}
     clashes = {
@@ -119,22 +120,22 @@ def check_tool_reach(items: Sequence[BoughtItem], solids: Mapping[str, manifold3
 
 
 def tool_clash_mm3(item: BoughtItem, solids: Mapping[str, manifold3d.Manifold]) -> float:
-    """Volume in mm3 that the best tool for a fastener shares with the solids (by name) present at that step."""
+    """Overlap in mm3 of the best tool for a fastener with those solids (by name) that are present at its step."""
     if item.kind not in ("insert", "nut", "screw"):
         return 0.0
     if item.kind in ("insert", "nut"):
-        present = [solid for name, solid in solids.items() if is_piece_of(name, item.joins[-1])]
+        obstacles = [solid for name, solid in solids.items() if is_piece_of(name, item.joins[-1])]
     else:
-        present = [solids[name] for name in sorted(parts_when_joined(item.joins, solids))]
-    obstacle = manifold3d.Manifold.compose(present)
-    return min(common_mm3(obstacle, tool, PRESSED_MM) for tool in _tools(item))
+        obstacles = [solids[name] for name in sorted(parts_when_joined(item.joins, solids))]
+    obstacle = manifold3d.Manifold.compose(obstacles)
+    return min(overlap_mm3(obstacle, tool, PRESSED_MM) for tool in _tools(item))
 
 
 def _tools(item: BoughtItem) -> Iterator[manifold3d.Manifold]:
-    """The volume that each possible tool for a fastener occupies, in rig."""
+    """The volume that each possible tool for a fastener occupies, in the rig frame."""
     frame = item.rig_from_item
     if item.kind == "insert":
-        yield _placed(_cylinder(*IRON_MM, CLEARANCE_MM), frame)
+        yield _in_rig(_cylinder(*IRON_MM, CLEARANCE_MM), frame)
         return
     if item.kind == "nut":
         yield _rod_sweep(item)
@@ -146,19 +147,19 @@ def _tools(item: BoughtItem) -> Iterator[manifold3d.Manifold]:
     blade, blade_length = BLADES_MM.get(diameter, OTHER_BLADE_MM)
     top = CLEARANCE_MM + head_mm[1]
     driver = _cylinder(blade, blade_length, top) + _cylinder(*HANDLE_MM, top + blade_length)
-    yield _placed(head + driver, frame)
-    keys = SUNK_KEYS_MM if countersunk else KEYS_MM
-    across, short_arm, long_arm = keys.get(diameter, KEYS_MM[5.0])
-    arm = _cylinder(across, short_arm, top)
-    swings = np.radians(np.linspace(0.0, KEY_SWINGS_DEG, 7))
-    for angle in np.linspace(0.0, 2.0 * np.pi, KEY_TURNS, endpoint=False):
+    yield _in_rig(head + driver, frame)
+    keys = COUNTERSUNK_KEYS_MM if countersunk else KEYS_MM
+    key_width, short_arm, long_arm = keys.get(diameter, KEYS_MM[5.0])
+    arm = _cylinder(key_width, short_arm, top)
+    swings = np.radians(np.linspace(0.0, KEY_SWING_DEG, 7))
+    for angle in np.linspace(0.0, 2.0 * np.pi, KEY_ORIENTATIONS, endpoint=False):
         ends = np.array([(long_arm * np.cos(angle + swing), long_arm * np.sin(angle + swing)) for swing in swings])
         fan = manifold3d.Manifold.hull_points(
             np.vstack(
-                [[(0.0, 0.0, z), *((x, y, z) for x, y in ends)] for z in (top + short_arm - across, top + short_arm)]
+                [[(0.0, 0.0, z), *((x, y, z) for x, y in ends)] for z in (top + short_arm - key_width, top + short_arm)]
             )
         )
-        yield _placed(head + arm + fan, frame)
+        yield _in_rig(head + arm + fan, frame)
 
 
 def _rod_sweep(item: BoughtItem) -> manifold3d.Manifold:
@@ -167,16 +168,16 @@ def _rod_sweep(item: BoughtItem) -> manifold3d.Manifold:
     if len(path) > 1:
         direction = item.exit_moves_mm[-1] / np.linalg.norm(item.exit_moves_mm[-1])
         path[-1] = path[-1] + ROD_MM[1] * direction
-    middle = -item.length_mm / 2.0 * item.rig_from_item[:3, 2]
-    ball = manifold3d.Manifold.sphere(ROD_MM[0] / 2.0, 24).translate(tuple(path[0] + middle))
+    to_centre = -item.length_mm / 2.0 * item.rig_from_item[:3, 2]
+    ball = manifold3d.Manifold.sphere(ROD_MM[0] / 2.0, 24).translate(tuple(path[0] + to_centre))
     return swept(ball, np.diff(path, axis=0)) if len(path) > 1 else ball
 
 
-def _cylinder(diameter_mm: float, length_mm: float, from_mm: float) -> manifold3d.Manifold:
+def _cylinder(diameter_mm: float, length_mm: float, start_mm: float) -> manifold3d.Manifold:
     """A cylinder along z that starts at a height."""
     rod = manifold3d.Manifold.cylinder(length_mm, diameter_mm / 2.0, circular_segments=SEGMENTS)
-    return rod.translate((0.0, 0.0, from_mm))
+    return rod.translate((0.0, 0.0, start_mm))
 
 
-def _placed(solid: manifold3d.Manifold, rig_from_item: FloatArray) -> manifold3d.Manifold:
+def _in_rig(solid: manifold3d.Manifold, rig_from_item: FloatArray) -> manifold3d.Manifold:
     return solid.transform(rig_from_item[:3])

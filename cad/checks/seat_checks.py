@@ -24,15 +24,15 @@ from mirrorcam.optics.geometry.mirror import Mirror
 # Tolerances within which a face belongs to a seat or its pads, not to what is behind the seat.
 SEAT_SEARCH_MM = 0.25
 SEAT_SEARCH_DEG = 0.5
-# Tolerance of a seat's cover against its plan, since lines of a plan and of a file are rounded.
+# Tolerance of a seat's cover against its plan, since both the plan and the file have rounded lines.
 COVER_ROUNDING = 1e-3
 # Tolerances within which a wall belongs to a pocket: distance from the planned wall, and angle to the mirror's edge.
 WALL_SEARCH_MM = 0.1
 WALL_SEARCH_DEG = 0.1
 CURVE_POINTS = 17
-# Smaller areas, a third of the square of a printed line, are ignored. Obstacles of any size are found by the check that
-# lowers the mirror into its seat.
-DOT_MM2 = 0.05
+# Smaller areas, a third of the square of a printed line's width, are ignored. Obstacles of any size are found by the
+# check that lowers the mirror into its seat.
+MIN_AREA_MM2 = 0.05
 
 
 @dataclass(frozen=True)
@@ -47,18 +47,18 @@ class FlatFace:
         """Loops of corners (n, 3) of its borders, the outer border first."""
         return (_loop(self.face.outer_wire()), *map(_loop, self.face.inner_wires()))
 
-    def seen_from(self, frame: FloatArray) -> BaseGeometry:
+    def projected_area(self, frame: FloatArray) -> BaseGeometry:
         """Its area, projected to x and y of a frame (4, 4).
 
-        Repairs borders that touch in the solid and cross by rounding.
+        Borders that touch in the solid but cross due to rounding are repaired.
         """
         outer, *holes = ((loop - frame[:3, 3]) @ frame[:3, :2] for loop in self.loops)
         return make_valid(Polygon(outer, holes), method="structure", keep_collapsed=False)
 
     def angle_deg(self, direction: FloatArray) -> float:
         """Angle between its normal and a unit vector (3,)."""
-        across = np.linalg.norm(np.cross(self.normal, direction))
-        return float(np.degrees(np.arctan2(across, self.normal @ direction)))
+        sine = np.linalg.norm(np.cross(self.normal, direction))
+        return float(np.degrees(np.arctan2(sine, self.normal @ direction)))
 
 
 def flat_faces(shapes: Iterable[Shape[Any]]) -> list[FlatFace]:
@@ -88,20 +88,20 @@ def _loop(wire: Wire) -> FloatArray:
     return np.concatenate([line[:-1] for line in points])
 
 
-def _facing(faces: Sequence[FlatFace], direction: FloatArray, within_deg: float) -> list[FlatFace]:
+def _facing(faces: Sequence[FlatFace], direction: FloatArray, max_deg: float) -> list[FlatFace]:
     """The faces whose normals are within an angle of a unit vector (3,)."""
     normals = np.array([face.normal for face in faces]).reshape(-1, 3)
-    return [faces[index] for index in np.flatnonzero(normals @ direction > np.cos(np.radians(within_deg))).tolist()]
+    return [faces[index] for index in np.flatnonzero(normals @ direction > np.cos(np.radians(max_deg))).tolist()]
 
 
 @dataclass(frozen=True)
 class Seat:
-    """A mirror's seat as found in the files: the pads that carry it, and the floor behind them, covered by glue.
+    """A mirror's seat as read from the files: the pads that carry it, and the floor behind them, covered by glue.
 
     `offset_mm` is the largest distance of the pads' planes from the corners of the mirror's back, `bond_error_mm` the
     largest error of the floor's distance behind it, and `angle_deg` the largest tilt of pads and floor. `pads_in_plane`
-    (n, 2) are the middles of the pads. `cover` is the share of the outline with floor behind it, `span_mm` the diameter
-    of the largest circle on the mirror with neither pad nor floor behind it.
+    (n, 2) are the centres of the pads. `cover` is the fraction of the outline with floor behind it, `span_mm` the
+    diameter of the largest circle on the mirror with neither pad nor floor behind it.
     """
 
     offset_mm: float
@@ -112,13 +112,13 @@ class Seat:
     span_mm: float
 
     def carries(self, mirror: Mirror) -> bool:
-        """Return whether there are three pads with the middle of the mirror inside their triangle."""
-        middle = Polygon(mirror.outline_in_plane_mm).centroid
-        return len(self.pads_in_plane) == PADS and Polygon(self.pads_in_plane).contains(middle)
+        """Return whether there are three pads with the mirror's centroid inside their triangle."""
+        centroid = Polygon(mirror.outline_in_plane_mm).centroid
+        return len(self.pads_in_plane) == PADS and Polygon(self.pads_in_plane).contains(centroid)
 
     @property
     def base_mm(self) -> float:
-        """Least height of the triangle of the pads; 0 unless there are three."""
+        """Smallest altitude of the triangle of the pads; 0 unless there are three."""
         return float(least_height_mm(self.pads_in_plane[None])[0]) if len(self.pads_in_plane) == PADS else 0.0
 
 
@@ -132,18 +132,20 @@ def find_seat(faces: Sequence[FlatFace], mirror: Mirror, bond_mm: float) -> Seat
     candidates: dict[float, list[tuple[FlatFace, BaseGeometry]]] = {depth: [] for depth in corners}
     for face in _facing(faces, mirror.normal_in_rig, SEAT_SEARCH_DEG):
         depths = mirror.back_mm - mirror.distance_mm - face.loops[0] @ mirror.normal_in_rig
-        depth = min(corners, key=lambda each: abs(float(depths.mean()) - each))
+        depth = min(corners, key=lambda plane: abs(float(depths.mean()) - plane))
         if np.abs(depths - depth).min() > SEAT_SEARCH_MM:
             continue
-        area = face.seen_from(mirror.rig_from_plane).intersection(outline)
-        if area.area > DOT_MM2:
+        area = face.projected_area(mirror.rig_from_plane).intersection(outline)
+        if area.area > MIN_AREA_MM2:
             candidates[depth].append((face, area))
     pads, floors = candidates.values()
     if not floors:
         return None
     floor = unary_union([area for _, area in floors])
     pad_areas = get_parts(unary_union([area for _, area in pads]))
-    free = [area for area in get_parts(outline.difference(unary_union([floor, *pad_areas]))) if area.area > DOT_MM2]
+    free = [
+        area for area in get_parts(outline.difference(unary_union([floor, *pad_areas]))) if area.area > MIN_AREA_MM2
+    ]
     errors = {
         depth: max(
             (float(np.abs((corners[depth] - face.loops[0][0]) @ face.normal).max()) for face, _ in members), default=0.0
@@ -167,14 +169,14 @@ def pocket_gaps_mm(faces: Sequence[FlatFace], mirror: Mirror, fit_mm: float) -> 
     gaps = []
     for start, end in pairwise(corners):
         length = float(np.linalg.norm(end - start))
-        along = (end - start) / length
-        outward = np.array([along[1], -along[0]])
+        direction = (end - start) / length
+        outward = np.array([direction[1], -direction[0]])
         for face in _facing(faces, -frame[:3, :2] @ outward, WALL_SEARCH_DEG):
             local = (face.loops[0] - frame[:3, 3]) @ frame[:3, :3]
             distances = (local[:, :2] - start) @ outward
             if np.abs(distances - fit_mm).max() > WALL_SEARCH_MM:
                 continue
-            positions = (local[:, :2] - start) @ along
+            positions = (local[:, :2] - start) @ direction
             # Exclude walls of adjacent pockets that are collinear with this edge.
             inside = positions.max() > 0.0 and positions.min() < length
             if inside and local[:, 2].max() > back + SEAT_SEARCH_MM and local[:, 2].min() < back + mirror.thickness_mm:
@@ -190,13 +192,13 @@ def check_seats(
     Parameters
     ----------
     faces : sequence of FlatFace
-        Flat faces of all pieces of the holder, as read from STEP files, in rig, mm.
+        Flat faces of all pieces of the holder, as read from STEP files, in the rig frame, mm.
     layout : Layout
         The mirrors of the seats.
     hardware : Hardware
         The fit of a mirror in its pocket, and the thickness of the glue behind it.
     planned_cover : sequence of float
-        Planned share of every mirror's back that its seat covers.
+        Planned fraction of every mirror's back that its seat covers.
 
     Returns
     -------
@@ -205,28 +207,30 @@ def check_seats(
     """
     fit = hardware.fit.free_mm
     seats = [find_seat(faces, mirror, hardware.holder.bond_mm) for mirror in layout.mirrors]
-    found = [seat for seat in seats if seat is not None]
+    existing = [seat for seat in seats if seat is not None]
     carried = [bool(seat and seat.carries(mirror)) for seat, mirror in zip(seats, layout.mirrors, strict=True)]
     covers = [seat.cover if seat else 0.0 for seat in seats]
     gaps = [gap for mirror in layout.mirrors for gap in pocket_gaps_mm(faces, mirror, fit)]
     return {
-        "seats_missing": Metric(value=len(seats) - len(found), unit="", limit=0),
+        "seats_missing": Metric(value=len(seats) - len(existing), unit="", limit=0),
         "seat_offset_um": Metric(
-            value=max((seat.offset_mm for seat in found), default=0.0) * 1000.0, unit="um", limit=1.0
+            value=max((seat.offset_mm for seat in existing), default=0.0) * 1000.0, unit="um", limit=1.0
         ),
         "seats_without_three_pads": Metric(value=len(carried) - sum(carried), unit="", limit=0),
-        "seat_base_mm": Metric(value=min((seat.base_mm for seat in found), default=0.0), unit="mm"),
+        "seat_base_mm": Metric(value=min((seat.base_mm for seat in existing), default=0.0), unit="mm"),
         "bond_error_um": Metric(
-            value=max((seat.bond_error_mm for seat in found), default=0.0) * 1000.0, unit="um", limit=1.0
+            value=max((seat.bond_error_mm for seat in existing), default=0.0) * 1000.0, unit="um", limit=1.0
         ),
-        "seat_angle_deg": Metric(value=max((seat.angle_deg for seat in found), default=0.0), unit="deg", limit=0.001),
+        "seat_angle_deg": Metric(
+            value=max((seat.angle_deg for seat in existing), default=0.0), unit="deg", limit=0.001
+        ),
         "seat_cover": Metric(value=min(covers), unit=""),
         "seat_cover_lost": Metric(
             value=max(planned - cover for planned, cover in zip(planned_cover, covers, strict=True)),
             unit="",
             limit=COVER_ROUNDING,
         ),
-        "seat_span_mm": Metric(value=max((seat.span_mm for seat in found), default=0.0), unit="mm"),
+        "seat_span_mm": Metric(value=max((seat.span_mm for seat in existing), default=0.0), unit="mm"),
         "pocket_walls": Metric(value=len(gaps) // 2, unit=""),
         "pocket_error_um": Metric(
             value=max((abs(gap - fit) for gap in gaps), default=0.0) * 1000.0, unit="um", limit=1.0

@@ -1,6 +1,6 @@
-"""Annotations on the views of a drawing: dimensions, notes of holes, geometrical tolerances and datums.
+"""Annotations on the views of a drawing: dimensions, hole callouts, geometrical tolerances and datums.
 
-A dimension is drawn in the view that shows it best, and notes of holes above the views. Tolerance frames follow
+A dimension is drawn in the view that shows it best, and hole callouts above the views. Tolerance frames follow
 ISO 1101, datums ISO 5459.
 """
 
@@ -30,7 +30,7 @@ from mirrorcam.cad.guide.hole_callouts import (
     AXIS_MM,
     CENTRE_DASHES_MM,
     DEPTH,
-    MOST_COORDINATES,
+    MAX_COORDINATES,
     PARALLEL,
     draw_numbers,
     draw_oblique,
@@ -46,14 +46,14 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.tolerances import Tolerances
 
 FIRST_NOTE_MM, NOTE_PITCH_MM, NOTES_MM = 5.0, 5.0, 26.0
-# Slope of leaders, so that they differ from edges of the part.
-LEAN = 0.27
-# Share of its area by which a symmetric outline may differ from its mirror image.
-ASYMMETRY = 0.01
-# Shortest straight edge from which dimensions are measured.
-STRAIGHT_MM = 1.0
-# Tried positions of an aligned dimension's text along it, the middle first.
-ALONG = (0.5, 0.47, 0.53, 0.44, 0.56, 0.41, 0.59, 0.35, 0.65, 0.2, 0.8)
+# Slope of leaders (x / y), so that they differ from edges of the part.
+LEADER_SLOPE = 0.27
+# Fraction of its area by which a symmetric outline may differ from its mirror image.
+MAX_ASYMMETRY = 0.01
+# Minimum length of a straight edge from which dimensions are measured.
+MIN_EDGE_MM = 1.0
+# Candidate positions of an aligned dimension's text, as fractions of its length, the centre first.
+TEXT_POSITIONS = (0.5, 0.47, 0.53, 0.44, 0.56, 0.41, 0.59, 0.35, 0.65, 0.2, 0.8)
 
 
 @dataclass(frozen=True)
@@ -88,87 +88,92 @@ def annotate(
     placed: Sequence[PlacedView],
     dimensions: Iterable[Length | Hole],
     free_mm: tuple[float, float] = (TIERS_MM, TIERS_MM),
-    traces: Sequence[tuple[int, int, float]] = (),
+    cutting_lines: Sequence[tuple[int, int, float]] = (),
 ) -> None:
     """Draw the overall dimensions and those of the plan, each in the view that shows it best.
 
-    `free_mm` is the free space left of and below the views. `traces` are possible traces of a section: the index of the
-    view, the coordinate, x (0) or y (1), that is constant along the trace, and its value on paper.
+    `free_mm` is the free space left of and below the views. `cutting_lines` are possible cutting-plane lines of a
+    section: the index of the view, the coordinate, x (0) or y (1), that is constant along the line, and its value on
+    paper.
     """
     per_view = [Annotations([], [], [], []) for _ in placed]
-    _overall(placed, per_view)
-    offered = tuple(dimensions)
-    lengths = [each for each in offered if isinstance(each, Length)]
+    _add_overall(placed, per_view)
+    dimensions = tuple(dimensions)
+    lengths = [dimension for dimension in dimensions if isinstance(dimension, Length)]
     for dimension in lengths:
-        _length(placed, per_view, dimension)
+        _place_length(placed, per_view, dimension)
     views = [view.view for view in placed]
-    groups = hole_groups(views, offered)
+    groups = hole_groups(views, dimensions)
     for (index, text), group in groups.items():
-        _holes(sheet, placed[index], per_view[index], text, group)
+        _draw_holes(sheet, placed[index], per_view[index], text, group)
     for index, hole in oblique_holes(groups, views, lengths):
         for tier, linear in zip(
             (per_view[index].below, per_view[index].left), oblique_lengths(placed[index], hole), strict=True
         ):
             _add(tier, linear)
         draw_oblique(sheet, placed[index], hole)
-    for index, (view, job) in enumerate(zip(placed, per_view, strict=True)):
-        upright_at, level_at = ([at for where, across, at in traces if (where, across) == (index, k)] for k in (0, 1))
-        draw_tiers(sheet, view.box, job.below, free_mm[1], upright=False, traces=upright_at)
-        draw_tiers(sheet, view.box, job.left, free_mm[0], upright=True, traces=level_at)
-        for aligned in job.aligned:
+    for index, (view, view_annotations) in enumerate(zip(placed, per_view, strict=True)):
+        lines_x, lines_y = (
+            [value for view_index, axis, value in cutting_lines if (view_index, axis) == (index, k)] for k in (0, 1)
+        )
+        draw_tiers(sheet, view.box, view_annotations.below, free_mm[1], vertical=False, cutting_lines=lines_x)
+        draw_tiers(sheet, view.box, view_annotations.left, free_mm[0], vertical=True, cutting_lines=lines_y)
+        for aligned in view_annotations.aligned:
             _draw_aligned(sheet, view, aligned)
-        _draw_notes(sheet, view.box, job.notes)
+        _draw_notes(sheet, view.box, view_annotations.notes)
 
 
-def _overall(placed: Sequence[PlacedView], per_view: Sequence[Annotations]) -> None:
+def _add_overall(placed: Sequence[PlacedView], per_view: Sequence[Annotations]) -> None:
     _, front, right = placed
     for index, view, coordinate in ((1, front, 0), (1, front, 1), (2, right, 0)):
         box = view.box
         text = number(float(np.ptp(view.view.box[:, coordinate])))
-        across = np.full(2, box[0, 1 - coordinate])
+        starts = np.full(2, box[0, 1 - coordinate])
         (per_view[index].below, per_view[index].left)[coordinate].append(
-            LinearDimension(box[:, coordinate], across, text)
+            LinearDimension(box[:, coordinate], starts, text)
         )
 
 
-def _length(placed: Sequence[PlacedView], per_view: Sequence[Annotations], dimension: Length) -> None:
+def _place_length(placed: Sequence[PlacedView], per_view: Sequence[Annotations], dimension: Length) -> None:
     """Place a length in the first view that shows its true length, as an aligned dimension if it is oblique there."""
     span = dimension.span_in_rig
     true_length = float(np.linalg.norm(span))
     text = f"{dimension.before}{number(true_length)} {dimension.text}".strip()
     depths = [abs(float(view.view.axes_in_rig[2] @ span)) for view in placed]
     index = int(np.argmin(np.round(depths, 3)))
-    view, job = placed[index], per_view[index]
+    view, annotations = placed[index], per_view[index]
     points = view.paper(dimension.points_in_rig)
-    across = np.abs(view.view.axes_in_rig[:2] @ span)
-    if across[1] <= PARALLEL * true_length:
-        _add(job.below, LinearDimension(points[:, 0], points[:, 1], text))
-    elif across[0] <= PARALLEL * true_length:
-        _add(job.left, LinearDimension(points[:, 1], points[:, 0], text))
+    extents = np.abs(view.view.axes_in_rig[:2] @ span)
+    if extents[1] <= PARALLEL * true_length:
+        _add(annotations.below, LinearDimension(points[:, 0], points[:, 1], text))
+    elif extents[0] <= PARALLEL * true_length:
+        _add(annotations.left, LinearDimension(points[:, 1], points[:, 0], text))
     else:
         start = dimension.points_in_rig[0]
-        job.aligned.append(AlignedDimension(view.paper(np.array([start, start + span])), text))
+        annotations.aligned.append(AlignedDimension(view.paper(np.array([start, start + span])), text))
 
 
 def _add(tier: list[LinearDimension], new: LinearDimension) -> None:
-    """Add a dimension to a tier; of two equal ones, the one with the longer text stays."""
-    for index, present in enumerate(tier):
-        if np.abs(np.sort(present.along) - np.sort(new.along)).max() < 1e-3:
-            tier[index] = max(present, new, key=lambda linear: len(linear.text))
+    """Add a dimension to a tier; of two identical ones, the one with the longer text is kept."""
+    for index, existing in enumerate(tier):
+        if np.abs(np.sort(existing.ends) - np.sort(new.ends)).max() < 1e-3:
+            tier[index] = max(existing, new, key=lambda linear: len(linear.text))
             return
     tier.append(new)
 
 
-def _holes(sheet: DrawingSheet, placed: PlacedView, job: Annotations, text: str, group: Sequence[Hole]) -> None:
-    """Draw centre marks, one note for all equal holes, and dimensions from the part's edge and between holes."""
+def _draw_holes(
+    sheet: DrawingSheet, placed: PlacedView, annotations: Annotations, text: str, group: Sequence[Hole]
+) -> None:
+    """Draw centre marks, one callout for all identical holes, and dimensions from the part's edge and between holes."""
     centres = placed.paper(np.array([hole.centre_in_rig for hole in group]))
     radius = group[0].diameter_mm / 2.0 * placed.scale
     arms = np.array([(-1.0, 0.0), (1.0, 0.0)]) * (radius + 1.8)
     marks = [centre + arm for centre in centres for arm in (arms, arms[:, ::-1])]
     sheet.lines(marks, AXIS_MM, INK, CENTRE_DASHES_MM)
     count = f"{len(group)}x " if len(group) > 1 else ""
-    # The note points to the hole with the shortest leader.
-    job.notes.append(Note(centres[np.lexsort((centres[:, 0], -centres[:, 1]))[0]], radius, count + text))
+    # The callout points to the hole with the shortest leader.
+    annotations.notes.append(Note(centres[np.lexsort((centres[:, 0], -centres[:, 1]))[0]], radius, count + text))
     axis = group[0].axis_in_rig / np.linalg.norm(group[0].axis_in_rig)
     corner, origin = placed.box[0], placed.box[0]
     if group[0].datum is not None:
@@ -176,63 +181,63 @@ def _holes(sheet: DrawingSheet, placed: PlacedView, job: Annotations, text: str,
     if in_table(group, placed.view):
         draw_numbers(sheet, placed, group)
         return
-    for coordinate, tier in ((0, job.below), (1, job.left)):
+    for coordinate, tier in ((0, annotations.below), (1, annotations.left)):
         if abs(float(placed.view.axes_in_rig[coordinate] @ axis)) > PARALLEL:
             # Distances are foreshortened in an oblique view.
             continue
         coordinates = np.unique(np.round(centres[:, coordinate], 3))
-        if len(coordinates) > MOST_COORDINATES:
+        if len(coordinates) > MAX_COORDINATES:
             continue
-        middle = float(placed.box[:, coordinate].mean())
+        centre = float(placed.box[:, coordinate].mean())
         edge = float(coordinates[0] - origin[coordinate])
         if (
-            abs(coordinates.mean() - middle) < 1e-2
+            abs(coordinates.mean() - centre) < 1e-2
             and _symmetric(placed, coordinate)
-            and not (text_fits(edge, number(edge / placed.scale)) and _ends_straight(placed, coordinate))
+            and not (text_fits(edge, number(edge / placed.scale)) and _has_straight_start(placed, coordinate))
         ):
             # The axis shows the symmetry: dimension only the distances between the holes.
-            _axis(sheet, placed.box, coordinate, middle)
-            starts = []
+            _draw_axis(sheet, placed.box, coordinate, centre)
+            points = []
         else:
-            starts = [(float(origin[coordinate]), float(corner[1 - coordinate]))]
-        nearest = [centres[np.abs(centres[:, coordinate] - at) < 1e-2, 1 - coordinate].min() for at in coordinates]
-        starts += [(float(at), float(start)) for at, start in zip(coordinates, nearest, strict=True)]
-        for (here, from_here), (there, from_there) in pairwise(sorted(starts)):
-            if there - here < 1e-3:
+            points = [(float(origin[coordinate]), float(corner[1 - coordinate]))]
+        starts = [centres[np.abs(centres[:, coordinate] - x) < 1e-2, 1 - coordinate].min() for x in coordinates]
+        points += [(float(x), float(start)) for x, start in zip(coordinates, starts, strict=True)]
+        for (first, first_start), (second, second_start) in pairwise(sorted(points)):
+            if second - first < 1e-3:
                 continue
-            ends = np.array([here, there])
-            _add(tier, LinearDimension(ends, np.array([from_here, from_there]), number((there - here) / placed.scale)))
+            text = number((second - first) / placed.scale)
+            _add(tier, LinearDimension(np.array([first, second]), np.array([first_start, second_start]), text))
 
 
 def _symmetric(placed: PlacedView, coordinate: int) -> bool:
-    """Return whether the convex hull of a view is symmetric about its middle along x or y."""
+    """Return whether the convex hull of a view is symmetric about its centre along x or y."""
     points = np.concatenate(placed.view.visible)
     mirrored = points.copy()
     mirrored[:, coordinate] = placed.view.box[:, coordinate].sum() - points[:, coordinate]
-    hull, other = (MultiPoint(each).convex_hull for each in (points, mirrored))
-    return bool(hull.symmetric_difference(other).area < ASYMMETRY * hull.area)
+    hull, other = (MultiPoint(corners).convex_hull for corners in (points, mirrored))
+    return bool(hull.symmetric_difference(other).area < MAX_ASYMMETRY * hull.area)
 
 
-def _ends_straight(placed: PlacedView, coordinate: int) -> bool:
+def _has_straight_start(placed: PlacedView, coordinate: int) -> bool:
     """Return whether a view's outline starts with a straight edge along x or y, from which dimensions are measured."""
     hull = MultiPoint(np.concatenate(placed.view.visible)).convex_hull
     ends = np.array(hull.exterior.coords)
-    return bool(np.ptp(ends[ends[:, coordinate] < ends[:, coordinate].min() + 1e-3, 1 - coordinate]) > STRAIGHT_MM)
+    return bool(np.ptp(ends[ends[:, coordinate] < ends[:, coordinate].min() + 1e-3, 1 - coordinate]) > MIN_EDGE_MM)
 
 
-def _axis(sheet: DrawingSheet, box: FloatArray, coordinate: int, at: float) -> None:
-    """Draw the axis of symmetry of a view across x or y, at that coordinate."""
-    ends = np.array([[at, box[0, 1] - 3.0], [at, box[1, 1] + 3.0]])
+def _draw_axis(sheet: DrawingSheet, box: FloatArray, coordinate: int, value: float) -> None:
+    """Draw the axis of symmetry of a view on which x or y has a value."""
+    ends = np.array([[value, box[0, 1] - 3.0], [value, box[1, 1] + 3.0]])
     if coordinate:
-        ends = np.array([[box[0, 0] - 3.0, at], [box[1, 0] + 3.0, at]])
+        ends = np.array([[box[0, 0] - 3.0, value], [box[1, 0] + 3.0, value]])
     sheet.lines([ends], AXIS_MM, INK, CENTRE_DASHES_MM)
 
 
 def _draw_aligned(sheet: DrawingSheet, placed: PlacedView, aligned: AlignedDimension) -> None:
     """Draw an aligned dimension on the side where it crosses fewer edges."""
     start, end = aligned.ends if aligned.ends[1, 0] >= aligned.ends[0, 0] else aligned.ends[::-1]
-    along = (end - start) / np.linalg.norm(end - start)
-    normal = np.array([-along[1], along[0]])
+    direction = (end - start) / np.linalg.norm(end - start)
+    normal = np.array([-direction[1], direction[0]])
     edges = MultiLineString([line * placed.scale + placed.shift for line in placed.view.visible])
 
     def crossed_mm(side: float) -> float:
@@ -245,32 +250,32 @@ def _draw_aligned(sheet: DrawingSheet, placed: PlacedView, aligned: AlignedDimen
     offset, gap = side * FIRST_TIER_MM * normal, side * GAP_MM * normal
     ends = np.array([start + offset, end + offset])
     overshoot = side * 1.5 * normal
-    sheet.lines([ends, *(np.array([at + gap, at + offset + overshoot]) for at in (start, end))], LINE_MM)
-    sheet.arrow_head(ends[0], -along)
-    sheet.arrow_head(ends[1], along)
-    angle = float(np.degrees(np.arctan2(along[1], along[0])))
-    half = text_width_mm(aligned.text, TEXT_MM) / 2.0 * along
-    lines = [line for line, _ in sheet.drawn]
+    sheet.lines([ends, *(np.array([point + gap, point + offset + overshoot]) for point in (start, end))], LINE_MM)
+    sheet.arrow_head(ends[0], -direction)
+    sheet.arrow_head(ends[1], direction)
+    angle = float(np.degrees(np.arctan2(direction[1], direction[0])))
+    half = text_width_mm(aligned.text, TEXT_MM) / 2.0 * direction
+    lines = [line for line, _ in sheet.drawn_lines]
 
-    def crossings(middle: FloatArray) -> int:
+    def crossings(centre: FloatArray) -> int:
         box = Polygon(
-            [middle - half, middle + half, middle + half + TEXT_MM * normal, middle - half + TEXT_MM * normal]
+            [centre - half, centre + half, centre + half + TEXT_MM * normal, centre - half + TEXT_MM * normal]
         )
         return sum(box.intersects(LineString(line)) for line in lines)
 
-    candidates = [start + offset + share * (end - start) + 0.9 * normal for share in ALONG]
-    sheet.text(min(candidates, key=crossings), aligned.text, TEXT_MM, align="center", turn_deg=angle)
+    candidates = [start + offset + fraction * (end - start) + 0.9 * normal for fraction in TEXT_POSITIONS]
+    sheet.text(min(candidates, key=crossings), aligned.text, TEXT_MM, align="center", rotation_deg=angle)
 
 
 def _draw_notes(sheet: DrawingSheet, box: FloatArray, notes: Sequence[Note]) -> None:
     """Draw notes above the view, the rightmost lowest, so that no leader crosses text or another leader."""
     pitch = min(NOTE_PITCH_MM, (NOTES_MM - FIRST_NOTE_MM - TEXT_MM - 1.5) / max(len(notes) - 1, 1))
-    ordered = sorted(notes, key=lambda note: (-(note.point[0] - LEAN * note.point[1]), note.text))
-    leader_direction = np.array([LEAN, 1.0]) / np.hypot(LEAN, 1.0)
+    ordered = sorted(notes, key=lambda note: (-(note.point[0] - LEADER_SLOPE * note.point[1]), note.text))
+    leader_direction = np.array([LEADER_SLOPE, 1.0]) / np.hypot(LEADER_SLOPE, 1.0)
     for row, note in enumerate(ordered):
         height = float(box[1, 1]) + FIRST_NOTE_MM + row * pitch
         tip = note.point + note.radius * leader_direction
-        knee = np.array([tip[0] + LEAN * (height - tip[1]), height])
+        knee = np.array([tip[0] + LEADER_SLOPE * (height - tip[1]), height])
         width = text_width_mm(note.text, TEXT_MM)
         sheet.lines([np.array([tip, knee, knee + np.array([width + 1.5, 0.0])])], LINE_MM)
         sheet.arrow_head(tip, -leader_direction)
@@ -281,29 +286,29 @@ Characteristic = Literal["flatness", "angularity", "profile"]
 FRAME_MM, FRAME_LINE_MM, SYMBOL_MM = 5.0, 0.2, 0.25
 ROW_MM = 6.5
 TRIANGLE_MM = (1.6, 2.0)
-"""Half of the base and height of a datum triangle."""
+"""Half the base, and the height, of a datum triangle."""
 
 STEM_MM = 2.0
 RESERVED_MM = 50.0
-"""Space for the tolerances of a holder below its table."""
+"""Space below a holder's table for its tolerances."""
 
 
 @dataclass(frozen=True)
 class GeometricalTolerance:
-    """A tolerance zone `zone_mm` wide for the features described in `of`, with respect to datums."""
+    """A tolerance zone `zone_mm` wide for the described features, with respect to datums."""
 
-    of: str
+    features: str
     characteristic: Characteristic
     zone_mm: float
     datums: tuple[str, ...] = ()
 
 
 def holder_tolerances(plan: HolderPlan, built: Tolerances) -> tuple[GeometricalTolerance, ...]:
-    """The tolerances of a holder's seats that correspond to the tolerances of a layout as built (`built`).
+    """The tolerances of a holder's seats that correspond to the tolerances `built` of an as-built layout.
 
-    Datum A is the flat back, B the holes of the mount's screws in it. The profile zone of a seat is the mirror's
+    Datum A is the flat back, B the holes in it for the mount's screws. The profile zone of a seat is the mirror's
     tolerance along its normal, plus or minus. The zone of angularity, which includes flatness, is the step that tilts
-    the smallest mirror by its tolerance of tilt. The back is as flat as the seats.
+    the smallest mirror by its tilt tolerance. The back is as flat as the seats.
     """
     side = float(np.sqrt(min(_area_mm2(core.top) for core in plan.cores)))
     flat = round(side * float(np.tan(np.deg2rad(built.tilt_deg))), 2)
@@ -323,10 +328,10 @@ def _area_mm2(loop: FloatArray) -> float:
 def tolerance_notes(built: Tolerances) -> tuple[str, ...]:
     """Notes on the datums and the tolerance zones."""
     return (
-        "values of the table of seats are theoretically exact (ISO 1101);",
-        "datum A: the flat back, B: the holes of the mount's screws in it;",
-        f"the zones keep a mirror's tilt to {built.tilt_deg:g}° and its shift along",
-        f"the normal to {built.offset_mm:g} mm, as its layout's figures as built take",
+        "values in the table of seats are theoretically exact (ISO 1101);",
+        "datum A: the flat back; B: the holes in it for the mount's screws;",
+        f"the zones limit a mirror's tilt to {built.tilt_deg:g}° and its normal shift",
+        f"to {built.offset_mm:g} mm, as assumed for the layout's as-built figures",
     )
 
 
@@ -335,16 +340,16 @@ def draw_frames(
 ) -> float:
     """Draw tolerance frames from a corner downwards, and notes; returns the y of their lower end."""
     sheet.text((left, top - 5.0), "Geometrical tolerances (ISO 1101)", TEXT_MM, bold=True)
-    start = left + max(text_width_mm(each.of, TEXT_MM) for each in tolerances) + 3.0
+    start = left + max(text_width_mm(tolerance.features, TEXT_MM) for tolerance in tolerances) + 3.0
     y = top - 7.0
-    for each in tolerances:
+    for tolerance in tolerances:
         y -= ROW_MM
-        sheet.text((left, y + 1.3), each.of, TEXT_MM)
+        sheet.text((left, y + 1.3), tolerance.features, TEXT_MM)
         x = start
-        _symbol(sheet, np.array([x + FRAME_MM / 2.0, y + FRAME_MM / 2.0]), each.characteristic)
+        _draw_symbol(sheet, np.array([x + FRAME_MM / 2.0, y + FRAME_MM / 2.0]), tolerance.characteristic)
         sheet.rectangle((x, y), (x + FRAME_MM, y + FRAME_MM), FRAME_LINE_MM)
         x += FRAME_MM
-        for text in (f"{each.zone_mm:g}", *each.datums):
+        for text in (f"{tolerance.zone_mm:g}", *tolerance.datums):
             width = max(FRAME_MM, text_width_mm(text, TEXT_MM) + 2.0)
             sheet.rectangle((x, y), (x + width, y + FRAME_MM), FRAME_LINE_MM)
             sheet.text((x + width / 2.0, y + 1.3), text, TEXT_MM, align="center")
@@ -355,7 +360,7 @@ def draw_frames(
     return y - 4.0
 
 
-def _symbol(sheet: DrawingSheet, middle: FloatArray, characteristic: Characteristic) -> None:
+def _draw_symbol(sheet: DrawingSheet, centre: FloatArray, characteristic: Characteristic) -> None:
     if characteristic == "flatness":
         line = np.array([(-1.8, -0.9), (0.8, -0.9), (1.8, 0.9), (-0.8, 0.9), (-1.8, -0.9)])
     elif characteristic == "angularity":
@@ -363,20 +368,20 @@ def _symbol(sheet: DrawingSheet, middle: FloatArray, characteristic: Characteris
     else:
         angles = np.linspace(0.0, np.pi, 25)
         line = np.vstack([1.7 * np.column_stack([np.cos(angles), np.sin(angles)]), [(1.7, 0.0)]]) - np.array([0.0, 0.8])
-    sheet.lines([middle + line], SYMBOL_MM)
+    sheet.lines([centre + line], SYMBOL_MM)
 
 
-def draw_datum(sheet: DrawingSheet, at: FloatArray, side: float, letter: str) -> None:
+def draw_datum(sheet: DrawingSheet, point: FloatArray, side: float, letter: str) -> None:
     """Draw a datum triangle on a horizontal line at a point (2,), with its letter above (`side` 1) or below (-1)."""
     half_width, height = TRIANGLE_MM
-    tip = at + np.array([0.0, side * height])
+    tip = point + np.array([0.0, side * height])
     stem_end = tip[1] + side * STEM_MM
     base = np.array([half_width, 0.0])
-    corners = np.array([at - base, at + base, tip, at - base])
+    corners = np.array([point - base, point + base, tip, point - base])
     sheet.lines([corners, np.array([tip, (tip[0], stem_end)])], FRAME_LINE_MM, INK)
     low = stem_end if side > 0.0 else stem_end - FRAME_MM
-    sheet.rectangle((at[0] - FRAME_MM / 2.0, low), (at[0] + FRAME_MM / 2.0, low + FRAME_MM), FRAME_LINE_MM)
-    sheet.text((float(at[0]), low + 1.3), letter, TEXT_MM, align="center")
+    sheet.rectangle((point[0] - FRAME_MM / 2.0, low), (point[0] + FRAME_MM / 2.0, low + FRAME_MM), FRAME_LINE_MM)
+    sheet.text((float(point[0]), low + 1.3), letter, TEXT_MM, align="center")
 
 
 def draw_holder_datums(sheet: DrawingSheet, front: PlacedView) -> None:

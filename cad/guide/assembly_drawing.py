@@ -27,7 +27,7 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 
 STEM = "assembly"
-"""File name of the assembly drawing without ending."""
+"""File name of the assembly drawing, without extension."""
 NUMBER = "MC-00"
 PX_PER_MM = 6.0
 """Resolution on paper of the renderings that determine hidden edges."""
@@ -42,7 +42,7 @@ PATH_DASHES_MM = (2.0, 0.6, 0.5, 0.6)
 
 @dataclass(frozen=True)
 class ListedItem:
-    """A line of the parts list: equal pieces."""
+    """A line of the parts list: identical pieces."""
 
     number: int
     pieces: tuple[Piece, ...]
@@ -68,11 +68,11 @@ def listed_items(pieces: Sequence[Piece]) -> tuple[ListedItem, ...]:
 
 
 def draw_assembly(layout: Layout, pieces: Sequence[Piece], revision: str) -> DrawingSheet:
-    """Draw the assembly of a device from its pieces, seen from the front; `revision` is for the title block."""
+    """Draw the assembly of a device from its pieces, viewed from the front; `revision` is for the title block."""
     listed = listed_items(pieces)
     sheet = DrawingSheet(*A3_MM)
     rows = tuple(
-        (str(item.number), str(len(item.pieces)), item.description, item.reference or "as bought") for item in listed
+        (str(item.number), str(len(item.pieces)), item.description, item.reference or "purchased") for item in listed
     )
     table = DrawingTable("Parts list", ("item", "qty", "description", "number or standard"), rows, left_aligned=(2, 3))
     left, low = draw_tables(sheet, (table,), 60.0)
@@ -125,15 +125,15 @@ def _paper(pixels: FloatArray, corner: FloatArray) -> FloatArray:
 
 
 def _draw_paths(sheet: DrawingSheet, moves: Sequence[tuple[Piece, FloatArray]], shot: Shot, corner: FloatArray) -> None:
-    """Draw chain lines from fasteners to their places in the displaced parts that they join."""
+    """Draw chain lines from fasteners to their seats in the displaced parts that they join."""
     parts = {piece.name: move for piece, move in moves if piece.kind == "part"}
     for piece, move in moves:
         if piece.item is None:
             continue
         homes = [name for name in parts if any(name.startswith(join) for join in piece.item.joins)]
         for home in homes[:1]:
-            middle = np.asarray(piece.mesh.bounds).mean(axis=0)
-            ends = np.array([[middle + move, middle + parts[home]]])
+            centre = np.asarray(piece.mesh.bounds).mean(axis=0)
+            ends = np.array([[centre + move, centre + parts[home]]])
             lines = visible_lines(ends, shot)
             sheet.lines([_paper(line, corner) for line in lines], LEADER_MM, PATH_COLOUR, PATH_DASHES_MM)
 
@@ -152,7 +152,7 @@ def _draw_balloons(
         innermost = [innermost_pixel(shot.bodies == index_of[piece.name]) for piece in item.pieces]
         visible = [point for point in innermost if point is not None]
         if visible:
-            point = max(visible, key=lambda each: each[1])[0]
+            point = max(visible, key=lambda candidate: candidate[1])[0]
             tips.append((item, _paper(point, corner)))
     rows, columns = (np.flatnonzero((shot.bodies >= 0).any(axis=axis)) for axis in (1, 0))
     box = _paper(np.array([(columns[0], rows[-1]), (columns[-1], rows[0])], dtype=np.float64), corner)
@@ -169,8 +169,8 @@ def _draw_balloons(
         order = uncrossed_order(starts, [tip for _, tip in group])
         for start, index in zip(starts, order, strict=True):
             item, tip = group[index]
-            middle = start + np.array([side * BALLOON_MM, 0.0])
-            sheet.lines([middle + circle], EDGE_MM)
+            centre = start + np.array([side * BALLOON_MM, 0.0])
+            sheet.lines([centre + circle], EDGE_MM)
             sheet.lines([np.array([start, tip])], LEADER_MM)
             sheet.dot(tip, 0.5)
-            sheet.text(middle - (0.0, TEXT_MM / 2.0), str(item.number), TEXT_MM, align="center", bold=True)
+            sheet.text(centre - (0.0, TEXT_MM / 2.0), str(item.number), TEXT_MM, align="center", bold=True)

@@ -1,4 +1,4 @@
-"""The assembly guide: numbered steps with pictures, with figures from the plans of the device."""
+"""The assembly guide: numbered steps with pictures, and with figures from the plans of the device."""
 
 from __future__ import annotations
 
@@ -99,37 +99,37 @@ def write_guide(
 
 
 def focus_of(layout: Layout) -> float:
-    """The focus distance, mm from the pupil along the axis: the best for the design's depths, if stated.
+    """The focus distance in mm from the pupil along the axis: the best for the design's depths, if stated.
 
-    It is a distance along the light's path, which mirrors do not change.
+    It is measured along the light's path, whose length mirrors do not change.
     """
     best = layout.metrics.get("best_focus_mm")
     return best.value if best is not None and best.known else layout.camera.focus_mm
 
 
-# Least and largest depth, mm, to which one-part silicone cures in a day in open air, from data sheets.
+# Smallest and largest depth, mm, to which one-part silicone cures in a day in open air, from data sheets.
 CURED_MM_PER_DAY = (2.0, 3.0)
 
 
 def _cure_texts(device: Device) -> dict[str, str]:
-    """The largest distance of the glue from a mirror's edge, and the least curing time for it."""
+    """The largest distance of the glue from a mirror's edge, and its range of curing times."""
     deepest = max(
         float(maximum_inscribed_circle(Polygon(mirror.outline_in_plane_mm)).length) for mirror in device.layout.mirrors
     )
-    fewest, longest = (math.ceil(deepest / speed) for speed in CURED_MM_PER_DAY[::-1])
-    return {"deepest_mm": f"{deepest:.0f}", "days": f"{fewest} to {longest}" if longest > fewest else f"{fewest}"}
+    low, high = (math.ceil(deepest / speed) for speed in CURED_MM_PER_DAY[::-1])
+    return {"deepest_mm": f"{deepest:.0f}", "days": f"{low} to {high}" if high > low else f"{low}"}
 
 
-# Measures of a camera with rows in the guide's first table.
-TABLED = {"width_mm", "height_mm", "depth_mm", "lens_ring_mm", "lens_protrusion_mm", "pupil_behind_front_mm", "mass_g"}
+# Main measures of a camera, in the guide's first table.
+MAIN = {"width_mm", "height_mm", "depth_mm", "lens_ring_mm", "lens_protrusion_mm", "pupil_behind_front_mm", "mass_g"}
 
 
 def _more_measures(camera: CameraBody) -> list[tuple[str, str, str, str]]:
-    """Rows of the other measures in the camera's file: description, field, value and method."""
+    """Rows of the remaining measures in the camera's file: description, field, value and method."""
     return [
         (measure.description, measure.field, f"{getattr(camera, measure.field):g}", measure.method)
         for measure in MEASURES
-        if measure.field not in TABLED and not (measure.field.startswith("cable") and not camera.has_cable)
+        if measure.field not in MAIN and not (measure.field.startswith("cable") and not camera.has_cable)
     ]
 
 
@@ -161,15 +161,15 @@ def _carrier_texts(device: Device) -> dict[str, Any]:
     if not isinstance(holder, ScrewedHolderPlan):
         return {}
     dimensions = device.hardware.holder
-    turns = [turn_deg(carrier) for carrier in holder.carriers]
+    tilts = [turn_deg(carrier) for carrier in holder.carriers]
     return {
         "gap_mm": f"{holder.adjuster.gap_mm:.1f}",
         "spring_n": f"{holder.adjuster.force_n:.0f}",
         "inset_mm": f"{dimensions.carrier_inset_mm:g}",
         "adjust_deg": f"{dimensions.adjust_deg:g}",
         "travel_turns": f"{holder.adjuster.travel_mm / PITCH_MM:.1f}",
-        "turn_least_deg": f"{min(turns):.1f}",
-        "turn_most_deg": f"{max(turns):.1f}",
+        "min_tilt_deg": f"{min(tilts):.1f}",
+        "max_tilt_deg": f"{max(tilts):.1f}",
         "pitch_mm": f"{PITCH_MM:g}",
     }
 
@@ -200,7 +200,7 @@ def _mirror_rows(device: Device) -> list[tuple[str, str, str, int]]:
 
 
 def _tightening_rows(pieces: Sequence[Piece], hardware: Hardware) -> list[tuple[str, str, str]]:
-    """Rows of counted screws, the parts that they join, and their largest torque."""
+    """Rows: screws with their count, the parts that they join, and their largest torque."""
     fastened = [(piece, piece.item) for piece in pieces if piece.item is not None]
     titles = {piece.name: piece.title.lower() for piece in pieces if piece.kind == "part"}
     groups: dict[tuple[tuple[str, ...], str], list[Piece]] = {}
@@ -216,6 +216,6 @@ def _tightening_rows(pieces: Sequence[Piece], hardware: Hardware) -> list[tuple[
 def _height_of_row(device: Device, row: int) -> float:
     """Mean height of a row's mirrors in the upright device, mm."""
     layout = device.layout
-    middles = np.array([mirror.outline_in_rig_mm.mean(axis=0) for mirror in layout.mirrors])
-    heights = -(middles @ layout.view_from_rig[1])
+    centres = np.array([mirror.outline_in_rig_mm.mean(axis=0) for mirror in layout.mirrors])
+    heights = -(centres @ layout.view_from_rig[1])
     return float(heights.reshape(layout.rows, layout.cols)[row].mean())

@@ -1,4 +1,4 @@
-"""The pieces of each step of the assembly, for pictures and guide."""
+"""The pieces of each step of the assembly, for the pictures and the guide."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ def belongs(part: Piece, name: str) -> bool:
 
 
 def home_of(fastener: Piece, name: str, parts: Iterable[Piece]) -> Piece | None:
-    """The named part that a fastener is in, or its nearest piece if it is split; None if there is none."""
-    middle = np.asarray(fastener.mesh.bounds).mean(axis=0)
+    """The named part that contains a fastener, or its nearest piece if it is split; None if there is none."""
+    centre = np.asarray(fastener.mesh.bounds).mean(axis=0)
 
     def distance(part: Piece) -> float:
         low, high = np.asarray(part.mesh.bounds)
-        return float(np.linalg.norm(middle - np.clip(middle, low, high)))
+        return float(np.linalg.norm(centre - np.clip(centre, low, high)))
 
     return min((part for part in parts if belongs(part, name)), key=distance, default=None)
 
@@ -81,7 +81,7 @@ class Stages:
 
     @property
     def carrier_screws(self) -> list[Piece]:
-        """Screws that draw the carriers to the holder, and their springs."""
+        """Screws that pull the carriers towards the holder, and their springs."""
         return self.screws(CARRIER, HOLDER)
 
     @property
@@ -94,7 +94,7 @@ class Stages:
 
     @property
     def threads(self) -> list[Piece]:
-        """Inserts and captive nuts that are inserted before parts are joined: all but the back's own."""
+        """Inserts and captive nuts that are inserted before parts are joined: all except those of the back."""
         return [piece for piece in self.of_kind("insert", "nut") if piece.item is None or piece.item.size == "M3"]
 
     @property
@@ -109,8 +109,8 @@ class Stages:
 
     def threads_in(self, parts: Iterable[Piece]) -> list[Piece]:
         """The inserts and nuts whose seats are in the given parts."""
-        seats = list(parts)
-        return [piece for piece in self.threads if any(belongs(part, joins_of(piece)[-1]) for part in seats)]
+        parts = list(parts)
+        return [piece for piece in self.threads if any(belongs(part, joins_of(piece)[-1]) for part in parts)]
 
     def screws(self, stem: str, *others: str) -> list[Piece]:
         """Screws, washers and springs that join a part to others, all given by the prefixes of their names."""

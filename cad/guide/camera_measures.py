@@ -16,7 +16,7 @@ A4_MM = (297.0, 210.0)
 EDGE_MM, AXIS_MM, DASHED_MM = 0.35, 0.13, 0.2
 HIDDEN_MM, CHAIN_MM = (1.6, 0.8), (2.4, 0.6, 0.6, 0.6)
 TEXT_MM, TITLE_MM, ROW_MM = 2.5, 4.0, 6.2
-ROOM_MM = 34.0
+DIMENSIONS_MM = 34.0
 """Free space for dimensions left of and below each view."""
 
 
@@ -34,23 +34,23 @@ MEASURES = (
     Measure("A", "width_mm", "length of the body along the picture's width", "calipers"),
     Measure("B", "height_mm", "length of the body along the picture's height", "calipers"),
     Measure("C", "depth_mm", "depth of the body, without lens ring and stand", "calipers"),
-    Measure("D", "end_radius_mm", "radius of the body's four edges; 0 where they are sharp", "radius gauge, or coins"),
-    Measure("E", "lens_x_mm", "lens axis right of the middle of the body", "calipers, from both ends"),
-    Measure("F", "lens_y_mm", "lens axis below the middle of the body", "calipers, from both sides"),
+    Measure("D", "end_radius_mm", "radius of the body's four edges; 0 if they are sharp", "radius gauge, or coins"),
+    Measure("E", "lens_x_mm", "lens axis to the right of the body's centre", "calipers, from both ends"),
+    Measure("F", "lens_y_mm", "lens axis below the body's centre", "calipers, from both sides"),
     Measure("G", "lens_ring_mm", "diameter of the lens ring or barrel", "calipers"),
-    Measure("H", "lens_protrusion_mm", "lens ring or barrel before the front", "depth rod of the calipers"),
+    Measure("H", "lens_protrusion_mm", "lens ring or barrel in front of the body", "depth rod of the calipers"),
     Measure("J", "pupil_behind_front_mm", "entrance pupil behind the front", "two photographs of a ruler, see guide"),
     Measure("K", "cable_mm", "diameter of the cable", "calipers"),
-    Measure("L", "cable_x_mm", "cable right of the lens axis, at the back", "ruler"),
-    Measure("M", "hinge_mm", "width of what sticks out of a side, such as a stand; 0 for none", "calipers"),
-    Measure("N", "hinge_from_back_mm", "how far it reaches from the back towards the front", "calipers"),
+    Measure("L", "cable_x_mm", "cable to the right of the lens axis, at the back", "ruler"),
+    Measure("M", "hinge_mm", "width of a protrusion on a side, such as a stand; 0 for none", "calipers"),
+    Measure("N", "hinge_from_back_mm", "its depth, from the back towards the front", "calipers"),
     Measure("P", "mass_g", "mass without its cable, g", "kitchen scale"),
 )
 """All measures of a body, in the order of the questions; the letters I and O are skipped."""
 
 
 def draw_camera(body: CameraBody) -> DrawingSheet:
-    """Draw a camera on an A4 sheet: from behind (like its picture), from its right side, and its table of measures.
+    """Draw a camera on an A4 sheet: from behind (like its pictures), from the right, and a table of its measures.
 
     The views are to scale; `guessed` measures are marked.
     """
@@ -58,11 +58,13 @@ def draw_camera(body: CameraBody) -> DrawingSheet:
     width = body.width_mm + body.depth_mm + max(body.lens_protrusion_mm, 0.0)
     # The largest scale at which both views with their dimensions fit above the table.
     scale = min(
-        (A4_MM[0] - 2.0 * ROOM_MM - 52.0) / width, (A4_MM[1] - 6.0 - ROOM_MM - _table_mm() - 20.0) / body.height_mm, 4.0
+        (A4_MM[0] - 2.0 * DIMENSIONS_MM - 52.0) / width,
+        (A4_MM[1] - 6.0 - DIMENSIONS_MM - _table_mm() - 20.0) / body.height_mm,
+        4.0,
     )
-    lower_y = _table_mm() + ROOM_MM
-    _from_behind(sheet, body, scale, np.array([ROOM_MM + 6.0, lower_y]))
-    _from_the_side(sheet, body, scale, np.array([2.0 * ROOM_MM + 14.0 + scale * body.width_mm, lower_y]))
+    lower_y = _table_mm() + DIMENSIONS_MM
+    _from_behind(sheet, body, scale, np.array([DIMENSIONS_MM + 6.0, lower_y]))
+    _from_the_side(sheet, body, scale, np.array([2.0 * DIMENSIONS_MM + 14.0 + scale * body.width_mm, lower_y]))
     name = fitted_text(body.name, 120.0, TITLE_MM)
     sheet.text((12.0, A4_MM[1] - 16.0), f"{name}: where to measure, {scale:.2g} : 1", TITLE_MM, bold=True)
     _table(sheet, body)
@@ -73,32 +75,32 @@ def _from_behind(sheet: DrawingSheet, body: CameraBody, scale: float, low: Float
     """Draw the body from behind: lens on the far side, cable on the near side, lower left corner at `low` (2,)."""
     size = scale * np.array([body.width_mm, body.height_mm])
     sheet.lines([low + _rounded(size, scale * body.end_radius_mm)], EDGE_MM)
-    middle = low + size / 2.0
+    centre = low + size / 2.0
     # y of the body is down.
-    lens = middle + scale * np.array([body.lens_x_mm, -body.lens_y_mm])
-    cable = np.array([lens[0] + scale * body.cable_x_mm, middle[1] - scale * body.cable_y_mm])
+    lens = centre + scale * np.array([body.lens_x_mm, -body.lens_y_mm])
+    cable = np.array([lens[0] + scale * body.cable_x_mm, centre[1] - scale * body.cable_y_mm])
     angles = np.linspace(0.0, 2.0 * np.pi, 73)
     circle = np.column_stack([np.cos(angles), np.sin(angles)])
     sheet.lines([lens + scale * body.lens_ring_mm / 2.0 * circle], DASHED_MM, SOFT, HIDDEN_MM)
     sheet.lines([cable + scale * body.cable_mm / 2.0 * circle], EDGE_MM)
-    for point, reach in ((lens, scale * body.lens_ring_mm / 2.0 + 3.0), (middle, 5.0)):
-        cross = [np.array([point - arm, point + arm]) for arm in reach * np.eye(2)]
+    for point, half_length in ((lens, scale * body.lens_ring_mm / 2.0 + 3.0), (centre, 5.0)):
+        cross = [np.array([point - arm, point + arm]) for arm in half_length * np.eye(2)]
         sheet.lines(cross, AXIS_MM, SOFT, CHAIN_MM)
     bottom = np.full(2, low[1])
     below = [
         LinearDimension(np.array([low[0], low[0] + size[0]]), bottom, _label("A", body.width_mm)),
-        LinearDimension(np.sort([lens[0], middle[0]]), np.array([lens[1], middle[1]]), _label("E", body.lens_x_mm)),
+        LinearDimension(np.sort([lens[0], centre[0]]), np.array([lens[1], centre[1]]), _label("E", body.lens_x_mm)),
         LinearDimension(np.sort([lens[0], cable[0]]), np.array([lens[1], cable[1]]), _label("L", body.cable_x_mm)),
     ]
     left = [
         LinearDimension(np.array([low[1], low[1] + size[1]]), np.full(2, low[0]), _label("B", body.height_mm)),
-        LinearDimension(np.sort([lens[1], middle[1]]), np.array([lens[0], middle[0]]), _label("F", body.lens_y_mm)),
+        LinearDimension(np.sort([lens[1], centre[1]]), np.array([lens[0], centre[0]]), _label("F", body.lens_y_mm)),
     ]
     _draw(sheet, np.array([low, low + size]), below, left)
-    at_ring = lens + (0.75 * scale * body.lens_ring_mm / 2.0 + 1.0) * np.ones(2)
-    sheet.text(at_ring, f"Ø {_label('G', body.lens_ring_mm)}", TEXT_MM, over_lines=True)
+    ring_label = lens + (0.75 * scale * body.lens_ring_mm / 2.0 + 1.0) * np.ones(2)
+    sheet.text(ring_label, f"Ø {_label('G', body.lens_ring_mm)}", TEXT_MM, over_lines=True)
     caption = low + size * (0.5, 1.0) + np.array([0.0, 3.0])
-    sheet.text(caption, "from behind: what is right here is right in the picture", TEXT_MM, align="center", colour=SOFT)
+    sheet.text(caption, "from behind: left and right as in the picture", TEXT_MM, align="center", colour=SOFT)
 
 
 def _from_the_side(sheet: DrawingSheet, body: CameraBody, scale: float, low: FloatArray) -> None:
@@ -134,16 +136,16 @@ def _from_the_side(sheet: DrawingSheet, body: CameraBody, scale: float, low: Flo
         below.append(LinearDimension(np.array([low[0], end]), bottom - 4.0, _label("N", body.hinge_from_back_mm)))
     _draw(sheet, np.array([low, low + size]), below, [])
     text = "from the right; bar: pupil"
-    middle = min(low[0] + size[0] / 2.0, A4_MM[0] - 12.0 - text_width_mm(text, TEXT_MM) / 2.0)
-    sheet.text((middle, low[1] + size[1] + 3.0), text, TEXT_MM, align="center", colour=SOFT)
+    centre_x = min(low[0] + size[0] / 2.0, A4_MM[0] - 12.0 - text_width_mm(text, TEXT_MM) / 2.0)
+    sheet.text((centre_x, low[1] + size[1] + 3.0), text, TEXT_MM, align="center", colour=SOFT)
 
 
 def _draw(
     sheet: DrawingSheet, extent: FloatArray, below: Sequence[LinearDimension], left: Sequence[LinearDimension]
 ) -> None:
     """Draw dimensions below a view and left of it; measures of 0 appear only in the table."""
-    draw_tiers(sheet, extent, [each for each in below if each.span > 0.2], ROOM_MM, upright=False)
-    draw_tiers(sheet, extent, [each for each in left if each.span > 0.2], ROOM_MM, upright=True)
+    draw_tiers(sheet, extent, [linear for linear in below if linear.span > 0.2], DIMENSIONS_MM, vertical=False)
+    draw_tiers(sheet, extent, [linear for linear in left if linear.span > 0.2], DIMENSIONS_MM, vertical=True)
 
 
 def _label(letter: str, value: float) -> str:
@@ -158,8 +160,8 @@ def _rounded(size: FloatArray, radius: float) -> FloatArray:
     corners = []
     for quarter, (x, y) in enumerate(((1, 1), (0, 1), (0, 0), (1, 0))):
         cosine, sine = np.cos(quarter * np.pi / 2.0), np.sin(quarter * np.pi / 2.0)
-        middle = np.array([size[0] - radius if x else radius, size[1] - radius if y else radius])
-        corners.append(middle + arc @ np.array([(cosine, sine), (-sine, cosine)]))
+        centre = np.array([size[0] - radius if x else radius, size[1] - radius if y else radius])
+        corners.append(centre + arc @ np.array([(cosine, sine), (-sine, cosine)]))
     outline = np.concatenate(corners)
     return np.concatenate([outline, outline[:1]])
 

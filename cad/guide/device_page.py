@@ -1,4 +1,4 @@
-"""The page of a device: one HTML file with the assembly in 3-D, which works offline from disk."""
+"""The page of a device: one HTML file with the assembly in 3-D, which works offline, opened from disk."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from markupsafe import Markup
 
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.guide.assembly_guide import is_sliced, masses_of
-from mirrorcam.cad.guide.device_pictures import middle_ray
+from mirrorcam.cad.guide.device_pictures import central_ray
 from mirrorcam.cad.guide.picture_views import DevicePicture
 from mirrorcam.cad.plan.device_names import APART, COUPON
 from mirrorcam.cad.plan.part_plan import LICENCE, BuiltPart
@@ -62,7 +62,7 @@ def write_page(
     markdown = MarkdownIt("commonmark", {"html": False}).enable("table")
     failed = [name for name, metric in checks.items() if not metric.passed]
     limited = sum(metric.limit is not None for metric in checks.values())
-    rays = [middle_ray(layout, i).round(3).tolist() for i in range(len(layout.mirrors))]
+    rays = [central_ray(layout, i).round(3).tolist() for i in range(len(layout.mirrors))]
     page = render(
         WEB,
         "page.html",
@@ -99,7 +99,7 @@ def _text(path: Path) -> str:
 
 
 def _other_files(folder: Path, parts: Sequence[BuiltPart], plates: Mapping[str, Sequence[str]]) -> list[PageFile]:
-    """The files of the device other than those of parts, with their purposes; the checks are written last."""
+    """The files of the device other than those of parts, with their purposes; `checks.json` is written later."""
     names = {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()} | {"checks.json"}
     return [
         PageFile(name, _on_plate(plates[name], purpose, parts) if name in plates else purpose)
@@ -121,7 +121,7 @@ def _on_plate(names: Sequence[str], purpose: str, parts: Sequence[BuiltPart]) ->
 def _not_shown(parts: Sequence[BuiltPart]) -> str:
     """A sentence about the printed parts that the model lacks, since they are not mounted in use; "" for none."""
     unmounted = [f"{part.number} {part.title}" for part in parts if part.name in APART]
-    return f"Not in the model, since not in use with it: {', '.join(unmounted)}" if unmounted else ""
+    return f"Not in the model, since they are not mounted in use: {', '.join(unmounted)}" if unmounted else ""
 
 
 def _groups(checks: Mapping[str, Metric], parts: Sequence[BuiltPart]) -> list[tuple[str, FigureTable]]:

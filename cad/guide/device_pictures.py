@@ -1,4 +1,4 @@
-"""The pictures of a device from its model: assembled, exploded, its light, and one for each step of the guide.
+"""The pictures of a device from its model: assembled, exploded, with its light, and one for each step of the guide.
 
 The picture of the camera's step labels points, slots and screws of the clip, and the end that goes in first.
 """
@@ -20,7 +20,7 @@ from mirrorcam.cad.guide.picture_views import (
     ARROW_RGB,
     GUIDE_RGB,
     MIRROR_LIFT_MM,
-    STEP_SHARE,
+    STEP_RATIO,
     DevicePicture,
     Item,
     arrow_head,
@@ -44,15 +44,15 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.transforms import transform
 
-# Tilt of a camera drawn on its path into a nest, with its first end near the V or the stop.
+# Tilt of a camera on its path into a nest, with its first end near the V or the stop.
 TILT_DEG = 14.0
-# Directions to the viewer in rig if the nest's first end is at the left, else mirrored along x.
+# Directions to the viewer in the rig frame if the nest's first end is on the left; otherwise mirrored along x.
 ABOVE_SCENE, BELOW_SCENE = (0.15, 0.45, 1.0), (-0.35, 1.0, -0.75)
 FIRST_END = "this end goes in first"
 
 
 def viewers(clip: ClipPlan) -> tuple[FloatArray, FloatArray]:
-    """Directions (3,) in rig towards the two viewers: above the lens, and behind the camera."""
+    """Directions (3,) in the rig frame towards the two viewers: above the lens, and behind the camera."""
     mirrored = np.array([first_side(clip.nest) if clip.nest else -1.0, 1.0, 1.0]) * (-1.0, 1.0, 1.0)
     return np.array(ABOVE_SCENE) * mirrored, np.array(BELOW_SCENE) * mirrored
 
@@ -68,7 +68,7 @@ def is_v(nest: Nest) -> bool:
 
 
 def notes_of(clip: ClipPlan) -> tuple[tuple[str, FloatArray], ...]:
-    """The labels of a clip's picture with their points (3,) in rig: contacts of the body, and slots of the ties."""
+    """The labels of a clip's picture with their points (3,) in the rig frame: body contacts, and slots of the ties."""
     left, right, z = clip.tie_mm
     inner_y = clip.slide_y_mm + clip.slide.wall_mm
     notes = [("slot of the cable tie", np.array([x, inner_y, z])) for x in (left, right)]
@@ -85,8 +85,8 @@ def screw_label(clip: ClipPlan, screw: Piece) -> str:
     """The title of a camera's screw, with its position if it belongs to a nest."""
     if clip.nest is None:
         return screw.title
-    middle = np.asarray(screw.mesh.bounds).mean(axis=0)
-    nearest = int(np.argmin([np.linalg.norm((each.head + each.tip) / 2.0 - middle) for each in clip.nest.screws]))
+    centre = np.asarray(screw.mesh.bounds).mean(axis=0)
+    nearest = int(np.argmin([np.linalg.norm((own.head + own.tip) / 2.0 - centre) for own in clip.nest.screws]))
     return f"{('back', 'corner')[nearest]} screw, {screw.title.removesuffix(' screw')}"
 
 
@@ -101,7 +101,7 @@ def tilted(clip: ClipPlan, triangles: FloatArray) -> FloatArray:
 
 
 def end_point(nest: Nest, triangles: FloatArray) -> FloatArray:
-    """The middle (3,) of a camera's first end."""
+    """The centre (3,) of a camera's first end."""
     corners = triangles.reshape(-1, 3)
     corner = corners[np.argmax(first_side(nest) * corners[:, 0])]
     return np.array([corner[0], corners[:, 1].mean(), nest.points[3, 2]])
@@ -112,7 +112,8 @@ IN_FRONT = (0.95, 0.12, 1.0)
 BELOW = (0.55, 0.75, 1.0)
 BEHIND = (-0.80, -0.35, -1.0)
 LEVEL = (1.0, -0.45, 0.45)
-RAY_BEYOND_MIRROR = 1.1
+# Length of central rays beyond their mirrors, as a multiple of the distance of the central mirror.
+RAY_LENGTH_RATIO = 1.1
 BED_GAP_MM = 14.0
 COUNT_CAPTION = "From behind; the number after a name is how many go into the part"
 # Thickness of the bars that mark the reading edge of a scale.
@@ -132,7 +133,7 @@ def pictures_of(device: Device, parts: Sequence[BuiltPart], pieces: Sequence[Pie
     front, level, below, behind = (view_axes(layout, viewer) for viewer in viewers)
     labelled = tuple(in_place(piece, name_of(piece)) for piece in pieces)
     unlabelled = tuple(in_place(piece) for piece in pieces)
-    rays = tuple(middle_ray(layout, index) for index in range(len(layout.mirrors)))
+    rays = tuple(central_ray(layout, index) for index in range(len(layout.mirrors)))
     exploded = exploded_items([(piece, piece.explode_mm) for piece in pieces])
     stages = Stages(pieces)
     return (
@@ -151,7 +152,7 @@ def pictures_of(device: Device, parts: Sequence[BuiltPart], pieces: Sequence[Pie
 
 
 def view_axes(layout: Layout, viewer_in_view: Sequence[float] | FloatArray) -> FloatArray:
-    """Rows right, up and towards the viewer (3, 3) in rig, with the scene's up direction."""
+    """Rows right, up and towards the viewer (3, 3) in the rig frame, with the scene's up direction."""
     towards = layout.view_from_rig.T @ np.asarray(viewer_in_view, dtype=np.float64)
     towards /= np.linalg.norm(towards)
     up = -layout.view_from_rig[1]
@@ -164,17 +165,17 @@ def view_axes(layout: Layout, viewer_in_view: Sequence[float] | FloatArray) -> F
 ISOMETRIC_AXES = Rotation.from_euler("zx", (-28.0, -52.0), degrees=True).as_matrix()
 
 
-def middle_ray(layout: Layout, index: int) -> FloatArray:
-    """The middle ray (3, 3) of a mirror in rig, mm: pupil, middle of the mirror, and a point towards the scene."""
+def central_ray(layout: Layout, index: int) -> FloatArray:
+    """The central ray (3, 3) of a mirror in the rig frame, mm: pupil, mirror centre, a point towards the scene."""
     mirror = layout.mirrors[index]
-    middle = mirror.outline_in_rig_mm.mean(axis=0)
-    direction = middle - mirror.virtual_centre_in_rig_mm
-    length = RAY_BEYOND_MIRROR * np.linalg.norm(layout.mirrors[layout.central_index].outline_in_rig_mm.mean(axis=0))
-    return np.array([np.zeros(3), middle, middle + length * direction / np.linalg.norm(direction)])
+    centre = mirror.outline_in_rig_mm.mean(axis=0)
+    direction = centre - mirror.virtual_centre_in_rig_mm
+    length = RAY_LENGTH_RATIO * np.linalg.norm(layout.mirrors[layout.central_index].outline_in_rig_mm.mean(axis=0))
+    return np.array([np.zeros(3), centre, centre + length * direction / np.linalg.norm(direction)])
 
 
 def axes_towards(layout: Layout, viewer_in_rig: FloatArray) -> FloatArray:
-    """`view_axes` for a direction (3,) in rig."""
+    """`view_axes` for a direction (3,) in the rig frame."""
     return view_axes(layout, layout.view_from_rig @ viewer_in_rig)
 
 
@@ -188,14 +189,14 @@ def _inserts(layout: Layout, stages: Stages, behind: FloatArray, below: FloatArr
         moves = [np.diff(exit_path(thread), axis=0)[-1] for thread in stages.threads_in(carriers)]
         axes = axes_towards(layout, mean([move / np.linalg.norm(move) for move in moves]))
         third = DevicePicture(
-            "inserts", title, axes, _threads(stages, carriers), caption="The mirror carriers", inside=True
+            "inserts", title, axes, _threads(stages, carriers), caption="The mirror carriers", labels_on_bodies=True
         )
-    front = DevicePicture("inserts", title, below, items, caption="The same parts from the front", below=third)
-    return DevicePicture("inserts", title, behind, items, caption=COUNT_CAPTION, below=front)
+    front = DevicePicture("inserts", title, below, items, caption="The same parts from the front", lower=third)
+    return DevicePicture("inserts", title, behind, items, caption=COUNT_CAPTION, lower=front)
 
 
 def _threads(stages: Stages, candidates: Sequence[Piece]) -> tuple[Item, ...]:
-    """Exploded parts, with their inserts and nuts at the start of their paths and arrows."""
+    """Exploded parts, with their inserts and nuts at the start of their insertion paths, and arrows."""
     parts = [part for part in candidates if stages.threads_in([part])]
     carriers = {piece.name for piece in stages.carriers}
     threads = stages.threads_in(parts)
@@ -247,34 +248,34 @@ def _mirrors(layout: Layout, stages: Stages) -> DevicePicture:
         axes,
         holder,
         notes=seat_labels,
-        inside=True,
+        labels_on_bodies=True,
         caption="The seats without the mirrors, from the same side",
     )
-    caption = "Seen from the front, from the scene: each mirror before its seat"
+    caption = "Seen from the scene: each mirror in front of its seat"
     return DevicePicture(
         "mirrors",
         title,
         axes,
         (*holder, *lifted_mirrors, *fasteners, *lines),
         caption=caption,
-        inside=True,
-        below=seats,
+        labels_on_bodies=True,
+        lower=seats,
     )
 
 
 def _holder_on_mount(stages: Stages) -> tuple[Item, ...]:
-    rest = [*stages.holder, *stages.carriers, *stages.mirrors, *stages.threads_in(stages.holder)]
-    return assembled(rest, stages.mount, stages.holder_screws, stages.holder)
+    existing = [*stages.holder, *stages.carriers, *stages.mirrors, *stages.threads_in(stages.holder)]
+    return assembled(existing, stages.mount, stages.holder_screws, stages.holder)
 
 
 def _camera(device: Device, stages: Stages) -> DevicePicture:
     """The camera in front of its clip, from above the lens and from behind, with labels for the guide."""
     clip = device.clip
-    rest = [*stages.clip, *stages.threads_in(stages.clip)]
-    items = assembled(rest, [], stages.camera_screws, stages.clip)
-    screws = zip(items[len(rest) :], stages.camera_screws, strict=True)
-    clip_items = (*items[: len(rest)], *(replace(item, label=screw_label(clip, screw)) for item, screw in screws))
-    shift = STEP_SHARE * (stages.camera[0].explode_mm - mean([piece.explode_mm for piece in stages.clip]))
+    existing = [*stages.clip, *stages.threads_in(stages.clip)]
+    items = assembled(existing, [], stages.camera_screws, stages.clip)
+    screws = zip(items[len(existing) :], stages.camera_screws, strict=True)
+    clip_items = (*items[: len(existing)], *(replace(item, label=screw_label(clip, screw)) for item, screw in screws))
+    shift = STEP_RATIO * (stages.camera[0].explode_mm - mean([piece.explode_mm for piece in stages.clip]))
     camera_items = []
     for camera in stages.camera:
         body = displaced(camera, shift, name_of(camera)).body
@@ -298,16 +299,16 @@ def _camera(device: Device, stages: Stages) -> DevicePicture:
         (*clip_items, *camera_items),
         notes=notes,
         caption="From above the lens",
-        below=lower,
+        lower=lower,
     )
 
 
 def _clip_on_mount(device: Device, stages: Stages) -> tuple[Item, ...]:
     """The clip with its camera in front of the mount, with red bars on the scale and on the edge that reads it."""
-    rest = [*stages.holder, *stages.carriers, *stages.mount, *stages.mirrors, *stages.holder_screws]
+    existing = [*stages.holder, *stages.carriers, *stages.mount, *stages.mirrors, *stages.holder_screws]
     new = [*stages.clip, *stages.camera, *stages.camera_screws]
-    items = assembled(rest, new, stages.clip_screws, stages.mount, moved_as=stages.clip)
-    shift = STEP_SHARE * (
+    items = assembled(existing, new, stages.clip_screws, stages.mount, moved_with=stages.clip)
+    shift = STEP_RATIO * (
         mean([piece.explode_mm for piece in stages.clip]) - mean([p.explode_mm for p in stages.mount])
     )
     threads = [displaced(thread, shift) for thread in stages.threads_in(stages.clip)]
@@ -318,7 +319,7 @@ def _clip_on_mount(device: Device, stages: Stages) -> tuple[Item, ...]:
 
 
 def scale_edges(device: Device) -> tuple[FloatArray, FloatArray]:
-    """Triangles (n, 3, 3) in rig of two bars: on the clip's edge that reads the scale, and on the longest mark."""
+    """Triangles (n, 3, 3) in the rig frame of bars on the clip's reading edge and on the longest mark of the scale."""
     clip, mount = device.clip, device.mount
     longest = longest_mark_mm(clip, mount.half_width_mm, device.hardware)
     ends = np.array([mount.half_width_mm - longest, mount.half_width_mm])
@@ -331,12 +332,12 @@ def scale_edges(device: Device) -> tuple[FloatArray, FloatArray]:
 def _adapter_on_mount(stages: Stages) -> tuple[Item, ...]:
     threads = stages.threads_in(stages.adapter)
     new = {piece.name for piece in (*stages.adapter, *stages.adapter_screws, *stages.back_nuts, *threads)}
-    rest = [piece for piece in stages.pieces if piece.name not in new]
-    items = assembled(rest, stages.adapter, (*stages.adapter_screws, *stages.back_nuts), stages.mount)
+    existing = [piece for piece in stages.pieces if piece.name not in new]
+    items = assembled(existing, stages.adapter, (*stages.adapter_screws, *stages.back_nuts), stages.mount)
     # Inserts and nuts are already in the adapter.
     base = mean([piece.explode_mm for piece in stages.mount])
     homes = [(thread, home_of(thread, joins_of(thread)[-1], stages.adapter)) for thread in threads]
-    return (*items, *(displaced(thread, STEP_SHARE * (home.explode_mm - base)) for thread, home in homes if home))
+    return (*items, *(displaced(thread, STEP_RATIO * (home.explode_mm - base)) for thread, home in homes if home))
 
 
 def _on_bed(parts: Sequence[BuiltPart]) -> tuple[Item, ...]:

@@ -18,22 +18,25 @@ GAP_MM = 1.0
 TEXT_OFFSET_MM, EXTENSION_MM = 0.9, 1.5
 # Largest overlap of dimension lines that meet at an arrow head.
 TOUCH_MM = 0.05
-# Gap between text and an extension line, and tried shifts of text along its line, the middle first.
+# Gap between text and an extension line, and candidate shifts of text along its line, zero first.
 TEXT_GAP_MM = 0.6
-SHIFTS = (0.0, *(sign * share / 10.0 for share in range(1, 5) for sign in (-1, 1)))
+SHIFTS = (0.0, *(sign * tenths / 10.0 for tenths in range(1, 5) for sign in (-1, 1)))
 
 
 @dataclass(frozen=True)
 class LinearDimension:
-    """A dimension along x or y: coordinates (2,) of both ends along and across it, mm on paper, and its text."""
+    """A dimension along x or y: its `ends` (2,) in the measured direction, its text, and `starts`.
 
-    along: FloatArray
-    across: FloatArray
+    `starts` (2,) are the other coordinates of the ends, where extension lines start. All are in mm on paper.
+    """
+
+    ends: FloatArray
+    starts: FloatArray
     text: str
 
     @property
     def span(self) -> float:
-        return float(np.ptp(self.along))
+        return float(np.ptp(self.ends))
 
 
 def number(value_mm: float) -> str:
@@ -52,70 +55,77 @@ def draw_tiers(
     linears: Sequence[LinearDimension],
     free_mm: float,
     *,
-    upright: bool,
-    traces: Sequence[float] = (),
+    vertical: bool,
+    cutting_lines: Sequence[float] = (),
 ) -> None:
-    """Draw dimensions in tiers, shorter ones nearer to the part, so that extension lines cross no dimension line.
+    """Draw dimensions in tiers, shorter ones closer to the part, so that extension lines cross no dimension line.
 
     Consecutive dimensions share a line. Dimensions whose text would be crossed by other extension lines are outermost.
-    Text also keeps clear of `traces`, the coordinates at which traces of sections may cross the tiers.
+    Text is also kept clear of `cutting_lines`, the coordinates at which cutting-plane lines may cross the tiers.
     """
     tiers: list[list[tuple[float, float]]] = []
     placed = []
-    ends = np.concatenate([linear.along for linear in linears]) if linears else np.zeros(0)
+    ends = np.concatenate([linear.ends for linear in linears]) if linears else np.zeros(0)
     widths = {id(linear): text_width_mm(linear.text, TEXT_MM) for linear in linears}
 
     def order(linear: LinearDimension) -> tuple[bool, float, float, str]:
         width = widths[id(linear)]
-        always_crossed = all(_text_is_crossed(linear, width, ends, before=before) for before in (False, True))
+        always_crossed = all(
+            _text_is_crossed(linear, width, ends, text_first=text_first) for text_first in (False, True)
+        )
         return (
             always_crossed and not text_fits(linear.span, linear.text),
             linear.span,
-            float(linear.along.min()),
+            float(linear.ends.min()),
             linear.text,
         )
 
     for linear in sorted(linears, key=order):
         width = widths[id(linear)]
-        before = _text_is_crossed(linear, width, ends) and not _text_is_crossed(linear, width, ends, before=True)
-        low, high = _covered_range(linear, width, before=before)
+        text_first = _text_is_crossed(linear, width, ends) and not _text_is_crossed(
+            linear, width, ends, text_first=True
+        )
+        low, high = _covered_range(linear, width, text_first=text_first)
         full = [k for k, tier in enumerate(tiers) if any(low < b - TOUCH_MM and high > a + TOUCH_MM for a, b in tier)]
         level = max(full) + 1 if full else 0
         if level == len(tiers):
             tiers.append([])
         tiers[level].append((low, high))
-        placed.append((level, linear, width, before))
-    # Outside the outermost line are its text if it is upright, else only the ends of extension lines.
-    outside = GAP_MM + (TEXT_MM + TEXT_OFFSET_MM if upright else EXTENSION_MM)
+        placed.append((level, linear, width, text_first))
+    # Outside the outermost line are its text if it is vertical, else only the ends of extension lines.
+    outside = GAP_MM + (TEXT_MM + TEXT_OFFSET_MM if vertical else EXTENSION_MM)
     pitch = min(TIER_PITCH_MM, (free_mm - FIRST_TIER_MM - outside) / max(len(tiers) - 1, 1))
-    edge = float(box[0, 0 if upright else 1])
-    for level, linear, width, before in placed:
-        crossing = [other.along for outer, other, _, _ in placed if outer > level]
-        middle = _text_middle(linear, width, np.concatenate([*crossing, np.array(traces, dtype=float)]))
+    edge = float(box[0, 0 if vertical else 1])
+    for level, linear, width, text_first in placed:
+        crossing = [other.ends for outer, other, _, _ in placed if outer > level]
+        centre = _text_centre(linear, width, np.concatenate([*crossing, np.array(cutting_lines, dtype=float)]))
         tier = edge - FIRST_TIER_MM - level * pitch
-        _draw_linear(sheet, linear, tier, width, middle, upright=upright, before=before)
+        _draw_linear(sheet, linear, tier, width, centre, vertical=vertical, text_first=text_first)
 
 
-def _text_middle(linear: LinearDimension, width: float, crossing: FloatArray) -> float:
-    """The middle of a text along its dimension line, clear of crossing extension lines if possible."""
-    middle, slack = float(linear.along.mean()), linear.span - width - 2.0 * ARROW_MM[0] - 1.0
-    positions = [middle + share * max(slack, 0.0) for share in SHIFTS]
+def _text_centre(linear: LinearDimension, width: float, crossing: FloatArray) -> float:
+    """The centre of a text along its dimension line, clear of crossing extension lines if possible."""
+    centre, slack = float(linear.ends.mean()), linear.span - width - 2.0 * ARROW_MM[0] - 1.0
+    positions = [centre + shift * max(slack, 0.0) for shift in SHIFTS]
     return min(positions, key=lambda position: bool((np.abs(crossing - position) < width / 2.0 + TEXT_GAP_MM).any()))
 
 
-def _covered_range(linear: LinearDimension, width: float, *, before: bool = False) -> tuple[float, float]:
-    """The range of a tier that a dimension line and its text cover; text that does not fit is outside the arrows."""
-    low, high = float(linear.along.min()), float(linear.along.max())
+def _covered_range(linear: LinearDimension, width: float, *, text_first: bool = False) -> tuple[float, float]:
+    """The range of a tier that a dimension line and its text cover; text that does not fit is outside the arrows.
+
+    It is then at the upper end or, with `text_first`, at the lower end.
+    """
+    low, high = float(linear.ends.min()), float(linear.ends.max())
     if text_fits(linear.span, linear.text):
         return low, high
     arrow, text = ARROW_MM[0] + 1.5, ARROW_MM[0] + width + 2.0
-    return (low - text, high + arrow) if before else (low - arrow, high + text)
+    return (low - text, high + arrow) if text_first else (low - arrow, high + text)
 
 
-def _text_is_crossed(linear: LinearDimension, width: float, ends: FloatArray, *, before: bool = False) -> bool:
+def _text_is_crossed(linear: LinearDimension, width: float, ends: FloatArray, *, text_first: bool = False) -> bool:
     """Return whether an extension line, one of `ends`, may cross the text of a dimension outside its arrows."""
-    covered = _covered_range(linear, width, before=before)
-    low, high = (covered[0], float(linear.along.min())) if before else (float(linear.along.max()), covered[1])
+    covered = _covered_range(linear, width, text_first=text_first)
+    low, high = (covered[0], float(linear.ends.min())) if text_first else (float(linear.ends.max()), covered[1])
     return bool(((ends > low + 1e-3) & (ends < high - 1e-3)).any())
 
 
@@ -124,35 +134,35 @@ def _draw_linear(
     linear: LinearDimension,
     tier: float,
     width: float,
-    text_middle: float,
+    text_centre: float,
     *,
-    upright: bool,
-    before: bool = False,
+    vertical: bool,
+    text_first: bool = False,
 ) -> None:
-    """Draw a dimension line at `tier`, with its text about `text_middle` if it fits between the arrows."""
+    """Draw a dimension line at `tier`, with its text centred at `text_centre` if it fits between the arrows."""
 
     def on_sheet(points: Sequence[tuple[float, float]]) -> FloatArray:
         array = np.array(points)
-        return array[:, ::-1] if upright else array
+        return array[:, ::-1] if vertical else array
 
-    order = np.argsort(linear.along)
-    (low, high), starts = linear.along[order], linear.across[order]
+    order = np.argsort(linear.ends)
+    (low, high), starts = linear.ends[order], linear.starts[order]
     lines = [
-        on_sheet([(at, start - GAP_MM), (at, tier - EXTENSION_MM)])
-        for at, start in zip((low, high), starts, strict=True)
+        on_sheet([(end, start - GAP_MM), (end, tier - EXTENSION_MM)])
+        for end, start in zip((low, high), starts, strict=True)
     ]
     inside = text_fits(linear.span, linear.text)
     arrow = 0.0 if inside else ARROW_MM[0] + 1.5
     text = 0.0 if inside else width
-    line = (low - arrow - text, high + arrow) if before else (low - arrow, high + arrow + text)
+    line = (low - arrow - text, high + arrow) if text_first else (low - arrow, high + arrow + text)
     lines.append(on_sheet([(line[0], tier), (line[1], tier)]))
     sheet.lines(lines, LINE_MM)
     sign = -1.0 if inside else 1.0
     for tip, direction in ((low, sign), (high, -sign)):
         sheet.arrow_head(on_sheet([(tip, tier)])[0], on_sheet([(direction, 0.0)])[0])
-    outside = low - arrow - width / 2.0 if before else high + arrow + width / 2.0
-    middle = text_middle if inside else outside
-    if upright:
-        sheet.text((tier - TEXT_OFFSET_MM, middle), linear.text, TEXT_MM, align="center", turn_deg=90.0)
+    outside = low - arrow - width / 2.0 if text_first else high + arrow + width / 2.0
+    centre = text_centre if inside else outside
+    if vertical:
+        sheet.text((tier - TEXT_OFFSET_MM, centre), linear.text, TEXT_MM, align="center", rotation_deg=90.0)
     else:
-        sheet.text((middle, tier + TEXT_OFFSET_MM), linear.text, TEXT_MM, align="center")
+        sheet.text((centre, tier + TEXT_OFFSET_MM), linear.text, TEXT_MM, align="center")

@@ -32,13 +32,30 @@ from mirrorcam.cad.guide.drawing_sheet import (
     DrawingSheet,
     Title,
     draw_title_block,
-    printed_of,
+    printed_material,
     ratio,
     text_width_mm,
 )
-from mirrorcam.cad.guide.hole_callouts import DEPTH, INSERT, NUT, PRESS_TOLERANCE, called_out, hole_groups, hole_tables
+from mirrorcam.cad.guide.hole_callouts import (
+    DEPTH,
+    INSERT,
+    NUT,
+    PRESS_TOLERANCE,
+    hole_groups,
+    hole_tables,
+    with_callouts,
+)
 from mirrorcam.cad.guide.part_views import FRONT, ISOMETRIC, RIGHT, TOP, PartView, PlacedView, on_paper, project
-from mirrorcam.cad.guide.sections import LETTER_MM, Section, Trace, cut, draw_trace, hatch, section_plane, trace_in
+from mirrorcam.cad.guide.sections import (
+    LETTER_MM,
+    CuttingPlaneLine,
+    Section,
+    cut,
+    cutting_plane_line,
+    draw_cutting_plane_line,
+    hatch,
+    section_plane,
+)
 from mirrorcam.cad.holder.carriers import CarrierPlan
 from mirrorcam.cad.holder.holder_body import HolderPlan
 from mirrorcam.cad.holder.screwed_holder import ScrewedHolderPlan
@@ -66,12 +83,12 @@ def holder_holes(plan: HolderPlan) -> tuple[Hole, ...]:
 
 
 def seat_names(plan: HolderPlan) -> list[tuple[str, FloatArray]]:
-    """The mirror's name, and the middle (3,) of the corners in rig, for every seat."""
+    """The mirror's name, and the mean (3,) of the corners in the rig frame, for every seat."""
     return [(name, core.top.mean(axis=0)) for name, core in zip(plan.mirror_names, plan.cores, strict=True)]
 
 
 def seat_table(plan: HolderPlan | CarrierPlan, bed_from_rig: FloatArray) -> DrawingTable:
-    """Table of seat planes relative to the flat back: the seat's middle, and the tilt and azimuth of its normal.
+    """Table of seat planes relative to the flat back: the seat's centre, and the tilt and azimuth of its normal.
 
     `bed_from_rig` is a rotation (3, 3).
     """
@@ -98,18 +115,18 @@ def seat_table(plan: HolderPlan | CarrierPlan, bed_from_rig: FloatArray) -> Draw
         rows.append((name, f"{x:.2f}", f"{y:.2f}", f"{z:.2f}", f"{tilt:.3f}", f"{azimuth:.2f}"))
     return DrawingTable(
         title="Seats (the planes of the pads that carry the mirrors)" if len(rows) > 1 else "Seat (plane of the pads)",
-        header=("id", "x", "y", "z", "tilt °", "towards °"),
+        header=("id", "x", "y", "z", "tilt °", "azimuth °"),
         rows=tuple(rows),
         notes=(
-            f"x, y from the middle of {origin}, z from the flat back, mm,",
-            "as in the view from above; tilt of the seat's normal from upright,",
-            "towards: its direction, counter-clockwise from x",
+            f"x, y from the centre of {origin}, z from the flat back, mm,",
+            "as in the view from above; tilt of the seat's normal from vertical,",
+            "azimuth of the normal counter-clockwise from x",
         ),
     )
 
 
 def dimensions_in_plan(plan: Any) -> tuple[Length | Hole, ...]:
-    """The dimensions of a part's plan in rig; a piece of a split part has the dimensions of the uncut part."""
+    """The dimensions of a part's plan in the rig frame; a piece of a split part has those of the complete part."""
     if isinstance(plan, PiecePlan):
         return dimensions_in_plan(plan.whole)
     if isinstance(plan, HolderPlan):
@@ -139,7 +156,7 @@ def draw(solid: Part, part: PartPlan, printer: Printer, screw: Fastening = HARDW
     """Draw a part on a drawing sheet; `screw` identifies the holes for inserts and nuts."""
     bed_from_rig = part.print_from_rig[:3, :3]
     top, front, right = (project(solid, axes @ bed_from_rig) for axes in (TOP, FRONT, RIGHT))
-    isometric = project(solid, ISOMETRIC @ bed_from_rig, hidden_too=False)
+    isometric = project(solid, ISOMETRIC @ bed_from_rig, with_hidden=False)
     plan = part.plan.whole if isinstance(part.plan, PiecePlan) else part.plan
     # A holder for carriers has no seats.
     seats = isinstance(plan, HolderPlan) and bool(plan.cores)
@@ -158,30 +175,32 @@ def draw(solid: Part, part: PartPlan, printer: Printer, screw: Fastening = HARDW
     section = _section_of(part, solid, dimensions)
     for view in placed:
         _draw_view(sheet, view, VISIBLE_MM if view.scale >= 1.0 else SMALL_MM)
-    traces = {
-        index: trace
+    cutting_lines = {
+        index: line
         for index, view in enumerate(placed)
-        if section and (trace := trace_in(view, section, bed_from_rig))
+        if section and (line := cutting_plane_line(view, section, bed_from_rig))
     }
-    trace_lines = [(index, trace.across, float(trace.ends[0, trace.across])) for index, trace in traces.items()]
-    annotate(sheet, placed, dimensions, free_mm, trace_lines)
+    line_positions = [
+        (index, line.constant_axis, float(line.ends[0, line.constant_axis])) for index, line in cutting_lines.items()
+    ]
+    annotate(sheet, placed, dimensions, free_mm, line_positions)
     free = _free_rectangles(sheet, placed, table_left, table_low)
-    cut_at, corner_low, corner_high = _place_section(section, free, scale)
+    section_view, corner_low, corner_high = _place_section(section, free, scale)
     _draw_view(sheet, _isometric(isometric, placed, corner_low, corner_high), SMALL_MM)
-    if section and cut_at:
-        hatch(sheet, section.faces, cut_at.scale, cut_at.shift)
-        _draw_view(sheet, cut_at, VISIBLE_MM if cut_at.scale >= 1.0 else SMALL_MM)
-        _draw_section_marks(sheet, tuple(traces.values()), cut_at, scale)
+    if section and section_view:
+        hatch(sheet, section.faces, section_view.scale, section_view.shift)
+        _draw_view(sheet, section_view, VISIBLE_MM if section_view.scale >= 1.0 else SMALL_MM)
+        _draw_section_marks(sheet, tuple(cutting_lines.values()), section_view, scale)
     if seats:
         draw_holder_datums(sheet, placed[1])
         low, high = placed[0].box
-        for name, middle in seat_names(plan):
-            label_at = placed[0].paper(middle)
+        for name, centre in seat_names(plan):
+            position = placed[0].paper(centre)
             # Skip seats on other pieces of a split holder.
-            if (label_at > low).all() and (label_at < high).all():
-                base = label_at - (0.0, TEXT_MM / 2.0)
+            if (position > low).all() and (position < high).all():
+                base = position - (0.0, TEXT_MM / 2.0)
                 sheet.text(base, name, TEXT_MM, align="center", colour=SOFT, over_lines=True)
-    material, model = printed_of(printer.plastic), f"parts/{part.name}.step"
+    material, model = printed_material(printer.plastic), f"parts/{part.name}.step"
     tolerance = GAUGE_TOLERANCE if isinstance(plan, CouponPlan) else GENERAL_TOLERANCE
     draw_title_block(sheet, Title(part.title, part.number, material, scale, part.identity, model, tolerance))
     return sheet
@@ -197,10 +216,10 @@ def _draw_view(sheet: DrawingSheet, placed: PlacedView, width_mm: float) -> None
 
 def dimensions_of(part: PartPlan, solid: Part, screw: Fastening) -> tuple[Length | Hole, ...]:
     """The dimensions of a part's plan, without those on other pieces of a split part."""
-    lengths = [each for each in dimensions_in_plan(part.plan) if isinstance(each, Length)]
-    holes = (each for each in dimensions_in_plan(part.plan) if isinstance(each, Hole))
+    lengths = [dimension for dimension in dimensions_in_plan(part.plan) if isinstance(dimension, Length)]
+    holes = (dimension for dimension in dimensions_in_plan(part.plan) if isinstance(dimension, Hole))
     tolerance = "" if isinstance(part.plan, CouponPlan) else PRESS_TOLERANCE
-    dimensions: tuple[Length | Hole, ...] = (*called_out(holes, solid, screw, tolerance), *lengths)
+    dimensions: tuple[Length | Hole, ...] = (*with_callouts(holes, solid, screw, tolerance), *lengths)
     if not isinstance(part.plan, PiecePlan):
         return dimensions
     box = solid.bounding_box()
@@ -236,14 +255,14 @@ def _arrange(
     top_y = bottom_y + scale * height + NOTES_MM + free_mm[1]
     right_x = left_x + scale * width + free_mm[0] + 4.0
 
-    def at(view: PartView, x: float, y: float) -> PlacedView:
+    def place(view: PartView, x: float, y: float) -> PlacedView:
         return PlacedView(view, scale, np.array([x, y]) - view.box[0] * scale)
 
-    return (at(top, left_x, top_y), at(front, left_x, bottom_y), at(right, right_x, bottom_y)), scale, free_mm
+    return (place(top, left_x, top_y), place(front, left_x, bottom_y), place(right, right_x, bottom_y)), scale, free_mm
 
 
 def _isometric(view: PartView, placed: Sequence[PlacedView], low: FloatArray, high: FloatArray) -> PlacedView:
-    """The isometric, scaled to a free rectangle."""
+    """The isometric view, scaled to a free rectangle."""
     scale = min(float(((high - low) / np.ptp(view.box, axis=0)).min()), 1.3 * placed[0].scale)
     return PlacedView(view, scale, (low + high) / 2.0 - view.box.mean(axis=0) * scale)
 
@@ -252,7 +271,7 @@ def _section_of(part: PartPlan, solid: Part, dimensions: Sequence[Length | Hole]
     """The section that shows the cavities of a part."""
     bed_from_rig = part.print_from_rig[:3, :3]
     plan = part.plan.whole if isinstance(part.plan, PiecePlan) else part.plan
-    plane = section_plane(plan, [each for each in dimensions if isinstance(each, Hole)], bed_from_rig)
+    plane = section_plane(plan, [dimension for dimension in dimensions if isinstance(dimension, Hole)], bed_from_rig)
     return cut(solid, *plane, bed_from_rig) if plane else None
 
 
@@ -262,11 +281,11 @@ def _free_rectangles(
     """Free rectangles (2, 2): above the view from the right, right of it, and below the tables, clear of text."""
     top, _, right = placed
     high_y = A3_MM[1] - BORDER_MM - 8.0
-    above = np.array([(top.box[1, 0] + 12.0, right.box[1, 1] + NOTES_MM + 4.0), (right_end - 6.0, high_y)])
+    area_above = np.array([(top.box[1, 0] + 12.0, right.box[1, 1] + NOTES_MM + 4.0), (right_end - 6.0, high_y)])
     low_y = BORDER_MM + BLOCK_MM + 8.0
-    right_of = np.array([(right.box[1, 0] + 12.0, low_y), (right_end - 6.0, right.box[1, 1] + NOTES_MM - 8.0)])
-    below = np.array([(right_end + 4.0, low_y), (A3_MM[0] - BORDER_MM - 4.0, table_low - 4.0)])
-    return _clear_of_text(sheet, above), _clear_of_text(sheet, right_of), below
+    area_right = np.array([(right.box[1, 0] + 12.0, low_y), (right_end - 6.0, right.box[1, 1] + NOTES_MM - 8.0)])
+    area_below = np.array([(right_end + 4.0, low_y), (A3_MM[0] - BORDER_MM - 4.0, table_low - 4.0)])
+    return _clear_of_text(sheet, area_above), _clear_of_text(sheet, area_right), area_below
 
 
 def _clear_of_text(sheet: DrawingSheet, rectangle: FloatArray) -> FloatArray:
@@ -275,48 +294,50 @@ def _clear_of_text(sheet: DrawingSheet, rectangle: FloatArray) -> FloatArray:
     inside = ((boxes[:, 1] > rectangle[0]) & (boxes[:, 0] < rectangle[1])).all(axis=1)
     if not inside.any():
         return rectangle
-    right, below = rectangle.copy(), rectangle.copy()
-    right[0, 0] = boxes[inside, 1, 0].max() + CLEAR_MM
-    below[1, 1] = boxes[inside, 0, 1].min() - CLEAR_MM
-    return max(right, below, key=lambda each: float(np.prod(np.maximum(each[1] - each[0], 0.0))))
+    right_part, lower_part = rectangle.copy(), rectangle.copy()
+    right_part[0, 0] = boxes[inside, 1, 0].max() + CLEAR_MM
+    lower_part[1, 1] = boxes[inside, 0, 1].min() - CLEAR_MM
+    return max(right_part, lower_part, key=lambda part: float(np.prod(np.maximum(part[1] - part[0], 0.0))))
 
 
 def _place_section(
     section: Section | None, free: Sequence[FloatArray], scale: float
 ) -> tuple[PlacedView | None, FloatArray, FloatArray]:
-    """Place a section at most at the views' scale; returns it and the rectangle that remains for the isometric."""
-    above, right_of, below = free
+    """Place a section, at most at the views' scale; returns it and the rectangle that remains for the isometric."""
+    above, right, below = free
     if section is None:
         return None, above[0], above[1]
-    for smaller in (each for each in SCALES if each <= scale):
-        size = np.ptp(section.view.box, axis=0) * smaller + (0.0, NAME_MM)
-        for rectangle in (below, right_of):
+    for section_scale in (standard for standard in SCALES if standard <= scale):
+        size = np.ptp(section.view.box, axis=0) * section_scale + (0.0, NAME_MM)
+        for rectangle in (below, right):
             if (size <= rectangle[1] - rectangle[0]).all():
-                return _in_rectangle(section.view, smaller, rectangle), above[0], above[1]
+                return _in_rectangle(section.view, section_scale, rectangle), above[0], above[1]
         size_above = above[1] - above[0]
-        for axis, share in ((0, 0.55), (1, 0.6)):
-            if size[axis] <= share * size_above[axis] and size[1 - axis] <= size_above[1 - axis]:
+        for axis, fraction in ((0, 0.55), (1, 0.6)):
+            if size[axis] <= fraction * size_above[axis] and size[1 - axis] <= size_above[1 - axis]:
                 # Left of the isometric, or below it.
                 end = above[1].copy()
                 end[axis] = above[0, axis] + size[axis]
                 low = above[0].copy()
                 low[axis] = end[axis] + 8.0
-                return _in_rectangle(section.view, smaller, np.array([above[0], end])), low, above[1]
+                return _in_rectangle(section.view, section_scale, np.array([above[0], end])), low, above[1]
     return None, above[0], above[1]
 
 
 def _in_rectangle(view: PartView, scale: float, rectangle: FloatArray) -> PlacedView:
     """A view centred in a rectangle (2, 2) with space for its name above it."""
-    middle = rectangle.mean(axis=0) - (0.0, NAME_MM / 2.0)
-    return PlacedView(view, scale, middle - view.box.mean(axis=0) * scale)
+    centre = rectangle.mean(axis=0) - (0.0, NAME_MM / 2.0)
+    return PlacedView(view, scale, centre - view.box.mean(axis=0) * scale)
 
 
-def _draw_section_marks(sheet: DrawingSheet, traces: Sequence[Trace], cut_at: PlacedView, scale: float) -> None:
-    """Draw a section's name, with its scale if it differs from the views', and one of its traces."""
-    name = "A-A" if cut_at.scale == scale else f"A-A ({ratio(cut_at.scale)})"
-    box = cut_at.box
+def _draw_section_marks(
+    sheet: DrawingSheet, cutting_lines: Sequence[CuttingPlaneLine], section_view: PlacedView, scale: float
+) -> None:
+    """Draw a section's name, with its scale if it differs from the views', and one of its cutting-plane lines."""
+    name = "A-A" if section_view.scale == scale else f"A-A ({ratio(section_view.scale)})"
+    box = section_view.box
     sheet.text((float(box[:, 0].mean()), float(box[1, 1]) + 3.0), name, LETTER_MM, align="center", bold=True)
-    draw_trace(sheet, traces, "A")
+    draw_cutting_plane_line(sheet, cutting_lines, "A")
 
 
 def draw_tables(sheet: DrawingSheet, tables: Sequence[DrawingTable], reserved_mm: float) -> tuple[float, float]:
@@ -338,9 +359,9 @@ def draw_tables(sheet: DrawingSheet, tables: Sequence[DrawingTable], reserved_mm
         ends = right - sum(widths) + np.cumsum(widths)
         for number, row in enumerate(cells):
             for column, (end, cell) in enumerate(zip(ends, row, strict=True)):
-                at_left = column in table.left_aligned
-                at = (end - widths[column] + 2.5 if at_left else end - 1.5, y - 0.72 * pitch)
-                sheet.text(at, cell, height, align="left" if at_left else "right", bold=number == 0)
+                left_aligned = column in table.left_aligned
+                start_point = (end - widths[column] + 2.5 if left_aligned else end - 1.5, y - 0.72 * pitch)
+                sheet.text(start_point, cell, height, align="left" if left_aligned else "right", bold=number == 0)
             y -= pitch
             sheet.lines([np.array([(start, y), (right, y)])], 0.35 if number == 0 else 0.1)
         for line in table.notes:

@@ -31,8 +31,8 @@ MM_PER_INCH = 25.4
 POINTS_PER_MM = 72.0 / MM_PER_INCH
 FONT = FontProperties(family="DejaVu Sans")
 BOLD = FontProperties(family="DejaVu Sans", weight="bold")
-# Height of capitals over the font size.
-CAPITALS = 0.73
+# Ratio of the height of capitals to the font size.
+CAP_HEIGHT = 0.73
 INK = "#10151f"
 SOFT = "#8b94a5"
 ARROW_MM = (2.6, 0.42)
@@ -49,13 +49,13 @@ class TextBox:
 
 def text_width_mm(text: str, height_mm: float, *, bold: bool = False) -> float:
     """Width of a text whose capitals are about `height_mm` high."""
-    return _width_of_size_1(text, bold) * height_mm / CAPITALS
+    return _width_of_size_1(text, bold) * height_mm / CAP_HEIGHT
 
 
 def fitted_text(text: str, width_mm: float, height_mm: float) -> str:
     """A text truncated to a width, with placeholders for characters that the font lacks."""
-    drawn = drawable(text, get_font(findfont(FONT)).get_charmap())
-    return fitted(drawn, width_mm, lambda part: text_width_mm(part, height_mm))
+    printable = drawable(text, get_font(findfont(FONT)).get_charmap())
+    return fitted(printable, width_mm, lambda part: text_width_mm(part, height_mm))
 
 
 @cache
@@ -72,7 +72,7 @@ class DrawingSheet:
     def __init__(self, width_mm: float, height_mm: float) -> None:
         self.size_mm = (width_mm, height_mm)
         self.text_boxes: list[TextBox] = []
-        self.drawn: list[tuple[FloatArray, float]] = []
+        self.drawn_lines: list[tuple[FloatArray, float]] = []
         self._figure = Figure(figsize=(width_mm / MM_PER_INCH, height_mm / MM_PER_INCH))
         self._axes = self._figure.add_axes((0.0, 0.0, 1.0, 1.0))
         self._axes.set(xlim=(0.0, width_mm), ylim=(0.0, height_mm))
@@ -82,7 +82,7 @@ class DrawingSheet:
         self, lines: Sequence[FloatArray], width_mm: float, colour: str = INK, dashes_mm: Sequence[float] = ()
     ) -> None:
         """Draw polylines (n, 2); `dashes_mm` are alternately lengths of dashes and gaps."""
-        self.drawn += [(line, width_mm) for line in lines]
+        self.drawn_lines += [(line, width_mm) for line in lines]
         width = width_mm * POINTS_PER_MM
         style: Any = (0.0, [dash / width_mm for dash in dashes_mm]) if dashes_mm else "solid"
         collection = LineCollection(
@@ -102,43 +102,43 @@ class DrawingSheet:
 
     def arrow_head(self, tip: FloatArray, direction: FloatArray) -> None:
         """Draw a filled arrow head that points along `direction` (2,), with its tip at `tip` (2,)."""
-        along = direction / np.linalg.norm(direction)
-        across = np.array([-along[1], along[0]])
+        axis = direction / np.linalg.norm(direction)
+        normal = np.array([-axis[1], axis[0]])
         length, half = ARROW_MM
-        corners = [tip, tip - length * along + half * across, tip - length * along - half * across]
+        corners = [tip, tip - length * axis + half * normal, tip - length * axis - half * normal]
         self._axes.add_patch(Polygon(corners, closed=True, facecolor=INK, edgecolor="none"))
 
-    def dot(self, middle: FloatArray, radius: float) -> None:
-        """Draw a filled dot at `middle` (2,), the end of a leader within an outline."""
-        self._axes.add_patch(Circle((float(middle[0]), float(middle[1])), radius, facecolor=INK, edgecolor="none"))
+    def dot(self, centre: FloatArray, radius: float) -> None:
+        """Draw a filled dot at `centre` (2,), the end of a leader within an outline."""
+        self._axes.add_patch(Circle((float(centre[0]), float(centre[1])), radius, facecolor=INK, edgecolor="none"))
 
     def text(
         self,
-        at: FloatArray | tuple[float, float],
+        start: FloatArray | tuple[float, float],
         text: str,
         height_mm: float,
         *,
         align: Align = "left",
         bold: bool = False,
         colour: str = INK,
-        turn_deg: float = 0.0,
+        rotation_deg: float = 0.0,
         over_lines: bool = False,
     ) -> None:
-        """Draw a line of text with its base line at `at` (2,), rotated about that point; 90 deg reads from the right.
+        """Draw a line of text with its base line at `start` (2,), rotated about it; 90 deg reads from the right.
 
         `over_lines` clears the paper behind it.
         """
         width = text_width_mm(text, height_mm, bold=bold)
         self._axes.text(
-            float(at[0]),
-            float(at[1]),
+            float(start[0]),
+            float(start[1]),
             text,
             parse_math=False,
             fontproperties=BOLD if bold else FONT,
-            fontsize=height_mm / CAPITALS * POINTS_PER_MM,
+            fontsize=height_mm / CAP_HEIGHT * POINTS_PER_MM,
             ha=align,
             va="baseline",
-            rotation=turn_deg,
+            rotation=rotation_deg,
             rotation_mode="anchor",
             color=colour,
             bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.0} if over_lines else None,
@@ -146,20 +146,20 @@ class DrawingSheet:
         left = {"left": 0.0, "center": -width / 2.0, "right": -width}[align]
         low, high = -0.25 * height_mm, 1.05 * height_mm
         corners = np.array([(left, low), (left + width, low), (left + width, high), (left, high)])
-        cosine, sine = np.cos(np.deg2rad(turn_deg)), np.sin(np.deg2rad(turn_deg))
+        cosine, sine = np.cos(np.deg2rad(rotation_deg)), np.sin(np.deg2rad(rotation_deg))
         corners = corners @ np.array([(cosine, sine), (-sine, cosine)])
-        self.text_boxes.append(TextBox(text, corners + np.asarray(at)))
+        self.text_boxes.append(TextBox(text, corners + np.asarray(start)))
 
     def write(self, stem: Path, title: str) -> tuple[Path, Path]:
         """Write STEM.svg and STEM.pdf, and return their paths; the same sheet gives the same bytes."""
-        metadata_of: dict[str, dict[str, Any]] = {
+        metadata_by_format: dict[str, dict[str, Any]] = {
             "svg": {"Date": None, "Creator": "MirrorCam", "Title": title},
             "pdf": {"CreationDate": None, "Creator": "MirrorCam", "Producer": None, "Title": title},
         }
         settings: dict[Any, Any] = {"svg.hashsalt": "mirrorcam", "svg.fonttype": "path", "pdf.fonttype": 42}
-        svg, pdf = (stem.with_suffix(f".{kind}") for kind in metadata_of)
+        svg, pdf = (stem.with_suffix(f".{kind}") for kind in metadata_by_format)
         with mpl.rc_context(settings):
-            for path, (kind, metadata) in zip((svg, pdf), metadata_of.items(), strict=True):
+            for path, (kind, metadata) in zip((svg, pdf), metadata_by_format.items(), strict=True):
                 with atomic(path) as temporary:
                     self._figure.savefig(temporary, format=kind, metadata=metadata)
         return svg, pdf
@@ -217,8 +217,8 @@ def issue_date() -> str:
         raise InputError(f"{EPOCH} is {seconds[:40]!r}, expected an integer number of seconds since 1970") from None
 
 
-def printed_of(plastic: str) -> str:
-    """The material of a printed part, with the plastic's name cut to fit the field."""
+def printed_material(plastic: str) -> str:
+    """The material of a printed part, with the plastic's name truncated to fit the field."""
     printed = ", printed"
     return fitted_text(plastic, MATERIAL_MM - 4.0 - text_width_mm(printed, VALUE_MM), VALUE_MM) + printed
 
@@ -260,13 +260,13 @@ def ratio(scale: float | None) -> str:
     return f"{scale:g} : 1" if scale >= 1.0 else f"1 : {1.0 / scale:g}"
 
 
-def _third_angle(sheet: DrawingSheet, middle: FloatArray) -> None:
+def _third_angle(sheet: DrawingSheet, centre: FloatArray) -> None:
     """Draw the symbol of third-angle projection: the circles of a cone on the left, its side on the right."""
     angles = np.linspace(0.0, 2.0 * np.pi, 65)
     circle = np.column_stack([np.cos(angles), np.sin(angles)])
-    left, right = middle + np.array([[-11.0, 0.0], [9.0, 0.0]])
+    left, right = centre + np.array([[-11.0, 0.0], [9.0, 0.0]])
     cone = np.array([(-6.0, 2.2), (6.0, 4.4), (6.0, -4.4), (-6.0, -2.2), (-6.0, 2.2)])
     sheet.lines([left + 4.4 * circle, left + 2.2 * circle, right + cone], OUTLINE_MM)
     axis = np.array([(-18.0, 0.0), (18.0, 0.0)])
     dashes = (2.4, 0.5, 0.5, 0.5)
-    sheet.lines([middle + axis, left + np.array([(0.0, -5.8), (0.0, 5.8)])], AXIS_MM, AXIS_COLOUR, dashes)
+    sheet.lines([centre + axis, left + np.array([(0.0, -5.8), (0.0, 5.8)])], AXIS_MM, AXIS_COLOUR, dashes)

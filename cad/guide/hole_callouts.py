@@ -32,26 +32,26 @@ DEPTH = "↧"
 """Depth symbol (ISO 129-1)."""
 
 PRESS_TOLERANCE = "±0.1"
-"""Tolerance of a hole for an insert or a nut: the step between the gauges of the fit coupon, of which only one fits."""
+"""Tolerance of a hole for an insert or a nut: the step between the gauges of the fit coupon, only one of which fits."""
 
-# Distance outside a hole at which its wall is probed, and share of its radius and depth at which its floor is probed.
-# A conical end is deeper, by up to `CONE_SHARE` of the radius.
+# Distance outside a hole at which its wall is probed, and fraction of its radius and depth at which its floor is
+# probed. A conical end is deeper, by up to `CONE_FRACTION` of the radius.
 WALL_PROBE_MM = 0.05
-FLOOR_SHARE = 0.9
+FLOOR_FRACTION = 0.9
 FLOOR_PROBE_MM = 0.03
-CONE_SHARE = 0.15
+CONE_FRACTION = 0.15
 # Sizes that differ by less are equal; shorter intervals of material are ignored.
 SAME_MM = 1e-3
 
 
 class Material:
-    """Point and line queries for the material of a solid in rig, mm."""
+    """Point and line queries for the material of a solid in the rig frame, mm."""
 
     def __init__(self, solid: Part) -> None:
         shape = solid.wrapped
         self._inside = BRepClass3d_SolidClassifier(shape)
-        self._crossed = IntCurvesFace_ShapeIntersector()
-        self._crossed.Load(shape, 1e-6)
+        self._crossings = IntCurvesFace_ShapeIntersector()
+        self._crossings.Load(shape, 1e-6)
 
     def contains(self, point: FloatArray) -> bool:
         """Return whether a point (3,) lies inside the material."""
@@ -60,17 +60,17 @@ class Material:
 
     def intervals(self, start: FloatArray, direction: FloatArray, length_mm: float) -> list[tuple[float, float]]:
         """The intervals (from, to) inside the material of a line from a point (3,) along a unit vector (3,)."""
-        self._crossed.Perform(gp_Lin(gp_Pnt(*start.tolist()), gp_Dir(*direction.tolist())), 0.0, length_mm)
-        crossings = [self._crossed.WParameter(i + 1) for i in range(self._crossed.NbPnt())]
-        stops = np.unique(np.round([0.0, *crossings, length_mm], 6))
+        self._crossings.Perform(gp_Lin(gp_Pnt(*start.tolist()), gp_Dir(*direction.tolist())), 0.0, length_mm)
+        crossings = [self._crossings.WParameter(i + 1) for i in range(self._crossings.NbPnt())]
+        ends = np.unique(np.round([0.0, *crossings, length_mm], 6))
         return [
             (float(low), float(high))
-            for low, high in pairwise(stops)
+            for low, high in pairwise(ends)
             if high - low > SAME_MM and self.contains(start + (low + high) / 2.0 * direction)
         ]
 
 
-def called_out(
+def with_callouts(
     holes: Iterable[Hole], solid: Part, screw: Fastening, tolerance: str = PRESS_TOLERANCE
 ) -> tuple[Hole, ...]:
     """The holes with complete texts; the axis of a blind hole runs from its open end into the material.
@@ -80,32 +80,32 @@ def called_out(
     holes : iterable of Hole
         Holes; those without `cut_mm` are returned unchanged.
     solid : Part
-        The part, in rig.
+        The part, in the rig frame.
     screw : Fastening
         Dimensions that identify holes for inserts, nuts and screws.
     tolerance : str
         Tolerance of holes for inserts and nuts; "" for gauges, whose steps are that tolerance.
     """
     material = Material(solid)
-    return tuple(hole if hole.cut_mm is None else _called_out(hole, material, screw, tolerance) for hole in holes)
+    return tuple(hole if hole.cut_mm is None else _with_callout(hole, material, screw, tolerance) for hole in holes)
 
 
-def _called_out(hole: Hole, material: Material, screw: Fastening, tolerance: str) -> Hole:
+def _with_callout(hole: Hole, material: Material, screw: Fastening, tolerance: str) -> Hole:
     axis = hole.axis_in_rig / np.linalg.norm(hole.axis_in_rig)
     assert hole.cut_mm is not None
     if hole.form == "countersink":
         # Its axis already runs from its mouth into the material.
         return hole
     start, end = hole.centre_in_rig, hole.centre_in_rig + hole.cut_mm * axis
-    across = _across(axis)
+    directions = _perpendicular_directions(axis)
     radius = hole.diameter_mm / 2.0
 
     def floor(end: FloatArray, out: FloatArray) -> bool:
-        """Return whether material closes the tool's end in half of the directions, to allow for adjacent cuts."""
+        """Return whether material closes the end of the tool in half of the directions (cuts may be adjacent)."""
         return any(
-            sum(material.contains(end + depth * out + FLOOR_SHARE * radius * side) for side in across)
-            >= len(across) / 2
-            for depth in (FLOOR_PROBE_MM, CONE_SHARE * radius)
+            sum(material.contains(end + depth * out + FLOOR_FRACTION * radius * side) for side in directions)
+            >= len(directions) / 2
+            for depth in (FLOOR_PROBE_MM, CONE_FRACTION * radius)
         )
 
     closed_start = floor(start - OUTSIDE_MM * axis, -axis)
@@ -115,8 +115,12 @@ def _called_out(hole: Hole, material: Material, screw: Fastening, tolerance: str
     # The depth is measured from the closed end along the longest wall.
     origin, outward = (end, -axis) if closed_end else (start - OUTSIDE_MM * axis, axis)
     # One of eight directions is within 22.5 deg of the normal of a slot's side walls.
-    reach = (radius + WALL_PROBE_MM) / (np.cos(np.pi / 8.0) if hole.travel_mm else 1.0)
-    ends = [high for side in across for _, high in material.intervals(origin + reach * side, outward, hole.cut_mm)[-1:]]
+    probe_radius = (radius + WALL_PROBE_MM) / (np.cos(np.pi / 8.0) if hole.travel_mm else 1.0)
+    ends = [
+        high
+        for side in directions
+        for _, high in material.intervals(origin + probe_radius * side, outward, hole.cut_mm)[-1:]
+    ]
     deepest = max(ends, default=hole.cut_mm)
     depth_text = f"{DEPTH}{deepest:.2f}".rstrip("0").rstrip(".")
     purpose = _purpose(hole, screw, through=False)
@@ -124,13 +128,13 @@ def _called_out(hole: Hole, material: Material, screw: Fastening, tolerance: str
     return replace(hole, text=text, centre_in_rig=origin + deepest * outward, axis_in_rig=-outward)
 
 
-def _across(axis: FloatArray) -> list[FloatArray]:
-    """Eight directions (3,) across an axis (3,)."""
+def _perpendicular_directions(axis: FloatArray) -> list[FloatArray]:
+    """Eight directions (3,) perpendicular to an axis (3,)."""
     first = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
     first /= np.linalg.norm(first)
     second = np.cross(axis, first)
-    turns = np.deg2rad(22.5 + 45.0 * np.arange(8))
-    return [np.cos(turn) * first + np.sin(turn) * second for turn in turns]
+    angles = np.deg2rad(22.5 + 45.0 * np.arange(8))
+    return [np.cos(angle) * first + np.sin(angle) * second for angle in angles]
 
 
 def _purpose(hole: Hole, screw: Fastening, *, through: bool) -> str:
@@ -148,7 +152,7 @@ def _joined(*texts: str) -> str:
     return " ".join(text for text in texts if text)
 
 
-MOST_COORDINATES = 4
+MAX_COORDINATES = 4
 """Largest number of x or y coordinates that are dimensioned; holes with more are listed in a table."""
 
 PARALLEL = 1e-4
@@ -157,7 +161,7 @@ CENTRE_DASHES_MM = (2.0, 0.6, 0.5, 0.6)
 VIEWS = ("view from above", "front view", "view from the right")
 NUMBER_MM = 2.0
 ARC_MM = 9.0
-"""Radius of the arc of an angle."""
+"""Radius of the arc of an angle dimension."""
 
 Groups = dict[tuple[int, str], list[Hole]]
 
@@ -189,14 +193,14 @@ def in_table(holes: Sequence[Hole], view: PartView) -> bool:
     """Return whether holes with one callout have too many coordinates for dimensions, in a view along their axis."""
     if abs(float(view.axes_in_rig[2] @ _unit(holes[0].axis_in_rig))) < 1.0 - PARALLEL:
         return False
-    flat = np.array([hole.centre_in_rig for hole in holes]) @ view.axes_in_rig[:2].T
-    return any(len(np.unique(np.round(flat[:, axis], 3))) > MOST_COORDINATES for axis in (0, 1))
+    points = np.array([hole.centre_in_rig for hole in holes]) @ view.axes_in_rig[:2].T
+    return any(len(np.unique(np.round(points[:, axis], 3))) > MAX_COORDINATES for axis in (0, 1))
 
 
 def numbered(holes: Sequence[Hole], view: PartView) -> list[Hole]:
     """Holes in the order of their numbers from 1: from top to bottom in the view, and from left to right."""
-    flat = np.array([hole.centre_in_rig for hole in holes]) @ view.axes_in_rig[:2].T
-    return [holes[index] for index in np.lexsort((np.round(flat[:, 0], 3), -np.round(flat[:, 1], 3)))]
+    points = np.array([hole.centre_in_rig for hole in holes]) @ view.axes_in_rig[:2].T
+    return [holes[index] for index in np.lexsort((np.round(points[:, 0], 3), -np.round(points[:, 1], 3)))]
 
 
 def hole_tables(groups: Groups, views: Sequence[PartView]) -> tuple[DrawingTable, ...]:
@@ -231,7 +235,7 @@ def oblique_holes(groups: Groups, views: Sequence[PartView], lengths: Iterable[L
 
     Of holes whose axes coincide in that view, a blind one is preferred.
     """
-    ends = np.vstack([np.zeros((0, 3)), *(each.points_in_rig for each in lengths)])
+    ends = np.vstack([np.zeros((0, 3)), *(length.points_in_rig for length in lengths)])
     oblique: dict[tuple[float, ...], tuple[int, Hole]] = {}
     for hole in (hole for holes in groups.values() for hole in holes):
         axis = _unit(hole.axis_in_rig)
@@ -239,51 +243,53 @@ def oblique_holes(groups: Groups, views: Sequence[PartView], lengths: Iterable[L
         if alignments.max() > 1.0 - PARALLEL or alignments.min() > PARALLEL:
             continue
         index = int(alignments.argmin())
-        flat = views[index].axes_in_rig[:2]
-        across = np.array([-(flat[1] @ axis), flat[0] @ axis])
-        offset = float(across @ flat @ hole.centre_in_rig)
-        if (np.abs(ends @ flat.T @ across - offset) < 1e-2).any():
+        axes = views[index].axes_in_rig[:2]
+        normal = np.array([-(axes[1] @ axis), axes[0] @ axis])
+        offset = float(normal @ axes @ hole.centre_in_rig)
+        if (np.abs(ends @ axes.T @ normal - offset) < 1e-2).any():
             continue
-        key = (index, *np.round([*np.abs(across), offset], 2).tolist())
+        key = (index, *np.round([*np.abs(normal), offset], 2).tolist())
         if key not in oblique or DEPTH in hole.text:
             oblique[key] = (index, hole)
     return list(oblique.values())
 
 
 def oblique_lengths(placed: PlacedView, hole: Hole) -> tuple[LinearDimension, LinearDimension]:
-    """Dimensions of the middle of an oblique hole's mouth from the left and from the lower edge of a view."""
-    at, low = placed.paper(hole.centre_in_rig), placed.box[0]
-    across, up = (
+    """Dimensions from the left and lower edges of a view to the centre of an oblique hole's mouth."""
+    point, low = placed.paper(hole.centre_in_rig), placed.box[0]
+    horizontal, vertical = (
         LinearDimension(
-            np.array([low[k], at[k]]), np.array([low[1 - k], at[1 - k]]), number(float(at[k] - low[k]) / placed.scale)
+            np.array([low[k], point[k]]),
+            np.array([low[1 - k], point[1 - k]]),
+            number(float(point[k] - low[k]) / placed.scale),
         )
         for k in (0, 1)
     )
-    return across, up
+    return horizontal, vertical
 
 
 def draw_oblique(sheet: DrawingSheet, placed: PlacedView, hole: Hole) -> None:
     """Draw the axis of an oblique hole in a view parallel to it, and its angle to the nearer axis of the view."""
-    at = placed.paper(hole.centre_in_rig)
+    point = placed.paper(hole.centre_in_rig)
     outward = -(placed.view.axes_in_rig[:2] @ _unit(hole.axis_in_rig))
     angle_deg = float(np.degrees(np.arctan2(outward[1], outward[0])))
     horizontal = float(np.copysign(180.0, angle_deg)) if outward[0] < 0.0 else 0.0
     reference = horizontal if abs(angle_deg - horizontal) < 45.0 + PARALLEL else float(np.copysign(90.0, angle_deg))
     ends = np.array([-hole.diameter_mm * placed.scale, ARC_MM + 2.0])
-    sheet.lines([at + np.outer(ends, outward)], AXIS_MM, INK, CENTRE_DASHES_MM)
+    sheet.lines([point + np.outer(ends, outward)], AXIS_MM, INK, CENTRE_DASHES_MM)
 
     def ray(deg: float) -> FloatArray:
         return np.array([np.cos(np.radians(deg)), np.sin(np.radians(deg))])
 
-    sheet.lines([at + np.outer([1.0, ARC_MM + 2.0], ray(reference))], LINE_MM)
-    sheet.lines([np.array([at + ARC_MM * ray(deg) for deg in np.linspace(reference, angle_deg, 25)])], LINE_MM)
+    sheet.lines([point + np.outer([1.0, ARC_MM + 2.0], ray(reference))], LINE_MM)
+    sheet.lines([np.array([point + ARC_MM * ray(deg) for deg in np.linspace(reference, angle_deg, 25)])], LINE_MM)
     sign = np.sign(angle_deg - reference)
     for deg, side in ((reference, -sign), (angle_deg, sign)):
-        sheet.arrow_head(at + ARC_MM * ray(deg), side * np.array([-ray(deg)[1], ray(deg)[0]]))
-    middle = at + (ARC_MM + 1.5) * ray((reference + angle_deg) / 2.0)
-    align: Align = "left" if middle[0] >= at[0] else "right"
+        sheet.arrow_head(point + ARC_MM * ray(deg), side * np.array([-ray(deg)[1], ray(deg)[0]]))
+    centre = point + (ARC_MM + 1.5) * ray((reference + angle_deg) / 2.0)
+    align: Align = "left" if centre[0] >= point[0] else "right"
     sheet.text(
-        (float(middle[0]), float(middle[1]) - TEXT_MM / 2.0),
+        (float(centre[0]), float(centre[1]) - TEXT_MM / 2.0),
         f"{number(abs(angle_deg - reference))}°",
         TEXT_MM,
         align=align,

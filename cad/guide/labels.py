@@ -16,11 +16,11 @@ from mirrorcam.core.values import FloatArray
 INK = (28, 33, 45)
 SOFT = (104, 112, 128)
 TEXT_PX = 22
-SMALLEST_TEXT_PX = 15
-ROW_PITCH_OF_TEXT = 1.9
+MIN_TEXT_PX = 15
+LINE_SPACING = 1.9
 MARGIN_PX = 26
 SUBPIXEL_BITS = 4
-# Depth by which a surface must be in front of a point to hide it.
+# Distance by which a surface must be in front of a point to hide it.
 HIDDEN_MM = 1.0
 # Regular font weight: OpenCV's default is the weight of the last text drawn in the process.
 WEIGHT = 400
@@ -31,11 +31,11 @@ CAPTION_ROOM_PX = MARGIN_PX + TEXT_PX + 16
 
 @dataclass(frozen=True)
 class Label:
-    """A label of a body in a picture, by its index, or for a point (3,) in rig on that body (-1: on any body)."""
+    """A label for the body with an index, or for a `point` (3,) in the rig frame on it (`body` -1: on any body)."""
 
     body: int
     text: str
-    at: FloatArray | None = None
+    point: FloatArray | None = None
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class _Leader:
 
 
 def innermost_pixel(mask: NDArray[np.bool_]) -> tuple[FloatArray, float] | None:
-    """The pixel (column, row) farthest inside an area (h, w), and its distance from the border, px; None if empty."""
+    """The pixel (column, row) of a mask (h, w) farthest from its border, and that distance in px; None if empty."""
     if not mask.any():
         return None
     distance = cv2.distanceTransform(np.pad(mask.astype(np.uint8), 1), cv2.DIST_L2, 3)[1:-1, 1:-1]
@@ -62,8 +62,8 @@ def innermost_pixel(mask: NDArray[np.bool_]) -> tuple[FloatArray, float] | None:
     return np.array([column, row], dtype=np.float64), float(distance[row, column])
 
 
-def middle_pixel(shot: Shot, body: int) -> FloatArray | None:
-    """The pixel (column, row) farthest inside the visible part of a body; None if it is hidden."""
+def innermost_body_pixel(shot: Shot, body: int) -> FloatArray | None:
+    """The innermost pixel (column, row) of the visible part of a body; None if the body is hidden."""
     innermost = innermost_pixel(shot.bodies == body)
     return innermost[0] if innermost else None
 
@@ -73,9 +73,9 @@ def pixel_of(shot: Shot, label: Label) -> FloatArray | None:
 
     A point of a body gives the nearest visible pixel of the body.
     """
-    if label.at is None:
-        return middle_pixel(shot, label.body)
-    column, row, near = shot.screen.pixels(label.at)
+    if label.point is None:
+        return innermost_body_pixel(shot, label.body)
+    column, row, z = shot.screen.pixels(label.point)
     if label.body >= 0:
         rows, columns = np.nonzero(shot.bodies == label.body)
         if not len(rows):
@@ -85,26 +85,24 @@ def pixel_of(shot: Shot, label: Label) -> FloatArray | None:
     height, width = shot.bodies.shape
     if not (0 <= column < width and 0 <= row < height):
         return None
-    hidden = shot.bodies[int(row), int(column)] >= 0 and shot.nearness[int(row), int(column)] > near + HIDDEN_MM
+    hidden = shot.bodies[int(row), int(column)] >= 0 and shot.z_mm[int(row), int(column)] > z + HIDDEN_MM
     return None if hidden else np.array([column, row])
 
 
 def annotate(shot: Shot, labels: Sequence[Label], top_px: int = MARGIN_PX) -> Pixels:
     """The picture with names in columns at its left and right sides, from `top_px` down; hidden bodies have none."""
-    shown = [(label, point) for label in labels if (point := pixel_of(shot, label)) is not None]
+    visible = [(label, point) for label in labels if (point := pixel_of(shot, label)) is not None]
     image = shot.image.copy()
     height, width = image.shape[:2]
     # Split into a left and a right half, so that leaders to the left and to the right never meet.
-    shown.sort(key=lambda item: (item[1][0], item[1][1], item[0].text))
-    n_left = (len(shown) + 1) // 2
-    rows = max(n_left, len(shown) - n_left)
-    size = int(min(TEXT_PX, max(SMALLEST_TEXT_PX, (height - 2 * MARGIN_PX) / max(rows, 1) / ROW_PITCH_OF_TEXT)))
+    visible.sort(key=lambda item: (item[1][0], item[1][1], item[0].text))
+    n_left = (len(visible) + 1) // 2
+    rows = max(n_left, len(visible) - n_left)
+    size = int(min(TEXT_PX, max(MIN_TEXT_PX, (height - 2 * MARGIN_PX) / max(rows, 1) / LINE_SPACING)))
     font = cv2.FontFace("sans")
-    for left, group in ((True, shown[:n_left]), (False, shown[n_left:])):
+    for left, group in ((True, visible[:n_left]), (False, visible[n_left:])):
         group = sorted(group, key=lambda item: (item[1][1], item[0].text))
-        levels = rows_near(
-            [float(point[1]) for _, point in group], size * ROW_PITCH_OF_TEXT, top_px, height - MARGIN_PX
-        )
+        levels = rows_near([float(point[1]) for _, point in group], size * LINE_SPACING, top_px, height - MARGIN_PX)
         boxes = [cv2.getTextSize((width, height), label.text, (0, 0), font, size, WEIGHT) for label, _ in group]
         starts = [
             np.array([MARGIN_PX + box[2] + 8.0 if left else width - MARGIN_PX - box[2] - 8.0, y])
@@ -126,7 +124,7 @@ def annotate(shot: Shot, labels: Sequence[Label], top_px: int = MARGIN_PX) -> Pi
 
 
 def with_names_on_bodies(shot: Shot, labels: Sequence[Label]) -> Pixels:
-    """The picture with each name in the middle of its body, on white; hidden bodies have none."""
+    """The picture with each name at the centre of its body, on white; hidden bodies have none."""
     image = shot.image.copy()
     height, width = image.shape[:2]
     font = cv2.FontFace("sans")
@@ -145,9 +143,9 @@ def with_caption(image: Pixels, caption: str) -> Pixels:
     """The picture with a caption at its upper left, if any."""
     if not caption:
         return image
-    drawn = image.copy()
-    cv2.putText(drawn, caption, (MARGIN_PX, MARGIN_PX + TEXT_PX), INK, cv2.FontFace("sans"), CAPTION_PX, BOLD)
-    return drawn
+    captioned = image.copy()
+    cv2.putText(captioned, caption, (MARGIN_PX, MARGIN_PX + TEXT_PX), INK, cv2.FontFace("sans"), CAPTION_PX, BOLD)
+    return captioned
 
 
 def uncrossed_order(starts: Sequence[FloatArray], ends: Sequence[FloatArray]) -> list[int]:

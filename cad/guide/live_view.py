@@ -1,4 +1,4 @@
-"""The expected live view of the assembled device: a picture, and an overlay of outlines for the camera's picture."""
+"""The expected live view of the assembled device: a picture, and an overlay of outlines for the camera's frames."""
 
 from __future__ import annotations
 
@@ -20,22 +20,22 @@ PICTURE, OVERLAY = "live_view", "live_overlay"
 """Names of the two files in `pictures/`; the transparent overlay has the size of the camera's frames."""
 
 SURROUNDINGS, PART, MIRROR = 226, 46, 203
-"""Grey levels of the surroundings, of printed parts seen frontally, and of the scene in the mirrors."""
+"""Grey levels of the surroundings, of printed parts viewed head-on, and of the scene in the mirrors."""
 
 LINE_RGB = (240, 120, 20)
 TEXT_RGB = (28, 33, 45)
 # Fractional bits of OpenCV's fixed-point pixel coordinates.
 SUBPIXEL_BITS = 4
-NEAREST_MM = 1.0
-WIDEST_PX = 1400
-# Ratio of the frame's width to the largest height of a name.
-WIDTH_OVER_NAME = 32.0
+MIN_DEPTH_MM = 1.0
+MAX_WIDTH_PX = 1400
+# Minimum ratio of the frame's width to the height of a name.
+MIN_WIDTH_TO_NAME = 32.0
 
 
 def write_live_view(folder: Path, layout: Layout, pieces: Iterable[Piece]) -> None:
     """Write `pictures/live_view.png` and `pictures/live_overlay.png` below a device's folder."""
     image = live_view(layout, pieces)
-    scale = min(1.0, WIDEST_PX / image.shape[1])
+    scale = min(1.0, MAX_WIDTH_PX / image.shape[1])
     small = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
     write_image(folder / "pictures" / f"{PICTURE}.png", np.asarray(small, dtype=np.uint8))
     encoded, data = cv2.imencode(".png", live_overlay(layout))
@@ -57,7 +57,7 @@ def live_view(layout: Layout, pieces: Iterable[Piece]) -> NDArray[np.uint8]:
             cv2.fillPoly(image, [_fixed_point(usable)], (MIRROR,) * 3, cv2.LINE_AA, SUBPIXEL_BITS)
         outline = layout.outline_px(index)
         cv2.polylines(image, [_fixed_point(outline)], True, LINE_RGB, _line_px(layout), cv2.LINE_AA, SUBPIXEL_BITS)
-        _name(image, name, outline, TEXT_RGB)
+        _draw_name(image, name, outline, TEXT_RGB)
     return image
 
 
@@ -69,20 +69,20 @@ def live_overlay(layout: Layout) -> NDArray[np.uint8]:
     for index, name in enumerate(layout.mirror_names):
         outline = layout.outline_px(index)
         cv2.polylines(image, [_fixed_point(outline)], True, colour, _line_px(layout), cv2.LINE_8, SUBPIXEL_BITS)
-        _name(image, name, outline, colour)
+        _draw_name(image, name, outline, colour)
     return image
 
 
 def _fill_parts(image: NDArray[np.uint8], layout: Layout, triangles: FloatArray) -> None:
-    """Draw triangles (n, 3, 3) in rig as the camera sees them, the farthest first, darker at grazing angles."""
-    in_front = triangles[(triangles[..., 2] > NEAREST_MM).all(axis=1)]
+    """Draw triangles (n, 3, 3) in the rig frame as the camera sees them, farthest first, darker at grazing angles."""
+    in_front = triangles[(triangles[..., 2] > MIN_DEPTH_MM).all(axis=1)]
     normals = np.cross(in_front[:, 1] - in_front[:, 0], in_front[:, 2] - in_front[:, 0])
-    middles = in_front.mean(axis=1)
-    cosines = -(normals * middles).sum(axis=1)
-    norms = np.linalg.norm(normals, axis=1) * np.linalg.norm(middles, axis=1)
+    centroids = in_front.mean(axis=1)
+    cosines = -(normals * centroids).sum(axis=1)
+    norms = np.linalg.norm(normals, axis=1) * np.linalg.norm(centroids, axis=1)
     facing_camera = cosines > 1e-6 * norms
     corners = layout.camera.project(in_front[facing_camera])
-    order = np.argsort(-middles[facing_camera, 2], kind="stable")
+    order = np.argsort(-centroids[facing_camera, 2], kind="stable")
     shade = 0.35 + 0.65 * cosines[facing_camera] / norms[facing_camera]
     for index in order:
         if np.isfinite(corners[index]).all():
@@ -99,12 +99,12 @@ def _line_px(layout: Layout) -> int:
     return max(2, round(layout.camera.width_px / 640))
 
 
-def _name(image: NDArray[np.uint8], name: str, outline: FloatArray, colour: tuple[int, ...]) -> None:
-    """Draw a mirror's name in the middle of its outline, at most a sixth as high as that."""
+def _draw_name(image: NDArray[np.uint8], name: str, outline: FloatArray, colour: tuple[int, ...]) -> None:
+    """Draw a mirror's name at the centre of its outline, at most a sixth of its height."""
     low, high = outline.min(axis=0), outline.max(axis=0)
     height, width = image.shape[:2]
-    size = int(np.clip((high[1] - low[1]) / 6.0, 12.0, width / WIDTH_OVER_NAME))
+    size = int(np.clip((high[1] - low[1]) / 6.0, 12.0, width / MIN_WIDTH_TO_NAME))
     font = cv2.FontFace("sans")
     box = cv2.getTextSize((width, height), name, (0, 0), font, size, WEIGHT)
-    at = (low + high) / 2.0 - (box[2] / 2.0, -0.36 * size)
-    cv2.putText(image, name, (int(at[0]), int(at[1])), colour, font, size, WEIGHT)
+    position = (low + high) / 2.0 - (box[2] / 2.0, -0.36 * size)
+    cv2.putText(image, name, (int(position[0]), int(position[1])), colour, font, size, WEIGHT)

@@ -15,12 +15,12 @@ from shapely import LineString, MultiLineString, STRtree
 from mirrorcam.core.values import FloatArray
 
 CURVE_STEPS = 32
-# On paper: hidden lines this near to visible ones, and those shorter than two dashes (the step of a fit behind a rim),
-# are omitted.
-ALONG_VISIBLE_MM = 0.12
-SHORTEST_HIDDEN_MM = 1.6
-# Largest ratio of the total lengths of hidden and visible lines of a view.
-MOST_HIDDEN = 2.5
+# On paper: hidden lines closer than this to visible ones, and those shorter than two dashes (the step of a fit behind a
+# rim), are omitted.
+OVERLAP_MM = 0.12
+MIN_HIDDEN_MM = 1.6
+# Largest ratio of the total lengths of hidden and visible lines in a view.
+MAX_HIDDEN_RATIO = 2.5
 
 # Rows right, up and towards the viewer, in the part's axes in print. Third angle: the view from above is above the
 # front view, the view from the right is to its right.
@@ -69,11 +69,11 @@ class PlacedView:
         return points_in_rig @ self.view.axes_in_rig[:2].T * self.scale + self.shift
 
 
-def project(solid: Part, axes_in_rig: FloatArray, *, hidden_too: bool = True) -> PartView:
+def project(solid: Part, axes_in_rig: FloatArray, *, with_hidden: bool = True) -> PartView:
     """Project a solid along the third row of `axes_in_rig` by the kernel's hidden-line algorithm."""
     _, up, towards = axes_in_rig
     visible, hidden = solid.project_to_viewport(tuple(1e4 * towards), tuple(up), (0.0, 0.0, 0.0))
-    return PartView(axes_in_rig, tuple(_flat(visible)), tuple(_flat(hidden) if hidden_too else ()))
+    return PartView(axes_in_rig, tuple(_flat(visible)), tuple(_flat(hidden) if with_hidden else ()))
 
 
 def _flat(edges: Iterable[Edge]) -> list[FloatArray]:
@@ -99,16 +99,16 @@ def on_paper(view: PartView, scale: float) -> tuple[list[FloatArray], list[Float
     """
     visible = _merged(view.visible, scale)
     hidden = _merged(view.hidden, scale)
-    if hidden.length > MOST_HIDDEN * visible.length:
+    if hidden.length > MAX_HIDDEN_RATIO * visible.length:
         return [np.array(line.coords) for line in visible.geoms], []
     merged = shapely.line_merge(MultiLineString(_without_overlaps(visible, hidden)))
-    lines = [line for line in _lines(merged) if line.length >= SHORTEST_HIDDEN_MM]
+    lines = [line for line in _lines(merged) if line.length >= MIN_HIDDEN_MM]
     return [np.array(line.coords) for line in visible.geoms], [np.array(line.coords) for line in lines]
 
 
 def _without_overlaps(visible: MultiLineString, hidden: MultiLineString) -> list[LineString]:
-    """Hidden lines without their parts along visible ones."""
-    zones = shapely.buffer(np.array(visible.geoms), ALONG_VISIBLE_MM, quad_segs=2)
+    """Hidden lines without the parts that coincide with visible ones."""
+    zones = shapely.buffer(np.array(visible.geoms), OVERLAP_MM, quad_segs=2)
     tree = STRtree(zones)
     remaining = []
     for line in hidden.geoms:

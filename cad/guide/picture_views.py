@@ -1,4 +1,4 @@
-"""A picture of a device: views of bodies with labels, and the placement of pieces in them.
+"""A picture of a device: views of bodies with labels, and the placement of pieces in the views.
 
 Pieces are drawn in place, possibly pale, or displaced, with arrows and lines to their seats.
 """
@@ -32,7 +32,7 @@ GUIDE_RGB: Rgb = (0.55, 0.62, 0.72)
 
 @dataclass(frozen=True)
 class Item:
-    """A body of a picture in rig, mm, its label ("" for none), and a line (n, 3) to its place."""
+    """A body of a picture in the rig frame, mm, its label ("" for none), and a line (n, 3) to its seat."""
 
     body: ShadedBody
     label: str
@@ -41,10 +41,10 @@ class Item:
 
 @dataclass(frozen=True)
 class DevicePicture:
-    """A picture before rendering: file name, title, the viewer's axes (3, 3) in rig, bodies and rays.
+    """A picture before rendering: file name, title, the viewer's axes (3, 3) in the rig frame, bodies and rays.
 
-    `notes` are labels of points (3,) in rig, drawn if these are visible. `caption` is printed above the view. With
-    `inside`, labels are printed on the bodies, without leaders. `below` is a further view in the same file.
+    `notes` are labels of points (3,) in the rig frame, drawn if these are visible. `caption` is printed above the view.
+    With `labels_on_bodies`, labels have no leaders. `lower` is a further view in the same file, below this one.
     """
 
     name: str
@@ -54,8 +54,8 @@ class DevicePicture:
     rays: tuple[FloatArray, ...] = ()
     notes: tuple[tuple[str, FloatArray], ...] = ()
     caption: str = ""
-    inside: bool = False
-    below: DevicePicture | None = None
+    labels_on_bodies: bool = False
+    lower: DevicePicture | None = None
 
     @property
     def path(self) -> str:
@@ -70,7 +70,7 @@ def write_picture(folder: Path, picture: DevicePicture) -> None:
 
 def views_of(picture: DevicePicture) -> list[DevicePicture]:
     """The views of a picture, from top to bottom."""
-    return [picture, *(views_of(picture.below) if picture.below else ())]
+    return [picture, *(views_of(picture.lower) if picture.lower else ())]
 
 
 def labels_of(view: DevicePicture) -> list[Label]:
@@ -82,8 +82,8 @@ def labels_of(view: DevicePicture) -> list[Label]:
 def shot_of(view: DevicePicture, size_px: tuple[int, int] = PICTURE_PX) -> Shot:
     """A rendered view, without its labels."""
     points = np.concatenate([*(item.body.triangles.reshape(-1, 3) for item in view.items), *view.rays])
-    margins = MARGINS_PX if labels_of(view) and not view.inside else BARE_MARGINS_PX
-    if view.notes and not view.inside:
+    margins = MARGINS_PX if labels_of(view) and not view.labels_on_bodies else BARE_MARGINS_PX
+    if view.notes and not view.labels_on_bodies:
         longest = max(len(label.text) for label in labels_of(view))
         margins = (max(margins[0], LABEL_MARGIN_PX + LETTER_PX * longest), margins[1])
     if view.caption:
@@ -98,23 +98,24 @@ def shot_of(view: DevicePicture, size_px: tuple[int, int] = PICTURE_PX) -> Shot:
 
 def _drawn(view: DevicePicture) -> Pixels:
     shot, labels = shot_of(view), labels_of(view)
-    if view.inside:
+    if view.labels_on_bodies:
         return with_caption(with_names_on_bodies(shot, labels), view.caption)
     return with_caption(annotate(shot, labels, CAPTION_ROOM_PX if view.caption else MARGIN_PX), view.caption)
 
 
+# Weight of light grey in the colours of pale pieces.
 PALE = 0.55
-# Displacement of new pieces in the picture of a step over their displacement in the exploded view.
-STEP_SHARE = 0.8
+# Ratio of the displacement of new pieces in the picture of a step to that in the exploded view.
+STEP_RATIO = 0.8
 # Length and radius of the head of an arrow towards a seat, and its distance from the piece.
-ARROW_MM, ARROW_RADIUS_MM, ARROW_BEFORE_MM = 6.0, 2.2, 3.5
+ARROW_MM, ARROW_RADIUS_MM, ARROW_GAP_MM = 6.0, 2.2, 3.5
 ARROW_RGB: Rgb = (0.86, 0.16, 0.12)
 # Distance of mirrors drawn in front of their seats.
 MIRROR_LIFT_MM = 30.0
 
 
 def in_place(piece: Piece, label: str = "", *, pale: bool = False) -> Item:
-    """A piece in its place."""
+    """A piece in its assembled position."""
     rgb = piece.rgb
     if pale and piece.kind != "mirror":
         red, green, blue = (PALE * 0.93 + (1.0 - PALE) * channel for channel in rgb)
@@ -123,13 +124,13 @@ def in_place(piece: Piece, label: str = "", *, pale: bool = False) -> Item:
 
 
 def displaced(
-    piece: Piece, away: FloatArray, label: str = "", *, pale: bool = False, seat: FloatArray | None = None
+    piece: Piece, shift: FloatArray, label: str = "", *, pale: bool = False, seat: FloatArray | None = None
 ) -> Item:
-    """A piece displaced by `away` (3,) mm; with `seat` (3,), a line leads to its place, displaced by that."""
-    still = in_place(piece, label, pale=pale)
+    """A piece displaced by `shift` (3,) mm; with `seat` (3,), a line leads to its seat, displaced by `seat`."""
+    item = in_place(piece, label, pale=pale)
     centre = np.asarray(piece.mesh.bounds).mean(axis=0)
-    line = None if seat is None else np.array([centre + seat, centre + away])
-    return Item(ShadedBody(still.body.triangles + away, still.body.rgb, still.body.shine), label, line)
+    line = None if seat is None else np.array([centre + seat, centre + shift])
+    return Item(ShadedBody(item.body.triangles + shift, item.body.rgb, item.body.shine), label, line)
 
 
 def name_of(piece: Piece) -> str:
@@ -138,7 +139,7 @@ def name_of(piece: Piece) -> str:
 
 
 def triangles_of(piece: Piece) -> FloatArray:
-    """The piece's mesh as triangles (n, 3, 3) in rig, mm."""
+    """The piece's mesh as triangles (n, 3, 3) in the rig frame, mm."""
     return np.asarray(piece.mesh.triangles, dtype=np.float64)
 
 
@@ -154,7 +155,7 @@ def inserted(piece: Piece, seat: FloatArray) -> tuple[Item, Item]:
     inwards = path[-2] - path[-1]
     inwards /= np.linalg.norm(inwards)
     centre = np.asarray(piece.mesh.bounds).mean(axis=0)
-    head = arrow_head(centre + path[-1] + ARROW_BEFORE_MM * inwards, inwards)
+    head = arrow_head(centre + path[-1] + ARROW_GAP_MM * inwards, inwards)
     return replace(body, line=centre + path), Item(head, "")
 
 
@@ -164,33 +165,33 @@ def exit_path(piece: Piece) -> FloatArray:
     return np.concatenate([np.zeros((1, 3)), np.cumsum(moves, axis=0)])
 
 
-def arrow_head(at: FloatArray, direction: FloatArray) -> ShadedBody:
-    """A cone at a point (3,) along a unit vector (3,)."""
+def arrow_head(position: FloatArray, direction: FloatArray) -> ShadedBody:
+    """A cone at a position (3,) along a unit vector (3,)."""
     cone = trimesh.creation.cone(ARROW_RADIUS_MM, ARROW_MM, sections=24)
     cone.apply_transform(trimesh.geometry.align_vectors(np.array([0.0, 0.0, 1.0]), direction))
-    return ShadedBody(np.asarray(cone.triangles, dtype=np.float64) + at, ARROW_RGB)
+    return ShadedBody(np.asarray(cone.triangles, dtype=np.float64) + position, ARROW_RGB)
 
 
 def assembled(
-    rest: Sequence[Piece],
+    existing: Sequence[Piece],
     new: Sequence[Piece],
     fasteners: Sequence[Piece],
     fixed: Sequence[Piece],
-    moved_as: Sequence[Piece] = (),
+    moved_with: Sequence[Piece] = (),
 ) -> tuple[Item, ...]:
-    """Pieces assembled before, pale, and new pieces, displaced as in an exploded view in which `fixed` stays.
+    """Existing pieces, pale, and new pieces, displaced as in an exploded view in which the `fixed` pieces stay.
 
-    With `moved_as`, all new pieces have the mean displacement of those pieces.
+    With `moved_with`, all new pieces have the mean displacement of those pieces.
     """
     base = mean([piece.explode_mm for piece in fixed])
-    common = mean([piece.explode_mm for piece in moved_as]) - base if moved_as else None
-    moves = [(piece, STEP_SHARE * (piece.explode_mm - base if common is None else common)) for piece in new]
-    moves += [(piece, STEP_SHARE * (piece.explode_mm - base)) for piece in fasteners]
-    return (*(in_place(piece, name_of(piece), pale=True) for piece in rest), *exploded_items(moves))
+    common = mean([piece.explode_mm for piece in moved_with]) - base if moved_with else None
+    moves = [(piece, STEP_RATIO * (piece.explode_mm - base if common is None else common)) for piece in new]
+    moves += [(piece, STEP_RATIO * (piece.explode_mm - base)) for piece in fasteners]
+    return (*(in_place(piece, name_of(piece), pale=True) for piece in existing), *exploded_items(moves))
 
 
 def exploded_items(moves: Sequence[tuple[Piece, FloatArray]]) -> tuple[Item, ...]:
-    """Displaced pieces; fasteners and the camera have a line to their seats, displaced likewise."""
+    """Displaced pieces; fasteners and the camera have a line to their seats, which are displaced with their parts."""
     parts = {piece.name: piece for piece, _ in moves if piece.kind == "part"}
     move_of = {piece.name: move for piece, move in moves}
     items: list[Item] = []
@@ -213,9 +214,9 @@ def lifted(piece: Piece, holder: Sequence[Piece], normal: FloatArray) -> Item:
     """A mirror lifted towards the viewer, or a carrier between it and the holder."""
     if piece.kind == "mirror":
         return displaced(piece, MIRROR_LIFT_MM * normal, piece.name.removeprefix("mirror_"))
-    nearest = min((part.explode_mm for part in holder), key=lambda move: _distance(move, piece))
-    away = float(np.linalg.norm(piece.explode_mm - nearest))
-    return displaced(piece, min(away, MIRROR_LIFT_MM / 2.0) * normal)
+    nearest_move = min((part.explode_mm for part in holder), key=lambda move: _distance(move, piece))
+    distance = float(np.linalg.norm(piece.explode_mm - nearest_move))
+    return displaced(piece, min(distance, MIRROR_LIFT_MM / 2.0) * normal)
 
 
 def _distance(move: FloatArray, piece: Piece) -> float:

@@ -1,4 +1,4 @@
-"""Sections: a part cut by a plane, the view behind it, and the hatched faces of the cut (ISO 128)."""
+"""Sections: a part cut by a plane, the view behind the plane, and the hatched faces of the cut (ISO 128)."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ from mirrorcam.cad.plan.dimension import Hole
 from mirrorcam.core.values import FloatArray
 
 HATCH_MM, HATCH_LINE_MM = 2.0, 0.12
-TRACE_MM, TRACE_END_MM = 0.18, 0.5
-TRACE_DASHES_MM = (6.0, 0.8, 0.8, 0.8)
-TRACE_EXTENSIONS_MM = (4.0, 7.0, 10.0, 13.0, 16.0, 20.0, 24.0, 28.0)
-"""Tried extensions of a section's trace beyond its view, in the order of preference."""
+CUTTING_LINE_MM, CUTTING_LINE_END_MM = 0.18, 0.5
+CUTTING_LINE_DASHES_MM = (6.0, 0.8, 0.8, 0.8)
+EXTENSIONS_MM = (4.0, 7.0, 10.0, 13.0, 16.0, 20.0, 24.0, 28.0)
+"""Candidate extensions of a cutting-plane line beyond its view, in the order of preference."""
 
 LETTER_MM = 3.5
 ON_PLANE_MM = 1e-4
@@ -36,10 +36,10 @@ AXES = (RIGHT, FRONT, TOP)
 
 @dataclass(frozen=True)
 class Section:
-    """A part cut normal to the axis `normal` of the bed at `at_mm`; the view, and the hatched faces in it, mm."""
+    """A part cut normal to an `axis` of the bed at `position_mm`; the view, and the hatched faces in it, mm."""
 
-    normal: int
-    at_mm: float
+    axis: int
+    position_mm: float
     view: PartView
     faces: tuple[Polygon, ...]
 
@@ -47,8 +47,8 @@ class Section:
 def section_plane(plan: Any, holes: Sequence[Hole], bed_from_rig: FloatArray) -> tuple[int, float] | None:
     """The plane that shows the cavities of a part: its normal, as an axis of the bed, and its coordinate, mm.
 
-    A mount and a cover are cut through their middles, other parts through the axes of as many holes as possible, with
-    preference for blind ones. None for a part without holes. `bed_from_rig` is a rotation (3, 3).
+    A mount and a cover are cut through their centre planes, other parts through the axes of as many holes as possible,
+    with preference for blind ones. None for a part without holes. `bed_from_rig` is a rotation (3, 3).
     """
     if isinstance(plan, MountPlan):
         return 2, float(bed_from_rig[2] @ plan.slide)
@@ -59,8 +59,8 @@ def section_plane(plan: Any, holes: Sequence[Hole], bed_from_rig: FloatArray) ->
         axis = bed_from_rig @ hole.axis_in_rig
         for normal in range(3):
             if abs(axis[normal]) < 1e-6:
-                level = round(float(bed_from_rig[normal] @ np.array(key[:3])), 3)
-                scores[normal, level] += BLIND_WEIGHT if DEPTH in hole.text else 1
+                position = round(float(bed_from_rig[normal] @ np.array(key[:3])), 3)
+                scores[normal, position] += BLIND_WEIGHT if DEPTH in hole.text else 1
     return min(scores, key=lambda plane: (-scores[plane], plane)) if scores else None
 
 
@@ -72,36 +72,36 @@ def _axis_of(hole: Hole) -> tuple[float, ...]:
     return tuple(np.round(np.concatenate([foot, axis]), 3).tolist())
 
 
-def cut(solid: Part, normal: int, at_mm: float, bed_from_rig: FloatArray) -> Section | None:
+def cut(solid: Part, axis: int, position_mm: float, bed_from_rig: FloatArray) -> Section | None:
     """Cut a solid and view the part behind the plane; None if the plane misses it."""
-    axes = AXES[normal] @ bed_from_rig
-    towards = axes[2]
-    normal_in_rig = bed_from_rig[normal]
-    origin = at_mm * normal_in_rig
-    behind = solid.split(Plane(origin=tuple(origin), z_dir=tuple(towards)), keep=Keep.BOTTOM)
-    kept = behind if isinstance(behind, list) else [behind]
-    solids = [each for piece in kept if piece is not None for each in piece.solids()]
+    axes = AXES[axis] @ bed_from_rig
+    to_viewer = axes[2]
+    normal_in_rig = bed_from_rig[axis]
+    origin = position_mm * normal_in_rig
+    rear = solid.split(Plane(origin=tuple(origin), z_dir=tuple(to_viewer)), keep=Keep.BOTTOM)
+    pieces = rear if isinstance(rear, list) else [rear]
+    solids = [body for piece in pieces if piece is not None for body in piece.solids()]
     faces = [
         area
-        for each in solids
-        for face in each.faces()
-        if _lies_on(face, towards, float(origin @ towards))
+        for body in solids
+        for face in body.faces()
+        if _lies_on(face, to_viewer, float(origin @ to_viewer))
         for area in _areas(face, axes)
     ]
     if not faces:
         return None
-    view = project(Part(Compound(children=solids).wrapped), axes, hidden_too=False)
-    return Section(normal, at_mm, view, tuple(faces))
+    view = project(Part(Compound(children=solids).wrapped), axes, with_hidden=False)
+    return Section(axis, position_mm, view, tuple(faces))
 
 
-def _lies_on(face: Face, towards: FloatArray, level_mm: float) -> bool:
+def _lies_on(face: Face, normal: FloatArray, offset_mm: float) -> bool:
     if face.geom_type != GeomType.PLANE:
         return False
-    return all(abs(np.array(tuple(corner)) @ towards - level_mm) < ON_PLANE_MM for corner in face.vertices())
+    return all(abs(np.array(tuple(corner)) @ normal - offset_mm) < ON_PLANE_MM for corner in face.vertices())
 
 
 def _areas(face: Face, axes: FloatArray) -> list[Polygon]:
-    """A face of the cut in the view."""
+    """The areas of a face of the cut in the view."""
     lines = [line @ axes[:2].T for line in polylines(face.edges())]
     # Merge coincident ends to 1e-4.
     strings = shapely.set_precision(MultiLineString([LineString(line) for line in lines]), 1e-4)
@@ -124,19 +124,19 @@ def hatch(sheet: DrawingSheet, faces: Sequence[Polygon], scale: float, shift: Fl
 
 
 @dataclass(frozen=True)
-class Trace:
-    """The trace of a section in a view: its ends (2, 2) on paper, and the viewing direction `arrow` (2,)."""
+class CuttingPlaneLine:
+    """The cutting-plane line of a section in a view: ends (2, 2) on paper, and the viewing direction `arrow` (2,)."""
 
     ends: FloatArray
     arrow: FloatArray
 
     @property
-    def across(self) -> int:
-        """The coordinate, x (0) or y (1), that is equal at both ends."""
+    def constant_axis(self) -> int:
+        """The coordinate, x (0) or y (1), that is constant along the line."""
         return int(np.argmin(np.abs(self.ends[1] - self.ends[0])))
 
     @property
-    def feet(self) -> FloatArray:
+    def arrow_starts(self) -> FloatArray:
         """The points (2, 2) where the arrows start."""
         inward = (self.ends[1] - self.ends[0]) / np.linalg.norm(self.ends[1] - self.ends[0])
         return self.ends + 1.2 * np.array([inward, -inward])
@@ -145,73 +145,73 @@ class Trace:
     def marks(self) -> tuple[Polygon, ...]:
         """The areas of the letters and arrows at both ends."""
         return tuple(
-            LineString([foot - (2.6 + LETTER_MM / 2.0) * self.arrow, foot + 6.0 * self.arrow]).buffer(
+            LineString([start - (2.6 + LETTER_MM / 2.0) * self.arrow, start + 6.0 * self.arrow]).buffer(
                 0.75 * LETTER_MM + 0.3
             )
-            for foot in self.feet
+            for start in self.arrow_starts
         )
 
-    def extended(self, beyond_mm: tuple[float, float]) -> Trace:
-        """The trace, longer by a length at each end."""
-        along = (self.ends[1] - self.ends[0]) / np.linalg.norm(self.ends[1] - self.ends[0])
-        return replace(self, ends=self.ends + np.array([-along, along]) * np.array(beyond_mm)[:, None])
+    def extended(self, lengths_mm: tuple[float, float]) -> CuttingPlaneLine:
+        """The line, extended by a length at each end."""
+        direction = (self.ends[1] - self.ends[0]) / np.linalg.norm(self.ends[1] - self.ends[0])
+        return replace(self, ends=self.ends + np.array([-direction, direction]) * np.array(lengths_mm)[:, None])
 
 
-def trace_in(parent: PlacedView, section: Section, bed_from_rig: FloatArray) -> Trace | None:
-    """The trace of a section across a view; None if the view does not show the plane edge-on."""
+def cutting_plane_line(parent: PlacedView, section: Section, bed_from_rig: FloatArray) -> CuttingPlaneLine | None:
+    """The cutting-plane line of a section in a view; None if the view does not show the plane edge-on."""
     axes, box = parent.view.axes_in_rig, parent.box
-    normal = bed_from_rig[section.normal]
-    along = axes[:2] @ normal
-    if np.abs(along).max() < 0.5:
+    normal = bed_from_rig[section.axis]
+    in_view = axes[:2] @ normal
+    if np.abs(in_view).max() < 0.5:
         return None
-    across = int(np.argmax(np.abs(along)))
+    constant_axis = int(np.argmax(np.abs(in_view)))
     arrow = np.zeros(2)
-    arrow[across] = np.sign(axes[across] @ -(AXES[section.normal] @ bed_from_rig)[2])
+    arrow[constant_axis] = np.sign(axes[constant_axis] @ -(AXES[section.axis] @ bed_from_rig)[2])
     ends = np.empty((2, 2))
-    ends[:, across] = section.at_mm * along[across] * parent.scale + parent.shift[across]
-    ends[:, 1 - across] = box[:, 1 - across]
-    return Trace(ends, arrow)
+    ends[:, constant_axis] = section.position_mm * in_view[constant_axis] * parent.scale + parent.shift[constant_axis]
+    ends[:, 1 - constant_axis] = box[:, 1 - constant_axis]
+    return CuttingPlaneLine(ends, arrow)
 
 
-def draw_trace(sheet: DrawingSheet, traces: Sequence[Trace], letter: str) -> None:
-    """Draw the trace that covers least on the sheet: its line, thick ends, arrows and letters.
+def draw_cutting_plane_line(sheet: DrawingSheet, candidates: Sequence[CuttingPlaneLine], letter: str) -> None:
+    """Draw the cutting-plane line that overlaps least with the sheet: line, thick ends, arrows and letters.
 
-    Each end extends beyond its view until arrow and letter are clear.
+    Each end extends beyond the view until arrow and letter are clear.
     """
     boxes = np.array([Polygon(box.corners) for box in sheet.text_boxes])
-    lines = np.array([LineString(line) for line, _ in sheet.drawn])
+    drawn = np.array([LineString(line) for line, _ in sheet.drawn_lines])
 
-    def overlaps(trace: Trace, end: int) -> tuple[int, int]:
-        # The trace's own line may cross the view and its dimensions, but no text.
-        mark = trace.marks[end]
-        covered = shapely.union_all([mark, LineString([trace.ends.mean(axis=0), trace.ends[end]])])
-        return int(shapely.intersects(covered, boxes).sum()), int(shapely.intersects(mark, lines).sum())
+    def overlaps(line: CuttingPlaneLine, end: int) -> tuple[int, int]:
+        # The line itself may cross the view and its dimensions, but no text.
+        mark = line.marks[end]
+        covered = shapely.union_all([mark, LineString([line.ends.mean(axis=0), line.ends[end]])])
+        return int(shapely.intersects(covered, boxes).sum()), int(shapely.intersects(mark, drawn).sum())
 
-    candidates = []
-    for trace in traces:
+    extended = []
+    for line in candidates:
         costs = [
             min(
-                (*overlaps(trace.extended((extension, extension)), end), extension)
-                for extension in TRACE_EXTENSIONS_MM
-                if _is_on_sheet(sheet, trace, extension)
+                (*overlaps(line.extended((extension, extension)), end), extension)
+                for extension in EXTENSIONS_MM
+                if _is_on_sheet(sheet, line, extension)
             )
             for end in (0, 1)
         ]
-        candidates.append((np.sum(costs, axis=0).tolist(), trace.extended((costs[0][2], costs[1][2]))))
-    _, trace = min(candidates, key=lambda each: each[0])
-    sheet.lines([trace.ends], TRACE_MM, INK, TRACE_DASHES_MM)
-    for end, foot in zip(trace.ends, trace.feet, strict=True):
-        sheet.lines([np.array([end, end + 2.5 * (foot - end)])], TRACE_END_MM)
-        tip = foot + 6.0 * trace.arrow
-        sheet.lines([np.array([foot, tip])], TRACE_MM)
-        sheet.arrow_head(tip, trace.arrow)
-        middle = foot - 2.6 * trace.arrow
-        sheet.text((middle[0], middle[1] - LETTER_MM / 2.0), letter, LETTER_MM, align="center", bold=True)
+        extended.append((np.sum(costs, axis=0).tolist(), line.extended((costs[0][2], costs[1][2]))))
+    _, line = min(extended, key=lambda candidate: candidate[0])
+    sheet.lines([line.ends], CUTTING_LINE_MM, INK, CUTTING_LINE_DASHES_MM)
+    for end, start in zip(line.ends, line.arrow_starts, strict=True):
+        sheet.lines([np.array([end, end + 2.5 * (start - end)])], CUTTING_LINE_END_MM)
+        tip = start + 6.0 * line.arrow
+        sheet.lines([np.array([start, tip])], CUTTING_LINE_MM)
+        sheet.arrow_head(tip, line.arrow)
+        centre = start - 2.6 * line.arrow
+        sheet.text((centre[0], centre[1] - LETTER_MM / 2.0), letter, LETTER_MM, align="center", bold=True)
 
 
-def _is_on_sheet(sheet: DrawingSheet, trace: Trace, beyond_mm: float) -> bool:
-    """Return whether the marks of a trace extended beyond its view are inside the border and above the title block."""
+def _is_on_sheet(sheet: DrawingSheet, line: CuttingPlaneLine, extension_mm: float) -> bool:
+    """Return whether the marks of a line, extended beyond its view, are inside the border and above the title block."""
     low = np.array([BORDER_MM, BORDER_MM + BLOCK_MM]) + 1.0
     high = np.array(sheet.size_mm) - BORDER_MM - 1.0
-    bounds = np.array([mark.bounds for mark in trace.extended((beyond_mm, beyond_mm)).marks])
-    return beyond_mm == TRACE_EXTENSIONS_MM[0] or bool((bounds[:, :2] > low).all() and (bounds[:, 2:] < high).all())
+    bounds = np.array([mark.bounds for mark in line.extended((extension_mm, extension_mm)).marks])
+    return extension_mm == EXTENSIONS_MM[0] or bool((bounds[:, :2] > low).all() and (bounds[:, 2:] < high).all())

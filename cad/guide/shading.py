@@ -1,4 +1,4 @@
-"""Orthographic pictures of triangles: shaded by a z-buffer in numpy, or as line art of sharp edges and outlines.
+"""Orthographic pictures of triangles: shaded with a z-buffer in numpy, or as line art of sharp edges and outlines.
 
 Both are the same on every machine, and need no display.
 """
@@ -20,25 +20,25 @@ from mirrorcam.core.values import FloatArray
 Rgb = tuple[float, float, float]
 Pixels = NDArray[np.uint8]
 SUPERSAMPLING = 2
-# Number of fragments in a block: limits memory.
+# Number of fragments in a block, which limits memory.
 FRAGMENTS = 1_500_000
-# Adjacent pixels have an edge between them if the cosine of their normals is less, or their difference in depth more.
+# An edge is drawn between adjacent pixels if the cosine between their normals is smaller, or their depth step larger.
 EDGE_COSINE = 0.97
 EDGE_JUMP_PX = 9.0
 EDGE_DARKNESS = 0.62
 # Bias towards the viewer, so that rounding does not hide lines on a surface.
 LINE_BIAS_MM = 0.3
-# Directions to two lights in the viewer's axes (right, up, towards), and their strengths, in addition to ambient light.
+# Directions to two lights in the viewer's axes (right, up, towards), and their strengths; ambient light is added.
 LIGHTS = ((np.array([-0.45, 0.60, 0.66]), 0.42), (np.array([0.70, 0.10, 0.50]), 0.16))
 AMBIENT = 0.50
-# Ambient occlusion: a pixel is compared with the mean nearness of squares of these sizes, mm.
+# Ambient occlusion: the z of a pixel is compared with the mean z of squares of these sizes, mm.
 CORNER_MM = (3.0, 9.0)
 CORNER_DARKNESS = 0.55
 
 
 @dataclass(frozen=True)
 class ShadedBody:
-    """Triangles (n, 3, 3) in rig, mm, counter-clockwise from outside, in one colour (0 to 1); `shine` for mirrors."""
+    """Triangles (n, 3, 3) in the rig frame, mm, counter-clockwise, in one colour (0 to 1); mirrors `shine`."""
 
     triangles: FloatArray
     rgb: Rgb
@@ -59,31 +59,31 @@ class Screen:
         cls, points_in_rig: FloatArray, axes: FloatArray, size_px: tuple[int, int], margins_px: tuple[int, int]
     ) -> Screen:
         """The view that shows all points (n, 3), at least `margins_px` (x, y) from the picture's sides."""
-        seen = points_in_rig @ axes[:2].T
-        low, high = seen.min(axis=0), seen.max(axis=0)
+        projected = points_in_rig @ axes[:2].T
+        low, high = projected.min(axis=0), projected.max(axis=0)
         free = np.array(size_px) - 2.0 * np.array(margins_px)
         return cls(axes, (low + high) / 2.0, float((free / np.maximum(high - low, 1e-6)).min()), size_px)
 
     def pixels(self, points_in_rig: FloatArray) -> FloatArray:
-        """Column, row (px) and nearness (mm, larger is nearer) (..., 3) of points (..., 3)."""
-        seen = points_in_rig @ self.axes.T
+        """Column, row (px) and z (mm, towards the viewer) (..., 3) of points (..., 3)."""
+        projected = points_in_rig @ self.axes.T
         scale = np.array([self.px_per_mm, -self.px_per_mm])
-        flat = (seen[..., :2] - self.centre) * scale + np.array(self.size_px) / 2.0
-        return np.concatenate([flat, seen[..., 2:]], axis=-1)
+        columns_rows = (projected[..., :2] - self.centre) * scale + np.array(self.size_px) / 2.0
+        return np.concatenate([columns_rows, projected[..., 2:]], axis=-1)
 
 
 @dataclass(frozen=True)
 class Shot:
-    """A picture (h, w, 3), with the index of the body (-1: none) and the nearness (mm) of each pixel."""
+    """A picture (h, w, 3), with the index of the body (-1: none) and the z (mm, towards the viewer) of each pixel."""
 
     image: Pixels
     bodies: NDArray[np.int32]
-    nearness: NDArray[np.float32]
+    z_mm: NDArray[np.float32]
     screen: Screen
 
 
 def render(bodies: Sequence[ShadedBody], screen: Screen, lines: Sequence[tuple[FloatArray, Rgb, float]] = ()) -> Shot:
-    """Draw bodies, and the visible parts of polylines (points (n, 3) in rig, colour, width in px), on white."""
+    """Draw bodies and visible parts of polylines (points (n, 3) in the rig frame, colour, width in px) on white."""
     fine = Screen(
         screen.axes,
         screen.centre,
@@ -94,54 +94,58 @@ def render(bodies: Sequence[ShadedBody], screen: Screen, lines: Sequence[tuple[F
     owners = np.repeat(np.arange(len(bodies)), [len(body.triangles) for body in bodies])
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     lengths = np.linalg.norm(normals, axis=1)
-    seen = (lengths > 1e-12) & (normals @ screen.axes[2] > 1e-9 * lengths)
-    triangles, owners, normals = triangles[seen], owners[seen], normals[seen] / lengths[seen, None]
-    nearness, index = _rasterise(fine.pixels(triangles), fine.size_px)
-    image = _shade(bodies, owners, normals @ screen.axes.T, index, nearness, fine.px_per_mm)
+    front_facing = (lengths > 1e-12) & (normals @ screen.axes[2] > 1e-9 * lengths)
+    triangles, owners, normals = (
+        triangles[front_facing],
+        owners[front_facing],
+        normals[front_facing] / lengths[front_facing, None],
+    )
+    z_mm, index = _rasterise(fine.pixels(triangles), fine.size_px)
+    image = _shade(bodies, owners, normals @ screen.axes.T, index, z_mm, fine.px_per_mm)
     for points, rgb, width in lines:
-        _draw_line(image, nearness, fine, points, rgb, max(1, round(width * SUPERSAMPLING)))
+        _draw_line(image, z_mm, fine, points, rgb, max(1, round(width * SUPERSAMPLING)))
     size = screen.size_px
     small = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
-    shown = index[::SUPERSAMPLING, ::SUPERSAMPLING]
-    owner = np.where(shown >= 0, owners[shown], -1).astype(np.int32)
+    pixel_triangles = index[::SUPERSAMPLING, ::SUPERSAMPLING]
+    owner = np.where(pixel_triangles >= 0, owners[pixel_triangles], -1).astype(np.int32)
     pixels = np.asarray(np.clip(np.round(small * 255.0), 0, 255), dtype=np.uint8)
-    return Shot(pixels, owner, nearness[::SUPERSAMPLING, ::SUPERSAMPLING], screen)
+    return Shot(pixels, owner, z_mm[::SUPERSAMPLING, ::SUPERSAMPLING], screen)
 
 
 def _rasterise(corners: FloatArray, size_px: tuple[int, int]) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
-    """Nearness (h, w), and index of the nearest triangle (h, w; -1: none), for corners (n, 3, 3) in px and mm."""
+    """z (h, w), and index of the nearest triangle (h, w; -1: none), for corners (n, 3, 3) in px and mm."""
     width, height = size_px
-    nearness = np.full(width * height, -np.inf, dtype=np.float32)
+    z_mm = np.full(width * height, -np.inf, dtype=np.float32)
     index = np.full(width * height, -1, dtype=np.int32)
-    for triangle, pixel, depth in _fragments(corners, width, height):
-        previous = nearness[pixel]
-        np.maximum.at(nearness, pixel, depth)
-        nearest = (depth == nearness[pixel]) & (depth > previous)
+    for triangle, pixel, z in _fragments(corners, width, height):
+        previous = z_mm[pixel]
+        np.maximum.at(z_mm, pixel, z)
+        nearest = (z == z_mm[pixel]) & (z > previous)
         index[pixel[nearest]] = triangle[nearest]
-    return nearness.reshape(height, width), index.reshape(height, width)
+    return z_mm.reshape(height, width), index.reshape(height, width)
 
 
 def _fragments(
     corners: FloatArray, width: int, height: int
 ) -> Iterator[tuple[NDArray[np.int32], NDArray[np.int64], NDArray[np.float32]]]:
-    """Blocks of (triangle, pixel, nearness) for all pixels with their middle in a triangle, row by row."""
-    flat = corners[..., :2]
-    edge_a, edge_b = flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0]
+    """Blocks of (triangle, pixel, z) for all pixels with their centre in a triangle, row by row."""
+    pixels = corners[..., :2]
+    edge_a, edge_b = pixels[:, 1] - pixels[:, 0], pixels[:, 2] - pixels[:, 0]
     area = edge_a[:, 0] * edge_b[:, 1] - edge_a[:, 1] * edge_b[:, 0]
-    rise = corners[:, 1:, 2] - corners[:, :1, 2]
+    dz = corners[:, 1:, 2] - corners[:, :1, 2]
     regular = np.abs(area) > 1e-9
     safe = np.where(regular, area, 1.0)
-    slope_x = (rise[:, 0] * edge_b[:, 1] - rise[:, 1] * edge_a[:, 1]) / safe
-    slope_y = (rise[:, 1] * edge_a[:, 0] - rise[:, 0] * edge_b[:, 0]) / safe
-    top = np.clip(np.ceil(flat[..., 1].min(axis=1) - 0.5), 0, height).astype(int)
-    bottom = np.clip(np.floor(flat[..., 1].max(axis=1) - 0.5) + 1, 0, height).astype(int)
+    dz_dx = (dz[:, 0] * edge_b[:, 1] - dz[:, 1] * edge_a[:, 1]) / safe
+    dz_dy = (dz[:, 1] * edge_a[:, 0] - dz[:, 0] * edge_b[:, 0]) / safe
+    top = np.clip(np.ceil(pixels[..., 1].min(axis=1) - 0.5), 0, height).astype(int)
+    bottom = np.clip(np.floor(pixels[..., 1].max(axis=1) - 0.5) + 1, 0, height).astype(int)
     rows = np.where(regular, np.maximum(bottom - top, 0), 0)
     triangle = np.repeat(np.arange(len(corners)), rows)
     row = np.arange(len(triangle)) - np.repeat(np.cumsum(rows) - rows, rows) + top[triangle]
     left, right = np.full(len(row), np.inf), np.full(len(row), -np.inf)
     y = row + 0.5
     for first, second in ((0, 1), (1, 2), (2, 0)):
-        a, b = flat[triangle, first], flat[triangle, second]
+        a, b = pixels[triangle, first], pixels[triangle, second]
         with np.errstate(divide="ignore", invalid="ignore"):
             x = a[:, 0] + (y - a[:, 1]) / (b[:, 1] - a[:, 1]) * (b[:, 0] - a[:, 0])
         crossed = (np.minimum(a[:, 1], b[:, 1]) <= y) & (y <= np.maximum(a[:, 1], b[:, 1])) & (a[:, 1] != b[:, 1])
@@ -153,67 +157,67 @@ def _fragments(
     counts = np.maximum(stop - start, 0)
     ends = np.cumsum(counts)
     total = int(ends[-1]) if len(ends) else 0
-    cuts = np.searchsorted(ends, np.arange(FRAGMENTS, total + FRAGMENTS, FRAGMENTS))
-    for low, high in pairwise([0, *(min(int(cut) + 1, len(counts)) for cut in cuts)]):
-        part = np.s_[low:high]
-        span = counts[part]
-        owner = np.repeat(triangle[part], span)
-        column = np.arange(len(owner)) - np.repeat(np.cumsum(span) - span, span) + np.repeat(start[part], span)
-        line = np.repeat(row[part], span)
-        depth = (
+    block_ends = np.searchsorted(ends, np.arange(FRAGMENTS, total + FRAGMENTS, FRAGMENTS))
+    for low, high in pairwise([0, *(min(int(end) + 1, len(counts)) for end in block_ends)]):
+        block = np.s_[low:high]
+        span = counts[block]
+        owner = np.repeat(triangle[block], span)
+        column = np.arange(len(owner)) - np.repeat(np.cumsum(span) - span, span) + np.repeat(start[block], span)
+        line = np.repeat(row[block], span)
+        z = (
             corners[owner, 0, 2]
-            + slope_x[owner] * (column + 0.5 - corners[owner, 0, 0])
-            + slope_y[owner] * (line + 0.5 - corners[owner, 0, 1])
+            + dz_dx[owner] * (column + 0.5 - corners[owner, 0, 0])
+            + dz_dy[owner] * (line + 0.5 - corners[owner, 0, 1])
         )
-        yield owner.astype(np.int32), line * width + column, depth.astype(np.float32)
+        yield owner.astype(np.int32), line * width + column, z.astype(np.float32)
 
 
 def _shade(
     bodies: Sequence[ShadedBody],
     owners: NDArray[np.int64],
-    normals_seen: FloatArray,
+    normals_in_view: FloatArray,
     index: NDArray[np.int32],
-    nearness: NDArray[np.float32],
+    z_mm: NDArray[np.float32],
     px_per_mm: float,
 ) -> NDArray[np.float32]:
     """Colours (h, w, 3): two lights, ambient occlusion, dark edges; a mirror shows a sky that is brighter upwards."""
     light = np.full(len(owners), AMBIENT)
     for direction, strength in LIGHTS:
-        light += strength * np.maximum(normals_seen @ (direction / np.linalg.norm(direction)), 0.0)
+        light += strength * np.maximum(normals_in_view @ (direction / np.linalg.norm(direction)), 0.0)
     colours = np.array([body.rgb for body in bodies])[owners] * light[:, None]
     shines = np.array([body.shine for body in bodies])[owners]
     # A mirror with normal n, seen along -z, reflects to 2 n_z n - z.
-    mirrored_up = 2.0 * normals_seen[:, 2] * normals_seen[:, 1]
+    mirrored_up = 2.0 * normals_in_view[:, 2] * normals_in_view[:, 1]
     sky = np.array([0.52, 0.66, 0.80]) + np.array([0.40, 0.30, 0.19]) * (0.5 + 0.5 * mirrored_up)[:, None]
     colours = np.where(shines[:, None], sky, colours)
     colours = np.vstack([colours, np.ones(3)]).astype(np.float32)
-    normals = np.vstack([normals_seen, np.zeros(3)]).astype(np.float32)
+    normals = np.vstack([normals_in_view, np.zeros(3)]).astype(np.float32)
     image = colours[index]
     covered = index >= 0
-    ground = np.float32(nearness[covered].min()) if covered.any() else np.float32(0.0)
-    level = np.where(covered, nearness, ground)
+    ground = np.float32(z_mm[covered].min()) if covered.any() else np.float32(0.0)
+    z = np.where(covered, z_mm, ground)
     occlusion = np.zeros(index.shape, dtype=np.float32)
     weight = covered.astype(np.float32)
-    height = level - ground
+    height = z - ground
     for size in CORNER_MM:
         kernel = (2 * max(1, round(size * px_per_mm / 2.0)) + 1,) * 2
-        share = np.maximum(cv2.blur(weight, kernel), 1e-3)
-        surroundings = cv2.blur(height, kernel) / share + ground
+        coverage = np.maximum(cv2.blur(weight, kernel), 1e-3)
+        surroundings = cv2.blur(height, kernel) / coverage + ground
         # In a corner the surroundings are slightly nearer; much nearer surfaces are separate objects in front.
-        nearer = np.maximum(surroundings - level, 0.0) / size
+        nearer = np.maximum(surroundings - z, 0.0) / size
         occlusion += nearer / (1.0 + nearer**2)
     image *= (1.0 - CORNER_DARKNESS * occlusion * covered)[..., None]
-    depth = np.where(covered, nearness, np.float32(-1e9))
+    z = np.where(covered, z_mm, np.float32(-1e9))
     edge = np.zeros(index.shape, dtype=bool)
-    for here, there in ((np.s_[:-1, :], np.s_[1:, :]), (np.s_[:, :-1], np.s_[:, 1:])):
-        # Only pairs of pixels with different triangles are compared, which are few.
-        differs = index[here] != index[there]
-        first, second = index[here][differs], index[there][differs]
+    for pixels, neighbours in ((np.s_[:-1, :], np.s_[1:, :]), (np.s_[:, :-1], np.s_[:, 1:])):
+        # Only the few pairs of pixels with different triangles are compared.
+        differs = index[pixels] != index[neighbours]
+        first, second = index[pixels][differs], index[neighbours][differs]
         bent = np.einsum("nc,nc->n", normals[first], normals[second]) < EDGE_COSINE
-        stepped = np.abs(depth[here][differs] - depth[there][differs]) > EDGE_JUMP_PX / px_per_mm
+        stepped = np.abs(z[pixels][differs] - z[neighbours][differs]) > EDGE_JUMP_PX / px_per_mm
         differs[differs] = bent | stepped
-        edge[here] |= differs
-        edge[there] |= differs
+        edge[pixels] |= differs
+        edge[neighbours] |= differs
     image[edge] *= 1.0 - EDGE_DARKNESS
     image[edge & ~covered] *= 0.7
     return image
@@ -221,7 +225,7 @@ def _shade(
 
 def _draw_line(
     image: NDArray[np.float32],
-    nearness: NDArray[np.float32],
+    z_mm: NDArray[np.float32],
     screen: Screen,
     points_in_rig: FloatArray,
     rgb: Rgb,
@@ -235,65 +239,65 @@ def _draw_line(
         points = screen.pixels(start + np.linspace(0.0, 1.0, count)[:, None] * (end - start))
         columns = np.round(points[:, :1]).astype(int) + dx
         rows = np.round(points[:, 1:2]).astype(int) + dy
-        depth = np.broadcast_to(points[:, 2:], rows.shape)
-        on = (columns >= 0) & (columns < width) & (rows >= 0) & (rows < height)
-        columns, rows, depth = columns[on], rows[on], depth[on]
-        seen = depth > nearness[rows, columns] - LINE_BIAS_MM
-        image[rows[seen], columns[seen]] = rgb
+        z = np.broadcast_to(points[:, 2:], rows.shape)
+        on_screen = (columns >= 0) & (columns < width) & (rows >= 0) & (rows < height)
+        columns, rows, z = columns[on_screen], rows[on_screen], z[on_screen]
+        visible = z > z_mm[rows, columns] - LINE_BIAS_MM
+        image[rows[visible], columns[visible]] = rgb
 
 
 # Faces that meet at a smaller angle belong to one curved surface.
 SMOOTH_DEG = 25.0
-# Tolerance of the depth of a visible edge, since its surfaces slope within a pixel.
-BEHIND_MM = 0.6
-# Shortest drawn piece of an edge: rounding makes dots of hidden edges visible.
-SHORTEST_PX = 2.5
+# Tolerance of the z of a visible edge, since its surfaces are oblique within a pixel.
+Z_TOLERANCE_MM = 0.6
+# Minimum length of a drawn piece of an edge: rounding makes dots of hidden edges visible.
+MIN_PIECE_PX = 2.5
 NO_SURFACE = -1e9
 # Decimals of positions on a sheet, mm.
-ROUNDED_TO = 2
+DECIMALS = 2
 
 
 def edges_of(mesh: trimesh.Trimesh, towards: FloatArray) -> FloatArray:
     """Ends (n, 2, 3) of the sharp edges of a closed mesh, and of its outline for a viewer in direction (3,)."""
     sharp = mesh.face_adjacency_angles > np.deg2rad(SMOOTH_DEG)
-    faces = mesh.face_normals @ towards > 0.0
-    pairs = faces[mesh.face_adjacency]
-    shown = (sharp & pairs.any(axis=1)) | (pairs[:, 0] != pairs[:, 1])
-    return np.asarray(mesh.vertices[mesh.face_adjacency_edges[shown]], dtype=np.float64)
+    front_facing = mesh.face_normals @ towards > 0.0
+    pairs = front_facing[mesh.face_adjacency]
+    selected = (sharp & pairs.any(axis=1)) | (pairs[:, 0] != pairs[:, 1])
+    return np.asarray(mesh.vertices[mesh.face_adjacency_edges[selected]], dtype=np.float64)
 
 
 def visible_lines(edges: FloatArray, shot: Shot) -> list[FloatArray]:
-    """The visible pieces (2, 2) in px of edges (n, 2, 3) in rig, mm, in a rendered picture."""
+    """The visible pieces (2, 2) in px of edges (n, 2, 3) in the rig frame, mm, in a rendered picture."""
     ends = shot.screen.pixels(edges)
     spans = ends[:, 1] - ends[:, 0]
     lengths = np.linalg.norm(spans[:, :2], axis=1)
     steps = np.ceil(lengths).astype(int) + 1
     owner = np.repeat(np.arange(len(edges)), steps + 1)
-    along = np.arange(len(owner)) - np.repeat(np.cumsum(steps + 1) - (steps + 1), steps + 1)
-    points = ends[owner, 0] + (along / steps[owner])[:, None] * spans[owner]
-    seen = _seen(points, shot)
-    first, last = seen.copy(), seen.copy()
-    first[1:] &= ~(seen[:-1] & (owner[1:] == owner[:-1]))
-    last[:-1] &= ~(seen[1:] & (owner[1:] == owner[:-1]))
+    step = np.arange(len(owner)) - np.repeat(np.cumsum(steps + 1) - (steps + 1), steps + 1)
+    points = ends[owner, 0] + (step / steps[owner])[:, None] * spans[owner]
+    visible = _visible(points, shot)
+    first, last = visible.copy(), visible.copy()
+    first[1:] &= ~(visible[:-1] & (owner[1:] == owner[:-1]))
+    last[:-1] &= ~(visible[1:] & (owner[1:] == owner[:-1]))
     pieces = np.stack([points[first, :2], points[last, :2]], axis=1)
     long_enough = np.linalg.norm(pieces[:, 1] - pieces[:, 0], axis=1) >= np.minimum(
-        SHORTEST_PX, 0.9 * lengths[owner[first]]
+        MIN_PIECE_PX, 0.9 * lengths[owner[first]]
     )
     return list(pieces[long_enough])
 
 
-def _seen(points: FloatArray, shot: Shot) -> NDArray[np.bool_]:
-    """Mask (n,) of points (n, 3), px and nearness, that are not behind the farthest surface of the adjacent pixels."""
-    farthest = cv2.erode(np.maximum(shot.nearness, NO_SURFACE), np.ones((3, 3), dtype=np.uint8))
+def _visible(points: FloatArray, shot: Shot) -> NDArray[np.bool_]:
+    """Mask (n,) of points (n, 3), px and z, that are not behind the farthest surface of the adjacent pixels."""
+    farthest = cv2.erode(np.maximum(shot.z_mm, NO_SURFACE), np.ones((3, 3), dtype=np.uint8))
     height, width = farthest.shape
     columns, rows = np.floor(points[:, :2]).astype(int).T
     return np.asarray(
-        points[:, 2] >= farthest[np.clip(rows, 0, height - 1), np.clip(columns, 0, width - 1)] - BEHIND_MM
+        points[:, 2] >= farthest[np.clip(rows, 0, height - 1), np.clip(columns, 0, width - 1)] - Z_TOLERANCE_MM
     )
 
 
 def merged_lines(lines: Sequence[FloatArray]) -> list[FloatArray]:
     """Lines (n, 2) of a sheet, mm, rounded and merged at their ends, so that a curve is one line."""
-    rounded = [np.round(line, ROUNDED_TO) for line in lines]
+    rounded = [np.round(line, DECIMALS) for line in lines]
     merged = shapely.line_merge(shapely.MultiLineString([line for line in rounded if (line[0] != line[-1]).any()]))
     return [shapely.get_coordinates(line) for line in shapely.get_parts(merged)]

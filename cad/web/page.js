@@ -16,7 +16,7 @@
   try {
     renderer = new THREE.WebGLRenderer({ antialias: true, alpha: true });
   } catch (error) {
-    fail("This browser shows no 3-D graphics (WebGL), so here is a picture of the model instead.");
+    fail("This browser does not support 3-D graphics (WebGL), so here is a picture of the model instead.");
     return;
   }
 
@@ -32,7 +32,7 @@
   const fill = new THREE.DirectionalLight(0xffffff, 0.45);
   scene.add(sun, fill, new THREE.HemisphereLight(0xffffff, 0x8a8f9a, 0.35));
   renderer.domElement.setAttribute("role", "img");
-  renderer.domElement.setAttribute("aria-label", "The assembled device in 3-D: drag to turn, scroll or pinch to zoom");
+  renderer.domElement.setAttribute("aria-label", "The assembled device in 3-D: drag to rotate, scroll or pinch to zoom");
   stage.prepend(renderer.domElement);
 
   const finish = {
@@ -47,13 +47,13 @@
   const pieces = new Map();
   const rays = new THREE.Group();
   const home = new THREE.Sphere();
-  let frameWanted = false;
+  let framePending = false;
 
   const draw = () => {
-    if (frameWanted) return;
-    frameWanted = true;
+    if (framePending) return;
+    framePending = true;
     requestAnimationFrame(() => {
-      frameWanted = false;
+      framePending = false;
       // The lights follow the viewer.
       sun.position.copy(camera.position).add(new THREE.Vector3(-0.6, 1.0, 0.4).multiplyScalar(home.radius * 3));
       fill.position.copy(camera.position).multiplyScalar(-1);
@@ -76,31 +76,31 @@
     if (!box.isEmpty()) box.getBoundingSphere(home);
   };
 
-  const explode = (share) => {
-    for (const { node, away, rest } of pieces.values()) node.position.copy(rest).addScaledVector(away, share);
-    rays.visible = rays.userData.wanted && share < 0.02;
+  const explode = (fraction) => {
+    for (const { node, shift, rest } of pieces.values()) node.position.copy(rest).addScaledVector(shift, fraction);
+    rays.visible = rays.userData.enabled && fraction < 0.02;
     draw();
   };
 
-  let chosen = null;
+  let selected = null;
   const light = (piece, on) => {
     piece.node.traverse((child) => {
       if (!child.isMesh) return;
-      const { emissive, emissiveIntensity } = child.userData.quiet;
+      const { emissive, emissiveIntensity } = child.userData.unlit;
       child.material.emissive.copy(on ? accent : emissive);
       child.material.emissiveIntensity = on ? 0.55 : emissiveIntensity;
     });
     piece.row?.classList.toggle("on", on);
     draw();
   };
-  const choose = (piece, follow) => {
-    if (chosen) light(chosen, false);
-    chosen = piece === chosen ? null : piece;
-    label.hidden = !chosen;
-    if (!chosen) return;
-    light(chosen, true);
-    label.textContent = [chosen.number, chosen.title].filter(Boolean).join("  ");
-    if (follow) chosen.row?.scrollIntoView({ block: "nearest", behavior: "smooth" });
+  const select = (piece, follow) => {
+    if (selected) light(selected, false);
+    selected = piece === selected ? null : piece;
+    label.hidden = !selected;
+    if (!selected) return;
+    light(selected, true);
+    label.textContent = [selected.number, selected.title].filter(Boolean).join("  ");
+    if (follow) selected.row?.scrollIntoView({ block: "nearest", behavior: "smooth" });
   };
 
   const groups = [
@@ -128,9 +128,9 @@
     const number = document.createElement("span");
     number.textContent = piece.number;
     name.append(dot, piece.title, number);
-    name.addEventListener("click", () => choose(piece, false));
-    row.addEventListener("pointerenter", () => piece !== chosen && light(piece, true));
-    row.addEventListener("pointerleave", () => piece !== chosen && light(piece, false));
+    name.addEventListener("click", () => select(piece, false));
+    row.addEventListener("pointerenter", () => piece !== selected && light(piece, true));
+    row.addEventListener("pointerleave", () => piece !== selected && light(piece, false));
     row.append(box, name);
     group.append(row);
     piece.row = row;
@@ -143,15 +143,15 @@
     const nodes = [];
     root.traverse((node) => node.userData.kind && nodes.push(node));
     for (const node of nodes) {
-      const { kind, number = "", title = node.name, explode_mm: away = [0, 0, 0] } = node.userData;
-      const piece = { node, kind: kindOf(kind), number, title, away: new THREE.Vector3(...away) };
+      const { kind, number = "", title = node.name, explode_mm: shift = [0, 0, 0] } = node.userData;
+      const piece = { node, kind: kindOf(kind), number, title, shift: new THREE.Vector3(...shift) };
       piece.rest = node.position.clone();
       const meshes = [];
       node.traverse((child) => child.isMesh && meshes.push(child));
       for (const mesh of meshes) {
         const flatShading = !mesh.geometry.attributes.normal;
         mesh.material = new THREE.MeshStandardMaterial({ color: mesh.material.color, flatShading, ...finish[piece.kind] });
-        mesh.userData.quiet = { emissive: mesh.material.emissive.clone(), emissiveIntensity: mesh.material.emissiveIntensity };
+        mesh.userData.unlit = { emissive: mesh.material.emissive.clone(), emissiveIntensity: mesh.material.emissiveIntensity };
         piece.colour = mesh.material.color.clone();
         const edges = new THREE.EdgesGeometry(mesh.geometry, 24);
         const ink = new THREE.LineBasicMaterial({ color: 0x0c1018, transparent: true, opacity: 0.38 });
@@ -165,7 +165,7 @@
       const points = path.map((point) => new THREE.Vector3(...point));
       rays.add(new THREE.Line(new THREE.BufferGeometry().setFromPoints(points), paths));
     }
-    rays.userData.wanted = false;
+    rays.userData.enabled = false;
     rays.visible = false;
     device.add(rays);
 
@@ -216,20 +216,20 @@
     // The end of a drag does not select a piece.
     if (pressed && Math.hypot(event.clientX - pressed[0], event.clientY - pressed[1]) > 5) return;
     const box = renderer.domElement.getBoundingClientRect();
-    const at = new THREE.Vector2(
+    const point = new THREE.Vector2(
       ((event.clientX - box.left) / box.width) * 2 - 1,
       1 - ((event.clientY - box.top) / box.height) * 2,
     );
-    caster.setFromCamera(at, camera);
-    const shown = [...pieces.values()].filter((piece) => piece.node.visible);
-    const hit = caster.intersectObjects(shown.map((piece) => piece.node), true).find(({ object }) => object.isMesh);
-    const piece = hit && shown.find(({ node }) => node === hit.object || node.getObjectById(hit.object.id));
-    if (piece) choose(piece, true);
-    else if (chosen) choose(chosen, false);
+    caster.setFromCamera(point, camera);
+    const visible = [...pieces.values()].filter((piece) => piece.node.visible);
+    const hit = caster.intersectObjects(visible.map((piece) => piece.node), true).find(({ object }) => object.isMesh);
+    const piece = hit && visible.find(({ node }) => node === hit.object || node.getObjectById(hit.object.id));
+    if (piece) select(piece, true);
+    else if (selected) select(selected, false);
   });
   controls.addEventListener("change", draw);
   slider.addEventListener("input", () => {
-    // The viewer moves back as the exploded view grows, with the same direction of view.
+    // The viewer moves back as the exploded view grows, without changing its direction of view.
     const [center, radius] = [home.center.clone(), home.radius];
     explode(slider.valueAsNumber / 100);
     measure();
@@ -238,7 +238,7 @@
     draw();
   });
   document.getElementById("rays").addEventListener("change", (event) => {
-    rays.userData.wanted = event.target.checked;
+    rays.userData.enabled = event.target.checked;
     explode(slider.valueAsNumber / 100);
   });
   for (const button of document.querySelectorAll("[data-look]")) {

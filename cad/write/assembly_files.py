@@ -76,16 +76,16 @@ def ordered_step(text: str) -> str:
     referenced = {other for others in references.values() for other in others}
     roots = [number for number in bodies if number not in referenced]
     colours = [root for root in roots if bodies[root].startswith(COLOUR_ROOTS)]
-    plain = {number for root in roots if root not in colours for number in _reachable(root, references)}
+    uncoloured = {number for root in roots if root not in colours for number in _reachable(root, references)}
 
-    def coloured(root: int) -> list[int]:
+    def coloured_entities(root: int) -> list[int]:
         return sorted(
-            other for number in _reachable(root, references) for other in references[number] if other in plain
+            other for number in _reachable(root, references) for other in references[number] if other in uncoloured
         )
 
     # Entities shared by several colours come with the first colour.
-    order = dict.fromkeys(sorted(plain))
-    for root in sorted(colours, key=coloured):
+    order = dict.fromkeys(sorted(uncoloured))
+    for root in sorted(colours, key=coloured_entities):
         order |= dict.fromkeys(number for number in _reachable(root, references) if number not in order)
     new_number = {number: index for index, number in enumerate(order, start=1)}
     component_count = 0
@@ -104,11 +104,11 @@ def _references(body: str) -> list[int]:
 
 def _reachable(root: int, references: dict[int, list[int]]) -> list[int]:
     """An entity and all entities that it references, directly or indirectly, in depth-first order."""
-    reached, waiting = {root: None}, [root]
-    while waiting:
-        new = [other for other in references[waiting.pop()] if other not in reached]
+    reached, pending = {root: None}, [root]
+    while pending:
+        new = [other for other in references[pending.pop()] if other not in reached]
         reached |= dict.fromkeys(new)
-        waiting += reversed(new)
+        pending += reversed(new)
     return list(reached)
 
 
@@ -128,9 +128,9 @@ def write_assembly(path: Path, device: Device, parts: Iterable[BuiltPart]) -> No
 
 
 def assemble(device: Device, parts: Iterable[BuiltPart]) -> Compound:
-    """The device in rig: printed parts joined by their plans' connections, and every other piece joined to one of them.
+    """The device in the rig frame: printed parts joined as planned, and every other piece joined to one of them.
 
-    Parts are made in their places, so that joints move them only by the differences between their plans.
+    Parts are made in their positions, so that joints move them only by the differences between their plans.
     """
     mounted = [part for part in parts if part.name not in APART]
     printed = {part.name: _printed(part) for part in mounted}
@@ -158,7 +158,7 @@ def assemble(device: Device, parts: Iterable[BuiltPart]) -> Compound:
 
 
 def connect(connection: Connection, parent: Solid, child: Solid) -> None:
-    """Join two parts, given in rig, by joints with the connection's name; sliding parts are at mid-travel."""
+    """Join two parts, given in the rig frame, by joints with the connection's name; sliding parts are at mid-travel."""
     rig_from_parent, rig_from_child = connection.rig_from_parent_joint, connection.rig_from_child_joint
     if connection.slides_mm == 0.0:
         joint = RigidJoint(connection.name, parent, location_of(rig_from_parent))
@@ -192,7 +192,7 @@ def _mirror_solid(mirror: Mirror) -> Solid:
 
 
 def _joined(part: Solid, solid: Solid, rig_from_solid: FloatArray) -> Solid:
-    """The solid, joined by its own frame's origin to a place on a part."""
+    """The solid, with the origin of its own frame joined to a position on a part."""
     joint = RigidJoint(solid.label, part, location_of(rig_from_solid))
     joint.connect_to(RigidJoint("origin", solid, Location()))
     return solid
@@ -233,16 +233,16 @@ FINISH: dict[Kind, tuple[float, float]] = {
 }
 # glTF's ELEMENT_ARRAY_BUFFER and ARRAY_BUFFER.
 INDICES, VERTICES = 34963, 34962
-# Sharper edges are shaded flat, so that the facets of a round hole are shaded smooth.
+# Sharper edges are shaded flat; the facets of a round hole are shaded smooth.
 CREASE_RAD = np.radians(30.0)
 
 
 def write_glb(path: Path, pieces: Sequence[Piece]) -> None:
     """Write the pieces as binary glTF 2.0.
 
-    The node `device` has the matrix `GLTF_FROM_RIG`; its child nodes, one for each piece and with its name, are in rig,
-    mm. Their `extras` are `kind`, `number`, `title` and `explode_mm` [x, y, z] in rig. To explode the device, move each
-    node by a share of `explode_mm`.
+    The node `device` has the matrix `GLTF_FROM_RIG`; its child nodes, one for each piece and with its name, are in the
+    rig frame, mm. Their `extras` are `kind`, `number`, `title` and `explode_mm` [x, y, z] in the rig frame. To explode
+    the device, move each node by a fraction of `explode_mm`.
     """
     scene = trimesh.Scene()
     scene.graph.update(GLB_ROOT, scene.graph.base_frame, matrix=GLTF_FROM_RIG)

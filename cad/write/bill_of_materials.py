@@ -24,7 +24,7 @@ from mirrorcam.core.disk.files import write_json, write_text
 from mirrorcam.core.names import markdown_text, spreadsheet_text
 from mirrorcam.core.values import Metric, Value
 
-# Name of all carriers of mirrors in a note.
+# Common name of all mirror carriers in a note.
 CARRIERS = "mirror_carriers"
 # Prefixes of titles without a price.
 TOOL, ALSO = "Tool: ", "Also needed: "
@@ -35,7 +35,7 @@ GLUES = {
 
 
 class PrintedLine(Value):
-    """A part to print. Time and mass of plastic, including infill, are the slicer's; null without a slicer."""
+    """A part to print. Time and mass of plastic, including infill, are from the slicer; null without a slicer."""
 
     number: str
     title: str
@@ -76,7 +76,7 @@ class BoughtLine(Value):
 
 
 class Bom(Value):
-    """All materials of a device, including the fit coupon; `plastic_g` is the slicer's if all parts were `sliced`.
+    """All materials of a device, including the fit coupon; `plastic_g` is from the slicer if all parts were `sliced`.
 
     Prices are in `currency`, as of `prices_date`. `price` is the sum of all lines with a price; `unpriced` has the
     titles of the others.
@@ -96,15 +96,15 @@ class Bom(Value):
 
     @property
     def print_minutes(self) -> float | None:
-        """The total time of all prints; None unless each was sliced."""
+        """The total time of all prints; None unless every part was sliced."""
         minutes = [line.print_minutes for line in self.printed if line.print_minutes is not None]
         return sum(minutes) if len(minutes) == len(self.printed) else None
 
     @property
     def estimate(self) -> str:
         """The total cost, as a sentence."""
-        without = f" without {', '.join(self.unpriced)}" if self.unpriced else ""
-        return f"About {self.price:.0f} {self.currency}{without}, as of {self.prices_date} ({BASIS}; without tools)."
+        exclusions = f" without {', '.join(self.unpriced)}" if self.unpriced else ""
+        return f"About {self.price:.0f} {self.currency}{exclusions}, as of {self.prices_date} ({BASIS}; without tools)."
 
 
 def bill_of(device: Device, parts: Sequence[BuiltPart], sheets: Sequence[StockSheet]) -> Bom:
@@ -178,9 +178,10 @@ def _bought(device: Device, titles: Mapping[str, str]) -> tuple[BoughtLine, ...]
     order = ("screw", "washer", "spring", "insert", "nut", "pin")
     lines = [BoughtLine(title=device.hardware.camera.name, count=1, note="the camera")]
     for key in sorted(counts, key=lambda key: (order.index(key[0]), key[1])):
-        equal_items = [each for each in zip(items, torques, strict=True) if (each[0].kind, item_title(each[0])) == key]
-        where = _where(equal_items, titles)
-        note = f"{where}; for a hole of {device.hardware.screw.insert_hole_mm:.1f} mm" if key[0] == "insert" else where
+        same_items = [pair for pair in zip(items, torques, strict=True) if (pair[0].kind, item_title(pair[0])) == key]
+        note = _joined_parts(same_items, titles)
+        if key[0] == "insert":
+            note += f"; for a hole of {device.hardware.screw.insert_hole_mm:.1f} mm"
         lines.append(BoughtLine(title=key[1], count=counts[key], standard=standard_of(key[1]), note=note))
     tied_items = ["cable to camera clip", "cable to mount"] if device.hardware.camera.has_cable else []
     tied_items += ["lens to camera clip"] if device.hardware.camera.rest_mm is not None else []
@@ -205,7 +206,7 @@ def _priced(line: BoughtLine, prices: Prices) -> BoughtLine:
     return line if price is None else line.replaced(price=round(price * (line.count or 1), 2))
 
 
-def _where(items: Sequence[tuple[BoughtItem, Tightening | None]], titles: Mapping[str, str]) -> str:
+def _joined_parts(items: Sequence[tuple[BoughtItem, Tightening | None]], titles: Mapping[str, str]) -> str:
     """The parts that items join, and the largest tightening torques of the screws among them."""
     parts_by_torque: dict[str, set[str]] = {}
     for item, tightening in items:
@@ -268,7 +269,7 @@ def as_markdown(bom: Bom) -> str:
         "",
         "## Bought",
         "",
-        f"| count | what | standard | for | {money} |",
+        f"| count | item | standard | used for | {money} |",
         "|---:|---|---|---|---:|",
         *(
             f"| {_or_dash(line.count, 'd')} | {markdown_text(line.title)} | {line.standard} | {line.note} "
@@ -306,5 +307,5 @@ def _or_dash(value: float | None, form: str) -> str:
 
 
 def _total_time(bom: Bom) -> str:
-    """The total time of all prints, if each was sliced."""
+    """The total time of all prints, if every part was sliced."""
     return f"; {hours_text(bom.print_minutes)} of printing in all" if bom.print_minutes is not None else ""

@@ -41,5 +41,5 @@ def write_source(folder: Path, layout: Layout, hardware: Hardware) -> None:
 
 
 def hardware_toml(hardware: Hardware) -> str:
-    """All dimensions as the text of a TOML file for `read_model(Hardware, path)`."""
+    """All dimensions as TOML text, to be read by `read_model(Hardware, path)`."""
     return tomli_w.dumps(hardware.model_dump(mode="json", exclude_none=True))

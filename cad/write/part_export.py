@@ -24,7 +24,7 @@ from mirrorcam.core.disk.files import atomic
 from mirrorcam.core.values import FloatArray
 
 # Tolerances (1 - cosine, and distance) within which a face lies in a plane.
-PARALLEL, NEAR_MM = 1e-5, 0.01
+PARALLEL_TOLERANCE, IN_PLANE_MM = 1e-5, 0.01
 # Difference in distance within which two faces are equally near, such as the halves of a face divided by a groove.
 EQUALLY_NEAR_MM = 1.0
 SHELL = re.compile(r"CLOSED_SHELL\('[^']*',\(([^)]*)\)")
@@ -38,7 +38,7 @@ def name_faces(text: str, solid: Shape[Any], faces: Sequence[NamedFace]) -> str:
     entities = [entity for shell in SHELL.findall(text) for entity in re.findall(r"#\d+", shell)]
     flat = _flat_faces(solid)
     if len(entities) != len(solid.faces()):
-        raise ValueError(f"the STEP file holds {len(entities)} faces, expected {len(solid.faces())}")
+        raise ValueError(f"the STEP file has {len(entities)} faces, expected {len(solid.faces())}")
     names: dict[str, str] = {}
     for named_face in faces:
         indices = _indices_of(flat, named_face)
@@ -53,12 +53,12 @@ def name_faces(text: str, solid: Shape[Any], faces: Sequence[NamedFace]) -> str:
 
 @dataclass(frozen=True)
 class _Flat:
-    """The flat faces of a solid, with their indices (n,) among all faces, normals (n, 3) and middles (n, 3)."""
+    """The flat faces of a solid, with their indices (n,) among all faces, normals (n, 3) and centres (n, 3)."""
 
     faces: Sequence[Face]
     indices: NDArray[np.int64]
     normals: FloatArray
-    middles: FloatArray
+    centres: FloatArray
 
 
 def _flat_faces(solid: Shape[Any]) -> _Flat:
@@ -74,13 +74,13 @@ def _flat_faces(solid: Shape[Any]) -> _Flat:
 
 def _indices_of(flat: _Flat, named_face: NamedFace) -> list[int]:
     """The indices of the faces with a name; empty if the part has no face in that plane."""
-    parallel = flat.normals @ named_face.normal > 1.0 - PARALLEL
-    in_plane = np.abs((flat.middles - named_face.point) @ named_face.normal) < NEAR_MM
+    parallel = flat.normals @ named_face.normal > 1.0 - PARALLEL_TOLERANCE
+    in_plane = np.abs((flat.centres - named_face.point) @ named_face.normal) < IN_PLANE_MM
     indices = np.flatnonzero(parallel & in_plane)
     if named_face.within is not None:
         axes = np.linalg.svd(named_face.normal[None])[2][1:]
-        middles, outline = (points @ axes.T for points in (flat.middles[indices], named_face.within))
-        indices = indices[contains_xy(Polygon(outline), middles[:, 0], middles[:, 1])]
+        centres, outline = (points @ axes.T for points in (flat.centres[indices], named_face.within))
+        indices = indices[contains_xy(Polygon(outline), centres[:, 0], centres[:, 1])]
     elif len(indices):
         point = Vertex(*named_face.point)
         distances = np.array([flat.faces[int(index)].distance_to(point) for index in indices])
@@ -118,7 +118,7 @@ def write_stl(path: Path, shape: Shape[Any]) -> None:
 
 
 def mass_properties(solid: Shape[Any], density_g_per_cm3: float) -> MassProperties:
-    """Volume, mass, centre and inertia of a solid of one material in rig, by integrals over its exact faces."""
+    """Volume, mass, centre and inertia in the rig frame of a solid of one material, integrated over its exact faces."""
     density_g_per_mm3 = density_g_per_cm3 / 1000.0
     return MassProperties(
         volume_mm3=solid.volume,

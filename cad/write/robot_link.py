@@ -1,7 +1,7 @@
 """The device for a robot: a URDF link with mass, shape and colours, and a frame for the camera and every view.
 
-The back defines the link's frame: x forward to the scene, y left, z up (REP 103). The frames of camera and views are
-optical frames: x right, y down, z forward; the camera's is the rig. Units are metres and kilograms.
+The back defines the link's frame: x forward towards the scene, y left, z up (REP 103). The frames of camera and views
+are optical frames: x right, y down, z forward; the camera's is the rig frame. Units are metres and kilograms.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.transforms import rigid
 
 LINK_AXES_IN_RIG = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-"""Rows: the link's x, y and z in rig."""
+"""Rows: the link's x, y and z axes in the rig frame."""
 
 XACRO = "http://www.ros.org/wiki/xacro"
 USAGE = """MirrorCam on the last link of an arm: {arms}. In the arm's own xacro:
@@ -39,8 +39,8 @@ def write_robot(folder: Path, device: Device, pieces: Sequence[Piece]) -> None:
     """Write `mirrorcam.xacro` (a macro), `mirrorcam.urdf` (the same on a bare link of the arm), and their meshes.
 
     Writes nothing if the back is not for an arm. Visible meshes are `../parts/NAME.stl` for printed parts, and files in
-    `meshes/` for mirrors, camera and fasteners (in rig, mm). Collision meshes, also in `meshes/`, are the convex hulls
-    of every printed part and of the camera.
+    `meshes/` for mirrors, camera and fasteners (in the rig frame, mm). Collision meshes, also in `meshes/`, are the
+    convex hulls of the printed parts and of the camera.
     """
     robot = device.back.robot
     if robot is None:
@@ -50,36 +50,36 @@ def write_robot(folder: Path, device: Device, pieces: Sequence[Piece]) -> None:
         "camera": ([piece for piece in pieces if piece.kind == "camera"], CAMERA_RGB),
         "fasteners": ([p for p in pieces if p.kind in ITEM_RGB], ITEM_RGB["screw"]),
     }
-    shown = {piece.name: (f"parts/{piece.name}.stl", piece.rgb) for piece in pieces if piece.kind == "part"}
+    visuals = {piece.name: (f"parts/{piece.name}.stl", piece.rgb) for piece in pieces if piece.kind == "part"}
     for name, (group, rgb) in groups.items():
         if group:
             write_mesh(folder / "meshes" / f"{name}.stl", _as_one([piece.mesh for piece in group]))
-            shown[name] = (f"robot/meshes/{name}.stl", rgb)
+            visuals[name] = (f"robot/meshes/{name}.stl", rgb)
     hulls = []
     for piece in pieces:
         if piece.kind in ("part", "camera"):
             write_mesh(folder / "meshes" / f"{piece.name}_hull.stl", hull_of(piece.mesh))
             hulls.append(f"robot/meshes/{piece.name}_hull.stl")
     pose = link_from_rig(robot)
-    elements = [link(pose, pieces, shown, hulls), *frames(device.layout, pose)]
+    elements = [link(pose, pieces, visuals, hulls), *frames(device.layout, pose)]
     write_text(folder / "mirrorcam.xacro", as_macro(elements, robot))
     write_text(folder / "mirrorcam.urdf", as_urdf(elements, robot))
 
 
 def link_from_rig(robot: RobotLink) -> FloatArray:
-    """The transform (4, 4), mm, from rig to the link's frame."""
+    """The transform (4, 4), mm, from the rig frame to the link's frame."""
     return rigid(LINK_AXES_IN_RIG, -LINK_AXES_IN_RIG @ robot.origin_in_rig)
 
 
 def rig_from_view(layout: Layout, index: int) -> FloatArray:
-    """The pose (4, 4), mm, of a virtual view in rig: at its virtual centre, along the views' common axes."""
+    """The pose (4, 4), mm, of a virtual view in the rig frame: at its virtual centre, with the axes of all views."""
     return rigid(layout.view_from_rig.T, layout.virtual_centres_in_rig_mm[index])
 
 
 def link(
     pose: FloatArray,
     pieces: Sequence[Piece],
-    shown: dict[str, tuple[str, tuple[float, float, float]]],
+    visuals: dict[str, tuple[str, tuple[float, float, float]]],
     hulls: list[str],
 ) -> Element:
     """The link: total mass properties of the pieces, visible meshes (file and colour by name) and collision meshes."""
@@ -93,7 +93,7 @@ def link(
     SubElement(inertial, "mass", value=_numbers([body.mass_g / 1000.0]))
     rows = (("ixx", 0, 0), ("ixy", 0, 1), ("ixz", 0, 2), ("iyy", 1, 1), ("iyz", 1, 2), ("izz", 2, 2))
     SubElement(inertial, "inertia", {name: _numbers([inertia[row, column]]) for name, row, column in rows})
-    for name, (file, rgb) in shown.items():
+    for name, (file, rgb) in visuals.items():
         visual = SubElement(element, "visual", name=name)
         _mesh(visual, pose, file)
         material = SubElement(visual, "material", name=f"${{prefix}}_{name}")
@@ -104,7 +104,7 @@ def link(
 
 
 def _mesh(parent: Element, pose: FloatArray, file: str) -> None:
-    """Add a mesh file in rig, mm, to an element of the link."""
+    """Add a mesh file in the rig frame, mm, to an element of the link."""
     parent.append(_origin(pose))
     geometry = SubElement(parent, "geometry")
     SubElement(geometry, "mesh", filename=f"${{mesh_root}}/{file}", scale="0.001 0.001 0.001")

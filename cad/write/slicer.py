@@ -3,9 +3,9 @@
 Parts are sliced with `prusa_profile` and the slicer's defaults, but with automatic support except under bridges. If the
 slicer generates no support, time and grams exclude support.
 
-One default is changed: the detection of overhanging perimeters is off. It splits perimeters at places that depend on
+One default is changed: the detection of overhanging perimeters is off. It splits perimeters at points that depend on
 rounding, and the slicer recognises lines over a gap as a bridge only if they are unbroken. For a ceiling 8 mm wide over
-a slot in a wall of 1.6 mm, turned on the bed in 13 steps from 0 to 80 deg, there is no support without this detection;
+a slot in a wall of 1.6 mm, rotated on the bed in 13 steps from 0 to 80 deg, there is no support without this detection;
 with it, there is support at 35 and 65 deg only.
 """
 
@@ -42,13 +42,13 @@ SETTINGS = {
     "gap_fill_speed": "30",
     "travel_speed": "150",
 }
-"""Settings of a print by PrusaSlicer's names: layers, walls and infill, and speeds of a common hobby printer."""
+"""Settings of a print under PrusaSlicer's names: layers, walls and infill, and speeds of a common hobby printer."""
 
 NOZZLE = {"nozzle_diameter": f"{PRINT_SETTINGS.nozzle_mm:g}", "filament_diameter": "1.75"}
 
 
 def printer_settings(printer: Printer) -> dict[str, str]:
-    """The bed and the plastic of a printer, by PrusaSlicer's names."""
+    """The bed and the plastic of a printer, under PrusaSlicer's names."""
     width, length, height = (f"{side:g}" for side in printer.bed_mm)
     return {
         "bed_shape": f"0x0,{width}x0,{width}x{length},0x{length}",
@@ -113,8 +113,9 @@ SWITCHES = (
     "--dont-support-bridges",
     "--no-overhangs",
 )
-# Margin against support for faces at the overhang limit: one degree for rounding, and one that the slicer adds.
-THRESHOLD_DEG = 2.0
+# Reduction of the threshold, so that faces at the overhang limit get no support: a degree for rounding, and one that
+# the slicer adds.
+THRESHOLD_MARGIN_DEG = 2.0
 TIMEOUT_S = 900.0
 
 
@@ -155,7 +156,7 @@ def slice_3mf(path: Path, printer: Printer) -> Sliced | None:
         raise FileNotFoundError("PrusaSlicer is not installed")
     options = OPTIONS | {
         **{name.replace("_", "-"): value for name, value in printer_settings(printer).items()},
-        "support-material-threshold": f"{90.0 - printer.overhang_deg - THRESHOLD_DEG:.0f}",
+        "support-material-threshold": f"{90.0 - printer.overhang_deg - THRESHOLD_MARGIN_DEG:.0f}",
     }
     with TemporaryDirectory() as folder:
         gcode = Path(folder) / "part.gcode"

@@ -41,21 +41,21 @@ class PrintBody:
     points: FloatArray
     faces: NDArray[np.int64]
 
-    def placed(self, rotation: FloatArray, shift_mm: FloatArray) -> PrintBody:
+    def transformed(self, rotation: FloatArray, shift_mm: FloatArray) -> PrintBody:
         """The body after a rotation (2, 2) about the bed's normal and a shift (2,)."""
         in_plan = self.points[:, :2] @ rotation.T + shift_mm
         return replace(self, points=np.column_stack([in_plan, self.points[:, 2]]))
 
 
 def body_on_bed(stl: Path, part: PartPlan, printer: Printer) -> PrintBody:
-    """A part from its STL file (rig, mm) in its print orientation, in the middle of the bed."""
+    """A part from its STL file (rig, mm) in its print orientation, at the centre of the bed."""
     mesh = trimesh.load_mesh(stl)
-    middle = (printer.bed_mm[0] / 2.0, printer.bed_mm[1] / 2.0, 0.0)
-    return PrintBody(part, on_bed(np.array(mesh.vertices), part, printer) + middle, np.array(mesh.faces))
+    centre = (printer.bed_mm[0] / 2.0, printer.bed_mm[1] / 2.0, 0.0)
+    return PrintBody(part, on_bed(np.array(mesh.vertices), part, printer) + centre, np.array(mesh.faces))
 
 
 def write_3mf(path: Path, stl: Path, part: PartPlan, printer: Printer) -> None:
-    """Write the mesh of a part's STL file (rig, mm) in its print orientation, in the middle of the bed."""
+    """Write the mesh of a part's STL file (rig, mm) in its print orientation, at the centre of the bed."""
     body = body_on_bed(stl, part, printer)
     size = np.ptp(body.points, axis=0)
     description = (
@@ -73,7 +73,7 @@ def write_bodies(
     printer: Printer,
     attachments: Mapping[str, str] = MappingProxyType({}),
 ) -> None:
-    """Write the bodies on one bed; `attachments` are texts by their paths in the archive.
+    """Write the bodies on one bed; `attachments` are texts, by their paths in the archive.
 
     The UUIDs are derived from the parts' identities, so that the same parts give the same bytes; lib3mf's defaults are
     random.
@@ -87,20 +87,20 @@ def write_bodies(
     colours = model.AddBaseMaterialGroup()
     for body in bodies:
         part = body.part
-        # The origin of each object is its middle, so that a slicer moves and rotates it there.
+        # The origin of each object is its centre, about which a slicer rotates it.
         low, high = body.points.min(axis=0), body.points.max(axis=0)
-        middle = np.array([*(low[:2] + high[:2]) / 2.0, 0.0])
+        centre = np.array([*(low[:2] + high[:2]) / 2.0, 0.0])
         mesh = model.AddMeshObject()
         mesh.SetName(part.name)
         mesh.SetPartNumber(part.number)
         mesh.SetUUID(_uuid(part, "object"))
         mesh.SetGeometry(
-            [lib3mf.Position((ctypes.c_float * 3)(*point)) for point in (body.points - middle).tolist()],
+            [lib3mf.Position((ctypes.c_float * 3)(*point)) for point in (body.points - centre).tolist()],
             [lib3mf.Triangle((ctypes.c_uint32 * 3)(*face)) for face in body.faces.tolist()],
         )
         colour = colours.AddMaterial(printer.plastic, wrapper.FloatRGBAToColor(*part.rgb, 1.0))
         mesh.SetObjectLevelProperty(colours.GetResourceID(), colour)
-        item = model.AddBuildItem(mesh, wrapper.GetTranslationTransform(*middle))
+        item = model.AddBuildItem(mesh, wrapper.GetTranslationTransform(*centre))
         item.SetPartNumber(part.number)
         item.SetUUID(_uuid(part, "item"))
     model.SetBuildUUID(_uuid(bodies[0].part, "build" + "".join(body.part.identity for body in bodies[1:])))
@@ -112,7 +112,7 @@ def write_bodies(
 
 
 def on_bed(points_in_rig: FloatArray, part: PartPlan, printer: Printer) -> FloatArray:
-    """Points (n, 3) of a part in its print orientation, with its middle over the origin and the bed at z = 0.
+    """Points (n, 3) of a part in its print orientation, centred over the origin and the bed at z = 0.
 
     The part is rotated by a quarter turn if it fits only that way.
     """
@@ -127,12 +127,12 @@ def on_bed(points_in_rig: FloatArray, part: PartPlan, printer: Printer) -> Float
 
 @contextmanager
 def _restored_locale() -> Iterator[None]:
-    """Restore the locale: lib3mf's writer sets the process's to C, in which Python reads text as ASCII."""
-    before = locale.setlocale(locale.LC_ALL)
+    """Restore the locale: lib3mf's writer sets that of the process to C, in which Python reads text as ASCII."""
+    previous = locale.setlocale(locale.LC_ALL)
     try:
         yield
     finally:
-        locale.setlocale(locale.LC_ALL, before)
+        locale.setlocale(locale.LC_ALL, previous)
 
 
 def _uuid(part: PartPlan, role: str) -> str:
@@ -141,7 +141,7 @@ def _uuid(part: PartPlan, role: str) -> str:
 
 FOLDER = "plates"
 GAP_MM = 6.0
-"""Least distance between parts: space for the nozzle, a brim and a skirt."""
+"""Minimum distance between parts: space for the nozzle, a brim and a skirt."""
 
 CONFIG = "/Metadata/Slic3r_PE.config"
 """Path of the settings of PrusaSlicer and its relatives in a 3MF file."""
@@ -152,7 +152,7 @@ NESTING_ROUNDING_MM = 1e-3
 
 @dataclass(frozen=True)
 class Plate:
-    """The parts of one print, in their places on the bed."""
+    """The parts of one print, in their positions on the bed."""
 
     bodies: tuple[PrintBody, ...]
 
@@ -166,10 +166,10 @@ def plan_plates(parts: Sequence[PartPlan], folder: Path, printer: Printer) -> tu
     bed = printer.bed_mm[0], printer.bed_mm[1]
     # The gap is between parts only, not to the edge of the bed.
     enlarged = (bed[0] + 2.0 * GAP_MM, bed[1] + 2.0 * GAP_MM)
-    places = nest([_hull(body) for body in bodies], enlarged, GAP_MM)
+    positions = nest([_hull(body) for body in bodies], enlarged, GAP_MM)
     plates: dict[int, list[PrintBody]] = {}
-    for body, place in zip(bodies, places, strict=True):
-        plates.setdefault(place.sheet, []).append(body.placed(place.rotation, place.shift_mm - GAP_MM))
+    for body, position in zip(bodies, positions, strict=True):
+        plates.setdefault(position.sheet, []).append(body.transformed(position.rotation, position.shift_mm - GAP_MM))
     return tuple(Plate(tuple(bodies)) for _, bodies in sorted(plates.items()))
 
 
@@ -188,33 +188,33 @@ def write_plates(
     """
     plates = plan_plates(parts, out / "parts", printer)
     profile = prusa_profile(printer)
-    parts_in: dict[str, tuple[str, ...]] = {}
+    parts_by_path: dict[str, tuple[str, ...]] = {}
     for number, plate in enumerate(plates, start=1):
         title = f"Plate {number} of {len(plates)}"
         contents = ", ".join(f"{body.part.number} {body.part.title} ({body.part.identity})" for body in plate.bodies)
         path = f"{FOLDER}/plate_{number}.3mf"
         description = f"{contents}. Print without support."
         write_bodies(out / path, plate.bodies, title, description, printer, {CONFIG: embedded(profile)})
-        parts_in[path] = tuple(body.part.name for body in plate.bodies)
+        parts_by_path[path] = tuple(body.part.name for body in plate.bodies)
     write_text(out / FOLDER / f"{PROFILE}.ini", profile)
     write_text(out / FOLDER / f"{PROFILE}_orca.json", orca_profile())
-    return parts_in, check_plates(plates, printer)
+    return parts_by_path, check_plates(plates, printer)
 
 
 def check_plates(plates: Sequence[Plate], printer: Printer) -> dict[str, Metric]:
-    """Check that parts are on the bed and apart, by their outlines from above instead of their hulls."""
-    gap, beyond = np.inf, 0.0
+    """Check that parts are on the bed and clear of each other, by their outlines from above instead of their hulls."""
+    gap, overrun = np.inf, 0.0
     bed = np.array(printer.bed_mm)
     for plate in plates:
         for body in plate.bodies:
-            beyond = max(beyond, float((-body.points).max()), float((body.points - bed).max()))
+            overrun = max(overrun, float((-body.points).max()), float((body.points - bed).max()))
         outlines = [shapely.union_all(shapely.polygons(body.points[body.faces][..., :2])) for body in plate.bodies]
         gap = min([gap, *(a.distance(b) for a, b in combinations(outlines, 2))])
     checks = {
         "number": Metric(value=len(plates), unit=""),
-        "beyond_bed_mm": Metric(value=round(max(beyond, 0.0), 3), unit="mm", limit=NESTING_ROUNDING_MM),
+        "beyond_bed_mm": Metric(value=round(max(overrun, 0.0), 3), unit="mm", limit=NESTING_ROUNDING_MM),
     }
     if np.isfinite(gap):
-        least = GAP_MM - NESTING_ROUNDING_MM
-        checks["part_gap_mm"] = Metric(value=round(float(gap), 3), unit="mm", limit=least, lower_is_better=False)
+        min_gap = GAP_MM - NESTING_ROUNDING_MM
+        checks["part_gap_mm"] = Metric(value=round(float(gap), 3), unit="mm", limit=min_gap, lower_is_better=False)
     return checks

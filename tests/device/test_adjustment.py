@@ -43,7 +43,7 @@ def misaligned(tilt_deg: float = 0.5, sigma_mm: float | None = None) -> Layout:
     return layout.replaced(mirrors=tuple(mirrors), kind="calibrated", uncertainty=known)
 
 
-def test_the_turns_found_bring_every_mirror_to_its_design() -> None:
+def test_the_computed_turns_bring_every_mirror_to_its_design() -> None:
     measured, designed = misaligned(), pair()
     found = adjust(measured, designed, with_screws())
     for each, was, wanted, carrier in zip(
@@ -77,7 +77,7 @@ def test_a_mirror_beyond_the_travel_is_named_and_glued_ones_are_refused() -> Non
     assert not adjust(misaligned(tilt_deg=4.0), pair(), with_screws()).mirrors[0].reached
     with pytest.raises(InputError, match=r'glued to their holder, expected holder\.mirrors = "screws"'):
         adjust(misaligned(), pair(), HARDWARE)
-    with pytest.raises(InputError, match="calibration of 2 mirrors, device of 4"):
+    with pytest.raises(InputError, match="calibration has 2 mirrors, expected the 4 of the device"):
         adjust(misaligned(), parabola(2, 2, scale_mm=60.0), with_screws())
 
 
@@ -87,7 +87,7 @@ def test_a_devices_folder_gives_what_it_was_made_from(tmp_path: Path) -> None:
     assert layout.identity == pair().identity
     assert hardware.holder.mirrors == "screws"
     assert hardware.screw.kind == "nut"
-    with pytest.raises(InputError, match=r"no source/layout\.json in it"):
+    with pytest.raises(InputError, match=r"has no source/layout\.json"):
         read_device(tmp_path / "source")
 
 

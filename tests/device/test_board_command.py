@@ -40,7 +40,7 @@ def test_bad_input_is_refused_in_one_line_and_nothing_is_written(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_board_that_is_given_is_not_said_to_be_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_existing_board_file_is_not_reported_as_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     given = tmp_path / "mine.toml"
     save_board(given, default_board())
     assert cli.main(["board", str(given), "--out", str(tmp_path / "b" / "board.pdf")]) == 0

@@ -205,7 +205,7 @@ def test_a_page_that_does_not_fit_is_refused(board: Checkerboard, page: str, com
         page_for(board, page)
 
 
-def test_a_page_as_small_as_it_is_said_to_need_fits() -> None:
+def test_a_page_of_the_stated_minimum_size_fits() -> None:
     assert page_for(CHECKERS, "196x124.5") == (196.0, 124.5)
     assert board_in_page_mm(CHECKERS, (196.0, 124.5))[1] == EDGE_MM
     assert 124.5 - EDGE_MM - FOOTER_MM - EDGE_MM - 88.5 == EDGE_MM

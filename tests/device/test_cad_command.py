@@ -76,7 +76,7 @@ def test_a_body_that_cannot_be_compared_with_the_layout_is_named(
     default_layout.save(tmp_path / "layout.json")
     monkeypatch.setattr("mirrorcam.cad.build.build_parts", lambda *_, **__: {})
     assert cli.main(["cad", "layout.json", "--body", camera]) == 0
-    line = "states no field_of_view_deg: not compared with the layout's, 70.4 x 43.3 deg"
+    line = "states no field_of_view_deg: cannot compare it with the layout's, 70.4 x 43.3 deg"
     assert (line in " ".join(capfd.readouterr().out.split())) == said
 
 

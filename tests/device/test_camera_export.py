@@ -47,4 +47,6 @@ def test_a_video_is_refused_with_what_is_taken(
     (tmp_path / "clip.mp4").write_bytes(b"")
     arguments = ["camera", "export", str(layout_file), "--pictures", str(tmp_path / "clip.mp4")]
     assert main([*arguments, "--out", str(tmp_path)]) == 2
-    assert "clip.mp4: no picture, expected PNG, JPEG, TIFF or BMP frames or folders of them" in capsys.readouterr().err
+    assert (
+        "clip.mp4: not a picture, expected PNG, JPEG, TIFF or BMP frames or folders of them" in capsys.readouterr().err
+    )

@@ -114,7 +114,7 @@ def test_a_board_is_asked_for_its_holes_and_one_without_a_lens_for_no_optics(tmp
 @pytest.mark.parametrize("taken", ["mine.toml", "mine.svg", "mine.pdf"])
 def test_no_file_is_replaced(tmp_path: Path, taken: str) -> None:
     (tmp_path / taken).write_text("kept")
-    with pytest.raises(InputError, match=f"{taken}: exists already"):
+    with pytest.raises(InputError, match=f"{taken}: already exists"):
         write_new_camera(tmp_path / "mine.toml", C920, Person(MINE).ask, print)
     assert [path.name for path in tmp_path.iterdir()] == [taken]
     assert (tmp_path / taken).read_text() == "kept"

@@ -1,1 +1,1 @@
-"""Finite elements of the device: motions of its mirrors relative to the camera by gravity, temperature and creep."""
+"""Finite elements of the device: motions of its mirrors relative to the camera under gravity, heat and creep."""

@@ -1,6 +1,6 @@
 """A linear elastic solid, condensed to its screws: second-order tetrahedra, by scikit-fem and SciPy.
 
-All results are for a modulus of 1 MPa: displacements by forces scale with 1 / modulus, expansion does not.
+All results are for a modulus of 1 MPa: displacements due to forces scale with 1 / modulus; expansion does not.
 """
 
 from __future__ import annotations
@@ -26,16 +26,17 @@ expansion of the solid, and unit expansion of the bodies glued to it.
 
 @dataclass(frozen=True)
 class Carried:
-    """A rigid body on a solid: the nodes under it, the point of its reported motion, and its weight in N at `middle`.
+    """A rigid body on a solid: the nodes under it, its reference point, and its weight in N at `centre`.
 
-    `glue` (n, 3, 3) are springs in N/mm between each node and the body, scaled to a modulus of 1 MPa of the solid; the
-    body then expands about the point. Without glue, the body follows the mean motion of the nodes.
+    Its motion is reported at the reference point. `glue` (n, 3, 3) are springs in N/mm between each node and the body,
+    scaled to a modulus of 1 MPa of the solid; the body then expands about that point. Without glue, the body follows
+    the mean motion of the nodes.
     """
 
     nodes: NDArray[np.int64]
-    at: FloatArray
+    point: FloatArray
     weight_n: float
-    middle: FloatArray
+    centre: FloatArray
     glue: FloatArray | None = None
 
 
@@ -44,17 +45,17 @@ class CondensedSolid:
     """Forces on rigid screws, and motions of carried bodies, per motion of the screws and per load, for 1 MPa.
 
     With the motions q (6 n,) of the screws, the forces on them are `stiffness` q - `forces` loads. The motion of a
-    carried body (shift in mm of its point, rotation in rad) is `by_screws` q + `by_loads` loads, by its name.
+    carried body (shift in mm of its point, rotation in rad) is `per_screws[name]` q + `per_load[name]` loads.
     """
 
     stiffness: FloatArray
     forces: FloatArray
-    by_screws: Mapping[str, FloatArray]
-    by_loads: Mapping[str, FloatArray]
+    per_screws: Mapping[str, FloatArray]
+    per_load: Mapping[str, FloatArray]
 
 
 class Solid:
-    """The finite elements of a solid; `nodes` (n, 3), in mm, are the corners and the middles of edges."""
+    """The finite elements of a solid; `nodes` (n, 3), in mm, are the corners and the midpoints of edges."""
 
     def __init__(self, mesh: Tetrahedra) -> None:
         from skfem import Basis, ElementTetP2, ElementVector, MeshTet
@@ -67,21 +68,21 @@ class Solid:
         self.nodes: FloatArray = np.asarray(self._basis.doflocs[:, self._dofs[:, 0]].T, dtype=np.float64)
 
     def condensed(
-        self, screws: Sequence[NDArray[np.int64]], at: FloatArray, carried: Mapping[str, Carried]
+        self, screws: Sequence[NDArray[np.int64]], centres: FloatArray, carried: Mapping[str, Carried]
     ) -> CondensedSolid:
-        """Condense the solid to screws, each a set of nodes that moves as a rigid body about its point of `at` (n, 3).
+        """Condense the solid to screws, each a set of nodes that moves rigidly about its centre (n, 3).
 
-        A set also expands about its point with the solid: the bodies joined there are of one material.
+        A set also expands with the solid about its centre: the bodies joined there are of one material.
         """
         if any(len(nodes) < 3 for nodes in screws):
-            raise InputError("a screw has fewer than 3 nodes of the mesh, expected finer elements")
+            raise InputError("a screw clamps fewer than 3 nodes of the mesh, expected at least 3 (finer elements)")
         if len(np.unique(np.concatenate(screws))) < sum(len(nodes) for nodes in screws):
-            raise ValueError("screws share nodes, expected each node in only one")
-        stiffness, loads, glued = self._with_glue(*self._assembled(carried), tuple(carried.values()))
+            raise ValueError("screws share nodes, expected each node in one screw only")
+        stiffness, loads, first_dofs = self._with_glue(*self._assembled(carried), tuple(carried.values()))
         count = stiffness.shape[0]
         fixed = np.concatenate([self._dofs[nodes].ravel() for nodes in screws])
         rigid, expanded = np.zeros((count, 6 * len(screws))), np.zeros((count, LOADS))
-        for k, (nodes, point) in enumerate(zip(screws, at, strict=True)):
+        for k, (nodes, point) in enumerate(zip(screws, centres, strict=True)):
             dofs, arms = self._dofs[nodes].ravel(), self.nodes[nodes] - point
             rigid[dofs, 6 * k : 6 * k + 6] = rigid_motions(arms)
             expanded[dofs, 6] = arms.ravel()
@@ -89,19 +90,20 @@ class Solid:
         inner = stiffness[free][:, free].tocsc()
         factor = splu(inner, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
         coupling = stiffness[free] @ rigid
-        by_screws, by_loads = rigid.copy(), expanded.copy()
-        by_screws[free] = -factor.solve(coupling)
+        per_screws, per_load = rigid.copy(), expanded.copy()
+        per_screws[free] = -factor.solve(coupling)
         loads = loads - stiffness @ expanded
-        by_loads[free] = factor.solve(loads[free])
-        reduced = by_screws.T @ (stiffness @ by_screws)
+        per_load[free] = factor.solve(loads[free])
+        reduced = per_screws.T @ (stiffness @ per_screws)
         motions = {
-            name: self._motion_of(each, at, count) for (name, each), at in zip(carried.items(), glued, strict=True)
+            name: self._motion_of(body, first, count)
+            for (name, body), first in zip(carried.items(), first_dofs, strict=True)
         }
         return CondensedSolid(
             stiffness=(reduced + reduced.T) / 2.0,
-            forces=by_screws.T @ loads,
-            by_screws={name: motion @ by_screws for name, motion in motions.items()},
-            by_loads={name: motion @ by_loads for name, motion in motions.items()},
+            forces=per_screws.T @ loads,
+            per_screws={name: motion @ per_screws for name, motion in motions.items()},
+            per_load={name: motion @ per_load for name, motion in motions.items()},
         )
 
     def _assembled(self, carried: Mapping[str, Carried]) -> tuple[Any, FloatArray]:
@@ -119,9 +121,9 @@ class Solid:
         # A free isotropic strain e corresponds to a stress of 3 K e, with the bulk modulus K.
         bulk = lame + 2.0 / 3.0 * shear
         loads[:, 6] = LinearForm(lambda v, _: 3.0 * bulk * div(v)).assemble(self._basis)
-        for each in carried.values():
-            if each.glue is None:
-                loads[:, 3:6] += self._motion(each).T @ _weights(each)
+        for body in carried.values():
+            if body.glue is None:
+                loads[:, 3:6] += self._motion(body).T @ _weights(body)
         return stiffness, loads
 
     def _with_glue(
@@ -131,49 +133,49 @@ class Solid:
         from scipy.sparse import block_diag, csr_matrix
 
         solid_dofs = stiffness.shape[0]
-        glued: list[int | None] = []
-        added = 6 * sum(each.glue is not None for each in carried)
+        first_dofs: list[int | None] = []
+        added = 6 * sum(body.glue is not None for body in carried)
         total = block_diag([stiffness, csr_matrix((added, added))], format="csr")
         loads = np.vstack([loads, np.zeros((added, LOADS))])
-        for each in carried:
-            if each.glue is None:
-                glued.append(None)
+        for body in carried:
+            if body.glue is None:
+                first_dofs.append(None)
                 continue
-            first = solid_dofs + 6 * sum(index is not None for index in glued)
-            glued.append(first)
-            arms = self.nodes[each.nodes] - each.at
+            first = solid_dofs + 6 * sum(index is not None for index in first_dofs)
+            first_dofs.append(first)
+            arms = self.nodes[body.nodes] - body.point
             # Elongation of the springs: nodes minus the rigid motion and the expansion of the body.
-            dofs = np.concatenate([self._dofs[each.nodes].ravel(), np.arange(first, first + 6)])
+            dofs = np.concatenate([self._dofs[body.nodes].ravel(), np.arange(first, first + 6)])
             stretch = np.hstack([np.eye(arms.size), -rigid_motions(arms)])
-            springs = block_diag(each.glue)
+            springs = block_diag(body.glue)
             body_stiffness = stretch.T @ (springs @ stretch)
             rows, columns = np.meshgrid(dofs, dofs, indexing="ij")
             total = total + csr_matrix((body_stiffness.ravel(), (rows.ravel(), columns.ravel())), shape=total.shape)
             loads[dofs, 7] += stretch.T @ (springs @ arms.ravel())
-            loads[first : first + 6, 3:6] += _weights(each)
-        return total, loads, glued
+            loads[first : first + 6, 3:6] += _weights(body)
+        return total, loads, first_dofs
 
-    def _motion_of(self, each: Carried, first: int | None, count: int) -> FloatArray:
+    def _motion_of(self, body: Carried, first: int | None, count: int) -> FloatArray:
         """Matrix (6, count) from all displacements to the motion of a body: its own from `first` on, or a mean."""
         motion = np.zeros((6, count))
         if first is None:
-            motion[:, : self._dofs.size] = self._motion(each)
+            motion[:, : self._dofs.size] = self._motion(body)
         else:
             motion[:, first : first + 6] = np.eye(6)
         return motion
 
-    def _motion(self, each: Carried) -> FloatArray:
+    def _motion(self, body: Carried) -> FloatArray:
         """Matrix (6, dofs) to the best-fit rigid motion of a body's nodes; its transpose distributes forces on them."""
-        fitted = np.linalg.pinv(rigid_motions(self.nodes[each.nodes] - each.at))
+        fit = np.linalg.pinv(rigid_motions(self.nodes[body.nodes] - body.point))
         motion = np.zeros((6, self._dofs.size))
-        motion[:, self._dofs[each.nodes].ravel()] = fitted
+        motion[:, self._dofs[body.nodes].ravel()] = fit
         return motion
 
 
-def _weights(each: Carried) -> FloatArray:
+def _weights(body: Carried) -> FloatArray:
     """Forces and moments (6, 3) about a body's point due to its weight along x, y and z."""
-    force = each.weight_n * np.eye(3)
-    return np.vstack([force, np.cross(each.middle - each.at, force).T])
+    force = body.weight_n * np.eye(3)
+    return np.vstack([force, np.cross(body.centre - body.point, force).T])
 
 
 def rigid_motions(arms: FloatArray) -> FloatArray:

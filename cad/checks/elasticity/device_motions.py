@@ -2,8 +2,8 @@
 
 Parts are tied at their screws, each a rigid disc in both parts; the foot's screws are fixed. Mirrors and camera are
 rigid. The camera's weight is distributed over the nodes on which it rests, and it follows their mean motion. A mirror
-is connected to the nodes of its seat's floor by springs, with the stiffness of a layer of silicone, and expands by
-itself. Plastics differ in modulus, expansion and creep.
+is connected to the nodes of its seat's floor by springs, with the stiffness of a layer of silicone, and expands
+independently. Plastics differ in modulus, expansion and creep.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from shapely import Polygon, points
 
 from mirrorcam.cad.assembly.device_plan import Device
-from mirrorcam.cad.assembly.pieces import MIRRORS
+from mirrorcam.cad.assembly.pieces import MIRROR_DENSITIES
 from mirrorcam.cad.checks.elasticity.condensed_solid import LOADS, Carried, CondensedSolid, Solid
 from mirrorcam.cad.checks.elasticity.tetrahedra import Tetrahedra, tetrahedra_of
 from mirrorcam.cad.holder.holder_solid import make_holder
@@ -46,8 +46,8 @@ class Plastic:
     name: str
     modulus_mpa: float
     density_g_per_cm3: float
-    strain_per_k: float
-    glass_c: float
+    cte_per_k: float
+    glass_transition_c: float
     creep: float
     swelling: float
     source: str
@@ -68,13 +68,13 @@ PLASTICS = (
     Plastic(
         "PA-CF", 3500.0, 1.2, 60e-6, 60.0, 0.9, 5e-3,
         "expansion 22e-6 along the lines, 248e-6 across layers, swelling .5 to 1.5 %: Faust et al. 2021, "
-        "doi 10.3390/polym13213637, of which this is a mean in a layer; the rest from memory, of moist nylon",
+        "doi 10.3390/polym13213637 (the values are means within a layer); the rest from memory, of moist nylon",
     ),
 )  # fmt: skip
-MIRROR_PER_K = {"acrylic": 70e-6, "glass": 9e-6}
+MIRROR_CTE_PER_K = {"acrylic": 70e-6, "glass": 9e-6}
 """Thermal expansion of mirrors by material, cast acrylic and float glass, from memory."""
-STEEL_PER_K = 12e-6
-"""Thermal expansion of the support to which the foot is screwed."""
+SUPPORT_CTE_PER_K = 12e-6
+"""Thermal expansion of the steel support to which the foot is screwed."""
 
 
 def plastic_named(name: str, modulus_mpa: float, density_g_per_cm3: float) -> Plastic:
@@ -83,7 +83,7 @@ def plastic_named(name: str, modulus_mpa: float, density_g_per_cm3: float) -> Pl
         if plastic.name.casefold() == name.casefold():
             return replace(plastic, modulus_mpa=modulus_mpa, density_g_per_cm3=density_g_per_cm3)
     raise InputError(
-        f"printer.plastic = {name}: its expansion and creep are not known, expected one of "
+        f"printer.plastic = {name}: its expansion and creep are unknown, expected one of "
         f"{', '.join(plastic.name for plastic in PLASTICS)} for finite elements"
     )
 
@@ -91,42 +91,43 @@ def plastic_named(name: str, modulus_mpa: float, density_g_per_cm3: float) -> Pl
 G = 9.80665
 # Radius of the disc, rigid in the model, in which a screw clamps parts.
 CLAMP_RADIUS_MM = 6.0
-# Tolerance of nodes in a plane, and radius about a camera's points of contact in which nodes carry it.
+# Largest distance of nodes from their plane, and radius around a camera's contacts within which nodes carry it.
 IN_PLANE_MM, CONTACT_RADIUS_MM = 5e-3, 3.0
 CAMERA = "camera"
-# Neutral-cure silicone, 20 to 25 Shore A, in MPa: its shear modulus, and the modulus of a layer confined sideways, for
-# a Poisson's ratio of .49.
+# Neutral-cure silicone, 20 to 25 Shore A, in MPa: its shear modulus, and the modulus of a laterally confined layer,
+# for a Poisson's ratio of .49.
 GLUE_SHEAR_MPA, GLUE_LAYER_MPA = 0.3, 15.0
 
 
 @dataclass(frozen=True)
 class DeviceMotions:
-    """Motions of each mirror relative to the camera, by name: shift in mm of its outline's mean, then rotation in rad.
+    """Motions of each mirror relative to the camera, by name: shift in mm of its mean point, then rotation in rad.
 
-    `plastic_weight` and `carried_weight` (6, 3) are for gravity along x, y and z of rig on plastic of 1 g/cm3 and on
-    the carried bodies, both for a modulus of 1 MPa. `plastic_strain`, `ground_strain` and `mirror_strain` (6,) are for
-    a unit strain of all plastic, of the support, and of the mirrors, whose expansion is `mirror_per_k`.
+    `per_plastic_weight` and `per_carried_weight` (6, 3) are for gravity along x, y and z of the rig frame, acting on
+    plastic of 1 g/cm3 and on the carried bodies, both for a modulus of 1 MPa. `per_plastic_strain`,
+    `per_support_strain` and `per_mirror_strain` (6,) are for a unit strain of all plastic, of the support, and of the
+    mirrors, whose thermal expansion is `mirror_cte_per_k`.
     """
 
-    plastic_weight: Mapping[str, FloatArray]
-    carried_weight: Mapping[str, FloatArray]
-    plastic_strain: Mapping[str, FloatArray]
-    ground_strain: Mapping[str, FloatArray]
-    mirror_strain: Mapping[str, FloatArray]
-    mirror_per_k: float
+    per_plastic_weight: Mapping[str, FloatArray]
+    per_carried_weight: Mapping[str, FloatArray]
+    per_plastic_strain: Mapping[str, FloatArray]
+    per_support_strain: Mapping[str, FloatArray]
+    per_mirror_strain: Mapping[str, FloatArray]
+    mirror_cte_per_k: float
 
     def under_gravity(self, modulus_mpa: float, density_g_per_cm3: float) -> dict[str, FloatArray]:
-        """Motions (6, 3) by gravity along x, y and z of rig, for parts of one plastic."""
+        """Motions (6, 3) due to gravity along x, y and z of the rig frame, for parts of one plastic."""
         return {
-            name: (density_g_per_cm3 * own + self.carried_weight[name]) / modulus_mpa
-            for name, own in self.plastic_weight.items()
+            name: (density_g_per_cm3 * own + self.per_carried_weight[name]) / modulus_mpa
+            for name, own in self.per_plastic_weight.items()
         }
 
-    def of_strain(self, plastic: float, ground: float, mirrors: float) -> dict[str, FloatArray]:
-        """Motions (6,) by strains of the plastic, the support and the mirrors."""
+    def under_strain(self, plastic: float, support: float, mirrors: float) -> dict[str, FloatArray]:
+        """Motions (6,) due to strains of the plastic, the support and the mirrors."""
         return {
-            name: plastic * own + ground * self.ground_strain[name] + mirrors * self.mirror_strain[name]
-            for name, own in self.plastic_strain.items()
+            name: plastic * own + support * self.per_support_strain[name] + mirrors * self.per_mirror_strain[name]
+            for name, own in self.per_plastic_strain.items()
         }
 
 
@@ -140,16 +141,16 @@ class TiedPart:
 
 
 def device_motions(device: Device, size_mm: float) -> DeviceMotions:
-    """Solve the device with elements of a size; raises InputError if gmsh is missing or cannot mesh a part."""
+    """Solve the device with elements of a given size; raises InputError if gmsh is missing or cannot mesh a part."""
     mount, clip, foot = device.mount, device.clip, device.mount.foot
     head = transform(mount.rig_from_head, np.column_stack([mount.holes_in_head_mm, np.zeros(4)]))
     slide = clip.slide_at
-    at = np.vstack([foot, head, slide])
-    foot_up, scene = np.array([0.0, 0.0, 1.0]), np.array([0.0, 1.0, 0.0])
-    axes = np.array([*[foot_up] * len(foot), *[mount.rig_from_head[:3, 2]] * len(head), *[scene] * len(slide)])
+    centres = np.vstack([foot, head, slide])
+    up, to_scene = np.array([0.0, 0.0, 1.0]), np.array([0.0, 1.0, 0.0])
+    axes = np.array([*[up] * len(foot), *[mount.rig_from_head[:3, 2]] * len(head), *[to_scene] * len(slide)])
     feet, heads, slides = (
         tuple(range(*ends))
-        for ends in ((0, len(foot)), (len(foot), len(foot) + len(head)), (len(at) - len(slide), len(at)))
+        for ends in ((0, len(foot)), (len(foot), len(foot) + len(head)), (len(centres) - len(slide), len(centres)))
     )
     solids = {
         name: Solid(_meshed(part, name, size_mm))
@@ -164,16 +165,16 @@ def device_motions(device: Device, size_mm: float) -> DeviceMotions:
         TiedPart(solids[MOUNT], (*feet, *heads, *slides), {}),
         TiedPart(solids[CLIP], slides, {CAMERA: _camera(device, solids[CLIP].nodes)}),
     )
-    clamped = [discs(part.solid.nodes, at[list(part.screws)], axes[list(part.screws)]) for part in parts]
-    return tied_motions(parts, clamped, at, feet, MIRROR_PER_K[device.hardware.cutting.material])
+    clamped = [discs(part.solid.nodes, centres[list(part.screws)], axes[list(part.screws)]) for part in parts]
+    return tied_motions(parts, clamped, centres, feet, MIRROR_CTE_PER_K[device.hardware.cutting.material])
 
 
 def tied_motions(
     parts: Sequence[TiedPart],
     clamped: Sequence[Sequence[NDArray[np.int64]]],
-    at: FloatArray,
+    centres: FloatArray,
     feet: Sequence[int],
-    mirror_per_k: float,
+    mirror_cte_per_k: float,
 ) -> DeviceMotions:
     """Motions, relative to `CAMERA`, of all carried bodies.
 
@@ -183,12 +184,12 @@ def tied_motions(
         Parts with a common screw are tied there.
     clamped : sequence of sequence of (n,) arrays
         For each part and each of its screws, the nodes that the screw clamps.
-    at : (k, 3) array
-        Points of all screws in rig, mm.
+    centres : (k, 3) array
+        Centres of all screws in the rig frame, mm.
     feet : sequence of int
         The fixed screws.
-    mirror_per_k : float
-        Thermal expansion of the glued bodies, per K.
+    mirror_cte_per_k : float
+        Coefficient of thermal expansion of the glued bodies, 1/K.
 
     Raises
     ------
@@ -196,10 +197,10 @@ def tied_motions(
         If a screw clamps too few nodes.
     """
     condensed = [
-        part.solid.condensed(nodes, at[list(part.screws)], part.carried)
+        part.solid.condensed(nodes, centres[list(part.screws)], part.carried)
         for part, nodes in zip(parts, clamped, strict=True)
     ]
-    return _solved(parts, condensed, at, feet, mirror_per_k)
+    return _solved(parts, condensed, centres, feet, mirror_cte_per_k)
 
 
 def _meshed(part: Part, name: str, size_mm: float) -> Tetrahedra:
@@ -209,20 +210,20 @@ def _meshed(part: Part, name: str, size_mm: float) -> Tetrahedra:
         return tetrahedra_of(step, size_mm)
 
 
-def discs(nodes: FloatArray, at: FloatArray, axes: FloatArray) -> list[NDArray[np.int64]]:
+def discs(nodes: FloatArray, centres: FloatArray, axes: FloatArray) -> list[NDArray[np.int64]]:
     """The nodes around each screw, in the plane where it enters a part; a node belongs to the nearest screw."""
-    distances = np.linalg.norm(nodes[:, None] - at, axis=2)
-    offsets = np.abs(np.einsum("nsk,sk->ns", nodes[:, None] - at, axes))
+    distances = np.linalg.norm(nodes[:, None] - centres, axis=2)
+    offsets = np.abs(np.einsum("nsk,sk->ns", nodes[:, None] - centres, axes))
     nearest = distances.argmin(axis=1)
     return [
         np.flatnonzero((nearest == screw) & (distances[:, screw] < CLAMP_RADIUS_MM) & (offsets[:, screw] < IN_PLANE_MM))
-        for screw in range(len(at))
+        for screw in range(len(centres))
     ]
 
 
 def _mirrors(device: Device, nodes: FloatArray) -> dict[str, Carried]:
     """The mirrors, each glued to the nodes of its seat's floor."""
-    density = MIRRORS[device.hardware.cutting.material]
+    density = MIRROR_DENSITIES[device.hardware.cutting.material]
     carried = {}
     for name, mirror in zip(device.layout.mirror_names, device.layout.mirrors, strict=True):
         outline = Polygon(mirror.outline_in_plane_mm)
@@ -230,12 +231,14 @@ def _mirrors(device: Device, nodes: FloatArray) -> dict[str, Carried]:
         on_floor = np.abs(in_plane[:, 2] - seat_height_mm(mirror, device.hardware)) < IN_PLANE_MM
         seat = np.flatnonzero(on_floor & outline.covers(points(in_plane[:, :2])))
         if len(seat) < 3:
-            raise InputError(f"seat of mirror {name} has {len(seat)} nodes of the mesh, expected finer elements")
+            raise InputError(
+                f"seat of mirror {name} has {len(seat)} nodes of the mesh, expected at least 3 (finer elements)"
+            )
         mass_g = density * outline.area * mirror.thickness_mm / 1000.0
-        centre = mirror.rig_from_plane[:3, 3]
-        middle = np.array([*outline.centroid.coords[0], mirror.back_mm + mirror.thickness_mm / 2.0])
+        point = mirror.rig_from_plane[:3, 3]
+        centroid = np.array([*outline.centroid.coords[0], mirror.back_mm + mirror.thickness_mm / 2.0])
         glue = _glue(outline.area, mirror.rig_from_plane[:3, 2], len(seat), device.hardware)
-        carried[name] = Carried(seat, centre, mass_g / 1000.0 * G, transform(mirror.rig_from_plane, middle), glue)
+        carried[name] = Carried(seat, point, mass_g / 1000.0 * G, transform(mirror.rig_from_plane, centroid), glue)
     return carried
 
 
@@ -252,19 +255,19 @@ def _camera(device: Device, nodes: FloatArray) -> Carried:
     nest, body = device.clip.nest, body_box(device.hardware.camera)
     contacts = device.clip.board_screws if nest is None else nest.points
     carrying = np.linalg.norm(nodes[:, None] - contacts, axis=2).min(axis=1) < CONTACT_RADIUS_MM
-    middle = (body.low + body.high) / 2.0
-    return Carried(np.flatnonzero(carrying), np.zeros(3), device.hardware.camera.mass_g / 1000.0 * G, middle)
+    centre = (body.low + body.high) / 2.0
+    return Carried(np.flatnonzero(carrying), np.zeros(3), device.hardware.camera.mass_g / 1000.0 * G, centre)
 
 
 def _solved(
     parts: Sequence[TiedPart],
     condensed: Sequence[CondensedSolid],
-    at: FloatArray,
+    centres: FloatArray,
     feet: Sequence[int],
-    mirror_per_k: float,
+    mirror_cte_per_k: float,
 ) -> DeviceMotions:
     """Join the parts at their screws and solve; columns of loads are in the order of `DeviceMotions`."""
-    count = 6 * len(at)
+    count = 6 * len(centres)
     stiffness, forces = np.zeros((count, count)), np.zeros((count, 9))
     # Specific weight of plastic of 1 g/cm3, in N/mm3.
     loads = np.zeros((LOADS, 9))
@@ -275,29 +278,29 @@ def _solved(
         stiffness[np.ix_(part_dofs, part_dofs)] += solid.stiffness
         forces[part_dofs] += solid.forces @ loads
     motions = np.zeros((count, 9))
-    ground = (np.array(feet)[:, None] * 6 + np.arange(6)).ravel()
+    fixed = (np.array(feet)[:, None] * 6 + np.arange(6)).ravel()
     for foot in feet:
-        motions[6 * foot : 6 * foot + 3, 7] = at[foot] - at[list(feet)].mean(axis=0)
-    free = np.setdiff1d(np.arange(count), ground)
-    residual = forces[free] - stiffness[np.ix_(free, ground)] @ motions[ground]
+        motions[6 * foot : 6 * foot + 3, 7] = centres[foot] - centres[list(feet)].mean(axis=0)
+    free = np.setdiff1d(np.arange(count), fixed)
+    residual = forces[free] - stiffness[np.ix_(free, fixed)] @ motions[fixed]
     motions[free] = np.linalg.solve(stiffness[np.ix_(free, free)], residual)
     carried = {
-        name: solid.by_screws[name] @ motions[part_dofs] + solid.by_loads[name] @ loads
+        name: solid.per_screws[name] @ motions[part_dofs] + solid.per_load[name] @ loads
         for part, part_dofs, solid in zip(parts, dofs, condensed, strict=True)
         for name in part.carried
     }
-    points_at = {name: each.at for part in parts for name, each in part.carried.items()}
+    reference = {name: body.point for part in parts for name, body in part.carried.items()}
     camera = carried.pop(CAMERA)
     relative = {}
     for name, motion in carried.items():
-        arm = points_at[name] - points_at[CAMERA]
+        arm = reference[name] - reference[CAMERA]
         shift = motion[:3] - camera[:3] - np.cross(camera[3:], arm, axisa=0).T
         relative[name] = np.vstack([shift, motion[3:] - camera[3:]])
     return DeviceMotions(
-        plastic_weight={name: each[:, :3] for name, each in relative.items()},
-        carried_weight={name: each[:, 3:6] for name, each in relative.items()},
-        plastic_strain={name: each[:, 6] for name, each in relative.items()},
-        ground_strain={name: each[:, 7] for name, each in relative.items()},
-        mirror_strain={name: each[:, 8] for name, each in relative.items()},
-        mirror_per_k=mirror_per_k,
+        per_plastic_weight={name: motion[:, :3] for name, motion in relative.items()},
+        per_carried_weight={name: motion[:, 3:6] for name, motion in relative.items()},
+        per_plastic_strain={name: motion[:, 6] for name, motion in relative.items()},
+        per_support_strain={name: motion[:, 7] for name, motion in relative.items()},
+        per_mirror_strain={name: motion[:, 8] for name, motion in relative.items()},
+        mirror_cte_per_k=mirror_cte_per_k,
     )

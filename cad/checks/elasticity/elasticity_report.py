@@ -1,6 +1,6 @@
-"""Calibration errors by gravity, temperature and creep, in degrees of mirrors and pixels of images, and their files.
+"""Calibration errors due to gravity, temperature and creep: rotations of mirrors, shifts of images, and their files.
 
-`elasticity.md` and `elasticity.json` report them for every plastic. A robot corrects its layout by
+`elasticity.md` and `elasticity.json` report them for every plastic. A robot corrects its layout with
 `robot/gravity.json`.
 """
 
@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.checks.elasticity.device_motions import (
     PLASTICS,
-    STEEL_PER_K,
+    SUPPORT_CTE_PER_K,
     DeviceMotions,
     Plastic,
     device_motions,
@@ -33,10 +33,10 @@ from mirrorcam.core.values import FloatArray, Metric
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.layout_in_pose import GravityTable, MirrorMotion, image_shifts_px
 
-RISE_K = 10.0
-# Share of gravity's error that remains after correction by the table: the modulus of prints is uncertain by a fifth.
-RESIDUAL_OF_TABLE = 0.2
-# Factor on motions for the numerical derivatives of images, which are linear in such small motions.
+TEMPERATURE_RISE_K = 10.0
+# Fraction of the error due to gravity that the table does not correct: the modulus of prints is uncertain by a fifth.
+RESIDUAL_FRACTION = 0.2
+# Factor on motions in the numerical derivatives of image points, which are linear in such small motions.
 STEP = 0.1
 
 
@@ -44,47 +44,51 @@ STEP = 0.1
 class Error:
     """Largest rotation in deg of a mirror relative to the camera, and largest shift in px of an image.
 
-    `apart_px` is the largest residual shift after the common motion of all mirrors has been estimated from pictures.
+    `residual_px` is the largest residual shift after the common motion of all mirrors has been estimated from pictures.
     """
 
     deg: float
     px: float
-    apart_px: float
+    residual_px: float
 
     def times(self, factor: float) -> Error:
-        return Error(self.deg * factor, self.px * factor, self.apart_px * factor)
+        return Error(self.deg * factor, self.px * factor, self.residual_px * factor)
 
 
 @dataclass(frozen=True)
 class Errors:
     """Errors of a device printed in one plastic that its calibration does not include.
 
-    `gravity` is for a change from no gravity to 1 g in the worst direction; turning the device over doubles it.
-    `corrected` remains after correction by the table. `warmth` is for 10 K, `creep` for 1000 h in the worst direction.
-    `mirrors_warmth_deg` is the rotation of each mirror for 10 K.
+    `gravity` is for a change from no gravity to 1 g in the worst direction; turning the device upside down doubles it.
+    `corrected` remains after correction by the table. `heating` is for 10 K, `creep` for 1000 h in the worst direction.
+    `mirrors_heating_deg` are the rotations of the mirrors for 10 K, by name.
     """
 
     plastic: Plastic
     gravity: Error
     corrected: Error
-    warmth: Error
+    heating: Error
     creep: Error
-    mirrors_warmth_deg: Mapping[str, float]
+    mirrors_heating_deg: Mapping[str, float]
 
 
 def errors_of(layout: Layout, motions: DeviceMotions, depth_mm: float, plastic: Plastic) -> Errors:
-    """The errors of a device in one plastic, for scene points at a depth in view axes."""
+    """The errors of a device in one plastic, for scene points at a depth along the view axis."""
     sag = motions.under_gravity(plastic.modulus_mpa, plastic.density_g_per_cm3)
     gravity = Error(_worst_rotation_deg(sag), *_worst_shifts_px(layout, sag, depth_mm))
-    warm = motions.of_strain(plastic.strain_per_k * RISE_K, STEEL_PER_K * RISE_K, motions.mirror_per_k * RISE_K)
-    warmth = {name: motion[:, None] for name, motion in warm.items()}
+    expansion = motions.under_strain(
+        plastic.cte_per_k * TEMPERATURE_RISE_K,
+        SUPPORT_CTE_PER_K * TEMPERATURE_RISE_K,
+        motions.mirror_cte_per_k * TEMPERATURE_RISE_K,
+    )
+    heating = {name: motion[:, None] for name, motion in expansion.items()}
     return Errors(
         plastic=plastic,
         gravity=gravity,
-        corrected=gravity.times(RESIDUAL_OF_TABLE),
-        warmth=Error(_worst_rotation_deg(warmth), *_worst_shifts_px(layout, warmth, depth_mm)),
+        corrected=gravity.times(RESIDUAL_FRACTION),
+        heating=Error(_worst_rotation_deg(heating), *_worst_shifts_px(layout, heating, depth_mm)),
         creep=gravity.times(plastic.creep),
-        mirrors_warmth_deg={name: float(np.degrees(np.linalg.norm(motion[3:]))) for name, motion in warm.items()},
+        mirrors_heating_deg={name: float(np.degrees(np.linalg.norm(motion[3:]))) for name, motion in expansion.items()},
     )
 
 
@@ -99,11 +103,11 @@ def gravity_table(layout: Layout, motions: DeviceMotions, plastic: Plastic) -> G
     sag = motions.under_gravity(plastic.modulus_mpa, plastic.density_g_per_cm3)
     for name, mirror in zip(layout.mirror_names, layout.mirrors, strict=True):
         motion = sag[name]
-        normal, middle, distance = mirror.normal_in_rig, mirror.rig_from_plane[:3, 3], mirror.distance_mm
+        normal, centre, distance = mirror.normal_in_rig, mirror.rig_from_plane[:3, 3], mirror.distance_mm
         # The plane is n.x = -d, its virtual centre -2 d n.
-        by_normal = np.cross(motion[3:], normal, axisa=0).T
-        by_distance = -(normal @ motion[:3] + middle @ by_normal)
-        plane = -2.0 * (np.outer(normal, by_distance) + distance * by_normal)
+        d_normal = np.cross(motion[3:], normal, axisa=0).T
+        d_distance = -(normal @ motion[:3] + centre @ d_normal)
+        plane = -2.0 * (np.outer(normal, d_distance) + distance * d_normal)
         mirrors[name] = MirrorMotion(shift_mm=motion[:3], turn_rad=motion[3:], plane_mm=plane)
     return GravityTable(mirrors=mirrors, plastic=plastic.name, modulus_mpa=plastic.modulus_mpa)
 
@@ -126,8 +130,8 @@ def _worst_shifts_px(layout: Layout, motions: Mapping[str, FloatArray], depth_mm
     common = _shifts_px(layout, units, depth_mm)
     residual = shifts - common @ np.linalg.lstsq(common, shifts, rcond=None)[0]
     total, residual_px = (
-        float(np.linalg.norm(each.reshape(-1, 2, each.shape[1]), ord=2, axis=(1, 2)).max())
-        for each in (shifts, residual)
+        float(np.linalg.norm(pixels.reshape(-1, 2, pixels.shape[1]), ord=2, axis=(1, 2)).max())
+        for pixels in (shifts, residual)
     )
     return total, residual_px
 
@@ -149,27 +153,27 @@ def _shifts_px(layout: Layout, motions: Mapping[str, FloatArray], depth_mm: floa
 
 # Size of the elements; finer ones change the result by up to 5 % (docs/elasticity.md).
 SIZE_MM = 6.0
-# Limits of the relative shifts of images in px: the scatter of a calibration's corners for gravity and creep, and .1 px
-# per K for temperature.
-GRAVITY_PX, CREEP_PX, WARMTH_PX = 0.1, 0.1, 1.0
+# Limits of the residual shifts of images in px: for gravity and creep the scatter of a calibration's corners, and for
+# temperature .1 px per K.
+GRAVITY_PX, CREEP_PX, HEATING_PX = 0.1, 0.1, 1.0
 # Limit of the rotation of mirrors relative to the camera in deg, equal to the limit for the mount alone.
-TURN_DEG = 0.05
+ROTATION_DEG = 0.05
 SCHEMA = "mirrorcam.elasticity/1"
-TEXT = """# Gravity, warmth and creep
+TEXT = """# Gravity, temperature and creep
 
 By finite elements of holder, mount and clip in {plastic} ({modulus:g} MPa), for points {depth:g} mm away. Errors are
 the largest rotation of a mirror relative to the camera, the largest shift of an image and, in brackets, the residual
 shift after the common motion of all mirrors has been estimated from pictures, as `mirrorcam drift` does.
-`robot/gravity.json` has the motions by gravity, with which `layout_in_pose` corrects a layout.
+`robot/gravity.json` has the motions due to gravity, with which `layout_in_pose` corrects a layout.
 
 | plastic | gravity, 1 g | corrected by the table | 10 K | creep, 1000 h |
 |---|---|---|---|---|
 {rows}
 
-Limits: {turn:g}° each; for the residual shifts, gravity {gravity:g} px, 10 K {warmth:g} px, creep {creep:g} px.
+Limits: rotations {rotation:g}°; residual shifts {gravity:g} px (gravity), {heating:g} px (10 K), {creep:g} px (creep).
 
 Recommended: {recommended}, whose errors are the smallest relative to their limits, among plastics that swell less in
-room humidity than they expand in 10 K.
+room humidity than they expand over 10 K.
 """
 
 
@@ -194,41 +198,45 @@ def write_elasticity(out: Path, device: Device) -> dict[str, Metric]:
         plastic=plastic.name,
         modulus=plastic.modulus_mpa,
         depth=depth,
-        rows="\n".join(_row(each) for each in errors),
-        turn=TURN_DEG,
+        rows="\n".join(_row(entry) for entry in errors),
+        rotation=ROTATION_DEG,
         gravity=GRAVITY_PX,
-        warmth=WARMTH_PX,
+        heating=HEATING_PX,
         creep=CREEP_PX,
         recommended=recommended(errors),
     )
     write_text(out / "elasticity.md", text)
-    own = errors_of(layout, motions, depth, plastic)
-    write_text(out / "elasticity.json", json.dumps(table_of(errors, own, depth), indent=1) + "\n")
+    device_errors = errors_of(layout, motions, depth, plastic)
+    write_text(out / "elasticity.json", json.dumps(table_of(errors, device_errors, depth), indent=1) + "\n")
     gravity_table(layout, motions, plastic).save(out / "robot" / "gravity.json")
-    return figures(own)
+    return figures(device_errors)
 
 
-def table_of(errors: Sequence[Errors], own: Errors, depth_mm: float) -> dict[str, Any]:
-    """The content of `elasticity.json`: each plastic's errors and verdict, and each mirror's rotation from `own`.
+def table_of(errors: Sequence[Errors], device_errors: Errors, depth_mm: float) -> dict[str, Any]:
+    """The content of `elasticity.json`: errors and verdicts of all plastics and the device, and mirror rotations.
 
-    Lengths are in mm, angles in deg; `apart_px` is the residual after estimation of the mirrors' common motion.
+    Lengths are in mm, angles in deg; `apart_px` is the residual shift after estimation of the mirrors' common motion.
     """
     return {
         "schema": SCHEMA,
         "depth_mm": depth_mm,
         "elements_mm": SIZE_MM,
-        "limits": {"deg": TURN_DEG, "apart_px": {"gravity": GRAVITY_PX, "10_k": WARMTH_PX, "creep": CREEP_PX}},
-        "plastics": {each.plastic.name: _rounded(each) for each in errors},
+        "limits": {"deg": ROTATION_DEG, "apart_px": {"gravity": GRAVITY_PX, "10_k": HEATING_PX, "creep": CREEP_PX}},
+        "plastics": {entry.plastic.name: _rounded(entry) for entry in errors},
         "recommended": recommended(errors),
-        "device": {"plastic": own.plastic.name, "modulus_mpa": own.plastic.modulus_mpa, **_rounded(own)},
-        "mirrors_10_k_deg": {name: round(deg, 5) for name, deg in own.mirrors_warmth_deg.items()},
+        "device": {
+            "plastic": device_errors.plastic.name,
+            "modulus_mpa": device_errors.plastic.modulus_mpa,
+            **_rounded(device_errors),
+        },
+        "mirrors_10_k_deg": {name: round(deg, 5) for name, deg in device_errors.mirrors_heating_deg.items()},
     }
 
 
 def _rounded(errors: Errors) -> dict[str, Any]:
     values: dict[str, Any] = {}
-    for name, error in (("gravity", errors.gravity), ("10_k", errors.warmth), ("creep", errors.creep)):
-        values[name] = {"deg": round(error.deg, 4), "px": round(error.px, 3), "apart_px": round(error.apart_px, 3)}
+    for name, error in (("gravity", errors.gravity), ("10_k", errors.heating), ("creep", errors.creep)):
+        values[name] = {"deg": round(error.deg, 4), "px": round(error.px, 3), "apart_px": round(error.residual_px, 3)}
     values["corrected"] = {"deg": round(errors.corrected.deg, 4), "px": round(errors.corrected.px, 3)}
     return values | {"passed": all(figure.passed for figure in figures(errors).values())}
 
@@ -237,35 +245,38 @@ def figures(errors: Errors) -> dict[str, Metric]:
     """The figures of a device in its plastic, and their limits."""
     errors_and_limits = {
         "gravity": (errors.gravity, GRAVITY_PX),
-        "10_k": (errors.warmth, WARMTH_PX),
+        "10_k": (errors.heating, HEATING_PX),
         "creep": (errors.creep, CREEP_PX),
     }
     metrics = {}
     for name, (error, limit) in errors_and_limits.items():
-        metrics[f"elastic.{name}_deg"] = Metric(value=round(error.deg, 4), unit="deg", limit=TURN_DEG)
+        metrics[f"elastic.{name}_deg"] = Metric(value=round(error.deg, 4), unit="deg", limit=ROTATION_DEG)
         metrics[f"elastic.{name}_px"] = Metric(value=round(error.px, 3), unit="px")
-        metrics[f"elastic.{name}_apart_px"] = Metric(value=round(error.apart_px, 3), unit="px", limit=limit)
+        metrics[f"elastic.{name}_apart_px"] = Metric(value=round(error.residual_px, 3), unit="px", limit=limit)
     return metrics | {"elastic.corrected_px": Metric(value=round(errors.corrected.px, 3), unit="px")}
 
 
-def largest_of_limits(errors: Errors) -> float:
+def largest_ratio_to_limit(errors: Errors) -> float:
     """The largest ratio of an error to its limit."""
-    deg = max(error.deg for error in (errors.gravity, errors.warmth, errors.creep)) / TURN_DEG
+    deg = max(error.deg for error in (errors.gravity, errors.heating, errors.creep)) / ROTATION_DEG
     return max(
-        deg, errors.gravity.apart_px / GRAVITY_PX, errors.warmth.apart_px / WARMTH_PX, errors.creep.apart_px / CREEP_PX
+        deg,
+        errors.gravity.residual_px / GRAVITY_PX,
+        errors.heating.residual_px / HEATING_PX,
+        errors.creep.residual_px / CREEP_PX,
     )
 
 
 def recommended(errors: Sequence[Errors]) -> str:
-    """The plastic with the smallest errors relative to limits, among those that swell less than they expand in 10 K."""
-    steady = [each for each in errors if each.plastic.swelling < 10.0 * each.plastic.strain_per_k]
-    return min(steady, key=largest_of_limits).plastic.name
+    """The plastic with the smallest errors relative to limits, of those that swell less than they expand over 10 K."""
+    stable = [candidate for candidate in errors if candidate.plastic.swelling < 10.0 * candidate.plastic.cte_per_k]
+    return min(stable, key=largest_ratio_to_limit).plastic.name
 
 
 def _row(errors: Errors) -> str:
-    cells = (_cell(each) for each in (errors.gravity, errors.corrected, errors.warmth, errors.creep))
+    cells = (_cell(error) for error in (errors.gravity, errors.corrected, errors.heating, errors.creep))
     return f"| {errors.plastic.name} | {' | '.join(cells)} |"
 
 
 def _cell(error: Error) -> str:
-    return f"{error.deg:.3f}°, {error.px:.2f} px ({error.apart_px:.3f})"
+    return f"{error.deg:.3f}°, {error.px:.2f} px ({error.residual_px:.3f})"

@@ -18,11 +18,11 @@ from mirrorcam.core.errors import InputError
 from mirrorcam.core.processes.child_program import run_program
 from mirrorcam.core.values import FloatArray
 
-# Number of elements around a full circle, and least size of an element.
-ELEMENTS_PER_CIRCLE, SMALLEST_MM = 6, 1.0
+# Number of elements around a full circle, and minimum size of an element.
+ELEMENTS_PER_CIRCLE, MIN_SIZE_MM = 6, 1.0
 TIMEOUT_S = 600.0
 NO_GMSH = (
-    'gmsh is not installed or does not start, needed for finite elements: pip install "mirrorcam[fe]"; '
+    'gmsh is not installed or does not start, but finite elements need it: pip install "mirrorcam[fe]"; '
     "on Linux also libglu1-mesa, libxft2, libxcursor1, libxinerama1"
 )
 TETRAHEDRON = 4  # gmsh's element type
@@ -37,7 +37,7 @@ class Tetrahedra:
 
     @property
     def volume_mm3(self) -> float:
-        """Total volume."""
+        """Total volume of the tetrahedra."""
         edges = self.points[self.corners[:, 1:]] - self.points[self.corners[:, :1]]
         return float(np.abs(np.linalg.det(edges)).sum() / 6.0)
 
@@ -57,20 +57,20 @@ def gmsh_program() -> str | None:
 
 
 def _command(program: str) -> list[str]:
-    """The command of a program: pip's script is run by this Python, whatever Python is first on the path."""
+    """The command of a program: pip's script is run by this Python, whichever Python is first on the path."""
     with Path(program).open("rb") as opened:
         first = opened.readline(200)
     return [sys.executable, program] if first.startswith(b"#!") and b"python" in first else [program]
 
 
 def tetrahedra_of(step: Path, size_mm: float) -> Tetrahedra:
-    """Mesh the solid of a STEP file with elements of a size; raises InputError if gmsh is missing or fails."""
+    """Mesh the solid of a STEP file with elements of a given size; raises InputError if gmsh is missing or fails."""
     program = gmsh_program()
     if program is None:
         raise InputError(NO_GMSH)
     with TemporaryDirectory() as folder:
         mesh = Path(folder, "part.msh")
-        sizes = ["-clmax", f"{size_mm:g}", "-clmin", f"{SMALLEST_MM:g}", "-clcurv", f"{ELEMENTS_PER_CIRCLE}"]
+        sizes = ["-clmax", f"{size_mm:g}", "-clmin", f"{MIN_SIZE_MM:g}", "-clcurv", f"{ELEMENTS_PER_CIRCLE}"]
         options = [str(step), "-3", *sizes, "-algo", "hxt", "-nt", "1", "-format", "msh22", "-o", str(mesh)]
         command = [*_command(program), *options]
         try:

@@ -42,7 +42,7 @@ def board(
     width, height = printed.page_mm
     say("board", f"{out} written, {width:g} x {height:g} mm; print it at 100 % and measure its ruler")
     if description is None:
-        say("board", f"{printed.numbers} written, which describes it for mirrorcam calibrate")
+        say("board", f"{printed.description} written, which describes it for mirrorcam calibrate")
     else:
-        say("board", f"{printed.numbers} describes it for mirrorcam calibrate")
+        say("board", f"{printed.description} describes it for mirrorcam calibrate")
     return 0

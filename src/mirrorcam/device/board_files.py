@@ -14,10 +14,10 @@ from mirrorcam.optics.geometry.targets import default_board, load_board, save_bo
 
 @dataclass(frozen=True)
 class PrintedBoard:
-    """Size of a board's page in mm, and the `board.toml` with its dimensions."""
+    """Size of a board's page in mm, and the `board.toml` that describes the board."""
 
     page_mm: tuple[float, float]
-    numbers: Path
+    description: Path
 
 
 def print_board(path: Path, board: Path | None = None, page: str = "", *, force: bool = False) -> PrintedBoard:
@@ -37,13 +37,13 @@ def print_board(path: Path, board: Path | None = None, page: str = "", *, force:
     if path.suffix not in FORMATS:
         raise InputError(f"--out {path}: expected a name that ends in {' or '.join(FORMATS)}")
     target = default_board() if board is None else load_board(board)
-    numbers = path.with_suffix(".toml") if board is None else board
+    description = path.with_suffix(".toml") if board is None else board
     page_mm = page_for(target, page.lower())
-    names = (path.name, numbers.name) if board is None else (path.name,)
+    names = (path.name, description.name) if board is None else (path.name,)
     with output_folder(path.parent, "board", force=force) as output:
         output.refuse_others(*map(glob.escape, names))
         with output.staged(complete=False) as folder:
-            write_board(target, folder / path.name, page_mm, numbers.name)
+            write_board(target, folder / path.name, page_mm, description.name)
             if board is None:
-                save_board(folder / numbers.name, target)
-    return PrintedBoard(page_mm, numbers)
+                save_board(folder / description.name, target)
+    return PrintedBoard(page_mm, description)

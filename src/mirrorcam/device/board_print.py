@@ -32,7 +32,7 @@ PAGES_MM = {
     "a0": (841.0, 1189.0),
     "letter": (215.9, 279.4),
 }
-EDGE_MM = 8.0  # margin that printers leave white, and that a board needs around it
+EDGE_MM = 8.0  # margin that printers leave white and that a board needs around itself
 RULER_MM = 100.0
 FOOTER_MM = 12.0  # height of ruler and text below the board
 TEXT_MM = 80.0  # width of the text next to the ruler
@@ -62,18 +62,18 @@ def page_for(target: Target, page: str) -> tuple[float, float]:
     InputError
         If `page` is not valid, or the board does not fit on it.
     """
-    needs = needed_mm(target)
+    needed = needed_mm(target)
     if page and page not in PAGES_MM:
         sizes = [_custom(page)]
     else:
-        named = [PAGES_MM[page]] if page else [size for name, size in PAGES_MM.items() if name.startswith("a")]
-        sizes = [turned for short, long in sorted(named) for turned in ((short, long), (long, short))]
-    fitting = [size for size in sizes if size[0] >= needs[0] and size[1] >= needs[1]]
+        portraits = [PAGES_MM[page]] if page else [size for name, size in PAGES_MM.items() if name.startswith("a")]
+        sizes = [size for short, long in sorted(portraits) for size in ((short, long), (long, short))]
+    fitting = [size for size in sizes if size[0] >= needed[0] and size[1] >= needed[1]]
     if not fitting:
         width, height = target.size_mm
         raise InputError(
             f"board of {width:g} x {height:g} mm: does not fit on {page or 'a0'}, expected a page of "
-            f"{needs[0]:g} x {needs[1]:g} mm or more"
+            f"{needed[0]:g} x {needed[1]:g} mm or more"
         )
     return fitting[0]
 
@@ -143,20 +143,20 @@ def _footer(axes: Axes, target: Target, name: str, left: float, top: float) -> N
     """Draw a ruler of 100 mm and, next to it, the name and the dimensions of the board."""
     ticks = [
         shapely.box(
-            left + at - 0.06, top, left + at + 0.06, top + (5.0 if at % 10 == 0 else 4.0 if at % 5 == 0 else 3.0)
+            left + mm - 0.06, top, left + mm + 0.06, top + (5.0 if mm % 10 == 0 else 4.0 if mm % 5 == 0 else 3.0)
         )
-        for at in range(int(RULER_MM) + 1)
+        for mm in range(int(RULER_MM) + 1)
     ]
     bar = shapely.box(left, top, left + RULER_MM, top + 0.12)
     _fill(axes, shapely.MultiPolygon([bar, *ticks]))
-    for at in (0, 50, 100):
-        axes.text(left + at, top + 8.5, f"{at} mm" if at else "0", fontsize=POINTS, ha="center", va="baseline")
+    for mm in (0, 50, 100):
+        axes.text(left + mm, top + 8.5, f"{mm} mm" if mm else "0", fontsize=POINTS, ha="center", va="baseline")
     width, height = target.size_mm
     lines = [fitted(_drawable(name), TEXT_MM - GAP_MM, _width_mm), f"{target.name}, {target.layout_text}"]
     if isinstance(target, Charuco):
-        from_first = f" from {target.first_marker} on" if target.first_marker else ""
+        first_marker = f" from {target.first_marker} on" if target.first_marker else ""
         pattern = ", pattern of OpenCV before 4.6" if target.legacy else ""
-        lines.append(f"markers of {target.marker_mm:g} mm, {target.dictionary}{from_first}{pattern}")
+        lines.append(f"markers of {target.marker_mm:g} mm, {target.dictionary}{first_marker}{pattern}")
     if isinstance(target, AprilGrid):
         lines.append(f"gaps of {target.gap_mm:g} mm, family 36h11, tag 0 at the lower left")
     lines.append(f"printed at 100 %, its squares span {width:g} x {height:g} mm")

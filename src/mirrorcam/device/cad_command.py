@@ -19,7 +19,7 @@ from mirrorcam.device.hardware_choice import HardwareChoice
 if TYPE_CHECKING:
     from mirrorcam.device.adjustment import MirrorTurns
 
-SHOWN = ("device.", "mirrors.", "elastic.")
+PRINTED = ("device.", "mirrors.", "elastic.")
 """Prefixes of the names of checks that are printed even if they pass."""
 SPP, JPEG_QUALITY = 64, 85
 """Samples per pixel of a picture of the device, and its JPEG quality."""
@@ -64,14 +64,14 @@ def cad(
     device = Layout.load(layout)
     hardware = choice.read(device)
     if hardware.camera.field_of_view_deg is None:
-        body, seen = hardware.camera.name, field_of_view(device.camera)
-        say("cad", f"camera body {body} states no field_of_view_deg: not compared with the layout's, {seen}")
+        body, view = hardware.camera.name, field_of_view(device.camera)
+        say("cad", f"camera body {body} states no field_of_view_deg: cannot compare it with the layout's, {view}")
     require("cad", *(("fe",) if elastic else ()))
     from mirrorcam.cad.build import build_parts
 
-    doing = f"a device of {count_text(len(device.mirrors), 'mirror')}"
+    task = f"a device of {count_text(len(device.mirrors), 'mirror')}"
     with (
-        long_work("cad", doing, "steps") as advance,
+        long_work("cad", task, "steps") as advance,
         device_folder(out, hardware, elastic=elastic, force=force) as folder,
     ):
         checks = build_parts(
@@ -86,12 +86,12 @@ def cad(
     from mirrorcam.cad.plan.prices import summary_of
 
     failed = {name for name, check in checks.items() if not check.passed}
-    print_metrics({"measured": {name: checks[name] for name in checks if name in failed or name.startswith(SHOWN)}})
+    print_metrics({"measured": {name: checks[name] for name in checks if name in failed or name.startswith(PRINTED)}})
     limited = sum(check.limit is not None for check in checks.values())
     verdict = f"{len(failed)} of {limited} checks failed" if failed else f"{limited} checks passed"
-    others = count_text(len(checks) - limited, "figure")
+    figures = count_text(len(checks) - limited, "figure")
     say("cad", f"{summary_of(checks)}; prices are estimates, see {out / 'bom.md'}")
-    say("cad", f"{verdict}, {others} without a limit; open {out / 'index.html'}")
+    say("cad", f"{verdict}, {figures} without a limit; open {out / 'index.html'}")
     return 1 if failed else 0
 
 
@@ -159,24 +159,25 @@ def adjust(
     with output_folder(out, "adjust", force=force) as output:
         output.refuse_others(*FILES)
         designed, hardware = read_device(device_folder)
-        found = adjust(Layout.load(calibrated), designed, hardware)
+        adjustment = adjust(Layout.load(calibrated), designed, hardware)
         with output.staged(result="turns.json") as folder:
-            write_adjustment(found, folder)
+            write_adjustment(adjustment, folder)
     head = ["mirror", "tilt deg", "shift mm", "turns of a", "of b", "of c", f"{SIGMA} turns"]
-    print_table(head, [_row(each) for each in found.mirrors])
-    beyond = [each.name for each in found.mirrors if not each.reached]
-    if beyond:
-        say("adjust", f"{count_text(len(beyond), 'mirror')} beyond the travel of the screws: {', '.join(beyond)}")
+    print_table(head, [_row(mirror) for mirror in adjustment.mirrors])
+    unreachable = [mirror.name for mirror in adjustment.mirrors if not mirror.reached]
+    if unreachable:
+        mirrors = count_text(len(unreachable), "mirror")
+        say("adjust", f"{mirrors} beyond the travel of the screws: {', '.join(unreachable)}")
     say("adjust", f"{out / 'turns.png'} shows which screw is which; calibrate again after any turn")
-    return 1 if beyond else 0
+    return 1 if unreachable else 0
 
 
-def _row(each: MirrorTurns) -> list[str]:
-    sigma = float(np.max(each.sigma_turns))
+def _row(mirror: MirrorTurns) -> list[str]:
+    sigma = float(np.max(mirror.sigma_turns))
     return [
-        each.name,
-        f"{each.tilt_deg:.3f}",
-        f"{each.shift_mm:+.3f}",
-        *(f"{turn:+.2f}" for turn in each.turns),
+        mirror.name,
+        f"{mirror.tilt_deg:.3f}",
+        f"{mirror.shift_mm:+.3f}",
+        *(f"{turn:+.2f}" for turn in mirror.turns),
         "-" if np.isnan(sigma) else f"{sigma:.3f}",
     ]

@@ -19,7 +19,7 @@ app = App(name="camera")
 
 @app.command(name="list")
 def list_cameras() -> int:
-    """List the cameras that the program knows.
+    """List the cameras in the library.
 
     Their optics and bodies, and how many of their figures are guessed or recalled from memory.
     """
@@ -31,7 +31,7 @@ def list_cameras() -> int:
 def show(
     name: Annotated[str, Parameter(name="NAME", help="a name that mirrorcam camera list prints, or a TOML file")], /
 ) -> int:
-    """Show all about a camera.
+    """Show everything about a camera.
 
     Its optics and body, where the figures come from, and which are guessed.
 
@@ -96,7 +96,7 @@ def export(
     device, paths = Layout.load(layout), pictures_in(pictures, lambda line: say("camera", line))
     for path in paths:
         if not is_picture(path):
-            raise InputError(f"{path}: no picture, expected {EXPECTED} frames or folders of them, not videos")
+            raise InputError(f"{path}: not a picture, expected {EXPECTED} frames or folders of them, not videos")
     with output_folder(out, "cameras", force=force) as output:
         output.refuse_others(*(glob.escape(name) for name in export_names(device, paths)))
         with output.staged() as folder:
@@ -109,7 +109,7 @@ def export(
 def list_rows() -> list[tuple[str, ...]]:
     """A row of texts for each camera of the library: name, picture, field of view, pupil, guesses, recalled, title.
 
-    Recalled sources are those from memory, which were not read again.
+    Recalled sources are those cited from memory, without reading them again.
     """
     rows: list[tuple[str, ...]] = []
     for name, profile in library().items():
@@ -118,8 +118,8 @@ def list_rows() -> list[tuple[str, ...]]:
         degrees = " x ".join(f"{angle:.1f}" for angle in view) if view else "-"
         pupil = f"{optics.aperture_mm:.2f} mm" if optics else "-"
         recalled = sum(source.from_memory for source in profile.sources)
-        known = f"{recalled} of {len(profile.sources)}"
-        rows.append((name, picture, degrees, pupil, str(len(_guesses(profile))), known, profile.name))
+        recalled_text = f"{recalled} of {len(profile.sources)}"
+        rows.append((name, picture, degrees, pupil, str(len(_guesses(profile))), recalled_text, profile.name))
     return rows
 
 
@@ -135,18 +135,18 @@ def described(profile: CameraProfile) -> list[tuple[str, str]]:
             ("optics", f"{size}, {view} deg, pupil {optics.aperture_mm:g} mm, in focus at {optics.focus_mm:g} mm"),
         ]
     lines.append(("body", f"{body.width_mm:g} x {body.height_mm:g} x {body.depth_mm:g} mm, {body.mass_g:g} g"))
-    where = f"{body.lens_x_mm:+g}, {body.lens_y_mm:+g} mm from the middle of the body"
-    lines.append(("lens", f"{where}, pupil {body.pupil_behind_front_mm:g} mm behind its front"))
+    position = f"{body.lens_x_mm:+g}, {body.lens_y_mm:+g} mm from the centre of the body"
+    lines.append(("lens", f"{position}, pupil {body.pupil_behind_front_mm:g} mm behind its front"))
     lines.append(("held by", "lips over its front" if body.held_by.kind == "lips" else "screws through its board"))
     for name, relative in profile.disagreements.items():
         stated = f"{name} {getattr(profile.published, name):g}"
         reason = profile.set_aside.get(name, "" if abs(relative) <= MAX_DISAGREEMENT else "not followed")
         lines.append(("published", f"{stated}; here {relative:+.1%}{': ' if reason else ''}{reason}"))
     if guesses := _guesses(profile):
-        lines.append(("guessed", f"{', '.join(guesses)}: measure these of yours"))
+        lines.append(("guessed", f"{', '.join(guesses)}: measure these on your camera"))
     for source in profile.sources:
-        read = " (from memory)" if source.from_memory else ""
-        lines.append(("source", f"{source.title}, {source.url}: {source.gives}{read}"))
+        recalled = " (from memory)" if source.from_memory else ""
+        lines.append(("source", f"{source.title}, {source.url}: {source.gives}{recalled}"))
     if profile.notes:
         lines.append(("note", profile.notes))
     return lines

@@ -13,7 +13,7 @@ from mirrorcam.core.disk.output_folder import output_folder
 
 @contextmanager
 def device_folder(folder: Path, hardware: Hardware, *, elastic: bool, force: bool) -> Iterator[Path]:
-    """Yield an empty folder for `build_parts`, whose files replace an earlier call's when the block ends.
+    """Yield an empty folder for `build_parts`; at the end of the block, its files replace those of an earlier call.
 
     They are also moved into place if the block raises after the checks are written. Without `force`, raises InputError
     before the block if a file to replace was not written by such a call, or was changed since.

@@ -45,8 +45,8 @@ class HardwareChoice(Value):
     def read(self, layout: Layout | None = None) -> Hardware:
         """Read the hardware of a device.
 
-        Unless `body` or the table states one, the body is that of the layout's camera in the library, else the C920's.
-        An adapter of the same kind as the table's keeps its dimensions. Raises InputError for an invalid file.
+        Unless `body` or the table states a body, it is that of the layout's camera in the library, otherwise the
+        C920's. An adapter of the same kind as the table's keeps its dimensions. Raises InputError for an invalid file.
         """
         from mirrorcam.cad.plan.back_table import back_of
         from mirrorcam.cad.plan.hardware import HARDWARE, Hardware
@@ -56,8 +56,8 @@ class HardwareChoice(Value):
         hardware = HARDWARE if self.hardware is None else read_model(Hardware, self.hardware)
         if self.body:
             hardware = hardware.replaced(camera=read_body(self.body))
-        elif layout is not None and "camera" not in hardware.model_fields_set and (known := profile_of(layout.camera)):
-            hardware = hardware.replaced(camera=known.body)
+        elif layout is not None and "camera" not in hardware.model_fields_set and (match := profile_of(layout.camera)):
+            hardware = hardware.replaced(camera=match.body)
         if self.mounting:
             hardware = hardware.replaced(holder=hardware.holder.replaced(mirrors=self.mounting))
         if self.adapter and self.adapter != hardware.back.kind:

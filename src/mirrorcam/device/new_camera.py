@@ -26,7 +26,7 @@ Say = Callable[[str], None]
 
 
 class _Title(Value):
-    """The name that a camera is given, checked as names in files are."""
+    """The name of a new camera, validated like names in files."""
 
     name: Name
 
@@ -43,37 +43,37 @@ class Answer:
 class Interview:
     """A dialogue: `ask` returns the answer to a question, or raises EOFError at the end of input; `say` prints a line.
 
-    `given` holds earlier answers by question, which are offered if the questions are repeated.
+    `earlier` has earlier answers by question, which are offered if the questions are repeated.
     """
 
     ask: Ask
     say: Say
-    given: dict[str, str] = field(default_factory=dict)
+    earlier: dict[str, str] = field(default_factory=dict)
 
     def answer(self, question: str, offered: Any, read: Callable[[str], Any]) -> Answer:
         """Ask until the answer is valid; an empty one takes the offered value, `UNKNOWN` takes it as a guess.
 
         Raises InputError if the input ends.
         """
-        shown = self.given.get(question, f"{offered:g}" if isinstance(offered, float) else str(offered))
+        default = self.earlier.get(question, f"{offered:g}" if isinstance(offered, float) else str(offered))
         while True:
             try:
-                text = self.ask(f"{question} [{shown}]: ").strip()
+                text = self.ask(f"{question} [{default}]: ").strip()
             except EOFError:
                 raise InputError(f"camera new: no answer to {question!r}, expected a line for each question") from None
             try:
-                value = read(shown if text in ("", UNKNOWN) else text)
+                value = read(default if text in ("", UNKNOWN) else text)
             except InvalidValue as error:
                 self.say(f"{text[:40]}: {error.reason.lower()}")
             except ValueError as error:
                 self.say(f"{text[:40]}: {error}")
             else:
-                self.given[question] = shown if text in ("", UNKNOWN) else text
+                self.earlier[question] = default if text in ("", UNKNOWN) else text
                 return Answer(value, text == UNKNOWN)
 
 
 def ask_profile(like: CameraProfile, interview: Interview) -> CameraProfile:
-    """Ask for all figures of a camera; those of another are offered.
+    """Ask for all figures of a camera; those of a similar one are offered.
 
     Parameters
     ----------
@@ -95,43 +95,47 @@ def ask_profile(like: CameraProfile, interview: Interview) -> CameraProfile:
     # Imported here, as it loads the drawing libraries.
     from mirrorcam.cad.guide.camera_measures import MEASURES
 
-    body: dict[str, Any] = {each: getattr(like.body, each) for each in CameraBody.model_fields}
+    body: dict[str, Any] = {name: getattr(like.body, name) for name in CameraBody.model_fields}
     guessed: set[str] = set()
     name = interview.answer("name of the camera", like.name, lambda text: _Title(name=text).name).value
     for measure in MEASURES:
         question = f"{measure.letter}: {measure.description}{', mm' if not measure.description.endswith(', g') else ''}"
-        old = like.body.guessed
+        guesses = like.body.guessed
         answer = interview.answer(question, body[measure.field], _number_of(CameraBody, measure.field))
         body[measure.field] = answer.value
-        if answer.guessed or (answer.value == getattr(like.body, measure.field) and measure.field in old):
+        if answer.guessed or (answer.value == getattr(like.body, measure.field) and measure.field in guesses):
             guessed.add(measure.field)
-    kept = {each for each in like.body.guessed if each.partition(".")[0] == "held_by"}
+    mounting_guesses = {name for name in like.body.guessed if name.partition(".")[0] == "held_by"}
     body |= {
         "name": name,
         "field_of_view_deg": None,
-        "guessed": tuple(sorted(guessed | kept)),
-        "held_by": _ask_held(like.body.held_by, interview),
+        "guessed": tuple(sorted(guessed | mounting_guesses)),
+        "held_by": _ask_mounting(like.body.held_by, interview),
         "foot_mm": None if body["hinge_mm"] == 0.0 else body["foot_mm"],
     }
     optics = _ask_optics(like, body, interview)
-    tables: dict[str, Any] = {"name": name, "body": {key: each for key, each in body.items() if each is not None}}
-    unsure: list[str] = []
+    tables: dict[str, Any] = {"name": name, "body": {key: value for key, value in body.items() if value is not None}}
+    guessed_optics: list[str] = []
     if optics is not None:
-        tables["optics"], unsure = optics
-    return CameraProfile.model_validate(tables | {"guessed": tuple(unsure)})
+        tables["optics"], guessed_optics = optics
+    return CameraProfile.model_validate(tables | {"guessed": tuple(guessed_optics)})
 
 
-def _ask_held(held: Lips | BoardHoles, interview: Interview) -> dict[str, Any]:
-    """Ask how the clip holds the camera: as the similar one, with its own dimensions."""
-    table = held.model_dump()
-    if isinstance(held, Lips):
-        text = "how far pads may reach over the front from its long edges, mm"
-        table["lip_mm"] = interview.answer(text, held.lip_mm, _number_of(Lips, "lip_mm")).value
+def _ask_mounting(held_by: Lips | BoardHoles, interview: Interview) -> dict[str, Any]:
+    """Ask how the clip holds the camera: in the same way as the similar one, with its own dimensions."""
+    table = held_by.model_dump()
+    if isinstance(held_by, Lips):
+        text = "how far pads may extend over the front from its long edges, mm"
+        table["lip_mm"] = interview.answer(text, held_by.lip_mm, _number_of(Lips, "lip_mm")).value
         return table
-    across, along = (max(abs(hole[axis]) for hole in held.holes_mm) * 2.0 for axis in (0, 1))
-    wide = interview.answer("distance of the board's holes along the picture's width, mm", across, _positive).value
-    high = interview.answer("distance of the board's holes along the picture's height, mm", along, _positive).value
-    table["holes_mm"] = tuple((x * wide / 2.0, y * high / 2.0) for x in (-1.0, 1.0) for y in (-1.0, 1.0))
+    x_distance, y_distance = (max(abs(hole[axis]) for hole in held_by.holes_mm) * 2.0 for axis in (0, 1))
+    x_distance = interview.answer(
+        "distance of the board's holes along the picture's width, mm", x_distance, _positive
+    ).value
+    y_distance = interview.answer(
+        "distance of the board's holes along the picture's height, mm", y_distance, _positive
+    ).value
+    table["holes_mm"] = tuple((x * x_distance / 2.0, y * y_distance / 2.0) for x in (-1.0, 1.0) for y in (-1.0, 1.0))
     for measure, text in (
         ("hole_mm", "diameter of the holes, mm"),
         ("post_mm", "height of the parts on the board's back, mm"),
@@ -145,22 +149,22 @@ def _ask_optics(
     like: CameraProfile, body: dict[str, Any], interview: Interview
 ) -> tuple[dict[str, Any], list[str]] | None:
     """Ask for picture size and lens; returns them with the guessed fields, or None for interchangeable lenses."""
-    old = like.optics
-    if old is None:
+    similar = like.optics
+    if similar is None:
         return None
     sizes = [
-        interview.answer(f"{text} of the picture, px", getattr(old, side), _pixels).value
+        interview.answer(f"{text} of the picture, px", getattr(similar, side), _pixels).value
         for side, text in (("width_px", "width"), ("height_px", "height"))
     ]
-    degrees = round(math.degrees(2.0 * math.atan(old.width_px / old.fx_px / 2.0)), 2)
+    degrees = round(math.degrees(2.0 * math.atan(similar.width_px / similar.fx_px / 2.0)), 2)
     view = interview.answer(
-        "field of view along the picture's width in degrees; or, of a ruler square to the lens axis, "
+        "field of view along the picture's width in degrees; or, for a ruler perpendicular to the lens axis, "
         "'MM at MM': the length that fills the picture's width, and its distance from the front of the body",
         f"{degrees:g}",
         lambda text: _half_tangent(text, body["pupil_behind_front_mm"]),
     )
-    pupil = interview.answer("diameter of the pupil (focal length / f-number), mm", old.aperture_mm, _not_negative)
-    focus = interview.answer("distance at which its focus is locked, mm", old.focus_mm, _positive).value
+    pupil = interview.answer("diameter of the pupil (focal length / f-number), mm", similar.aperture_mm, _not_negative)
+    focus = interview.answer("distance at which its focus is locked, mm", similar.focus_mm, _positive).value
     tangent = view.value if not isinstance(view.value, str) else _half_tangent(view.value, 0.0)
     optics = {
         "width_px": sizes[0],
@@ -169,15 +173,15 @@ def _ask_optics(
         "aperture_mm": pupil.value,
         "focus_mm": focus,
     }
-    unsure = {"fx_px": view.guessed, "aperture_mm": pupil.guessed or "aperture_mm" in like.guessed}
-    return optics, [name for name, guess in unsure.items() if guess]
+    guesses = {"fx_px": view.guessed, "aperture_mm": pupil.guessed or "aperture_mm" in like.guessed}
+    return optics, [name for name, guess in guesses.items() if guess]
 
 
 def _half_tangent(text: str, pupil_mm: float) -> float:
     """Tangent of half the field of view, from degrees or from "MM at MM" of a ruler."""
-    seen, at, distance = text.partition(" at ")
-    if at:
-        tangent = _positive(seen) / 2.0 / (_positive(distance) + pupil_mm)
+    length, separator, distance = text.partition(" at ")
+    if separator:
+        tangent = _positive(length) / 2.0 / (_positive(distance) + pupil_mm)
     else:
         tangent = math.tan(math.radians(min(_positive(text), 179.0)) / 2.0)
     if not 0.01 < tangent < 10.0:
@@ -186,7 +190,7 @@ def _half_tangent(text: str, pupil_mm: float) -> float:
 
 
 def _number_of(model: type[Value], name: str) -> Callable[[str], float]:
-    """Return a parser of numbers that checks them by a field of a model."""
+    """Return a parser of numbers that validates them as a field of a model."""
     info = model.model_fields[name]
     adapter: Any = TypeAdapter(Annotated[(info.annotation, *info.metadata)])  # type: ignore[arg-type]
 
@@ -214,7 +218,7 @@ def _positive(text: str) -> float:
 
 def _not_negative(text: str) -> float:
     if (number := _number(text)) < 0.0 or not math.isfinite(number):
-        raise ValueError("expected a number from 0 on")
+        raise ValueError("expected a number of 0 or more")
     return number
 
 
@@ -230,7 +234,7 @@ def _once(like: CameraProfile, interview: Interview) -> CameraProfile | None:
     try:
         return ask_profile(like, interview)
     except InvalidValue as error:
-        interview.say(f"{error.reason}; again, with your answers in brackets")
+        interview.say(f"{error.reason}; please answer again, with your earlier answers in brackets")
         return None
 
 
@@ -248,7 +252,7 @@ def write_new_camera(path: Path, like: CameraProfile, ask: Ask, say: Say) -> Cam
         raise InputError(f"{path}: expected a name that ends in .toml")
     for file in files:
         if file.exists():
-            raise InputError(f"{file}: exists already, expected the name of a new file")
+            raise InputError(f"{file}: already exists, expected the name of a new file")
     path.parent.mkdir(parents=True, exist_ok=True)
     draw_camera(like.body).write(path.with_suffix(""), f"{like.name}: where to measure")
     say(f"{files[1]} shows where to measure, with the figures of {like.name}")

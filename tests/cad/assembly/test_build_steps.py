@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mirrorcam.cad.assembly.build_steps import STEPS, also_needed, parts_when_joined, tools_of, with_camera
+from mirrorcam.cad.assembly.build_steps import STEPS, also_needed, connected_to_camera, parts_when_joined, tools_of
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.plan.hardware import Cutting
 from mirrorcam.cad.plan.part_plan import BoughtItem, BoughtKind
@@ -28,7 +28,7 @@ FASTENED = {
 
 def together(name: str) -> set[str]:
     (last,) = (step for step in STEPS if step.name == name)
-    return with_camera(STEPS, last, PIECES, FASTENED)
+    return connected_to_camera(STEPS, last, PIECES, FASTENED)
 
 
 def test_the_camera_is_alone_until_it_is_in_its_clip() -> None:
@@ -63,7 +63,7 @@ SPLIT = {"mirror_holder", "mirror_0-0", "mount_1", "mount_2", "camera_clip", "ca
         (("something", "else"), set()),
     ],
 )
-def test_at_a_screw_there_is_what_hangs_together_with_its_parts_by_then(
+def test_pieces_present_at_a_screw_are_those_connected_to_its_parts_by_then(
     joins: tuple[str, ...], there: set[str]
 ) -> None:
     assert parts_when_joined(joins, SPLIT) == there
@@ -76,18 +76,18 @@ def item(kind: BoughtKind, size: str) -> BoughtItem:
 @pytest.mark.parametrize(
     ("sizes", "keys"),
     [
-        (("M3",), {"hex key of 2.5 mm": "screws M3 (ISO 4762)"}),
-        (("M3 countersunk",), {"hex key of 2 mm": "screws M3 (ISO 10642)"}),
+        (("M3",), {"2.5 mm hex key": "screws M3 (ISO 4762)"}),
+        (("M3 countersunk",), {"2 mm hex key": "screws M3 (ISO 10642)"}),
         (
             ("M3", "M3 countersunk", "M3"),
-            {"hex key of 2 mm": "screws M3 (ISO 10642)", "hex key of 2.5 mm": "screws M3 (ISO 4762)"},
+            {"2 mm hex key": "screws M3 (ISO 10642)", "2.5 mm hex key": "screws M3 (ISO 4762)"},
         ),
-        (("M4", "M5", "M6"), {f"hex key of {key} mm": f"screws M{key + 1} (ISO 4762)" for key in (3, 4, 5)}),
+        (("M4", "M5", "M6"), {f"{key} mm hex key": f"screws M{key + 1} (ISO 4762)" for key in (3, 4, 5)}),
     ],
 )
 def test_every_screw_has_the_key_of_its_standard(device: Device, sizes: tuple[str, ...], keys: dict[str, str]) -> None:
     found = tools_of(device, [item("screw", size) for size in sizes])
-    assert {tool.name: tool.purpose for tool in found if tool.name.startswith("hex key")} == keys
+    assert {tool.name: tool.purpose for tool in found if tool.name.endswith("hex key")} == keys
 
 
 def test_tools_follow_fasteners_and_material(device: Device) -> None:

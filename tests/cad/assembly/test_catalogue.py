@@ -92,7 +92,7 @@ def test_every_screw_of_the_frame_holds_in_its_own_thread(each_device: Device) -
         assert item.joins[-1] in {name for other in threads for name in other.joins}
 
 
-def test_what_is_bought_is_counted_by_kind(each_device: Device) -> None:
+def test_bought_items_are_counted_by_kind(each_device: Device) -> None:
     items = bought_items(each_device)
     kind = each_device.hardware.screw.kind
     lips = each_device.hardware.camera.held_by.kind == "lips"
@@ -136,11 +136,11 @@ def test_nuts_lie_in_their_pockets(each_device: Device) -> None:
         placed = Location(Plane(*(tuple(item.rig_from_item[:3, column]) for column in (3, 0, 2))))
         nut = item_solid(item)
         part = made[item.joins[-1]]
-        assert common_mm3(part, placed * nut) == pytest.approx(0.0, abs=1e-6)
-        assert common_mm3(part, placed * Rotation(0.0, 0.0, 30.0) * nut) > 0.3
+        assert overlap_mm3(part, placed * nut) == pytest.approx(0.0, abs=1e-6)
+        assert overlap_mm3(part, placed * Rotation(0.0, 0.0, 30.0) * nut) > 0.3
 
 
-def common_mm3(part: Part, other: Part) -> float:
+def overlap_mm3(part: Part, other: Part) -> float:
     return float(sum(solid.volume for solid in part.intersect(other) or []))
 
 

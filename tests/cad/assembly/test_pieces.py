@@ -15,7 +15,7 @@ from shapely import Polygon
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.assembly.pieces import (
     CABLE_STUB_MM,
-    MIRRORS,
+    MIRROR_DENSITIES,
     Piece,
     camera_piece,
     camera_solid,
@@ -91,7 +91,7 @@ def test_a_mirror_is_a_prism_between_seat_and_light(device: Device, parts: list[
     pieces = mirror_pieces(device, pieces_of(device, parts)[:1])
     for piece, mirror in zip(pieces, device.layout.mirrors, strict=True):
         volume = Polygon(mirror.outline_in_plane_mm).area * mirror.thickness_mm
-        assert piece.mass.mass_g == pytest.approx(volume * MIRRORS["acrylic"] / 1000.0, rel=1e-9)
+        assert piece.mass.mass_g == pytest.approx(volume * MIRROR_DENSITIES["acrylic"] / 1000.0, rel=1e-9)
         heights = piece.mesh.vertices @ mirror.normal_in_rig + mirror.distance_mm
         # First surface: the front is the reflecting plane, the back is one thickness behind it.
         np.testing.assert_allclose([heights.min(), heights.max()], [-mirror.thickness_mm, 0.0], atol=1e-9)
@@ -143,7 +143,7 @@ def test_fasteners_are_where_they_are_told(device: Device) -> None:
     np.testing.assert_allclose(screw.mesh.bounds.mean(axis=0)[1:], [20.0, 30.0], atol=0.02)
 
 
-def test_what_is_bought_is_named_as_in_a_shop() -> None:
+def test_bought_items_have_trade_names() -> None:
     assert item_title(item("screw", "M3", 8.0)) == "M3 x 8 screw"
     assert item_title(item("screw", f"M3{COUNTERSUNK}", 10.0)) == "M3 x 10 countersunk screw"
     assert item_title(item("nut", "M3", 2.4)) == "M3 nut"

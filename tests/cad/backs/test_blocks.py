@@ -80,12 +80,12 @@ def test_the_pocket_holds_the_nut_and_keeps_it_from_turning() -> None:
     x_axis, _, z_axis, origin = (tuple(column) for column in item.rig_from_item[:3].T)
     placed = Location(Plane(origin=origin, x_dir=x_axis, z_dir=z_axis))
 
-    def common_mm3(turn_deg: float) -> float:
+    def overlap_mm3(turn_deg: float) -> float:
         body = placed * Rotation(0.0, 0.0, turn_deg) * item_solid(item)
         return float(sum(solid.volume for solid in plate.intersect(body) or []))
 
-    assert common_mm3(0.0) == pytest.approx(0.0, abs=1e-6)
-    assert common_mm3(30.0) > 3.0
+    assert overlap_mm3(0.0) == pytest.approx(0.0, abs=1e-6)
+    assert overlap_mm3(30.0) > 3.0
 
 
 def test_dimensions_are_the_lengths_and_every_hole_and_round() -> None:

@@ -19,7 +19,7 @@ from mirrorcam.cad.backs.back import Load, carried
 from mirrorcam.cad.backs.blocks import tripod_depth_mm
 from mirrorcam.cad.backs.plan_backs import MAKERS, plan_back
 from mirrorcam.cad.backs.plates import FRONT_MM, back_of_plate, foot_plate, plan_arca, plan_desk
-from mirrorcam.cad.checks.load_checks import tips_at_deg
+from mirrorcam.cad.checks.load_checks import tipping_angle_deg
 from mirrorcam.cad.plan.back_table import ArcaBack, DeskBack, ProfileBack, TripodBack
 from mirrorcam.cad.plan.fasteners import Countersink, thread_of
 from mirrorcam.core.errors import InputError
@@ -72,7 +72,7 @@ def test_the_plate_reaches_as_far_as_the_device_may_be_tipped(
     table = DeskBack(tip_deg=12.0, spare_deg=4.0)
     back = plan_desk(table, device.mount, load, device.hardware)
     assert back.stand is not None
-    assert tips_at_deg(back.stand, load.at) >= 16.0 - 1e-9
+    assert tipping_angle_deg(back.stand, load.at) >= 16.0 - 1e-9
     # It supports the full foot of the mount.
     low, high = back.stand.corners.min(axis=0), back.stand.corners.max(axis=0)
     assert high[1] >= device.mount.slide[1]

@@ -80,15 +80,13 @@ def over_a_screw(parts: Solids) -> Solids:
     ("spoilt", "check"),
     [(beside_mirror, "mirrors.adjust_clash_mm3"), (over_a_screw, "mirrors.adjust_tool_clash_mm3")],
 )
-def test_what_is_in_the_way_of_a_tilted_mirror_or_of_the_driver_fails(
-    spoilt: Callable[[Solids], Solids], check: str
-) -> None:
+def test_an_obstacle_to_a_tilted_mirror_or_the_driver_fails(spoilt: Callable[[Solids], Solids], check: str) -> None:
     parts = spoilt(solids())
     failed = {name for name, each in check_adjustment(device(), parts, {}).items() if not each.passed}
     assert failed == {check}
 
 
-def test_what_carries_the_device_may_be_in_the_way_of_the_driver_too() -> None:
+def test_supports_can_block_the_driver_too() -> None:
     extra = {"wrist": over_a_screw({})["block"]}
     assert check_adjustment(device(), solids(), extra)["mirrors.adjust_tool_clash_mm3"].value > 1.0
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from manifold3d import Manifold
 
 from mirrorcam.cad.assembly.device_plan import Device
-from mirrorcam.cad.checks.clashes import MEASURED_MM, STEP_MM, check_clashes, check_cover, common_mm3, meetings
+from mirrorcam.cad.checks.clashes import MAX_GAP_MM, STEP_MM, check_clashes, check_cover, close_pairs, overlap_mm3
 from mirrorcam.core.values import Metric
 
 
@@ -30,22 +30,22 @@ def failed(checks: dict[str, Metric]) -> set[str]:
 
 @given(st.floats(-12.0, 12.0), st.floats(-12.0, 12.0), st.floats(-12.0, 12.0))
 def test_two_boxes_share_the_box_of_their_overlap_or_leave_the_gap_between(x: float, y: float, z: float) -> None:
-    (meeting,) = meetings({"a": box(8.0), "b": box(8.0, x, y, z)})
+    (meeting,) = close_pairs({"a": box(8.0), "b": box(8.0, x, y, z)})
     overlap = np.maximum(8.0 - np.abs([x, y, z]), 0.0)
     apart = float(np.linalg.norm(np.maximum(np.abs([x, y, z]) - 8.0, 0.0)))
     assert meeting.gap_mm == pytest.approx(apart, abs=1e-6)
     if overlap.min() > 1e-3 or overlap.min() == 0.0:
-        assert meeting.common_mm3 == pytest.approx(float(np.prod(overlap)), abs=1e-9)
+        assert meeting.overlap_mm3 == pytest.approx(float(np.prod(overlap)), abs=1e-9)
 
 
-def test_what_is_far_apart_does_not_meet() -> None:
-    assert meetings({"a": box(8.0), "b": box(8.0, 8.0 + MEASURED_MM, 0.0, 0.0)}) == []
+def test_distant_solids_are_not_a_close_pair() -> None:
+    assert close_pairs({"a": box(8.0), "b": box(8.0, 8.0 + MAX_GAP_MM, 0.0, 0.0)}) == []
 
 
 def test_faces_that_touch_share_nothing_even_where_numbers_are_rounded() -> None:
     for sink in (0.0, 1e-6, 4e-5):
-        assert common_mm3(box(8.0), box(8.0, 8.0 - sink, 0.0, 0.0)) == 0.0
-    assert common_mm3(box(8.0), box(8.0, 8.0 - 1e-3, 0.0, 0.0)) == pytest.approx(0.064)
+        assert overlap_mm3(box(8.0), box(8.0, 8.0 - sink, 0.0, 0.0)) == 0.0
+    assert overlap_mm3(box(8.0), box(8.0, 8.0 - 1e-3, 0.0, 0.0)) == pytest.approx(0.064)
 
 
 def test_a_clash_and_a_gap_that_is_none_are_found_and_named() -> None:
@@ -145,7 +145,7 @@ def test_the_wrist_fills_its_clamp_and_no_more() -> None:
         ((40.0, 0.0, 0.0), set()),
     ],
 )
-def test_what_the_cover_meets_is_found(device: Device, at: tuple[float, float, float], failing: set[str]) -> None:
+def test_obstacles_to_the_cover_are_detected(device: Device, at: tuple[float, float, float], failing: set[str]) -> None:
     """A block of 10 mm, moved off by 30 mm along z, then 60 mm along x, with or without a cube of 2 mm on its path."""
     assert device.cover is not None
     plan = type(device.cover)(**{**vars(device.cover), "way_mm": np.array([(0.0, 0.0, 30.0), (60.0, 0.0, 0.0)])})

@@ -19,7 +19,7 @@ from mirrorcam.cad.checks import check_device
 from mirrorcam.cad.checks.cut_outlines import fits
 from mirrorcam.cad.checks.device_checks import (
     ASSEMBLY,
-    DROP_OF_THICKNESS,
+    DROP_HEIGHT_RATIO,
     assembly_mass,
     check_drop,
     check_mass,
@@ -168,5 +168,5 @@ def test_a_mirror_drops_into_its_pocket(drop: Drop) -> None:
     lip = manifold3d.Manifold.cube((4.0, 40.0, 1.0)).translate((11.0, -20.0, 5.0))
     over = drop(pocket(fit) + lip)
     assert over["drop_clash_mm3"] == pytest.approx(4.0 * 20.0 * 1.0, rel=1e-3)
-    beyond = lip.translate((0.0, 0.0, DROP_OF_THICKNESS * 2.0))
+    beyond = lip.translate((0.0, 0.0, DROP_HEIGHT_RATIO * 2.0))
     assert drop(pocket(fit) + beyond)["drop_clash_mm3"] == 0.0

@@ -61,7 +61,7 @@ def test_every_build_item_is_read_in_its_place(tmp_path: Path) -> None:
     assert checked(mesh)["mesh_pieces"].value == 2
 
 
-def test_what_our_3mf_files_never_hold_is_refused(tmp_path: Path) -> None:
+def test_3mf_content_that_is_never_written_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="unit inch, expected millimeter"):
         read_3mf(package(tmp_path / "inch.3mf", unit="inch"))
     with pytest.raises(ValueError, match="object 1 has no mesh of its own"):

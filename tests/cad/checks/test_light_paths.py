@@ -22,9 +22,9 @@ from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.checks.device_checks import ASSEMBLY, read_glb
 from mirrorcam.cad.checks.exported_mesh import solid_of
 from mirrorcam.cad.checks.light_paths import (
-    BEFORE_MM,
-    NEAR_MM,
+    MAX_GAP_MM,
     RAYS_PER_MIRROR,
+    START_MM,
     SURFACE_MM,
     check_light,
     check_step_views,
@@ -73,7 +73,7 @@ def test_light_of_first_surface_mirrors_obeys_the_law_of_reflection(default_layo
         to_pupil, to_scene = light.rays
         np.testing.assert_allclose(to_pupil[:, 1], 0.0)
         np.testing.assert_allclose(to_scene[:, 1] @ default_layout.view_from_rig[2], 500.0)
-        assert light.inner >= 0.9 * RAYS_PER_MIRROR
+        assert light.grid_count >= 0.9 * RAYS_PER_MIRROR
         # From the mirror image of the pupil, the ray to the scene is straight.
         seen = to_scene - mirror.virtual_centre_in_rig_mm
         straight = np.cross(seen[:, 0], seen[:, 1]) / np.linalg.norm(seen[:, 1], axis=1)[:, None]
@@ -82,7 +82,7 @@ def test_light_of_first_surface_mirrors_obeys_the_law_of_reflection(default_layo
         np.testing.assert_allclose(on_plane @ mirror.normal_in_rig, -mirror.distance_mm, atol=1e-9)
         # The edge of the light is the edge of the mirror: their hulls have the outline's corners.
         outline = mirror.outline_in_rig_mm
-        nearest = np.linalg.norm(outline[:, None] - on_plane[None, light.inner :], axis=2).min(axis=1)
+        nearest = np.linalg.norm(outline[:, None] - on_plane[None, light.grid_count :], axis=2).min(axis=1)
         np.testing.assert_allclose(nearest, 0.0, atol=1e-6)
 
 
@@ -127,7 +127,7 @@ def test_a_block_in_the_light_is_found(default_layout: Layout, share: float) -> 
     assert failed(checked(default_layout)) == set()
 
 
-def test_a_speck_beside_the_light_is_as_near_as_to_its_nearest_ray(fold_90_layout: Layout) -> None:
+def test_the_gap_of_a_speck_to_the_light_is_its_distance_from_the_nearest_ray(fold_90_layout: Layout) -> None:
     """Specks between pupil and mirrors: rays are up to 1.5 steps apart, and the hull fills the gaps."""
     rays = np.concatenate([light_of(fold_90_layout, index, HARDWARE).rays[0] for index in range(9)])
     starts, along = rays[:, 0], rays[:, 1] - rays[:, 0]
@@ -137,7 +137,7 @@ def test_a_speck_beside_the_light_is_as_near_as_to_its_nearest_ray(fold_90_layou
         share = np.clip(((point - starts) * along).sum(axis=1) / (along**2).sum(axis=1), 0.0, 1.0)
         nearest = float(np.linalg.norm(point - starts - share[:, None] * along, axis=1).min())
         gap = checked(fold_90_layout, block(point, 0.01))["part.light_gap_mm"].value
-        assert max(min(nearest, NEAR_MM) - 1.5, 0.0) <= gap <= nearest
+        assert max(min(nearest, MAX_GAP_MM) - 1.5, 0.0) <= gap <= nearest
 
 
 def test_a_plate_behind_a_mirror_is_as_near_as_its_gap(make_flat_pair: Callable[..., Layout]) -> None:
@@ -249,5 +249,5 @@ def test_a_hood_leaves_the_square_of_the_sine_of_its_opening(layout: Layout, hei
     """A tube of radius 20 mm: the middle of a Lambertian mirror receives sin^2 of half its opening angle."""
     outer, inner = (Manifold.cylinder(height, r, circular_segments=360) for r in (22.0, 20.0))
     tube = (outer - inner).translate((0.0, 0.0, 50.0 - height))
-    half = np.arctan2(20.0, height - BEFORE_MM)
+    half = np.arctan2(20.0, height - START_MM)
     assert share(layout, tube) == pytest.approx(np.sin(half) ** 2, abs=0.01)

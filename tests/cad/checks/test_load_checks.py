@@ -16,7 +16,7 @@ from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.assembly.pieces import camera_solid, item_names, tessellated
 from mirrorcam.cad.backs.back import Neck, Stand
 from mirrorcam.cad.checks.exported_mesh import solid_of
-from mirrorcam.cad.checks.load_checks import check_back, check_nest, check_rest, tips_at_deg, tripod_turns
+from mirrorcam.cad.checks.load_checks import check_back, check_nest, check_rest, tipping_angle_deg, tripod_turns
 from mirrorcam.cad.parts.clip import plan_clip
 from mirrorcam.cad.parts.part_solids import make_clip
 from mirrorcam.cad.plan.hardware import HARDWARE
@@ -75,9 +75,9 @@ def box(low: tuple[float, float, float], high: tuple[float, float, float]) -> ma
 @pytest.mark.parametrize("corners", [SQUARE, SQUARE[::-1]], ids=["left about", "right about"])
 def test_it_falls_over_the_nearest_side(corners: np.ndarray) -> None:
     stand = Stand(corners, -50.0, 10.0)
-    assert tips_at_deg(stand, np.array([0.0, 0.0, -20.0])) == pytest.approx(45.0)
-    assert tips_at_deg(stand, np.array([0.0, 20.0, -40.0])) == pytest.approx(45.0)
-    assert tips_at_deg(stand, np.array([40.0, 0.0, 0.0])) < 0.0
+    assert tipping_angle_deg(stand, np.array([0.0, 0.0, -20.0])) == pytest.approx(45.0)
+    assert tipping_angle_deg(stand, np.array([0.0, 20.0, -40.0])) == pytest.approx(45.0)
+    assert tipping_angle_deg(stand, np.array([40.0, 0.0, 0.0])) < 0.0
 
 
 def test_turns_are_counted_from_the_parts_lower_face() -> None:

@@ -23,7 +23,7 @@ from mirrorcam.cad.checks import check_part, part_checks
 from mirrorcam.cad.checks.exported_mesh import solid_of
 from mirrorcam.cad.checks.part_checks import (
     LAYER_MM,
-    THICK_MM,
+    MAX_WALL_MM,
     check_overhangs,
     floating_mm2,
     overhangs,
@@ -80,7 +80,7 @@ def test_a_wall_smaller_than_a_dot_is_not_taken_for_one() -> None:
     assert wall_mm(mesh) > 3.9
 
 
-def test_a_floor_is_told_from_a_wall_by_the_way_that_it_prints() -> None:
+def test_floors_and_walls_are_distinguished_by_print_orientation() -> None:
     """An open box with a floor of 0.6 mm and walls of 2 mm, and a plate that is level, vertical or oblique."""
     outer, inner = (
         solid_of(trimesh.creation.box((30.0, 20.0, 10.0))),
@@ -94,7 +94,7 @@ def test_a_floor_is_told_from_a_wall_by_the_way_that_it_prints() -> None:
     # Printed on its end, the floor is a wall.
     assert thinnest_wall_mm(tray, solid_of(tray), along) == pytest.approx(0.6, abs=1e-6)
     ball = trimesh.creation.icosphere(radius=20.0)
-    assert thinnest_floor_mm(ball, solid_of(ball), up) == THICK_MM
+    assert thinnest_floor_mm(ball, solid_of(ball), up) == MAX_WALL_MM
 
 
 PRINTER = HARDWARE.printer
@@ -227,7 +227,7 @@ def test_a_tip_that_hangs_down_steeply_starts_in_the_air() -> None:
     assert hung["floating_mm2"] == pytest.approx(32.0 * np.sin(2.0 * np.pi / 64) * top**2, rel=0.01)
 
 
-def test_what_floats_is_told_from_what_leans_over() -> None:
+def test_floating_areas_are_distinguished_from_overhangs() -> None:
     assert floating_mm2(slope(45.0), PRINTER.overhang_deg) == 0.0
     assert floating_mm2(box(5, 5, 5) + box(5, 5, 5, (0, 0, 8)), PRINTER.overhang_deg) == pytest.approx(25.0)
 
@@ -304,7 +304,7 @@ def test_a_part_that_lies_otherwise_than_planned_is_found(block: PartPlan, tmp_p
     assert checks["lie_error_um"].value == pytest.approx(20_000.0, abs=1.0)
 
 
-def test_a_part_larger_than_the_bed_or_beside_it_is_found(block: PartPlan, tmp_path: Path) -> None:
+def test_a_part_larger_than_the_bed_or_off_it_is_detected(block: PartPlan, tmp_path: Path) -> None:
     folder = written(tmp_path, block, block.make(block.plan))
     small = PRINTER.replaced(bed_mm=(50.0, 220.0, 20.0))
     checks = check_part(block, folder, small)

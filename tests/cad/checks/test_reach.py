@@ -42,7 +42,7 @@ def test_a_part_in_pieces_is_one_part() -> None:
     assert check_insertion([nut], solids)["device.insertion_clash_mm3"].value > 50.0
 
 
-def test_a_sweep_fills_what_a_cube_passes_over() -> None:
+def test_a_sweep_fills_the_path_of_a_cube() -> None:
     solid = manifold3d.Manifold.cube((1.0, 1.0, 1.0))
     assert swept(solid, np.array([[2.0, 0.0, 0.0], [0.0, 3.0, 0.0]])).volume() == pytest.approx(3.0 + 3.0)
 
@@ -119,7 +119,7 @@ def test_a_deep_narrow_shaft_takes_a_blade_but_not_its_handle_below_the_rim() ->
         assert (tool_clash_mm3(screw, {"mount": block - shaft}) == 0.0) == reached
 
 
-def test_a_nut_needs_a_free_way_for_what_pushes_it() -> None:
+def test_a_nut_needs_a_free_path_for_the_rod_that_pushes_it() -> None:
     way = np.array([[0.0, 0.0, 10.0], [0.0, 20.0, 0.0]])
     nut = replace(placed(item("nut", "M3", 2.4), ("camera_clip",)), exit_moves_mm=way)
     floor = cube((-9.0, -9.0, -5.0), (9.0, 9.0, 0.0)) - cube((-3.2, -3.2, -3.0), (3.2, 3.2, 1.0))

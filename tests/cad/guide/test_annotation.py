@@ -35,7 +35,7 @@ class Dimensions:
     dimensions: tuple[Length | Hole, ...]
 
 
-def test_what_lies_askew_has_its_line_beside_it_off_the_part(block: Callable[..., PartPlan]) -> None:
+def test_an_oblique_length_has_its_dimension_line_parallel_to_it_off_the_part(block: Callable[..., PartPlan]) -> None:
     part = block()
     ends = np.array([(-30.0, -15.0, 5.0), (10.0, 15.0, 5.0)])
     askew, level = Length(ends, "askew"), Length(ends, "across", np.array([1.0, 0.0, 0.0]))
@@ -59,7 +59,7 @@ def test_the_zones_of_the_seats_keep_the_mirrors_as_built(device: Device) -> Non
     assert (angle.characteristic, angle.datums) == ("angularity", ("A", "B"))
     assert (place.characteristic, place.zone_mm, place.datums) == ("profile", 0.4, ("A", "B"))
     assert (back.characteristic, back.zone_mm, back.datums) == ("flatness", angle.zone_mm, ())
-    assert angle.of == f"{len(device.layout.mirrors)}x seat"
+    assert angle.features == f"{len(device.layout.mirrors)}x seat"
 
 
 def test_what_frames_tolerate_is_theoretically_exact() -> None:
@@ -77,7 +77,7 @@ def test_frames_say_symbol_zone_and_datums_and_end_where_they_say() -> None:
     assert [box.text for box in sheet.text_boxes[1:]] == ["3x seat", "0.6", "A", "B", "a", "0.1", "a note"]
     assert min(float(box.corners[:, 1].min()) for box in sheet.text_boxes) > end
     # A box per cell and a symbol per frame.
-    assert len(sheet.drawn) == 4 + 1 + 2 + 1
+    assert len(sheet.drawn_lines) == 4 + 1 + 2 + 1
 
 
 def test_a_datum_stands_on_its_line_with_its_letter_off_it() -> None:

@@ -37,7 +37,9 @@ def test_the_parts_list_counts_every_piece_once(made: Made) -> None:
 @pytest.mark.slow
 def test_every_line_of_the_list_has_a_balloon(made: Made, sheet: DrawingSheet) -> None:
     texts = Counter(box.text for box in sheet.text_boxes)
-    circles = [line.mean(axis=0) for line, _ in sheet.drawn if len(line) == 49 and np.isclose(line[0], line[-1]).all()]
+    circles = [
+        line.mean(axis=0) for line, _ in sheet.drawn_lines if len(line) == 49 and np.isclose(line[0], line[-1]).all()
+    ]
     listed = listed_items(made.pieces)
     assert len(circles) == len(listed)
     for item in listed:

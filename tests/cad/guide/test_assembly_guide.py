@@ -88,7 +88,7 @@ def test_commands_of_the_guide_name_the_layout_by_its_path(made: Made) -> None:
     assert " layout.json " not in "".join(commands)
 
 
-def test_masses_are_told_apart(made: Made, tmp_path: Path) -> None:
+def test_solid_and_sliced_masses_are_labelled(made: Made, tmp_path: Path) -> None:
     bare = [part.replaced(checks={}) for part in made.parts]
     sliced = [part.replaced(checks={"print_g": Metric(value=1.25, unit="g")}) for part in made.parts]
     for parts, head, mass in ((sliced, "mass sliced", "1"), (bare, "mass solid", f"{bare[0].mass.mass_g:.0f}")):
@@ -236,7 +236,7 @@ def test_the_clips_upper_edge_stands_at_the_longest_mark(made: Made) -> None:
     assert [item.label for item in picture.items].count(EDGE_TEXT) == 1
 
 
-def test_the_guide_says_what_the_nest_does(made: Made) -> None:
+def test_the_guide_states_the_figures_of_the_nest(made: Made) -> None:
     text = (made.folder / "guide.md").read_text(encoding="utf-8")
     repeats = repeatability(made.device.clip, made.device.layout, made.device.hardware)
     assert f"within {1000.0 * repeats.shift_mm:.0f} µm and {repeats.turn_deg:.2f}°" in text

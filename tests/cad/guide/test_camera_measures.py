@@ -34,8 +34,8 @@ def test_letters_and_fields_are_named_once() -> None:
 def test_views_are_to_scale() -> None:
     body = read_body("c920")
     sheet = draw_camera(body)
-    (side,) = (line for line, _ in sheet.drawn if len(line) == 5 and np.allclose(line[0], line[-1]))
-    outline = max((line for line, _ in sheet.drawn if len(line) > 70), key=lambda line: float(np.ptp(line[:, 0])))
+    (side,) = (line for line, _ in sheet.drawn_lines if len(line) == 5 and np.allclose(line[0], line[-1]))
+    outline = max((line for line, _ in sheet.drawn_lines if len(line) > 70), key=lambda line: float(np.ptp(line[:, 0])))
     scale = np.ptp(outline[:, 0]) / body.width_mm
     assert np.ptp(outline[:, 1]) / body.height_mm == pytest.approx(scale)
     assert np.ptp(side, axis=0) / scale == pytest.approx([body.depth_mm, body.height_mm])

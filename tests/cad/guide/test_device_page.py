@@ -150,7 +150,7 @@ def test_tables_of_files_and_gauges_stay_on_the_screen(made: Made, flat_browser:
     assert [text for table, text in found if width > 1000 or table == "files"] == []
 
 
-def test_a_failed_check_is_said_at_the_top_and_in_its_row(made: Made, tmp_path: Path) -> None:
+def test_a_failed_check_is_reported_at_the_top_and_in_its_row(made: Made, tmp_path: Path) -> None:
     assert "all 3 checks pass" in (made.folder / "index.html").read_text(encoding="utf-8")
     broken = tmp_path / "broken"
     shutil.copytree(made.folder, broken)

@@ -67,7 +67,7 @@ def test_every_insert_is_seen_in_a_view_and_counted_at_its_part(made: Made) -> N
 def test_every_mirror_and_seat_is_named_where_it_is(made: Made) -> None:
     picture = next(picture for picture in made.pictures if picture.name == "mirrors")
     mirrors, seats = views_of(picture)
-    assert "from the front" in mirrors.caption
+    assert "from the scene" in mirrors.caption
     shots = [shot_of(view) for view in (mirrors, seats)]
     at = [
         {label.text.removeprefix("seat "): pixel_of(shot, label) for label in labels_of(view)}

@@ -15,7 +15,7 @@ def drawn(*spans: tuple[float, float, str]) -> DrawingSheet:
     """Upright dimensions left of a square view, with ends in mm from its lower edge."""
     sheet = DrawingSheet(200.0, 200.0)
     linears = [LinearDimension(60.0 + np.array([a, b]), np.full(2, 60.0), words) for a, b, words in spans]
-    draw_tiers(sheet, BOX, linears, 40.0, upright=True)
+    draw_tiers(sheet, BOX, linears, 40.0, vertical=True)
     return sheet
 
 
@@ -34,17 +34,17 @@ def test_text_without_room_keeps_clear_of_extension_lines() -> None:
     """The end of another dimension is over a short one, so that its text is below."""
     for other, side in ((8.0, -1.0), (40.0, 1.0)):
         sheet = drawn((0.0, 4.0, "3.7"), (0.0, other, "8"), (0.0, 80.0, "80"))
-        lines = [LineString(line) for line, _ in sheet.drawn]
+        lines = [LineString(line) for line, _ in sheet.drawn_lines]
         (text,) = (Polygon(box.corners).buffer(-0.2) for box in sheet.text_boxes if box.text == "3.7")
         assert not any(text.intersects(line) for line in lines)
         assert np.sign(text.centroid.y - 60.0) == side
 
 
 def test_no_text_is_beyond_the_room_however_many_lines_there_are() -> None:
-    for upright in (True, False):
+    for vertical in (True, False):
         sheet = DrawingSheet(200.0, 200.0)
         linears = [LinearDimension(60.0 + np.array([0.0, 10.0 + 9.0 * k]), np.full(2, 60.0), f"{k}") for k in range(8)]
-        draw_tiers(sheet, BOX, linears, 40.0, upright=upright)
-        axis = 0 if upright else 1
+        draw_tiers(sheet, BOX, linears, 40.0, vertical=vertical)
+        axis = 0 if vertical else 1
         assert min(float(box.corners[:, axis].min()) for box in sheet.text_boxes) > 60.0 - 40.0
-        assert min(float(line[:, axis].min()) for line, _ in sheet.drawn) > 60.0 - 40.0
+        assert min(float(line[:, axis].min()) for line, _ in sheet.drawn_lines) > 60.0 - 40.0

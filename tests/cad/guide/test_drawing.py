@@ -39,7 +39,7 @@ from mirrorcam.cad.guide.drawing import (
 )
 from mirrorcam.cad.guide.drawing_sheet import GAUGE_TOLERANCE, GENERAL_TOLERANCE, MATERIAL_MM, MODEL, DrawingSheet
 from mirrorcam.cad.guide.hole_callouts import PRESS_TOLERANCE
-from mirrorcam.cad.guide.sections import HATCH_LINE_MM, TRACE_MM
+from mirrorcam.cad.guide.sections import CUTTING_LINE_MM, HATCH_LINE_MM
 from mirrorcam.cad.holder.screwed_holder import ScrewedHolderPlan
 from mirrorcam.cad.plan.back_table import BACKS, back_of
 from mirrorcam.cad.plan.cuts import PiecePlan
@@ -172,7 +172,7 @@ SVG = "{http://www.w3.org/2000/svg}"
 
 def crossed(sheet: DrawingSheet) -> list[str]:
     """Texts crossed by an edge of the part."""
-    edges = [LineString(line) for line, width in sheet.drawn if width in (VISIBLE_MM, SMALL_MM)]
+    edges = [LineString(line) for line, width in sheet.drawn_lines if width in (VISIBLE_MM, SMALL_MM)]
     return [
         box.text
         for box in sheet.text_boxes
@@ -182,7 +182,7 @@ def crossed(sheet: DrawingSheet) -> list[str]:
 
 def struck(sheet: DrawingSheet) -> list[str]:
     """Texts crossed by a dimension, extension or leader line, or by the trace of a section."""
-    lines = [LineString(line) for line, width in sheet.drawn if width in (LINE_MM, TRACE_MM)]
+    lines = [LineString(line) for line, width in sheet.drawn_lines if width in (LINE_MM, CUTTING_LINE_MM)]
     return [box.text for box in sheet.text_boxes if any(Polygon(box.corners).buffer(-0.2).intersects(a) for a in lines)]
 
 
@@ -230,7 +230,7 @@ def test_the_checks_above_see_what_is_wrong(block: Callable[..., PartPlan]) -> N
     there = sheet.text_boxes[0].corners[0]
     sheet.text(there, "over it", 2.5)
     sheet.text((415.0, 100.0), "beyond", 2.5)
-    edge = next(line for line, width in sheet.drawn if width == VISIBLE_MM)
+    edge = next(line for line, width in sheet.drawn_lines if width == VISIBLE_MM)
     sheet.text(edge[0], "on an edge", 2.5)
     assert len(overlaps(sheet)) > 0
     assert "beyond" in outside(sheet)
@@ -337,7 +337,7 @@ def test_every_part_has_a_hatched_section_that_is_traced(device: Device, name: s
     texts = [box.text for box in sheet.text_boxes]
     assert texts.count("A") == 2
     assert len([text for text in texts if re.match(r"A-A( \(|$)", text)]) == 1
-    assert sum(width == HATCH_LINE_MM for _, width in sheet.drawn) > 10
+    assert sum(width == HATCH_LINE_MM for _, width in sheet.drawn_lines) > 10
 
 
 def called_out(sheet: DrawingSheet) -> Counter[str]:

@@ -23,7 +23,7 @@ from mirrorcam.cad.guide.drawing_sheet import (
     Align,
     DrawingSheet,
     issue_date,
-    printed_of,
+    printed_material,
     ratio,
     text_width_mm,
 )
@@ -37,13 +37,13 @@ def test_width_grows_with_height_and_length_and_bold() -> None:
 
 
 @pytest.mark.parametrize(("align", "left"), [("left", 0.0), ("center", -0.5), ("right", -1.0)])
-@pytest.mark.parametrize("turn_deg", [0.0, 90.0])
-def test_a_text_covers_its_width_from_where_it_is_aligned(align: Align, left: float, turn_deg: float) -> None:
+@pytest.mark.parametrize("rotation_deg", [0.0, 90.0])
+def test_a_text_covers_its_width_from_where_it_is_aligned(align: Align, left: float, rotation_deg: float) -> None:
     sheet = DrawingSheet(100.0, 80.0)
-    sheet.text((40.0, 30.0), "30 deep", 2.5, align=align, turn_deg=turn_deg)
+    sheet.text((40.0, 30.0), "30 deep", 2.5, align=align, rotation_deg=rotation_deg)
     width = text_width_mm("30 deep", 2.5)
     (box,) = sheet.text_boxes
-    along = 1 if turn_deg else 0
+    along = 1 if rotation_deg else 0
     start = (40.0, 30.0)[along]
     assert box.corners[:, along].min() == pytest.approx(start + left * width)
     assert np.ptp(box.corners[:, along]) == pytest.approx(width)
@@ -95,4 +95,4 @@ def test_texts_stay_in_their_fields() -> None:
 def test_scales_and_materials_as_they_are_written() -> None:
     texts = [ratio(scale) for scale in (2.0, 1.0, 0.5, 0.2, None)]
     assert texts == ["2 : 1", "1 : 1", "1 : 2", "1 : 5", "not to scale"]
-    assert printed_of("PLA") == "PLA, printed"
+    assert printed_material("PLA") == "PLA, printed"

@@ -17,9 +17,8 @@ from mirrorcam.cad.guide.dimension_lines import number
 from mirrorcam.cad.guide.drawing import draw
 from mirrorcam.cad.guide.drawing_sheet import DrawingSheet
 from mirrorcam.cad.guide.hole_callouts import (
-    MOST_COORDINATES,
+    MAX_COORDINATES,
     Material,
-    called_out,
     callout,
     draw_oblique,
     hole_groups,
@@ -27,6 +26,7 @@ from mirrorcam.cad.guide.hole_callouts import (
     numbered,
     oblique_holes,
     oblique_lengths,
+    with_callouts,
 )
 from mirrorcam.cad.guide.part_views import FRONT, RIGHT, TOP, PartView, PlacedView
 from mirrorcam.cad.plan.dimension import Datum, Hole, Length, holes
@@ -57,23 +57,23 @@ def test_material_along_a_line_and_at_a_point() -> None:
 
 def test_a_blind_hole_for_an_insert_has_its_depth() -> None:
     radius = SCREW.insert_hole_mm / 2.0
-    (hole,) = called_out(holes([Bore(MOUTH, DOWNWARDS, radius, 6.71)]), plate((radius, 3.3, 11.0)), SCREW)
+    (hole,) = with_callouts(holes([Bore(MOUTH, DOWNWARDS, radius, 6.71)]), plate((radius, 3.3, 11.0)), SCREW)
     assert hole.text == "±0.1 ↧6.7 for M3 insert"
     np.testing.assert_allclose(hole.centre_in_rig, [0.0, 0.0, 10.0], atol=1e-6)
-    (gauge,) = called_out(holes([Bore(MOUTH, DOWNWARDS, radius, 6.71)]), plate((radius, 3.3, 11.0)), SCREW, "")
+    (gauge,) = with_callouts(holes([Bore(MOUTH, DOWNWARDS, radius, 6.71)]), plate((radius, 3.3, 11.0)), SCREW, "")
     assert gauge.text == "↧6.7 for M3 insert"
 
 
 def test_a_hole_with_nothing_behind_it_goes_through_however_far_its_tool_cuts() -> None:
     radius = SCREW.clearance_hole_mm / 2.0
     for depth in (10.02, 99.0):
-        (hole,) = called_out(holes([Bore(MOUTH, DOWNWARDS, radius, depth)]), plate((radius, -1.0, 11.0)), SCREW)
+        (hole,) = with_callouts(holes([Bore(MOUTH, DOWNWARDS, radius, depth)]), plate((radius, -1.0, 11.0)), SCREW)
         assert hole.text == "through for M3"
 
 
 def test_a_hole_cut_from_its_shoulder_is_seen_from_its_open_end() -> None:
     solid = plate((1.7, -1.0, 11.0), (3.2, -1.0, 8.0))
-    screw, driver = called_out(
+    screw, driver = with_callouts(
         holes([Bore(MOUTH, DOWNWARDS, 1.7, 10.02), Bore(np.array([0.0, 0.0, 8.0]), DOWNWARDS, 3.2, 99.0)]), solid, SCREW
     )
     assert screw.text == "through for M3"
@@ -90,14 +90,14 @@ def test_a_slot_is_as_deep_as_the_walls_along_it(turned_deg: float) -> None:
     for at in np.linspace(-6.0, 6.0, 9):
         solid = Part((solid - Pos(*(at * along + 15.0 * UPWARDS).tolist()) * Cylinder(3.8, 14.0)).wrapped)
     slot = Bore(np.array([0.0, 0.0, 8.0]), UPWARDS, 3.8, 99.0, along, 12.0)
-    (hole,) = called_out(holes([slot]), solid, SCREW)
+    (hole,) = with_callouts(holes([slot]), solid, SCREW)
     assert hole.text == "↧2"
 
 
 def test_a_pocket_for_a_nut_says_so() -> None:
     flats = SCREW.nut_flats_mm + NUT_FIT_MM
     pocket = Hexagon(np.array([0.0, 0.0, 10.0]), DOWNWARDS, np.array([1.0, 0.0, 0.0]), flats, 2.6)
-    (hole,) = called_out(holes([pocket]), plate((flats / 2.0, 7.4, 11.0)), SCREW)
+    (hole,) = with_callouts(holes([pocket]), plate((flats / 2.0, 7.4, 11.0)), SCREW)
     assert hole.text == "±0.1 ↧2.6 for M3 nut"
     assert hole.diameter_mm == pytest.approx(flats)
 
@@ -112,8 +112,8 @@ def row_of(count: int) -> list[Hole]:
 
 
 def test_more_holes_than_dimensions_have_room_for_are_in_a_table() -> None:
-    assert hole_tables(hole_groups(VIEWS, row_of(MOST_COORDINATES)), VIEWS) == ()
-    holes = row_of(MOST_COORDINATES + 1)
+    assert hole_tables(hole_groups(VIEWS, row_of(MAX_COORDINATES)), VIEWS) == ()
+    holes = row_of(MAX_COORDINATES + 1)
     (table,) = hole_tables(hole_groups(VIEWS, holes), VIEWS)
     # From top to bottom, so that the last is the highest.
     assert table.rows[0] == ("1", "33.00", "7.00")
@@ -169,7 +169,7 @@ def test_its_angle_is_to_the_nearer_axis_of_the_view(turned_deg: float, expected
     draw_oblique(sheet, PlacedView(VIEWS[1], 1.0, np.array([60.0, 60.0])), hole)
     assert [box.text for box in sheet.text_boxes] == [f"{expected}°"]
     at = np.array([80.0, 90.0])
-    arc = max((line for line, _ in sheet.drawn), key=len)
+    arc = max((line for line, _ in sheet.drawn_lines), key=len)
     ways = (arc - at) / np.linalg.norm(arc - at, axis=1)[:, None]
     ends = np.degrees(np.arccos(np.clip(ways[0] @ ways[-1], -1.0, 1.0)))
     assert ends == pytest.approx(float(expected), abs=0.01)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from shapely import LineString
 
-from mirrorcam.cad.guide.labels import Label, annotate, middle_pixel, uncrossed_order
+from mirrorcam.cad.guide.labels import Label, annotate, innermost_body_pixel, uncrossed_order
 from mirrorcam.cad.guide.shading import Screen, Shot
 
 
@@ -31,17 +31,17 @@ def test_leaders_of_random_places_never_cross() -> None:
         assert not any(first.crosses(second) for first, second in combinations(lines, 2))
 
 
-def test_an_anchor_is_deepest_inside_what_is_seen_of_a_body() -> None:
+def test_an_anchor_is_the_innermost_visible_pixel_of_a_body() -> None:
     bodies = np.full((40, 60), -1, dtype=np.int32)
     bodies[10:31, 20:41] = 3
     bodies[0:2, 0:2] = 5
-    point = middle_pixel(shot_of(bodies), 3)
+    point = innermost_body_pixel(shot_of(bodies), 3)
     assert point is not None
     np.testing.assert_allclose(point, [30.0, 20.0], atol=1.0)
-    assert middle_pixel(shot_of(bodies), 4) is None
+    assert innermost_body_pixel(shot_of(bodies), 4) is None
 
 
-def test_only_what_is_seen_gets_a_label() -> None:
+def test_only_visible_bodies_have_labels() -> None:
     bodies = np.full((300, 400), -1, dtype=np.int32)
     bodies[120:180, 170:230] = 0
     shot = shot_of(bodies)
@@ -62,7 +62,7 @@ def test_a_name_over_a_dark_body_is_as_on_white() -> None:
     bodies = np.full((120, 500), -1, dtype=np.int32)
     bodies[50:70, 20:40] = 0
     white = shot_of(bodies)
-    dark = Shot(np.full_like(white.image, 20), bodies, white.nearness, white.screen)
+    dark = Shot(np.full_like(white.image, 20), bodies, white.z_mm, white.screen)
     labels = [Label(0, "Raspberry Pi Camera Module 2")]
     on_white, on_dark = annotate(white, labels), annotate(dark, labels)
     # The leader runs from the name to the dot in the middle of the body.

@@ -13,7 +13,7 @@ from mirrorcam.cad.guide.live_view import (
     LINE_RGB,
     MIRROR,
     SURROUNDINGS,
-    _name,
+    _draw_name,
     live_overlay,
     live_view,
     write_live_view,
@@ -87,7 +87,7 @@ def test_names_in_a_frame_of_twice_the_size_are_twice_as_large() -> None:
     heights = []
     for scale in (1, 2):
         image = np.zeros((1080 * scale, 1920 * scale, 3), dtype=np.uint8)
-        _name(
+        _draw_name(
             image, "1-0", scale * np.array([[100.0, 100.0], [900.0, 100.0], [900.0, 520.0], [100.0, 520.0]]), (255,) * 3
         )
         heights.append(np.ptp(np.nonzero(image.any(axis=2))[0]))

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from mirrorcam.cad.guide.part_views import (
-    ALONG_VISIBLE_MM,
     FRONT,
     ISOMETRIC,
+    OVERLAP_MM,
     RIGHT,
     TOP,
     PartView,
@@ -43,7 +43,7 @@ def test_lengths_of_visible_and_hidden_edges_of_a_block(block: Callable[..., Par
     visible, hidden = on_paper(project(solid, FRONT), 1.0)
     assert length(visible) == pytest.approx(2 * (60 + 10), rel=1e-6)
     # The sides of two holes, clear of the edges at their ends.
-    assert length(hidden) == pytest.approx(4 * (10.0 - 2 * ALONG_VISIBLE_MM), rel=1e-3)
+    assert length(hidden) == pytest.approx(4 * (10.0 - 2 * OVERLAP_MM), rel=1e-3)
     np.testing.assert_allclose(project(solid, RIGHT).box, [[-15, -5], [15, 5]], atol=1e-6)
 
 

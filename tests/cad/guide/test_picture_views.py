@@ -16,7 +16,7 @@ from mirrorcam.cad.guide.assembly_steps import Stages
 from mirrorcam.cad.guide.labels import CAPTION_ROOM_PX, pixel_of
 from mirrorcam.cad.guide.picture_views import (
     ARROW_MM,
-    STEP_SHARE,
+    STEP_RATIO,
     DevicePicture,
     Item,
     assembled,
@@ -43,7 +43,7 @@ NOTES = (("front", np.array([0.0, 0.0, 10.0])), ("back", np.array([0.0, 0.0, -10
 @pytest.mark.slow
 def test_each_view_names_the_points_that_it_shows() -> None:
     behind = DevicePicture("cube", "Cube", np.diag([-1.0, 1.0, -1.0]), (CUBE,), notes=NOTES)
-    front = DevicePicture("cube", "Cube", np.eye(3), (CUBE,), notes=NOTES, below=behind)
+    front = DevicePicture("cube", "Cube", np.eye(3), (CUBE,), notes=NOTES, lower=behind)
     seen = []
     for view in views_of(front):
         shot = shot_of(view)
@@ -53,7 +53,7 @@ def test_each_view_names_the_points_that_it_shows() -> None:
 
 def test_views_lie_one_below_the_other_with_their_captions(tmp_path: Path) -> None:
     plain = DevicePicture("cube", "Cube", np.eye(3), (CUBE,))
-    write_picture(tmp_path, DevicePicture("cube", "Cube", np.eye(3), (CUBE,), caption="Above", below=plain))
+    write_picture(tmp_path, DevicePicture("cube", "Cube", np.eye(3), (CUBE,), caption="Above", lower=plain))
     image = read_image(tmp_path / "pictures" / "cube.png")
     assert image.shape == (2100, 1400, 3)
     assert (image[:60, :200] < 100).any()
@@ -72,7 +72,7 @@ def one(made: Made, kind: str) -> Piece:
     return next(piece for piece in made.pieces if piece.kind == kind)
 
 
-def test_what_rests_may_be_pale_but_for_mirrors(made: Made) -> None:
+def test_existing_pieces_may_be_pale_except_mirrors(made: Made) -> None:
     part, mirror = one(made, "part"), one(made, "mirror")
     assert in_place(part).body.rgb == part.rgb
     assert min(in_place(part, pale=True).body.rgb) > min(part.rgb)
@@ -103,13 +103,13 @@ def test_an_insert_is_at_the_beginning_of_its_way_behind_an_arrow(made: Made) ->
     assert name_of(insert) == ""
 
 
-def test_fasteners_stand_off_what_rests(stages: Stages) -> None:
+def test_fasteners_are_displaced_from_existing_pieces(stages: Stages) -> None:
     items = assembled(stages.mount, [], stages.holder_screws, stages.mount)
     assert len(items) == len(stages.mount) + len(stages.holder_screws)
     base = mean([piece.explode_mm for piece in stages.mount])
     for screw, item in zip(stages.holder_screws, items[len(stages.mount) :], strict=True):
         moves = item.body.triangles - triangles_of(screw)
-        np.testing.assert_allclose(moves - STEP_SHARE * (screw.explode_mm - base), 0.0, atol=1e-9)
+        np.testing.assert_allclose(moves - STEP_RATIO * (screw.explode_mm - base), 0.0, atol=1e-9)
 
 
 def test_the_mean_of_nothing_is_no_move() -> None:

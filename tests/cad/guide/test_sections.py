@@ -10,7 +10,14 @@ from shapely import LineString, box
 
 from mirrorcam.cad.guide.drawing_sheet import DrawingSheet
 from mirrorcam.cad.guide.part_views import FRONT, RIGHT, TOP, PlacedView, project
-from mirrorcam.cad.guide.sections import HATCH_LINE_MM, cut, draw_trace, hatch, section_plane, trace_in
+from mirrorcam.cad.guide.sections import (
+    HATCH_LINE_MM,
+    cut,
+    cutting_plane_line,
+    draw_cutting_plane_line,
+    hatch,
+    section_plane,
+)
 from mirrorcam.cad.plan.dimension import Hole
 from mirrorcam.cad.plan.part_plan import PartPlan
 
@@ -29,7 +36,7 @@ def test_a_block_is_cut_through_its_holes_and_hatched_between_them(block: Callab
     sheet = DrawingSheet(100.0, 100.0)
     hatch(sheet, section.faces, 1.0, np.array([50.0, 50.0]))
     holes = [box(x - 2.9, 45.0, x + 2.9, 55.0) for x in (30.0, 70.0)]
-    lines = [LineString(line) for line, width in sheet.drawn if width == HATCH_LINE_MM]
+    lines = [LineString(line) for line, width in sheet.drawn_lines if width == HATCH_LINE_MM]
     assert len(lines) > 20
     for line in lines:
         assert not any(line.intersects(hole) for hole in holes)
@@ -61,7 +68,7 @@ def test_a_part_is_cut_where_most_of_its_blind_holes_are() -> None:
     assert section_plane("a plan", [], BED) is None
 
 
-def test_the_trace_is_drawn_where_it_is_in_the_way_of_no_text(block: Callable[..., PartPlan]) -> None:
+def test_the_cutting_plane_line_is_drawn_clear_of_text(block: Callable[..., PartPlan]) -> None:
     part = block()
     solid = part.make(part.plan)
     section = cut(solid, 0, 20.0, BED)
@@ -70,7 +77,7 @@ def test_the_trace_is_drawn_where_it_is_in_the_way_of_no_text(block: Callable[..
         PlacedView(project(solid, axes), 1.0, np.array(shift))
         for axes, shift in ((TOP, (50.0, 150.0)), (FRONT, (50.0, 50.0)), (RIGHT, (150.0, 50.0)))
     ]
-    traces = [trace_in(view, section, BED) for view in views]
+    traces = [cutting_plane_line(view, section, BED) for view in views]
     assert traces[2] is None
     seen = [trace for trace in traces if trace]
     for trace in seen:
@@ -78,7 +85,7 @@ def test_the_trace_is_drawn_where_it_is_in_the_way_of_no_text(block: Callable[..
         np.testing.assert_allclose(trace.arrow, [-1.0, 0.0])
     sheet = DrawingSheet(200.0, 200.0)
     sheet.text((68.0, 170.0), "in the way", 3.0)
-    draw_trace(sheet, seen, "A")
+    draw_cutting_plane_line(sheet, seen, "A")
     letters = [box for box in sheet.text_boxes if box.text == "A"]
     assert len(letters) == 2
     assert all(box.corners[:, 1].max() < 70.0 for box in letters)

@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely import LineString
 
-from mirrorcam.cad.guide.labels import Label, annotate, middle_pixel, uncrossed_order
+from mirrorcam.cad.guide.labels import Label, annotate, innermost_body_pixel, uncrossed_order
 from mirrorcam.cad.guide.shading import Screen, ShadedBody, Shot, edges_of, merged_lines, render, visible_lines
 from mirrorcam.core.values import FloatArray
 
@@ -35,7 +35,7 @@ def screen(size_px: tuple[int, int] = (200, 160)) -> Screen:
 def test_a_box_covers_its_pixels_at_its_height() -> None:
     shot = render([box((-10, -5, 0), (10, 5, 7), RED)], screen())
     assert (shot.bodies == 0).sum() == 20 * 4 * 10 * 4
-    np.testing.assert_allclose(shot.nearness[shot.bodies == 0], 7.0)
+    np.testing.assert_allclose(shot.z_mm[shot.bodies == 0], 7.0)
     assert shot.image[80, 100].argmax() == 0
     assert (shot.image[:10] == 255).all()
 
@@ -50,11 +50,11 @@ def test_a_sphere_is_round_and_as_near_as_its_equation() -> None:
     x, y = (columns + 0.25 - 100.0) / 4.0, (80.0 - rows - 0.25) / 4.0
     inner = np.hypot(x, y) < 12.0
     expected = np.sqrt(15.0**2 - x[inner] ** 2 - y[inner] ** 2)
-    np.testing.assert_allclose(shot.nearness[rows[inner], columns[inner]], expected, atol=0.1)
+    np.testing.assert_allclose(shot.z_mm[rows[inner], columns[inner]], expected, atol=0.1)
 
 
 @pytest.mark.parametrize("order", [(0, 1), (1, 0)])
-def test_what_is_nearer_is_seen_in_any_order(order: tuple[int, int]) -> None:
+def test_nearer_bodies_hide_farther_ones_in_any_order(order: tuple[int, int]) -> None:
     bodies = [box((-10, -10, 0), (10, 10, 5), RED), box((-3, -3, 6), (3, 3, 8), BLUE)]
     shot = render([bodies[i] for i in order], screen())
     assert (shot.bodies == order.index(1)).sum() == (6 * 4) ** 2
@@ -125,19 +125,19 @@ def test_no_line_to_a_label_crosses_another(seed: int, count: int) -> None:
     assert not any(a.crosses(b) for a, b in combinations(lines, 2))
 
 
-def test_a_label_points_inside_of_what_is_seen() -> None:
+def test_a_label_points_inside_the_visible_part_of_its_body() -> None:
     bodies = [
         box((-15, -10, 0), (15, 10, 5), RED),
         box((-15, -10, 6), (5, 10, 8), BLUE),
         box((0, 0, 1), (1, 1, 2), RED),
     ]
     shot = render(bodies, screen((800, 400)))
-    point = middle_pixel(shot, 0)
+    point = innermost_body_pixel(shot, 0)
     assert point is not None
     assert shot.bodies[int(point[1]), int(point[0])] == 0
     # Half hidden: the middle of the visible part, not of the complete body.
     assert point[0] > 400 + 5 * 4
-    assert middle_pixel(shot, 2) is None
+    assert innermost_body_pixel(shot, 2) is None
     named = annotate(shot, [Label(0, "red"), Label(1, "blue"), Label(2, "hidden")])
     changed = (named != shot.image).any(axis=-1)
     assert changed[:, :100].any()
@@ -170,7 +170,7 @@ def test_a_cylinder_on_its_side_is_its_outline_and_its_ends() -> None:
     assert length_mm(cylinder, shot_of(cylinder)) == pytest.approx(60.0, rel=0.05)
 
 
-def test_what_lies_behind_is_not_drawn() -> None:
+def test_hidden_edges_are_not_drawn() -> None:
     below = trimesh.creation.box((20.0, 10.0, 5.0))
     cover = trimesh.creation.box((10.0, 20.0, 5.0))
     cover.apply_translation((6.0, 0.0, 20.0))

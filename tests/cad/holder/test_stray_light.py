@@ -9,7 +9,7 @@ import pytest
 from manifold3d import Manifold
 
 from mirrorcam.cad.assembly.device_plan import Device
-from mirrorcam.cad.checks.device_checks import STRAY_LIGHT
+from mirrorcam.cad.checks.device_checks import MAX_STRAY_LIGHT
 from mirrorcam.cad.checks.part_checks import polygons
 from mirrorcam.cad.holder.holder_body import HolderPlan, body_of
 from mirrorcam.cad.holder.holder_plan import plan_holder
@@ -40,12 +40,14 @@ def mirror_solids(layout: Layout) -> list[Manifold]:
 @pytest.mark.slow
 def test_walls_keep_the_room_out_of_the_picture(default_layout: Layout, plan: HolderPlan) -> None:
     assert len(rays_past_mirrors(default_layout)) > 100
-    assert stray_light(default_layout, body_of(PlanarCsg(), plan), mirror_solids(default_layout)) < 0.1 * STRAY_LIGHT
+    assert (
+        stray_light(default_layout, body_of(PlanarCsg(), plan), mirror_solids(default_layout)) < 0.1 * MAX_STRAY_LIGHT
+    )
     # With larger gaps between mirrors, too much of the picture shows the room without walls.
     free = parabola(3, 3)
     walled = plan_holder(free, HARDWARE)
-    assert stray_light(free, body_of(PlanarCsg(), walled), mirror_solids(free)) < 0.1 * STRAY_LIGHT
-    assert stray_light(free, body_of(PlanarCsg(), without_walls(walled)), mirror_solids(free)) > STRAY_LIGHT
+    assert stray_light(free, body_of(PlanarCsg(), walled), mirror_solids(free)) < 0.1 * MAX_STRAY_LIGHT
+    assert stray_light(free, body_of(PlanarCsg(), without_walls(walled)), mirror_solids(free)) > MAX_STRAY_LIGHT
 
 
 def test_without_a_holder_all_light_between_mirrors_is_stray(default_layout: Layout) -> None:

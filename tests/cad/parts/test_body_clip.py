@@ -15,7 +15,7 @@ from shapely import MultiPoint
 
 from mirrorcam.cad.assembly.catalogue import Y_UP, with_base_at
 from mirrorcam.cad.assembly.pieces import camera_solid, tessellated
-from mirrorcam.cad.checks.clashes import common_mm3
+from mirrorcam.cad.checks.clashes import overlap_mm3
 from mirrorcam.cad.checks.exported_mesh import solid_of
 from mirrorcam.cad.checks.part_checks import check_overhangs, thinnest_wall_mm
 from mirrorcam.cad.parts.body_clip import PAD_MM, WEIGHT_RESERVE, Tray, far_leaf
@@ -155,13 +155,13 @@ def test_the_sprung_screws_stand_in_nothing_but_their_threads(name: str, kind: s
     for screw in plan.nest.screws:
         rod = manifold3d.Manifold.cylinder(screw.length_mm, 1.5, circular_segments=48)
         frame = np.column_stack([trimesh.geometry.align_vectors([0.0, 0.0, 1.0], screw.axis)[:3, :3], screw.head])
-        assert common_mm3(clip, rod.transform(frame)) == 0.0
+        assert overlap_mm3(clip, rod.transform(frame)) == 0.0
 
 
 ON_MM = 0.06  # a body is a mesh here
 
 
-def with_camera(name: str) -> Hardware:
+def connected_to_camera(name: str) -> Hardware:
     return HARDWARE.replaced(camera=read_body(name))
 
 
@@ -174,7 +174,7 @@ def nest_of(hardware: Hardware) -> Nest:
 @pytest.mark.parametrize("name", BODIES)
 def test_six_points_and_both_tips_lie_on_the_drawn_body_and_look_into_it(name: str) -> None:
     """Also on round ends, where points on the bounding box would touch nothing."""
-    hardware = with_camera(name)
+    hardware = connected_to_camera(name)
     nest, body = nest_of(hardware), solid_of(tessellated(camera_solid(hardware.camera)))
     speck = manifold3d.Manifold.cube((2e-3, 2e-3, 2e-3), center=True)
     places = np.vstack([nest.points, [screw.tip for screw in nest.screws]])
@@ -186,7 +186,7 @@ def test_six_points_and_both_tips_lie_on_the_drawn_body_and_look_into_it(name: s
 
 @pytest.mark.parametrize("name", BODIES)
 def test_the_screws_press_on_all_six_points_however_the_robot_shakes_the_camera(name: str) -> None:
-    hardware = with_camera(name)
+    hardware = connected_to_camera(name)
     nest, camera = nest_of(hardware), hardware.camera
     weight = WEIGHT_RESERVE * camera.mass_g / 1000.0 * GRAVITY_N_PER_KG * hardware.clip.shaken_g
     assert least_contact_n(nest, body_box(camera).middle, weight, hardware.printer.plastic_mpa) >= 0.0
@@ -200,28 +200,28 @@ def test_the_screws_press_on_all_six_points_however_the_robot_shakes_the_camera(
 
 def test_three_points_fix_the_front_and_none_of_them_is_on_the_lens() -> None:
     for name in BODIES:
-        camera, nest = read_body(name), nest_of(with_camera(name))
+        camera, nest = read_body(name), nest_of(connected_to_camera(name))
         np.testing.assert_allclose(nest.normals[:3], np.tile([0.0, 0.0, -1.0], (3, 1)))
         np.testing.assert_allclose(nest.points[:3, 2], camera.pupil_behind_front_mm)
         assert np.linalg.norm(nest.points[:3, :2], axis=1).min() > camera.lens_ring_mm / 2.0 + 1.0
 
 
 def test_round_ends_rest_on_a_v_and_flat_ones_on_a_pad() -> None:
-    c920, oak = nest_of(with_camera("c920")), nest_of(with_camera("oak_d"))
+    c920, oak = nest_of(connected_to_camera("c920")), nest_of(connected_to_camera("oak_d"))
     np.testing.assert_allclose(np.abs(c920.normals[3:5, :2]), np.sqrt(0.5))
     np.testing.assert_allclose(oak.normals[5], [1.0, 0.0, 0.0])
 
 
 def test_a_lens_near_one_end_has_the_stop_at_the_other() -> None:
     """The corner over the front would cover the lens: the D435's colour camera is near the low end of x."""
-    assert nest_of(with_camera("d435")).points[0, 0] > 0.0
-    assert nest_of(with_camera("c920")).points[0, 0] < 0.0
+    assert nest_of(connected_to_camera("d435")).points[0, 0] > 0.0
+    assert nest_of(connected_to_camera("c920")).points[0, 0] < 0.0
 
 
 @pytest.mark.parametrize("name", BODIES)
 def test_the_body_goes_in_from_the_scene(name: str) -> None:
     """A body with flat ends enters straight, one with round ends one end first, until the other is lowered."""
-    hardware = with_camera(name)
+    hardware = connected_to_camera(name)
     plan, camera, nest = plan_clip(hardware), hardware.camera, nest_of(hardware)
     body = body_box(camera)
     outline = rounded(camera)
@@ -293,7 +293,7 @@ PHONES = [name for name in BODIES if not read_body(name).has_cable]
 @pytest.mark.parametrize("name", PHONES)
 def test_the_lens_of_a_phone_looks_past_its_clip_at_the_edge_towards_the_scene(name: str) -> None:
     """From its lens to that edge, and 2 mm around, the clip does not cover the phone."""
-    hardware = with_camera(name)
+    hardware = connected_to_camera(name)
     camera, body = hardware.camera, body_box(hardware.camera)
     half = camera.lens_ring_mm / 2.0 + 2.0
     over = box((-half, -half, float(body.high[2])), (half, float(body.high[1]) + 50.0, float(body.high[2]) + 50.0))
@@ -306,7 +306,7 @@ def test_the_lens_of_a_phone_looks_past_its_clip_at_the_edge_towards_the_scene(n
 @pytest.mark.parametrize("name", PHONES)
 def test_the_clip_of_a_phone_covers_its_port_as_the_guide_says(name: str) -> None:
     """In the middle of the end far from the lens."""
-    hardware = with_camera(name)
+    hardware = connected_to_camera(name)
     body = body_box(hardware.camera)
     end = float(body.low[0]) if -body.low[0] > body.high[0] else float(body.high[0])
     outwards = np.sign(end)

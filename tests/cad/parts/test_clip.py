@@ -11,7 +11,7 @@ from build123d import Box, Location
 
 from mirrorcam.cad.assembly.catalogue import Y_UP, with_base_at
 from mirrorcam.cad.assembly.pieces import camera_solid, tessellated
-from mirrorcam.cad.checks.clashes import common_mm3
+from mirrorcam.cad.checks.clashes import overlap_mm3
 from mirrorcam.cad.checks.exported_mesh import solid_of
 from mirrorcam.cad.checks.part_checks import overhangs
 from mirrorcam.cad.parts.camera_box import body_box
@@ -36,7 +36,7 @@ def test_a_board_rests_on_its_posts_and_its_clip_prints_on_its_slide(name: str, 
     plan = plan_clip(hardware)
     mesh, camera = tessellated(make_clip(plan)), solid_of(tessellated(camera_solid(hardware.camera)))
     clip = solid_of(mesh)
-    assert common_mm3(clip, camera) == 0.0
+    assert overlap_mm3(clip, camera) == 0.0
     assert clip.min_gap(camera, 1.0) < 1e-4
     mesh.apply_transform(with_base_at(Y_UP, plan.slide_y_mm))
     assert mesh.bounds[0, 2] == pytest.approx(0.0, abs=1e-6)

@@ -110,7 +110,7 @@ def leaves(path: Path) -> dict[str, Shape[Any]]:
 
 
 @pytest.mark.usefixtures("screws")
-def test_everything_is_there_in_its_place_and_colour(device: Device, parts: list[BuiltPart], tmp_path: Path) -> None:
+def test_every_piece_has_its_position_and_colour(device: Device, parts: list[BuiltPart], tmp_path: Path) -> None:
     write_assembly(tmp_path / "assembly.step", device, parts)
     found = leaves(tmp_path / "assembly.step")
     mirrors = [f"mirror_{name}" for name in device.layout.mirror_names]
@@ -225,7 +225,7 @@ def test_the_clip_slides_on_the_mount_along_the_lens_axis_as_far_as_it_may(
     assert not any(isinstance(joint, LinearJoint) for joint in others.values())
 
 
-def test_what_slides_is_turned_as_its_connection_says() -> None:
+def test_a_sliding_part_has_the_orientation_of_its_connection() -> None:
     """The child's frame coincides with the parent's, for any rotations."""
     rng = np.random.default_rng(3)
     frames = [np.eye(4), np.eye(4)]

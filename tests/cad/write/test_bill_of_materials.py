@@ -38,12 +38,9 @@ def test_pieces_are_counted_by_kind_and_length(bom: Bom) -> None:
         ("Glue for acrylic that does not craze it (neutral silicone)", None),
         *((f"Tool: {tool}", None) for tool in ("calipers", "kitchen scale", "steel ruler", "blade")),
         ("Tool: soldering iron with a tip for M3 inserts", None),
-        *(
-            (f"Tool: {tool}", None)
-            for tool in ("syringe of 5 ml", "cotton gloves", "hex key of 2.5 mm", "dental floss")
-        ),
+        *((f"Tool: {tool}", None) for tool in ("5 ml syringe", "cotton gloves", "2.5 mm hex key", "dental floss")),
         ("Also needed: calibration board, printed on paper", None),
-        ("Also needed: flat stiff plate of its size, of glass or aluminium", None),
+        ("Also needed: flat stiff plate of the same size, glass or aluminium", None),
     ]
     assert [line.standard for line in bom.bought[1:4]] == ["ISO 4762, socket head"] * 2 + ["brass"]
     assert bom.bought[3].note == "mirror holder; for a hole of 4.0 mm"

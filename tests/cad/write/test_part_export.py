@@ -101,7 +101,7 @@ found = {
 
 def test_a_file_of_another_solid_is_refused(tmp_path: Path) -> None:
     write_step(tmp_path / "plate.step", plate())
-    with pytest.raises(ValueError, match=r"holds \d+ faces, expected 6"):
+    with pytest.raises(ValueError, match=r"has \d+ faces, expected 6"):
         name_faces((tmp_path / "plate.step").read_text(), Box(1.0, 1.0, 1.0), [])
 
 

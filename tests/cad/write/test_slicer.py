@@ -142,7 +142,7 @@ def test_time_grams_and_support_are_read_from_a_gcode_file() -> None:
     assert read_gcode("") is None
 
 
-def test_without_a_slicer_nothing_is_said(block_3mf: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_a_slicer_nothing_is_reported(block_3mf: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(slicer, "find_slicer", lambda: None)
     assert check_slicing(block_3mf, PRINTER) == {}
     with pytest.raises(FileNotFoundError, match="PrusaSlicer is not installed"):

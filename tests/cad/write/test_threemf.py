@@ -90,7 +90,7 @@ def test_it_lies_as_it_prints_amid_the_bed(written: Path) -> None:
     np.testing.assert_allclose(list(placed.MinCoordinate), [BED[0] / 2 - 30.0, BED[1] / 2 - 5.0, 0.0], atol=1e-4)
 
 
-def test_it_says_what_it_is(written: Path, block: PartPlan) -> None:
+def test_the_model_has_its_metadata(written: Path, block: PartPlan) -> None:
     model = read(written)
     group = model.GetMetaDataGroup()
     texts = {group.GetMetaData(i).GetName(): group.GetMetaData(i).GetValue() for i in range(group.GetMetaDataCount())}
@@ -127,7 +127,7 @@ def test_a_reader_finds_any_name_of_a_material_as_it_is(
     assert [each.get("name") for each in tree.iter() if each.tag.endswith("}base")] == [name]
 
 
-def test_the_same_part_gives_the_same_bytes_and_another_other_ids(
+def test_the_same_part_gives_the_same_bytes_and_a_different_part_different_ids(
     written: Path, block: PartPlan, built_block: BuiltPart, tmp_path: Path
 ) -> None:
     write_3mf(tmp_path / "again.3mf", built_block.stl, block, HARDWARE.printer)
@@ -199,9 +199,9 @@ def test_a_part_may_reach_to_the_edge_of_the_bed(block: PartPlan, built_block: B
 
 def test_parts_too_near_or_off_the_bed_are_seen(block: PartPlan, built_block: BuiltPart) -> None:
     body = body_on_bed(built_block.stl, block, HARDWARE.printer)
-    near = body.placed(np.eye(2), np.array([0.0, 10.0 + GAP_MM - 0.1]))
+    near = body.transformed(np.eye(2), np.array([0.0, 10.0 + GAP_MM - 0.1]))
     assert failed(check_plates([Plate((body, near))], HARDWARE.printer)) == {"part_gap_mm"}
-    off = body.placed(np.eye(2), np.array([0.0, 106.0]))
+    off = body.transformed(np.eye(2), np.array([0.0, 106.0]))
     assert failed(check_plates([Plate((body, off))], HARDWARE.printer)) == {"beyond_bed_mm"}
     high = replace(body, points=body.points - (0.0, 0.0, 0.1))
     assert failed(check_plates([Plate((high,))], HARDWARE.printer)) == {"beyond_bed_mm"}

@@ -45,21 +45,21 @@ def test_a_bar_is_timoshenkos_cantilever(bar: Tetrahedra) -> None:
     assert free[3, 3] == pytest.approx(LENGTH * 2.0 * (1.0 + POISSON) / (0.1406 * SIDE**4), rel=0.05)
 
 
-def test_what_it_carries_sinks_and_goes_with_its_expansion(bar: Tetrahedra) -> None:
+def test_a_carried_body_sinks_and_follows_the_expansion_of_the_solid(bar: Tetrahedra) -> None:
     solid = Solid(bar)
     first, last = ends(solid)
     beyond = LAST + np.array([10.0, 0.0, 0.0])
     condensed = solid.condensed([first], FIRST[None], {"mass": Carried(last, LAST, 2.0, beyond)})
-    by_loads = condensed.by_loads["mass"]
-    assert by_loads.shape == (6, LOADS)
+    per_load = condensed.per_load["mass"]
+    assert per_load.shape == (6, LOADS)
     # A weight of 2 N, 10 mm past the end: a force and a moment there.
-    assert by_loads[2, 5] == pytest.approx(2.0 * (LENGTH**3 / 3.0 + 10.0 * LENGTH**2 / 2.0) / INERTIA, rel=0.02)
-    assert by_loads[4, 5] == pytest.approx(-2.0 * (LENGTH**2 / 2.0 + 10.0 * LENGTH) / INERTIA, rel=0.02)
+    assert per_load[2, 5] == pytest.approx(2.0 * (LENGTH**3 / 3.0 + 10.0 * LENGTH**2 / 2.0) / INERTIA, rel=0.02)
+    assert per_load[4, 5] == pytest.approx(-2.0 * (LENGTH**2 / 2.0 + 10.0 * LENGTH) / INERTIA, rel=0.02)
     # Its own weight: a uniform load.
-    assert by_loads[2, 2] == pytest.approx(AREA * LENGTH**4 / 8.0 / INERTIA, rel=0.02)
-    np.testing.assert_allclose(by_loads[:3, 6], [LENGTH, 0.0, 0.0], atol=0.02 * LENGTH)
+    assert per_load[2, 2] == pytest.approx(AREA * LENGTH**4 / 8.0 / INERTIA, rel=0.02)
+    np.testing.assert_allclose(per_load[:3, 6], [LENGTH, 0.0, 0.0], atol=0.02 * LENGTH)
     # It follows the screw as a rigid body.
-    np.testing.assert_allclose(condensed.by_screws["mass"][:3], rigid_motions((LAST - FIRST)[None]), atol=1e-6)
+    np.testing.assert_allclose(condensed.per_screws["mass"][:3], rigid_motions((LAST - FIRST)[None]), atol=1e-6)
 
 
 def test_loads_in_any_direction_are_sums(bar: Tetrahedra) -> None:
@@ -70,10 +70,10 @@ def test_loads_in_any_direction_are_sums(bar: Tetrahedra) -> None:
     turn = np.column_stack([gravity, across, np.cross(gravity, across)])
     first, last = ends(solid)
     carried = {"mass": Carried(last, LAST, 1.0, LAST)}
-    superposed = solid.condensed([first], FIRST[None], carried).by_loads["mass"][:, :3] @ gravity
+    superposed = solid.condensed([first], FIRST[None], carried).per_load["mass"][:, :3] @ gravity
     turned = Solid(Tetrahedra(bar.points @ turn, bar.corners))
     there = {"mass": Carried(last, LAST @ turn, 1.0, LAST @ turn)}
-    direct = turned.condensed([first], (FIRST @ turn)[None], there).by_loads["mass"][:, 0]
+    direct = turned.condensed([first], (FIRST @ turn)[None], there).per_load["mass"][:, 0]
     np.testing.assert_allclose(np.kron(np.eye(2), turn) @ direct, superposed, rtol=1e-6, atol=1e-6)
 
 
@@ -111,22 +111,22 @@ def test_a_stiff_strip_glued_to_a_bar_stretches_it_as_volkersen_says(bar: Tetrah
     in_middle = np.abs(solid.nodes[:, 0] - LENGTH / 2.0) < 1e-6
     held = np.flatnonzero(in_middle & (np.linalg.norm(solid.nodes[:, 1:] - 3.0, axis=1) < 1.6))
     condensed = solid.condensed([held], np.array([[LENGTH / 2.0, 3.0, 3.0]]), carried)
-    longer = strain * (condensed.by_loads["end"][0, 7] - condensed.by_loads["other"][0, 7])
+    longer = strain * (condensed.per_load["end"][0, 7] - condensed.per_load["other"][0, 7])
     in_series = 1.0 / (1.0 / stiff + SIDE * 2.0 * (1.0 + POISSON) / 3.0)
     rate = np.sqrt(in_series * SIDE / AREA)
     half = rate * LENGTH / 2.0
     assert longer == pytest.approx(strain * LENGTH * (1.0 - np.tanh(half) / half), rel=0.02)
     # If both expand equally, the glue is not strained, and the bar expands by as much.
-    alike = [condensed.by_loads[name][0, 6:].sum() for name in ("end", "other")]
+    alike = [condensed.per_load[name][0, 6:].sum() for name in ("end", "other")]
     assert alike[0] - alike[1] == pytest.approx(LENGTH, rel=0.01)
 
 
-def test_what_is_glued_softly_goes_with_its_seat_and_sinks_in_its_glue(bar: Tetrahedra) -> None:
+def test_a_softly_glued_body_follows_its_seat_and_sinks_in_its_glue(bar: Tetrahedra) -> None:
     solid = Solid(bar)
     first, last = ends(solid)
     glue = np.tile(0.1 * np.eye(3), (len(last), 1, 1))
     condensed = solid.condensed([first], FIRST[None], {"mass": Carried(last, LAST, 2.0, LAST, glue)})
     plain = solid.condensed([first], FIRST[None], {"mass": Carried(last, LAST, 2.0, LAST)})
-    np.testing.assert_allclose(condensed.by_screws["mass"], plain.by_screws["mass"], atol=1e-6)
-    sunk = condensed.by_loads["mass"][2, 5] - plain.by_loads["mass"][2, 5]
+    np.testing.assert_allclose(condensed.per_screws["mass"], plain.per_screws["mass"], atol=1e-6)
+    sunk = condensed.per_load["mass"][2, 5] - plain.per_load["mass"][2, 5]
     assert sunk == pytest.approx(2.0 / (0.1 * len(last)), rel=0.1)

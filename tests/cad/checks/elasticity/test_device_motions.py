@@ -13,7 +13,7 @@ from mirrorcam.cad.checks.elasticity.condensed_solid import Carried, Solid
 from mirrorcam.cad.checks.elasticity.device_motions import (
     CAMERA,
     PLASTICS,
-    STEEL_PER_K,
+    SUPPORT_CTE_PER_K,
     DeviceMotions,
     TiedPart,
     device_motions,
@@ -32,7 +32,7 @@ def test_plastics_are_softer_and_expand_more_than_metal() -> None:
     for plastic in PLASTICS:
         assert 1000.0 < plastic.modulus_mpa < 10000.0
         assert 1.0 < plastic.density_g_per_cm3 < 1.5
-        assert STEEL_PER_K < plastic.strain_per_k < 2e-4
+        assert SUPPORT_CTE_PER_K < plastic.cte_per_k < 2e-4
         assert 0.1 < plastic.creep < 1.5
         assert plastic.source
 
@@ -52,9 +52,9 @@ FIRST, LAST = np.array([0.0, 3.0, 3.0]), np.array([60.0, 3.0, 3.0])
 def test_motions_of_a_plastic_are_sums_of_parts(default_layout: Layout, turning: DeviceMotions) -> None:
     name = default_layout.mirror_names[0]
     gravity = turning.under_gravity(2000.0, 3.0)[name]
-    np.testing.assert_allclose(gravity, (3.0 + 1.0) / 2000.0 * turning.plastic_weight[name])
-    strain = turning.of_strain(2e-3, 5.0, 7.0)[name]
-    np.testing.assert_allclose(strain, 2e-3 * turning.plastic_strain[name])
+    np.testing.assert_allclose(gravity, (3.0 + 1.0) / 2000.0 * turning.per_plastic_weight[name])
+    strain = turning.under_strain(2e-3, 5.0, 7.0)[name]
+    np.testing.assert_allclose(strain, 2e-3 * turning.per_plastic_strain[name])
 
 
 def test_a_device_tilted_any_way_moves_as_the_sum_of_three_directions(bar: Tetrahedra) -> None:
@@ -91,10 +91,10 @@ def solved(device: Device) -> DeviceMotions:
 
 
 @pytest.mark.slow
-def test_where_all_expands_alike_the_device_only_grows(device: Device, solved: DeviceMotions, gmsh: str) -> None:
+def test_uniform_expansion_only_scales_the_device(device: Device, solved: DeviceMotions, gmsh: str) -> None:
     """Mirrors move away from the camera by the strain, without rotation, except where the camera rests."""
     for name, mirror in zip(device.layout.mirror_names, device.layout.mirrors, strict=True):
-        motion = solved.of_strain(1e-3, 1e-3, 1e-3)[name]
+        motion = solved.under_strain(1e-3, 1e-3, 1e-3)[name]
         middle = mirror.rig_from_plane[:3, 3]
         assert np.linalg.norm(motion[:3] - 1e-3 * middle) < 0.2 * np.linalg.norm(1e-3 * middle)
         assert np.linalg.norm(motion[3:]) < 1e-9

@@ -16,13 +16,13 @@ from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.checks.elasticity import elasticity_report
 from mirrorcam.cad.checks.elasticity.device_motions import PLASTICS, DeviceMotions, Plastic
 from mirrorcam.cad.checks.elasticity.elasticity_report import (
-    RESIDUAL_OF_TABLE,
-    RISE_K,
+    RESIDUAL_FRACTION,
+    TEMPERATURE_RISE_K,
     all_errors,
     errors_of,
     figures,
     gravity_table,
-    largest_of_limits,
+    largest_ratio_to_limit,
     recommended,
     require_solvable,
     write_elasticity,
@@ -41,9 +41,9 @@ def test_a_turn_of_all_mirrors_moves_all_images_alike(default_layout: Layout, tu
     # A mirror doubles a rotation; pixels are larger in angle at the edges of the picture.
     straight = 2e-3 * default_layout.camera.fy_px
     assert 0.8 * straight < errors.gravity.px < 1.8 * straight
-    assert errors.gravity.apart_px < 0.02 * errors.gravity.px
+    assert errors.gravity.residual_px < 0.02 * errors.gravity.px
     assert errors.creep == errors.gravity.times(0.5)
-    assert errors.corrected == errors.gravity.times(RESIDUAL_OF_TABLE)
+    assert errors.corrected == errors.gravity.times(RESIDUAL_FRACTION)
 
 
 def test_modulus_and_density_act_as_in_closed_form(default_layout: Layout, turning: DeviceMotions) -> None:
@@ -53,16 +53,16 @@ def test_modulus_and_density_act_as_in_closed_form(default_layout: Layout, turni
     )
     assert dense.gravity.deg == pytest.approx(2.0 * plain.gravity.deg)
     assert stiff.gravity.deg == pytest.approx(plain.gravity.deg / 4.0)
-    assert stiff.warmth == plain.warmth
+    assert stiff.heating == plain.heating
 
 
 def test_warmth_scales_the_device_and_turns_nothing(default_layout: Layout, turning: DeviceMotions) -> None:
     """A point at a depth appears nearer by the strain, through its parallax."""
-    warmth = errors_of(default_layout, turning, 500.0, PLAIN).warmth
-    assert warmth.deg == 0.0
+    heating = errors_of(default_layout, turning, 500.0, PLAIN).heating
+    assert heating.deg == 0.0
     centres = default_layout.virtual_centres_in_rig_mm
     farthest = np.linalg.norm(centres, axis=1).max()
-    assert 0.0 < warmth.px < 3.0 * RISE_K * 50e-6 * farthest / 400.0 * default_layout.camera.fx_px
+    assert 0.0 < heating.px < 3.0 * TEMPERATURE_RISE_K * 50e-6 * farthest / 400.0 * default_layout.camera.fx_px
 
 
 def test_the_robots_table_moves_a_layout_as_the_motions_say(default_layout: Layout, turning: DeviceMotions) -> None:
@@ -102,30 +102,30 @@ def test_files_state_every_plastic_and_what_a_robot_needs(
 def test_figures_fail_past_their_limits(default_layout: Layout, turning: DeviceMotions) -> None:
     errors = errors_of(default_layout, turning, 500.0, PLASTICS[0])
     errors = replace(errors, gravity=replace(errors.gravity, deg=0.04))
-    large = replace(errors, gravity=replace(errors.gravity, apart_px=0.11))
+    large = replace(errors, gravity=replace(errors.gravity, residual_px=0.11))
     assert not figures(large)["elastic.gravity_apart_px"].passed
-    small = replace(errors, gravity=replace(errors.gravity, apart_px=0.09))
+    small = replace(errors, gravity=replace(errors.gravity, residual_px=0.09))
     assert figures(small)["elastic.gravity_apart_px"].passed
-    assert largest_of_limits(large) == pytest.approx(1.1)
-    for name in ("gravity", "warmth", "creep"):
+    assert largest_ratio_to_limit(large) == pytest.approx(1.1)
+    for name in ("gravity", "heating", "creep"):
         turned = replace(small, **{name: replace(getattr(small, name), deg=0.051)})
         failed = {name for name, figure in figures(turned).items() if not figure.passed}
-        assert failed == {f"elastic.{'10_k' if name == 'warmth' else name}_deg"}
-        assert largest_of_limits(turned) == pytest.approx(1.02)
+        assert failed == {f"elastic.{'10_k' if name == 'heating' else name}_deg"}
+        assert largest_ratio_to_limit(turned) == pytest.approx(1.02)
 
 
 def test_the_plastic_that_moves_images_least_is_recommended_unless_it_swells(
     default_layout: Layout, turning: DeviceMotions
 ) -> None:
     errors = all_errors(default_layout, turning, 500.0)
-    named = {each.plastic.name: largest_of_limits(each) for each in errors}
+    named = {each.plastic.name: largest_ratio_to_limit(each) for each in errors}
     chosen = recommended(errors)
     assert chosen != "PA-CF"
     assert named[chosen] == min(share for name, share in named.items() if name != "PA-CF")
     assert np.isfinite(list(named.values())).all()
 
 
-def test_what_cannot_be_solved_is_refused_before_the_work(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_unsolvable_hardware_is_refused_before_the_work(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(elasticity_report, "gmsh_program", lambda: "gmsh")
     require_solvable(HARDWARE)
     wooden = HARDWARE.replaced(printer=HARDWARE.printer.replaced(plastic="wood"))
