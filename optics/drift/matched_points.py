@@ -21,7 +21,7 @@ from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.features.align import align
 from mirrorcam.optics.light_field.features.keypoints import grey_views
 from mirrorcam.optics.light_field.features.patches import ImagePyramid, templates
-from mirrorcam.optics.light_field.features.slope import Geometry
+from mirrorcam.optics.light_field.features.slope import ViewGeometry
 from mirrorcam.optics.light_field.light_field import Views
 
 IntArray = NDArray[np.int64]
@@ -112,7 +112,7 @@ class PointMatcher:
         framed = [cv2.copyMakeBorder(each, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=[0]) for each in clear]
         kernel = np.ones((WINDOW_PX + 2,) * 2, np.uint8)
         self.inner = np.stack([cv2.erode(each, kernel)[1:-1, 1:-1] for each in framed]) > 0
-        self.geometry = Geometry.of(views)
+        self.geometry = ViewGeometry.of(views)
         shown = np.argwhere(self.inner[self.reference])[:, ::-1]
         self.extent = (shown.min(axis=0), shown.max(axis=0) + 1) if len(shown) else (np.zeros(2), np.ones(2))
 
@@ -145,7 +145,7 @@ class PointMatcher:
         pyramid = ImagePyramid(grey.reshape(views.rows, views.cols, *grey.shape[1:]))
         patches = templates(pyramid, self.reference, start, np.full(len(start), PATCH_SCALE))
         distance = 1.0 / np.clip(np.where(known, inverse, 1e-3), 1e-6, None)
-        aligned = align(pyramid, patches, others, starts, geometry.across_mm[others], distance)
+        aligned = align(pyramid, patches, others, starts, geometry.lateral_mm[others], distance)
         seen = np.full(tracked.shape, np.nan)
         seen[others] = np.where((aligned.correlation >= MIN_CORRELATION)[..., None], aligned.pixels, np.nan)
         seen[self.reference] = start
@@ -200,7 +200,7 @@ def _within(pixels: FloatArray, inner: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return np.asarray(inside & inner[np.arange(len(inner))[:, None], v, u])
 
 
-def _inverse_mm(geometry: Geometry, directions: FloatArray, seen: FloatArray) -> FloatArray:
+def _inverse_mm(geometry: ViewGeometry, directions: FloatArray, seen: FloatArray) -> FloatArray:
     """Inverse distances (n,) of tracked corners (views, n, 2), the median over views; NaN for untracked corners."""
     each = np.full(seen.shape[:2], np.nan)
     for view in range(len(seen)):

@@ -1,8 +1,8 @@
 """Decoding by one table lookup: undistort, slice and rotate every sub-image into the common view orientation at once.
 
 Towards the border of a sub-image, a mirror fills less and less of the lens's pupil; the rest of the pupil sees the gap,
-assumed dark, or another mirror. A vignetted pixel is seen from the centroid of the remaining part, and known factors
-compensate its darkening.
+assumed dark, or another mirror. A vignetted pixel looks from the centroid of the part that its mirror fills, and
+known factors compensate its darkening.
 """
 
 from __future__ import annotations
@@ -34,18 +34,18 @@ Field = Literal["common", "union"]
 # the pupil blurs that edge, and the part of the pupil that sees the mirror is computed for each pixel.
 OUTLINE_MARGIN_PX = 2.0
 UNVIGNETTED = 1.0 - 1.0 / 512.0
-"""Share of the pupil above which an 8-bit sample needs no brightening."""
+"""Fraction of the pupil above which an 8-bit sample needs no brightening."""
 DEFAULT_REFERENCE_DEPTH_MM = 400.0
-BEYOND = 1.02
-"""Least default reference depth, relative to the depth of the farthest point of any mirror."""
+DEFAULT_DEPTH_FACTOR = 1.02
+"""Minimum default reference depth, relative to the depth of the farthest point of any mirror."""
 # cv2.remap accepts no table or image side of 2**15 - 1 px or more.
-LONGEST_TABLE_SIDE = 2**15 - 2
-NOWHERE_PX = -2.0
-MIN_SHARE = 1.0 / 3.0
-"""Share of the pupil below which a pixel is left out: brightening it would amplify the noise too much."""
+MAX_TABLE_SIDE = 2**15 - 2
+OUTSIDE_PX = -2.0
+MIN_PUPIL_FRACTION = 1.0 / 3.0
+"""Fraction of the pupil below which a pixel is left out: brightening it would amplify noise too much."""
 MAX_CROSSTALK = 0.01
-"""Largest share of the pupil that may see another mirror."""
-POINTS_AT_ONCE = 2**16
+"""Maximum fraction of the pupil that may see another mirror."""
+POINTS_PER_BATCH = 2**16
 
 
 class Decoder:
@@ -53,14 +53,14 @@ class Decoder:
 
     Without `regular_grid_at_mm`, views keep their true positions: sub-images are rotated, not shifted (as in the 2016
     report), so the table does not depend on depth. For second-surface and bent mirrors, the reference plane is exact;
-    at other depths, each view is approximated by the mirror's `apparent` plane through the middle of its outline.
+    at other depths, each view is approximated by the mirror's `apparent` plane, as seen at the centre of its outline.
 
     Parameters
     ----------
     layout
         Nominal, as-built or calibrated layout.
     reference_depth_mm
-        Depth of zero disparity, from the pupil along view z. Default: `default_reference_depth_mm`.
+        Depth of zero disparity, from the pupil along view z; by default `default_reference_depth_mm`.
     field
         Which part of the reference plane the views cover: `common`, the bounding box of the part that all views see;
         `union`, the bounding box of the part that at least one view sees.
@@ -68,23 +68,23 @@ class Decoder:
         Width of every view; the height follows from the field. Default: the resolution of the sub-images, above which
         views gain no detail and below which they lose some.
     margin_px
-        Distance of a valid pixel inside its mirror's outline on the sensor, for a pinhole camera; with a lens, inside
-        the border where its mirror fills just enough of the pupil.
+        Minimum distance of a valid pixel from its mirror's outline on the sensor, for a pinhole camera; with a lens,
+        from the border inside which its mirror fills enough of the pupil.
     regular_grid_at_mm
         Depth at which views are moved to the nearest regular grid (`Views.on_regular_grid`). Points at that depth are
-        exact; at others, a view is off by its shift times the difference of the metric slopes.
+        exact; at others, a view is off by its shift times the difference between the metric slopes.
 
     Attributes
     ----------
     views : Views
         Geometry of the light fields: positions in mm, focal length and principal point in px.
     weights : ndarray of float32
-        (t, s, v, u), 0 where a view has no sample, else the share of the camera's pupil that its mirror fills.
+        (t, s, v, u), 0 where a view has no sample, else the fraction of the camera's pupil that its mirror fills.
 
     Raises
     ------
     InputError
-        If a mirror shows nothing, views share no field, or the reference plane is nearer than a mirror.
+        If a mirror shows nothing, the views have no common field, or the reference plane is nearer than a mirror.
     """
 
     def __init__(
@@ -103,15 +103,15 @@ class Decoder:
         self.views = choose_views(layout, depth, field, width_px)
         if regular_grid_at_mm is not None:
             for index in range(len(layout.mirrors)):
-                footprint(layout, index, regular_grid_at_mm)  # refuses a plane that a mirror cannot see
+                footprint(layout, index, regular_grid_at_mm)  # raises InputError for a plane that a mirror cannot see
             self.views = self.views.on_regular_grid()
         self.equalisation: Equalisation | None = None
         pixels, self.weights = sensor_sources(layout, self.views, margin_px, regular_grid_at_mm)
         self._vignetted = np.flatnonzero((self.weights > 0.0) & (self.weights < UNVIGNETTED))
         self._gain = self._brightening(LINEAR)
         table = pixels.astype(np.float32).reshape(-1, self.views.width_px, 2)
-        table[self.weights.reshape(table.shape[:2]) == 0] = NOWHERE_PX
-        rows_per_block = LONGEST_TABLE_SIDE // self.views.height_px * self.views.height_px
+        table[self.weights.reshape(table.shape[:2]) == 0] = OUTSIDE_PX
+        rows_per_block = MAX_TABLE_SIDE // self.views.height_px * self.views.height_px
         blocks = [table[start : start + rows_per_block] for start in range(0, len(table), rows_per_block)]
         self.tables = [cv2.convertMaps(block, np.empty(0, dtype=np.float32), cv2.CV_16SC2) for block in blocks]
 
@@ -185,63 +185,64 @@ class Decoder:
         pixels[self._vignetted] = bright.reshape(-1).view(pixels.dtype)
 
 
-def check_belongs(layout: Layout, identity: str, what: str) -> None:
-    """Raise InputError unless `identity` is this layout's, or the design's that it was calibrated or drawn from.
+def check_belongs(layout: Layout, identity: str, source: str) -> None:
+    """Raise InputError unless `identity` is that of this layout or of the design that it was calibrated or drawn from.
 
-    `what` names the frames in the error, such as "video.mp4"; `identity` is the layout recorded with them.
+    `source` names the frames in the error, such as "video.mp4"; `identity` is the layout's recorded with them.
     """
     origins = (layout.provenance.get(key) for key in ("nominal", "drawn_from"))
-    known = [layout.identity, *(origin for origin in origins if origin is not None)]
-    if identity not in known:
-        raise InputError(f"{what} was taken with layout {identity}, expected {' or '.join(known)} of the layout given")
+    accepted = [layout.identity, *(origin for origin in origins if origin is not None)]
+    if identity not in accepted:
+        raise InputError(
+            f"{source} was taken with layout {identity}, expected {' or '.join(accepted)} of the given layout"
+        )
 
 
 def default_reference_depth_mm(layout: Layout) -> float:
-    """Return the depth midway in disparity between the design's depths, or else the depth at the working distance.
+    """Return the harmonic mean of the design's depths (midway in disparity), or else the depth at the working distance.
 
-    The former is the harmonic mean of the design's depths. The latter is the median over the views of the depth that
-    they see at the working distance, moved beyond all mirrors.
+    The latter is the median over the views of the depth that they see at the working distance, but beyond all mirrors.
     """
     if layout.spec is not None:
         return harmonic_mean(layout.spec.depths_mm)
     distance_mm = working_distance_mm(layout)
     if distance_mm is None:
         return DEFAULT_REFERENCE_DEPTH_MM
-    depths_mm, nearest_mm = [], 0.0
+    depths_mm, min_depth_mm = [], 0.0
     for number in range(len(layout.mirrors)):
-        centre, window, _ = _visible_window(layout, number)
-        ray = window.mean(axis=0) - centre
+        centre, mirror_region, _ = _visible_window(layout, number)
+        ray = mirror_region.mean(axis=0) - centre
         depths_mm.append(float(centre[2] + distance_mm * ray[2] / np.linalg.norm(ray)))
-        nearest_mm = max(nearest_mm, BEYOND * float(window[:, 2].max()))
-    return max(float(np.median(depths_mm)), nearest_mm)
+        min_depth_mm = max(min_depth_mm, DEFAULT_DEPTH_FACTOR * float(mirror_region[:, 2].max()))
+    return max(float(np.median(depths_mm)), min_depth_mm)
 
 
 def footprint(layout: Layout, mirror_index: int, depth_mm: float) -> tuple[Polygon, float]:
-    """Return the region of the plane at `depth_mm` that a mirror shows, and the area in px of its image on the sensor.
+    """Return the region of the plane at `depth_mm` that a mirror shows, and its area on the sensor in px^2.
 
     The polygon is in view axes, (x, y) in mm from the pupil, clipped to the sensor.
     """
     name = f"mirror {layout.mirror_names[mirror_index]}"
-    centre, window, area_px = _visible_window(layout, mirror_index)
-    rays = window - centre
+    centre, mirror_region, area_px2 = _visible_window(layout, mirror_index)
+    rays = mirror_region - centre
     if (rays[:, 2] <= 0).any():
         raise InputError(f"{name} does not look forward along the view axis")
-    if (window[:, 2] >= depth_mm).any():
-        nearest = window[:, 2].max()
-        raise InputError(f"the plane at {depth_mm:g} mm lies nearer than {name}, expected more than {nearest:.0f}")
+    if (mirror_region[:, 2] >= depth_mm).any():
+        nearest = mirror_region[:, 2].max()
+        raise InputError(f"the plane at {depth_mm:g} mm lies nearer than {name}, expected more than {nearest:.0f} mm")
     points = centre + rays * ((depth_mm - centre[2]) / rays[:, 2:])
-    return Polygon(points[:, :2]), area_px
+    return Polygon(points[:, :2]), area_px2
 
 
 def _visible_window(layout: Layout, mirror_index: int) -> tuple[FloatArray, FloatArray, float]:
-    """Return a view's centre (3,), the corners (n, 3) of the mirror region that the sensor sees, and its area in px.
+    """Return a view's centre (3,), the corners (n, 3) of the mirror region that the sensor sees, and its area in px^2.
 
     Points are in view axes, in mm from the pupil.
     """
     mirror, camera = layout.mirrors[mirror_index].apparent, layout.camera
-    usable = layout.mirrors[mirror_index].usable_normalized
+    usable_outline = layout.mirrors[mirror_index].usable_normalized
     name = f"mirror {layout.mirror_names[mirror_index]}"
-    if len(usable) < 3:
+    if len(usable_outline) < 3:
         raise InputError(f"{name} shows nothing: its plate is too thick for its size")
     right, bottom = camera.width_px - 1.0, camera.height_px - 1.0
     fractions = np.linspace(0.0, 1.0, 33)[:-1, None]
@@ -249,35 +250,36 @@ def _visible_window(layout: Layout, mirror_index: int) -> tuple[FloatArray, Floa
     border = (corners[:, None] * (1.0 - fractions) + np.roll(corners, -1, axis=0)[:, None] * fractions).reshape(-1, 2)
     border = camera.normalized_from_pixels(border)
     sensor = shapely.MultiPoint(border[np.isfinite(border).all(axis=1)]).convex_hull
-    visible = shapely.get_coordinates(sensor.intersection(Polygon(usable)))[:-1]
+    visible = shapely.get_coordinates(sensor.intersection(Polygon(usable_outline)))[:-1]
     if len(visible) < 3:
-        raise InputError(f"{name} lies outside the image, expected all mirrors in view")
-    window = mirror.cut(visible) @ layout.view_from_rig.T
+        raise InputError(f"{name} lies outside the image, but all mirrors must be in view")
+    mirror_region = mirror.cut(visible) @ layout.view_from_rig.T
     centre = mirror.virtual_centre_in_rig_mm @ layout.view_from_rig.T
     pixels = camera.pixels_from_normalized(visible)
-    return centre, window, float(Polygon(pixels[np.isfinite(pixels).all(axis=1)]).area)
+    return centre, mirror_region, float(Polygon(pixels[np.isfinite(pixels).all(axis=1)]).area)
 
 
 def choose_views(layout: Layout, reference_depth_mm: float, field: Field, width_px: int | None = None) -> Views:
-    """Choose the pixel grid over the field, `width_px` wide or at the sub-images' median resolution."""
+    """Choose the views' pixel grid over the field, `width_px` wide or at the sub-images' median resolution."""
     if not np.isfinite(reference_depth_mm):
         raise InputError(f"reference depth is {reference_depth_mm} mm, expected a finite number")
     indices = range(len(layout.mirrors))
-    footprints, areas_px = zip(*(footprint(layout, index, reference_depth_mm) for index in indices), strict=True)
-    area = shapely.intersection_all(footprints) if field == "common" else shapely.union_all(footprints)
-    if area.area == 0:
+    footprints, areas_px2 = zip(*(footprint(layout, index, reference_depth_mm) for index in indices), strict=True)
+    field_region = shapely.intersection_all(footprints) if field == "common" else shapely.union_all(footprints)
+    if field_region.area == 0:
         raise InputError(
-            f"the views share no field at depth {reference_depth_mm:g} mm, expected another --reference-depth-mm"
+            f"the views have no common field at depth {reference_depth_mm:g} mm: give a different --reference-depth-mm"
         )
-    left, top, right, bottom = area.bounds
-    px_per_mm = float(np.median([np.sqrt(px / region.area) for px, region in zip(areas_px, footprints, strict=True)]))
+    left, top, right, bottom = field_region.bounds
+    scales = [np.sqrt(area_px2 / region.area) for area_px2, region in zip(areas_px2, footprints, strict=True)]
+    px_per_mm = float(np.median(scales))
     if width_px is not None:
         if width_px < 2:
-            raise InputError(f"views of {width_px} px in width, expected at least 2")
+            raise InputError(f"views are {width_px} px wide, expected at least 2 px")
         px_per_mm = (width_px - 0.5) / (right - left)
     width, height = (1 + int((end - start) * px_per_mm) for start, end in ((left, right), (top, bottom)))
-    if width * height > layout.camera.width_px * layout.camera.height_px or max(width, height) > LONGEST_TABLE_SIDE:
-        raise InputError(f"the {field} field would take {width}x{height} px a view, more than the whole sensor")
+    if width * height > layout.camera.width_px * layout.camera.height_px or max(width, height) > MAX_TABLE_SIDE:
+        raise InputError(f"the {field} field would need {width}x{height} px per view, more than the whole sensor")
     centres = layout.virtual_centres_in_view_mm
     reference = centres.reshape(-1, 3)[layout.central_index]
     field_centre = np.array([(left + right) / 2, (top + bottom) / 2]) - reference[:2]
@@ -295,7 +297,7 @@ def choose_views(layout: Layout, reference_depth_mm: float, field: Field, width_
     _, spacings_mm = layout.arrangement.fitted(centres.reshape(-1, 3))
     for axis, size, spacing_mm in zip("st", layout.arrangement.extent, spacings_mm, strict=True):
         if size > 0 and spacing_mm <= 0:
-            raise InputError(f"the mirrors' order along {axis} is reversed, expected s to run right and t down")
+            raise InputError(f"the mirrors' order along {axis} is reversed: s must run right and t down")
     return views
 
 
@@ -319,14 +321,14 @@ def sensor_sources(
             continue
         pixels[index] = layout.project(plane, index)
         outline = layout.outline_px(index, points_per_edge=64, usable=True)
-        inside = Polygon(outline[np.isfinite(outline).all(axis=1)]).buffer(-margin_px)
-        if inside.is_empty:
+        valid_region = Polygon(outline[np.isfinite(outline).all(axis=1)]).buffer(-margin_px)
+        if valid_region.is_empty:
             continue
-        low, high = np.array(inside.bounds).reshape(2, 2)
-        low, high = np.maximum(low, 0.0), np.minimum(high, limits)
-        near = ((pixels[index] >= low) & (pixels[index] <= high)).all(axis=-1)
-        shapely.prepare(inside)
-        weights[index][near] = shapely.contains_xy(inside, pixels[index][near])
+        top_left, bottom_right = np.array(valid_region.bounds).reshape(2, 2)
+        top_left, bottom_right = np.maximum(top_left, 0.0), np.minimum(bottom_right, limits)
+        candidates = ((pixels[index] >= top_left) & (pixels[index] <= bottom_right)).all(axis=-1)
+        shapely.prepare(valid_region)
+        weights[index][candidates] = shapely.contains_xy(valid_region, pixels[index][candidates])
     out = (views.rows, views.cols, views.height_px, views.width_px)
     return pixels.reshape(*out, 2), weights.reshape(out)
 
@@ -334,20 +336,20 @@ def sensor_sources(
 def pupil_sources(
     layout: Layout, mirror_index: int, points_in_rig: FloatArray, margin_px: float
 ) -> tuple[FloatArray, NDArray[np.float32]]:
-    """Return the sensor positions (..., 2) of points (..., 3) in rig, mm, in a mirror, and its shares (...) of the
-    pupil.
+    """Return the sensor positions (..., 2) of points (..., 3) in the rig frame, mm, that a mirror shows, and the
+    fractions (...) of the pupil that the mirror fills.
 
-    The share is 0 if the point is left out: the mirror fills less than `MIN_SHARE` within `margin_px`, or another
-    mirror more than `MAX_CROSSTALK`.
+    The fraction is 0 for points that are left out: those where the mirror fills less than `MIN_PUPIL_FRACTION` within
+    `margin_px`, or another mirror more than `MAX_CROSSTALK`.
     """
     points = points_in_rig.reshape(-1, 3)
     parts = [
-        _pupil_sources(layout, mirror_index, points[start : start + POINTS_AT_ONCE], margin_px)
-        for start in range(0, len(points), POINTS_AT_ONCE)
+        _pupil_sources(layout, mirror_index, points[start : start + POINTS_PER_BATCH], margin_px)
+        for start in range(0, len(points), POINTS_PER_BATCH)
     ]
-    pixels, shares = (np.concatenate(found) for found in zip(*parts, strict=True))
+    pixels, fractions = (np.concatenate(parts) for parts in zip(*parts, strict=True))
     shape = points_in_rig.shape[:-1]
-    return pixels.reshape(*shape, 2), shares.reshape(shape)
+    return pixels.reshape(*shape, 2), fractions.reshape(shape)
 
 
 def _pupil_sources(
@@ -358,63 +360,64 @@ def _pupil_sources(
     image = mirror.image_of(points)
     axial = np.where(image[:, 2:] > 0.0, image[:, 2:], np.nan)
     normalized = image[:, :2] / axial
-    pupil, share = camera.pupil, np.zeros(len(points))
-    within = Polygon(unvignetted_outline(mirror, pupil)).buffer(-2.0 * margin_px / min(camera.fx_px, camera.fy_px))
-    shapely.prepare(within)
-    share[shapely.contains_xy(within, normalized)] = 1.0
-    border = np.flatnonzero((share == 0.0) & _near(mirror, pupil, normalized))
-    normalized[border], share[border] = _vignetted(mirror, camera, normalized[border], axial[border], margin_px)
+    pupil, fraction = camera.pupil, np.zeros(len(points))
+    unvignetted = Polygon(unvignetted_outline(mirror, pupil)).buffer(-2.0 * margin_px / min(camera.fx_px, camera.fy_px))
+    shapely.prepare(unvignetted)
+    fraction[shapely.contains_xy(unvignetted, normalized)] = 1.0
+    border = np.flatnonzero((fraction == 0.0) & _near(mirror, pupil, normalized))
+    normalized[border], fraction[border] = _vignetted(mirror, camera, normalized[border], axial[border], margin_px)
     pixels = camera.pixels_from_normalized(normalized)
     u, v = pixels.T
-    share[~((u >= 0.0) & (u <= camera.width_px - 1.0) & (v >= 0.0) & (v <= camera.height_px - 1.0))] = 0.0
+    fraction[~((u >= 0.0) & (u <= camera.width_px - 1.0) & (v >= 0.0) & (v <= camera.height_px - 1.0))] = 0.0
     for other in (*layout.mirrors[:mirror_index], *layout.mirrors[mirror_index + 1 :]):
-        candidates = np.flatnonzero(share)
+        candidates = np.flatnonzero(fraction)
         candidates = candidates[_near(other, pupil, normalized[candidates])]
         crosstalk = disc_part(clear_aperture(other, normalized[candidates], pupil.focus_mm), pupil.radius_mm).share
-        share[candidates[crosstalk > MAX_CROSSTALK]] = 0.0
-    return pixels, share.astype(np.float32)
+        fraction[candidates[crosstalk > MAX_CROSSTALK]] = 0.0
+    return pixels, fraction.astype(np.float32)
 
 
 def _vignetted(
     mirror: Mirror, camera: Camera, chief: FloatArray, axial_mm: FloatArray, margin_px: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the normalized positions (n, 2) at which vignetted points appear, and the shares (n,) of the pupil.
+    """Return the normalized positions (n, 2) at which vignetted points appear, and the fractions (n,) of the pupil.
 
-    `chief` are the points' chief rays (n, 2), `axial_mm` (n, 1) their distances along the axis. An image out of focus
+    `chief` holds the points' chief rays (n, 2), `axial_mm` (n, 1) their distances along the axis. An image out of focus
     shifts with the centroid of the part of the pupil that sees it.
     """
     pupil = camera.pupil
     centroid = disc_part(clear_aperture(mirror, chief, pupil.focus_mm), pupil.radius_mm).centroid
     normalized = chief - pupil.radius_mm * centroid * (1.0 / axial_mm - 1.0 / pupil.focus_mm)
     planes = clear_aperture(mirror, normalized, pupil.focus_mm)
-    share = disc_part(planes, pupil.radius_mm).share
+    fraction = disc_part(planes, pupil.radius_mm).share
     margin_mm = margin_px * _mm_per_px(mirror, camera, normalized)
     shrunk = HalfPlanes(planes.direction, planes.distance - margin_mm)
-    share_within_margin = disc_part(shrunk, pupil.radius_mm).share
-    return normalized, np.where(share_within_margin >= MIN_SHARE, share, 0.0)
+    fraction_within_margin = disc_part(shrunk, pupil.radius_mm).share
+    return normalized, np.where(fraction_within_margin >= MIN_PUPIL_FRACTION, fraction, 0.0)
 
 
 def _mm_per_px(mirror: Mirror, camera: Camera, normalized: FloatArray) -> FloatArray:
-    """Distances (n, m) by which the half-planes of edges move in the pupil, in mm per px across the edge's image.
+    """Return by how much the half-planes (n, m) of edges move in the pupil, in mm per px normal to the edge's image.
 
     They are 0 where the ray points away from the mirror.
     """
-    distance, after_right, after_down = (
+    distance, distance_right, distance_below = (
         clear_aperture(mirror, normalized + step, camera.focus_mm).distance
         for step in ((0.0, 0.0), (1.0 / camera.fx_px, 0.0), (0.0, 1.0 / camera.fy_px))
     )
-    ahead = np.isfinite(distance) & np.isfinite(after_right) & np.isfinite(after_down)
-    by_u, by_v = (
-        np.subtract(moved, distance, out=np.zeros_like(distance), where=ahead) for moved in (after_right, after_down)
+    valid = np.isfinite(distance) & np.isfinite(distance_right) & np.isfinite(distance_below)
+    d_u, d_v = (
+        np.subtract(shifted, distance, out=np.zeros_like(distance), where=valid)
+        for shifted in (distance_right, distance_below)
     )
-    return np.hypot(by_u, by_v)
+    return np.hypot(d_u, d_v)
 
 
 def _near(mirror: Mirror, pupil: Pupil, normalized: FloatArray) -> NDArray[np.bool_]:
-    """Mask of chief rays (n, 2) close enough to a mirror's outline that it may fill part of the pupil."""
+    """Return the mask of chief rays (n, 2) so close to a mirror's outline that it may fill part of the pupil."""
     corners = mirror.outline_in_rig_mm + mirror.front_mm * mirror.normal_in_rig
     outline = corners[:, :2] / corners[:, 2:]
-    reach = pupil.radius_mm * np.abs(1.0 / corners[:, 2] - 1.0 / pupil.focus_mm).max()
-    (left, top), (right, bottom) = outline.min(axis=0) - reach, outline.max(axis=0) + reach
+    blur = pupil.radius_mm * np.abs(1.0 / corners[:, 2] - 1.0 / pupil.focus_mm).max()
+    (left, top), (right, bottom) = outline.min(axis=0) - blur, outline.max(axis=0) + blur
     x, y = normalized.T
     return np.asarray((x >= left) & (x <= right) & (y >= top) & (y <= bottom))

@@ -18,7 +18,7 @@ MANIFESTS = {"dataset.json": "mirrorcam.dataset/", "scene.json": "mirrorcam.scen
 
 
 def layout_identity_of(path: Path) -> str | None:
-    """Return the layout identity in the manifest of the rendered set that holds `path`; None without a manifest."""
+    """Return the layout identity in the manifest of the rendered set that contains `path`; None without a manifest."""
     for folder in path.resolve().parents[:2]:
         for name, schema in MANIFESTS.items():
             if (folder / name).is_file():
@@ -28,7 +28,7 @@ def layout_identity_of(path: Path) -> str | None:
                     continue  # another program's file with the same name
                 if isinstance(manifest, dict) and str(manifest.get("schema", "")).startswith(schema):
                     if not isinstance(identity := manifest.get("layout_identity"), str):
-                        raise InputError(f"{folder / name}: layout_identity missing, expected a layout's identity")
+                        raise InputError(f"{folder / name}: layout_identity is missing, expected a layout's identity")
                     return identity
     return None
 
@@ -38,8 +38,8 @@ def check_frames(
 ) -> None:
     """Read the headers of pictures and videos; raise InputError if one is unreadable or does not match the layout.
 
-    Damaged pictures are skipped: decoding reports them. Pictures of 16 bits are read as one set, which is reported to
-    `report` in one line.
+    Damaged pictures are skipped: decoding reports them. Pictures of 16 bits get a common number of used bits, which is
+    passed to `report` in one line.
     """
     identities: dict[Path, str | None] = {}
     for path in paths:

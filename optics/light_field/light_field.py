@@ -17,7 +17,7 @@ Axis = Literal["s", "t"]
 Samples = NDArray[np.uint8] | NDArray[np.float32]
 
 MAX_UNEVENNESS = 0.5
-"""Largest RMS deviation of views from an even grid, in steps of the grid."""
+"""Maximum RMS deviation of views from an even grid, as a fraction of the smaller grid step."""
 
 _SHAPES = {
     "positions_mm": (None, None, 3),
@@ -29,8 +29,8 @@ _SHAPES = {
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Views:
-    """Geometry of parallel views: which ray each pixel of each view samples. Views form a grid, or one row of a
-    pattern.
+    """Geometry of parallel views: which ray each pixel of each view samples. Views form a grid, or are listed in
+    one row if they form another pattern.
 
     The view frame has its origin at the reference (central) view, x right, y down, z forward. Pixel (u, v) of *every*
     view looks at the same point (X, Y) of the reference plane, which lies Z0 in front of the reference view:
@@ -42,8 +42,8 @@ class Views:
     reference plane even if the grid is uneven. Z0 may be infinite: the views are then pinholes with equal principal
     points.
 
-    "Depth" is measured from the pupil along view z, here as everywhere: with a 90 degree fold, it is y in rig. The Z of
-    the formulas is `distance`, measured from the reference view.
+    As everywhere, "depth" is measured from the pupil along view z: with a 90 degree fold, it is y in the rig frame. The
+    Z of the formulas is "distance", measured from the reference view.
 
     Attributes
     ----------
@@ -58,9 +58,9 @@ class Views:
     reference_depth_mm : float
         Depth of the plane of zero disparity; may be infinite.
     reference_view_in_rig_mm : ndarray
-        Position (3,) of the reference view in rig, mm.
+        Position (3,) of the reference view in the rig frame.
     view_from_rig : ndarray
-        Rotation (3, 3) from rig to view axes.
+        Rotation matrix (3, 3) from rig axes to view axes.
     layout_identity : str
         `Layout.identity` of the layout used for decoding.
     """
@@ -121,7 +121,7 @@ class Views:
         return matrices
 
     def project_in_view(self, points_in_view: FloatArray) -> FloatArray:
-        """Pixels (t, s, ..., 2) in every view of points (..., 3) in the view frame, mm; NaN behind a view."""
+        """Return the pixels (t, s, ..., 2) in all views of points (..., 3) in the view frame, mm; NaN behind a view."""
         points = np.asarray(points_in_view, dtype=np.float64)
         grid = (self.rows, self.cols) + (1,) * (points.ndim - 1)
         offset = points - self.positions_mm.reshape(*grid, 3)
@@ -130,15 +130,16 @@ class Views:
         return focal * offset[..., :2] / ahead + self.matrices[..., :2, 2].reshape(*grid, 2)
 
     def project(self, points_in_rig: FloatArray) -> FloatArray:
-        """Pixels (t, s, ..., 2) in every view of points (..., 3) in rig, mm; NaN behind a view."""
+        """Return the pixels (t, s, ..., 2) in every view of points (..., 3) in the rig frame, mm; NaN behind a view."""
         return self.project_in_view((points_in_rig - self.reference_view_in_rig_mm) @ self.view_from_rig.T)
 
     def plane_points_in_rig(
         self, depth_mm: float, pixels: FloatArray, view: tuple[int, int] | None = None
     ) -> FloatArray:
-        """Return the points (..., 3) in rig, mm, of the plane at `depth_mm` that a view (t, s) sees at pixels (..., 2).
+        """Return the points (..., 3) of the plane at `depth_mm` that a view (t, s) sees at pixels (..., 2).
 
-        The default is the reference view. At the reference depth, equal pixels of all views see equal points.
+        Points are in the rig frame, mm; the default view is the reference view. At the reference depth, a pixel shows
+        the same point in all views.
         """
         distance = depth_mm - self.reference_view_depth_mm
         position, matrix = np.zeros(3), np.diag([self.focal_px, self.focal_px, 1.0])
@@ -150,21 +151,21 @@ class Views:
         return in_view @ self.view_from_rig + self.reference_view_in_rig_mm
 
     def pixel_grid(self) -> FloatArray:
-        """The pixel centres (v, u, 2) of a view, as (u, v)."""
+        """Return the pixel centres (v, u, 2) of a view, as (u, v)."""
         return np.stack(np.meshgrid(np.arange(self.width_px), np.arange(self.height_px)), axis=-1).astype(np.float64)
 
     @cached_property
     def is_grid(self) -> bool:
         """Whether the views form rows and columns, however uneven, rather than another pattern.
 
-        Their RMS deviation from the best even grid, of any two directions, is at most half its smaller step.
+        Their RMS deviation from the best-fitting even grid, with any two axes, is at most half its smaller step.
         """
         t, s = np.indices((self.rows, self.cols)).reshape(2, -1)
         positions = self.positions_mm[..., :2].reshape(-1, 2)
-        indices = [steps - steps.mean() for steps, count in ((s, self.cols), (t, self.rows)) if count > 1]
+        indices = [index - index.mean() for index, count in ((s, self.cols), (t, self.rows)) if count > 1]
         if not indices:
             return True
-        steps_mm = np.array([(steps @ positions) / (steps @ steps) for steps in indices])
+        steps_mm = np.array([(index @ positions) / (index @ index) for index in indices])
         deviations = positions - positions.mean(axis=0) - np.array(indices).T @ steps_mm
         rms_mm = float(np.sqrt((deviations**2).sum(axis=1).mean()))
         return rms_mm <= MAX_UNEVENNESS * float(np.linalg.norm(steps_mm, axis=1).min())
@@ -173,13 +174,13 @@ class Views:
         """Raise InputError, naming the purpose, unless the views form a grid."""
         if not self.is_grid:
             raise InputError(
-                f"{purpose} needs rows and columns of views, but these {self.rows * self.cols} lie in another pattern"
+                f"{purpose} needs rows and columns of views, but these {self.rows * self.cols} form another pattern"
             )
 
     def step_mm(self, axis: Axis = "s") -> float:
         """Mean distance of adjacent views along s (view x) or t (view y), mm; positive in the order of the grid.
 
-        If the views are no grid: the mean distance of a view to its nearest neighbour, for either axis.
+        If the views do not form a grid: the mean distance of a view to its nearest neighbour, for either axis.
         """
         if not self.is_grid:
             positions = self.positions_mm[..., :2].reshape(-1, 2)
@@ -189,45 +190,45 @@ class Views:
         ends = self.positions_mm[:, [0, -1], 0] if axis == "s" else self.positions_mm[[0, -1], :, 1].T
         count = self.cols if axis == "s" else self.rows
         if count < 2:
-            raise ValueError(f"one view along {axis}, expected at least two for a step")
+            raise ValueError(f"only one view along {axis}, expected at least two")
         return float((ends[:, 1] - ends[:, 0]).mean() / (count - 1))
 
     def slope_from_depth(self, depth_mm: FloatArray | float) -> FloatArray:
-        """Metric slope (...): px that a point moves per mm of view position, du/dx_i = f (1 / Z0 - 1 / Z).
+        """Return the metric slope (...): shift of a point in px per mm of view position, du/dx_i = f (1 / Z0 - 1 / Z).
 
-        It is the slope of the paper's point-plane law, zero on the reference plane; exact if z_i is zero.
+        It is the slope of the point-plane correspondence, zero on the reference plane; exact if z_i is zero.
         """
         distance = np.asarray(depth_mm, dtype=np.float64) - self.reference_view_depth_mm
         return np.asarray(self.focal_px * (1.0 / self.reference_distance_mm - 1.0 / distance))
 
     def depth_mm_from_slope(self, slope_px_per_mm: FloatArray | float) -> FloatArray:
-        """Depth (...) in mm from the pupil for a metric slope; infinite at the slope of infinity, NaN beyond it."""
+        """Return the depth (...), mm, of a metric slope; infinite at the slope of infinity, NaN beyond it."""
         slope = np.asarray(slope_px_per_mm, dtype=np.float64)
         inverse = 1.0 / self.reference_distance_mm - slope / self.focal_px
         distance = np.divide(1.0, inverse, out=np.full_like(inverse, np.nan), where=inverse > 0)
         return np.where(inverse == 0, np.inf, distance + self.reference_view_depth_mm)
 
     def disparity_px_from_depth(self, depth_mm: FloatArray | float, axis: Axis = "s") -> FloatArray:
-        """Disparity (...) in px per mean view step along `axis`, positive nearer than the reference plane: -du/ds."""
+        """Return -du/ds (...) in px per mean view step along `axis`; positive in front of the reference plane."""
         return -self.step_mm(axis) * self.slope_from_depth(depth_mm)
 
     def depth_mm_from_disparity(self, disparity_px: FloatArray | float, axis: Axis = "s") -> FloatArray:
-        """Depth (...) in mm from the pupil for a disparity per mean view step along `axis`; NaN beyond infinity."""
+        """Return the depth (...), mm, of a disparity per mean view step along `axis`; NaN beyond infinity."""
         return self.depth_mm_from_slope(-np.asarray(disparity_px, dtype=np.float64) / self.step_mm(axis))
 
     def on_regular_grid(self) -> Views:
         """Return the views moved to the nearest even grid through the reference view, with all z_i zero.
 
-        The steps along s and t are fitted by least squares. Pixels keep their points of the reference plane. Raises
-        InputError if the views are no grid.
+        The steps along s and t are fitted by least squares. Pixels still show the same points of the reference plane.
+        Raises InputError if the views do not form a grid.
         """
         self.require_grid("an even grid")
         row, col = np.argwhere((self.positions_mm == 0).all(axis=2))[0]
         positions = np.zeros_like(self.positions_mm)
-        for axis, steps in ((0, np.arange(self.cols) - col), (1, (np.arange(self.rows) - row)[:, None])):
-            count = np.broadcast_to(steps, (self.rows, self.cols))
-            step_mm = (count * self.positions_mm[..., axis]).sum() / max(1, np.square(count).sum())
-            positions[..., axis] = count * step_mm
+        for axis, indices in ((0, np.arange(self.cols) - col), (1, (np.arange(self.rows) - row)[:, None])):
+            index = np.broadcast_to(indices, (self.rows, self.cols))
+            step_mm = (index * self.positions_mm[..., axis]).sum() / max(1, np.square(index).sum())
+            positions[..., axis] = index * step_mm
         geometry = {field.name: getattr(self, field.name) for field in fields(Views)}
         return Views(**(geometry | {"positions_mm": positions}))
 
@@ -236,14 +237,14 @@ class Views:
 class LightField(Views):
     """Samples of parallel views: axes t down, s right, image rows, image columns, colour.
 
-    All attributes and methods of `Views` give the geometry.
+    The attributes and methods of `Views` give the geometry.
 
     Attributes
     ----------
     samples : ndarray
         (t, s, v, u, c), uint8 or float32 (0 to 1), RGB or grey; zero where `weights` is zero.
     weights : ndarray of float32
-        (t, s, v, u), 0 for no sample, 1 for a full one.
+        (t, s, v, u), 0 for no sample, 1 for full weight.
     """
 
     samples: Samples
@@ -263,7 +264,7 @@ class LightField(Views):
                 f"weights are {self.weights.dtype} of shape {self.weights.shape}, expected float32 {expected}"
             )
         if self.samples.dtype == np.float32 and not np.isfinite(self.samples).all():
-            raise InputError("samples hold a value that is NaN or infinite, expected finite numbers")
+            raise InputError("samples contain NaN or infinite values, expected finite numbers")
         for name in ("samples", "weights"):
             read_only = getattr(self, name).view()
             read_only.flags.writeable = False

@@ -114,7 +114,7 @@ def test_a_light_field_without_features_is_said_to_have_none(
         ("frame.png", "frame.png: no such file"),
         ("STORED STORED", "two light fields are called 'board'"),
         ("STORED --detector SURF", "--detector"),
-        ("STORED --min-views 9", "features in 9 views besides the reference view, expected 1 to 8"),
+        ("STORED --min-views 9", "minimum number of views is 9 besides the reference view, expected 1 to 8"),
         ("STORED --near-mm 500 --far-mm 400", "expected a nearest depth below the farthest"),
         ("STORED --keypoints 0", "--keypoints"),
     ],

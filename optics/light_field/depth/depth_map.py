@@ -28,7 +28,8 @@ class DepthMap:
     sigma_mm : ndarray of float32
         (v, u), standard deviation of the depth if it is right (see `confidence`); NaN without depth.
     confidence : ndarray of float32
-        (v, u), probability that the depth is right to half a pixel of the farthest view's motion; 0 without depth.
+        (v, u), probability that the depth is right to within half a pixel of disparity in the farthest view; 0
+        without depth.
     """
 
     views: Views
@@ -57,9 +58,9 @@ class DepthMap:
         return self.views.disparity_px_from_depth(self.depth_mm.astype(np.float64), axis)
 
     def points_in_rig(self) -> FloatArray:
-        """The points (v, u, 3) in rig, mm, that the pixels show; NaN without depth."""
-        pupil_mm = self.views.reference_view_depth_mm
-        distance = self.depth_mm.astype(np.float64) - pupil_mm
+        """The points (v, u, 3) in the rig frame, mm, that the pixels show; NaN without depth."""
+        reference_view_depth_mm = self.views.reference_view_depth_mm
+        distance = self.depth_mm.astype(np.float64) - reference_view_depth_mm
         offsets = (self.views.pixel_grid() - self.views.centre_px) * (distance / self.views.focal_px)[..., None]
         in_view = np.concatenate([offsets, distance[..., None]], axis=-1)
         return in_view @ self.views.view_from_rig + self.views.reference_view_in_rig_mm

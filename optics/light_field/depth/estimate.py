@@ -1,9 +1,9 @@
 """Depth of the reference view from all views of a light field, with its uncertainty; also for videos.
 
-Small pictures are searched first, over all planes; larger ones, near the depth found before (`search`). A plane sweep
-gives each pixel a cost at each depth (`cost`): first with competing views, then with the occlusion of the depth found
-before (`sweep`). Paths along slanted surfaces select a plane (`semiglobal`). Depth edges are moved to picture edges,
-and Gauss-Newton steps with a smoothness prior refine the depth (`refine`).
+The coarsest pyramid level is searched over all planes; finer ones, near the depth of the previous level (`search`). A
+plane sweep gives each pixel a cost at each depth (`cost`): first with competing views, then with the occlusion that
+follows from the first depth (`sweep`). Paths along slanted surfaces select a plane (`semiglobal`). Depth edges are
+moved to picture edges, and Gauss-Newton steps with a smoothness prior refine the depth (`refine`).
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ from mirrorcam.optics.light_field.depth.parallax import MAX_PLANES, Parallax, ot
 from mirrorcam.optics.light_field.depth.photometry import (
     GAIN_STRIDE_PX,
     ViewPicture,
-    first_gain,
     matching_gain,
-    patches,
+    patch_means,
+    rough_gain,
 )
 from mirrorcam.optics.light_field.depth.refine import JUMP_PX, GradientPicture, Match, Refiner, follow_edges
-from mirrorcam.optics.light_field.depth.search import MAX_SEARCHED, Size, search
-from mirrorcam.optics.light_field.depth.semiglobal import Cheapest
+from mirrorcam.optics.light_field.depth.search import MAX_FINE_PLANES, PyramidLevel, search
+from mirrorcam.optics.light_field.depth.semiglobal import LowestCost
 from mirrorcam.optics.light_field.depth.sweep import range_around
 from mirrorcam.optics.light_field.depth.uncertainty import probability, standard_deviation_px
 from mirrorcam.optics.light_field.light_field import LightField, Views
@@ -38,13 +38,13 @@ from mirrorcam.optics.light_field.temporal import TemporalFilter
 Float32 = NDArray[np.float32]
 Quality = Literal["best", "fast"]
 DEFAULT_NEAR, DEFAULT_FAR = 0.6, 2.0
-"""Default search range, in reference depths."""
-MAX_CELLS = 2**26
-"""Largest number of pixels times planes of the first search, over all planes."""
-MAX_NEAR_CELLS = 2**28
-"""The same for a search near a known depth; above it, the result for smaller pictures is kept."""
+"""Default search range, as multiples of the reference depth."""
+MAX_COSTS = 2**26
+"""Maximum number of pixels times planes of the first search, over all planes."""
+MAX_NEAR_COSTS = 2**28
+"""The same for a search near a known depth; above it, the result of the coarser level is kept."""
 MIN_SEARCHED_PX = 48
-"""Smallest side of a picture that is searched after halving."""
+"""Minimum side of a picture that is searched after halving."""
 MIN_SIDE_PX = 16
 
 
@@ -57,9 +57,9 @@ class _Effort:
     first_halvings, last_halvings
         Number of times that pictures are halved for the first search, and for the last.
     slanted_rounds
-        Further rounds of the first search along the slanted surfaces found.
+        Further rounds of the first search, along the slanted surfaces of the round before.
     with_occlusion
-        Whether each search is repeated with the occlusions found.
+        Whether each search is repeated with the occlusion that its result implies.
     steps
         Gauss-Newton steps of the refinement.
     iterations
@@ -78,20 +78,20 @@ EFFORTS = {"best": _Effort(1, 0, 2, True, 2, 60), "fast": _Effort(2, 1, 1, False
 
 
 @dataclass(frozen=True, eq=False)
-class _Found:
+class _SearchResult:
     """Search results at full size.
 
-    `everywhere` holds the rivals (v, u) of the first search, over all planes; `halved` states whether the last search
+    `first_rivals` holds the rivals (v, u) of the first search, over all planes; `halved` states whether the last search
     was at half size.
     """
 
-    cheapest: Cheapest
-    everywhere: Float32
+    lowest_cost: LowestCost
+    first_rivals: Float32
     halved: bool
 
 
 class DepthEstimator:
-    """Estimates the depth of light fields of one geometry; everything common to all frames is built once.
+    """Estimates the depth of light fields of one geometry; builds everything common to all frames once.
 
     Parameters
     ----------
@@ -101,15 +101,15 @@ class DepthEstimator:
         Nearest and farthest depth to search, from the pupil along view z; by default 0.6 and 2 times the reference
         depth. `far_mm` may be infinite.
     quality
-        "best", or "fast" for videos: searches at a quarter and at half the size.
+        "best", or "fast" for videos, which searches at a quarter and at half the size.
     workers
-        Number of threads; default: OpenCV's.
+        Number of threads; by default OpenCV's.
 
     Raises
     ------
     InputError
         If there are fewer than two views, all views coincide, views are too small, or the depths do not increase, lie
-        within the views or span too many planes.
+        between the views or span too many planes.
     """
 
     def __init__(
@@ -134,27 +134,27 @@ class DepthEstimator:
         self.reference, self.others = reference_index(self.views), other_views(self.views)
         self._run = ThreadPoolExecutor(workers or cv2.getNumThreads()).map
         self._effort = EFFORTS[quality]
-        self._sizes = self._chosen_sizes()
-        self._full = Size.of(self.views, self.near_mm, self.far_mm, 0)
+        self._levels = self._levels_to_search()
+        self._full = PyramidLevel.of(self.views, self.near_mm, self.far_mm, 0)
         self._parallaxes = [parallax(self.views, index) for index in self.others]
         self._refiner = Refiner(self._full.sweep, self._parallaxes, self._run)
 
-    def _chosen_sizes(self) -> list[Size]:
-        """The sizes to search at, smallest first."""
+    def _levels_to_search(self) -> list[PyramidLevel]:
+        """Return the pyramid levels to search, coarsest first."""
 
-        def size(halvings: int, most: int = MAX_PLANES) -> Size:
-            return Size.of(self.views, self.near_mm, self.far_mm, halvings, most)
+        def level(halvings: int, max_planes: int = MAX_PLANES) -> PyramidLevel:
+            return PyramidLevel.of(self.views, self.near_mm, self.far_mm, halvings, max_planes)
 
-        most = max(int(np.log2(min(self.views.width_px, self.views.height_px) / MIN_SEARCHED_PX)), 0)
-        first = size(min(self._effort.first_halvings, most), MAX_SEARCHED)
-        while first.cells > MAX_CELLS and first.halvings < most:
-            first = size(first.halvings + 1, MAX_SEARCHED)
-        return [first, *(size(halvings) for halvings in range(first.halvings - 1, self._effort.last_halvings - 1, -1))]
+        max_halvings = max(int(np.log2(min(self.views.width_px, self.views.height_px) / MIN_SEARCHED_PX)), 0)
+        first = level(min(self._effort.first_halvings, max_halvings), MAX_FINE_PLANES)
+        while first.cost_count > MAX_COSTS and first.halvings < max_halvings:
+            first = level(first.halvings + 1, MAX_FINE_PLANES)
+        return [first, *(level(halvings) for halvings in range(first.halvings - 1, self._effort.last_halvings - 1, -1))]
 
     @property
     def planes(self) -> int:
         """Number of planes of the finest sweep."""
-        return self._sizes[-1].sweep.planes
+        return self._levels[-1].sweep.planes
 
     def fits(self, light_field: LightField) -> bool:
         """Return whether a light field has the views and weights of this estimator."""
@@ -165,82 +165,85 @@ class DepthEstimator:
     def estimate(self, light_field: LightField) -> DepthMap:
         """Return the depth of the reference view of a light field with this estimator's geometry.
 
-        Raises InputError if the light field has other views or weights.
+        Raises InputError if views or weights of the light field differ.
         """
         if not self.fits(light_field):
-            raise InputError("light field has other views or weights than the one the estimator was built for")
+            raise InputError("light field differs in views or weights from the one that the estimator was built for")
         pictures = list(self._run(lambda index: ViewPicture.of(light_field, index), [self.reference, *self.others]))
         reference, others = pictures[0], pictures[1:]
         reference_grey = reference.grey
-        gains = self._run(lambda other: first_gain(other.grey, reference_grey), others)
+        gains = self._run(lambda other: rough_gain(other.grey, reference_grey), others)
         others = [other.multiplied(gain) for other, gain in zip(others, gains, strict=True)]
-        found, others = self._searched(reference, others)
-        planes = follow_edges(found.cheapest.planes, reference.colours, JUMP_PX / self._full.sweep.reach_px, self._run)
-        own, *gradients = self._run(lambda each: GradientPicture.of(each.brightness, each.seen), [reference, *others])
+        result, others = self._search(reference, others)
+        planes = follow_edges(
+            result.lowest_cost.planes, reference.colours, JUMP_PX / self._full.sweep.step_px, self._run
+        )
+        pictures = [reference, *others]
+        gradients = list(self._run(lambda view: GradientPicture.of(view.brightness, view.interior), pictures))
         steps, iterations = self._effort.steps, self._effort.iterations
-        planes, match, smooth = self._refiner.refined(planes, own, gradients, steps, iterations)
-        return self._depth_map(planes, match, smooth, found, reference.known)
+        planes, match, smoothness = self._refiner.refined(planes, gradients[0], gradients[1:], steps, iterations)
+        return self._depth_map(planes, match, smoothness, result, reference.valid)
 
-    def _searched(self, reference: ViewPicture, others: list[ViewPicture]) -> tuple[_Found, list[ViewPicture]]:
+    def _search(self, reference: ViewPicture, others: list[ViewPicture]) -> tuple[_SearchResult, list[ViewPicture]]:
         """Return the search result, and the other views equalised to the reference view."""
-        size, *larger = self._sizes
-        found = search(size, reference, others, self._run, rounds=self._effort.slanted_rounds)
-        gains = self._gains(reference, others, self._full.enlarged(found, size).planes)
+        level, *finer_levels = self._levels
+        coarse = search(level, reference, others, self._run, rounds=self._effort.slanted_rounds)
+        gains = self._gains(reference, others, self._full.enlarged(coarse, level).planes)
         others = [other.multiplied(gain) for other, gain in zip(others, gains, strict=True)]
         if self._effort.with_occlusion:
-            found = search(size, reference, others, self._run, known=found)
-        everywhere = self._full.enlarged(found, size).rivals
-        for each in larger:
-            known = each.enlarged(found, size)
+            coarse = search(level, reference, others, self._run, earlier=coarse)
+        first_rivals = self._full.enlarged(coarse, level).rivals
+        for finer in finer_levels:
+            result = finer.enlarged(coarse, level)
             for _ in range(1 + self._effort.with_occlusion):
-                ranges = range_around(known.planes, each.sweep.planes)
-                if ranges.cells > MAX_NEAR_CELLS:
-                    return _Found(self._full.enlarged(found, size), everywhere, size.halvings > 0), others
-                known = search(each, reference, others, self._run, known=known, ranges=ranges)
-            found, size = known, each
-        return _Found(self._full.enlarged(found, size), everywhere, size.halvings > 0), others
+                ranges = range_around(result.planes, finer.sweep.planes)
+                if ranges.size > MAX_NEAR_COSTS:
+                    return _SearchResult(self._full.enlarged(coarse, level), first_rivals, level.halvings > 0), others
+                result = search(finer, reference, others, self._run, earlier=result, ranges=ranges)
+            coarse, level = result, finer
+        return _SearchResult(self._full.enlarged(coarse, level), first_rivals, level.halvings > 0), others
 
     def _gains(self, reference: ViewPicture, others: list[ViewPicture], planes: Float32) -> list[Float32]:
         """Return gains (v, u) that equalise the other views to the reference view, given its planes (v, u)."""
         stride = slice(GAIN_STRIDE_PX // 2, None, GAIN_STRIDE_PX)
         rows, columns = np.indices(planes.shape, dtype=np.float32)[:, stride, stride]
-        inverse = self._full.sweep.inverse_distance(planes[stride, stride])
-        reference_patches = patches(reference.grey)[stride, stride]
+        inverse_distance = self._full.sweep.inverse_distance(planes[stride, stride])
+        reference_patches = patch_means(reference.grey)[stride, stride]
 
-        def one(view: Parallax, other: ViewPicture) -> Float32:
-            return matching_gain(other.grey, *view.pixels(columns, rows, inverse), reference_patches)
+        def gain(view: Parallax, other: ViewPicture) -> Float32:
+            return matching_gain(other.grey, *view.pixels(columns, rows, inverse_distance), reference_patches)
 
-        return list(self._run(one, self._parallaxes, others))
+        return list(self._run(gain, self._parallaxes, others))
 
     def _depth_map(
         self,
         planes: Float32,
         match: Match,
-        smooth: Float32,
-        found: _Found,
-        known: NDArray[np.bool_],
+        smoothness: Float32,
+        result: _SearchResult,
+        valid: NDArray[np.bool_],
     ) -> DepthMap:
         """Build the depth map from refined planes (v, u) and the statistics of their match."""
         full = self._full.sweep
-        inverse = full.inverse_distance(np.clip(planes, np.float32(-1.0), np.float32(full.planes)))
-        inverse = np.maximum(inverse, np.float32(0.0))
-        known = known & (match.seeing >= min(2, len(self.others)))
-        reach = np.float32(full.reach_px)
-        range_px, views = full.planes * full.reach_px, len(self.others)
-        sigma_px = standard_deviation_px(match, smooth, found.cheapest.margin, views, found.halved, range_px)
-        deviation = sigma_px * np.float32(full.step / full.reach_px)
+        inverse_distance = full.inverse_distance(np.clip(planes, np.float32(-1.0), np.float32(full.planes)))
+        inverse_distance = np.maximum(inverse_distance, np.float32(0.0))
+        valid = valid & (match.view_count >= min(2, len(self.others)))
+        step_px = np.float32(full.step_px)
+        range_px, views = full.planes * full.step_px, len(self.others)
+        sigma_px = standard_deviation_px(match, smoothness, result.lowest_cost.margin, views, result.halved, range_px)
+        deviation = sigma_px * np.float32(full.step / full.step_px)
         with np.errstate(divide="ignore", invalid="ignore"):
-            distance = np.float32(1.0) / inverse
+            distance = np.float32(1.0) / inverse_distance
             pupil_depth = np.float32(self.views.reference_view_depth_mm)
             depth, sigma = distance + pupil_depth, deviation * np.square(distance)
-        rivals = found.cheapest.rivals
-        confidence = probability(planes * reach, match, rivals, found.everywhere, smooth, found.halved)
+        rivals = result.lowest_cost.rivals
+        confidence = probability(planes * step_px, match, rivals, result.first_rivals, smoothness, result.halved)
         return DepthMap(
             views=self.views,
             view=self.reference,
-            depth_mm=np.where(known, depth, np.float32(np.nan)),
-            sigma_mm=np.where(known, sigma, np.float32(np.nan)).astype(np.float32),
-            confidence=np.where(known, confidence, np.float32(0.0)).astype(np.float32),
+            depth_mm=np.where(valid, depth, np.float32(np.nan)),
+            sigma_mm=np.where(valid, sigma, np.float32(np.nan)).astype(np.float32),
+            confidence=np.where(valid, confidence, np.float32(0.0)).astype(np.float32),
         )
 
 
@@ -248,15 +251,15 @@ def _check(views: Views, near_mm: float, far_mm: float) -> None:
     if views.rows * views.cols < 2:
         raise InputError("light field has one view, expected two or more to measure depth")
     if np.abs(views.positions_mm[..., :2]).max() < 1e-9:
-        raise InputError("all views are in one place, expected some distance between them to measure depth")
+        raise InputError("all views coincide, expected views at different positions to measure depth")
     if min(views.width_px, views.height_px) < MIN_SIDE_PX:
         raise InputError(
-            f"views are {views.width_px}x{views.height_px} px, expected {MIN_SIDE_PX} or more along each side"
+            f"views are {views.width_px}x{views.height_px} px, expected {MIN_SIDE_PX} px or more along each side"
         )
     pupil_depth = views.reference_view_depth_mm
     min_depth = pupil_depth + max(float(views.positions_mm[..., 2].max()), 0.0)
     if np.isinf(near_mm):
-        raise InputError("the reference plane is at infinity, expected --near-mm, the nearest depth to look for")
+        raise InputError("the reference plane is at infinity: give --near-mm, the nearest depth to search")
     if not min_depth < near_mm < far_mm:
         limits = f"near_mm {near_mm:g}, far_mm {far_mm:g}"
         raise InputError(

@@ -17,7 +17,7 @@ MAX_PLANES = 2048
 
 @dataclass(frozen=True)
 class Parallax:
-    """Position of a reference pixel (u, v) in the view at (x, y, z), as a function of q = 1 / Z, Z the distance.
+    """Position of a reference pixel (u, v) in the view at (x, y, z), as a function of the inverse distance q = 1 / Z.
 
     By the pinholes of `Views`, with e = 1 / (1 - z q) and g = 1 - z / Z0:
     u' = g e (u - cx) - f g x q e + cx + f x / Z0, and likewise for v with y.
@@ -29,7 +29,7 @@ class Parallax:
     reference_distance_mm: float
 
     def affine(self, inverse_distance: float) -> FloatArray:
-        """The (2, 3) matrix from reference pixels to pixels of this view, for a plane across the view axis."""
+        """Return the matrix (2, 3) from reference pixels to this view's pixels, for a plane normal to the view axis."""
         x, y, z = self.position_mm
         scale = (1.0 - z / self.reference_distance_mm) / (1.0 - z * inverse_distance)
         shift = self.focal_px * (1.0 / self.reference_distance_mm - scale * inverse_distance)
@@ -37,18 +37,21 @@ class Parallax:
         return np.array([[scale, 0.0, (1.0 - scale) * cx + shift * x], [0.0, scale, (1.0 - scale) * cy + shift * y]])
 
     def pixels(self, columns: Float32, rows: Float32, inverse_distance: Float32) -> tuple[Float32, Float32]:
-        """Pixels (u', v') in this view, each (v, u), of reference pixels at inverse distances (v, u)."""
+        """Return the pixels (u', v') in this view, each (v, u), of reference pixels at inverse distances (v, u)."""
         x, y, z = (np.float32(length) for length in self.position_mm)
         (cx, cy), focal = self.centre_px, np.float32(self.focal_px)
         front = np.float32(1.0 - self.position_mm[2] / self.reference_distance_mm)
         scale = front / (np.float32(1.0) - z * inverse_distance)
         shift = focal * (np.float32(1.0 / self.reference_distance_mm) - scale * inverse_distance)
-        across = scale * (columns - np.float32(cx)) + (shift * x + np.float32(cx))
-        down = scale * (rows - np.float32(cy)) + (shift * y + np.float32(cy))
-        return across, down
+        u = scale * (columns - np.float32(cx)) + (shift * x + np.float32(cx))
+        v = scale * (rows - np.float32(cy)) + (shift * y + np.float32(cy))
+        return u, v
 
-    def slopes(self, columns: Float32, rows: Float32, inverse_distance: Float32) -> tuple[Float32, Float32]:
-        """Derivatives (v, u) of `pixels` by the inverse distance, px mm: g e^2 (z (u - cx) - f x), likewise for v."""
+    def derivatives(self, columns: Float32, rows: Float32, inverse_distance: Float32) -> tuple[Float32, Float32]:
+        """Return the derivatives (v, u) of `pixels` with respect to inverse distance, px mm.
+
+        They are g e^2 (z (u - cx) - f x), and likewise for v with y.
+        """
         x, y, z = (np.float32(length) for length in self.position_mm)
         (cx, cy), focal = self.centre_px, np.float32(self.focal_px)
         front = np.float32(1.0 - self.position_mm[2] / self.reference_distance_mm)
@@ -87,18 +90,18 @@ def halved(views: Views) -> Views:
 
 
 def plane_inverse_distances(views: Views, near_mm: float, far_mm: float, step_px: float) -> FloatArray:
-    """Return inverse distances (n,) of planes from depth `far_mm` to `near_mm`, at most `step_px` of motion apart.
+    """Return inverse distances (n,), in 1/mm, of planes from depth `far_mm` to `near_mm`, far first.
 
-    They are evenly spaced in inverse distance, hence in disparity; far first. Raises InputError if more than
-    `MAX_PLANES` are needed.
+    They are evenly spaced, hence also in disparity, by at most `step_px` in the farthest view. Raises InputError if
+    more than `MAX_PLANES` are needed.
     """
     pupil_mm = views.reference_view_depth_mm
     low, high = 1.0 / (far_mm - pupil_mm), 1.0 / (near_mm - pupil_mm)
-    reach_mm = np.abs(views.positions_mm[..., :2]).max()
-    count = int(np.ceil(min(views.focal_px * reach_mm * (high - low) / step_px, 1e9))) + 1
+    radius_mm = np.abs(views.positions_mm[..., :2]).max()
+    count = int(np.ceil(min(views.focal_px * radius_mm * (high - low) / step_px, 1e9))) + 1
     if count > MAX_PLANES:
         raise InputError(
-            f"depths {near_mm:g} to {far_mm:g} mm need {count} planes at {step_px:g} px of motion from plane to plane, "
+            f"depths {near_mm:g} to {far_mm:g} mm need {count} planes at {step_px:g} px of disparity per plane, "
             f"expected at most {MAX_PLANES}"
         )
     return np.linspace(low, high, max(count, 3))

@@ -1,4 +1,4 @@
-"""Equalisation of the brightness of views: by one gain before depth is known, by a plane of gains afterwards.
+"""Equalisation of the brightness of views: by one gain before depth is known, by a linear function afterwards.
 
 Mirrors reflect unevenly and a lens darkens its corners, so a point's brightness differs by up to a fifth between views.
 """
@@ -17,17 +17,17 @@ from mirrorcam.optics.light_field.light_field import LightField
 Float32 = NDArray[np.float32]
 
 NO_SAMPLE = -1e4
-"""Value of a grey picture without a sample: any blend with it is negative."""
+"""Value where a grey picture has no sample: any blend with it is negative."""
 FILL_PX = 5
-"""Side of the square whose mean replaces a missing sample, so that no false edge arises there."""
+"""Side of the square whose mean replaces a missing sample, so that it causes no false edge."""
 MIN_GAIN, MAX_GAIN = np.float32(0.4), np.float32(2.5)
 GAIN_STRIDE_PX = 8
 GAIN_PATCH_PX = 5
 MIN_SAMPLES = 50
 MIN_GAIN_CHANGE = 0.03
-"""Least relative difference in brightness that is equalised before depth is known."""
+"""Minimum relative difference in brightness that is equalised before depth is known."""
 OCCLUSION_SCALES = (24.0, 12.0, 6.0, 6.0)
-"""Scale of the robust loss per round, out of 255: larger differences probably show different places."""
+"""Scale of the robust loss per round, out of 255: larger differences probably show different surfaces."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,12 +38,12 @@ class ViewPicture:
     ----------
     colours
         (v, u, 3), 0 to 255; missing samples are filled with the mean of neighbours.
-    known
+    valid
         Mask (v, u) of valid samples.
     """
 
     colours: Float32
-    known: NDArray[np.bool_]
+    valid: NDArray[np.bool_]
 
     @classmethod
     def of(cls, light_field: LightField, index: tuple[int, int]) -> ViewPicture:
@@ -53,12 +53,12 @@ class ViewPicture:
         if samples.dtype == np.float32:
             colours = np.clip(colours, np.float32(0.0), np.float32(1.0)) * np.float32(255.0)
         colours = np.broadcast_to(colours, (*samples.shape[:2], 3)).copy()
-        known = light_field.weights[index] > 0
-        if not known.all():
-            share = cv2.blur(known.astype(np.float32), (FILL_PX, FILL_PX))
-            mean = cv2.blur(colours * known[..., None], (FILL_PX, FILL_PX)) / np.maximum(share, 1e-3)[..., None]
-            colours[~known] = mean[~known]
-        return cls(colours, known)
+        valid = light_field.weights[index] > 0
+        if not valid.all():
+            fraction = cv2.blur(valid.astype(np.float32), (FILL_PX, FILL_PX))
+            mean = cv2.blur(colours * valid[..., None], (FILL_PX, FILL_PX)) / np.maximum(fraction, 1e-3)[..., None]
+            colours[~valid] = mean[~valid]
+        return cls(colours, valid)
 
     @property
     def brightness(self) -> Float32:
@@ -68,20 +68,20 @@ class ViewPicture:
     @property
     def grey(self) -> Float32:
         """Brightness (v, u), 0 to 255, `NO_SAMPLE` where there is no sample."""
-        return np.where(self.known, self.brightness, np.float32(NO_SAMPLE))
+        return np.where(self.valid, self.brightness, np.float32(NO_SAMPLE))
 
     @property
-    def seen(self) -> NDArray[np.uint8]:
+    def interior(self) -> NDArray[np.uint8]:
         """Mask (v, u), as uint8, of samples whose neighbours are all valid."""
-        return np.asarray(cv2.erode(self.known.astype(np.uint8), np.ones((3, 3), np.uint8), borderValue=1))
+        return np.asarray(cv2.erode(self.valid.astype(np.uint8), np.ones((3, 3), np.uint8), borderValue=1))
 
     def halved(self) -> ViewPicture:
         """Merge blocks of two by two pixels, unknown if a sample is missing; drop an odd last column or row."""
-        rows, columns = self.known.shape[0] // 2, self.known.shape[1] // 2
+        rows, columns = self.valid.shape[0] // 2, self.valid.shape[1] // 2
         even = (slice(2 * rows), slice(2 * columns))
         colours = cv2.resize(self.colours[even], (columns, rows), interpolation=cv2.INTER_AREA)
-        known = self.known[even]
-        valid_rows = known[::2] & known[1::2]
+        valid = self.valid[even]
+        valid_rows = valid[::2] & valid[1::2]
         return ViewPicture(np.asarray(colours), valid_rows[:, ::2] & valid_rows[:, 1::2])
 
     def multiplied(self, gain: Float32 | float) -> ViewPicture:
@@ -89,19 +89,19 @@ class ViewPicture:
         factor = np.asarray(gain, dtype=np.float32)
         if factor.ndim == 0 and factor == 1:
             return self
-        return ViewPicture(self.colours * (factor[..., None] if factor.ndim else factor), self.known)
+        return ViewPicture(self.colours * (factor[..., None] if factor.ndim else factor), self.valid)
 
 
-def first_gain(picture: Float32, reference: Float32) -> float:
+def rough_gain(picture: Float32, reference: Float32) -> float:
     """Return the factor that roughly equalises a grey view (v, u) to the reference view before depth is known.
 
     It is the median ratio of means over large squares; 1 below `MIN_GAIN_CHANGE`, which depth alone may explain.
     """
     side = max(3, min(picture.shape) // 8)
-    both = (picture >= 0) & (reference >= 0)
+    shared = (picture >= 0) & (reference >= 0)
 
     def means(values: Float32) -> Float32:
-        blurred: Any = cv2.blur(np.where(both, values, np.float32(0.0)), (side, side))
+        blurred: Any = cv2.blur(np.where(shared, values, np.float32(0.0)), (side, side))
         return np.asarray(blurred[side // 2 :: side, side // 2 :: side])
 
     reference_means, picture_means = means(reference), means(picture)
@@ -112,36 +112,36 @@ def first_gain(picture: Float32, reference: Float32) -> float:
     return float(np.clip(gain, MIN_GAIN, MAX_GAIN)) if abs(gain - 1.0) > MIN_GAIN_CHANGE else 1.0
 
 
-def patches(picture: Float32) -> Float32:
+def patch_means(picture: Float32) -> Float32:
     """Means over small squares of a grey picture (v, u); negative where a square has a missing sample."""
     return np.asarray(cv2.blur(picture, (GAIN_PATCH_PX, GAIN_PATCH_PX)))
 
 
-def matching_gain(picture: Float32, across: Float32, down: Float32, reference: Float32) -> Float32:
-    """Return the gain (v, u) that equalises a grey view to the reference view; ones if too little is shared.
+def matching_gain(picture: Float32, u: Float32, v: Float32, reference: Float32) -> Float32:
+    """Return the gain (v, u) that equalises a grey view to the reference view; ones if the overlap is too small.
 
-    The gain is a plane over the view, g = a + b u + c v, fitted to the places that both views show; places that differ
+    The gain is a plane over the view, g = a + b u + c v, fitted to the points that both views show; points that differ
     too much, probably occluded in one view, lose weight round by round (Geman-McClure).
 
     Parameters
     ----------
     picture
         The view (v, u), 0 to 255, `NO_SAMPLE` where there is none.
-    across, down
-        Pixels u, v (m, n) of the view that show given places of the reference view.
+    u, v
+        Pixels (m, n) of the view that show given points of the reference view.
     reference
-        Brightness (m, n) of these places in the reference view, from `patches`.
+        Brightness (m, n) of these points in the reference view, from `patch_means`.
     """
     picture_means = np.asarray(
-        cv2.remap(patches(picture), across, down, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=-1.0)
+        cv2.remap(patch_means(picture), u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=-1.0)
     )
-    both = (picture_means >= 0) & (reference >= 0)
-    if np.count_nonzero(both) < MIN_SAMPLES:
+    shared = (picture_means >= 0) & (reference >= 0)
+    if np.count_nonzero(shared) < MIN_SAMPLES:
         return np.ones_like(picture)
     height, width = picture.shape
-    basis = np.stack([np.ones_like(across), across / width - 0.5, down / height - 0.5], axis=-1)[both].astype(float)
-    target = reference[both].astype(float)
-    terms, weight = basis * picture_means[both].astype(float)[:, None], np.ones(len(target))
+    basis = np.stack([np.ones_like(u), u / width - 0.5, v / height - 0.5], axis=-1)[shared].astype(float)
+    target = reference[shared].astype(float)
+    terms, weight = basis * picture_means[shared].astype(float)[:, None], np.ones(len(target))
     for scale in OCCLUSION_SCALES:
         weighted = terms * weight[:, None]
         # The weak prior of gain 1 gives even a black picture a gain.

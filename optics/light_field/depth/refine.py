@@ -20,36 +20,36 @@ from mirrorcam.core.compiled import compiled
 from mirrorcam.optics.light_field.depth.cost import bands
 from mirrorcam.optics.light_field.depth.parallax import Parallax
 from mirrorcam.optics.light_field.depth.refine_kernels import (
-    HIDING_PX,
+    OCCLUSION_PX,
     SweepPinhole,
     Terms,
     View,
     add_terms,
-    applied,
-    bends,
+    apply_normal_matrix,
+    second_differences,
 )
 from mirrorcam.optics.light_field.depth.sweep import Sweep, nearest_planes
 
 Float32 = NDArray[np.float32]
-Map = Callable[..., Any]
+MapFunction = Callable[..., Any]
 NOISE_GREY = 0.25
-"""Assumed standard deviation, of 255, of a difference of brightness gradients."""
-MISPLACED_PX = 0.1
-"""Accuracy of interpolation as a shift: the error it causes in gradients grows with the detail of the texture."""
+"""Assumed standard deviation of a difference of brightness gradients, in grey levels out of 255 per px."""
+INTERPOLATION_PX = 0.1
+"""Interpolation error as a shift: the error that it causes in gradients grows with the detail of the texture."""
 DETAIL_PX = 3
-SMOOTH = 300.0
-"""Inverse variance of second differences of a surface, 1/px^2 of the farthest view's motion."""
+SMOOTHNESS = 300.0
+"""Inverse variance of second differences of a surface, in 1/px^2 of disparity in the farthest view."""
 EDGE_PX = 0.15
-"""Second difference, px of the farthest view's motion, above which a depth edge is likely."""
+"""Second difference, in px of disparity in the farthest view, above which a depth edge is likely."""
 ANCHOR = 1.0
-"""Inverse variance, 1/px^2, that anchors a value at its previous one."""
-MIN_AGREEING = np.float32(1e-6)
-SHARED_POWER = 0.8
+"""Inverse variance, 1/px^2, that ties a value to its previous one."""
+MIN_WEIGHT_SUM = np.float32(1e-6)
+SHARED_ERROR_EXPONENT = 0.8
 """Views share the errors of the reference view's gradients, so the information of many is less than its sum."""
 MAX_CHANGE_PX, MAX_CHANGE_AT_EDGE_PX = 1.0, 0.15
-"""Largest total change of a value, px of the farthest view's motion: off depth edges, and at them."""
+"""Maximum total change of a value, in px of disparity in the farthest view: off depth edges, and at them."""
 JUMP_PX = 0.6
-"""Range within 3x3 pixels, px of the farthest view's motion, that marks a depth edge."""
+"""Range within 3x3 pixels, in px of disparity in the farthest view, that marks a depth edge."""
 RADIUS_PX = 3
 JUMP_RADIUS_PX = 2
 COLOUR_GREY = 20.0
@@ -63,56 +63,61 @@ class Match:
     Attributes
     ----------
     information
-        Inverse variance of a pixel's disparity from its own gradients, 1/px^2 of the farthest view's motion.
-    agreeing, seeing
+        Inverse variance of a pixel's disparity from its own gradients, in 1/px^2 of disparity in the farthest view.
+    weight_sum, view_count
         Sum of weights of the other views that match the pixel, and number of those that see it.
     residual
-        Weighted mean square of the two gradient differences, over their variances: 2 if these are true.
+        Weighted mean of the squares of the two gradient differences over their variances: 2 if the variances are true.
     products, energies
-        Sums over the views of the products of both views' gradients, and of their mean squares, grey^2 per px^2. They
-        are equal where the views match; for unrelated views, the products sum to about zero.
+        Sums over the views of the dot product of a view's gradient and the reference view's, and of the mean of their
+        squares, grey^2 per px^2. They are equal where the views match; for unrelated views, the products sum to
+        about zero.
     """
 
     information: Float32
-    agreeing: Float32
-    seeing: Float32
+    weight_sum: Float32
+    view_count: Float32
     residual: Float32
     products: Float32
     energies: Float32
 
-    def after(self, gradient: Float32, step: Float32) -> Match:
-        """Return the match after a small step (v, u), px of the farthest view's motion, given its gradient."""
-        change = (np.float32(2.0) * gradient + self.information * step) * step / np.maximum(self.agreeing, MIN_AGREEING)
+    def after_step(self, gradient: Float32, step: Float32) -> Match:
+        """Return the match after a small step (v, u), in px of disparity in the farthest view, given the gradient."""
+        change = (
+            (np.float32(2.0) * gradient + self.information * step) * step / np.maximum(self.weight_sum, MIN_WEIGHT_SUM)
+        )
         return replace(self, residual=np.maximum(self.residual + change, np.float32(0.0)))
 
 
 def _conjugate_gradients(
-    anchors: Float32, across: Float32, down: Float32, target: Float32, start: Float32, iterations: int
+    anchors: Float32, weight_u: Float32, weight_v: Float32, target: Float32, start: Float32, iterations: int
 ) -> Float32:
     """Solve A x = target for a map x (v, u), from `start`, by conjugate gradients with a Jacobi preconditioner.
 
-    A is the diagonal `anchors` plus the weighted second differences across and down.
+    A is the diagonal `anchors` plus the second differences along u and v, weighted by `weight_u` and `weight_v`.
     """
     work: Any = np.empty_like(start), np.empty_like(start)
     product = np.empty_like(start)
 
-    def times_a(values: Float32) -> Float32:
-        bends(values, across, down, *work)
-        applied(anchors, values, *work, product)
+    def apply_a(values: Float32) -> Float32:
+        second_differences(values, weight_u, weight_v, *work)
+        apply_normal_matrix(anchors, values, *work, product)
         return product
 
     def neighbours(weights: Float32, axis: int) -> Float32:
         return np.roll(weights, 1, axis) + np.roll(weights, -1, axis)
 
     four = np.float32(4.0)
-    inverse_diagonal = 1.0 / (anchors + four * (across + down) + neighbours(across, 1) + neighbours(down, 0))
+    inverse_diagonal = 1.0 / (
+        anchors + four * (weight_u + weight_v) + neighbours(weight_u, 1) + neighbours(weight_v, 0)
+    )
     x = start.copy()
-    r = target - times_a(x)
+    r = target - apply_a(x)
     z = inverse_diagonal * r
     p = z.copy()
     rz = float(np.vdot(r, z))
     for _ in range(iterations):
-        ap = times_a(p)
+        ap = apply_a(p)
         alpha = np.float32(rz / max(float(np.vdot(p, ap)), 1e-30))
         x += alpha * p
         r -= alpha * ap
@@ -124,16 +129,16 @@ def _conjugate_gradients(
 
 
 def brightness_gradients(picture: Float32) -> Float32:
-    """Gradients of brightness (2, v, u) of a grey picture (v, u), across and down, per px (Scharr's kernel)."""
+    """Return the brightness gradients (2, v, u) of a grey picture (v, u) along u and v, per px (Scharr's kernel)."""
     return np.stack([cv2.Scharr(picture, cv2.CV_32F, *order, scale=1.0 / 32.0) for order in ((1, 0), (0, 1))])
 
 
-def unshared(views: int) -> float:
-    """Share of the summed information that counts: 1 up to eight views, less for more."""
-    return float((8.0 / max(views, 8)) ** SHARED_POWER)
+def information_fraction(views: int) -> float:
+    """Return the fraction of the summed information that counts: 1 up to eight views, less for more."""
+    return float((8.0 / max(views, 8)) ** SHARED_ERROR_EXPONENT)
 
 
-def jumps(disparity: Float32) -> NDArray[np.bool_]:
+def depth_edges(disparity: Float32) -> NDArray[np.bool_]:
     """Mask (v, u) of pixels at a depth edge, whose gradients may mix two surfaces."""
     kernel = np.ones((3, 3), np.uint8)
     return np.asarray(cv2.dilate(disparity, kernel)) - np.asarray(cv2.erode(disparity, kernel)) > np.float32(JUMP_PX)
@@ -146,28 +151,28 @@ class GradientPicture:
     Attributes
     ----------
     gradients
-        Gradients (v, u, 2), across and down.
-    seen
+        Gradients (v, u, 2) along u and v.
+    valid
         (v, u), uint8: 0 near a missing sample.
     """
 
     gradients: Float32
-    seen: NDArray[np.uint8]
+    valid: NDArray[np.uint8]
 
     @classmethod
-    def of(cls, grey: Float32, seen: NDArray[np.uint8]) -> GradientPicture:
-        return cls(np.ascontiguousarray(np.moveaxis(brightness_gradients(grey), 0, -1)), seen)
+    def of(cls, grey: Float32, valid: NDArray[np.uint8]) -> GradientPicture:
+        return cls(np.ascontiguousarray(np.moveaxis(brightness_gradients(grey), 0, -1)), valid)
 
     @cached_property
     def derivatives(self) -> Float32:
-        """Derivatives (2, 2, v, u) of each gradient component, across and down."""
+        """Derivatives (2, 2, v, u) of each gradient component along u and v."""
         return np.stack([brightness_gradients(self.gradients[..., axis]) for axis in range(2)])
 
     @cached_property
     def variance(self) -> Float32:
         """Variance (v, u) of a gradient difference between views, from noise and interpolation."""
         detail: Any = cv2.blur(np.square(self.derivatives).sum(axis=(0, 1)) * np.float32(0.5), (DETAIL_PX, DETAIL_PX))
-        return np.asarray(np.float32(NOISE_GREY**2) + np.float32(MISPLACED_PX**2) * detail)
+        return np.asarray(np.float32(NOISE_GREY**2) + np.float32(INTERPOLATION_PX**2) * detail)
 
 
 class Refiner:
@@ -183,7 +188,7 @@ class Refiner:
         `map`, or the `map` of a thread pool.
     """
 
-    def __init__(self, sweep: Sweep, parallaxes: Sequence[Parallax], run: Map = map):
+    def __init__(self, sweep: Sweep, parallaxes: Sequence[Parallax], run: MapFunction = map):
         self.sweep, self.run = sweep, run
         self.pinholes = [SweepPinhole.of(view, sweep) for view in parallaxes]
 
@@ -192,22 +197,24 @@ class Refiner:
     ) -> tuple[Match, Float32]:
         """Return the match at a map (v, u), and the gradient of its cost."""
         nearest = nearest_planes(planes, self.sweep, self.run)
-        views = [View(each.gradients, each.seen, surface) for each, surface in zip(others, nearest, strict=True)]
+        views = [View(other.gradients, other.valid, surface) for other, surface in zip(others, nearest, strict=True)]
         derivatives, variance = reference.derivatives, reference.variance
-        hiding = np.float32(HIDING_PX / self.sweep.reach_px)
+        occlusion_gap = np.float32(OCCLUSION_PX / self.sweep.step_px)
         terms = Terms(*(np.zeros(planes.shape, np.float32) for _ in Terms._fields))
 
         def fill(band: tuple[int, int]) -> None:
             for pinhole, view in zip(self.pinholes, views, strict=True):
-                add_terms(*band, planes, reference.gradients, derivatives, variance, pinhole, view, hiding, terms)
+                add_terms(
+                    *band, planes, reference.gradients, derivatives, variance, pinhole, view, occlusion_gap, terms
+                )
 
         list(self.run(fill, bands(planes.shape[0])))
-        # Convert to px of the farthest view's motion.
-        reach = np.float32(self.sweep.reach_px)
-        residual = terms.squares / np.maximum(terms.agreeing, MIN_AGREEING)
-        information, agreeing = terms.information / np.square(reach), terms.agreeing
-        found = Match(information, agreeing, terms.seeing, residual, terms.products, terms.energies)
-        return found, terms.gradient / reach
+        # Convert to px of disparity in the farthest view.
+        step_px = np.float32(self.sweep.step_px)
+        residual = terms.squares / np.maximum(terms.weight_sum, MIN_WEIGHT_SUM)
+        information, weight_sum = terms.information / np.square(step_px), terms.weight_sum
+        match = Match(information, weight_sum, terms.view_count, residual, terms.products, terms.energies)
+        return match, terms.gradient / step_px
 
     def refined(
         self,
@@ -219,38 +226,38 @@ class Refiner:
     ) -> tuple[Float32, Match, Float32]:
         """Refine a map (v, u) by `steps` Gauss-Newton steps, each solved by `iterations` of conjugate gradients.
 
-        Returns the map, the match at it, and the weight of its smoothness (v, u), 0 to 1.
+        Returns the map, its match, and the weight of its smoothness (v, u), 0 to 1.
         """
-        reach = np.float32(self.sweep.reach_px)
-        disparity = planes * reach
+        step_px = np.float32(self.sweep.step_px)
+        disparity = planes * step_px
         initial = disparity.copy()
-        at_edge = jumps(disparity)
+        at_edge = depth_edges(disparity)
         max_change = np.where(at_edge, np.float32(MAX_CHANGE_AT_EDGE_PX), np.float32(MAX_CHANGE_PX))
         off_edge = np.float32(1.0) - at_edge
-        share = np.float32(unshared(len(others)))
+        fraction = np.float32(information_fraction(len(others)))
         for _ in range(steps):
-            match, gradient = self.match(disparity / reach, reference, others)
-            across, down = self._smoothness(disparity)
-            weight = off_edge * share / self._noise(match)
+            match, gradient = self.match(disparity / step_px, reference, others)
+            weight_u, weight_v = self._smoothness(disparity)
+            weight = off_edge * fraction / self._noise(match)
             anchors = match.information * weight + np.float32(ANCHOR)
             target = anchors * disparity - gradient * weight
-            solved = _conjugate_gradients(anchors, across, down, target, disparity, iterations)
+            solved = _conjugate_gradients(anchors, weight_u, weight_v, target, disparity, iterations)
             previous, disparity = disparity, np.clip(solved, initial - max_change, initial + max_change)
-        across, down = self._smoothness(disparity)
-        smoothness = np.minimum(across, down) * np.float32(1.0 / SMOOTH)
-        return disparity / reach, match.after(gradient, disparity - previous), smoothness
+        weight_u, weight_v = self._smoothness(disparity)
+        smoothness = np.minimum(weight_u, weight_v) * np.float32(1.0 / SMOOTHNESS)
+        return disparity / step_px, match.after_step(gradient, disparity - previous), smoothness
 
     def _noise(self, match: Match) -> np.float32:
         """Median variance of the gradient differences, relative to the assumed variance; at least 1."""
-        residuals = match.residual[match.agreeing > 0]
+        residuals = match.residual[match.weight_sum > 0]
         return np.float32(max(1.0, float(np.median(residuals)) / 2.0)) if residuals.size else np.float32(1.0)
 
     def _smoothness(self, disparity: Float32) -> tuple[Float32, Float32]:
-        """Weights (v, u) of the second differences, across and down."""
+        """Return weights (v, u) of the second differences along u and v."""
         result = []
         for axis in (1, 0):
             second_difference = np.roll(disparity, 1, axis) - 2.0 * disparity + np.roll(disparity, -1, axis)
-            weight = np.float32(SMOOTH) / np.square(1.0 + np.square(second_difference * np.float32(1.0 / EDGE_PX)))
+            weight = np.float32(SMOOTHNESS) / np.square(1.0 + np.square(second_difference * np.float32(1.0 / EDGE_PX)))
             ends = (slice(None), [0, -1]) if axis == 1 else ([0, -1], slice(None))
             weight[ends] = 0.0
             result.append(weight)
@@ -273,11 +280,11 @@ def _medians(first: int, last: int, planes: Float32, picture: Float32, jump: flo
             count, total = 0, np.float32(0.0)
             for j in range(max(y - RADIUS_PX, 0), min(y + RADIUS_PX + 1, height)):
                 for i in range(max(x - RADIUS_PX, 0), min(x + RADIUS_PX + 1, width)):
-                    colour_difference = np.float32(0.0)
+                    difference = np.float32(0.0)
                     for colour in range(3):
-                        colour_difference += abs(picture[j, i, colour] - picture[y, x, colour])
+                        difference += abs(picture[j, i, colour] - picture[y, x, colour])
                     distance = np.float32((j - y) * (j - y) + (i - x) * (i - x)) / np.float32(RADIUS_PX * RADIUS_PX)
-                    weight = np.exp(-colour_difference / np.float32(COLOUR_GREY) - distance)
+                    weight = np.exp(-difference / np.float32(COLOUR_GREY) - distance)
                     slot = count - 1
                     while slot >= 0 and values[slot] > planes[j, i]:
                         values[slot + 1], weights[slot + 1] = values[slot], weights[slot]
@@ -293,7 +300,7 @@ def _medians(first: int, last: int, planes: Float32, picture: Float32, jump: flo
                     break
 
 
-def follow_edges(planes: Float32, picture: Float32, jump: float, run: Map = map) -> Float32:
+def follow_edges(planes: Float32, picture: Float32, jump: float, run: MapFunction = map) -> Float32:
     """Replace values near jumps by the weighted median of neighbours of similar colour (Ma et al., ICCV 2013).
 
     `picture` holds colours (v, u, 3), 0 to 255; a jump is a difference of more than `jump` within the neighbourhood.

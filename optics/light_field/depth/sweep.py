@@ -1,6 +1,6 @@
 """A plane sweep: where each view shows the pixels of the reference view, which views compete, and the cost volume.
 
-Each pixel searches a range of planes of its own: near the depth known from a smaller picture, or all planes.
+Each pixel searches a range of planes of its own: near the depth known from a coarser pyramid level, or all planes.
 """
 
 from __future__ import annotations
@@ -20,28 +20,28 @@ from mirrorcam.optics.light_field.light_field import Views
 
 Float32 = NDArray[np.float32]
 DIRECTIONS = 16
-"""Number of directions from the reference view: an occluder hides a place from adjacent directions."""
+"""Number of directions from the reference view: an occluder hides a point from adjacent directions."""
 MAX_RINGS = 4
-Map = Callable[..., Any]
-NOTHING = np.float32(-1e9)
+MapFunction = Callable[..., Any]
+NO_SURFACE = np.float32(-1e9)
 """Plane of a pixel without a surface: it hides nothing."""
 TILE_PX = 8
 """Side of a tile; all its pixels search the same range."""
-AROUND_PX = 8
-"""Distance around a tile whose known depths are searched as well, so that edges can move."""
+NEIGHBOUR_PX = 8
+"""Distance from a tile within which known depths are searched as well, so that depth edges can move."""
 MARGIN_PLANES = 6
 """Planes searched beyond the known ones, nearer and farther."""
 MIN_PLANES = 3
 
 
-class PlaneMotion(NamedTuple):
+class PlaneMapping(NamedTuple):
     """Where K views show the planes of a sweep, and which views compete.
 
-    Plane i shows pixel (u, v) of the reference view at (scale u + across, scale v + down) of view k.
+    Plane i shows pixel (u, v) of the reference view at (scale u + offset_u, scale v + offset_v) of view k.
 
     Attributes
     ----------
-    scale, across, down : ndarray of float32
+    scale, offset_u, offset_v : ndarray of float32
         (n, K).
     sector : ndarray of int64
         (K,): views at a similar distance from the reference view form a ring; in a similar direction as well, a sector.
@@ -50,8 +50,8 @@ class PlaneMotion(NamedTuple):
     """
 
     scale: Float32
-    across: Float32
-    down: Float32
+    offset_u: Float32
+    offset_v: Float32
     sector: NDArray[np.int64]
     rings: NDArray[np.int64]
 
@@ -64,15 +64,15 @@ class Sweep:
     ----------
     inverse_distances : ndarray
         (n,), 1/mm from the reference view.
-    motion : Motion
+    mapping : PlaneMapping
         Mapping of the planes into the views.
-    reach_px : float
-        Motion of the farthest view from plane to plane, px.
+    step_px : float
+        Step of disparity in the farthest view from plane to plane.
     """
 
     inverse_distances: FloatArray
-    motion: PlaneMotion
-    reach_px: float
+    mapping: PlaneMapping
+    step_px: float
 
     @property
     def planes(self) -> int:
@@ -90,64 +90,66 @@ class Sweep:
 
 
 def sweep(views: Views, inverse_distances: FloatArray) -> Sweep:
-    """Build the sweep of the other views over evenly spaced inverse distances (n,) from the reference view."""
+    """Build the sweep of the other views over evenly spaced inverse distances (n,), in 1/mm from the reference view."""
     others = other_views(views)
     matrices = np.array([[parallax(views, index).affine(q) for index in others] for q in inverse_distances])
     positions = np.array([views.positions_mm[index] for index in others])
     distance = np.abs(positions[:, :2]).max(axis=1)
-    share = distance / distance.max()
-    rings = min(MAX_RINGS, len(np.unique(np.round(share, 2))))
+    relative_distance = distance / distance.max()
+    rings = min(MAX_RINGS, len(np.unique(np.round(relative_distance, 2))))
     angle = np.arctan2(positions[:, 1], positions[:, 0])
-    ring = np.clip(np.ceil(share * rings - 1e-6).astype(np.int64) - 1, 0, rings - 1)
+    ring = np.clip(np.ceil(relative_distance * rings - 1e-6).astype(np.int64) - 1, 0, rings - 1)
     direction = np.round(angle / (2.0 * np.pi / DIRECTIONS)).astype(np.int64) % DIRECTIONS
     sectors, sector = np.unique(ring * DIRECTIONS + direction, return_inverse=True)
     step = float(inverse_distances[1] - inverse_distances[0])
-    scale, across, down = (
+    scale, offset_u, offset_v = (
         np.ascontiguousarray(matrices[:, :, row, column], np.float32) for row, column in ((0, 0), (0, 2), (1, 2))
     )
-    motion = PlaneMotion(
+    mapping = PlaneMapping(
         scale,
-        across,
-        down,
+        offset_u,
+        offset_v,
         sector.astype(np.int64),
         np.searchsorted(sectors, np.arange(rings + 1) * DIRECTIONS).astype(np.int64),
     )
-    return Sweep(np.asarray(inverse_distances, dtype=np.float64), motion, float(views.focal_px * distance.max() * step))
+    return Sweep(
+        np.asarray(inverse_distances, dtype=np.float64), mapping, float(views.focal_px * distance.max() * step)
+    )
 
 
 @compiled
-def _splat(planes: Float32, scale: Float32, across: Float32, down: Float32, out: Float32) -> None:
+def _splat(planes: Float32, scale: Float32, offset_u: Float32, offset_v: Float32, out: Float32) -> None:
     """Project the nearest surface into each pixel (v, u) of a view, and fill gaps of a single pixel."""
     height, width = planes.shape
     last = len(scale) - 1
     for y in range(height):
         for x in range(width):
             plane = planes[y, x]
-            lower = min(max(int(np.floor(plane)), 0), last - 1)
-            fraction = plane - np.float32(lower)
-            stretch = scale[lower] + fraction * (scale[lower + 1] - scale[lower])
-            column = stretch * np.float32(x) + across[lower] + fraction * (across[lower + 1] - across[lower])
-            row = stretch * np.float32(y) + down[lower] + fraction * (down[lower + 1] - down[lower])
+            low = min(max(int(np.floor(plane)), 0), last - 1)
+            fraction = plane - np.float32(low)
+            magnification = scale[low] + fraction * (scale[low + 1] - scale[low])
+            column = magnification * np.float32(x) + offset_u[low] + fraction * (offset_u[low + 1] - offset_u[low])
+            row = magnification * np.float32(y) + offset_v[low] + fraction * (offset_v[low + 1] - offset_v[low])
             u, v = int(np.floor(column + np.float32(0.5))), int(np.floor(row + np.float32(0.5)))
             if 0 <= u < width and 0 <= v < height and out[v, u] < plane:
                 out[v, u] = plane
     for y in range(height):
         for x in range(1, width - 1):
-            if out[y, x] == NOTHING and out[y, x - 1] > NOTHING and out[y, x + 1] > NOTHING:
+            if out[y, x] == NO_SURFACE and out[y, x - 1] > NO_SURFACE and out[y, x + 1] > NO_SURFACE:
                 out[y, x] = min(out[y, x - 1], out[y, x + 1])
 
 
-def nearest_planes(planes: Float32, sweep: Sweep, run: Map = map) -> Float32:
-    """Return the plane (K, v, u) of the nearest surface in each view; NOTHING without one.
+def nearest_planes(planes: Float32, sweep: Sweep, run: MapFunction = map) -> Float32:
+    """Return the plane (K, v, u) of the nearest surface in each view; NO_SURFACE without one.
 
     `planes` (v, u) are the planes of the reference view's pixels.
     """
-    motion = sweep.motion
-    views = motion.scale.shape[1]
-    out = np.full((views, *planes.shape), NOTHING, np.float32)
+    mapping = sweep.mapping
+    views = mapping.scale.shape[1]
+    out = np.full((views, *planes.shape), NO_SURFACE, np.float32)
 
     def fill(view: int) -> None:
-        maps = (np.ascontiguousarray(each[:, view]) for each in (motion.scale, motion.across, motion.down))
+        maps = (np.ascontiguousarray(values[:, view]) for values in (mapping.scale, mapping.offset_u, mapping.offset_v))
         _splat(planes, *maps, out[view])
 
     list(run(fill, range(views)))
@@ -170,7 +172,7 @@ class Ranges(NamedTuple):
     start: NDArray[np.int64]
 
     @property
-    def cells(self) -> int:
+    def size(self) -> int:
         """Number of costs."""
         return int(self.start[-1, -1] + self.planes[-1, -1])
 
@@ -181,23 +183,23 @@ class Ranges(NamedTuple):
         return cls(np.ascontiguousarray(low), np.ascontiguousarray(count), ends - count)
 
 
-def whole_range(shape: tuple[int, int], planes: int) -> Ranges:
+def full_range(shape: tuple[int, int], planes: int) -> Ranges:
     """All planes at every pixel (v, u)."""
     return Ranges.of(np.zeros(shape, np.int32), np.full(shape, planes, np.int32))
 
 
-def range_around(known: Float32, planes: int) -> Ranges:
-    """Return the ranges near a map of planes (v, u), constant per tile and limited to `planes` planes."""
-    side = TILE_PX + 2 * AROUND_PX
+def range_around(known_planes: Float32, planes: int) -> Ranges:
+    """Return the ranges near known planes (v, u), constant per tile and limited to `planes` planes."""
+    side = TILE_PX + 2 * NEIGHBOUR_PX
     # OpenCV's kernels of even side reach one pixel farther up and left, so the anchor centres them on the tiles.
-    height, width = known.shape
+    height, width = known_planes.shape
     rows, columns = -(-height // TILE_PX), -(-width // TILE_PX)
     padded = cv2.copyMakeBorder(
-        known,
-        AROUND_PX,
-        rows * TILE_PX - height + AROUND_PX,
-        AROUND_PX,
-        columns * TILE_PX - width + AROUND_PX,
+        known_planes,
+        NEIGHBOUR_PX,
+        rows * TILE_PX - height + NEIGHBOUR_PX,
+        NEIGHBOUR_PX,
+        columns * TILE_PX - width + NEIGHBOUR_PX,
         cv2.BORDER_REPLICATE,
     )
     kernel = np.ones((side, side), np.uint8)
@@ -214,7 +216,7 @@ def range_around(known: Float32, planes: int) -> Ranges:
 
 @dataclass(frozen=True, eq=False)
 class Volume:
-    """Costs (cells,), uint16, over the planes of ranges."""
+    """Costs (ranges.size,), uint16, over the planes of ranges."""
 
     ranges: Ranges
     costs: NDArray[np.uint16]
@@ -222,4 +224,4 @@ class Volume:
     @classmethod
     def empty(cls, ranges: Ranges) -> Volume:
         """Costs to be filled in."""
-        return cls(ranges, np.empty(ranges.cells, np.uint16))
+        return cls(ranges, np.empty(ranges.size, np.uint16))

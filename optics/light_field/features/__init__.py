@@ -1,4 +1,4 @@
-"""Features of light fields: keypoints with slope and place that all views agree on."""
+"""Features of light fields: keypoints with a slope and a position on which all views agree."""
 
 from mirrorcam.optics.light_field.features.feature_set import Features
 from mirrorcam.optics.light_field.features.keypoints import DetectorName

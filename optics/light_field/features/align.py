@@ -1,7 +1,7 @@
 """Sub-pixel alignment of keypoints' patches from the reference view with the other views.
 
-Inverse compositional Gauss-Newton (Baker and Matthews, IJCV 2004) on patches normalised to mean zero and length one, so
-views may differ in brightness and contrast. A patch shifts separately in each view, while the shape of its surface,
+Inverse compositional Gauss-Newton (Baker and Matthews, IJCV 2004) on patches normalised to zero mean and unit length: views
+may differ in brightness and contrast. A patch shifts separately in each view, while the shape of its surface,
 slanted and curved, is estimated from all views jointly: with the inverse distance w + n.o + c(o) at an offset o, where
 c holds powers of two and three, a view at p sees the offset shifted by -f p (n.o + c(o)). Without a shape, shifts along
 s and t would differ, as by refraction. The part of the residuals that no shape explains gives the noise.
@@ -33,20 +33,20 @@ SHIFT_ROUNDS = 2
 SHAPE_ROUNDS = 3
 # Steps are limited to a pixel of the level, beyond which the patches' gradients are invalid.
 MAX_STEP_PX = 1.0
-# Least similarity of a view to the reference patch, to contribute to the shape.
+# Minimum correlation of a view with the reference patch for it to contribute to the shape.
 MIN_CORRELATION_FOR_SHAPE = 0.7
-KEYPOINTS_AT_ONCE = 128
+KEYPOINTS_PER_BATCH = 128
 # Prior standard deviations of surfaces: tan(slant) (60 degrees), and its change over half the side of the patch.
 SHAPE_SIGMAS = np.array([1.7] * 2 + [0.7] * 7)
-# Surfaces are no polynomials: the contributions of curvatures and their changes to a slope have errors of this share,
+# Relative error of the contributions of curvatures and their changes to a slope, because surfaces are not polynomials;
 # measured on rendered scenes of rough surfaces.
 POLYNOMIAL_ERROR = 0.4
 ORDERS = np.repeat(np.eye(3)[:, 1:], [2, 3, 4], axis=0)
 # Matrices of the slopes w, d, e.
-SLOPES = np.array([[[1.0, 0.0], [0.0, 1.0]], [[1.0, 0.0], [0.0, -1.0]], [[0.0, 1.0], [1.0, 0.0]]])
-# Matrices of shifts that no surface causes: across the view's position, and different ones along s and t.
-NO_SHAPES = np.array([[[0.0, 1.0], [-1.0, 0.0]], SLOPES[1], SLOPES[2]])
-# Least residual variance of patches of length one: 8-bit pictures are no better, however similar.
+SLOPE_MATRICES = np.array([[[1.0, 0.0], [0.0, 1.0]], [[1.0, 0.0], [0.0, -1.0]], [[0.0, 1.0], [1.0, 0.0]]])
+# Matrices of shifts that no surface causes: perpendicular to the view's position, and different ones along s and t.
+NON_SURFACE_MATRICES = np.array([[[0.0, 1.0], [-1.0, 0.0]], SLOPE_MATRICES[1], SLOPE_MATRICES[2]])
+# Minimum residual variance of patches of unit length: 8-bit pictures are not better, however similar.
 MIN_VARIANCE = 1e-7
 
 
@@ -57,10 +57,10 @@ class PatchWarp:
     Attributes
     ----------
     linear
-        Shifts (n, 2, 2) in a view by shifts in the patch.
+        Matrices (n, 2, 2) from shifts in the patch to shifts in a view.
     bend, shapes
-        Position (n, 2) of the patch's view relative to that view, mm, and coefficients (n, 9) of SHAPES that shift the
-        patch along it, in addition to `linear`.
+        Position (n, 2) of the patch's view relative to the other view, mm, and coefficients (n, 9) of SHAPES that shift
+        the patch's samples along it, in addition to `linear`.
     """
 
     linear: FloatArray
@@ -68,10 +68,10 @@ class PatchWarp:
     shapes: FloatArray
 
     @classmethod
-    def none(cls, count: int) -> PatchWarp:
+    def identity(cls, count: int) -> PatchWarp:
         return cls(np.broadcast_to(np.eye(2), (count, 2, 2)), np.zeros((count, 2)), np.zeros((count, len(SHAPES))))
 
-    def of(self, index: NDArray[np.int64]) -> PatchWarp:
+    def take(self, index: NDArray[np.int64]) -> PatchWarp:
         return PatchWarp(self.linear[index], self.bend[index], self.shapes[index])
 
 
@@ -89,14 +89,14 @@ class AlignedPatches:
     precision
         Inverse covariance (n, 2, 2) of a pixel in any view, for residuals of unit variance, 1/px^2.
     variance
-        Variance (n,) of residuals, from their part proportional to the views' positions, as a wrong slope's residuals
-        are: it does not decrease with more views if their errors are equal.
+        Variance (n,) of residuals, from the part proportional to the views' positions, as the residuals of a wrong
+        slope are: it does not decrease with more views if their errors are equal.
     shape_covariance
-        Covariance (n, 3, 3) of w, d, e (see `slope`) from the uncertainty of the shapes, as a shift of the entire patch
+        Covariance (n, 3, 3) of w, d, e (see `slope`) from the uncertainty of the shapes, which shifts the entire patch,
         in px per mm of view position. The error is common to all views, so residuals do not reveal it.
     shapes
         Coefficients (n, 9) of SHAPES, px of the level per mm. The first two are also the derivative of the inverse
-        distance by direction in the template's view, 1/mm.
+        distance with respect to direction in the template's view, 1/mm.
     """
 
     pixels: FloatArray
@@ -109,10 +109,10 @@ class AlignedPatches:
 
 def align(
     pyramid: ImagePyramid,
-    given: list[Templates],
+    templates: list[Templates],
     views: NDArray[np.int64],
     start_px: FloatArray,
-    across_mm: FloatArray,
+    lateral_mm: FloatArray,
     distance_mm: FloatArray,
     run: Callable[..., Any] = map,
     warp: PatchWarp | None = None,
@@ -123,14 +123,14 @@ def align(
     ----------
     pyramid
         Image pyramid of all views.
-    given
+    templates
         Patches of the reference view.
     views
-        Numbers of the views to align.
+        Indices of the views to align.
     start_px
         Expected pixels (views, n, 2) of the keypoints; NaN to skip a view.
-    across_mm
-        Positions (views, 2) of these views across the view axis.
+    lateral_mm
+        Positions (views, 2) of these views in the plane normal to the view axis.
     distance_mm
         Approximate distance (n,) of the keypoints.
     run
@@ -143,39 +143,43 @@ def align(
     precision, variance, covariance = np.zeros((count, 2, 2)), np.ones(count), np.zeros((count, 3, 3))
     precision[:] = np.eye(2)
     shapes = np.zeros((count, len(SHAPES)))
-    used_warp = PatchWarp.none(count) if warp is None else warp
-    parts = [part for each in given for part in _parts(each)]
+    used_warp = PatchWarp.identity(count) if warp is None else warp
+    batches = [batch for level_templates in templates for batch in _batches(level_templates)]
 
-    def align_part(part: Templates) -> None:
-        index = part.index
-        found = _align_level(
-            *(pyramid, part, views, start_px[:, index]),
-            *(across_mm.astype(np.float32), distance_mm[index], used_warp.of(index)),
+    def align_batch(batch: Templates) -> None:
+        index = batch.index
+        aligned = _align_level(
+            *(pyramid, batch, views, start_px[:, index]),
+            *(lateral_mm.astype(np.float32), distance_mm[index], used_warp.take(index)),
         )
-        pixels[:, index], correlation[:, index] = found.pixels, found.correlation
-        precision[index], variance[index], covariance[index] = found.precision, found.variance, found.shape_covariance
-        shapes[index] = found.shapes
+        pixels[:, index], correlation[:, index] = aligned.pixels, aligned.correlation
+        precision[index], variance[index], covariance[index] = (
+            aligned.precision,
+            aligned.variance,
+            aligned.shape_covariance,
+        )
+        shapes[index] = aligned.shapes
 
-    list(run(align_part, parts))
+    list(run(align_batch, batches))
     return AlignedPatches(pixels, correlation, precision, variance, covariance, shapes)
 
 
-def _parts(given: Templates) -> list[Templates]:
-    """Split templates into parts that fit a core's cache and keep several cores busy."""
-    cuts = itertools.pairwise([*range(0, len(given.index), KEYPOINTS_AT_ONCE), len(given.index)])
-    arrays = {field.name: getattr(given, field.name) for field in fields(given)}
+def _batches(templates: Templates) -> list[Templates]:
+    """Split templates into batches that fit a core's cache and keep several cores busy."""
+    bounds = itertools.pairwise([*range(0, len(templates.index), KEYPOINTS_PER_BATCH), len(templates.index)])
+    arrays = {field.name: getattr(templates, field.name) for field in fields(templates)}
     return [
         Templates(**{name: value if name == "level" else value[start:end] for name, value in arrays.items()})
-        for start, end in cuts
+        for start, end in bounds
     ]
 
 
 def _align_level(
     pyramid: ImagePyramid,
-    each: Templates,
+    template: Templates,
     views: NDArray[np.int64],
     start_px: FloatArray,
-    across_mm: Floats,
+    lateral_mm: Floats,
     distance_mm: FloatArray,
     warp: PatchWarp,
 ) -> AlignedPatches:
@@ -183,51 +187,51 @@ def _align_level(
     linear = warp.linear.astype(np.float32)
     offsets = linear @ OFFSETS + (warp.bend[:, :, None] * (warp.shapes @ SHAPES)[:, None]).astype(np.float32)
     shape = (*start_px.shape[:2], SAMPLES)
-    aligned = np.isfinite(start_px[..., 0])
-    origin = pyramid.origins[each.level][views, None]
+    used = np.isfinite(start_px[..., 0])
+    origin = pyramid.origins[template.level][views, None]
     # Skipped positions are computed with the others, at arbitrary pixels, and discarded at the end.
-    centre = np.where(aligned[..., None], start_px, 0.0).astype(np.float32) / np.float32(2**each.level) + origin
-    patch_shapes = PatchShapes(each, across_mm, distance_mm)
+    centre = np.where(used[..., None], start_px, 0.0).astype(np.float32) / np.float32(2**template.level) + origin
+    patch_shapes = PatchShapes(template, lateral_mm, distance_mm)
     correlation = np.zeros(shape[:2], np.float32)
-    across, down = (np.empty(shape, np.float32) for _ in range(2))
-    for number in range(SHIFT_ROUNDS + SHAPE_ROUNDS):
-        np.add(centre[..., :1], offsets[:, 0], out=across)
-        np.add(centre[..., 1:], offsets[:, 1], out=down)
-        if number > SHIFT_ROUNDS:
+    u, v = (np.empty(shape, np.float32) for _ in range(2))
+    for round_number in range(SHIFT_ROUNDS + SHAPE_ROUNDS):
+        np.add(centre[..., :1], offsets[:, 0], out=u)
+        np.add(centre[..., 1:], offsets[:, 1], out=v)
+        if round_number > SHIFT_ROUNDS:
             shape_shift = patch_shapes.shape @ SHAPES
-            across -= across_mm[:, 0, None, None] * shape_shift
-            down -= across_mm[:, 1, None, None] * shape_shift
-        flat = pyramid.samples(
-            each.level, across.reshape(-1, SAMPLES), down.reshape(-1, SAMPLES), exact=number >= SHIFT_ROUNDS
+            u -= lateral_mm[:, 0, None, None] * shape_shift
+            v -= lateral_mm[:, 1, None, None] * shape_shift
+        samples = pyramid.samples(
+            template.level, u.reshape(-1, SAMPLES), v.reshape(-1, SAMPLES), exact=round_number >= SHIFT_ROUNDS
         )
-        difference, _ = normalized(flat)
+        difference, _ = normalized(samples)
         difference = difference.reshape(shape)
-        correlation = np.einsum("vnp,np->vn", difference, each.patches)
-        difference -= each.patches
-        step = (each.steps @ difference.transpose(1, 2, 0)).transpose(2, 0, 1)
-        if number >= SHIFT_ROUNDS:
-            step = step + patch_shapes.step(difference, aligned & (correlation >= MIN_CORRELATION_FOR_SHAPE))
+        correlation = np.einsum("vnp,np->vn", difference, template.patches)
+        difference -= template.patches
+        step = (template.steps @ difference.transpose(1, 2, 0)).transpose(2, 0, 1)
+        if round_number >= SHIFT_ROUNDS:
+            step = step + patch_shapes.step(difference, used & (correlation >= MIN_CORRELATION_FOR_SHAPE))
         step = (linear @ step[..., None])[..., 0]
         length = np.sqrt((step**2).sum(axis=-1, keepdims=True))
         centre -= step * np.minimum(1.0, MAX_STEP_PX / np.maximum(length, np.float32(1e-9)))
     return AlignedPatches(
-        pixels=np.where(aligned[..., None], (centre - origin).astype(np.float64) * 2**each.level, np.nan),
-        correlation=np.where(aligned, correlation, 0.0).astype(np.float64),
-        precision=(each.gradients @ each.gradients.transpose(0, 2, 1)).astype(np.float64) / 4.0**each.level,
+        pixels=np.where(used[..., None], (centre - origin).astype(np.float64) * 2**template.level, np.nan),
+        correlation=np.where(used, correlation, 0.0).astype(np.float64),
+        precision=(template.gradients @ template.gradients.transpose(0, 2, 1)).astype(np.float64) / 4.0**template.level,
         variance=patch_shapes.variance,
-        shape_covariance=patch_shapes.covariance() * 4.0**each.level,
+        shape_covariance=patch_shapes.covariance() * 4.0**template.level,
         shapes=patch_shapes.shape.astype(np.float64),
     )
 
 
 class PatchShapes:
-    """Shapes (n, 9) of the patches' surfaces from all views jointly, with a prior, because few are seen edge-on."""
+    """Shapes (n, 9) of the patches' surfaces from all views jointly, with a prior, as few surfaces are seen edge-on."""
 
-    def __init__(self, each: Templates, across_mm: Floats, distance_mm: FloatArray) -> None:
-        self.each, self.across_mm = each, across_mm
+    def __init__(self, template: Templates, lateral_mm: Floats, distance_mm: FloatArray) -> None:
+        self.template, self.lateral_mm = template, lateral_mm
         # tan(slant) and curvature are the shape's coefficients, 1/mm, times the distance.
         self.prior = (distance_mm[:, None] / SHAPE_SIGMAS) ** 2
-        count = len(each.index)
+        count = len(template.index)
         self.shape = np.zeros((count, len(SHAPES)), np.float32)
         self.variance = np.ones(count)
         self.normal = self.prior[:, :, None] * np.eye(len(SHAPES))
@@ -235,43 +239,43 @@ class PatchShapes:
     def step(self, difference: Floats, usable: NDArray[np.bool_]) -> Floats:
         """Update the shapes from differences (views, n, SAMPLES) in the usable views (views, n).
 
-        Returns the shift (views, n, 2) of the patches' centres that compensates the update.
+        Returns the shifts (views, n, 2) of the patches' centres that compensate the update.
         """
-        each = self.each
-        weighted = usable.astype(np.float32)[..., None] * self.across_mm[:, None]
-        positions = np.einsum("vni,vj->nij", weighted, self.across_mm).astype(np.float64)
+        template = self.template
+        weighted = usable.astype(np.float32)[..., None] * self.lateral_mm[:, None]
+        positions = np.einsum("vni,vj->nij", weighted, self.lateral_mm).astype(np.float64)
         slopes = weighted.transpose(1, 2, 0) @ difference.transpose(1, 0, 2)
-        projected = (each.shapes.reshape(len(slopes), -1, SAMPLES) @ slopes.transpose(0, 2, 1)).reshape(
+        projected = (template.shapes.reshape(len(slopes), -1, SAMPLES) @ slopes.transpose(0, 2, 1)).reshape(
             -1, len(SHAPES), 2, 2
         )
         count, shapes = len(projected), len(SHAPES)
         prior = self.prior[:, :, None] * np.eye(shapes)
-        information = positions.reshape(count, 1, 4) @ each.products.reshape(count, 4, shapes**2)
+        information = positions.reshape(count, 1, 4) @ template.products.reshape(count, 4, shapes**2)
         self.normal = information.reshape(count, shapes, shapes) / self.variance[:, None, None] + prior
         rhs = np.einsum("nbkk->nb", projected) / self.variance[:, None] - self.prior * self.shape
         change = np.linalg.solve(self.normal, rhs[..., None])
-        explained = (each.products.reshape(count, 4 * shapes, shapes) @ change).reshape(count, 2, 2, shapes)
+        explained = (template.products.reshape(count, 4 * shapes, shapes) @ change).reshape(count, 2, 2, shapes)
         explained = np.einsum("nkjb,nji->nbki", explained, positions)
         change = change[..., 0]
         self.variance = self._variance(projected - explained, positions)
         self.shape += change.astype(np.float32)
-        shift = np.einsum("nkbj,nb->nkj", each.leaning, change.astype(np.float32))
-        return np.asarray(-(shift @ self.across_mm.T).transpose(2, 0, 1))
+        shift = np.einsum("nkbj,nb->nkj", template.centre_shifts, change.astype(np.float32))
+        return np.asarray(-(shift @ self.lateral_mm.T).transpose(2, 0, 1))
 
     def _variance(self, projected: FloatArray, positions: FloatArray) -> FloatArray:
-        """Variance (n,) of residuals from the part (n, 9, 2, 2) that no shape explains, across epipolar lines."""
-        squares = np.einsum("skj,nbkj->nsb", NO_SHAPES, projected) ** 2
-        transformed = NO_SHAPES @ positions[:, None] @ NO_SHAPES.transpose(0, 2, 1)
-        expected = np.einsum("nskm,nkmbb->nsb", transformed, self.each.products)
-        share = squares / np.maximum(expected, 1e-12)
-        # Collinear views determine only the first.
+        """Return residual variances (n,) from the part (n, 9, 2, 2) that no shape explains, off the epipolar lines."""
+        squares = np.einsum("skj,nbkj->nsb", NON_SURFACE_MATRICES, projected) ** 2
+        transformed = NON_SURFACE_MATRICES @ positions[:, None] @ NON_SURFACE_MATRICES.transpose(0, 2, 1)
+        expected = np.einsum("nskm,nkmbb->nsb", transformed, self.template.products)
+        ratio = squares / np.maximum(expected, 1e-12)
+        # Collinear views determine only the first ratio.
         values = np.linalg.eigvalsh(positions)
-        flat = values[:, 0] < 1e-6 * values[:, 1]
-        return np.maximum(np.where(flat, share[:, 0].mean(axis=1), share.mean(axis=(1, 2))), MIN_VARIANCE)
+        collinear = values[:, 0] < 1e-6 * values[:, 1]
+        return np.maximum(np.where(collinear, ratio[:, 0].mean(axis=1), ratio.mean(axis=(1, 2))), MIN_VARIANCE)
 
     def covariance(self) -> FloatArray:
-        """Covariance (n, 3, 3) of w, d, e from the uncertainty of the shapes, px of the level per mm."""
-        slopes = 0.5 * np.einsum("skj,nkbj->nsb", SLOPES, self.each.leaning.astype(np.float64))
+        """Return the covariance (n, 3, 3) of w, d, e from the uncertainty of the shapes, (px of the level per mm)^2."""
+        slopes = 0.5 * np.einsum("skj,nkbj->nsb", SLOPE_MATRICES, self.template.centre_shifts.astype(np.float64))
         polynomial_error = np.einsum("nsb,nb,bo->nso", slopes, self.shape, ORDERS) * POLYNOMIAL_ERROR
         return np.asarray(
             slopes @ np.linalg.inv(self.normal) @ slopes.transpose(0, 2, 1)

@@ -1,4 +1,4 @@
-"""The features of a light field, with their positions in the views, slopes, depths and descriptors; and their files."""
+"""The features of a light field: positions in the views, slopes, depths and descriptors; and their files."""
 
 from __future__ import annotations
 
@@ -29,33 +29,33 @@ class Features:
     detector
         Name of the detector.
     pixels
-        Pixels (n, 2), (u, v), of the consolidated fit in the reference view.
+        Pixels (n, 2), (u, v), of the fit over all views, in the reference view.
     scale_px
-        Scale (n,) of detection; 1 is the finest.
+        Scale (n,) at which the keypoint was detected; 1 is the finest.
     disparity_px
-        Consolidated slope (n,), px per mean step along s (along t for a single column of views), positive nearer than
-        the reference plane: -du/ds.
+        Slope -du/ds (n,) fitted to all views, px per mean step along s (along t for a single column of views), positive
+        in front of the reference plane.
     disparity_sigma_px
         Standard deviation (n,) of the disparity.
     points_in_rig_mm
-        Points (n, 3) in rig.
+        Points (n, 3) in the rig frame.
     depth_mm
         Depth (n,) from the pupil along view z.
     depth_sigma_mm
         Standard deviation (n,) of the depth.
     residual_px
-        Rms distance (n,) between detected and fitted pixels over the views.
+        RMS distance (n,) between detected and fitted pixels over the views.
     seen
-        Mask (n, t, s) of the views in which each feature was found, including the reference view.
+        Mask (n, t, s) of the views in which each feature was detected, including the reference view.
     seen_px
-        Pixels (n, t, s, 2) at which each feature was found; NaN if not found.
+        Pixels (n, t, s, 2) at which each feature was detected; NaN if it was not.
     apart_disparity_px
         Slopes (n, 2) along s and t, estimated separately, in the unit of `disparity_px` (both per mean step of the same
         axis, so they are equal for a point); NaN if the views are collinear or too few.
     two_slope_sigma
         Difference (n,) of the two principal slopes in standard deviations; NaN if unknown.
     refracted
-        Mask (n,) of features whose difference exceeds the test's limit: they are seen in a curved mirror or through a
+        Mask (n,) of features whose difference exceeds the finder's limit: they are seen in a curved mirror or through a
         refracting surface, so their depth does not belong to a surface at their pixel.
     descriptors
         Descriptors (n, d) in the reference view: bits as uint64 words, or RootSIFT as float32.

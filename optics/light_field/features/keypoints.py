@@ -2,7 +2,7 @@
 
 The focal stack averages the views after shifting them by a slope: objects with that slope are sharp, with less noise
 than in any single view; others, including occluders in some views, are blurred. A keypoint is a local extremum of the
-difference of Gaussians over place, scale and slope.
+difference of Gaussians over position, scale and slope.
 
 Dansereau, Girod and Wetzstein, "LiFF: Light field features in scale and depth", CVPR 2019.
 """
@@ -20,17 +20,17 @@ from scipy.spatial import cKDTree
 
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
-from mirrorcam.optics.light_field.features.slope import Geometry
+from mirrorcam.optics.light_field.features.slope import ViewGeometry
 from mirrorcam.optics.light_field.light_field import LightField
 
 DetectorName = Literal["SIFT", "ORB", "AKAZE"]
-# Closer to unseen pixels, keypoints would be corners of the border.
+# Keypoints closer to invalid pixels would be artefacts of the border.
 BORDER_PX = 5
 ORB_SCALE_STEP = 1.2
 # OpenCV's keypoint size at the finest scale: ORB's patch diameter; for SIFT (AKAZE), twice (three times) the initial
 # scale 1.6.
 FINEST_SIZE_PX: dict[DetectorName, float] = {"SIFT": 2 * 1.6, "ORB": 31.0, "AKAZE": 3 * 1.6}
-# Motion of the view farthest from the reference view, from slope to slope.
+# Shift of the farthest view between adjacent slices of the focal stack.
 STEP_PX = 1.0
 # Distance, in px of its scale and octaves of scale, below which a weaker keypoint duplicates a stronger one.
 DUPLICATE_PX, DUPLICATE_OCTAVES = 2.0, 0.6
@@ -49,7 +49,7 @@ class Keypoints:
     pixels
         Pixels (n, 2), (u, v).
     scale_px
-        Size (n,), in pixels of the view, of a pixel at the scale of detection.
+        Downsampling factor (n,) of the scale at which the keypoint was detected.
     angle
         Orientation (n,), radians.
     descriptors
@@ -63,7 +63,7 @@ class Keypoints:
 
 
 def detector(name: DetectorName, keypoints: int) -> Any:
-    """Create an OpenCV detector for about this number of the strongest keypoints, with thresholds for dim, soft views.
+    """Create an OpenCV detector of about this number of strongest keypoints, with thresholds for dim, blurred views.
 
     Raises InputError for an unknown name, and if this OpenCV lacks AKAZE (since version 5, it is a contributed module).
     """
@@ -75,7 +75,7 @@ def detector(name: DetectorName, keypoints: int) -> Any:
         raise InputError(f"detector {name!r}, expected {', '.join(get_args(DetectorName))}")
     if not hasattr(cv2, "xfeatures2d"):
         raise InputError(
-            "detector AKAZE is not in this OpenCV, expected opencv-contrib-python-headless instead of "
+            "detector AKAZE is not in this OpenCV: install opencv-contrib-python-headless instead of "
             "opencv-python-headless"
         )
     return cv2.xfeatures2d.AKAZE.create(threshold=2e-4, max_points=keypoints)
@@ -92,12 +92,12 @@ def grey_views(light_field: LightField) -> NDArray[np.uint8]:
 
 
 def inner_masks(light_field: LightField) -> NDArray[np.uint8]:
-    """Masks (t * s, v, u), 255 where keypoints are allowed: away from invalid pixels and from the views' frames."""
+    """Return masks (t * s, v, u), 255 where keypoints are allowed: away from invalid pixels and the views' borders."""
     size = 2 * BORDER_PX + 1
     kernel = np.ones((size, size), np.uint8)
     valid = light_field.valid.reshape(-1, light_field.height_px, light_field.width_px).astype(np.uint8) * 255
-    framed = [cv2.copyMakeBorder(view, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=[0]) for view in valid]
-    return np.stack([cv2.erode(view, kernel)[1:-1, 1:-1] for view in framed])
+    padded = [cv2.copyMakeBorder(view, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=[0]) for view in valid]
+    return np.stack([cv2.erode(view, kernel)[1:-1, 1:-1] for view in padded])
 
 
 def detect(
@@ -110,26 +110,26 @@ def detect(
     """Detect keypoints in every image (n, v, u) by its own detector; `run` is `map`, or the `map` of a thread pool."""
 
     def detect_in(image: NDArray[np.uint8], mask: NDArray[np.uint8], detector: Any) -> Keypoints:
-        found, descriptors = detector.detectAndCompute(image, mask)
+        detected, descriptors = detector.detectAndCompute(image, mask)
         if descriptors is None:
             descriptors = np.zeros((0, detector.descriptorSize()), np.float32 if name == "SIFT" else np.uint8)
-        return _keypoints(found, descriptors, name)
+        return _keypoints(detected, descriptors, name)
 
     return list(run(detect_in, images, masks, detectors))
 
 
-def _keypoints(found: Any, descriptors: NDArray[Any], name: DetectorName) -> Keypoints:
+def _keypoints(detected: Any, descriptors: NDArray[Any], name: DetectorName) -> Keypoints:
     """Convert OpenCV's keypoints to arrays."""
-    numbers = np.array([(*point.pt, point.size, point.angle) for point in found], dtype=np.float64).reshape(-1, 4)
+    numbers = np.array([(*point.pt, point.size, point.angle) for point in detected], dtype=np.float64).reshape(-1, 4)
     return Keypoints(
         pixels=numbers[:, :2],
         scale_px=np.maximum(numbers[:, 2] / FINEST_SIZE_PX[name], 1.0),
         angle=np.deg2rad(numbers[:, 3]),
-        descriptors=comparable(descriptors),
+        descriptors=to_comparable(descriptors),
     )
 
 
-def comparable(descriptors: NDArray[Any]) -> NDArray[Any]:
+def to_comparable(descriptors: NDArray[Any]) -> NDArray[Any]:
     """Convert descriptors for comparison: bits to 64-bit words, SIFT to square roots of its elements (RootSIFT).
 
     Arandjelovic and Zisserman, "Three things everyone should know to improve object retrieval", CVPR 2012.
@@ -141,62 +141,61 @@ def comparable(descriptors: NDArray[Any]) -> NDArray[Any]:
     return np.sqrt(descriptors / total)
 
 
-def distances(one: NDArray[Any], other: NDArray[Any]) -> NDArray[np.float32]:
-    """Distances of pairs of descriptors (n, d): number of different bits, or 1 minus the cosine."""
-    if one.dtype == np.uint64:
-        return np.bitwise_count(one ^ other).sum(axis=1).astype(np.float32)
-    return 1.0 - np.einsum("nd,nd->n", one, other)
+def distances(first: NDArray[Any], second: NDArray[Any]) -> NDArray[np.float32]:
+    """Return the distances of pairs of descriptors (n, d): number of differing bits, or 1 minus the cosine."""
+    if first.dtype == np.uint64:
+        return np.bitwise_count(first ^ second).sum(axis=1).astype(np.float32)
+    return 1.0 - np.einsum("nd,nd->n", first, second)
 
 
 def nearest_pairs(
-    one: NDArray[Any], other: NDArray[Any], ratio: float = 0.8
+    first: NDArray[Any], second: NDArray[Any], ratio: float = 0.8
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Indices (m,) and (m,) of descriptors that are mutual nearest neighbours, at under `ratio` times the second's
-    distance.
+    """Return the indices (m,) and (m,) of mutual nearest neighbours closer than `ratio` times the second-nearest.
 
     Lowe, "Distinctive image features from scale-invariant keypoints", IJCV 2004.
     """
-    if len(one) < 2 or len(other) < 2:
+    if len(first) < 2 or len(second) < 2:
         return np.zeros(0, np.int64), np.zeros(0, np.int64)
-    descriptor_distances = all_distances(one, other)
+    descriptor_distances = pairwise_distances(first, second)
     nearest, nearest_back = descriptor_distances.argmin(axis=1), descriptor_distances.argmin(axis=0)
-    rows = np.arange(len(one))
+    rows = np.arange(len(first))
     best = descriptor_distances[rows, nearest]
-    second = np.partition(descriptor_distances, 1, axis=1)[:, 1]
+    next_best = np.partition(descriptor_distances, 1, axis=1)[:, 1]
     # For unit vectors, 1 minus the cosine is half the squared distance.
-    limit = ratio if one.dtype == np.uint64 else ratio**2
-    chosen = (nearest_back[nearest] == rows) & (best < limit * second)
+    limit = ratio if first.dtype == np.uint64 else ratio**2
+    chosen = (nearest_back[nearest] == rows) & (best < limit * next_best)
     return np.flatnonzero(chosen), nearest[chosen]
 
 
-def all_distances(one: NDArray[Any], other: NDArray[Any]) -> NDArray[np.float32]:
-    """Distances (n, m) between all descriptors of two pictures, as in `distances`."""
-    if one.dtype != np.uint64:
-        return np.asarray(1.0 - one @ other.T, dtype=np.float32)
-    bits = np.zeros((len(one), len(other)), np.float32)
-    for word in range(one.shape[1]):
-        bits += np.bitwise_count(one[:, None, word] ^ other[None, :, word])
+def pairwise_distances(first: NDArray[Any], second: NDArray[Any]) -> NDArray[np.float32]:
+    """Return the distances (n, m) between all descriptors of two pictures, as in `distances`."""
+    if first.dtype != np.uint64:
+        return np.asarray(1.0 - first @ second.T, dtype=np.float32)
+    bits = np.zeros((len(first), len(second)), np.float32)
+    for word in range(first.shape[1]):
+        bits += np.bitwise_count(first[:, None, word] ^ second[None, :, word])
     return bits
 
 
-def stack_slopes(geometry: Geometry, inverse_range_mm: tuple[float, float]) -> FloatArray:
-    """Inverse distances (n,) of the slices of a focal stack, far to near."""
-    far, near = min(inverse_range_mm), max(inverse_range_mm)
-    farthest = np.hypot(*geometry.across_mm.T).max() * geometry.focal_px[geometry.reference]
-    return np.linspace(far, near, max(int(np.ceil((near - far) * farthest / STEP_PX)) + 1, 2))
+def slice_inverse_distances(geometry: ViewGeometry, inverse_distance_range: tuple[float, float]) -> FloatArray:
+    """Return the inverse distances (n,), 1/mm, of the slices of a focal stack, far to near."""
+    far, nearby = min(inverse_distance_range), max(inverse_distance_range)
+    max_rate_px_mm = np.hypot(*geometry.lateral_mm.T).max() * geometry.focal_px[geometry.reference]
+    return np.linspace(far, nearby, max(int(np.ceil((nearby - far) * max_rate_px_mm / STEP_PX)) + 1, 2))
 
 
-def slice_of(
-    geometry: Geometry, images: NDArray[Any], seen: NDArray[np.uint8], inverse_mm: float
+def focal_slice(
+    geometry: ViewGeometry, images: NDArray[Any], valid: NDArray[np.uint8], inverse_distance: float
 ) -> NDArray[np.float32]:
-    """Mean (v, u), at an inverse distance, over the views (views, v, u) that see each pixel; 0 without any."""
+    """Return the mean (v, u), focused at an inverse distance, 1/mm, of the views that see each pixel; 0 without any."""
     height, width = images.shape[1:]
     total, weight = np.zeros((height, width), np.float32), np.zeros((height, width), np.float32)
     corners = np.array([[0.0, 0.0], [width, 0.0], [0.0, height]])
     directions = geometry.directions(corners)
-    for view, (image, mask) in enumerate(zip(images, seen, strict=True)):
+    for view, (image, mask) in enumerate(zip(images, valid, strict=True)):
         affine = cv2.getAffineTransform(
-            corners.astype(np.float32), geometry.predict(view, directions, inverse_mm).astype(np.float32)
+            corners.astype(np.float32), geometry.predict(view, directions, inverse_distance).astype(np.float32)
         )
         size, nearest, cubic = (width, height), cv2.INTER_NEAREST, cv2.INTER_CUBIC
         visible = cv2.warpAffine(mask, affine, size, flags=nearest | cv2.WARP_INVERSE_MAP) > 0
@@ -209,11 +208,11 @@ def slice_of(
 
 
 def stack_keypoints(
-    geometry: Geometry,
+    geometry: ViewGeometry,
     images: NDArray[Any],
-    seen: NDArray[np.uint8],
+    valid: NDArray[np.uint8],
     inner: NDArray[np.uint8],
-    inverse_range_mm: tuple[float, float],
+    inverse_distance_range: tuple[float, float],
     count: int,
     run: Callable[..., Any] = map,
 ) -> tuple[Keypoints, FloatArray]:
@@ -223,63 +222,63 @@ def stack_keypoints(
     ----------
     geometry
         Geometry of the views.
-    images, seen
+    images, valid
         Grey views (views, v, u), and masks of their valid pixels.
     inner
         Mask (v, u) of where keypoints of the reference view are allowed.
-    inverse_range_mm
-        Range of inverse distances to search.
+    inverse_distance_range
+        Range of inverse distances to search, 1/mm.
     count
-        Largest number of keypoints.
+        Maximum number of keypoints.
     run
         `map`, or the `map` of a thread pool.
     """
-    slopes = stack_slopes(geometry, inverse_range_mm)
+    inverse_distances = slice_inverse_distances(geometry, inverse_distance_range)
     reference = images[geometry.reference]
-    greys = reference[seen[geometry.reference] > 0]
+    greys = reference[valid[geometry.reference] > 0]
     low, high = np.percentile(greys, [DARK_PERCENTILE, BRIGHT_PERCENTILE]) if len(greys) else (0.0, 255.0)
     gain = 250.0 / max(high - low, MIN_RANGE_GREY)
 
     # Exclude pixels that cubic interpolation blends with invalid ones.
-    valid = np.stack([np.asarray(cv2.erode(mask, np.ones((5, 5), np.uint8)), dtype=np.uint8) for mask in seen])
+    interior = np.stack([np.asarray(cv2.erode(mask, np.ones((5, 5), np.uint8)), dtype=np.uint8) for mask in valid])
 
-    def detect_in_slice(inverse_mm: float) -> tuple[Any, Any]:
-        grey = (slice_of(geometry, images, valid, inverse_mm) - low) * gain
+    def detect_in_slice(inverse_distance: float) -> tuple[Any, Any]:
+        grey = (focal_slice(geometry, images, interior, inverse_distance) - low) * gain
         picture = np.rint(np.clip(grey, 0.0, 255.0)).astype(np.uint8)
         return cv2.SIFT.create(2 * count, contrastThreshold=CONTRAST).detectAndCompute(picture, inner)
 
-    found = list(run(detect_in_slice, slopes))
-    points = [point for each, _ in found for point in each]
+    slices = list(run(detect_in_slice, inverse_distances))
+    points = [point for slice_points, _ in slices for point in slice_points]
     numbers = np.array([(*point.pt, point.size, point.angle, point.response) for point in points]).reshape(-1, 5)
-    descriptors = [each for _, each in found if each is not None]
-    described = np.concatenate(descriptors) if descriptors else np.zeros((0, 128), np.float32)
-    inverse_mm = np.repeat(slopes, [len(each) for each, _ in found])
+    descriptors = [values for _, values in slices if values is not None]
+    all_descriptors = np.concatenate(descriptors) if descriptors else np.zeros((0, 128), np.float32)
+    inverse_distance = np.repeat(inverse_distances, [len(slice_points) for slice_points, _ in slices])
     scale = np.maximum(numbers[:, 2] / FINEST_SIZE_PX["SIFT"], 1e-3)
     chosen = _strongest(numbers[:, :2], scale, numbers[:, 4])[:count]
     keypoints = Keypoints(
         pixels=numbers[chosen, :2],
         scale_px=np.maximum(scale[chosen], 1.0),
         angle=np.deg2rad(numbers[chosen, 3]),
-        descriptors=comparable(described[chosen]),
+        descriptors=to_comparable(all_descriptors[chosen]),
     )
-    return keypoints, inverse_mm[chosen]
+    return keypoints, inverse_distance[chosen]
 
 
 def _strongest(pixels: FloatArray, scale_px: FloatArray, strength: FloatArray) -> NDArray[np.int64]:
-    """Indices (m,) of keypoints without a stronger one at the same place and scale, the strongest first."""
+    """Return the indices (m,) of keypoints without a stronger one at the same position and scale, strongest first."""
     octave = np.log2(scale_px)
     # Neighbours are searched scale by scale, within a distance in the coarser scale.
     weaker = np.zeros(len(pixels), dtype=bool)
     for level in range(int(np.floor(octave.min(initial=0.0))), int(np.ceil(octave.max(initial=0.0))) + 1):
-        near = np.flatnonzero(np.abs(octave - level) <= 1.0)
-        if len(near) < 2:
+        nearby = np.flatnonzero(np.abs(octave - level) <= 1.0)
+        if len(nearby) < 2:
             continue
         unit = DUPLICATE_PX * 2.0**level
-        tree = cKDTree(np.c_[pixels[near] / unit, octave[near] / DUPLICATE_OCTAVES])
+        tree = cKDTree(np.c_[pixels[nearby] / unit, octave[nearby] / DUPLICATE_OCTAVES])
         pairs = tree.query_pairs(1.0, output_type="ndarray")
-        one, other = near[pairs[:, 0]], near[pairs[:, 1]]
+        first, second = nearby[pairs[:, 0]], nearby[pairs[:, 1]]
         # Several orientations of one keypoint are equally strong.
-        weaker[one[strength[one] < strength[other]]] = True
-        weaker[other[strength[other] < strength[one]]] = True
-    kept = np.flatnonzero(~weaker)
-    return kept[np.argsort(-strength[kept], kind="stable")]
+        weaker[first[strength[first] < strength[second]]] = True
+        weaker[second[strength[second] < strength[first]]] = True
+    remaining = np.flatnonzero(~weaker)
+    return remaining[np.argsort(-strength[remaining], kind="stable")]

@@ -1,8 +1,8 @@
 """Features of a light field: 2-D keypoints of the reference view on which all views agree, with slope and position.
 
-As in the paper (Light Field Features): a match of a keypoint in another view gives a slope, which predicts the
+A match of a keypoint in another view gives a slope, which predicts the
 feature's position in all views. Detections beyond a maximum distance from it are rejected; at least N_MIN views must
-find the feature, and these views consolidate its slope. Keypoints are detected and described in the reference view and
+find the feature, and its slope is fitted to these views. Keypoints are detected and described in the reference view and
 at the ends of its row and column; starting from the slope on which these agree, the patch is aligned in every view.
 """
 
@@ -28,12 +28,12 @@ from mirrorcam.optics.light_field.features.keypoints import (
     inner_masks,
     stack_keypoints,
 )
-from mirrorcam.optics.light_field.features.match import candidates, vote
+from mirrorcam.optics.light_field.features.match import find_candidates, vote
 from mirrorcam.optics.light_field.features.patches import ImagePyramid, templates
 from mirrorcam.optics.light_field.features.slope import (
-    Geometry,
     SlopeFit,
     TwoSlopes,
+    ViewGeometry,
     agreeing_views,
     fit_slope,
     fit_two_slopes,
@@ -44,9 +44,9 @@ from mirrorcam.optics.light_field.light_field import Axis, LightField, Views
 FeatureDetector = Literal["SIFT", "ORB", "AKAZE", "SIFT4D"]
 """Detectors in single views, and SIFT4D in the focal stack of a light field."""
 
-# Largest error of a keypoint's position, in pixels of its scale.
+# Maximum error of a keypoint's position, in pixels of its scale.
 MATCH_PX = 1.0
-# Least normalised cross-correlation at which a view shows the same point as the reference patch.
+# Minimum normalised cross-correlation at which a view shows the same point as the reference patch.
 MIN_CORRELATION = 0.85
 # Weight of the prior variance, in degrees of freedom (see `moderated_variance`).
 PRIOR_DEGREES_OF_FREEDOM = 4.0
@@ -64,11 +64,11 @@ class FeatureFinder:
     keypoints
         Approximate number of strongest keypoints per view.
     max_distance_px
-        Largest distance from the position predicted by the slope at which a view sees the feature.
+        Maximum distance from the position predicted by the slope at which a view still sees the feature.
     min_views
-        N_MIN, least number of views, besides the reference view, that must find a feature. Default: most of them.
+        N_MIN, minimum number of views, besides the reference view, that must find a feature; by default more than half.
     nearest_mm, farthest_mm
-        Depth range of features. Default: from half the distance of the reference plane to infinity.
+        Depth range of features; by default from half the distance of the reference plane to infinity.
     two_slope_sigma
         Difference of the two slopes, in standard deviations, above which features are flagged.
 
@@ -93,26 +93,37 @@ class FeatureFinder:
     ) -> None:
         count = views.rows * views.cols
         if count < 2:
-            raise InputError("features of one view, expected at least two views")
+            raise InputError("light field has one view, expected at least two views for features")
         required = (count - 1) // 2 + 1 if min_views is None else min_views
         if not 1 <= required <= count - 1:
-            raise InputError(f"features in {required} views besides the reference view, expected 1 to {count - 1}")
+            raise InputError(
+                f"minimum number of views is {required} besides the reference view, expected 1 to {count - 1}"
+            )
         if not (np.isfinite(max_distance_px) and max_distance_px > 0):
             raise InputError(f"maximum distance is {max_distance_px:g} px, expected a positive number")
         if keypoints < 1:
-            raise InputError(f"at most {keypoints} keypoints a view, expected at least 1")
+            raise InputError(f"maximum number of keypoints is {keypoints} per view, expected at least 1")
         if not two_slope_sigma > 0:
-            raise InputError(f"two slopes {two_slope_sigma:g} standard deviations apart, expected a positive number")
-        pupil_mm = views.reference_view_depth_mm
-        nearest = pupil_mm + views.reference_distance_mm / 2.0 if nearest_mm is None else nearest_mm
-        if not max(views.positions_mm[..., 2].max(), 0.0) < nearest - pupil_mm < farthest_mm - pupil_mm:
             raise InputError(
-                f"depths {nearest:g} to {farthest_mm:g} mm, expected the nearer one first and in front of every view"
+                f"difference of two slopes is {two_slope_sigma:g} standard deviations, expected a positive number"
+            )
+        reference_view_depth_mm = views.reference_view_depth_mm
+        nearest = reference_view_depth_mm + views.reference_distance_mm / 2.0 if nearest_mm is None else nearest_mm
+        if (
+            not max(views.positions_mm[..., 2].max(), 0.0)
+            < nearest - reference_view_depth_mm
+            < farthest_mm - reference_view_depth_mm
+        ):
+            raise InputError(
+                f"depths {nearest:g} to {farthest_mm:g} mm: the nearer one must come first and be in front of all views"
             )
         self.views, self.name = views, name
         self.max_distance_px, self.min_views, self.two_slope_sigma = max_distance_px, required, two_slope_sigma
-        self.inverse_range_mm = (1.0 / (farthest_mm - pupil_mm), 1.0 / (nearest - pupil_mm))
-        self.geometry = Geometry.of(views)
+        self.inverse_distance_range = (
+            1.0 / (farthest_mm - reference_view_depth_mm),
+            1.0 / (nearest - reference_view_depth_mm),
+        )
+        self.geometry = ViewGeometry.of(views)
         self.keypoints = keypoints
         self._described_views = [self.geometry.reference, *_end_views(views, self.geometry.reference)]
         self._detectors = [] if name == "SIFT4D" else [detector(name, keypoints) for _ in self._described_views]
@@ -122,23 +133,23 @@ class FeatureFinder:
         """Return the features of a light field; raises InputError if its views differ."""
         if not self.fits(light_field):
             raise InputError(
-                f"light field of layout {light_field.layout_identity} has other views than layout "
+                f"light field of layout {light_field.layout_identity} differs in its views from layout "
                 f"{self.views.layout_identity}, which the finder was built for"
             )
         images, inner = grey_views(light_field), inner_masks(light_field)
         if self.name == "SIFT4D":
             valid = light_field.valid.reshape(inner.shape).astype(np.uint8) * np.uint8(255)
             masks = (valid, inner[self.geometry.reference])
-            keypoints, inverse_mm = stack_keypoints(
-                self.geometry, images, *masks, self.inverse_range_mm, self.keypoints, self._pool.map
+            keypoints, inverse_distance = stack_keypoints(
+                self.geometry, images, *masks, self.inverse_distance_range, self.keypoints, self._pool.map
             )
-            rows = np.arange(len(inverse_mm))
+            rows = np.arange(len(inverse_distance))
         else:
-            keypoints, rows, inverse_mm = self._matched(images, inner, self.name)
-        seen_px, aligned = self._aligned(images, inner, keypoints, rows, inverse_mm)
-        return self._consolidated(keypoints, rows, seen_px, inverse_mm, aligned)
+            keypoints, rows, inverse_distance = self._match(images, inner, self.name)
+        observed_px, aligned = self._align(images, inner, keypoints, rows, inverse_distance)
+        return self._fit(keypoints, rows, observed_px, inverse_distance, aligned)
 
-    def _matched(
+    def _match(
         self, images: NDArray[np.uint8], inner: NDArray[np.uint8], name: DetectorName
     ) -> tuple[Keypoints, NDArray[np.int64], FloatArray]:
         """Return the keypoints of the reference view, the rows (n,) with matches, and their inverse distances (n,)."""
@@ -146,11 +157,11 @@ class FeatureFinder:
         detected = detect(images[described], inner[described], self._detectors, name, run)
         keypoints, others = detected[0], dict(zip(described[1:], detected[1:], strict=True))
         tolerance = MATCH_PX * keypoints.scale_px
-        matches = candidates(self.geometry, keypoints, others, name, self.inverse_range_mm, tolerance, run)
-        agreed, competing = vote(matches, tolerance)
+        matches = find_candidates(self.geometry, keypoints, others, name, self.inverse_distance_range, tolerance, run)
+        best, second_best = vote(matches, tolerance)
         # If two slopes compete, all views decide; if the views support both, the keypoint is ambiguous.
-        rows = np.concatenate([np.flatnonzero(np.isfinite(each)) for each in (agreed, competing)])
-        return keypoints, rows, np.concatenate([each[np.isfinite(each)] for each in (agreed, competing)])
+        rows = np.concatenate([np.flatnonzero(np.isfinite(w)) for w in (best, second_best)])
+        return keypoints, rows, np.concatenate([w[np.isfinite(w)] for w in (best, second_best)])
 
     def fits(self, light_field: LightField) -> bool:
         """Return whether a light field has this finder's views."""
@@ -161,13 +172,13 @@ class FeatureFinder:
             and np.array_equal(light_field.matrices, self.views.matrices)
         )
 
-    def _aligned(
+    def _align(
         self,
         images: NDArray[np.uint8],
         inner: NDArray[np.uint8],
         keypoints: Keypoints,
         rows: NDArray[np.int64],
-        inverse_mm: FloatArray,
+        inverse_distance: FloatArray,
     ) -> tuple[FloatArray, AlignedPatches]:
         """Return pixels (views, n, 2) of keypoints `rows` (n,), NaN where a view does not show them, and patches."""
         geometry = self.geometry
@@ -175,56 +186,58 @@ class FeatureFinder:
         pixels, directions = keypoints.pixels[rows], geometry.directions(keypoints.pixels[rows])
         reference_patches = templates(pyramid, geometry.reference, pixels, keypoints.scale_px[rows])
         others = np.delete(np.arange(len(images)), geometry.reference)
-        start = np.stack([geometry.predict(int(view), directions, inverse_mm) for view in others])
-        start[~shown_by_views(inner[others], start)] = np.nan
-        distance = 1.0 / np.maximum(inverse_mm, 1e-6)
-        aligned = align(pyramid, reference_patches, others, start, geometry.across_mm[others], distance, self._pool.map)
-        matching = (aligned.correlation >= MIN_CORRELATION) & shown_by_views(inner[others], aligned.pixels)
-        seen_px = np.full((len(images), len(rows), 2), np.nan)
-        seen_px[others] = np.where(matching[..., None], aligned.pixels, np.nan)
-        indices = np.concatenate([np.zeros(0, np.int64), *(each.index for each in reference_patches)])
-        seen_px[geometry.reference, indices] = pixels[indices]
-        return seen_px, aligned
+        start = np.stack([geometry.predict(int(view), directions, inverse_distance) for view in others])
+        start[~in_masks(inner[others], start)] = np.nan
+        distance = 1.0 / np.maximum(inverse_distance, 1e-6)
+        aligned = align(
+            pyramid, reference_patches, others, start, geometry.lateral_mm[others], distance, self._pool.map
+        )
+        matching = (aligned.correlation >= MIN_CORRELATION) & in_masks(inner[others], aligned.pixels)
+        observed_px = np.full((len(images), len(rows), 2), np.nan)
+        observed_px[others] = np.where(matching[..., None], aligned.pixels, np.nan)
+        indices = np.concatenate([np.zeros(0, np.int64), *(patches.index for patches in reference_patches)])
+        observed_px[geometry.reference, indices] = pixels[indices]
+        return observed_px, aligned
 
-    def _consolidated(
+    def _fit(
         self,
         keypoints: Keypoints,
         rows: NDArray[np.int64],
-        seen_px: FloatArray,
-        inverse_mm: FloatArray,
+        observed_px: FloatArray,
+        inverse_distance: FloatArray,
         aligned: AlignedPatches,
     ) -> Features:
-        """Build features from the keypoints that enough views see at the positions predicted by one slope."""
+        """Build features from the keypoints that enough views see where one slope predicts them."""
         mean = np.trace(aligned.precision, axis1=1, axis2=2) / 2.0
         precision, variance = aligned.precision / mean[:, None, None], aligned.variance / mean
-        agreeing = agreeing_views(self.geometry, seen_px, inverse_mm, precision, self.max_distance_px)
-        fit = fit_slope(self.geometry, seen_px, agreeing, inverse_mm, precision)
+        agrees = agreeing_views(self.geometry, observed_px, inverse_distance, precision, self.max_distance_px)
+        fit = fit_slope(self.geometry, observed_px, agrees, inverse_distance, precision)
         reference = self.geometry.reference
-        near, far = max(self.inverse_range_mm), min(self.inverse_range_mm)
-        keep = agreeing[reference] & (agreeing.sum(axis=0) - 1 >= self.min_views)
-        keep &= (fit.inverse_mm > far) & (fit.inverse_mm <= near)
-        widest_baseline = np.hypot(*self.geometry.across_mm.T).max() * self.views.focal_px
-        keep[keep] = _one_per_place(
+        rounded, far = max(self.inverse_distance_range), min(self.inverse_distance_range)
+        keep = agrees[reference] & (agrees.sum(axis=0) - 1 >= self.min_views)
+        keep &= (fit.inverse_distance > far) & (fit.inverse_distance <= rounded)
+        max_baseline_px_mm = np.hypot(*self.geometry.lateral_mm.T).max() * self.views.focal_px
+        keep[keep] = _one_per_pixel(
             keypoints.pixels[rows[keep]],
-            agreeing[:, keep].sum(axis=0),
-            widest_baseline * fit.inverse_mm[keep],
+            agrees[:, keep].sum(axis=0),
+            max_baseline_px_mm * fit.inverse_distance[keep],
             2.0 * self.max_distance_px,
         )
         # Restore the order of keypoints, whichever slope was chosen.
         keep = np.flatnonzero(keep)[np.argsort(rows[keep], kind="stable")]
-        arguments = (self.geometry, seen_px[:, keep], agreeing[:, keep], inverse_mm[keep], precision[keep])
+        arguments = (self.geometry, observed_px[:, keep], agrees[:, keep], inverse_distance[keep], precision[keep])
         fit, two_slopes = fit_slope(*arguments), fit_two_slopes(*arguments)
         covariance = aligned.shape_covariance[keep] / self.views.focal_px**2
         return self._features(
-            keypoints, rows[keep], seen_px[:, keep], agreeing[:, keep], fit, two_slopes, variance[keep], covariance
+            keypoints, rows[keep], observed_px[:, keep], agrees[:, keep], fit, two_slopes, variance[keep], covariance
         )
 
     def _features(
         self,
         keypoints: Keypoints,
         rows: NDArray[np.int64],
-        seen_px: FloatArray,
-        agreeing: NDArray[np.bool_],
+        observed_px: FloatArray,
+        agrees: NDArray[np.bool_],
         fit: SlopeFit,
         two_slopes: TwoSlopes,
         variance_px2: FloatArray,
@@ -237,33 +250,37 @@ class FeatureFinder:
         scale_squared = scale**2
         noise, two_slope_noise = (
             np.maximum(
-                moderated_variance(each.squares_px2 / scale_squared, each.freedom, PRIOR_DEGREES_OF_FREEDOM)
+                moderated_variance(slopes.squares_px2 / scale_squared, slopes.dof, PRIOR_DEGREES_OF_FREEDOM)
                 * scale_squared,
                 variance_px2,
             )
-            for each in (fit, two_slopes)
+            for slopes in (fit, two_slopes)
         )
         sigma_w = np.sqrt(noise / fit.information + covariance[:, 0, 0])
-        distance = 1.0 / fit.inverse_mm
+        distance = 1.0 / fit.inverse_distance
         points = np.concatenate([fit.directions, np.ones((len(rows), 1))], axis=1) * distance[:, None]
-        seen = np.where(agreeing[..., None], seen_px, np.nan).transpose(1, 0, 2)
-        difference_covariance = two_slope_noise[:, None, None] * two_slopes.apart_covariance + covariance[:, 1:, 1:]
-        two_slope_sigma = np.sqrt(
-            np.einsum("ni,nij,nj->n", two_slopes.apart_mm, np.linalg.inv(difference_covariance), two_slopes.apart_mm)
+        seen_grid = np.where(agrees[..., None], observed_px, np.nan).transpose(1, 0, 2)
+        difference_covariance = (
+            two_slope_noise[:, None, None] * two_slopes.anisotropy_covariance + covariance[:, 1:, 1:]
         )
-        axis_slopes = np.stack([two_slopes.matrices_mm[:, 0, 0], two_slopes.matrices_mm[:, 1, 1]], axis=1)
+        two_slope_sigma = np.sqrt(
+            np.einsum(
+                "ni,nij,nj->n", two_slopes.anisotropy, np.linalg.inv(difference_covariance), two_slopes.anisotropy
+            )
+        )
+        axis_slopes = np.stack([two_slopes.matrices[:, 0, 0], two_slopes.matrices[:, 1, 1]], axis=1)
         return Features(
             detector=self.name,
             pixels=views.focal_px * fit.directions + views.centre_px,
             scale_px=scale,
-            disparity_px=px_mm * (fit.inverse_mm - 1.0 / views.reference_distance_mm),
+            disparity_px=px_mm * (fit.inverse_distance - 1.0 / views.reference_distance_mm),
             disparity_sigma_px=px_mm * sigma_w,
             points_in_rig_mm=points @ views.view_from_rig + views.reference_view_in_rig_mm,
             depth_mm=distance + views.reference_view_depth_mm,
             depth_sigma_mm=sigma_w * distance**2,
-            residual_px=np.sqrt(np.square(fit.distances_px).sum(axis=0, where=agreeing) / agreeing.sum(axis=0)),
-            seen=agreeing.T.reshape(-1, *grid),
-            seen_px=seen.reshape(-1, *grid, 2),
+            residual_px=np.sqrt(np.square(fit.distances_px).sum(axis=0, where=agrees) / agrees.sum(axis=0)),
+            seen=agrees.T.reshape(-1, *grid),
+            seen_px=seen_grid.reshape(-1, *grid, 2),
             apart_disparity_px=px_mm * (axis_slopes - 1.0 / views.reference_distance_mm),
             two_slope_sigma=two_slope_sigma,
             refracted=np.nan_to_num(two_slope_sigma) > self.two_slope_sigma,
@@ -273,9 +290,9 @@ class FeatureFinder:
 
 
 def _end_views(views: Views, reference: int) -> list[int]:
-    """Views at the ends of the reference view's row and column: the widest baselines along s and t alone.
+    """Return the views at the ends of the reference view's row and column: the widest baselines along s and t.
 
-    If the views form no grid: the farthest to the left, to the right, up and down.
+    If the views do not form a grid: the farthest to the left, to the right, up and down.
     """
     if not views.is_grid:
         positions = views.positions_mm[..., :2].reshape(-1, 2)
@@ -287,22 +304,22 @@ def _end_views(views: Views, reference: int) -> list[int]:
     return [view for view in dict.fromkeys([*row, *column]) if view != reference]
 
 
-def shown_by_views(inner: NDArray[np.uint8], pixels: FloatArray) -> NDArray[np.bool_]:
-    """Mask of the pixels (views, n, 2) whose surroundings the masks (views, v, u) contain; False at NaN."""
+def in_masks(inner: NDArray[np.uint8], pixels: FloatArray) -> NDArray[np.bool_]:
+    """Return the mask (views, n) of the pixels (views, n, 2) that lie in the masks (views, v, u); False at NaN."""
     _, height, width = inner.shape
-    near = np.rint(np.where(np.isfinite(pixels), pixels, -1.0))
-    u, v = np.moveaxis(np.clip(near, -1, [width, height]).astype(np.int64), -1, 0)
+    rounded = np.rint(np.where(np.isfinite(pixels), pixels, -1.0))
+    u, v = np.moveaxis(np.clip(rounded, -1, [width, height]).astype(np.int64), -1, 0)
     inside = (u >= 0) & (u < width) & (v >= 0) & (v < height)
     view = np.arange(len(inner))[:, None]
     return inside & (inner[view, np.clip(v, 0, height - 1), np.clip(u, 0, width - 1)] > 0)
 
 
-def _one_per_place(
+def _one_per_pixel(
     pixels: FloatArray, views: NDArray[np.int64], shift_px: FloatArray, max_difference_px: float
 ) -> NDArray[np.bool_]:
-    """Mask (n,) of at most one keypoint per pixel (n, 2): two slopes or SIFT orientations may have been tried there.
+    """Return the mask (n,) of at most one keypoint per pixel (n, 2), which may have two slopes or SIFT orientations.
 
-    The keypoint that most views see is kept, unless the shifts (n,) by the slopes differ by more than
+    The keypoint seen by the largest number of views is kept, unless the shifts (n,) at a pixel differ by more than
     `max_difference_px`.
     """
     chosen = np.zeros(len(pixels), dtype=bool)
@@ -311,6 +328,6 @@ def _one_per_place(
     _, position = np.unique(pixels, axis=0, return_inverse=True)
     order = np.lexsort((np.arange(len(pixels)), -views, position.ravel()))
     starts = np.flatnonzero(np.diff(position.ravel()[order], prepend=-1))
-    spread = np.maximum.reduceat(shift_px[order], starts) - np.minimum.reduceat(shift_px[order], starts)
-    chosen[order[starts[spread <= max_difference_px]]] = True
+    range_px = np.maximum.reduceat(shift_px[order], starts) - np.minimum.reduceat(shift_px[order], starts)
+    chosen[order[starts[range_px <= max_difference_px]]] = True
     return chosen

@@ -1,8 +1,8 @@
 """Motion of the camera from a sequence of light fields of a static scene, and its files.
 
-Each light field's features are matched with a key frame's; the closed-form motion between these points is the start.
+Each light field's features are matched with a key frame's; the closed-form motion between the matches is the start.
 The key frame's landmarks, aligned in all views, give the pose and its covariance. Errors of poses accumulate only from
-key frame to key frame: a new one is created when few landmarks of the last one remain visible.
+key frame to key frame: a new key frame is created when few landmarks of the last one remain visible.
 """
 
 from __future__ import annotations
@@ -30,25 +30,25 @@ from mirrorcam.optics.light_field.motion.pose_fit import (
     Landmarks,
     PoseFit,
     SharedErrors,
+    build_landmarks,
     fit_pose,
-    landmarks_of,
-    predicted,
+    observe,
+    predict,
     robust_motion,
-    see,
 )
 
-# Share of visible landmarks below which a new key frame is created.
-MIN_SHARE = 0.6
-# Share of the previous landmarks below which the predicted pose is replaced by one from features.
-MIN_PREDICTED_SHARE = 0.7
-# Shift by a pose update above which patches are aligned again, because their warp depends on the pose.
+# Fraction of visible landmarks below which a new key frame is created.
+MIN_VISIBLE_FRACTION = 0.6
+# Fraction of the previous landmarks below which the predicted pose is replaced by one from features.
+MIN_TRACKED_FRACTION = 0.7
+# Shift due to a pose update above which patches are aligned again, because their warp depends on the pose.
 CONVERGED_PX, MAX_ALIGNMENTS = 0.5, 3
 # Standard deviation of a keypoint's repeated detection in another picture, in px of the keypoint's scale.
 KEYPOINT_SIGMA_PX = 1.0
-# Standard deviation of an error common to all slopes of a light field, in px of the view farthest from the reference
-# view: interpolation and alignment are biased. Measured on rendered reliefs.
+# Standard deviation of an error common to all slopes of a light field, in px of disparity in the view farthest from the
+# reference view: interpolation and alignment are biased. Measured on rendered reliefs.
 COMMON_SIGMA_PX = 0.002
-# The same of an error common to adjacent patches, where pictures sample them differently.
+# Standard deviation of an error common to adjacent patches, because pictures sample them differently.
 NEIGHBOURS_SIGMA_PX = 0.005
 SCHEMA = "mirrorcam.trajectory/1"
 
@@ -119,8 +119,8 @@ class LightFieldTracker:
         self._pool = ThreadPoolExecutor(min(4, os.cpu_count() or 1))
         self._key: _KeyFrame | None = None
         # The last pose, its number of landmarks, and the last motion, which predicts the next one.
-        self._frame_from_key, self._count, self._speed = np.eye(4), 0, np.eye(4)
-        baseline_mm = np.hypot(*self.finder.geometry.across_mm.T).max()
+        self._frame_from_key, self._landmark_count, self._motion = np.eye(4), 0, np.eye(4)
+        baseline_mm = np.hypot(*self.finder.geometry.lateral_mm.T).max()
         self._shared = SharedErrors(
             NEIGHBOURS_SIGMA_PX / views.focal_px, COMMON_SIGMA_PX / (views.focal_px * baseline_mm)
         )
@@ -129,54 +129,54 @@ class LightFieldTracker:
         """Return the pose of the next light field; raises InputError if its views differ."""
         if not self.finder.fits(light_field):
             raise InputError(
-                f"light field of layout {light_field.layout_identity} has other views than layout "
+                f"light field of layout {light_field.layout_identity} differs in its views from layout "
                 f"{self.finder.views.layout_identity} of the first one"
             )
         frame = Frame.of(light_field)
         if self._key is None:
             return self._new_key(frame, self.finder.find(light_field), np.eye(4), np.zeros((6, 6)), 0)
         key, features = self._key, None
-        found = self._refined(frame, self._speed @ self._frame_from_key)
-        if found is None or found.used.sum() < MIN_PREDICTED_SHARE * self._count:
+        fit = self._refine(frame, self._motion @ self._frame_from_key)
+        if fit is None or fit.used.sum() < MIN_TRACKED_FRACTION * self._landmark_count:
             features = self.finder.find(light_field)
             start = self._start(key.features, features)
-            from_features = None if start is None else self._refined(frame, start)
-            found = found if from_features is None else from_features
-        if found is None:
-            self._speed = np.eye(4)
+            from_features = None if start is None else self._refine(frame, start)
+            fit = fit if from_features is None else from_features
+        if fit is None:
+            self._motion = np.eye(4)
             return TrackedPose(np.full((4, 4), np.nan), np.full((6, 6), np.nan), 0, False)
-        self._speed = found.frame_from_key @ inverse(self._frame_from_key)
-        self._frame_from_key, self._count = found.frame_from_key, int(found.used.sum())
-        world_from_view = key.world_from_view @ inverse(found.frame_from_key)
-        transport = adjoint(found.frame_from_key)
-        covariance = transport @ key.covariance @ transport.T + found.covariance
-        if self._count < MIN_SHARE * len(key.landmarks.inverse_mm):
+        self._motion = fit.frame_from_key @ inverse(self._frame_from_key)
+        self._frame_from_key, self._landmark_count = fit.frame_from_key, int(fit.used.sum())
+        world_from_view = key.world_from_view @ inverse(fit.frame_from_key)
+        transport = adjoint(fit.frame_from_key)
+        covariance = transport @ key.covariance @ transport.T + fit.covariance
+        if self._landmark_count < MIN_VISIBLE_FRACTION * len(key.landmarks.inverse_distance):
             features = self.finder.find(light_field) if features is None else features
-            return self._new_key(frame, features, world_from_view, covariance, self._count)
-        return TrackedPose(world_from_view, covariance, self._count, False)
+            return self._new_key(frame, features, world_from_view, covariance, self._landmark_count)
+        return TrackedPose(world_from_view, covariance, self._landmark_count, False)
 
-    def _refined(self, frame: Frame, frame_from_key: FloatArray) -> PoseFit | None:
+    def _refine(self, frame: Frame, frame_from_key: FloatArray) -> PoseFit | None:
         """Refine a predicted pose by landmarks; None if too few agree."""
         assert self._key is not None
-        landmarks, found = self._key.landmarks, None
+        landmarks, fit = self._key.landmarks, None
         for _ in range(MAX_ALIGNMENTS):
-            expected = predicted(landmarks, frame_from_key)
-            seen = see(self.finder.geometry, frame, landmarks.given, *expected, self._pool.map)
-            found = fit_pose(landmarks, seen, frame_from_key, self._shared)
-            if found is None:
+            expected = predict(landmarks, frame_from_key)
+            observed = observe(self.finder.geometry, frame, landmarks.templates, *expected, self._pool.map)
+            fit = fit_pose(landmarks, observed, frame_from_key, self._shared)
+            if fit is None:
                 return None
-            frame_from_key = found.frame_from_key
-            shift = np.abs(predicted(landmarks, frame_from_key)[0] - expected[0])[found.used]
+            frame_from_key = fit.frame_from_key
+            shift = np.abs(predict(landmarks, frame_from_key)[0] - expected[0])[fit.used]
             if np.median(shift) * self.finder.views.focal_px < CONVERGED_PX:
                 break
-        return found
+        return fit
 
     def _new_key(
         self, frame: Frame, features: Features, world_from_view: FloatArray, covariance: FloatArray, count: int
     ) -> TrackedPose:
         geometry, views = self.finder.geometry, self.finder.views
         unrefracted = ~features.refracted
-        landmarks = landmarks_of(
+        landmarks = build_landmarks(
             geometry,
             frame,
             geometry.directions(features.pixels[unrefracted]),
@@ -185,22 +185,24 @@ class LightFieldTracker:
             self._pool.map,
         )
         self._key = _KeyFrame(features, landmarks, world_from_view, covariance)
-        self._frame_from_key, self._count = np.eye(4), len(landmarks.inverse_mm)
-        return TrackedPose(world_from_view, covariance, count or len(landmarks.inverse_mm), True)
+        self._frame_from_key, self._landmark_count = np.eye(4), len(landmarks.inverse_distance)
+        return TrackedPose(world_from_view, covariance, count or len(landmarks.inverse_distance), True)
 
-    def _start(self, key: Features, now: Features) -> FloatArray | None:
+    def _start(self, key: Features, current: Features) -> FloatArray | None:
         """Return frame_from_key in closed form from similar features; None if too few agree."""
-        first, second = nearest_pairs(key.descriptors, now.descriptors)
-        key_points, now_points = self._points_in_view(key, first), self._points_in_view(now, second)
-        across_sigmas = [
-            each.scale_px[chosen] * KEYPOINT_SIGMA_PX * at[:, 2] / self.finder.views.focal_px
-            for each, chosen, at in zip((key, now), (first, second), (key_points, now_points), strict=True)
+        first, second = nearest_pairs(key.descriptors, current.descriptors)
+        key_points, current_points = self._points_in_view(key, first), self._points_in_view(current, second)
+        lateral_sigmas = [
+            features.scale_px[chosen] * KEYPOINT_SIGMA_PX * points[:, 2] / self.finder.views.focal_px
+            for features, chosen, points in zip(
+                (key, current), (first, second), (key_points, current_points), strict=True
+            )
         ]
-        depth_sigmas = [each.depth_sigma_mm[chosen] for each, chosen in ((key, first), (now, second))]
-        across_sigma = np.hypot(*across_sigmas)
-        sigmas = np.stack([across_sigma, across_sigma, np.hypot(np.hypot(*depth_sigmas), across_sigma)], axis=1)
-        found = robust_motion(key_points, now_points, sigmas)
-        return None if found is None else found[0]
+        depth_sigmas = [features.depth_sigma_mm[chosen] for features, chosen in ((key, first), (current, second))]
+        lateral_sigma = np.hypot(*lateral_sigmas)
+        sigmas = np.stack([lateral_sigma, lateral_sigma, np.hypot(np.hypot(*depth_sigmas), lateral_sigma)], axis=1)
+        fit = robust_motion(key_points, current_points, sigmas)
+        return None if fit is None else fit[0]
 
     def _points_in_view(self, features: Features, chosen: NDArray[np.int64]) -> FloatArray:
         views = self.finder.views
@@ -209,7 +211,7 @@ class LightFieldTracker:
 
 
 def adjoint(dst_from_src: FloatArray) -> FloatArray:
-    """The matrix (6, 6) from small motions (translation, rotation) in the axes of src to the axes of dst."""
+    """Return the matrix (6, 6) from small motions (translation, rotation) in the axes of src to the axes of dst."""
     rotation, (x, y, z) = dst_from_src[:3, :3], dst_from_src[:3, 3]
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     return np.block([[rotation, cross @ rotation], [np.zeros((3, 3)), rotation]])

@@ -17,7 +17,7 @@ from mirrorcam.core.images.pictures import is_picture, line_on_bits
 from mirrorcam.core.progress import Progress, no_progress
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import Decoder
-from mirrorcam.optics.light_field.equalisation import Equalisation, equalised, visible_equalisation
+from mirrorcam.optics.light_field.equalisation import Equalisation, equalised, needed_equalisation
 from mirrorcam.optics.light_field.io.formats.registry import open_light_fields
 from mirrorcam.optics.light_field.light_field import LightField
 from mirrorcam.optics.light_field.temporal import TemporalFilter
@@ -127,7 +127,7 @@ def opened(path: Path, decoder: Decoder | None, reporter: Reporter = SILENT) -> 
         own_name = f"{name}_{number:06d}" if contents.is_recording else name
         time_s = None if contents.times_s is None else contents.times_s[number]
         if number == 0:
-            equalisation = visible_equalisation(light_field)
+            equalisation = needed_equalisation(light_field)
             if equalisation is not None:
                 apart = np.abs(equalisation.gain - 1.0).max()
                 reporter.note("views", f"{name}: views differ by up to {apart:.0%} in brightness or colour, matched")

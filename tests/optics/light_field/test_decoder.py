@@ -446,14 +446,14 @@ def test_layouts_that_cannot_be_decoded_are_refused(parabola_layout: Layout) -> 
         Decoder(parabola_layout, regular_grid_at_mm=-7.0)
     with pytest.raises(InputError, match=r"^reference depth is nan mm, expected a finite number$"):
         Decoder(parabola_layout, reference_depth_mm=float("nan"))
-    with pytest.raises(InputError, match=r"^views of 1 px in width, expected at least 2$"):
+    with pytest.raises(InputError, match=r"^views are 1 px wide, expected at least 2 px$"):
         Decoder(parabola_layout, width_px=1)
     with pytest.raises(
         InputError, match=r"^the common field would take 9000x\d+ px a view, more than the whole sensor$"
     ):
         Decoder(parabola_layout, width_px=9000)
     with pytest.raises(
-        InputError, match=r"^the views share no field at depth 120 mm, expected another --reference-depth-mm$"
+        InputError, match=r"^the views have no common field at depth 120 mm: give a different --reference-depth-mm$"
     ):
         Decoder(parabola_layout, reference_depth_mm=120.0)
     with pytest.raises(InputError, match=r"^the mirrors' order along s is reversed"):
@@ -480,7 +480,7 @@ def test_diverging_views_have_no_useful_united_field(parabola_layout: Layout) ->
     layout = Layout(rows=1, cols=2, camera=parabola_layout.camera, mirrors=tuple(mirrors))
     with pytest.raises(InputError, match=r"^the union field would take \d+x\d+ px a view, more than the whole sensor$"):
         Decoder(layout, field="union")
-    with pytest.raises(InputError, match=r"^the views share no field at depth 400 mm"):
+    with pytest.raises(InputError, match=r"^the views have no common field at depth 400 mm"):
         Decoder(layout)
 
 

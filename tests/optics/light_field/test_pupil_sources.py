@@ -10,7 +10,7 @@ import pytest
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
-from mirrorcam.optics.light_field.decoder import MAX_CROSSTALK, MIN_SHARE, Decoder, choose_views, pupil_sources
+from mirrorcam.optics.light_field.decoder import MAX_CROSSTALK, MIN_PUPIL_FRACTION, Decoder, choose_views, pupil_sources
 from mirrorcam.render_scenes.truth.light_rays import reflected
 from mirrorcam.render_scenes.truth.pupil_maps import sunflower
 from tests.nightly import a_few
@@ -78,7 +78,7 @@ def test_parts_and_places_match_rays_through_the_complete_pupil(lens_layout: Lay
     chosen = np.concatenate([random.choice(partial, 100), random.choice(complete, 20)])
     found = traced(lens_layout, index, pixels[chosen])
     assert shares[chosen].min() < 0.6
-    assert shares[chosen].min() > MIN_SHARE
+    assert shares[chosen].min() > MIN_PUPIL_FRACTION
     np.testing.assert_allclose(shares[chosen], found.own, atol=0.007)
     assert found.others.max() < MAX_CROSSTALK + 0.004
     # The rays' mean is the requested point within .02 px; chief rays are off by .1 px and more.

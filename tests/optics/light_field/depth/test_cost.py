@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from mirrorcam.optics.light_field.depth.competition import (
-    BEST_SHARE,
+    BEST_FRACTION,
     HALF_SURCHARGE,
     OCCLUSION_SURCHARGE,
     TRUNCATION,
@@ -23,7 +23,7 @@ from mirrorcam.optics.light_field.depth.cost import (
     average_weak,
     channels,
     matching_costs,
-    mean_slope,
+    mean_gradient,
 )
 from mirrorcam.optics.light_field.depth.parallax import parallax
 from mirrorcam.optics.light_field.depth.sweep import Ranges, Sweep, range_around, sweep
@@ -50,7 +50,7 @@ def taken(views: Views, picture: Any, plane: int) -> tuple[Any, Any]:
     return channels(picture), np.stack(others)
 
 
-def seen(others: Any) -> Any:
+def valid(others: Any) -> Any:
     return np.ones((len(others), others.shape[2] - 1, others.shape[3] - 1), np.uint8)
 
 
@@ -58,60 +58,60 @@ def costs_of(*arguments: Any, **options: Any) -> Any:
     return everywhere(matching_costs(*arguments, **options))
 
 
-def plainly(reference: Any, others: Any, planes: Sweep, y: int, x: int, plane: int) -> float:
+def reference_cost(reference: Any, others: Any, planes: Sweep, y: int, x: int, plane: int) -> float:
     """Return the cost of one place by its definition, for views of one ring that all see it."""
-    grown = CONTRAST_GREY / (CONTRAST_FLOOR * CONTRAST_GREY + mean_slope(reference, 7)[y, x])
+    inverse_contrast = CONTRAST_GREY / (CONTRAST_FLOOR * CONTRAST_GREY + mean_gradient(reference, 7)[y, x])
     costs = []
     for view, other in enumerate(others):
-        column = planes.motion.scale[plane, view] * x + planes.motion.across[plane, view]
-        row = planes.motion.scale[plane, view] * y + planes.motion.down[plane, view]
-        across, down = (np.full((1, 1), place, np.float32) for place in (column, row))
-        shown: Any = cv2.remap(np.moveaxis(other, 0, -1), across, down, cv2.INTER_LINEAR)[0, 0]
-        difference = np.abs(shown[:3] - reference[:3, y, x]).mean()
-        difference += 2.0 * np.abs(shown[3:] - reference[3:, y, x]).sum()
-        costs.append(min(difference * grown, TRUNCATION))
+        column = planes.mapping.scale[plane, view] * x + planes.mapping.offset_u[plane, view]
+        row = planes.mapping.scale[plane, view] * y + planes.mapping.offset_v[plane, view]
+        offset_u, offset_v = (np.full((1, 1), coordinate, np.float32) for coordinate in (column, row))
+        sampled: Any = cv2.remap(np.moveaxis(other, 0, -1), offset_u, offset_v, cv2.INTER_LINEAR)[0, 0]
+        difference = np.abs(sampled[:3] - reference[:3, y, x]).mean()
+        difference += 2.0 * np.abs(sampled[3:] - reference[3:, y, x]).sum()
+        costs.append(min(difference * inverse_contrast, TRUNCATION))
     ordered = np.sort(costs)
 
-    def mean(take: float) -> float:
-        shares = np.clip(take - np.arange(len(ordered)), 0.0, 1.0)
-        return float((shares * ordered).sum() / take)
+    def mean(count: float) -> float:
+        weights = np.clip(count - np.arange(len(ordered)), 0.0, 1.0)
+        return float((weights * ordered).sum() / count)
 
-    return min(mean(8 * BEST_SHARE), mean(4 * BEST_SHARE) + HALF_SURCHARGE)
+    return min(mean(8 * BEST_FRACTION), mean(4 * BEST_FRACTION) + HALF_SURCHARGE)
 
 
 def test_the_cost_follows_its_definition() -> None:
     views = grid_views(3, 3, uneven=False)
     planes = sweep(views, INVERSE_DISTANCES)
     reference, others = taken(views, texture(views), 7)
-    volume = costs_of(reference, others, seen(others), planes)
-    strong = mean_slope(reference, 9) > 4.0
+    volume = costs_of(reference, others, valid(others), planes)
+    strong = mean_gradient(reference, 9) > 4.0
     random = np.random.default_rng(1)
     for _ in range(200):
         y, x, plane = int(random.integers(25, 65)), int(random.integers(35, 85)), int(random.integers(20))
         if strong[y, x]:
             # OpenCV rounds places to 1/32 px.
             assert volume[y, x, plane] / UNITS == pytest.approx(
-                plainly(reference, others, planes, y, x, plane), abs=0.2
+                reference_cost(reference, others, planes, y, x, plane), abs=0.2
             )
 
 
 @pytest.mark.parametrize("along_mm", [0.0, 3.0, 40.0])
-def test_the_true_plane_has_a_low_cost_although_views_lie_ahead(along_mm: float) -> None:
-    views = grid_views(1, 2, positions_mm=np.array([[[0.0, 0.0, 0.0], [20.0, 5.0, along_mm]]]))
+def test_the_true_plane_has_a_low_cost_although_views_lie_ahead(ahead_mm: float) -> None:
+    views = grid_views(1, 2, positions_mm=np.array([[[0.0, 0.0, 0.0], [20.0, 5.0, ahead_mm]]]))
     planes = sweep(views, INVERSE_DISTANCES)
-    for number in (0, 7, 19):
-        reference, others = taken(views, texture(views), number)
-        volume = costs_of(reference, others, seen(others), planes)[20:-20, 30:-30]
+    for plane in (0, 7, 19):
+        reference, others = taken(views, texture(views), plane)
+        volume = costs_of(reference, others, valid(others), planes)[20:-20, 30:-30]
         costs = volume.mean(axis=(0, 1)) / UNITS
-        assert int(np.argmin(costs)) == number
-        assert costs[number] < 0.25 * np.median(costs)
+        assert int(np.argmin(costs)) == plane
+        assert costs[plane] < 0.25 * np.median(costs)
 
 
 def test_places_without_samples_in_a_view_are_judged_by_the_others() -> None:
     views = grid_views(1, 3, uneven=False)
     planes = sweep(views, INVERSE_DISTANCES)
     reference, others = taken(views, texture(views), 7)
-    sight = seen(others)
+    sight = valid(others)
     others[0, :, :, :60] = 255.0
     sight[0, :, :61] = 0
     volume = costs_of(reference, others, sight, planes)
@@ -126,9 +126,9 @@ def test_an_occluded_view_does_not_count() -> None:
     reference, others = taken(views, texture(views), 7)
     others[:6] = 255.0 - others[:6]
     nearest = np.full((8, views.height_px, views.width_px), -1e9, np.float32)
-    before = costs_of(reference, others, seen(others), planes, nearest=nearest)
+    before = costs_of(reference, others, valid(others), planes, nearest=nearest)
     nearest[:6] = 19.0
-    after = costs_of(reference, others, seen(others), planes, nearest=nearest)
+    after = costs_of(reference, others, valid(others), planes, nearest=nearest)
     inside = (slice(25, -25), slice(35, -35), 7)
     surcharge = UNITS * OCCLUSION_SURCHARGE * (6 / 8 - USUAL_OCCLUSION)
     assert np.median(after[inside]) - surcharge < 0.2 * np.median(before[inside])
@@ -140,8 +140,8 @@ def test_threads_change_no_bit_and_weak_texture_is_averaged() -> None:
     planes = sweep(views, INVERSE_DISTANCES)
     picture = 128.0 + np.random.default_rng(3).normal(scale=0.3, size=(90, 120, 3)).astype(np.float32)
     reference, others = channels(picture), np.stack([channels(picture[:, ::-1].copy())] * 8)
-    volume = costs_of(reference, others, seen(others), planes)
-    assert np.array_equal(volume, costs_of(reference, others, seen(others), planes, ThreadPoolExecutor(2).map))
+    volume = costs_of(reference, others, valid(others), planes)
+    assert np.array_equal(volume, costs_of(reference, others, valid(others), planes, ThreadPoolExecutor(2).map))
     assert (
         np.abs(np.diff(volume[20:-20, 30:-30, 5].astype(int), axis=1)).mean() < 0.3 * volume[20:-20, 30:-30, 5].mean()
     )
@@ -157,9 +157,9 @@ def test_costs_of_a_range_equal_those_of_a_search_of_all_planes(weak: bool) -> N
     ranges = range_around(known, planes.planes)
     nearest = np.full((8, 90, 120), -1e9, np.float32)
     nearest[:, :, 50:] = 11.0
-    every = costs_of(reference, others, seen(others), planes, nearest=nearest)
-    part = matching_costs(reference, others, seen(others), planes, nearest=nearest, ranges=ranges)
-    assert ranges.cells < every.size
+    every = costs_of(reference, others, valid(others), planes, nearest=nearest)
+    part = matching_costs(reference, others, valid(others), planes, nearest=nearest, ranges=ranges)
+    assert ranges.size < every.size
     for v, u in ((0, 0), (40, 20), (41, 50), (89, 119), (60, 61)):
         low, count, start = (int(each[v, u]) for each in ranges)
         # Outside a neighbour's range, the pixel's own costs replace the missing ones.
@@ -172,7 +172,7 @@ def test_missing_costs_of_a_neighbour_are_replaced_by_the_pixels_own() -> None:
     random = np.random.default_rng(0)
     shape, planes, reach = (9, 11), 8, 2
     ranges = Ranges.of(random.integers(0, 4, shape).astype(np.int32), random.integers(3, 5, shape).astype(np.int32))
-    costs = random.integers(0, 300, ranges.cells).astype(np.uint16)
+    costs = random.integers(0, 300, ranges.size).astype(np.uint16)
     weak = random.uniform(-0.5, 1.0, shape).astype(np.float32).clip(0.0)
     found = np.zeros_like(costs)
     average_weak(0, 9, weak, reach, ranges, costs, found)

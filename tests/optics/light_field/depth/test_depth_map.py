@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mirrorcam.optics.light_field.depth import DepthMap
-from mirrorcam.optics.light_field.depth.depth_map import DepthMap as Map
+from mirrorcam.optics.light_field.depth.depth_map import DepthMap as MapFunction
 from tests.optics.light_field.depth.conftest import inner
 
 
@@ -25,7 +25,7 @@ def test_disparity_and_points_follow_from_the_depth(scene: Any, found: DepthMap)
 def test_depth_maps_check_themselves_and_are_read_only(found: DepthMap) -> None:
     wrong: Any = found.sigma_mm.astype(float)
     with pytest.raises(ValueError, match=r"sigma_mm is float64 of shape \(90, 120\), expected float32"):
-        Map(
+        MapFunction(
             views=found.views,
             view=found.view,
             depth_mm=found.depth_mm,

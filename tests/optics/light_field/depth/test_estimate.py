@@ -148,7 +148,7 @@ def test_light_fields_that_determine_no_depth_are_refused(scene: Any) -> None:
     everything = slice(None)
     with pytest.raises(InputError, match="one view, expected two or more"):
         DepthEstimator(part(slice(1, 2), slice(1, 2)))
-    with pytest.raises(InputError, match="in one place"):
+    with pytest.raises(InputError, match="all views coincide"):
         DepthEstimator(part(everything, everything, positions_mm=np.zeros((3, 3, 3))))
     with pytest.raises(InputError, match="views are 12x90 px, expected 16 or more"):
         DepthEstimator(part(everything, everything, width_px=12))
@@ -169,7 +169,9 @@ def test_a_light_field_of_other_views_or_weights_is_refused(scene: Any) -> None:
         LightField.of(light_field, light_field.samples, weights),
     ):
         assert not estimator.fits(other)
-        with pytest.raises(InputError, match="other views or weights than the one the estimator was built for"):
+        with pytest.raises(
+            InputError, match="differs in views or weights from the one that the estimator was built for"
+        ):
             estimator.estimate(other)
 
 

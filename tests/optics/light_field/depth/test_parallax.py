@@ -21,8 +21,8 @@ ROWS = np.arange(VIEWS.height_px, dtype=np.float32)[:, None]
 def test_pixels_move_as_in_the_pinholes() -> None:
     for depth in (250.0, 375.0, 800.0):
         distance = depth + VIEWS.reference_distance_mm - VIEWS.reference_depth_mm
-        across = (VIEWS.pixel_grid() - VIEWS.centre_px) * distance / VIEWS.focal_px
-        points = np.concatenate([across, np.full((*across.shape[:2], 1), distance)], axis=-1)
+        offset_u = (VIEWS.pixel_grid() - VIEWS.centre_px) * distance / VIEWS.focal_px
+        points = np.concatenate([offset_u, np.full((*offset_u.shape[:2], 1), distance)], axis=-1)
         truth = VIEWS.project_in_view(points)
         q = np.full((VIEWS.height_px, VIEWS.width_px), 1.0 / distance, np.float32)
         for index in other_views(VIEWS):
@@ -37,7 +37,7 @@ def test_slopes_are_the_derivatives_of_pixels() -> None:
     for index in other_views(VIEWS):
         view = parallax(VIEWS, index)
         after, before = view.pixels(COLUMNS, ROWS, q + small), view.pixels(COLUMNS, ROWS, q - small)
-        for slope, high, low in zip(view.slopes(COLUMNS, ROWS, q), after, before, strict=True):
+        for slope, high, low in zip(view.derivatives(COLUMNS, ROWS, q), after, before, strict=True):
             assert np.allclose(slope, (high - low) / (2 * small), atol=20.0, rtol=5e-3)
             assert np.abs(slope).max() > 100.0
 

@@ -9,9 +9,9 @@ from mirrorcam.optics.light_field.depth.photometry import (
     GAIN_STRIDE_PX,
     NO_SAMPLE,
     ViewPicture,
-    first_gain,
     matching_gain,
-    patches,
+    patch_means,
+    rough_gain,
 )
 from mirrorcam.optics.light_field.light_field import LightField
 from tests.optics.light_field.depth.surfaces import grid_views
@@ -32,7 +32,7 @@ def test_a_gain_with_a_gradient_is_found_though_a_third_is_hidden() -> None:
     gain = 0.8 + 0.3 * (columns / 160 - 0.5) - 0.1 * (rows / 120 - 0.5)
     darker = (picture / gain).astype(np.float32)
     darker[:, :50] = 90.0 + 0.3 * texture(9)[:, :50]
-    found = matching_gain(darker, columns[EVERY, EVERY], rows[EVERY, EVERY], patches(picture)[EVERY, EVERY])
+    found = matching_gain(darker, columns[EVERY, EVERY], rows[EVERY, EVERY], patch_means(picture)[EVERY, EVERY])
     assert np.abs(found - gain)[:, 60:].max() < 0.03
     assert np.abs(darker - picture)[:, 60:].mean() > 10
 
@@ -41,9 +41,9 @@ def test_unrelated_or_black_pictures_are_unchanged() -> None:
     picture = texture()
     rows, columns = np.mgrid[:120, :160].astype(np.float32)
     far = columns[EVERY, EVERY] + 1000.0
-    assert (matching_gain(picture, far, rows[EVERY, EVERY], patches(picture)[EVERY, EVERY]) == 1).all()
+    assert (matching_gain(picture, far, rows[EVERY, EVERY], patch_means(picture)[EVERY, EVERY]) == 1).all()
     black = np.zeros_like(picture)
-    found = matching_gain(black, columns[EVERY, EVERY], rows[EVERY, EVERY], patches(black)[EVERY, EVERY])
+    found = matching_gain(black, columns[EVERY, EVERY], rows[EVERY, EVERY], patch_means(black)[EVERY, EVERY])
     assert np.abs(found - 1.0).max() < 1e-6
 
 
@@ -51,9 +51,9 @@ def test_an_initial_gain_fits_most_of_the_picture_and_is_one_if_it_is_small() ->
     picture = texture()
     other = picture.copy()
     other[:, :40] = texture(9)[:, :40]
-    assert first_gain(np.float32(0.8) * other, picture) == pytest.approx(1.25, rel=0.03)
-    assert first_gain(np.float32(0.99) * other, picture) == 1.0
-    assert first_gain(np.full_like(picture, NO_SAMPLE), picture) == 1.0
+    assert rough_gain(np.float32(0.8) * other, picture) == pytest.approx(1.25, rel=0.03)
+    assert rough_gain(np.float32(0.99) * other, picture) == 1.0
+    assert rough_gain(np.full_like(picture, NO_SAMPLE), picture) == 1.0
 
 
 def test_a_view_is_the_same_from_bytes_and_floats_and_masks_its_samples() -> None:
@@ -65,7 +65,7 @@ def test_a_view_is_the_same_from_bytes_and_floats_and_masks_its_samples() -> Non
     part = ViewPicture.of(LightField.of(views, (samples / 255).astype(np.float32), weights), (0, 1))
     assert (complete.grey[:5] == NO_SAMPLE).all()
     assert np.abs(complete.colours - part.colours).max() <= 0.51
-    assert (complete.seen[:6] == 0).all() and (complete.seen[6:] == 1).all()
+    assert (complete.interior[:6] == 0).all() and (complete.interior[6:] == 1).all()
     # There is no false edge next to the samples: their mean continues.
     assert np.abs(complete.colours[4] - complete.colours[5:7].mean(axis=0)).mean() < 60.0
     single = ViewPicture.of(LightField.of(views, samples[..., :1].copy(), weights), (0, 1))
@@ -74,9 +74,9 @@ def test_a_view_is_the_same_from_bytes_and_floats_and_masks_its_samples() -> Non
 
 def test_half_a_view_is_the_mean_of_four_where_all_are_known() -> None:
     colours = np.random.default_rng(1).uniform(0, 255, (9, 12, 3)).astype(np.float32)
-    known = np.ones((9, 12), bool)
-    known[3, 5] = False
-    half = ViewPicture(colours, known).halved()
+    valid = np.ones((9, 12), bool)
+    valid[3, 5] = False
+    half = ViewPicture(colours, valid).halved()
     np.testing.assert_allclose(half.colours[2, 1], colours[4:6, 2:4].mean(axis=(0, 1)), rtol=1e-4)
-    assert half.known.shape == (4, 6)
-    assert (~half.known).sum() == 1 and not half.known[1, 2]
+    assert half.valid.shape == (4, 6)
+    assert (~half.valid).sum() == 1 and not half.valid[1, 2]

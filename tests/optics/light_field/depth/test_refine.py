@@ -10,7 +10,7 @@ import pytest
 
 from mirrorcam.optics.light_field.depth.parallax import other_views, parallax
 from mirrorcam.optics.light_field.depth.photometry import ViewPicture
-from mirrorcam.optics.light_field.depth.refine import GradientPicture, Refiner, follow_edges, jumps
+from mirrorcam.optics.light_field.depth.refine import GradientPicture, Refiner, depth_edges, follow_edges
 from mirrorcam.optics.light_field.depth.sweep import Sweep, sweep
 from tests.optics.light_field.depth.surfaces import Surface, grid_views, photograph
 
@@ -28,7 +28,7 @@ def slanted() -> tuple[Refiner, Sweep, Any, Any, Any]:
     light_field, depth, _ = photograph(views, [surface], noise=0.0)
     planes = sweep(views, INVERSE_DISTANCES)
     pictures = [ViewPicture.of(light_field, index) for index in ((1, 1), *other_views(views))]
-    gradients = [GradientPicture.of(picture.grey, picture.seen) for picture in pictures]
+    gradients = [GradientPicture.of(picture.grey, picture.interior) for picture in pictures]
     refiner = Refiner(planes, [parallax(views, index) for index in other_views(views)])
     truth = (1.0 / (depth - views.reference_view_depth_mm) - INVERSE_DISTANCES[0]) / planes.step
     return refiner, planes, gradients[0], gradients[1:], truth.astype(np.float32)
@@ -37,32 +37,32 @@ def slanted() -> tuple[Refiner, Sweep, Any, Any, Any]:
 @pytest.mark.parametrize("wrong_px", [-0.3, 0.3])
 def test_a_few_steps_find_a_slanted_plane_to_a_hundredth_of_a_pixel(slanted: Any, wrong_px: float) -> None:
     refiner, planes, reference, others, truth = slanted
-    start = truth + np.float32(wrong_px / planes.reach_px)
+    start = truth + np.float32(wrong_px / planes.step_px)
     found, match, smooth = refiner.refined(start, reference, others, 3, 30)
-    error_px = np.abs(found - truth)[INSIDE] * planes.reach_px
+    error_px = np.abs(found - truth)[INSIDE] * planes.step_px
     assert np.median(error_px) < 0.02
     assert np.quantile(error_px, 0.95) < 0.08
-    assert (match.seeing[INSIDE] == len(others)).all()
-    assert (match.agreeing <= match.seeing + 1e-4).all()
+    assert (match.view_count[INSIDE] == len(others)).all()
+    assert (match.weight_sum <= match.view_count + 1e-4).all()
     assert (match.information[INSIDE] > 0.0).mean() > 0.99
     assert np.median(smooth[INSIDE]) > 0.95
 
 
 def test_the_change_of_a_map_is_limited(slanted: Any) -> None:
     refiner, planes, reference, others, truth = slanted
-    start = truth + np.float32(3.0 / planes.reach_px)
+    start = truth + np.float32(3.0 / planes.step_px)
     found = refiner.refined(start, reference, others, 2, 30)[0]
-    assert np.abs(found - start).max() * planes.reach_px <= 1.001
-    torn = start + np.where(np.arange(120) > 60, np.float32(2.0 / planes.reach_px), np.float32(0.0))
+    assert np.abs(found - start).max() * planes.step_px <= 1.001
+    torn = start + np.where(np.arange(120) > 60, np.float32(2.0 / planes.step_px), np.float32(0.0))
     found = refiner.refined(torn, reference, others, 2, 30)[0]
-    at_jumps = jumps(torn * np.float32(planes.reach_px))
+    at_jumps = depth_edges(torn * np.float32(planes.step_px))
     assert at_jumps.sum() == 2 * 90
-    assert np.abs(found - torn)[at_jumps].max() * planes.reach_px <= 0.1501
+    assert np.abs(found - torn)[at_jumps].max() * planes.step_px <= 0.1501
 
 
 def test_pictures_without_texture_have_no_information(slanted: Any) -> None:
     refiner, _, _, others, truth = slanted
-    blank = GradientPicture.of(np.full(truth.shape, 90.0, np.float32), others[0].seen)
+    blank = GradientPicture.of(np.full(truth.shape, 90.0, np.float32), others[0].valid)
     found, match, _ = refiner.refined(truth, blank, [blank] * len(others), 2, 30)
     assert np.abs(found - truth).max() < 0.01
     assert (match.information == 0.0).all()
@@ -72,19 +72,19 @@ def test_pictures_without_texture_have_no_information(slanted: Any) -> None:
 def test_an_occluded_view_does_not_count(slanted: Any) -> None:
     refiner, planes, reference, others, truth = slanted
     near = truth.copy()
-    near[:, 50:70] += np.float32(8.0 / planes.reach_px)
+    near[:, 50:70] += np.float32(8.0 / planes.step_px)
     match, _ = refiner.match(near, reference, others)
     # Next to the strip, views on one side are occluded; far from it, none is.
-    assert match.agreeing[40, 72] < match.agreeing[40, 95] - 1.5
+    assert match.weight_sum[40, 72] < match.weight_sum[40, 95] - 1.5
 
 
 def test_the_match_after_a_small_step_is_predicted(slanted: Any) -> None:
     refiner, planes, reference, others, truth = slanted
-    away = np.float32(0.2)
-    there, gradient = refiner.match(truth + away / np.float32(planes.reach_px), reference, others)
-    predicted = there.after(gradient, np.full_like(truth, -away))
+    shift_px = np.float32(0.2)
+    shifted, gradient = refiner.match(truth + shift_px / np.float32(planes.step_px), reference, others)
+    predicted = shifted.after_step(gradient, np.full_like(truth, -shift_px))
     found = refiner.match(truth, reference, others)[0]
-    before, after = np.median(there.residual[INSIDE]), np.median(found.residual[INSIDE])
+    before, after = np.median(shifted.residual[INSIDE]), np.median(found.residual[INSIDE])
     assert before > 5.0 * after
     assert np.median(predicted.residual[INSIDE]) - after < 0.3 * (before - after)
 
@@ -95,11 +95,11 @@ def test_noise_lowers_the_weight_of_information(slanted: Any) -> None:
 
     def noisy(picture: GradientPicture) -> GradientPicture:
         noise = random.normal(scale=2.0, size=picture.gradients.shape).astype(np.float32)
-        return GradientPicture(picture.gradients + noise, picture.seen)
+        return GradientPicture(picture.gradients + noise, picture.valid)
 
-    clear = refiner.match(truth, reference, others)[0]
-    dim = refiner.match(truth, noisy(reference), [noisy(other) for other in others])[0]
-    assert np.median(dim.residual[INSIDE]) > 2.0 * np.median(clear.residual[INSIDE])
+    clean = refiner.match(truth, reference, others)[0]
+    noisy_match = refiner.match(truth, noisy(reference), [noisy(other) for other in others])[0]
+    assert np.median(noisy_match.residual[INSIDE]) > 2.0 * np.median(clean.residual[INSIDE])
 
 
 def card() -> tuple[np.ndarray, np.ndarray]:

@@ -5,7 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from mirrorcam.optics.light_field.depth.parallax import other_views, parallax
-from mirrorcam.optics.light_field.depth.refine_kernels import SweepPinhole, Terms, View, add_terms, applied, bends
+from mirrorcam.optics.light_field.depth.refine_kernels import (
+    SweepPinhole,
+    Terms,
+    View,
+    add_terms,
+    apply_normal_matrix,
+    second_differences,
+)
 from mirrorcam.optics.light_field.depth.sweep import sweep
 from tests.optics.light_field.depth.surfaces import grid_views
 
@@ -19,58 +26,58 @@ def test_residuals_and_derivatives_match_linear_pictures_at_the_parallax() -> No
     index = other_views(views)[2]
     view = parallax(views, index)
     v, u = np.mgrid[: SHAPE[0], : SHAPE[1]].astype(np.float32)
-    # Slopes that are linear over the picture: interpolation is exact.
+    # Gradients that are linear over the picture: interpolation is exact.
     gradients = np.stack([0.5 * u - 0.2 * v, 0.1 * u + 0.3 * v], axis=-1)
     derivatives = np.empty((2, 2, *SHAPE), np.float32)
     derivatives[:] = np.array([[0.5, -0.2], [0.1, 0.3]], np.float32)[..., None, None]
-    where = np.full(SHAPE, 20.0, np.float32) + 0.1 * u
-    inverse = planes.inverse_distance(where)
-    across, down = view.pixels(u, v, inverse)
-    move = np.stack([each * planes.step for each in view.slopes(u, v, inverse)])
-    shown = np.stack([0.5 * across - 0.2 * down, 0.1 * across + 0.3 * down])
-    residual = shown - np.moveaxis(gradients, -1, 0)
-    rise = np.einsum("cavu,avu->cvu", derivatives, move)
+    plane_map = np.full(SHAPE, 20.0, np.float32) + 0.1 * u
+    inverse = planes.inverse_distance(plane_map)
+    offset_u, offset_v = view.pixels(u, v, inverse)
+    motion = np.stack([each * planes.step for each in view.derivatives(u, v, inverse)])
+    sampled = np.stack([0.5 * offset_u - 0.2 * offset_v, 0.1 * offset_u + 0.3 * offset_v])
+    residual = sampled - np.moveaxis(gradients, -1, 0)
+    plane_derivatives = np.einsum("cavu,avu->cvu", derivatives, motion)
     terms = Terms(*(np.zeros(SHAPE, np.float32) for _ in Terms._fields))
-    nothing = np.full(SHAPE, -1e9, np.float32)
+    no_surface = np.full(SHAPE, -1e9, np.float32)
     # So much noise that there are no outliers.
     variance = np.full(SHAPE, 1e6, np.float32)
-    looked = View(gradients, np.ones(SHAPE, np.uint8), nothing)
+    compared = View(gradients, np.ones(SHAPE, np.uint8), no_surface)
     for band in ((0, 40), (40, 90)):
         add_terms(
             *band,
-            where,
+            plane_map,
             gradients,
             derivatives,
             variance,
             SweepPinhole.of(view, planes),
-            looked,
+            compared,
             np.float32(1.0),
             terms,
         )
-    inside = (across > 2) & (across < SHAPE[1] - 4) & (down > 2) & (down < SHAPE[0] - 4)
+    inside = (offset_u > 2) & (offset_u < SHAPE[1] - 4) & (offset_v > 2) & (offset_v < SHAPE[0] - 4)
     assert inside.mean() > 0.5
-    np.testing.assert_allclose(terms.seeing[inside], 1.0)
-    np.testing.assert_allclose(terms.agreeing[inside], 1.0, atol=1e-3)
+    np.testing.assert_allclose(terms.view_count[inside], 1.0)
+    np.testing.assert_allclose(terms.weight_sum[inside], 1.0, atol=1e-3)
     for found, expected in (
-        (terms.gradient, (rise * residual).sum(axis=0)),
-        (terms.information, np.square(rise).sum(axis=0)),
+        (terms.gradient, (plane_derivatives * residual).sum(axis=0)),
+        (terms.information, np.square(plane_derivatives).sum(axis=0)),
         (terms.squares, np.square(residual).sum(axis=0)),
     ):
         np.testing.assert_allclose(found[inside] * 1e6, expected[inside], rtol=5e-3, atol=1e-2)
-    outside = (across < 0) | (across > SHAPE[1] - 1)
-    assert (terms.seeing[outside] == 0.0).all()
+    outside = (offset_u < 0) | (offset_u > SHAPE[1] - 1)
+    assert (terms.view_count[outside] == 0.0).all()
 
 
 def test_the_normal_matrix_equals_that_of_second_differences() -> None:
     random = np.random.default_rng(1)
     rows, columns = 5, 7
     size = rows * columns
-    across, down = random.uniform(0.5, 2.0, (2, rows, columns)).astype(np.float32)
-    across[:, [0, -1]] = 0.0
-    down[[0, -1]] = 0.0
-    held = random.uniform(0.1, 1.0, (rows, columns)).astype(np.float32)
-    matrix = np.diag(held.ravel().astype(float))
-    for weights, step in ((across, 1), (down, columns)):
+    offset_u, offset_v = random.uniform(0.5, 2.0, (2, rows, columns)).astype(np.float32)
+    offset_u[:, [0, -1]] = 0.0
+    offset_v[[0, -1]] = 0.0
+    anchors = random.uniform(0.1, 1.0, (rows, columns)).astype(np.float32)
+    matrix = np.diag(anchors.ravel().astype(float))
+    for weights, step in ((offset_u, 1), (offset_v, columns)):
         for at in range(size):
             if weights.ravel()[at] > 0:
                 row = np.zeros(size)
@@ -79,6 +86,6 @@ def test_the_normal_matrix_equals_that_of_second_differences() -> None:
     values = random.normal(size=(rows, columns)).astype(np.float32)
     work = np.empty((2, rows, columns), np.float32)
     found = np.empty_like(values)
-    bends(values, across, down, *work)
-    applied(held, values, *work, found)
+    second_differences(values, offset_u, offset_v, *work)
+    apply_normal_matrix(anchors, values, *work, found)
     np.testing.assert_allclose(found.ravel(), matrix @ values.ravel(), rtol=1e-4, atol=1e-4)

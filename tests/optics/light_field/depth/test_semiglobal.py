@@ -14,16 +14,16 @@ from mirrorcam.optics.light_field.depth.semiglobal import (
     EDGE_GREY,
     PATH_DIRECTIONS,
     aggregate,
-    cheapest,
-    slants_of,
+    lowest_cost,
+    surface_slants,
 )
-from mirrorcam.optics.light_field.depth.sweep import Ranges, Volume, whole_range
+from mirrorcam.optics.light_field.depth.sweep import Ranges, Volume, full_range
 from tests.optics.light_field.depth.surfaces import everywhere
 
 
 def volume_of(costs: np.ndarray) -> Volume:
     """A volume of costs (v, u, n) of all planes."""
-    return Volume(whole_range(costs.shape[:2], costs.shape[2]), costs.ravel())
+    return Volume(full_range(costs.shape[:2], costs.shape[2]), costs.ravel())
 
 
 def summed(costs: np.ndarray, *arguments: Any) -> np.ndarray:
@@ -44,16 +44,16 @@ def plainly(
     cost = volume.astype(int)
     rows, columns, planes = cost.shape
     total = np.zeros_like(cost)
-    for down, right in PATH_DIRECTIONS:
+    for offset_v, right in PATH_DIRECTIONS:
         path, carried = np.zeros_like(cost), np.zeros((rows, columns))
-        for v in range(rows)[:: down or 1]:
+        for v in range(rows)[:: offset_v or 1]:
             for u in range(columns)[:: right or 1]:
-                before_v, before_u = v - down, u - right
+                before_v, before_u = v - offset_v, u - right
                 path[v, u] = cost[v, u]
                 if not (0 <= before_v < rows and 0 <= before_u < columns):
                     continue
                 before = path[before_v, before_u]
-                rise = carried[before_v, before_u] + right * slants[0][v, u] + down * slants[1][v, u]
+                rise = carried[before_v, before_u] + right * slants[0][v, u] + offset_v * slants[1][v, u]
                 shift = int(np.floor(rise + 0.5))
                 carried[v, u] = rise - shift
                 edge = np.abs(picture[v, u] - picture[before_v, before_u]).max()
@@ -79,8 +79,8 @@ def test_paths_are_the_cheapest(next_plane: int, any_plane: int, slanted: bool) 
     picture = random.uniform(0, 40, (7, 9, 3)).astype(np.float32)
     slants = LEVEL
     if slanted:
-        across, down = random.uniform(-1.3, 1.3, (2, 7, 9)).astype(np.float32)
-        slants = (across, down)
+        offset_u, offset_v = random.uniform(-1.3, 1.3, (2, 7, 9)).astype(np.float32)
+        slants = (offset_u, offset_v)
     expected = plainly(volume, next_plane, any_plane, picture, slants)
     for found in (
         summed(volume, picture, slants, (next_plane, any_plane)),
@@ -101,13 +101,13 @@ def test_paths_over_ranges_equal_those_of_a_search_limited_to_them(slanted: bool
     inside = (plane >= low[..., None]) & (plane < (low + count)[..., None])
     slants = LEVEL
     if slanted:
-        across, down = random.uniform(-1.3, 1.3, (2, *shape)).astype(np.float32)
-        slants = (across, down)
+        offset_u, offset_v = random.uniform(-1.3, 1.3, (2, *shape)).astype(np.float32)
+        slants = (offset_u, offset_v)
     found = aggregate(Volume(Ranges.of(low, count), costs[inside]), EVEN, slants, (3, 20))
     # Far more expensive than any path: never on the cheapest one.
     expected = plainly(np.where(inside, costs.astype(int), 5000), 3, 20, EVEN, slants)
     assert np.abs(found.costs.astype(int) - expected[inside]).max() <= 8
-    best = cheapest(found, 400.0)
+    best = lowest_cost(found, 400.0)
     assert np.abs(best.planes - np.where(inside, expected, 10**6).argmin(axis=2)).max() <= 0.5 or not slanted
 
 
@@ -131,7 +131,7 @@ def test_the_best_plane_its_margin_and_its_rivals() -> None:
     total[..., 4] = 100
     total[..., [3, 5]] = [400, 200]
     total[..., 9] = 300
-    found = cheapest(volume_of(total), 400.0)
+    found = lowest_cost(volume_of(total), 400.0)
     np.testing.assert_allclose(found.planes, 4.0 + 0.5 * (400 - 200) / (400 + 200 - 200))
     np.testing.assert_allclose(found.margin, 200.0)
     np.testing.assert_allclose(found.rivals, (1 - 0.5**2) ** 2 / 3, rtol=1e-6)
@@ -143,11 +143,11 @@ SURELY = np.full((60, 80), CERTAIN_MARGIN, np.float32)
 def test_slants_match_a_plane_and_ignore_a_jump() -> None:
     v, u = np.mgrid[:60, :80].astype(np.float32)
     planes = 0.3 * u - 0.7 * v + np.where(u > 60, np.float32(20.0), np.float32(0.0))
-    across, down = slants_of(planes, SURELY)
+    offset_u, offset_v = surface_slants(planes, SURELY)
     # To an eight-bit code of 4 planes a pixel.
-    np.testing.assert_allclose(across[:, :50], 0.3, atol=0.02)
-    np.testing.assert_allclose(down[:, :50], -0.7, atol=0.02)
-    assert (slants_of(np.zeros((60, 80), np.float32), SURELY)[0] == 0).all()
+    np.testing.assert_allclose(offset_u[:, :50], 0.3, atol=0.02)
+    np.testing.assert_allclose(offset_v[:, :50], -0.7, atol=0.02)
+    assert (surface_slants(np.zeros((60, 80), np.float32), SURELY)[0] == 0).all()
 
 
 def test_uncertain_pixels_get_the_slant_of_certain_neighbours() -> None:
@@ -156,7 +156,7 @@ def test_uncertain_pixels_get_the_slant_of_certain_neighbours() -> None:
     planes[40:] = 24.0 - 0.4 * u[40:]
     margin = SURELY.copy()
     margin[40:] = 0.3
-    across = slants_of(planes, margin)[0]
-    np.testing.assert_allclose(across[:30], 0.3, atol=0.02)
-    np.testing.assert_allclose(across[50:], 0.3, atol=0.05)
-    assert (slants_of(planes, SURELY)[0][55:, 20:60] < -0.3).all()
+    offset_u = surface_slants(planes, margin)[0]
+    np.testing.assert_allclose(offset_u[:30], 0.3, atol=0.02)
+    np.testing.assert_allclose(offset_u[50:], 0.3, atol=0.05)
+    assert (surface_slants(planes, SURELY)[0][55:, 20:60] < -0.3).all()

@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 
 from mirrorcam.optics.light_field.depth.sweep import (
-    AROUND_PX,
     MARGIN_PLANES,
     MIN_PLANES,
-    NOTHING,
+    NEIGHBOUR_PX,
+    NO_SURFACE,
     TILE_PX,
     Ranges,
     Volume,
+    full_range,
     nearest_planes,
     range_around,
     sweep,
-    whole_range,
 )
 from tests.optics.light_field.depth.surfaces import Surface, everywhere, grid_views, met
 
@@ -28,38 +28,38 @@ def test_places_match_points_on_the_planes() -> None:
     views = grid_views(2, 3)
     planes = sweep(views, INVERSE_DISTANCES)
     others = [index for index in np.ndindex(2, 3) if views.positions_mm[index].any()]
-    for number in (0, 4, 10):
-        distance = 1.0 / INVERSE_DISTANCES[number]
+    for plane in (0, 4, 10):
+        distance = 1.0 / INVERSE_DISTANCES[plane]
         u, v = 31.0, 70.0
         # The pinhole of the reference view: its principal point belongs to the reference plane.
         point = np.array([*((np.array([u, v]) - views.centre_px) * distance / views.focal_px), distance])
-        seen = views.project_in_view(point)
+        valid = views.project_in_view(point)
         for view, index in enumerate(others):
-            place = [
-                planes.motion.scale[number, view] * u + planes.motion.across[number, view],
-                planes.motion.scale[number, view] * v + planes.motion.down[number, view],
+            coordinate = [
+                planes.mapping.scale[plane, view] * u + planes.mapping.offset_u[plane, view],
+                planes.mapping.scale[plane, view] * v + planes.mapping.offset_v[plane, view],
             ]
-            np.testing.assert_allclose(place, seen[index], atol=2e-4)
+            np.testing.assert_allclose(coordinate, valid[index], atol=2e-4)
 
 
 def test_views_at_similar_distance_compete_by_direction() -> None:
     planes = sweep(grid_views(3, 3, uneven=False), INVERSE_DISTANCES)
-    assert planes.motion.rings.tolist() == [0, 8]
-    assert sorted(planes.motion.sector) == list(range(8))
+    assert planes.mapping.rings.tolist() == [0, 8]
+    assert sorted(planes.mapping.sector) == list(range(8))
     many = sweep(grid_views(5, 5, uneven=False), INVERSE_DISTANCES)
-    assert many.motion.rings.tolist() == [0, 8, 24]
+    assert many.mapping.rings.tolist() == [0, 8, 24]
     most = sweep(grid_views(9, 9, uneven=False), INVERSE_DISTANCES)
-    assert len(most.motion.rings) == 5
-    assert most.motion.rings[-1] <= 4 * 16
+    assert len(most.mapping.rings) == 5
+    assert most.mapping.rings[-1] <= 4 * 16
     row = sweep(grid_views(1, 5, uneven=False), INVERSE_DISTANCES)
-    assert row.motion.rings.tolist() == [0, 2, 4]
+    assert row.mapping.rings.tolist() == [0, 2, 4]
 
 
 def test_a_step_moves_the_farthest_view_by_its_reach() -> None:
     views = grid_views(1, 3, uneven=False)
     planes = sweep(views, INVERSE_DISTANCES)
-    assert planes.reach_px == pytest.approx(
-        abs(float(planes.motion.across[1, 0] - planes.motion.across[0, 0])), rel=1e-4
+    assert planes.step_px == pytest.approx(
+        abs(float(planes.mapping.offset_u[1, 0] - planes.mapping.offset_u[0, 0])), rel=1e-4
     )
     np.testing.assert_allclose(
         planes.inverse_distance(np.array([0.0, 2.5], np.float32)),
@@ -77,10 +77,10 @@ def test_the_nearest_surface_hides_the_others() -> None:
     found = nearest_planes(own, planes)
     others = [index for index in np.ndindex(3, 3) if index != (1, 1)]
     for view, index in enumerate(others):
-        seen = met(views, index, views.pixel_grid(), surfaces)[1] + 0.0
+        valid = met(views, index, views.pixel_grid(), surfaces)[1] + 0.0
         # Distances from the view's own plane to those from the reference view's: met() gives the latter.
-        truth = (1.0 / seen - FINE_INVERSE_DISTANCES[0]) / planes.step
-        known = found[view] > NOTHING
+        truth = (1.0 / valid - FINE_INVERSE_DISTANCES[0]) / planes.step
+        known = found[view] > NO_SURFACE
         assert known.mean() > 0.6
         near = truth > 10
         agree = np.abs(found[view] - truth) < 0.5
@@ -93,15 +93,15 @@ def test_places_without_a_landing_pixel_hide_nothing() -> None:
     views = grid_views(1, 2, uneven=False)
     planes = sweep(views, FINE_INVERSE_DISTANCES)
     found = nearest_planes(np.full((90, 120), 20.0, np.float32), planes)
-    assert (found[0] == NOTHING).any()
-    assert (found[0][found[0] > NOTHING] == 20.0).all()
+    assert (found[0] == NO_SURFACE).any()
+    assert (found[0][found[0] > NO_SURFACE] == 20.0).all()
 
 
 def test_costs_are_contiguous() -> None:
     ranges = Ranges.of(np.array([[2, 0], [5, 1]], np.int32), np.array([[3, 4], [1, 2]], np.int32))
-    assert ranges.cells == 10
+    assert ranges.size == 10
     assert ranges.start.tolist() == [[0, 3], [7, 8]]
-    assert everywhere(Volume.empty(whole_range((2, 3), 5))).shape == (2, 3, 5)
+    assert everywhere(Volume.empty(full_range((2, 3), 5))).shape == (2, 3, 5)
 
 
 @pytest.mark.parametrize("shape", [(40, 64), (37, 51), (9, 8)])
@@ -113,7 +113,8 @@ def test_a_tile_is_searched_around_all_known_planes_near_it(shape: tuple[int, in
         for u in range(0, shape[1], TILE_PX):
             tile = slice(v, v + TILE_PX), slice(u, u + TILE_PX)
             near = known[
-                max(v - AROUND_PX, 0) : v + TILE_PX + AROUND_PX, max(u - AROUND_PX, 0) : u + TILE_PX + AROUND_PX
+                max(v - NEIGHBOUR_PX, 0) : v + TILE_PX + NEIGHBOUR_PX,
+                max(u - NEIGHBOUR_PX, 0) : u + TILE_PX + NEIGHBOUR_PX,
             ]
             low = np.clip(np.floor(near.min()) - MARGIN_PLANES, 0, 60 - MIN_PLANES)
             high = min(np.ceil(near.max()) + MARGIN_PLANES + 1, 60)

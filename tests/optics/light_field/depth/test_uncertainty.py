@@ -5,19 +5,19 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mirrorcam.optics.light_field.depth.refine import SHARED_POWER, Match
+from mirrorcam.optics.light_field.depth.refine import SHARED_ERROR_EXPONENT, Match
 from mirrorcam.optics.light_field.depth.uncertainty import (
     ELSEWHERE,
-    HALVED,
+    HALVED_FACTOR,
     INFORMATION,
-    MARGIN_ROOT,
+    MARGIN_EXPONENT,
     MIN_RIVALS,
+    NOISE_EXPONENT,
     RELATED,
     RIVALS,
-    ROOT,
-    ROUGH_POWER,
+    ROUGHNESS_EXPONENT,
     SIGMA_PX,
-    SMOOTH,
+    SMOOTHNESS,
     SURE_MARGIN,
     UNRELATED,
     USUAL_RIVALS,
@@ -33,40 +33,42 @@ def sigma(
     information: float = INFORMATION,
     residual: float = 2.0,
     margin: float = 50.0,
-    smooth: float = 1.0,
+    smoothness: float = 1.0,
     halved: bool = False,
     views: int = 8,
 ) -> float:
     match = Match(information * ONES, 8 * ONES, 8 * ONES, residual * ONES, ONES, ONES)
-    return float(standard_deviation_px(match, smooth * ONES, margin * ONES, views, halved, 20.0)[15, 20])
+    return float(standard_deviation_px(match, smoothness * ONES, margin * ONES, views, halved, 20.0)[15, 20])
 
 
 def test_sigma_grows_with_noise_and_doubt_and_shrinks_with_information() -> None:
     assert sigma() == pytest.approx(SIGMA_PX)
     assert sigma(information=10 * INFORMATION) < 0.7 * sigma()
     assert sigma(residual=20.0) > 1.4 * sigma()
-    assert sigma(margin=SURE_MARGIN / 10) == pytest.approx(10**MARGIN_ROOT * sigma())
-    assert sigma(smooth=0.8) == pytest.approx(0.8**-ROUGH_POWER * sigma())
-    assert sigma(views=80) == pytest.approx(10 ** (SHARED_POWER * ROOT) * sigma())
-    assert sigma(halved=True) == pytest.approx(HALVED * sigma())
+    assert sigma(margin=SURE_MARGIN / 10) == pytest.approx(10**MARGIN_EXPONENT * sigma())
+    assert sigma(smoothness=0.8) == pytest.approx(0.8**-ROUGHNESS_EXPONENT * sigma())
+    assert sigma(views=80) == pytest.approx(10 ** (SHARED_ERROR_EXPONENT * NOISE_EXPONENT) * sigma())
+    assert sigma(halved=True) == pytest.approx(HALVED_FACTOR * sigma())
     # Never more than that of a uniform distribution over the range.
-    assert sigma(information=0.0, margin=0.0, smooth=0.0) <= 20.0 / np.sqrt(12.0) + 1e-4
+    assert sigma(information=0.0, margin=0.0, smoothness=0.0) <= 20.0 / np.sqrt(12.0) + 1e-4
 
 
 def test_probability_falls_with_rivals_at_edges_and_where_a_surface_is_rough() -> None:
-    level = 3.0 * ONES
+    flat = 3.0 * ONES
 
-    def odds(found: np.ndarray) -> float:
+    def log_odds(found: np.ndarray) -> float:
         return float(np.log(found[15, 20] / (1.0 - found[15, 20])))
 
-    alone, one = (probability(level, ALIKE, count * ONES, 0 * ONES, ONES, False) for count in (0, 1))
-    assert odds(one) == pytest.approx(ELSEWHERE + SMOOTH + RIVALS * np.log(1 + MIN_RIVALS), rel=1e-4)
-    assert odds(alone) - odds(one) == pytest.approx(RIVALS * np.log(MIN_RIVALS / (1 + MIN_RIVALS)), rel=1e-3)
-    assert probability(level, ALIKE, ONES, 0 * ONES, 0.5 * ONES, False)[15, 20] < one[15, 20]
-    assert probability(level, ALIKE, ONES, 0 * ONES, ONES, True)[15, 20] < one[15, 20]
-    uninformative = probability(level, ALIKE, ONES, 9.0 * ONES, ONES, False)
-    np.testing.assert_allclose(uninformative, one / (1.0 + 9.0 - USUAL_RIVALS), rtol=1e-5)
-    torn = level + np.where(np.arange(40) > 20, np.float32(5.0), np.float32(0.0))
+    no_rival, one_rival = (probability(flat, ALIKE, count * ONES, 0 * ONES, ONES, False) for count in (0, 1))
+    assert log_odds(one_rival) == pytest.approx(ELSEWHERE + SMOOTHNESS + RIVALS * np.log(1 + MIN_RIVALS), rel=1e-4)
+    assert log_odds(no_rival) - log_odds(one_rival) == pytest.approx(
+        RIVALS * np.log(MIN_RIVALS / (1 + MIN_RIVALS)), rel=1e-3
+    )
+    assert probability(flat, ALIKE, ONES, 0 * ONES, 0.5 * ONES, False)[15, 20] < one_rival[15, 20]
+    assert probability(flat, ALIKE, ONES, 0 * ONES, ONES, True)[15, 20] < one_rival[15, 20]
+    uninformative = probability(flat, ALIKE, ONES, 9.0 * ONES, ONES, False)
+    np.testing.assert_allclose(uninformative, one_rival / (1.0 + 9.0 - USUAL_RIVALS), rtol=1e-5)
+    torn = flat + np.where(np.arange(40) > 20, np.float32(5.0), np.float32(0.0))
     found = probability(torn, ALIKE, ONES, 0 * ONES, ONES, False)[15]
     assert found[20] == found[21] < found[18] < found[10]
 

@@ -13,7 +13,7 @@ from mirrorcam.optics.light_field.features import align as alignment
 from mirrorcam.optics.light_field.features.align import AlignedPatches, align
 from mirrorcam.optics.light_field.features.keypoints import grey_views
 from mirrorcam.optics.light_field.features.patches import ImagePyramid, templates
-from mirrorcam.optics.light_field.features.slope import Geometry
+from mirrorcam.optics.light_field.features.slope import ViewGeometry
 from mirrorcam.optics.light_field.light_field import LightField
 from tests.optics.light_field.features.scenes import of_planes, uneven_views
 
@@ -130,7 +130,7 @@ def test_views_and_parts_do_not_depend_on_each_other(
 ) -> None:
     light_field, expected = facing
     complete = aligned(light_field, expected + 0.5)
-    monkeypatch.setattr(alignment, "KEYPOINTS_AT_ONCE", 7)
+    monkeypatch.setattr(alignment, "KEYPOINTS_PER_BATCH", 7)
     assert np.allclose(aligned(light_field, expected + 0.5).pixels, complete.pixels, rtol=0, atol=1e-3)
     pyramid, views = ImagePyramid(grey(light_field)), np.array([8, 2])
     given = templates(pyramid, 4, PIXELS, np.ones(len(PIXELS)))
@@ -148,13 +148,13 @@ def test_slants_match_the_plane(slants: tuple[float, float]) -> None:
     views, distance = uneven_views(), 450.0
     light_field, _ = of_planes(views, [(distance, slants, None, 1)])
     images = grey_views(light_field)
-    geometry, pyramid = Geometry.of(views), ImagePyramid(images.reshape(3, 3, *images.shape[1:]))
+    geometry, pyramid = ViewGeometry.of(views), ImagePyramid(images.reshape(3, 3, *images.shape[1:]))
     pixels = np.stack(np.meshgrid(np.arange(90.0, 171.0, 8.0), np.arange(60.0, 121.0, 8.0)), axis=-1).reshape(-1, 2)
     directions = geometry.directions(pixels)
-    inverse_mm = (1.0 - directions @ np.array(slants)) / distance
-    start = np.stack([geometry.predict(view, directions, inverse_mm) for view in range(9)])
+    inverse_distance = (1.0 - directions @ np.array(slants)) / distance
+    start = np.stack([geometry.predict(view, directions, inverse_distance) for view in range(9)])
     given = templates(pyramid, 4, pixels, np.full(len(pixels), 2.0))
-    found = align(pyramid, given, np.arange(9), start, geometry.across_mm, 1.0 / inverse_mm)
+    found = align(pyramid, given, np.arange(9), start, geometry.lateral_mm, 1.0 / inverse_distance)
     chosen = given[0].index
     error = found.shapes[chosen, :2] * distance + slants
     assert np.median(np.abs(error)) < 0.12

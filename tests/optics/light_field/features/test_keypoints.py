@@ -15,17 +15,17 @@ from mirrorcam.optics.light_field.features.keypoints import (
     BORDER_PX,
     DetectorName,
     Keypoints,
-    comparable,
     detect,
     detector,
     distances,
+    focal_slice,
     grey_views,
     inner_masks,
-    slice_of,
+    slice_inverse_distances,
     stack_keypoints,
-    stack_slopes,
+    to_comparable,
 )
-from mirrorcam.optics.light_field.features.slope import Geometry
+from mirrorcam.optics.light_field.features.slope import ViewGeometry
 from mirrorcam.optics.light_field.light_field import LightField
 from tests.optics.light_field.features.scenes import Plane, of_planes, uneven_views
 
@@ -86,15 +86,15 @@ def test_bits_are_counted() -> None:
     random = np.random.default_rng(1)
     one, other = random.integers(0, 256, (2, 20, 61), dtype=np.uint8)
     expected = np.unpackbits(one ^ other, axis=1).sum(axis=1)
-    assert (distances(comparable(one), comparable(other)) == expected).all()
+    assert (distances(to_comparable(one), to_comparable(other)) == expected).all()
 
 
 def test_descriptors_of_sift_are_compared_by_their_angle() -> None:
     random = np.random.default_rng(1)
     one = random.uniform(0, 100, (20, 128)).astype(np.float32)
-    unit = comparable(one)
+    unit = to_comparable(one)
     assert np.allclose(np.linalg.norm(unit, axis=1), 1.0, atol=1e-5)
-    assert np.allclose(distances(unit, comparable(3 * one)), 0.0, atol=1e-5)
+    assert np.allclose(distances(unit, to_comparable(3 * one)), 0.0, atol=1e-5)
     assert distances(unit, unit[::-1].copy()).min() > 0.01
 
 
@@ -108,7 +108,7 @@ def test_an_empty_picture_has_no_keypoints(name: DetectorName) -> None:
 
 def test_without_its_module_akaze_is_refused_in_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delattr(cv2, "xfeatures2d", raising=False)
-    with pytest.raises(InputError, match="AKAZE is not in this OpenCV, expected opencv-contrib-python-headless"):
+    with pytest.raises(InputError, match="AKAZE is not in this OpenCV: install opencv-contrib-python-headless"):
         detector("AKAZE", 100)
 
 
@@ -125,7 +125,7 @@ def scene() -> LightField:
 def found(light_field: LightField, count: int = 400) -> tuple[Keypoints, FloatArray]:
     images = grey_views(light_field)
     everywhere = np.full(images.shape, 255, np.uint8)
-    return stack_keypoints(Geometry.of(light_field), images, everywhere, everywhere[0], RANGE, count)
+    return stack_keypoints(ViewGeometry.of(light_field), images, everywhere, everywhere[0], RANGE, count)
 
 
 def test_the_slice_of_a_plane_is_the_central_view_with_less_noise() -> None:
@@ -134,7 +134,7 @@ def test_the_slice_of_a_plane_is_the_central_view_with_less_noise() -> None:
     seen = np.full(images.shape, 255, np.uint8)
     inner = (slice(50, 130), slice(60, 200))
     rms = {
-        depth: np.sqrt(np.mean((slice_of(Geometry.of(noisy), images, seen, 1.0 / depth) - central)[inner] ** 2))
+        depth: np.sqrt(np.mean((focal_slice(ViewGeometry.of(noisy), images, seen, 1.0 / depth) - central)[inner] ** 2))
         for depth in (WALL[0], 500.0)
     }
     assert rms[WALL[0]] < 0.6 * np.sqrt(np.mean((images[4].astype(float) - central)[inner] ** 2))
@@ -142,20 +142,20 @@ def test_the_slice_of_a_plane_is_the_central_view_with_less_noise() -> None:
 
 
 def test_slopes_are_a_pixel_apart_in_the_farthest_view() -> None:
-    geometry = Geometry.of(uneven_views())
-    slopes = stack_slopes(geometry, RANGE)
+    geometry = ViewGeometry.of(uneven_views())
+    slopes = slice_inverse_distances(geometry, RANGE)
     assert slopes[0] == RANGE[0] and slopes[-1] == pytest.approx(RANGE[1])
-    step_px = np.diff(slopes) * 800.0 * np.hypot(*geometry.across_mm.T).max()
+    step_px = np.diff(slopes) * 800.0 * np.hypot(*geometry.lateral_mm.T).max()
     assert (step_px > 0.8).all() and (step_px <= 1.0 + 1e-9).all()
 
 
 def test_keypoints_have_the_slopes_of_their_surfaces(scene: LightField) -> None:
-    keypoints, inverse_mm = found(scene)
-    assert len(inverse_mm) > 150
-    off = np.min([np.abs(1.0 / inverse_mm - depth) for depth in (WALL[0], BOARD[0])], axis=0)
+    keypoints, inverse_distance = found(scene)
+    assert len(inverse_distance) > 150
+    off = np.min([np.abs(1.0 / inverse_distance - depth) for depth in (WALL[0], BOARD[0])], axis=0)
     assert np.mean(off < 20.0) > 0.85
-    assert np.mean(np.abs(1.0 / inverse_mm - BOARD[0]) < 20.0) > 0.1
-    assert keypoints.descriptors.shape == (len(inverse_mm), 128)
+    assert np.mean(np.abs(1.0 / inverse_distance - BOARD[0]) < 20.0) > 0.1
+    assert keypoints.descriptors.shape == (len(inverse_distance), 128)
     assert np.allclose(np.linalg.norm(keypoints.descriptors, axis=1), 1.0, atol=1e-3)
 
 

@@ -12,7 +12,7 @@ from scipy.ndimage import gaussian_filter
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.light_field.features import DetectorName, FeatureFinder, Features
-from mirrorcam.optics.light_field.features.light_field_features import _one_per_place
+from mirrorcam.optics.light_field.features.light_field_features import _one_per_pixel
 from mirrorcam.optics.light_field.light_field import Axis, LightField, Views
 from tests.nightly import a_few
 from tests.optics.light_field.features.scenes import Plane, astigmatic, of_grey, of_planes, uneven_views
@@ -240,22 +240,22 @@ def test_light_fields_of_other_views_are_refused(scene: tuple[LightField, FloatA
         {"focal_px": 801.0},
     ):
         finder = FeatureFinder(uneven_views(**changes), "ORB")
-        with pytest.raises(InputError, match="has other views than layout"):
+        with pytest.raises(InputError, match="differs in its views from layout"):
             finder.find(scene[0])
 
 
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"min_views": 0}, "features in 0 views besides the reference view, expected 1 to 8"),
-        ({"min_views": 9}, "features in 9 views besides the reference view, expected 1 to 8"),
+        ({"min_views": 0}, "minimum number of views is 0 besides the reference view, expected 1 to 8"),
+        ({"min_views": 9}, "minimum number of views is 9 besides the reference view, expected 1 to 8"),
         ({"max_distance_px": 0.0}, "maximum distance is 0 px, expected a positive number"),
         ({"max_distance_px": np.nan}, "maximum distance is nan px"),
-        ({"nearest_mm": 500.0, "farthest_mm": 400.0}, "depths 500 to 400 mm, expected the nearer one first"),
+        ({"nearest_mm": 500.0, "farthest_mm": 400.0}, "depths 500 to 400 mm: the nearer one must come first"),
         ({"nearest_mm": -81.0}, "depths -81 to inf mm, expected .* in front of every view"),
         ({"nearest_mm": np.nan}, "depths nan to inf mm"),
         ({"keypoints": 0}, "at most 0 keypoints"),
-        ({"two_slope_sigma": -1.0}, "two slopes -1 standard deviations apart"),
+        ({"two_slope_sigma": -1.0}, "difference of two slopes is -1 standard deviations"),
     ],
 )
 def test_invalid_requests_are_refused_in_one_line(options: dict[str, Any], message: str) -> None:
@@ -265,15 +265,15 @@ def test_invalid_requests_are_refused_in_one_line(options: dict[str, Any], messa
 
 
 def test_one_view_has_no_features() -> None:
-    with pytest.raises(InputError, match="features of one view, expected at least two views"):
+    with pytest.raises(InputError, match="light field has one view, expected at least two views for features"):
         FeatureFinder(uneven_views(1, 1), "ORB")
 
 
 def test_keypoints_at_one_place_are_one_feature_or_none() -> None:
     pixels = np.array([[5.0, 5.0], [7.0, 5.0], [5.0, 5.0], [7.0, 5.0], [9.0, 9.0]])
-    chosen = _one_per_place(pixels, np.array([6, 9, 8, 6, 6]), np.array([10.0, 20.0, 10.4, 25.0, 3.0]), 1.0)
+    chosen = _one_per_pixel(pixels, np.array([6, 9, 8, 6, 6]), np.array([10.0, 20.0, 10.4, 25.0, 3.0]), 1.0)
     assert chosen.tolist() == [False, False, True, False, True]
-    assert _one_per_place(np.zeros((0, 2)), np.zeros(0, int), np.zeros(0), 1.0).shape == (0,)
+    assert _one_per_pixel(np.zeros((0, 2)), np.zeros(0, int), np.zeros(0), 1.0).shape == (0,)
 
 
 def test_the_reference_is_the_view_at_the_origin() -> None:

@@ -6,8 +6,8 @@ import numpy as np
 
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.light_field.features.keypoints import Keypoints
-from mirrorcam.optics.light_field.features.match import CANDIDATES_PER_VIEW, Candidates, candidates, vote
-from mirrorcam.optics.light_field.features.slope import Geometry
+from mirrorcam.optics.light_field.features.match import CANDIDATES_PER_VIEW, Candidates, find_candidates, vote
+from mirrorcam.optics.light_field.features.slope import ViewGeometry
 from tests.optics.light_field.features.scenes import uneven_views
 
 RANGE = (1 / 5000.0, 1 / 200.0)
@@ -23,11 +23,11 @@ def unit(count: int) -> FloatArray:
     return np.asarray(random / np.linalg.norm(random, axis=1, keepdims=True))
 
 
-def scene(count: int = 30) -> tuple[Geometry, FloatArray, FloatArray]:
+def scene(count: int = 30) -> tuple[ViewGeometry, FloatArray, FloatArray]:
     """Return the geometry, inverse distances (n,) and exact pixels (views, n, 2) of points before uneven views."""
     random = np.random.default_rng(7)
     at = np.stack([*random.uniform(-40, 40, (2, count)), random.uniform(250, 2000, count)], axis=1)
-    return Geometry.of(uneven_views()), 1.0 / at[:, 2], uneven_views().project_in_view(at).reshape(9, count, 2)
+    return ViewGeometry.of(uneven_views()), 1.0 / at[:, 2], uneven_views().project_in_view(at).reshape(9, count, 2)
 
 
 def test_matches_give_the_inverse_distance_for_any_view_positions() -> None:
@@ -35,10 +35,10 @@ def test_matches_give_the_inverse_distance_for_any_view_positions() -> None:
     looks = unit(30)
     shuffled = np.random.default_rng(1).permutation(30)
     others = {view: keypoints(seen[view][shuffled], looks[shuffled]) for view in (0, 3, 7)}
-    found = candidates(geometry, keypoints(seen[4], looks), others, "SIFT", RANGE, np.full(30, 1.0), map)
-    assert found.inverse_mm.shape == (30, 3, CANDIDATES_PER_VIEW)
-    assert np.allclose(found.inverse_mm[..., 0], inverse[:, None], rtol=1e-9)
-    assert np.abs(found.off_line_px[..., 0]).max() < 1e-9
+    found = find_candidates(geometry, keypoints(seen[4], looks), others, "SIFT", RANGE, np.full(30, 1.0), map)
+    assert found.inverse_distance.shape == (30, 3, CANDIDATES_PER_VIEW)
+    assert np.allclose(found.inverse_distance[..., 0], inverse[:, None], rtol=1e-9)
+    assert np.abs(found.epipolar_distance_px[..., 0]).max() < 1e-9
     # The speed of a match, by differences of the prediction.
     for place, view in enumerate(others):
         here, there = (geometry.predict(view, geometry.directions(seen[4]), inverse + step) for step in (-1e-8, 1e-8))
@@ -54,8 +54,8 @@ def test_matches_off_the_line_out_of_range_or_of_other_appearance_are_left_out()
 
     def matched(other: Keypoints, reference: Keypoints | None = None) -> int:
         at = keypoints(seen[4], looks) if reference is None else reference
-        found = candidates(geometry, at, {1: other}, "SIFT", RANGE, np.full(30, 1.0), map)
-        return int(np.isfinite(found.inverse_mm[:, 0, 0]).sum())
+        found = find_candidates(geometry, at, {1: other}, "SIFT", RANGE, np.full(30, 1.0), map)
+        return int(np.isfinite(found.inverse_distance[:, 0, 0]).sum())
 
     assert matched(keypoints(seen[1], looks)) == 30
     assert matched(keypoints(seen[1] + 0.9 * across, looks)) == 30
@@ -80,11 +80,11 @@ def test_similar_matches_keep_their_order_and_too_many_are_dropped() -> None:
 
     def found(count: int) -> Candidates:
         others = {1: keypoints(pixels[:count], described[:count]), 3: keypoints(other, looks)}
-        return candidates(geometry, keypoints(seen[4], looks), others, "SIFT", RANGE, np.ones(1), map)
+        return find_candidates(geometry, keypoints(seen[4], looks), others, "SIFT", RANGE, np.ones(1), map)
 
-    assert np.allclose(found(CANDIDATES_PER_VIEW).inverse_mm[0, 0], steps[[2, 1, 3, 0]])
-    assert np.allclose(found(CANDIDATES_PER_VIEW).inverse_mm[0, 1, 0], steps[1])
-    assert np.isnan(found(CANDIDATES_PER_VIEW + 1).inverse_mm).all()
+    assert np.allclose(found(CANDIDATES_PER_VIEW).inverse_distance[0, 0], steps[[2, 1, 3, 0]])
+    assert np.allclose(found(CANDIDATES_PER_VIEW).inverse_distance[0, 1, 0], steps[1])
+    assert np.isnan(found(CANDIDATES_PER_VIEW + 1).inverse_distance).all()
 
 
 def found_of(inverse: FloatArray, off: FloatArray | float = 0.0) -> Candidates:

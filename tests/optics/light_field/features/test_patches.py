@@ -48,7 +48,7 @@ def test_a_patch_at_the_rim_of_a_view_shows_nothing_of_its_neighbour() -> None:
 
 
 def test_views_too_large_for_tables_are_refused() -> None:
-    with pytest.raises(InputError, match=r"100x1 views of 40x400 px, expected less than 32767 px side by side"):
+    with pytest.raises(InputError, match=r"100x1 views of 40x400 px, which must be less than 32767 px side by side"):
         ImagePyramid(np.zeros((100, 1, 400, 40), np.uint8))
 
 

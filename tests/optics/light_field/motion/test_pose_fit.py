@@ -8,19 +8,19 @@ from scipy.spatial.transform import Rotation
 
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.transforms import inverse, rigid, transform
-from mirrorcam.optics.light_field.features.slope import Geometry
+from mirrorcam.optics.light_field.features.slope import ViewGeometry
 from mirrorcam.optics.light_field.motion.pose_fit import (
     Frame,
     Landmarks,
-    Seen,
+    Observations,
     SharedErrors,
     _equations,
+    build_landmarks,
     fit_pose,
-    landmarks_of,
-    predicted,
+    observe,
+    predict,
     rigid_motions,
     robust_motion,
-    see,
 )
 from tests.optics.light_field.relief_scene import Relief, even_views, light_field_of
 
@@ -32,50 +32,50 @@ NOISE, SIGMA = 4e-5, 2e-6
 
 
 def test_landmarks_match_the_scene() -> None:
-    geometry = Geometry.of(VIEWS)
+    geometry = ViewGeometry.of(VIEWS)
     first, true_mm = light_field_of(SCENE, VIEWS, subsamples=1)
     pixels = np.stack(np.meshgrid(np.arange(30, 171, 10), np.arange(30, 121, 10)), axis=-1).reshape(-1, 2)
     exact = 1.0 / true_mm[pixels[:, 1], pixels[:, 0]]
     directions = geometry.directions(pixels.astype(float))
-    known = landmarks_of(geometry, Frame.of(first), directions, exact * 1.001, np.full(len(pixels), 2.0), map)
+    known = build_landmarks(geometry, Frame.of(first), directions, exact * 1.001, np.full(len(pixels), 2.0), map)
     assert len(known.directions) > 0.8 * len(pixels)
     place = [np.flatnonzero((directions == each).all(axis=1))[0] for each in known.directions]
-    ratio = (known.inverse_mm - exact[place]) / np.hypot(known.sigma_per_mm, known.shape_sigma_per_mm)
+    ratio = (known.inverse_distance - exact[place]) / np.hypot(known.sigma_per_mm, known.shape_sigma_per_mm)
     assert np.median(np.abs(ratio)) < 1.0
 
     moved = rigid(np.eye(3), [15.0, 5.0, -10.0])
     second, _ = light_field_of(SCENE, VIEWS, world_from_view=moved, subsamples=1, seed=1)
-    expected = predicted(known, inverse(moved))
-    seen = see(geometry, Frame.of(second), known.given, *expected, map)
+    expected = predict(known, inverse(moved))
+    seen = observe(geometry, Frame.of(second), known.templates, *expected, map)
     assert seen.valid.mean() > 0.7
     off_px = 500.0 * np.linalg.norm(seen.directions - expected[0], axis=1)[seen.valid]
     assert np.median(off_px) < 0.05
-    assert np.median(np.abs(seen.inverse_mm / expected[1] - 1.0)[seen.valid]) < 0.002
+    assert np.median(np.abs(seen.inverse_distance / expected[1] - 1.0)[seen.valid]) < 0.002
 
 
 def landmarks(count: int) -> Landmarks:
     random = np.random.default_rng(3)
     return Landmarks(
         directions=random.uniform([-0.3, -0.2], [0.3, 0.2], (count, 2)),
-        inverse_mm=1.0 / random.uniform(350.0, 700.0, count),
+        inverse_distance=1.0 / random.uniform(350.0, 700.0, count),
         sigma_per_mm=np.full(count, SIGMA),
         shape_sigma_per_mm=np.zeros(count),
         shapes=np.zeros((count, 9)),
-        given=[],
+        templates=[],
     )
 
 
-def seen_from(true: Landmarks, pose: FloatArray, random: np.random.Generator | None = None) -> Seen:
-    directions, inverse_mm, _ = predicted(true, pose)
+def seen_from(true: Landmarks, pose: FloatArray, random: np.random.Generator | None = None) -> Observations:
+    directions, inverse_distance, _ = predict(true, pose)
     count = len(directions)
     if random is not None:
         directions = directions + random.normal(0.0, NOISE, (count, 2))
-        inverse_mm = inverse_mm + random.normal(0.0, SIGMA, count)
-    return Seen(
+        inverse_distance = inverse_distance + random.normal(0.0, SIGMA, count)
+    return Observations(
         valid=np.ones(count, dtype=bool),
         directions=directions,
         covariance=np.tile(NOISE**2 * np.eye(2), (count, 1, 1)),
-        inverse_mm=inverse_mm,
+        inverse_distance=inverse_distance,
         sigma_per_mm=np.full(count, SIGMA),
         shape_sigma_per_mm=np.zeros(count),
         shapes=np.zeros((count, 9)),
@@ -88,15 +88,15 @@ def moved(pose: FloatArray, xi: FloatArray) -> FloatArray:
 
 def test_predicted_pixels_match_the_points() -> None:
     some = landmarks(30)
-    points = np.c_[some.directions, np.ones(30)] / some.inverse_mm[:, None]
+    points = np.c_[some.directions, np.ones(30)] / some.inverse_distance[:, None]
     there = transform(POSE, points)
-    directions, inverse_mm, warp = predicted(some, POSE)
+    directions, inverse_distance, warp = predict(some, POSE)
     assert np.allclose(directions, there[:, :2] / there[:, 2:])
-    assert np.allclose(inverse_mm, 1.0 / there[:, 2])
+    assert np.allclose(inverse_distance, 1.0 / there[:, 2])
     # A step across the key frame's picture, at the same inverse distance.
     step = np.array([1e-6, 0.0])
     beside = Landmarks(**{**vars(some), "directions": some.directions + step})
-    assert np.allclose((predicted(beside, POSE)[0] - directions) / 1e-6, warp.linear[:, :, 0], atol=1e-5)
+    assert np.allclose((predict(beside, POSE)[0] - directions) / 1e-6, warp.linear[:, :, 0], atol=1e-5)
 
 
 @pytest.mark.parametrize("number", range(6))
@@ -107,7 +107,7 @@ def test_derivatives_match_finite_differences(number: int) -> None:
     step = 1e-5 * np.eye(6)[number]
     ahead, back = (_equations(some, seen, moved(POSE, sign * step))[0] for sign in (1.0, -1.0))
     assert np.allclose(-(ahead - back) / 2e-5, jacobian[:, :, number], rtol=1e-5, atol=1e-9)
-    nearer = Landmarks(**{**vars(some), "inverse_mm": some.inverse_mm + 1e-9})
+    nearer = Landmarks(**{**vars(some), "inverse_mm": some.inverse_distance + 1e-9})
     assert np.allclose(-(_equations(nearer, seen, POSE)[0]) / 1e-9, by_w, rtol=1e-3, atol=1e-3)
 
 
@@ -125,7 +125,7 @@ def test_the_covariance_matches_drawn_errors() -> None:
     squares = []
     for seed in range(60):
         random = np.random.default_rng(seed)
-        known = Landmarks(**{**vars(true), "inverse_mm": true.inverse_mm + random.normal(0.0, SIGMA, 400)})
+        known = Landmarks(**{**vars(true), "inverse_mm": true.inverse_distance + random.normal(0.0, SIGMA, 400)})
         seen = seen_from(true, POSE, random)
         seen.directions[:40] += random.uniform(-0.05, 0.05, (40, 2))
         found = fit_pose(known, seen, POSE, ALONE)

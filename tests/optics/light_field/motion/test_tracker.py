@@ -67,7 +67,7 @@ def test_poses_are_accurate_within_their_covariances(filmed: list[LightField]) -
 
 
 def test_key_frames_add_their_covariances(filmed: list[LightField], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(tracking, "MIN_SHARE", 2.0)
+    monkeypatch.setattr(tracking, "MIN_VISIBLE_FRACTION", 2.0)
     tracker = LightFieldTracker(filmed[0])
     found = [tracker.track(each) for each in filmed[:4]]
     assert all(each.is_key for each in found)
@@ -89,7 +89,7 @@ def test_tracking_is_lost_in_another_scene_and_recovered(filmed: list[LightField
 
 def test_light_fields_of_other_views_are_refused(filmed: list[LightField]) -> None:
     tracker = LightFieldTracker(even_views(3, 11.0, **SIZE))
-    with pytest.raises(InputError, match="has other views than layout"):
+    with pytest.raises(InputError, match="differs in its views from layout"):
         tracker.track(filmed[0])
 
 
