@@ -1,8 +1,8 @@
 """Measurement and compensation of each view's brightness relative to the central view, and of the camera's response.
 
 Mirrors differ in reflectance. Towards the border of a view, its mirror fills only a known fraction s of the pupil; a
-linear camera then records s times the grey level just inside, and a camera with a gamma curve records about s^gamma times that
-level. Decoding divides by that factor wherever only part of the pupil sees a mirror.
+linear camera then records s times the grey level just inside, one with a gamma curve about s^gamma times that level.
+Decoding divides by that factor wherever only part of the pupil sees a mirror.
 """
 
 from __future__ import annotations
@@ -101,8 +101,8 @@ def measure(light_fields: Iterable[LightField]) -> Equalisation:
     """Measure the equalisation from light fields of any scene, or of an evenly lit surface.
 
     Each pixel of a view is compared with the position in the central view that shows the same point, at the candidate
-    depth of the highest correlation. Only textured pixels are used, or if too few match, as on a plain wall, those without
-    texture. The factor is the median over the light fields of their medians over pixels.
+    depth of the highest correlation. Only textured pixels are used, or plain ones if too few match, as on a plain wall.
+    The factor is the median over the light fields of their medians over pixels.
 
     Raises InputError if a view has too few such pixels, the layouts of the light fields differ, or there are no light
     fields.

@@ -31,7 +31,7 @@ def test_an_image_is_cut_in_the_middle_unless_a_line_is_given(axis: Axis, length
     picture = read_image(tmp_path / "card_epi.png")
     assert picture.shape[1] == 1000
     assert picture.std() > 20
-    with pytest.raises(InputError, match=r"line 120 along [st], expected 0 to "):
+    with pytest.raises(InputError, match=r"line is 120 along [st], expected 0 to "):
         write_epi(tmp_path, "card", light_field, axis=axis, line=120)
 
 

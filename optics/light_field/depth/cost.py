@@ -239,7 +239,7 @@ def _compare_row(
     sampled: Float32,
     visible: Float32,
 ) -> None:
-    """Fill a view's costs (u,) for a plane at pixels `first` to `last` of row `y`, and its sample and visibility masks."""
+    """Fill a view's costs (u,) for a plane at pixels `first` to `last` of row `y`, and its two masks."""
     height, width = views.inverse_contrast.shape
     cost[:], sampled[:], visible[:] = 0.0, 0.0, 0.0
     scale, offset_u = mapping.scale[plane, view], mapping.offset_u[plane, view]

@@ -1,10 +1,10 @@
 """Sub-pixel alignment of keypoints' patches from the reference view with the other views.
 
-Inverse compositional Gauss-Newton (Baker and Matthews, IJCV 2004) on patches normalised to zero mean and unit length: views
-may differ in brightness and contrast. A patch shifts separately in each view, while the shape of its surface,
-slanted and curved, is estimated from all views jointly: with the inverse distance w + n.o + c(o) at an offset o, where
-c holds powers of two and three, a view at p sees the offset shifted by -f p (n.o + c(o)). Without a shape, shifts along
-s and t would differ, as by refraction. The part of the residuals that no shape explains gives the noise.
+Inverse compositional Gauss-Newton (Baker and Matthews, IJCV 2004) on patches of zero mean and unit length, so views may
+differ in brightness and contrast. A patch shifts separately in each view, while the shape of its surface, slanted and
+curved, is estimated from all views jointly: with the inverse distance w + n.o + c(o) at an offset o, where c holds
+powers of two and three, a view at p sees the offset shifted by -f p (n.o + c(o)). Without a shape, shifts along s and t
+would differ, as by refraction. The part of the residuals that no shape explains gives the noise.
 """
 
 from __future__ import annotations

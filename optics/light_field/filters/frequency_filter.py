@@ -1,14 +1,14 @@
 """4-D filters of light fields in the frequency domain.
 
-Views are padded by the largest shift between two views in the passband, so that nothing wraps around. Samples beyond
-the borders, missing ones, and the missing part of those with weights below 1 start from a guess and are replaced by the
-filter's result from the others, in a few passes: expectation maximisation for missing data (Dempster, Laird and Rubin,
-Journal of the Royal Statistical Society B 39, 1977).
+Views are padded by the maximum shift between two views in the passband, so that nothing wraps around. Samples beyond
+the borders, missing samples, and the missing part of those with weights below 1 start from a guess and are replaced by
+the filter's result from the others, in a few passes: expectation maximisation for missing data (Dempster, Laird and
+Rubin, Journal of the Royal Statistical Society B 39, 1977).
 
 At every frequency, the views form a vector v with covariance P S + N: S is the coherence of the passband, P the power
 in the passband, and N the power of noise and everything else, which is independent between views. Both are measured
 from the spectra in rings of equal frequency: for n views, E[v* v] = n P + n N and E[v* S v] = tr(S S) P + n N. The
-linear estimate with the least squared error is then P S (P S + N)^-1 v (Wiener).
+linear estimate with the minimum squared error is then P S (P S + N)^-1 v (Wiener).
 """
 
 from __future__ import annotations
@@ -31,20 +31,20 @@ OUTLIER_PASSES = 12
 OUTLIER_SIGMAS = 14.0
 """Residual, in robust standard deviations, at which a sample's weight falls to a quarter."""
 MIN_VARIANCE = (1.0 / 255.0) ** 2
-"""Least variance of residuals: below a grey level, residuals do not exceed rounding."""
+"""Minimum variance of residuals: below a grey level, residuals do not exceed rounding."""
 MEDIAN_OF_SQUARES = {1: 0.455, 3: 2.366}
-"""Medians of chi-squared distributions."""
+"""Medians of chi-squared distributions, by degrees of freedom."""
 MARGIN_PX = 8
-BRIGHTNESS_AND_COLOUR = (np.array([[1, 1, 1], [1, 0, -1], [1, -2, 1]]) / np.sqrt([[3], [2], [6]])).astype(np.float32)
-"""Rotation of RGB: surfaces vary more in brightness than in colour, noise does not."""
+OPPONENT_FROM_RGB = (np.array([[1, 1, 1], [1, 0, -1], [1, -2, 1]]) / np.sqrt([[3], [2], [6]])).astype(np.float32)
+"""Rotation from RGB to brightness and two colour differences: surfaces vary more in brightness, noise does not."""
 Complex64 = NDArray[np.complex64]
 RINGS = 48
-BYTES_AT_ONCE = 60_000_000
-"""Bytes of coherences in memory at a time."""
+MAX_BYTES = 60_000_000
+"""Maximum bytes of coherences in memory at a time."""
 MIN_EXCESS = 0.1
-"""Least tr(S S) / n - 1 of a ring for separating signal from noise."""
+"""Minimum tr(S S) / n - 1 of a ring at which signal and noise can be separated."""
 MIN_NOISE = 1e-5
-"""Least noise relative to the signal's power: coherences are singular."""
+"""Minimum noise relative to the signal's power, because coherences are singular."""
 MAX_NOISE = 1e5
 
 
@@ -57,10 +57,10 @@ class Filtered:
     light_field
         The result, with the geometry, weights and sample type of the input.
     outside
-        Rms per sample, 0 to 1, of what contradicts the passband: noise, objects at other depths, occlusions and
+        RMS per sample, 0 to 1, of what contradicts the passband: noise, objects at other depths, occlusions and
         reflections.
     left_out
-        Share of the samples with a weight below one half.
+        Fraction of the samples with a weight below one half.
     """
 
     light_field: LightField
@@ -75,7 +75,7 @@ def filter_light_field(light_field: LightField, passband: Passband, *, leave_out
     ----------
     light_field
         Samples of views at any positions. Views in front of or behind the others are treated as coplanar: the result is
-        then off by up to |z_i| |1 / Z - 1 / Z0| of its distance from the principal point.
+        then off by up to |z_i| |1 / Z - 1 / Z0| times the distance from the principal point.
     passband
         The passband, for these views.
     leave_out
@@ -91,9 +91,9 @@ def filter_light_field(light_field: LightField, passband: Passband, *, leave_out
     is_bytes = light_field.samples.dtype == np.uint8
     samples: Any = light_field.samples.reshape(-1, *light_field.samples.shape[2:]).astype(np.float32)
     weights = np.minimum(light_field.weights.reshape(samples.shape[:3]), np.float32(1.0))
-    rotation = BRIGHTNESS_AND_COLOUR if channels == 3 else np.ones((1, 1), np.float32)
+    rotation = OPPONENT_FROM_RGB if channels == 3 else np.ones((1, 1), np.float32)
     scale = np.float32(255.0 if is_bytes else 1.0)
-    filtered, power, used = _filtered(samples / scale @ rotation.T, weights, passband, leave_out)
+    filtered, power, used = _filter(samples / scale @ rotation.T, weights, passband, leave_out)
     result: Any = np.clip(filtered @ rotation, 0.0, 1.0).reshape(*grid, *samples.shape[1:]) * scale
     result = np.where(light_field.valid[..., None], np.rint(result) if is_bytes else result, 0.0)
     present = weights > 0
@@ -104,44 +104,42 @@ def filter_light_field(light_field: LightField, passband: Passband, *, leave_out
     )
 
 
-def _filtered(
-    samples: Float32, weights: Float32, passband: Passband, leave_out: bool
-) -> tuple[Float32, Power, Float32]:
+def _filter(samples: Float32, weights: Float32, passband: Passband, leave_out: bool) -> tuple[Float32, Power, Float32]:
     """Return filtered samples (n, v, u, c), the power of passband and rest, and the samples' weights (n, v, u)."""
-    pads, inside = _extension(samples.shape[1:3], passband)
-    original = _extended(samples, weights, pads)
-    known = used = np.pad(weights, pads[:3])[..., None]
+    pads, crop = _padding(samples.shape[1:3], passband)
+    original = _pad(samples, weights, pads)
+    available = used = np.pad(weights, pads[:3])[..., None]
     frequencies = frequencies_of(*original.shape[1:3])
-    lag = np.exp(1j * passband.phases(frequencies)).astype(np.complex64)[..., None]
+    phase_factors = np.exp(1j * passband.phases(frequencies)).astype(np.complex64)[..., None]
     filled = filtered = original
     last = (OUTLIER_PASSES if leave_out else PASSES) - 1
     for number in range(last + 1):
         if number:
-            used = known * _inlier_weights(original, filtered, known) if leave_out else known
+            used = available * _inlier_weights(original, filtered, available) if leave_out else available
             filled = used * original + (1 - used) * filtered
-        spectra = scipy.fft.rfft2(filled, axes=(1, 2), norm="ortho") * lag
+        spectra = scipy.fft.rfft2(filled, axes=(1, 2), norm="ortho") * phase_factors
         vectors = np.moveaxis(spectra, 0, 2).reshape(-1, spectra.shape[0], spectra.shape[3])
         power = measure_power(vectors, passband, frequencies.reshape(-1, 2), float(used.mean()))
         passed = filtered_spectra(vectors, passband, frequencies.reshape(-1, 2), power)
         if number == last:
-            # Remove no more than noise; missing samples were filled with the common part of the views.
-            share = power.noisy[rings_of(frequencies.reshape(-1, 2))].astype(np.float32)
-            passed = vectors + share[:, None] * (passed - vectors)
-        spectra = np.moveaxis(passed.reshape(*spectra.shape[1:3], *vectors.shape[1:]), 2, 0) * lag.conj()
+            # Remove noise only; missing samples were filled with the common part of the views.
+            noise_fraction = power.noise_fractions[rings_of(frequencies.reshape(-1, 2))].astype(np.float32)
+            passed = vectors + noise_fraction[:, None] * (passed - vectors)
+        spectra = np.moveaxis(passed.reshape(*spectra.shape[1:3], *vectors.shape[1:]), 2, 0) * phase_factors.conj()
         filtered = scipy.fft.irfft2(spectra, original.shape[1:3], axes=(1, 2), norm="ortho").astype(np.float32)
-    return filtered[:, *inside], power, used[:, *inside, 0]
+    return filtered[:, *crop], power, used[:, *crop, 0]
 
 
-def _extension(size: tuple[int, ...], passband: Passband) -> tuple[list[tuple[int, int]], tuple[slice, slice]]:
+def _padding(size: tuple[int, ...], passband: Passband) -> tuple[list[tuple[int, int]], tuple[slice, slice]]:
     """Return the padding of samples (n, v, u) for `np.pad`, and the location of the original samples in the result."""
-    min_padding = int(np.ceil(passband.largest_shift_px)) + MARGIN_PX
+    min_padding = int(np.ceil(passband.max_shift_px)) + MARGIN_PX
     sides = [scipy.fft.next_fast_len(side + 2 * min_padding, real=True) for side in size]
     padding = [(min_padding, side - length - min_padding) for side, length in zip(sides, size, strict=True)]
-    down, across = (slice(min_padding, min_padding + length) for length in size)
-    return [(0, 0), *padding], (down, across)
+    rows, columns = (slice(min_padding, min_padding + length) for length in size)
+    return [(0, 0), *padding], (rows, columns)
 
 
-def _extended(samples: Float32, weights: Float32, pads: list[tuple[int, int]]) -> Float32:
+def _pad(samples: Float32, weights: Float32, pads: list[tuple[int, int]]) -> Float32:
     """Fill missing samples with a guess: the mean of views at a pixel, and beyond borders a ramp to the overall mean.
 
     Both ends of the padding have the same colour, so that wrapping around creates no edge.
@@ -157,18 +155,18 @@ def _extended(samples: Float32, weights: Float32, pads: list[tuple[int, int]]) -
     return np.stack(ramps, axis=-1).astype(np.float32)
 
 
-def _inlier_weights(original: Float32, filtered: Float32, known: Float32) -> Float32:
-    """Weights of samples (n, v, u, 1), 0 to 1, by their distance from the filtered ones."""
+def _inlier_weights(original: Float32, filtered: Float32, available: Float32) -> Float32:
+    """Return weights of samples (n, v, u, 1), 0 to 1, by their distance from the filtered ones."""
     squares = np.square(original - filtered).sum(axis=-1)
-    smooth = np.stack([cv2.GaussianBlur(each, (0, 0), 1.0) for each in squares])
-    variance = np.median(squares[known[..., 0] > 0.5]) / MEDIAN_OF_SQUARES[original.shape[-1]]
+    smooth = np.stack([cv2.GaussianBlur(view, (0, 0), 1.0) for view in squares])
+    variance = np.median(squares[available[..., 0] > 0.5]) / MEDIAN_OF_SQUARES[original.shape[-1]]
     ratio = smooth / np.float32(max(float(variance), MIN_VARIANCE) * OUTLIER_SIGMAS**2)
     return (1.0 / np.square(1.0 + np.square(ratio)))[..., None].astype(np.float32)
 
 
 @dataclass(frozen=True, eq=False)
 class Power:
-    """Power per view in a passband, and of the rest, (rings, components); `counts` are numbers of frequencies."""
+    """Power per view in a passband and outside it (rings, components), and numbers of frequencies (rings,)."""
 
     signal: FloatArray
     noise: FloatArray
@@ -182,14 +180,16 @@ class Power:
         return np.clip(ratios, MIN_NOISE, MAX_NOISE)
 
     @property
-    def noisy(self) -> FloatArray:
-        """Share (rings, components) of noise in the differences between views, as `ratios` are limited from below.
+    def noise_fractions(self) -> FloatArray:
+        """Fraction (rings, components) of noise in the differences between views, as `ratios` are limited from below.
 
-        Below `MIN_NOISE`, the views truly differ: at low frequencies, by what lies inside the borders of some views
-        only.
+        Below `MIN_NOISE`, the views truly differ: at low frequencies, because their borders enclose different parts of
+        the scene.
         """
-        share = np.divide(self.noise, MIN_NOISE * self.signal, out=np.ones_like(self.noise), where=self.signal > 0)
-        return np.clip(share, 0.0, 1.0)
+        noise_fraction = np.divide(
+            self.noise, MIN_NOISE * self.signal, out=np.ones_like(self.noise), where=self.signal > 0
+        )
+        return np.clip(noise_fraction, 0.0, 1.0)
 
     @property
     def noise_of_sample(self) -> float:
@@ -198,27 +198,27 @@ class Power:
 
 
 def frequencies_of(height: int, width: int) -> FloatArray:
-    """Frequencies (height, width // 2 + 1, 2), (wu, wv) in rad per px, of `scipy.fft.rfft2`."""
-    across = 2.0 * np.pi * np.fft.rfftfreq(width)
-    down = 2.0 * np.pi * np.fft.fftfreq(height)
-    return np.stack(np.meshgrid(across, down), axis=-1)
+    """Return the frequencies (height, width // 2 + 1, 2), (wu, wv) in rad per px, of `scipy.fft.rfft2`."""
+    wu = 2.0 * np.pi * np.fft.rfftfreq(width)
+    wv = 2.0 * np.pi * np.fft.fftfreq(height)
+    return np.stack(np.meshgrid(wu, wv), axis=-1)
 
 
 def rings_of(frequencies: FloatArray) -> NDArray[np.int64]:
-    """Ring (...) of each frequency (..., 2)."""
+    """Return the ring (...) of each frequency (..., 2)."""
     length = np.linalg.norm(frequencies, axis=-1) / (np.sqrt(2.0) * np.pi)
     return np.minimum((length * RINGS).astype(np.int64), RINGS - 1)
 
 
-def measure_power(spectra: Complex64, passband: Passband, frequencies: FloatArray, seen: float) -> Power:
-    """Measure the power in a passband and the rest, of spectra (m, n, c) at frequencies (m, 2).
+def measure_power(spectra: Complex64, passband: Passband, frequencies: FloatArray, original_fraction: float) -> Power:
+    """Measure the power in a passband and outside it, of spectra (m, n, c) at frequencies (m, 2).
 
-    `seen` is the share of original samples; filled-in ones have no noise.
+    `original_fraction` is the fraction of original samples; filled-in samples have no noise.
     """
     rings, views = rings_of(frequencies), spectra.shape[1]
     sums = np.zeros((RINGS, 2, spectra.shape[2]))
     traces, counts = np.zeros(RINGS), np.bincount(rings, minlength=RINGS)
-    for part in _parts(len(frequencies), views):
+    for part in _slices(len(frequencies), views):
         coherence = passband.coherence(frequencies[part]).astype(np.float32)
         vectors = spectra[part]
         total = (np.abs(vectors) ** 2).sum(axis=1)
@@ -229,9 +229,9 @@ def measure_power(spectra: Complex64, passband: Passband, frequencies: FloatArra
     mean, excess = sums / divisors[:, None, None], (traces / divisors) / views - 1.0
     separable = excess > MIN_EXCESS
     signal = (mean[:, 1] - mean[:, 0]) / views / np.where(separable, excess, 1.0)[:, None]
-    noise = np.clip(mean[:, 0] / views - np.maximum(signal, 0.0), 0.0, None) / max(seen, 1e-3)
-    noise = _interpolated(noise, separable & (counts > 0))
-    return Power(np.maximum(mean[:, 0] / views - noise * seen, 0.0), noise, counts)
+    noise = np.clip(mean[:, 0] / views - np.maximum(signal, 0.0), 0.0, None) / max(original_fraction, 1e-3)
+    noise = _interpolate(noise, separable & (counts > 0))
+    return Power(np.maximum(mean[:, 0] / views - noise * original_fraction, 0.0), noise, counts)
 
 
 def filtered_spectra(spectra: Complex64, passband: Passband, frequencies: FloatArray, power: Power) -> Complex64:
@@ -240,24 +240,24 @@ def filtered_spectra(spectra: Complex64, passband: Passband, frequencies: FloatA
     views, components = spectra.shape[1:]
     identity = np.eye(views, dtype=np.float32)
     filtered = np.zeros_like(spectra)
-    for part in _parts(len(frequencies), views):
+    for part in _slices(len(frequencies), views):
         coherence = passband.coherence(frequencies[part]).astype(np.float32)
         for c in range(components):
             # Real and imaginary part are two right-hand sides of one real system.
-            sides = np.ascontiguousarray(spectra[part, :, c])[..., None].view(np.float32)
-            solved = coherence @ np.linalg.solve(coherence + ratios[part, c, None, None] * identity, sides)
+            rhs = np.ascontiguousarray(spectra[part, :, c])[..., None].view(np.float32)
+            solved = coherence @ np.linalg.solve(coherence + ratios[part, c, None, None] * identity, rhs)
             filtered[part, :, c] = np.ascontiguousarray(solved).view(np.complex64)[..., 0]
     return filtered
 
 
-def _parts(count: int, views: int) -> list[slice]:
-    step = max(1, BYTES_AT_ONCE // (views * views * 8))
+def _slices(count: int, views: int) -> list[slice]:
+    step = max(1, MAX_BYTES // (views * views * 8))
     return [slice(start, start + step) for start in range(0, count, step)]
 
 
-def _interpolated(noise: FloatArray, separated: NDArray[np.bool_]) -> FloatArray:
-    """Fill noise (rings, c) that views do not separate from the signal by interpolation from other rings."""
+def _interpolate(noise: FloatArray, separated: NDArray[np.bool_]) -> FloatArray:
+    """Fill noise (rings, c) that the views cannot separate from the signal, by interpolation between other rings."""
     if not separated.any():
         return np.zeros_like(noise)
-    rings, known = np.arange(len(noise)), np.flatnonzero(separated)
-    return np.stack([np.interp(rings, known, each[known]) for each in noise.T], axis=-1)
+    rings, available = np.arange(len(noise)), np.flatnonzero(separated)
+    return np.stack([np.interp(rings, available, column[available]) for column in noise.T], axis=-1)

@@ -1,11 +1,11 @@
 """Passbands of 4-D filters of light fields, as the coherence of views at their true positions.
 
-A point at a depth shifts by its metric slope m from view to view (`Views.slope_from_depth`), so the views show
-T(u - m x): at the spatial frequency w = (wu, wv), view i holds T(w) exp(-j m w . x_i). A plane of constant depth is a
-plane in the 4-D spectrum, and the depths between two planes form a fan (Dansereau, Pizarro and Williams, Linear
-Volumetric Focus for Light Field Cameras, ACM Transactions on Graphics 34(2), 2015). The Light Field Toolbox defines
-passbands on even grids of views. Here, they are coherences of two views: the passband's Fourier transform over the view
-frequencies, at the distance of the two. So views keep their positions, and the last one does not wrap to the first.
+A point at a depth shifts by its metric slope m from view to view (`Views.slope_from_depth`), so the views show T(u - m
+x): at the spatial frequency w = (wu, wv), view i holds T(w) exp(-j m w . x_i). A plane of constant depth is a plane in
+the 4-D spectrum, and the depths between two planes form a fan (Dansereau, Pizarro and Williams, Linear Volumetric Focus
+for Light Field Cameras, ACM Transactions on Graphics 34(2), 2015). The Light Field Toolbox defines passbands on even
+grids of views. Here, they are coherences of two views: the passband's Fourier transform over the view frequencies, at
+the distance between the two. So views keep their positions, and the last view does not wrap around to the first.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.light_field.light_field import Views
 
-SMALL = 1e-4
+SMALL_ANGLE = 1e-4
 """Radians below which sin(x) / x is 1 - x^2 / 6 to the last digit."""
 
 FilterKind = Literal["hyperfan", "dual-fan", "hypercone"]
@@ -28,7 +28,7 @@ FilterKind = Literal["hyperfan", "dual-fan", "hypercone"]
 
 @dataclass(frozen=True, eq=False)
 class Passband:
-    """A filter's passband: its range of slopes, and how slopes along x and y are related.
+    """A filter's passband: its range of slopes, and the relation between slopes along x and y.
 
     Attributes
     ----------
@@ -54,43 +54,43 @@ class Passband:
         """
         positions = views.positions_mm[..., :2].reshape(-1, 2)
         if len(positions) < 2:
-            raise InputError("one view, expected several: filters compare views")
+            raise InputError("light field has one view, expected several: filters compare views")
         if kind == "hypercone":
             return cls(kind, 0.0, 0.0, positions)
         if near_mm is None or far_mm is None:
-            raise InputError(f"a {kind} passes a range of depths, expected a nearest and a farthest one")
-        least_mm = views.reference_view_depth_mm + max(float(views.positions_mm[..., 2].max()), 0.0)
-        if not least_mm < near_mm < far_mm:
+            raise InputError(f"a {kind} passes a range of depths, expected its nearest and farthest depth")
+        min_mm = views.reference_view_depth_mm + max(float(views.positions_mm[..., 2].max()), 0.0)
+        if not min_mm < near_mm < far_mm:
             raise InputError(
-                f"depths from {near_mm:g} to {far_mm:g} mm, expected the nearest, more than {least_mm:.0f} mm, first"
+                f"depths {near_mm:g} to {far_mm:g} mm: the nearest must come first and be more than {min_mm:.0f} mm"
             )
         near, far = (float(views.slope_from_depth(depth)) for depth in (near_mm, far_mm))
         return cls(kind, (near + far) / 2.0, abs(far - near) / 2.0, positions)
 
     @property
-    def largest_shift_px(self) -> float:
-        """Largest shift of a point between two views, within the passband."""
-        across = float(np.ptp(self.positions_mm, axis=0).max())
-        return (abs(self.centre_px_per_mm) + self.half_width_px_per_mm) * across
+    def max_shift_px(self) -> float:
+        """Maximum shift of a point between two views, within the passband."""
+        baseline_mm = float(np.ptp(self.positions_mm, axis=0).max())
+        return (abs(self.centre_px_per_mm) + self.half_width_px_per_mm) * baseline_mm
 
     def phases(self, frequencies: FloatArray) -> FloatArray:
-        """Phases (n, ...) of the views at frequencies (..., 2), rad per px, for the middle of the range."""
+        """Return the phases (n, ...) of the views at frequencies (..., 2), rad per px, for the centre of the range."""
         return np.asarray(self.centre_px_per_mm * np.moveaxis(frequencies @ self.positions_mm.T, -1, 0))
 
     def coherence(self, frequencies: FloatArray) -> FloatArray:
-        """Coherence (m, n, n) of the views at frequencies (m, 2), rad per px, after removing `phases`.
+        """Return the coherence (m, n, n) of the views at frequencies (m, 2), rad per px, after removing `phases`.
 
-        Real, symmetric, positive semidefinite, with ones on the diagonal.
+        It is real, symmetric and positive semidefinite, with ones on the diagonal.
         """
         if self.kind == "dual-fan":
-            along_u, along_v = (
+            sinc_u, sinc_v = (
                 _sinc(self.half_width_px_per_mm * frequencies[:, axis, None] * self.positions_mm[:, axis])
                 for axis in (0, 1)
             )
-            return along_u * along_v
+            return sinc_u * sinc_v
         lags = frequencies @ self.positions_mm.T
         if self.kind == "hypercone":
-            # Slopes up to where adjacent views show a wave half a period apart.
+            # Slopes up to a shift of a wave by half a period between adjacent views.
             length = np.linalg.norm(frequencies, axis=-1, keepdims=True)
             return _sinc(np.divide(lags, length, out=np.zeros_like(lags), where=length > 0) * (np.pi / self._step_mm))
         return _sinc(self.half_width_px_per_mm * lags)
@@ -103,7 +103,7 @@ class Passband:
 
 
 def _sinc(phases: FloatArray) -> FloatArray:
-    """sin(d) / d (m, n, n) of the differences d of phases (m, n)."""
+    """Return sin(d) / d (m, n, n) of the differences d of phases (m, n)."""
     sinc = np.empty((*phases.shape, phases.shape[1]))
     _fill_sinc(np.ascontiguousarray(phases), np.sin(phases), np.cos(phases), sinc)
     return sinc
@@ -118,7 +118,7 @@ def _fill_sinc(phases: FloatArray, sines: FloatArray, cosines: FloatArray, sinc:
             for j in range(i):
                 difference = phases[m, i] - phases[m, j]
                 value = 1.0 - difference * difference / 6.0
-                if abs(difference) > SMALL:
+                if abs(difference) > SMALL_ANGLE:
                     value = (sines[m, i] * cosines[m, j] - cosines[m, i] * sines[m, j]) / difference
                 sinc[m, i, j] = value
                 sinc[m, j, i] = value

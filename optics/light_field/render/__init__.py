@@ -1,1 +1,1 @@
-"""Pictures made of light fields: refocused, from other places, epipolar-plane images."""
+"""Pictures rendered from light fields: refocused, from other positions, and epipolar-plane images."""

@@ -1,4 +1,4 @@
-"""Epipolar-plane images: one line of the picture stacked over the views; depth is slope (Bolles et al., IJCV 1987)."""
+"""Epipolar-plane images: one line of all views, stacked; its slopes give depth (Bolles et al., IJCV 1987)."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Epi:
     plane_depth_mm: float
 
     def slope_px_per_mm(self, views: Views, depth_mm: float) -> float:
-        """Slope of the EPI at a depth: px that a point moves along the line per mm of view position."""
+        """Return the slope of the EPI at a depth: px that a point moves along the line per mm of view position."""
         return float(views.slope_from_depth(depth_mm) - views.slope_from_depth(self.plane_depth_mm))
 
 
@@ -58,8 +58,8 @@ def epi(light_field: LightField, axis: Axis, line: int, *, depth_mm: float | Non
     line
         Row (s) or column (t) of the reference view's picture.
     depth_mm
-        Depth of the points that are vertical in the image; default: the reference depth. If the views are not exactly
-        in a row, points at other depths are slightly off the line.
+        Depth of the points that trace vertical lines in the image; by default the reference depth. If the views are not
+        exactly in a row, points at other depths are slightly off the line.
 
     Returns
     -------
@@ -69,17 +69,17 @@ def epi(light_field: LightField, axis: Axis, line: int, *, depth_mm: float | Non
     Raises
     ------
     InputError
-        For a line outside the picture, fewer than two views along the axis, views that form no grid, or a depth within
-        the views.
+        For a line outside the picture, fewer than two views along the axis, views that do not form a grid, or a
+        depth that is not in front of all views.
     """
     light_field.require_grid("an epipolar-plane image")
     lines, count = (
         (light_field.height_px, light_field.cols) if axis == "s" else (light_field.width_px, light_field.rows)
     )
     if not 0 <= line < lines:
-        raise InputError(f"line {line} along {axis}, expected 0 to {lines - 1}")
+        raise InputError(f"line is {line} along {axis}, expected 0 to {lines - 1}")
     if count < 2:
-        raise InputError(f"one view along {axis}, expected two or more for an epipolar-plane image")
+        raise InputError(f"only one view along {axis}, expected two or more for an epipolar-plane image")
     depth_mm = light_field.reference_depth_mm if depth_mm is None else float(depth_mm)
     plane = FocalPlane.at_depth(light_field, depth_mm)
     t, s = reference_index(light_field)

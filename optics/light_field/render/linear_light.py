@@ -18,32 +18,32 @@ Float32 = NDArray[np.float32]
 TOE, TOE_SLOPE, OFFSET, EXPONENT = 0.0031308, 12.92, 0.055, 2.4
 
 
-def _decoded(levels: NDArray[Any]) -> NDArray[Any]:
+def _light(levels: NDArray[Any]) -> NDArray[Any]:
     bright = np.power((np.maximum(levels, 0.0) + OFFSET) / (1.0 + OFFSET), EXPONENT)
     return np.where(levels > TOE * TOE_SLOPE, bright, levels / TOE_SLOPE)
 
 
-_OF_BYTES = _decoded(np.arange(256) / 255.0).astype(np.float32)
+_BYTE_TO_LIGHT = _light(np.arange(256) / 255.0).astype(np.float32)
 
 
 def light_from_levels(levels: Samples) -> Float32:
     """Convert grey levels (...), bytes or float32 from 0 to 1, to light (...), where white is 1."""
     if levels.dtype == np.uint8:
         flat: Any = np.ascontiguousarray(levels).reshape(-1, 1)
-        return np.asarray(cv2.LUT(flat, _OF_BYTES), dtype=np.float32).reshape(levels.shape)
-    return _decoded(levels).astype(np.float32)
+        return np.asarray(cv2.LUT(flat, _BYTE_TO_LIGHT), dtype=np.float32).reshape(levels.shape)
+    return _light(levels).astype(np.float32)
 
 
 def levels_from_light(light: Float32) -> Float32:
     """Convert light (...) to grey levels (...), 0 to 1; values below black and above white continue the curve."""
     flat = np.ascontiguousarray(light, dtype=np.float32).reshape(light.shape[0], -1)
-    root: Any = cv2.pow(np.maximum(flat, np.float32(0.0)), 1.0 / EXPONENT)
-    bright = root * np.float32(1.0 + OFFSET) - np.float32(OFFSET)
+    power: Any = cv2.pow(np.maximum(flat, np.float32(0.0)), 1.0 / EXPONENT)
+    bright = power * np.float32(1.0 + OFFSET) - np.float32(OFFSET)
     levels = np.where(flat > np.float32(TOE), bright, flat * np.float32(TOE_SLOPE))
     return np.asarray(levels, dtype=np.float32).reshape(light.shape)
 
 
 def light_per_level(light: Float32) -> Float32:
-    """Derivative (...) of light by grey level at light (...), where white is 1 in both; at least black's."""
-    slope = EXPONENT / (1.0 + OFFSET) * np.power(np.maximum(light, 0.0), (EXPONENT - 1.0) / EXPONENT)
-    return np.where(light > TOE, slope, 1.0 / TOE_SLOPE).astype(np.float32)
+    """Return the derivative (...) of light with respect to grey level, where white is 1 in both; at least black's."""
+    derivative = EXPONENT / (1.0 + OFFSET) * np.power(np.maximum(light, 0.0), (EXPONENT - 1.0) / EXPONENT)
+    return np.where(light > TOE, derivative, 1.0 / TOE_SLOPE).astype(np.float32)

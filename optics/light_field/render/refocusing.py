@@ -2,7 +2,7 @@
 
 A plane a X + b Y + c Z = 1 of the view frame induces a homography between two pinholes (Hartley and Zisserman, Multiple
 View Geometry, 13.1): with p = (a, b, c), a reference pixel of direction r shows the plane's point r / (p . r), which
-the view at c_i with matrix K_i shows at K_i (I - c_i p^T) r. So true positions cost no more than even ones.
+the view at c_i with matrix K_i shows at K_i (I - c_i p^T) r. So true view positions cost no more than an even grid.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.light_field.depth.parallax import reference_index
 from mirrorcam.optics.light_field.light_field import LightField, Views
 from mirrorcam.optics.light_field.render.linear_light import levels_from_light, light_from_levels
-from mirrorcam.optics.light_field.render.super_resolution import super_resolved
+from mirrorcam.optics.light_field.render.super_resolution import super_resolve
 
 Float32 = NDArray[np.float32]
 Combine = Literal["mean", "median"]
@@ -30,7 +30,7 @@ MIN_WEIGHT = 1e-3
 """Weight below which a pixel has no sample."""
 MAX_SCALE = 8
 MAX_TILT_DEG = 85.0
-ROWS_AT_ONCE = 64
+ROWS_PER_BLOCK = 64
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +56,7 @@ class RenderedPicture:
 
 @dataclass(frozen=True)
 class FocalPlane:
-    """The plane of all (X, Y, Z) in the view frame, mm, with normal . (X, Y, Z) = 1; (0, 0, 0) is at infinity."""
+    """The plane of all (X, Y, Z) in the view frame, mm, with normal . (X, Y, Z) = 1; normal (0, 0, 0) is infinity."""
 
     normal_per_mm: tuple[float, float, float]
 
@@ -69,9 +69,9 @@ class FocalPlane:
         Raises InputError if the plane is not in front of all views, or so steep that the reference view sees its back.
         """
         if not all(abs(angle) <= MAX_TILT_DEG for angle in tilt_deg):
-            raise InputError(f"tilt of {tilt_deg[0]:g} and {tilt_deg[1]:g} degrees, expected {MAX_TILT_DEG:g} at most")
-        pupil_mm = views.reference_view_depth_mm
-        min_depth_mm = pupil_mm + max(float(views.positions_mm[..., 2].max()), 0.0)
+            raise InputError(f"tilt of {tilt_deg[0]:g} and {tilt_deg[1]:g} degrees, expected at most {MAX_TILT_DEG:g}")
+        reference_view_depth_mm = views.reference_view_depth_mm
+        min_depth_mm = reference_view_depth_mm + max(float(views.positions_mm[..., 2].max()), 0.0)
         if not depth_mm > min_depth_mm:
             raise InputError(
                 f"focus at {depth_mm:g} mm, expected a depth beyond the views, more than {min_depth_mm:.0f} mm"
@@ -81,9 +81,9 @@ class FocalPlane:
         picture_centre = ((size - 1.0) / 2.0 - views.centre_px) / views.focal_px
         front = 1.0 - float(slope @ picture_centre)
         if front <= 0:
-            raise InputError(f"tilt of {tilt_deg[0]:g} and {tilt_deg[1]:g} degrees shows the plane from behind")
-        nearness = 1.0 / ((depth_mm - pupil_mm) * front)
-        return cls((float(-slope[0] * nearness), float(-slope[1] * nearness), float(nearness)))
+            raise InputError(f"tilt of {tilt_deg[0]:g} and {tilt_deg[1]:g} degrees would show the back of the plane")
+        inverse_distance = 1.0 / ((depth_mm - reference_view_depth_mm) * front)
+        return cls((float(-slope[0] * inverse_distance), float(-slope[1] * inverse_distance), float(inverse_distance)))
 
     @classmethod
     def through(cls, views: Views, pixels: FloatArray, depths_mm: FloatArray) -> FocalPlane:
@@ -91,33 +91,36 @@ class FocalPlane:
 
         Raises InputError if the pixels are collinear.
         """
-        pupil_mm = views.reference_view_depth_mm
+        reference_view_depth_mm = views.reference_view_depth_mm
         directions = (np.asarray(pixels, dtype=np.float64) - views.centre_px) / views.focal_px
         rays = np.concatenate([directions, np.ones((len(directions), 1))], axis=1)
         normal, _, rank, _ = np.linalg.lstsq(
-            rays, 1.0 / (np.asarray(depths_mm, dtype=np.float64) - pupil_mm), rcond=None
+            rays, 1.0 / (np.asarray(depths_mm, dtype=np.float64) - reference_view_depth_mm), rcond=None
         )
         if rank < 3:
-            raise InputError(f"{len(rays)} pixels on a line, expected three or more that span a plane")
+            raise InputError(f"{len(rays)} pixels are collinear, expected three or more that span a plane")
         return cls((float(normal[0]), float(normal[1]), float(normal[2])))
 
-    def nearness(self, views: Views) -> FloatArray:
-        """1 / Z (v, u), 1/mm, where the rays of the reference view meet the plane; negative where they never do."""
+    def inverse_distance(self, views: Views) -> FloatArray:
+        """Return 1 / Z (v, u), 1/mm, where the reference view's rays meet the plane; negative where they do not."""
         directions = (views.pixel_grid() - views.centre_px) / views.focal_px
         return directions @ np.array(self.normal_per_mm[:2]) + self.normal_per_mm[2]
 
 
 def homography(views: Views, index: tuple[int, int], plane: FocalPlane) -> FloatArray:
-    """Homography (3, 3) of a plane from reference pixels (u, v, 1) to w (u', v', 1) of view (t, s); w > 0 if ahead."""
+    """Return the homography (3, 3) of a plane from reference pixels (u, v, 1) to w (u', v', 1) of view (t, s).
+
+    w is positive for points in front of the view.
+    """
     reference = views.matrices[reference_index(views)]
     displacement = np.eye(3) - np.outer(views.positions_mm[index], plane.normal_per_mm)
     return np.asarray(views.matrices[index] @ displacement @ np.linalg.inv(reference))
 
 
 def aperture(views: Views, sigma_mm: float | None = None) -> Float32:
-    """Gaussian weights (t, s) of the views by distance from the reference view, for a blur without hard-edged ghosts.
+    """Return Gaussian weights (t, s) of the views, for a blur without hard-edged ghosts.
 
-    Default sigma: the rms distance of the other views from the reference view.
+    They fall with distance from the reference view; the default sigma is the RMS of these distances.
     """
     distance_squared = np.square(views.positions_mm[..., :2]).sum(axis=-1)
     others = distance_squared[distance_squared > 0]
@@ -147,8 +150,8 @@ def refocus(
     view_weights
         Weights (t, s) of the views, for the mean.
     scale
-        Pixels of the picture per pixel of a view. Above one, the picture that best explains all samples is computed
-        (`super_resolved`): views that sample between each other's pixels resolve more than one view does. With the
+        Pixels of the picture per pixel of a view. Above 1, the picture that best explains all samples is computed
+        (`super_resolve`): views that sample between each other's pixels resolve more than one view does. With the
         median, absolute differences are minimised.
 
     Returns
@@ -166,36 +169,36 @@ def refocus(
     Samples are assumed to be sRGB grey levels: they are averaged as light and converted back to sRGB.
     """
     if view_weights is not None and combine != "mean":
-        raise ValueError(f"{combine=} with weights of views, expected the mean")
+        raise ValueError(f"{combine=} does not support weights of views, expected the mean")
     if not 1 <= scale <= MAX_SCALE:
-        raise InputError(f"scale of {scale:g}, expected 1 to {MAX_SCALE}")
+        raise InputError(f"scale is {scale:g}, expected 1 to {MAX_SCALE}")
     size = round(light_field.width_px * scale), round(light_field.height_px * scale)
-    # Pixel centres: the first of `scale` fine pixels lies (1 - scale) / (2 scale) from the view's pixel.
+    # Pixel centres: the first of `scale` fine pixels is offset by (1 - scale) / (2 scale) from the view's pixel.
     coarse_from_fine = np.diag([1.0 / scale, 1.0 / scale, 1.0])
     coarse_from_fine[:2, 2] = (1.0 - scale) / (2.0 * scale)
-    ahead = _plane_ahead(light_field, plane, coarse_from_fine, size)
+    in_front = _plane_in_front(light_field, plane, coarse_from_fine, size)
     indices = list(np.ndindex(light_field.rows, light_field.cols))
     matrices = [homography(light_field, index, plane) @ coarse_from_fine for index in indices]
     views = [_weighted_light(light_field, index) for index in indices]
 
-    def warped(view: Float32, matrix: FloatArray, index: tuple[int, int]) -> Float32:
-        shown = _warped(view, matrix, size)
+    def warp_view(view: Float32, matrix: FloatArray, index: tuple[int, int]) -> Float32:
+        warped = _warp(view, matrix, size)
         if view_weights is not None:
-            shown *= view_weights[index]
-        return shown
+            warped *= view_weights[index]
+        return warped
 
     with ThreadPoolExecutor(max(1, cv2.getNumThreads())) as pool:
-        shown = pool.map(warped, views, matrices, indices)
-        total = median_of(list(shown)) if combine == "median" else _sum(shown)
-    if ahead is not None:
-        total *= ahead[..., None]
-    picture = picture_of(total)
+        warped = pool.map(warp_view, views, matrices, indices)
+        total = sample_median(list(warped)) if combine == "median" else _sum(warped)
+    if in_front is not None:
+        total *= in_front[..., None]
+    picture = normalised_picture(total)
     if scale > 1:
-        picture = _super_resolved(picture, views, indices, matrices, view_weights, scale, combine)
+        picture = _super_resolve(picture, views, indices, matrices, view_weights, scale, combine)
     return RenderedPicture(levels_from_light(picture.image), picture.weights)
 
 
-def _super_resolved(
+def _super_resolve(
     picture: RenderedPicture,
     views: Sequence[Float32],
     indices: Sequence[tuple[int, int]],
@@ -212,19 +215,19 @@ def _super_resolved(
     ]
     if view_weights is not None:
         weights = [weight * view_weights[index] for weight, index in zip(weights, indices, strict=True)]
-    image = super_resolved(
+    image = super_resolve(
         light,
         weights,
         [np.asarray(np.linalg.inv(matrix), dtype=np.float64) for matrix in matrices],
         picture.image,
         scale,
-        least_absolute=combine == "median",
+        absolute=combine == "median",
     )
     return RenderedPicture(image * picture.valid[..., None], picture.weights)
 
 
 def premultiplied(light_field: LightField, index: tuple[int, int]) -> Float32:
-    """Samples of a view, 0 to 1, times their weights, and the weights: (v, u, c + 1), float32."""
+    """Return a view's samples, 0 to 1, times their weights, and the weights: (v, u, c + 1), float32."""
     samples: Any = light_field.samples[index]
     weights = light_field.weights[index][..., None]
     unit = np.float32(1.0 / 255.0) if samples.dtype == np.uint8 else np.float32(1.0)
@@ -232,12 +235,12 @@ def premultiplied(light_field: LightField, index: tuple[int, int]) -> Float32:
 
 
 def _weighted_light(light_field: LightField, index: tuple[int, int]) -> Float32:
-    """Light of a view times its weights, and the weights: (v, u, c + 1), float32."""
+    """Return a view's light times its weights, and the weights: (v, u, c + 1), float32."""
     weights = light_field.weights[index][..., None]
     return np.concatenate([light_from_levels(light_field.samples[index]) * weights, weights], axis=-1, dtype=np.float32)
 
 
-def picture_of(total: Float32) -> RenderedPicture:
+def normalised_picture(total: Float32) -> RenderedPicture:
     """Normalise sums (h, w, c + 1) of weighted samples and weights to a picture."""
     weights = total[..., -1]
     valid = weights > MIN_WEIGHT
@@ -245,25 +248,25 @@ def picture_of(total: Float32) -> RenderedPicture:
     return RenderedPicture(total[..., :-1] * reciprocal[..., None].astype(np.float32), np.where(valid, weights, 0.0))
 
 
-def median_of(parts: list[Float32]) -> Float32:
-    """Median (h, w, c) of weighted samples, per channel, times their number, and the number: (h, w, c + 1).
+def sample_median(parts: list[Float32]) -> Float32:
+    """Return the median of weighted samples, per channel, times their number, and the number: (h, w, c + 1).
 
-    An even number of samples gives the mean of the middle two. A sample counts if its weight is at least half.
+    An even number of samples gives the mean of the two middle ones. A sample counts if its weight is at least half.
     """
     height, width, channels = parts[0].shape
     total = np.zeros((height, width, channels), np.float32)
-    for start in range(0, height, ROWS_AT_ONCE):
-        block = np.stack([part[start : start + ROWS_AT_ONCE] for part in parts])
+    for start in range(0, height, ROWS_PER_BLOCK):
+        block = np.stack([part[start : start + ROWS_PER_BLOCK] for part in parts])
         valid = block[..., -1:] >= 0.5
         values = np.divide(block[..., :-1], block[..., -1:], out=np.full_like(block[..., :-1], np.inf), where=valid)
         values.sort(axis=0)
         count = np.count_nonzero(valid, axis=0)
-        low, high = np.maximum(count - 1, 0)[None] // 2, np.minimum(count, len(parts) - 1)[None] // 2
+        lower_index, upper_index = np.maximum(count - 1, 0)[None] // 2, np.minimum(count, len(parts) - 1)[None] // 2
         shape = (1, *values.shape[1:])
-        lower = np.take_along_axis(values, np.broadcast_to(low, shape), axis=0)[0]
-        upper = np.take_along_axis(values, np.broadcast_to(np.where(count > 0, high, 0), shape), axis=0)[0]
+        lower = np.take_along_axis(values, np.broadcast_to(lower_index, shape), axis=0)[0]
+        upper = np.take_along_axis(values, np.broadcast_to(np.where(count > 0, upper_index, 0), shape), axis=0)[0]
         median = np.where(count > 0, np.float32(0.5) * (lower + upper), np.float32(0.0))
-        total[start : start + ROWS_AT_ONCE] = np.concatenate([median * count, count], axis=-1)
+        total[start : start + ROWS_PER_BLOCK] = np.concatenate([median * count, count], axis=-1)
     return total
 
 
@@ -274,30 +277,30 @@ def _sum(parts: Iterator[Float32]) -> Float32:
     return total
 
 
-def _warped(picture: Float32, matrix: NDArray[np.floating], size: tuple[int, int]) -> Float32:
+def _warp(picture: Float32, matrix: NDArray[np.floating], size: tuple[int, int]) -> Float32:
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
     if np.abs(matrix[2, :2]).max() < 1e-12 * abs(matrix[2, 2]):
         return np.asarray(cv2.warpAffine(picture, matrix[:2] / matrix[2, 2], size, flags=flags), dtype=np.float32)
     return np.asarray(cv2.warpPerspective(picture, matrix, size, flags=flags), dtype=np.float32)
 
 
-def _plane_ahead(
+def _plane_in_front(
     views: Views, plane: FocalPlane, coarse_from_fine: FloatArray, size: tuple[int, int]
 ) -> Float32 | None:
-    """Mask (h, w) of where the plane lies ahead of all views, as float; None if it does everywhere."""
+    """Return the mask (h, w), as float, of where the plane is in front of all views; None if it is everywhere."""
     reference = np.linalg.inv(views.matrices[reference_index(views)])
     rows = [np.array(plane.normal_per_mm) @ reference]
-    ahead = [homography(views, index, plane)[2] for index in np.ndindex(views.rows, views.cols)]
+    in_front = [homography(views, index, plane)[2] for index in np.ndindex(views.rows, views.cols)]
     corners = np.array([[0, 0, 1], [size[0] - 1, 0, 1], [0, size[1] - 1, 1], [size[0] - 1, size[1] - 1, 1.0]])
     corners = corners @ coarse_from_fine.T
-    if (corners @ rows[0] >= 0).all() and (corners @ np.array(ahead).T > 0).all():
+    if (corners @ rows[0] >= 0).all() and (corners @ np.array(in_front).T > 0).all():
         return None
     columns, lines = np.meshgrid(np.arange(size[0]), np.arange(size[1]))
     fine = np.stack([columns, lines, np.ones_like(columns)], axis=-1) @ coarse_from_fine.T
-    return np.asarray((fine @ rows[0] >= 0) & (fine @ np.array(ahead).T > 0).all(axis=-1), dtype=np.float32)
+    return np.asarray((fine @ rows[0] >= 0) & (fine @ np.array(in_front).T > 0).all(axis=-1), dtype=np.float32)
 
 
 def to_bytes(picture: RenderedPicture, missing: tuple[int, int, int] = (64, 64, 64)) -> NDArray[np.uint8]:
-    """Convert a picture to 8-bit RGB (h, w, 3), dark grey without samples."""
+    """Convert a picture to 8-bit RGB (h, w, 3), dark grey where there is no sample."""
     image = np.rint(np.clip(picture.image, 0.0, 1.0) * np.float32(255.0)).astype(np.uint8)
     return np.where(picture.valid[..., None], image, np.array(missing, dtype=np.uint8))

@@ -1,4 +1,4 @@
-"""Noise of a video of light fields by brightness, measured from frame to frame in small blocks of each view.
+"""Noise of a video of light fields by brightness class, measured from frame to frame in small blocks of each view.
 
 Noise is the change where nothing moves. First differences of frames contain noise and motion; second differences cancel
 slow motion. In each brightness class, a low quantile of many blocks is used, so that most of the picture may move. The
@@ -22,22 +22,22 @@ BINS, LEVELS = 16, 256
 """Number of brightness classes for measuring noise, and of entries in the lookup tables."""
 MIN_BLOCKS = 12
 LOW_QUANTILES, NORMAL = (0.1, 0.25), (-1.2816, -0.6745)
-"""Quantiles of the blocks of a class, the second of which is used, and of the normal distribution."""
+"""Quantiles of the blocks of a class, the second of which gives the noise, and those of the normal distribution."""
 MIN_SPREAD, MAX_SPREAD = 0.03, 0.16
 """Limits of the spread of blocks, for 250 and for 9 independent values."""
-MAX_STEP = 2.0
-"""Largest ratio of a class's noise to its expectation from the others."""
+MAX_RATIO = 2.0
+"""Maximum ratio of a class's noise to its expectation from the others."""
 SMALLER_BIAS = 0.9
-"""Bias of the smaller of first and second differences, in spreads."""
+"""Bias of the smaller of first and second differences, as a multiple of the spread."""
 ROUNDING = 1.0 / 12.0 / 255.0**2
-"""Variance of rounding to 8 bits, the least noise; for floating-point samples it is LEAST."""
-LEAST = 1e-10
+"""Variance of rounding to 8 bits, the minimum noise; for floating-point samples, the minimum is MIN_VARIANCE."""
+MIN_VARIANCE = 1e-10
 MIN_TRUST = 1e-3
-SLOW_RATE, FAST_RATE, DROP = 1.0 / 16.0, 0.5, 0.7
-"""Update rate of the noise; a higher one if the new noise is below DROP times the old, which may have been motion."""
+SLOW_RATE, FAST_RATE, MAX_DROP_RATIO = 1.0 / 16.0, 0.5, 0.7
+"""Update rate of the noise, a higher rate if it falls below MAX_DROP_RATIO times the old noise, and that ratio."""
 BLOCK_PX = 5
-STRIDE_PX, SMALL_STRIDE_PX, SMALL_VIEW = 16, 8, 20_000
-"""Spacing of the blocks, and spacing in views of fewer pixels than SMALL_VIEW."""
+STRIDE_PX, SMALL_STRIDE_PX, SMALL_VIEW_PIXELS = 16, 8, 20_000
+"""Spacing of the blocks, and spacing in views of fewer pixels than SMALL_VIEW_PIXELS."""
 DARK = 16.0 / 255.0
 """Brightness below which a block carries no information on the lighting."""
 MIN_GAIN, MAX_GAIN = 0.5, 2.0
@@ -47,14 +47,14 @@ MEDIAN_ERROR = 1.86
 
 @dataclass(frozen=True, eq=False)
 class Noise:
-    """Variance of a sample's noise by brightness, in BINS classes from 0 to 1.
+    """Variance of a sample's noise in BINS classes of brightness from 0 to 1.
 
     Attributes
     ----------
     colours, brightness
         Variance (BINS,) summed over the channels, and of their mean.
     spread
-        For either, standard deviation of the cube root of a block's variance over the noise.
+        For each of them, the standard deviation of the cube root of a block's variance over the noise.
     trust
         Confidence, 0 to 1, that they contain no motion.
     """
@@ -65,7 +65,7 @@ class Noise:
     trust: float = 1.0
 
     def information(self) -> Float32:
-        """Inverse variances (2, LEVELS) of both, from brightness 0 to 1."""
+        """Return the inverse variances (2, LEVELS) of both, for brightness from 0 to 1."""
         levels, centres = np.linspace(0.0, 1.0, LEVELS), (np.arange(BINS) + 0.5) / BINS
         trust = max(self.trust, MIN_TRUST)
         curves = [np.interp(levels, centres, curve) * trust for curve in (self.colours, self.brightness)]
@@ -74,39 +74,41 @@ class Noise:
     def updated(self, new: Noise) -> Noise:
         """Update the noise with the noise of a new frame."""
         # Take the new value entirely if only this frame certainly has no motion.
-        up = (new.trust - self.trust) / max(new.trust, MIN_TRUST)
-        slowly = max(up, SLOW_RATE * new.trust)
+        trust_gain = (new.trust - self.trust) / max(new.trust, MIN_TRUST)
+        slow_rate = max(trust_gain, SLOW_RATE * new.trust)
 
-        def one(old: Float32, now: Float32) -> Float32:
-            rate = np.where(now > DROP * old, np.float32(slowly), np.float32(max(up, FAST_RATE)))
-            return np.asarray(old + rate * (now - old))
+        def update(old: Float32, current: Float32) -> Float32:
+            rate = np.where(
+                current > MAX_DROP_RATIO * old, np.float32(slow_rate), np.float32(max(trust_gain, FAST_RATE))
+            )
+            return np.asarray(old + rate * (current - old))
 
-        spread = [old + slowly * (now - old) for old, now in zip(self.spread, new.spread, strict=True)]
+        spread = [old + slow_rate * (current - old) for old, current in zip(self.spread, new.spread, strict=True)]
         return Noise(
-            one(self.colours, new.colours),
-            one(self.brightness, new.brightness),
+            update(self.colours, new.colours),
+            update(self.brightness, new.brightness),
             (spread[0], spread[1]),
             max(self.trust, new.trust),
         )
 
     @property
-    def joined(self) -> float:
-        """Number of correlated pixels that are worth one independent pixel, at least 1."""
+    def pixels_per_independent(self) -> float:
+        """Number of correlated pixels that count as one independent pixel, at least 1."""
         return max(1.0, BLOCK_PX**2 * 4.5 * self.spread[1] ** 2)
 
     def limits(self, deviations: float) -> tuple[float, float]:
-        """Limits that a block's variance over the noise exceeds as rarely as a normal value exceeds `deviations`.
+        """Return limits for the channels and for brightness of a block's variance over the noise.
 
-        For the channels and for brightness. The cube root of chi-squared is nearly normal: E. B. Wilson and M. M.
-        Hilferty, "The distribution of chi-square", PNAS 17, 1931.
+        They are exceeded as rarely as a normal value exceeds `deviations`. The cube root of chi-squared is nearly
+        normal: E. B. Wilson and M. M. Hilferty, "The distribution of chi-square", PNAS 17, 1931.
         """
         colours, brightness = (_quantile(spread, deviations) for spread in self.spread)
         return colours, brightness
 
 
-def chi_square(values: int, deviations: float) -> float:
-    """Quantile of chi-squared for `values` degrees of freedom, exceeded as rarely as `deviations` by a normal value."""
-    return values * _quantile(float(np.sqrt(2.0 / (9.0 * values))), deviations)
+def chi_square(dof: int, deviations: float) -> float:
+    """Return the quantile of chi-squared that is exceeded as rarely as a normal value exceeds `deviations`."""
+    return dof * _quantile(float(np.sqrt(2.0 / (9.0 * dof))), deviations)
 
 
 @compiled
@@ -116,89 +118,89 @@ def _energies(first: Float32, previous: Float32, gains: Float32, out: Float32) -
     for k in range(views):
         for m in range(down):
             for n in range(across):
-                one, two = np.float32(0.0), np.float32(0.0)
-                one_mean, two_mean = np.float32(0.0), np.float32(0.0)
+                first_sum, second_sum = np.float32(0.0), np.float32(0.0)
+                first_mean, second_mean = np.float32(0.0), np.float32(0.0)
                 for p in range(pixels):
-                    total, total_two = np.float32(0.0), np.float32(0.0)
+                    total, second_total = np.float32(0.0), np.float32(0.0)
                     for c in range(channels):
                         a = first[k, m, n, p, c]
-                        one += a * a
+                        first_sum += a * a
                         total += a
                         if len(previous) > 0:
                             b = a - gains[k, m, c] * previous[k, m, n, p, c]
-                            two += b * b
-                            total_two += b
-                    one_mean += total * total
-                    two_mean += total_two * total_two
+                            second_sum += b * b
+                            second_total += b
+                    first_mean += total * total
+                    second_mean += second_total * second_total
                 # First differences have twice the variance of a sample, second differences (1, -2, 1) six times.
                 if len(previous) > 0:
-                    one = min(one, two / np.float32(3.0))
-                    one_mean = min(one_mean, two_mean / np.float32(3.0))
+                    first_sum = min(first_sum, second_sum / np.float32(3.0))
+                    first_mean = min(first_mean, second_mean / np.float32(3.0))
                 half = np.float32(0.5) / np.float32(pixels)
-                out[0, k, m, n] = half * one
-                out[1, k, m, n] = half * one_mean / np.float32(channels * channels)
+                out[0, k, m, n] = half * first_sum
+                out[1, k, m, n] = half * first_mean / np.float32(channels * channels)
 
 
-def measure_noise(now: Blocks, before: Blocks, gains: Float32, least: float, trust: float) -> Noise:
-    """Measure the noise of a frame's blocks relative to the previous ones, at least `least`, given gains (k, m, c).
+def measure_noise(current: Blocks, before: Blocks, gains: Float32, min_variance: float, trust: float) -> Noise:
+    """Measure the noise of a frame's blocks relative to those before, at least `min_variance`, given gains (k, m, c).
 
     `trust` is the confidence that not everything moves.
     """
-    first = now.differences
+    first = current.differences
     assert first is not None
-    found = np.empty((2, *first.shape[:3]), np.float32)
+    block_energies = np.empty((2, *first.shape[:3]), np.float32)
     previous = np.empty((0, *first.shape[1:]), np.float32) if before.differences is None else before.differences
-    _energies(first, previous, gains, found)
-    level = np.clip(now.means.mean(axis=-1) * BINS, 0, BINS - 1).astype(np.int64).ravel()
+    _energies(first, previous, gains, block_energies)
+    level = np.clip(current.means.mean(axis=-1) * BINS, 0, BINS - 1).astype(np.int64).ravel()
     channels = first.shape[-1]
     curves, spreads = [], []
-    for energies, part in zip(found, (channels, 1.0 / channels), strict=True):
+    for energies, part in zip(block_energies, (channels, 1.0 / channels), strict=True):
         curve, spread = _by_level(energies.ravel(), level, len(previous) > 0)
-        curves.append(np.maximum(curve, np.float32(least * part)))
+        curves.append(np.maximum(curve, np.float32(min_variance * part)))
         spreads.append(spread)
     return Noise(curves[0], curves[1], (spreads[0], spreads[1]), trust)
 
 
 def _quantile(spread: float, deviations: float) -> float:
-    """Quantile of a block's variance over the noise, from the normal distribution's."""
+    """Return the quantile of a block's variance over the noise, from that of the normal distribution."""
     return float((1.0 - spread**2 + deviations * spread) ** 3)
 
 
-def _low(values: Any, share: float) -> Any:
-    """Value (n,) below which a share of the values lies."""
-    number = int(share * len(values))
+def _low_quantile(values: Any, fraction: float) -> Any:
+    """Return the value below which a fraction of the values lies."""
+    number = int(fraction * len(values))
     return np.partition(values, number)[number]
 
 
-def _expected(known: NDArray[np.int64], found: FloatArray, count: NDArray[np.int64]) -> FloatArray:
-    """Expected noise of each class from the others, in which something may move: the median over the blocks.
+def _expected(known: NDArray[np.int64], noise: FloatArray, count: NDArray[np.int64]) -> FloatArray:
+    """Return the expected noise of each class from the others: the median over the blocks, since something may move.
 
     Shot noise grows at most in proportion to brightness, and falls no faster with a gamma curve.
     """
     bright = known + 0.5
     ratio = bright[:, None] / bright
-    expected = found * np.maximum(ratio, 1.0 / ratio)
+    expected = noise * np.maximum(ratio, 1.0 / ratio)
     order = np.argsort(expected, axis=1, kind="stable")
-    share = np.cumsum(count[order], axis=1) / count.sum()
-    median_rank = np.argmax(share >= 0.5, axis=1)
+    fraction = np.cumsum(count[order], axis=1) / count.sum()
+    median_rank = np.argmax(fraction >= 0.5, axis=1)
     return np.asarray(np.take_along_axis(expected, order, axis=1)[np.arange(len(known)), median_rank])
 
 
-def _by_level(energies: Float32, level: NDArray[np.int64], second: bool) -> tuple[Float32, float]:
-    """Noise (BINS,) from the energies (n,) of blocks in each class, and their spread.
+def _by_level(energies: Float32, level: NDArray[np.int64], smaller_of_two: bool) -> tuple[Float32, float]:
+    """Return the noise (BINS,) from the energies (n,) of blocks in each class, and their spread.
 
-    Classes with few blocks are interpolated. With `second`, energies are the smaller of two.
+    Classes with few blocks are interpolated. With `smaller_of_two`, energies are the smaller of two differences'.
     """
     count = np.bincount(level, minlength=BINS)
     known = np.flatnonzero(count >= min(MIN_BLOCKS, count.max()))
-    found = np.array([_low(energies[level == number], LOW_QUANTILES[1]) for number in known])
-    curve = np.interp(np.arange(BINS), known, np.minimum(found, MAX_STEP * _expected(known, found, count[known])))
+    noise = np.array([_low_quantile(energies[level == number], LOW_QUANTILES[1]) for number in known])
+    curve = np.interp(np.arange(BINS), known, np.minimum(noise, MAX_RATIO * _expected(known, noise, count[known])))
     with np.errstate(divide="ignore", invalid="ignore"):
         relative = np.nan_to_num(energies / curve[level], posinf=0.0)
-    low, high = np.cbrt([_low(relative, share) for share in LOW_QUANTILES])
+    low, high = np.cbrt([_low_quantile(relative, fraction) for fraction in LOW_QUANTILES])
     spread = float((high - low) / (NORMAL[1] * low - NORMAL[0] * high)) if high > 0 else MIN_SPREAD
     spread = min(max(spread, MIN_SPREAD), MAX_SPREAD)
-    chance = _quantile(spread, NORMAL[1]) * (1.0 - (SMALLER_BIAS * spread if second else 0.0))
+    chance = _quantile(spread, NORMAL[1]) * (1.0 - (SMALLER_BIAS * spread if smaller_of_two else 0.0))
     return (curve / chance).astype(np.float32), spread
 
 
@@ -213,7 +215,7 @@ class Blocks:
     means
         Their means (k, m, n, c).
     differences
-        Differences (k, m, n, p, c) from the previous frame, scaled to this lighting; None in the first.
+        Differences (k, m, n, p, c) from the previous frame, scaled to the lighting of this one; None in the first.
     """
 
     samples: Float32
@@ -225,25 +227,25 @@ class Blocks:
         """Extract the blocks of a light field; views smaller than SMALL_STRIDE_PX have none."""
         samples: Any = light_field.samples
         rows, cols, height, width, channels = samples.shape
-        stride = SMALL_STRIDE_PX if height * width < SMALL_VIEW else STRIDE_PX
+        stride = SMALL_STRIDE_PX if height * width < SMALL_VIEW_PIXELS else STRIDE_PX
         down, across = height // stride, width // stride
-        cut = samples[:, :, : down * stride, : across * stride]
+        cropped = samples[:, :, : down * stride, : across * stride]
         first = (stride - BLOCK_PX) // 2
         inner = slice(first, first + BLOCK_PX)
-        parts = cut.reshape(rows * cols, down, stride, across, stride, channels)[:, :, inner, :, inner]
-        parts = parts.transpose(0, 1, 3, 2, 4, 5).astype(np.float32) / full_brightness(light_field)
-        found = parts.reshape(rows * cols, down, across, BLOCK_PX**2, channels)
+        parts = cropped.reshape(rows * cols, down, stride, across, stride, channels)[:, :, inner, :, inner]
+        parts = parts.transpose(0, 1, 3, 2, 4, 5).astype(np.float32) / white_level(light_field)
+        pixels = parts.reshape(rows * cols, down, across, BLOCK_PX**2, channels)
         means = np.empty((rows * cols, down, across, channels), np.float32)
-        _means(found, means)
-        return cls(found, means)
+        _means(pixels, means)
+        return cls(pixels, means)
 
-    def after(self, before: Blocks, gains: Float32) -> Blocks:
+    def with_differences(self, previous: Blocks, gains: Float32) -> Blocks:
         """Add the differences from the previous frame's blocks, scaled by gains (k, m, c)."""
-        return replace(self, differences=self.samples - gains[:, :, None, None] * before.samples)
+        return replace(self, differences=self.samples - gains[:, :, None, None] * previous.samples)
 
 
-def full_brightness(light_field: LightField) -> np.float32:
-    """Sample value of full brightness: 255 for 8 bits, else 1."""
+def white_level(light_field: LightField) -> np.float32:
+    """Return the sample value of white: 255 for 8 bits, else 1."""
     return np.float32(255.0 if light_field.samples.dtype == np.uint8 else 1.0)
 
 
@@ -261,26 +263,26 @@ def _means(samples: Float32, means: Float32) -> None:
                     means[k, m, n, c] /= np.float32(pixels)
 
 
-def lighting(now: Float32, before: Float32) -> Float32:
-    """Gains (k, m, c) from the previous frame's brightness to this one's, from means (k, m, n, c) of blocks.
+def lighting_gains(current: Float32, previous: Float32) -> Float32:
+    """Return gains (k, m, c) from the previous frame's brightness to this one's, from means (k, m, n, c) of blocks.
 
     Each row of blocks has its own gain: mains flicker differs between the rows of a rolling shutter. The median of a
-    row ignores motion; a gain within twice its standard error of one is set to one.
+    row ignores motion; a gain within twice its standard error of 1 is set to 1.
     """
     with np.errstate(divide="ignore", invalid="ignore"):
-        ratio = np.where((now > DARK) & (before > DARK), now / before, np.float32(1.0))
+        ratio = np.where((current > DARK) & (previous > DARK), current / previous, np.float32(1.0))
     ratio = np.ascontiguousarray(np.moveaxis(ratio, 2, -1))
     gains = _medians(ratio)
     error = MEDIAN_ERROR / np.sqrt(ratio.shape[-1]) * _medians(np.abs(ratio - gains[..., None]))
     gains = np.where(np.abs(gains - 1.0) > 2.0 * error, gains, 1.0)
     # A binomial filter has no negative frequency response: a row's correction does not grow in the next frame.
-    wider = np.pad(gains, ((0, 0), (1, 1), (0, 0)), mode="edge")
-    smooth = 0.25 * wider[:, :-2] + 0.5 * wider[:, 1:-1] + 0.25 * wider[:, 2:]
-    return np.clip(smooth, MIN_GAIN, MAX_GAIN).astype(np.float32)
+    padded = np.pad(gains, ((0, 0), (1, 1), (0, 0)), mode="edge")
+    smoothed = 0.25 * padded[:, :-2] + 0.5 * padded[:, 1:-1] + 0.25 * padded[:, 2:]
+    return np.clip(smoothed, MIN_GAIN, MAX_GAIN).astype(np.float32)
 
 
 def _medians(values: Float32) -> Float32:
-    """Medians (...) of values (..., n), the upper of the middle two."""
+    """Return the medians (...) of values (..., n); the upper one of two middle values."""
     middle = values.shape[-1] // 2
     return np.asarray(np.partition(values, middle, axis=-1)[..., middle])
 

@@ -20,9 +20,9 @@ from mirrorcam.lightfield.light_field_inputs import LightFieldInputs, NamedLight
 from mirrorcam.lightfield.requests import RefocusRequest
 from mirrorcam.optics.light_field.depth import DepthEstimator
 from mirrorcam.optics.light_field.light_field import LightField
-from mirrorcam.optics.light_field.render.perspective import all_in_focus, orbit, seen_from, with_views_between
+from mirrorcam.optics.light_field.render.perspective import all_in_focus, insert_views, orbit, render_view
 from mirrorcam.optics.light_field.render.refocusing import FocalPlane, RenderedPicture, aperture, refocus, to_bytes
-from mirrorcam.optics.light_field.render.view_depths import ViewDepths, without_nearer
+from mirrorcam.optics.light_field.render.view_depths import ViewDepths, remove_nearer
 
 ORBIT_PICTURES, ORBIT_HZ = 36, 20.0
 SWEEP_PICTURES, SWEEP_HZ = 24, 12.0
@@ -123,7 +123,7 @@ def _write(
 ) -> list[GreyPicture]:
     light_field, name = each.light_field, each.name
     if depths is not None and request.behind_mm is not None:
-        light_field = without_nearer(light_field, depths, request.behind_mm)
+        light_field = remove_nearer(light_field, depths, request.behind_mm)
     grey = []
     for title, picture in stills(light_field, depths, request):
         _save_picture(folder / f"{name}_{title}.npz", picture, light_field.layout_identity)
@@ -133,7 +133,7 @@ def _write(
             grey.append(GreyPicture(f"{name}_{title}", hidden))
     if depths is not None and request.orbit is not None:
         viewpoints = list(orbit(light_field, ORBIT_PICTURES))
-        pictures = [to_bytes(seen_from(light_field, depths, at)) for at in viewpoints]
+        pictures = [to_bytes(render_view(light_field, depths, position_mm)) for position_mm in viewpoints]
         write_loop(folder / f"{name}_orbit.{request.orbit}", pictures, ORBIT_HZ)
     if request.sweep is not None:
         dense = _dense(light_field, depths, request)
@@ -182,14 +182,14 @@ def stills(
     if depths is not None and request.all_in_focus:
         yield "all_in_focus", all_in_focus(light_field, depths)
     if depths is not None and request.from_mm is not None:
-        yield "from", seen_from(light_field, depths, np.array([*request.from_mm, 0.0]))
+        yield "from", render_view(light_field, depths, np.array([*request.from_mm, 0.0]))
 
 
 def _dense(light_field: LightField, depths: ViewDepths | None, request: RefocusRequest) -> LightField:
     """The views to average, with interpolated ones between them if requested."""
     if depths is None or not request.between:
         return light_field
-    return with_views_between(light_field, depths, request.between)
+    return insert_views(light_field, depths, request.between)
 
 
 def _focal_sweep(

@@ -58,7 +58,7 @@ def test_coherence_is_a_correlation(kind: FilterKind) -> None:
     [
         (None, 500.0, "a hyperfan passes a range of depths"),
         (500.0, 400.0, "depths from 500 to 400 mm"),
-        (-200.0, 400.0, "expected the nearest, more than"),
+        (-200.0, 400.0, "the nearest must come first and be more than"),
         (np.nan, 400.0, "depths from nan to 400 mm"),
     ],
 )
@@ -68,5 +68,5 @@ def test_depths_out_of_order_are_refused(near_mm: float | None, far_mm: float, m
 
 
 def test_one_view_is_refused() -> None:
-    with pytest.raises(InputError, match="one view, expected several"):
+    with pytest.raises(InputError, match="light field has one view, expected several"):
         Passband.of(grid_views(1, 1), "hypercone", None, None)

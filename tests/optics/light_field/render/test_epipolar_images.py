@@ -69,8 +69,8 @@ def test_the_mean_of_an_upright_epi_is_a_line_of_the_refocused_picture(light_fie
 @pytest.mark.parametrize(
     ("axis", "line", "depth_mm", "message"),
     [
-        ("s", 90, None, "line 90 along s, expected 0 to 89"),
-        ("t", -1, None, "line -1 along t, expected 0 to 119"),
+        ("s", 90, None, "line is 90 along s, expected 0 to 89"),
+        ("t", -1, None, "line is -1 along t, expected 0 to 119"),
         ("s", 5, -90.0, "focus at -90 mm, expected a depth beyond the views"),
     ],
 )

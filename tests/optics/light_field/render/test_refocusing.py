@@ -60,14 +60,14 @@ def test_the_homography_maps_points_of_a_plane_to_their_pixels() -> None:
 def test_a_plane_is_given_by_its_depth_in_the_middle_and_its_tilt() -> None:
     views = grid_views()
     behind = views.reference_view_depth_mm
-    nearness = FocalPlane.at_depth(views, 400.0, (30.0, 0.0)).nearness(views)
+    inverse_distance = FocalPlane.at_depth(views, 400.0, (30.0, 0.0)).inverse_distance(views)
     middle = (views.height_px - 1) / 2.0, (views.width_px - 1) / 2.0
     rows, columns = (slice(int(np.floor(each)), int(np.ceil(each)) + 1) for each in middle)
-    assert nearness[rows, columns].mean() == pytest.approx(1.0 / (400.0 - behind), rel=1e-12)
-    assert (np.diff(nearness, axis=1) < 0).all()
-    np.testing.assert_allclose(np.diff(nearness, axis=0), 0.0, atol=1e-15)
+    assert inverse_distance[rows, columns].mean() == pytest.approx(1.0 / (400.0 - behind), rel=1e-12)
+    assert (np.diff(inverse_distance, axis=1) < 0).all()
+    np.testing.assert_allclose(np.diff(inverse_distance, axis=0), 0.0, atol=1e-15)
     # Between two columns far apart the plane rises by tan 30 degrees.
-    z = 1.0 / nearness[40]
+    z = 1.0 / inverse_distance[40]
     x = (np.arange(views.width_px) - views.centre_px[0]) / views.focal_px * z
     assert (z[-1] - z[0]) / (x[-1] - x[0]) == pytest.approx(np.tan(np.radians(30.0)), rel=1e-9)
     assert FocalPlane.at_depth(views, np.inf).normal_per_mm == (0.0, 0.0, 0.0)
@@ -77,7 +77,7 @@ def test_a_plane_is_fitted_to_pixels_and_depths() -> None:
     views, plane = grid_views(), FocalPlane.at_depth(grid_views(), 390.0, (-20.0, 35.0))
     behind = views.reference_view_depth_mm
     pixels = np.array([[5, 7], [110, 12], [60, 80], [20, 60]])
-    depths = 1.0 / plane.nearness(views)[pixels[:, 1], pixels[:, 0]] + behind
+    depths = 1.0 / plane.inverse_distance(views)[pixels[:, 1], pixels[:, 0]] + behind
     found = FocalPlane.through(views, pixels.astype(float), depths)
     np.testing.assert_allclose(found.normal_per_mm, plane.normal_per_mm, rtol=1e-9)
     with pytest.raises(InputError, match="on a line"):
@@ -225,7 +225,7 @@ def test_beyond_a_steep_planes_horizon_the_picture_is_empty() -> None:
     views = grid_views()
     light_field = photograph(views, [UPRIGHT])[0]
     plane = FocalPlane.at_depth(views, 375.0, (84.0, 0.0))
-    ahead = plane.nearness(views) >= 0
+    ahead = plane.inverse_distance(views) >= 0
     assert 0.2 < ahead.mean() < 0.9
     for scale in (1, 2):
         picture = refocus(light_field, plane, scale=scale)
@@ -254,5 +254,5 @@ def test_a_plane_seen_from_behind_is_refused() -> None:
 
 def test_a_scale_beyond_reason_is_refused() -> None:
     light_field = photograph(grid_views(), [UPRIGHT])[0]
-    with pytest.raises(InputError, match="scale of 9, expected 1 to 8"):
+    with pytest.raises(InputError, match="scale is 9, expected 1 to 8"):
         refocus(light_field, plane_of(light_field, UPRIGHT), scale=9)

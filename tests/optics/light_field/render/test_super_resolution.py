@@ -13,11 +13,11 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.light_field.render.super_resolution import (
     PHASES,
     back_project,
+    half_gradient,
     huber_weights,
     pixel_taps,
     project,
-    roughness,
-    super_resolved,
+    super_resolve,
 )
 
 Float32 = NDArray[np.float32]
@@ -29,15 +29,15 @@ TILTED = np.array([[2.0, 0.1, 4.3], [-0.05, 1.9, 5.7], [1e-3, -2e-3, 1.0]])
 
 def wave(frequency: float, scale: float, shift: FloatArray) -> Float32:
     """Return the light (v, u, 1) of a mostly horizontal wave, over pixels of a view (scale 1) or finer ones."""
-    at = (np.arange(round(SIDE * scale)) + 0.5) / scale - 0.5
-    phase = 2.0 * np.pi * frequency * (at[None] + shift[0])
-    down = 0.5 + 0.5 * np.cos(2.0 * np.pi * (at[:, None] + shift[1]) / 40.0)
+    samples = (np.arange(round(SIDE * scale)) + 0.5) / scale - 0.5
+    phase = 2.0 * np.pi * frequency * (samples[None] + shift[0])
+    down = 0.5 + 0.5 * np.cos(2.0 * np.pi * (samples[:, None] + shift[1]) / 40.0)
     light = 0.5 + CONTRAST * np.sinc(frequency / scale) * np.cos(phase) * down
     return np.asarray(light[..., None], dtype=np.float32)
 
 
 def solved(
-    views: list[Float32], scale: float, shifts: FloatArray = SHIFTS, *, least_absolute: bool = False
+    views: list[Float32], scale: float, shifts: FloatArray = SHIFTS, *, absolute: bool = False
 ) -> tuple[Float32, Float32]:
     """Return the solution, and the mean of the views at which it starts."""
     to_fine, matrices = np.diag([scale, scale, 1.0]), []
@@ -51,7 +51,7 @@ def solved(
         total = total + cv2.warpAffine(view, matrices[-1][:2], size, borderMode=cv2.BORDER_REPLICATE)
     mean = np.asarray(total / len(views), dtype=np.float32)[..., None]
     weights = [np.ones((SIDE, SIDE), np.float32)] * len(views)
-    return super_resolved(views, weights, matrices, mean, scale, least_absolute=least_absolute), mean
+    return super_resolve(views, weights, matrices, mean, scale, absolute=absolute), mean
 
 
 def noisy(views: Iterator[Float32], level: float = 0.003) -> list[Float32]:
@@ -65,10 +65,10 @@ def rms(difference: Float32) -> float:
 
 @pytest.mark.parametrize(("scale", "frequency"), [(1.5, 0.62), (2.0, 0.62), (2.0, 0.8)])
 @pytest.mark.parametrize("least_absolute", [False, True])
-def test_waves_finer_than_a_view_samples_are_found(scale: float, frequency: float, least_absolute: bool) -> None:
+def test_waves_finer_than_a_view_samples_are_found(scale: float, frequency: float, absolute: bool) -> None:
     true = wave(frequency, scale, np.zeros(2))
     views = noisy(wave(frequency, 1.0, shift) for shift in SHIFTS)
-    found, mean = solved(views, scale, least_absolute=least_absolute)
+    found, mean = solved(views, scale, absolute=absolute)
     assert found.shape == true.shape
     assert found.dtype == np.float32
     assert rms(found - true) < 0.3 * rms(mean - true)
@@ -91,7 +91,7 @@ def test_least_absolute_differences_ignore_objects_in_one_view() -> None:
     views = noisy(wave(0.62, 1.0, shift) for shift in SHIFTS)
     true = wave(0.62, 2.0, np.zeros(2))
     views[3][20:28, 20:28] = 1.0
-    squares, absolute = (solved(views, 2.0, least_absolute=each)[0] for each in (False, True))
+    squares, absolute = (solved(views, 2.0, absolute=each)[0] for each in (False, True))
     spot = slice(36, 60), slice(36, 60)
     errors = [float(np.abs(found - true)[spot].max()) for found in (squares, absolute)]
     assert errors[1] < 0.5 * errors[0]
@@ -109,9 +109,9 @@ def test_samples_without_weight_have_no_influence() -> None:
     weights = [np.ones((SIDE, SIDE), np.float32) for _ in views]
     weights[2][10:20] = 0.0
     start = np.full((2 * SIDE, 2 * SIDE, 1), 0.5, np.float32)
-    found = super_resolved(views, weights, matrices, start, 2.0)
+    found = super_resolve(views, weights, matrices, start, 2.0)
     views[2] = np.where(weights[2][..., None] > 0, views[2], np.float32(0.0))
-    np.testing.assert_allclose(super_resolved(views, weights, matrices, start, 2.0)[INNER], found[INNER], atol=2e-3)
+    np.testing.assert_allclose(super_resolve(views, weights, matrices, start, 2.0)[INNER], found[INNER], atol=2e-3)
 
 
 def test_roughness_is_half_the_gradient_of_the_energy() -> None:
@@ -128,7 +128,7 @@ def test_roughness_is_half_the_gradient_of_the_energy() -> None:
 
     way, step = random.normal(size=picture.shape), 1e-4
     slope = (energy(picture + step * way) - energy(picture - step * way)) / (2.0 * step)
-    assert float((2.0 * roughness(picture, counts) * way).sum()) == pytest.approx(slope, rel=1e-4)
+    assert float((2.0 * half_gradient(picture, counts) * way).sum()) == pytest.approx(slope, rel=1e-4)
 
 
 @pytest.mark.parametrize("scale", [1.5, 2.0])

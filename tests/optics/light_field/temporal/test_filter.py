@@ -10,7 +10,7 @@ import pytest
 
 from mirrorcam.optics.light_field.light_field import LightField
 from mirrorcam.optics.light_field.temporal import TemporalFilter
-from mirrorcam.optics.light_field.temporal.filter import neighbours, own_share
+from mirrorcam.optics.light_field.temporal.filter import neighbours, specific_fraction
 from mirrorcam.optics.light_field.temporal.recursive_mean import MEMORY
 from tests.optics.light_field.depth.surfaces import grid_views
 from tests.optics.light_field.temporal.videos import HEIGHT_PX, SIGMA, WIDTH_PX, error_grey, picture, shot
@@ -233,9 +233,9 @@ def test_motion_is_common_to_views_at_any_disparity_and_noise_is_not(disparity_p
     random = np.random.default_rng(7)
     scene = picture(grain_px=1.0)
     still = [shot(at_disparity(scene, disparity_px), random) for _ in range(2)]
-    assert own_share(still[1], still[0], GAINS) > 0.9
+    assert specific_fraction(still[1], still[0], GAINS) > 0.9
     moved = shot(at_disparity(np.roll(scene, 3, axis=1), disparity_px), random)
-    assert own_share(moved, still[0], GAINS) < 0.3
+    assert specific_fraction(moved, still[0], GAINS) < 0.3
 
 
 def test_without_neighbours_or_in_small_views_no_motion_is_reported() -> None:
@@ -246,6 +246,6 @@ def test_without_neighbours_or_in_small_views_no_motion_is_reported() -> None:
         given = {"width_px": 16, "height_px": 16}
         views = grid_views(uneven=False, **given)
         small.append(type(frame).of(views, frame.samples[:, :, :16, :16], frame.weights[:, :, :16, :16]))
-    assert own_share(small[1], small[0], GAINS[:, :16]) == 1.0
-    assert own_share(frames[0], frames[0], GAINS) == 1.0
+    assert specific_fraction(small[1], small[0], GAINS[:, :16]) == 1.0
+    assert specific_fraction(frames[0], frames[0], GAINS) == 1.0
     assert WIDTH_PX > 16

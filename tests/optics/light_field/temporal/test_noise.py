@@ -12,12 +12,12 @@ from mirrorcam.optics.light_field.light_field import LightField
 from mirrorcam.optics.light_field.temporal.noise import (
     BINS,
     BLOCK_PX,
-    LEAST,
+    MIN_VARIANCE,
     ROUNDING,
     SMALL_STRIDE_PX,
     Blocks,
     Noise,
-    lighting,
+    lighting_gains,
     measure_noise,
     row_gains,
 )
@@ -29,7 +29,7 @@ def measured(frames: list[LightField], least: float = ROUNDING, trust: float = 1
     gains = np.ones((9, 11, 3), np.float32)
     blocks = [Blocks.of(frames[0])]
     for frame in frames[1:]:
-        blocks.append(Blocks.of(frame).after(blocks[-1], gains))
+        blocks.append(Blocks.of(frame).with_differences(blocks[-1], gains))
     return measure_noise(blocks[-1], blocks[-2], gains, least, trust)
 
 
@@ -95,7 +95,7 @@ def test_the_spread_gives_the_number_of_independent_values() -> None:
 def test_without_noise_there_is_rounding_noise_or_none() -> None:
     still = frames(3, lambda number: picture(), sigma=0.0)
     assert measured(still).colours == pytest.approx(3.0 * ROUNDING)
-    assert measured(still, LEAST).colours == pytest.approx(3.0 * LEAST)
+    assert measured(still, MIN_VARIANCE).colours == pytest.approx(3.0 * MIN_VARIANCE)
 
 
 def test_the_estimate_falls_at_once_and_rises_slowly_and_only_if_trusted() -> None:
@@ -120,7 +120,7 @@ def test_blocks_follow_the_picture() -> None:
     part = frame.samples[1, 2, top : top + BLOCK_PX, left : left + BLOCK_PX] / 255.0
     assert blocks.samples[5, 2, 3] == pytest.approx(part.reshape(-1, 3))
     assert blocks.means[5, 2, 3] == pytest.approx(part.mean(axis=(0, 1)))
-    after = blocks.after(blocks, np.full((9, 11, 3), 0.5, np.float32)).differences
+    after = blocks.with_differences(blocks, np.full((9, 11, 3), 0.5, np.float32)).differences
     assert after == pytest.approx(blocks.samples / 2)
 
 
@@ -131,7 +131,7 @@ def test_lighting_is_found_per_row_though_a_part_is_covered() -> None:
     rows = 1.0 + 0.04 * np.sin(np.arange(HEIGHT_PX) / HEIGHT_PX * 2 * np.pi)
     changed = scene * rows[:, None, None] * [1.0, 1.0, 0.98]
     changed[20:70, 10:55] = 230.0
-    gains = row_gains(lighting(Blocks.of(shot(changed, random)).means, before), HEIGHT_PX)
+    gains = row_gains(lighting_gains(Blocks.of(shot(changed, random)).means, before), HEIGHT_PX)
     assert gains.shape == (9, HEIGHT_PX, 3)
     assert np.abs(gains / (rows[:, None] * [1.0, 1.0, 0.98]) - 1.0).max() < 0.025
 
@@ -139,15 +139,15 @@ def test_lighting_is_found_per_row_though_a_part_is_covered() -> None:
 def test_in_even_light_gains_are_one() -> None:
     random = np.random.default_rng(2)
     means = [Blocks.of(shot(picture(), random)).means for _ in range(2)]
-    assert np.abs(lighting(*means) - 1.0).max() < 0.005
-    assert np.all(lighting(means[0], means[0]) == 1.0)
+    assert np.abs(lighting_gains(*means) - 1.0).max() < 0.005
+    assert np.all(lighting_gains(means[0], means[0]) == 1.0)
     dark = np.full((9, 4, 5, 3), 0.01, np.float32)
-    assert np.all(lighting(dark, 2.0 * dark) == 1.0)
+    assert np.all(lighting_gains(dark, 2.0 * dark) == 1.0)
 
 
 def test_corrections_do_not_grow_from_frame_to_frame() -> None:
     """Gains for an error of the mean reduce it, in any pattern of rows."""
     for pattern in (np.where(np.arange(11) % 2 == 0, 1.01, 0.99), np.where(np.arange(11) % 3 == 0, 1.02, 0.99)):
         means = np.broadcast_to(0.5 * pattern[:, None, None], (9, 11, 15, 3)).astype(np.float32)
-        gains = lighting(np.full((9, 11, 15, 3), 0.5, np.float32), means)
+        gains = lighting_gains(np.full((9, 11, 15, 3), 0.5, np.float32), means)
         assert np.abs(gains * pattern[:, None] - 1.0).max() <= 1.02 * np.abs(pattern - 1.0).max()

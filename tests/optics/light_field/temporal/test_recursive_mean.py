@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from mirrorcam.optics.light_field.temporal.recursive_mean import (
-    AREA_PX,
-    DRIFT_SHARE,
+    DIFFERENCE_WEIGHT,
     INFORMATION,
-    LAG_SUMS,
     MAX_SQUARES,
     MEMORY,
+    MOTION_SUMS,
     SIDE_PX,
+    TILE_PX,
     filter_view,
 )
 
@@ -44,7 +44,7 @@ def test_a_view_is_filtered_as_defined(channels: int) -> None:
     limits = np.array([[0.8, 0.5], [1.4, 2.0]], np.float32)
     most = random.uniform(1.0, MEMORY, (2, 3)).astype(np.float32)
     out, out_count, out_drift = np.empty_like(mean), np.empty_like(count), np.empty_like(drift)
-    lag = np.zeros((*most.shape, LAG_SUMS), np.float32)
+    lag = np.zeros((*most.shape, MOTION_SUMS), np.float32)
     full = np.float32(255.0)
     filter_view(
         *(new, full, mean, count, drift, gain, tables, INFORMATION, limits, most),
@@ -52,7 +52,7 @@ def test_a_view_is_filtered_as_defined(channels: int) -> None:
     )
     lit = mean * gain[:, None]
     difference = new / 255.0 - lit
-    moved = drift + DRIFT_SHARE * (difference.mean(axis=-1) - drift)
+    moved = drift + DIFFERENCE_WEIGHT * (difference.mean(axis=-1) - drift)
     times = count.astype(int)
     squares = np.minimum((difference**2).sum(axis=-1) * tables[0, 0] * INFORMATION[0, times], MAX_SQUARES)
     drifts = np.minimum(moved**2 * tables[1, 0] * INFORMATION[1, times], MAX_SQUARES)
@@ -60,7 +60,7 @@ def test_a_view_is_filtered_as_defined(channels: int) -> None:
     steady = (limits[1, 1] - over_square(drifts)) / (limits[1, 1] - limits[0, 1])
     kept = np.clip(np.minimum(alike, steady), 0.0, 1.0)
     assert 0.1 < kept.mean() < 0.9
-    areas = np.kron(most, np.ones((AREA_PX, AREA_PX)))[: SHAPE[0], : SHAPE[1]]
+    areas = np.kron(most, np.ones((TILE_PX, TILE_PX)))[: SHAPE[0], : SHAPE[1]]
     expected = np.minimum(count * kept, areas - 1.0) + 1.0
     assert out_count == pytest.approx(expected, rel=1e-4)
     assert out_drift == pytest.approx(moved * kept, abs=1e-6)
@@ -72,9 +72,9 @@ def test_a_view_is_filtered_as_defined(channels: int) -> None:
     left = moved * kept
     factors = (1.0 + 0.0 * left, across, down, left, across**2, across * down, down**2, across * left, down * left)
     for found, factor in zip(np.moveaxis(lag, -1, 0), factors, strict=True):
-        whole = np.zeros((2 * AREA_PX, 3 * AREA_PX))
+        whole = np.zeros((2 * TILE_PX, 3 * TILE_PX))
         whole[: SHAPE[0], : SHAPE[1]] = weight * factor
-        areas = whole.reshape(2, AREA_PX, 3, AREA_PX).sum(axis=(1, 3))
+        areas = whole.reshape(2, TILE_PX, 3, TILE_PX).sum(axis=(1, 3))
         assert found == pytest.approx(areas, rel=1e-3, abs=1e-3 * np.abs(whole).sum() / 6)
     new_only = out_count == 1.0
     assert np.array_equal(out[new_only], (new / full)[new_only].astype(np.float32))
@@ -87,6 +87,6 @@ def test_information_matches_independent_noise() -> None:
     drift = np.zeros(20_000)
     for number in range(1, MEMORY):
         difference = samples[number] - samples[:number].mean(axis=0)
-        drift += DRIFT_SHARE * (difference - drift)
+        drift += DIFFERENCE_WEIGHT * (difference - drift)
         assert 1.0 / difference.var() == pytest.approx(INFORMATION[0, number], rel=0.06)
         assert 1.0 / drift.var() == pytest.approx(INFORMATION[1, number], rel=0.06)
