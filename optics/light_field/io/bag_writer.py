@@ -23,7 +23,7 @@ _VERSION: Literal[8] = 8
 def need_rosbags() -> None:
     """Raise InputError, with the command that installs it, if rosbags is missing."""
     if find_spec("rosbags") is None:
-        raise InputError('rosbags not installed, needed for ROS 2 bags: pip install "mirrorcam[robot]"')
+        raise InputError('rosbags is not installed but needed for ROS 2 bags: pip install "mirrorcam[robot]"')
 
 
 class BagWriter:
@@ -57,19 +57,19 @@ class BagWriter:
             self._writer = Writer(self._folder / self.path.stem, version=_VERSION, storage_plugin=StoragePlugin.MCAP)
             self._writer.open()
         except OSError as error:
-            raise self._not_written(error) from None
+            raise self._write_error(error) from None
         return self
 
     def write(self, messages: Iterable[Published], stamp: int) -> None:
         """Write messages at a time in ns: all of them or, at Ctrl-C, none."""
-        converted = [(each, self._converted(each.message)) for each in messages]
+        converted = [(published, self._convert(published.message)) for published in messages]
         try:
             with deferred():
-                for each, message in converted:
-                    raw = self._store.serialize_cdr(message, each.message.type)
-                    self._writer.write(self._connection(each), stamp, raw)
+                for published, message in converted:
+                    raw = self._store.serialize_cdr(message, published.message.type)
+                    self._writer.write(self._connection(published), stamp, raw)
         except OSError as error:
-            raise self._not_written(error) from None
+            raise self._write_error(error) from None
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         try:
@@ -80,18 +80,18 @@ class BagWriter:
                 else:
                     self._writer.abort()
         except OSError as error:
-            raise self._not_written(error) from None
+            raise self._write_error(error) from None
         finally:
             shutil.rmtree(self._folder, ignore_errors=True)
 
-    def _not_written(self, error: OSError) -> InputError:
+    def _write_error(self, error: OSError) -> InputError:
         return InputError(f"{self.path}: cannot be written: {error.strerror or error}")
 
-    def _converted(self, value: Any) -> Any:
+    def _convert(self, value: Any) -> Any:
         """Convert a message and its nested messages to rosbags' types."""
         if isinstance(value, RosMessage):
-            return self._store.types[value.type](**{name: self._converted(each) for name, each in value.fields.items()})
-        return [self._converted(each) for each in value] if isinstance(value, list) else value
+            return self._store.types[value.type](**{name: self._convert(field) for name, field in value.fields.items()})
+        return [self._convert(item) for item in value] if isinstance(value, list) else value
 
     def _connection(self, published: Published) -> Any:
         """Return the connection of a topic, with its quality of service."""

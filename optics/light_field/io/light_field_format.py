@@ -21,7 +21,7 @@ Depth = NDArray[np.float32]
 
 
 def views_toml(path: Path) -> Path:
-    """File with a light field's missing geometry: `views.toml` in a folder, `NAME.views.toml` next to a file."""
+    """Return the file with the missing geometry: `views.toml` in a folder, `NAME.views.toml` next to a file."""
     return path / "views.toml" if path.is_dir() else path.with_name(f"{path.stem}.views.toml")
 
 
@@ -31,9 +31,9 @@ class Assumed(Value):
     Attributes
     ----------
     rows, cols
-        Numbers of views down and across.
+        Numbers of rows and columns of views.
     step_mm
-        Distance of adjacent views.
+        Distance between adjacent views.
     focal_px
         Focal length of the views.
     reference_depth_mm
@@ -46,7 +46,7 @@ class Assumed(Value):
     focal_px: float | None = FOCAL_PX.field(None)
     reference_depth_mm: DepthOrInf | None = None
 
-    def completed(self, path: Path) -> Assumed:
+    def complete(self, path: Path) -> Assumed:
         """Fill values that are None from the light field's `views_toml`, if it exists.
 
         Raises InputError in one line if the file is invalid.
@@ -59,7 +59,7 @@ class Assumed(Value):
         missing = [name for name in names if getattr(self, name) is None]
         if missing:
             file = views_toml(path).relative_to(path.parent)
-            raise InputError(f"{path}: does not state its {', '.join(missing)}: expected in {file}")
+            raise InputError(f"{path}: does not state its {', '.join(missing)}: give values in {file}")
         return tuple(getattr(self, name) for name in names)
 
 
@@ -83,7 +83,7 @@ class Contents:
     times_s
         Times of the frames, or None.
     notes
-        Notes on data read in an order other than names and options state.
+        Notes on data that were read in a different order from the one that names and options state.
     """
 
     frames: Sequence[LightField]
@@ -111,7 +111,7 @@ class Format:
     read
         Reader, given the assumed geometry; None for a write-only format.
     needs_grid
-        Whether it holds only rows and columns of views.
+        Whether it can only hold views in rows and columns.
     """
 
     name: str
@@ -126,12 +126,12 @@ class Format:
         return "." not in self.ending
 
 
-def single(read: Callable[[Path, Assumed], LightField]) -> Callable[[Path, Assumed], Contents]:
+def single_reader(read: Callable[[Path, Assumed], LightField]) -> Callable[[Path, Assumed], Contents]:
     """Adapt the reader of a format with one light field and no depth."""
     return lambda path, assumed: Contents((read(path, assumed),))
 
 
-def without_depth(write: Callable[[Path, LightField], None]) -> Callable[[Path, LightField, Depth | None], None]:
+def depthless_writer(write: Callable[[Path, LightField], None]) -> Callable[[Path, LightField, Depth | None], None]:
     """Adapt the writer of a format without depth."""
     return lambda path, light_field, depth_mm: write(path, light_field)
 
@@ -152,9 +152,9 @@ class StoredFrames(Sequence[LightField]):
 
     def __getitem__(self, index: int | slice) -> LightField | list[LightField]:
         if isinstance(index, slice):
-            return [self._frame(each) for each in range(*index.indices(len(self)))]
+            return [self._frame(number) for number in range(*index.indices(len(self)))]
         if not -len(self) <= index < len(self):
-            raise IndexError(f"{self.path}: frame {index}, expected one of {len(self)}")
+            raise IndexError(f"{self.path}: no frame {index}, expected one of {len(self)}")
         return self._frame(index % len(self))
 
     @abstractmethod

@@ -19,23 +19,23 @@ TOLERANCE_PX = 0.01
 
 
 def view_name(t: int, s: int) -> str:
-    """Name of a view in files; sorted names are row by row."""
+    """Return the name of a view in files; sorted names are row by row."""
     return f"view_{t:02d}_{s:02d}"
 
 
 def row_by_row(views: Mapping[tuple[int, int], Item]) -> tuple[tuple[int, int], list[Item]]:
     """Return numbers of rows and columns, and the views row by row; raises ValueError if views are missing.
 
-    The views are counted first, because hostile names could state a grid that fills the memory.
+    The views are counted first, because malicious names could state a grid that fills the memory.
     """
     rows, cols = (1 + max(index[axis] for index in views) for axis in (0, 1))
     if len(views) != rows * cols:
-        raise ValueError(f"{len(views)} views of {rows}x{cols}")
+        raise ValueError(f"{len(views)} views, expected {rows}x{cols}")
     return (rows, cols), [views[index] for index in np.ndindex(rows, cols)]
 
 
 def centres_in_rig_mm(views: Views) -> FloatArray:
-    """Positions (t, s, 3) of the views in rig."""
+    """Return the positions (t, s, 3) of the views in the rig frame, mm."""
     return views.positions_mm @ views.view_from_rig + views.reference_view_in_rig_mm
 
 
@@ -54,13 +54,17 @@ def views_of_pinholes(
     focal_px, centre = float(matrices[central][0, 0]), matrices[central][:2, 2]
     offsets = np.concatenate([matrices[..., :2, 2] - centre, matrices[..., :1, 0] - focal_px], axis=-1)
     shifts = focal_px * positions * [1.0, 1.0, -1.0]
-    inverse = float((offsets * shifts).sum() / max(np.square(shifts).sum(), np.finfo(float).tiny))
+    inverse_distance = float((offsets * shifts).sum() / max(np.square(shifts).sum(), np.finfo(float).tiny))
     if float(np.abs(offsets).max()) < NEGLIGIBLE_PX:
-        inverse = 0.0
-    error_px = float(np.abs(offsets - inverse * shifts).max())
+        inverse_distance = 0.0
+    error_px = float(np.abs(offsets - inverse_distance * shifts).max())
     anisotropy_px = float(np.abs(matrices[..., 1, 1] - matrices[..., 0, 0]).max())
-    if inverse < 0 or max(error_px, anisotropy_px) > TOLERANCE_PX:
-        reason = f"off by {max(error_px, anisotropy_px):.3g} px" if inverse >= 0 else "none in front of them"
+    if inverse_distance < 0 or max(error_px, anisotropy_px) > TOLERANCE_PX:
+        reason = (
+            f"off by {max(error_px, anisotropy_px):.3g} px"
+            if inverse_distance >= 0
+            else "there is none in front of them"
+        )
         raise InputError(f"{where}: views do not share a plane of zero disparity, {reason}")
     reference = centres_mm[central]
     return Views(
@@ -69,7 +73,8 @@ def views_of_pinholes(
         centre_px=centre,
         width_px=size[0],
         height_px=size[1],
-        reference_depth_mm=(1.0 / inverse if inverse else np.inf) + float(view_from_world[2] @ reference),
+        reference_depth_mm=(1.0 / inverse_distance if inverse_distance else np.inf)
+        + float(view_from_world[2] @ reference),
         reference_view_in_rig_mm=reference,
         view_from_rig=view_from_world,
         layout_identity="",

@@ -35,7 +35,7 @@ INDEX = "frames.json"
 
 
 def about(views: Views, source: dict[str, Any], **settings: Any) -> dict[str, Any]:
-    """Build the attributes of a recording, as for JSON: its views and source, and the settings used for decoding."""
+    """Return a recording's attributes in JSON's types: its views and source, and the settings used for decoding."""
     return {"schema": SCHEMA, "source": source, **settings, "views": fields_of_views(views)}
 
 
@@ -44,7 +44,7 @@ class NothingDecoded(InputError):
 
 
 class _Frame(Value):
-    """A line of the journal: a written frame with its time, or a lost one with the reason."""
+    """A line of the journal: a written frame with its time, or a lost frame with the reason."""
 
     model_config = ConfigDict(extra="ignore")
 
@@ -75,7 +75,7 @@ class Entries:
             entries.add(line, where)
         numbers = [*entries.numbers, *entries.lost]
         if entries.numbers != sorted(entries.numbers) or len(set(numbers)) != len(numbers):
-            raise InputError(f"{where}: numbers of frames do not increase, expected each once and in order")
+            raise InputError(f"{where}: frame numbers do not increase, expected each once and in order")
         return entries
 
     def add(self, line: Any, where: Path) -> None:
@@ -83,7 +83,7 @@ class Entries:
         try:
             frame = _Frame.model_validate(line, strict=True)
         except InvalidValue as error:
-            raise InputError(f"{where}: no list of frames: {error}") from None
+            raise InputError(f"{where}: not a list of frames: {error}") from None
         if frame.lost is not None:
             self.lost[frame.number] = frame.lost
         else:
@@ -107,7 +107,7 @@ class Sink(Protocol):
         """Add the light field at an index that increases without gaps, for frame `number` of the source."""
 
     def close(self, folder: Path, about: dict[str, Any], entries: Entries) -> None:
-        """Write what is known only at the end, such as `entries`."""
+        """Write the data known only at the end, such as `entries`."""
 
     def read(self, path: Path) -> tuple[dict[str, Any], Entries]:
         """Read the attributes of a recording and its frames, as written by `close`."""
@@ -124,13 +124,13 @@ class Recording:
     ----------
     entries
         Journal entries of the frames written.
-    complete
+    is_complete
         Whether `path` already existed, written with the same `about`, so that nothing remains to be done.
 
     Raises
     ------
     InputError
-        If `path` or its partial folder belongs to another job, or cannot be written.
+        If `path` or its partial folder belongs to a different job, or cannot be written.
     """
 
     def __init__(self, path: Path, about: dict[str, Any], sink: Sink) -> None:
@@ -139,26 +139,28 @@ class Recording:
         self._folder = path.with_name(path.name + ".partial")
         self._journal: TextIO | None = None
         self.entries = Entries()
-        self.complete = path.exists()
-        for place in (path, self._folder):
-            link = place if place.is_symlink() else linked(place)
+        self.is_complete = path.exists()
+        for folder in (path, self._folder):
+            link = folder if folder.is_symlink() else linked(folder)
             if link is not None:
-                raise InputError(f"{link}: is a link, expected only files and folders in a recording, or a new name")
-        if self.complete:
+                raise InputError(
+                    f"{link}: is a link, but a recording must consist of files and folders: give a new name"
+                )
+        if self.is_complete:
             attributes, self.entries = sink.read(path)
             if other := differing_keys(attributes, self._about):
                 raise InputError(
-                    f"{path}: exists and holds something else, expected a new name or the same job again: "
+                    f"{path}: exists and holds something else, give a new name or repeat the same job: "
                     f"{' and '.join(other)} differ"
                 )
             # The journal remains if a run was interrupted after the folder was renamed.
             (path / JOURNAL).unlink(missing_ok=True)
             return
         journal = self._folder / JOURNAL
-        lines = complete_lines(journal)
+        lines = read_complete_lines(journal)
         if lines and (other := differing_keys(lines[0], self._about)):
             raise InputError(
-                f"{self._folder}: is the beginning of another job, expected the same job or no such folder: "
+                f"{self._folder}: is the beginning of a different job, repeat the same job or remove the folder: "
                 f"{' and '.join(other)} differ"
             )
         if not lines and self._folder.exists() and not set(self._folder.iterdir()) <= {journal}:
@@ -206,7 +208,7 @@ class Recording:
 
     @contextmanager
     def _writing(self) -> Iterator[None]:
-        resumable = "written before are complete, and the same command resumes after them"
+        resumable = "written so far are complete, and the same command resumes after them"
         try:
             # Zarr leaves writes unfinished if a signal's exception interrupts it.
             with deferred():
@@ -222,28 +224,28 @@ class Recording:
 
 def read_journal(journal: Path) -> tuple[dict[str, Any], Entries]:
     """Return attributes and frames of an interrupted recording, up to its last complete journal line."""
-    lines = complete_lines(journal)
+    lines = read_complete_lines(journal)
     if not lines or lines[0].get("schema") != SCHEMA:
         raise InputError(f"{journal}: not the journal of a recording, expected the schema {SCHEMA!r} in its first line")
     return lines[0], Entries.of(lines[1:], journal)
 
 
-def complete_lines(journal: Path) -> list[dict[str, Any]]:
+def read_complete_lines(journal: Path) -> list[dict[str, Any]]:
     """Return the journal's lines up to the first incomplete one; none without a journal.
 
-    Raises InputError for a line that is no JSON object.
+    Raises InputError for a line that is not a JSON object.
     """
     if not journal.exists():
         return []
-    complete = []
+    lines: list[dict[str, Any]] = []
     for line in read_lines(journal)[:-1]:
         try:
-            complete.append(json_of(journal, line))
+            lines.append(json_of(journal, line))
         except InputError:
             break
-        if not isinstance(complete[-1], dict):
-            raise InputError(f"{journal}: holds {str(complete[-1])[:40]!r}, expected lines of a journal")
-    return complete
+        if not isinstance(lines[-1], dict):
+            raise InputError(f"{journal}: holds {str(lines[-1])[:40]!r}, expected lines of a journal")
+    return lines
 
 
 class Folders:
@@ -251,12 +253,12 @@ class Folders:
 
     Parameters
     ----------
-    write_one
+    write_frame
         Function that writes a light field to an empty folder.
     """
 
-    def __init__(self, write_one: Callable[[Path, LightField], None]) -> None:
-        self._write_one = write_one
+    def __init__(self, write_frame: Callable[[Path, LightField], None]) -> None:
+        self._write_one = write_frame
 
     def open(self, folder: Path, about: dict[str, Any]) -> None:
         self._folder = folder
@@ -285,14 +287,14 @@ class Folders:
     def read(self, path: Path) -> tuple[dict[str, Any], Entries]:
         """Read `frames.json`."""
         if not path.is_dir() or not (path / INDEX).exists():
-            raise InputError(f"{path}: exists and is no folder of light fields, expected a new name")
+            raise InputError(f"{path}: exists and is not a folder of light fields, give a new name")
         attributes, entries = read_json(path / INDEX, LARGEST_FILE_BYTES), Entries()
         if not isinstance(attributes, dict):
-            raise InputError(f"{path / INDEX}: no list of frames, expected an object")
+            raise InputError(f"{path / INDEX}: not a list of frames, expected an object")
         for name in ("frames", "lost"):
             lines = attributes.pop(name, None)
             if not isinstance(lines, list):
-                raise InputError(f"{path / INDEX}: no list of frames, expected {name!r} in it")
+                raise InputError(f"{path / INDEX}: not a list of frames, expected {name!r} in it")
             for line in lines:
                 entries.add(line, path / INDEX)
         return attributes, entries

@@ -36,7 +36,7 @@ _FLOAT32 = 7
 
 @dataclass(frozen=True, eq=False)
 class RosMessage:
-    """A message with its type, such as `sensor_msgs/msg/Image`, and its fields: numbers, texts, arrays and messages."""
+    """A message: type, such as `sensor_msgs/msg/Image`, and fields: numbers, strings, arrays and messages."""
 
     type: str
     fields: Mapping[str, Any]
@@ -55,20 +55,20 @@ class Published:
 
 
 def view_topic(view: tuple[int, int]) -> str:
-    """Namespace of a view's topics, below the camera's."""
+    """Return the namespace of a view's topics, below the camera's."""
     return f"view_{view[0]}_{view[1]}"
 
 
 def view_frame(view: tuple[int, int]) -> str:
-    """Optical frame of a decoded view: rectified, unlike the camera of the same mirror in the URDF."""
+    """Return the optical frame of a decoded view: rectified, unlike the camera of the same mirror in the URDF."""
     return f"mirrorcam_rectified_{view_topic(view)}_optical_frame"
 
 
 def stamp_ns(time_s: float, start_ns: int = 0) -> int:
-    """Stamp of a frame at a time in s after a start; raises InputError if ROS 2 cannot represent it."""
+    """Return the stamp of a frame at a time in s after a start; raises InputError if ROS 2 cannot represent it."""
     stamp = start_ns + round(time_s * _NS_PER_S)
     if not 0 <= stamp <= _LAST_STAMP_NS:
-        raise InputError(f"a frame's time is {stamp / _NS_PER_S:.3f} s, expected 0 to 2^31 s as in ROS 2")
+        raise InputError(f"a frame's time is {stamp / _NS_PER_S:.3f} s, but ROS 2 needs 0 to 2^31 s")
     return stamp
 
 
@@ -93,8 +93,8 @@ def frame_messages(light_field: LightField, stamp: int, depth: DepthMap | None =
 
 def time_message(stamp: int) -> RosMessage:
     """Convert a stamp in ns to builtin_interfaces/msg/Time."""
-    seconds, rest = divmod(stamp, _NS_PER_S)
-    return RosMessage("builtin_interfaces/msg/Time", {"sec": seconds, "nanosec": rest})
+    seconds, nanoseconds = divmod(stamp, _NS_PER_S)
+    return RosMessage("builtin_interfaces/msg/Time", {"sec": seconds, "nanosec": nanoseconds})
 
 
 def header(stamp: int, frame_id: str) -> RosMessage:
@@ -103,7 +103,7 @@ def header(stamp: int, frame_id: str) -> RosMessage:
 
 
 def encoding_of(dtype: np.dtype[Any], channels: int) -> str:
-    """Encoding name in `sensor_msgs/image_encodings.hpp` for a pixel type."""
+    """Return the encoding's name in `sensor_msgs/image_encodings.hpp` for a pixel type."""
     return f"32FC{channels}" if dtype == np.float32 else {1: "mono8", 3: "rgb8"}[channels]
 
 
@@ -148,7 +148,7 @@ def camera_info(views: Views, view: tuple[int, int], stamp: int) -> RosMessage:
 
 
 def depth_m(depth: DepthMap) -> NDArray[np.float32]:
-    """Depth (v, u) in metres along z from the reference view itself (REP 118); NaN where uncertain.
+    """Return the depth (v, u) in metres along z from the reference view itself (REP 118); NaN where uncertain.
 
     `DepthMap.depth_mm` is measured from the camera's pupil, which is not the frame of a view.
     """
@@ -158,7 +158,7 @@ def depth_m(depth: DepthMap) -> NDArray[np.float32]:
 
 
 def points_m(depth: DepthMap) -> NDArray[np.float32]:
-    """Points (v, u, 3) in metres in the frame of the reference view; NaN where depth is uncertain."""
+    """Return the points (v, u, 3) in metres in the frame of the reference view; NaN where depth is uncertain."""
     z = depth_m(depth)[..., None]
     directions = (depth.views.pixel_grid() - depth.views.centre_px) / depth.views.focal_px
     return np.concatenate([directions.astype(np.float32) * z, z], axis=-1)
@@ -176,18 +176,18 @@ def point_cloud(light_field: LightField, depth: DepthMap, stamp: int) -> RosMess
     where depth is uncertain.
     """
     points = points_m(depth)
-    known = np.isfinite(points[..., 2])
-    cloud = np.zeros(known.shape, [(name, "<f4") for name in ("x", "y", "z")] + [("rgb", "<u4"), ("sigma", "<f4")])
+    valid = np.isfinite(points[..., 2])
+    cloud = np.zeros(valid.shape, [(name, "<f4") for name in ("x", "y", "z")] + [("rgb", "<u4"), ("sigma", "<f4")])
     cloud["x"], cloud["y"], cloud["z"] = np.moveaxis(points, -1, 0)
     red, green, blue = np.moveaxis(rgb(light_field.samples[depth.view]).astype(np.uint32), -1, 0)
     cloud["rgb"] = red << 16 | green << 8 | blue
-    cloud["sigma"] = np.where(known, depth.sigma_mm * np.float32(M_FROM_MM), np.nan)
+    cloud["sigma"] = np.where(valid, depth.sigma_mm * np.float32(M_FROM_MM), np.nan)
     assert cloud.dtype.fields is not None
     fields = [
         RosMessage("sensor_msgs/msg/PointField", {"name": name, "offset": offset, "datatype": _FLOAT32, "count": 1})
         for name, (_, offset, *_) in cloud.dtype.fields.items()
     ]
-    height, width = known.shape
+    height, width = valid.shape
     return RosMessage(
         "sensor_msgs/msg/PointCloud2",
         {
@@ -199,7 +199,7 @@ def point_cloud(light_field: LightField, depth: DepthMap, stamp: int) -> RosMess
             "point_step": cloud.dtype.itemsize,
             "row_step": width * cloud.dtype.itemsize,
             "data": cloud.reshape(-1).view(np.uint8),
-            "is_dense": bool(known.all()),
+            "is_dense": bool(valid.all()),
         },
     )
 
@@ -236,7 +236,7 @@ def views_text(light_field: LightField) -> RosMessage:
 
 
 def weights_array(light_field: LightField) -> RosMessage:
-    """Build a std_msgs/msg/Float32MultiArray of the weights (t, s, v, u); viewers would show images as depth."""
+    """Build a std_msgs/msg/Float32MultiArray of the weights (t, s, v, u): viewers show such images as depth."""
     shape = light_field.weights.shape
     strides = [int(np.prod(shape[axis:])) for axis in range(len(shape))]
     dimensions = [

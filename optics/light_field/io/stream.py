@@ -18,7 +18,7 @@ Decoded = tuple[Frame, LightField] | Lost
 
 
 class RecordingCheck(Protocol):
-    """A check of a recording once it is complete, such as whether mirrors have moved."""
+    """A check of a complete recording, for example whether mirrors have moved."""
 
     @property
     def file(self) -> str:
@@ -39,7 +39,7 @@ def light_fields(decoder: Decoder, source: Source, after: int = -1, *, ahead: in
 
 
 def decoded_ahead(decoder: Decoder, source: Source, after: int = -1) -> Iterator[Decoded]:
-    """Like `light_fields`, decoding a few frames ahead in another thread, which ends with the returned iterator.
+    """Like `light_fields`, but decode a few frames ahead in a separate thread, which ends with the returned iterator.
 
     OpenCV, the video decoder and file writes release Python's lock.
     """
@@ -59,8 +59,8 @@ def record(
     `on_frame` gets the number of frames done and the last of them. The recording is neither finished nor closed.
     """
     done = len(recording.entries.numbers) + len(recording.entries.lost)
-    more = None if limit is None else max(0, limit - done)
-    for item in islice(decoded_ahead(decoder, source, recording.entries.last), more):
+    remaining = None if limit is None else max(0, limit - done)
+    for item in islice(decoded_ahead(decoder, source, recording.entries.last), remaining):
         if isinstance(item, Lost):
             recording.add_lost(item)
         else:

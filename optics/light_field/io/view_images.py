@@ -23,7 +23,7 @@ SEPARATOR_PX = 3
 SEPARATOR_RGB = (255, 255, 255)
 INVALID_RGB = (64, 64, 64)
 RATIOS = (1.0, 0.7, 1.4, 0.5, 2.0)
-"""Trial ratios of distances across and down; the one with the smallest picture is chosen."""
+"""Candidate ratios of horizontal to vertical distances; the one with the smallest picture is chosen."""
 LARGE_DISTANCE = 1e6
 
 
@@ -53,8 +53,8 @@ def rgb(samples: Samples) -> Bytes:
 
 def write_rgba(path: Path, colours: Bytes, opacity: Bytes | None) -> None:
     """Write a picture (h, w, 3) in RGB, and its opacity (h, w) if given, as PNG."""
-    swapped = colours[..., ::-1]
-    picture = swapped if opacity is None else np.concatenate([swapped, opacity[..., None]], axis=-1)
+    bgr = colours[..., ::-1]
+    picture = bgr if opacity is None else np.concatenate([bgr, opacity[..., None]], axis=-1)
     encoded, buffer = cv2.imencode(".png", np.ascontiguousarray(picture))
     if not encoded:
         raise InputError(f"{path}: {picture.shape[1]}x{picture.shape[0]} px cannot be written as PNG")
@@ -62,7 +62,7 @@ def write_rgba(path: Path, colours: Bytes, opacity: Bytes | None) -> None:
 
 
 def common_size(pictures: Sequence[Path]) -> tuple[int, int]:
-    """Return width and height of the pictures of one light field from the first one's header, and fix their bit depth.
+    """Return width and height of one light field's pictures from the first one's header, and agree on their bit depth.
 
     Raises InputError if all together would take more memory than their files justify. The other pictures' sizes must be
     checked on reading.
@@ -75,7 +75,7 @@ def common_size(pictures: Sequence[Path]) -> tuple[int, int]:
 
 
 def read_rgba(path: Path) -> tuple[Bytes, Bytes]:
-    """Read colours (h, w, 3) in RGB and opacity (h, w) of a picture; 255 everywhere without opacity."""
+    """Read colours (h, w, 3) in RGB and opacity (h, w) of a picture; opacity is 255 if the picture has none."""
     common_size([path])
     colours, opacity = read_image(path), read_opacity(path)
     return colours, np.full(colours.shape[:2], 255, np.uint8) if opacity is None else opacity
@@ -89,13 +89,13 @@ def light_field_of(views: Views, colours: Bytes, opacity: Bytes, channels: int =
 
 
 def check_size(path: Path, picture: NDArray[Any], size: tuple[int, int]) -> None:
-    """Raise InputError if a picture (h, w, ...) has another width or height."""
+    """Raise InputError if a picture (h, w, ...) has a different width or height."""
     if (picture.shape[1], picture.shape[0]) != size:
         raise InputError(f"{path}: {picture.shape[1]}x{picture.shape[0]} px, expected {size[0]}x{size[1]}")
 
 
 def tiled_views(light_field: LightField) -> NDArray[np.uint8]:
-    """Arrange the views in one picture (h, w, 3), RGB, as in space; dark grey where a view has no sample.
+    """Arrange the views in one picture (h, w, 3), RGB, by their positions; dark grey where a view has no sample.
 
     For a grid, row t is below row t - 1.
     """
@@ -104,17 +104,17 @@ def tiled_views(light_field: LightField) -> NDArray[np.uint8]:
         samples = np.rint(np.clip(samples.astype(np.float32), 0.0, 1.0) * 255.0).astype(np.uint8)
     views = np.where(light_field.valid[..., None], samples, np.array(INVALID_RGB, dtype=np.uint8))
     height, width = light_field.height_px, light_field.width_px
-    places = _places(light_field, np.array([width, height]) + SEPARATOR_PX)
-    across, down = places.reshape(-1, 2).max(axis=0)
-    picture = np.full((down + height, across + width, 3), SEPARATOR_RGB, dtype=np.uint8)
+    corners = _tile_corners(light_field, np.array([width, height]) + SEPARATOR_PX)
+    max_left, max_top = corners.reshape(-1, 2).max(axis=0)
+    picture = np.full((max_top + height, max_left + width, 3), SEPARATOR_RGB, dtype=np.uint8)
     for t, s in np.ndindex(light_field.rows, light_field.cols):
-        left, top = places[t, s]
+        left, top = corners[t, s]
         picture[top : top + height, left : left + width] = views[t, s]
     return picture
 
 
-def _places(light_field: LightField, tile_px: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Left and top (t, s, 2) of each view in a picture of non-overlapping tiles of size (across, down)."""
+def _tile_corners(light_field: LightField, tile_px: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return left and top (t, s, 2) of each view in a picture of non-overlapping tiles of size (width, height)."""
     if light_field.is_grid:
         t, s = np.indices((light_field.rows, light_field.cols))
         return np.stack([s, t], axis=-1) * tile_px
@@ -123,8 +123,11 @@ def _places(light_field: LightField, tile_px: NDArray[np.int64]) -> NDArray[np.i
     scales = []
     for ratio in RATIOS:
         # Two tiles are separated along the axis of the larger distance between their views.
-        across = distances[:, 0] * ratio >= distances[:, 1]
-        least = distances[across, 0].min(initial=LARGE_DISTANCE), distances[~across, 1].min(initial=LARGE_DISTANCE)
-        scales.append(1.0 / np.array(least))
+        horizontal = distances[:, 0] * ratio >= distances[:, 1]
+        min_distances = (
+            distances[horizontal, 0].min(initial=LARGE_DISTANCE),
+            distances[~horizontal, 1].min(initial=LARGE_DISTANCE),
+        )
+        scales.append(1.0 / np.array(min_distances))
     scale = min(scales, key=lambda scale: float(np.prod(scale * np.ptp(positions, axis=0) + 1.0)))
     return np.ceil((positions - positions.min(axis=0)) * scale * tile_px).astype(np.int64)[None]

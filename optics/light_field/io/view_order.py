@@ -21,31 +21,31 @@ from numpy.typing import NDArray
 
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
-from mirrorcam.optics.light_field.io.view_motion import ViewMotion, measured_motion, repeats
+from mirrorcam.optics.light_field.io.view_motion import ViewMotion, central_texture_repeats, measure_motion
 from mirrorcam.optics.light_field.light_field import LightField
 
 _MAX_ERROR, _CONTRADICTION = 0.35, 0.6
-"""Largest error of a motion, in steps, that an order explains, and least error that contradicts it."""
+"""Maximum error of a motion, in steps, that an order explains, and minimum error that contradicts it."""
 _ERROR_PER_STEP = 0.2
 """Additional tolerance, in steps, for each further step between two views: small steps are biased."""
-_MIN_SHARE = 0.75
-"""Least share of the pairs of views that an order must explain."""
+_MIN_FRACTION = 0.75
+"""Minimum fraction of the pairs of views that an order must explain."""
 _MIN_COST_DIFFERENCE = 0.1
-"""Least difference of mean errors for one order to be certainly better."""
+"""Minimum difference of mean errors for one order to be certainly better."""
 _MIN_STEP = 0.2
-"""Least ratio of the steps along the two axes."""
+"""Minimum ratio of the steps along the two axes."""
 _EVEN_TOLERANCE = 1e-6
-"""Deviation from an even grid, in steps, that rounding explains."""
+"""Maximum deviation from an even grid, in steps, that rounding explains."""
 _NUMBER = r"(-?[0-9]{1,12}(?:\.[0-9]{1,20})?)"
 _COUNT = r"([0-9]{1,9})"
 # The shortest prefix matches: following numbers that could be a position are taken as one.
-PLACED = re.compile(rf"(?:.*?_)?{_COUNT}_{_COUNT}_{_NUMBER}_{_NUMBER}_?", re.DOTALL)
-UNPLACED = re.compile(rf"(?:.*_)?{_COUNT}_{_COUNT}", re.DOTALL)
-# Not parts of longer numbers; a negative number's minus sign follows an underscore.
+POSITIONED = re.compile(rf"(?:.*?_)?{_COUNT}_{_COUNT}_{_NUMBER}_{_NUMBER}_?", re.DOTALL)
+UNPOSITIONED = re.compile(rf"(?:.*_)?{_COUNT}_{_COUNT}", re.DOTALL)
+# Complete numbers only; a negative number's minus sign follows an underscore.
 _WORD = re.compile(r"(?<![0-9])(?<!_-)[0-9]{1,9}(?![0-9])|(?<=_)-[0-9]{1,9}(?![0-9])")
 _NO_WORD = -(10**10)
 _MAX_WORDS = 8
-"""Largest number of numbers considered, from the end of a name."""
+"""Maximum count of numbers considered, from the end of a name."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +54,7 @@ class _Order:
 
     name: str
     grid: tuple[int, int]
-    places: FloatArray
+    indices: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,17 +69,17 @@ class _Fit:
     errors: FloatArray
 
     @classmethod
-    def of(cls, motion: ViewMotion, places: FloatArray) -> _Fit:
-        """Fit the motion by places (n, 2), x and y, of all views."""
-        moved = places[motion.pairs[:, 1]] - places[motion.pairs[:, 0]]
+    def of(cls, motion: ViewMotion, indices: FloatArray) -> _Fit:
+        """Fit the motion to grid indices (n, 2), x and y, of all views."""
+        steps_between = indices[motion.pairs[:, 1]] - indices[motion.pairs[:, 0]]
         steps = np.full(2, np.nan)
         for axis in (0, 1):
-            along = np.abs(moved[:, axis]) > 0.5
-            if along.any():
-                steps[axis] = np.median(motion.displacement_px[along, axis] / moved[along, axis])
+            has_step = np.abs(steps_between[:, axis]) > 0.5
+            if has_step.any():
+                steps[axis] = np.median(motion.displacement_px[has_step, axis] / steps_between[has_step, axis])
         # For a single row or column, the other axis has no step.
         steps = np.where(np.isnan(steps), steps[::-1], steps)
-        expected = moved * steps
+        expected = steps_between * steps
         step_px = max(float(np.sqrt(np.mean(steps**2))), 1e-9)
         extra_steps = np.maximum(np.linalg.norm(expected, axis=1) / step_px - 1.0, 0.0)
         error = np.linalg.norm(motion.displacement_px - expected, axis=1) / step_px
@@ -89,7 +89,7 @@ class _Fit:
     def holds(self) -> bool:
         """Whether the order explains nearly all pairs."""
         smaller, larger = np.sort(np.abs(self.steps_px))
-        return bool(np.mean(self.errors < _MAX_ERROR) >= _MIN_SHARE and smaller > _MIN_STEP * larger)
+        return bool(np.mean(self.errors < _MAX_ERROR) >= _MIN_FRACTION and smaller > _MIN_STEP * larger)
 
     @property
     def cost(self) -> float:
@@ -102,60 +102,62 @@ class _Fit:
         return bool(self.steps_px[0] * self.steps_px[1] < 0)
 
     def beats(self, other: _Fit) -> bool:
-        """Whether this explains nearly all pairs for which the two differ, and the other less than half of them."""
+        """Return whether this explains nearly all pairs for which the two differ, and the other less than half."""
         size = float(np.sqrt(np.mean(self.steps_px**2)))
         differ = np.linalg.norm(self.displacement_px - other.displacement_px, axis=1) > 0.5 * size
         if not self.holds or not differ.any():
             return False
         errors = [fit.errors[differ] * float(np.sqrt(np.mean(fit.steps_px**2))) / size for fit in (self, other)]
-        return bool(np.mean(errors[0] < _MAX_ERROR) >= _MIN_SHARE and np.median(errors[1]) > _CONTRADICTION)
+        return bool(np.mean(errors[0] < _MAX_ERROR) >= _MIN_FRACTION and np.median(errors[1]) > _CONTRADICTION)
 
 
 def in_order(light_field: LightField, *, may_change: bool = True) -> tuple[LightField, str | None]:
     """Reorder views as their pictures show; also return a note on a change or doubt, or None.
 
     Views are reordered if exactly one other order explains the motion of the picture. Ambiguous pictures, such as those
-    without texture, stay in order. Both orders for which the picture moves in the same direction along rows and columns
-    are valid: one for a scene in front of the plane of zero disparity, the other for one behind it.
+    without texture, keep their order. Both orders for which the picture moves in the same direction along rows and
+    columns are valid: one for a scene in front of the plane of zero disparity, the other for one behind it.
 
     Raises InputError in one line for pictures that contradict their order, if the right one is uncertain or must not be
     adopted.
     """
-    motion = measured_motion(light_field)
+    motion = measure_motion(light_field)
     if motion is None:
         return light_field, None
-    places, is_even = _given_places(light_field)
-    given = _Fit.of(motion, places)
+    indices, is_even = _given_indices(light_field)
+    given = _Fit.of(motion, indices)
     if given.holds and not given.is_mirrored and (given.errors < _CONTRADICTION).all():
         return light_field, None
     grid = light_field.rows, light_field.cols
-    orders = list(_orders(grid)) if is_even else [_Order("with x and y exchanged", grid, places[:, ::-1])]
-    fits = [(order, fit) for order in orders if (fit := _Fit.of(motion, order.places)).beats(given)]
+    orders = list(_orders(grid)) if is_even else [_Order("with x and y exchanged", grid, indices[:, ::-1])]
+    fits = [(order, fit) for order in orders if (fit := _Fit.of(motion, order.indices)).beats(given)]
     fits.sort(key=lambda pair: pair[1].cost)
     likely = [(order, fit) for order, fit in fits if fit.cost < fits[0][1].cost + _MIN_COST_DIFFERENCE]
     upright = [order for order, fit in likely if not fit.is_mirrored]
     if may_change and len(likely) == len(upright) == 1 and is_even and upright[0].grid in (grid, grid[::-1]):
-        return _rearranged(light_field, upright[0]), f"the pictures show that views are {upright[0].name}: reordered"
+        return _rearrange(light_field, upright[0]), f"the pictures show that views are {upright[0].name}: reordered"
     expected = "expected row by row from the top left; rename or reorder the pictures"
     if upright:
         raise InputError(f"the pictures show that views are {upright[0].name}, {expected}")
     if given.holds and given.is_mirrored:
-        if repeats(light_field):
+        if central_texture_repeats(light_field):
             return light_field, "rows may run upwards, or columns leftwards: the repeating texture is ambiguous"
         raise InputError(f"the pictures show that rows run upwards, or columns leftwards, {expected}")
     if fits:
         raise InputError(
             f"the pictures show that views are {fits[0][0].name}, and rows run upwards or columns leftwards, {expected}"
         )
-    measured = _measured_places(motion, grid) if is_even else None
+    measured = _measured_indices(motion, grid) if is_even else None
     if measured is not None and _Fit.of(motion, measured).beats(given):
-        wrong = int((np.abs(measured - places).max(axis=1) > 0.5).sum())
-        raise InputError(f"the pictures show {wrong} of {len(places)} views at other places of the grid, {expected}")
+        wrong = int((np.abs(measured - indices).max(axis=1) > 0.5).sum())
+        raise InputError(
+            f"the pictures show {wrong} of {len(indices)} views at different positions in the grid, {expected}"
+        )
     return light_field, None
 
 
-def _given_places(light_field: LightField) -> tuple[FloatArray, bool]:
-    """Return places (n, 2) of views in steps, and whether they are an even grid of rows and columns."""
+def _given_indices(light_field: LightField) -> tuple[FloatArray, bool]:
+    """Return the positions (n, 2) of views in steps, and whether they form an even grid of rows and columns."""
     rows, cols = light_field.rows, light_field.cols
     t, s = np.indices((rows, cols))
     index = np.stack([s, t], axis=-1).reshape(-1, 2).astype(np.float64)
@@ -170,14 +172,14 @@ def _given_places(light_field: LightField) -> tuple[FloatArray, bool]:
 
 
 def _spacing(positions: FloatArray) -> float:
-    """Median distance of places (n, 2) to their nearest neighbours."""
+    """Return the median distance of positions (n, 2) to their nearest neighbours."""
     distances = np.linalg.norm(positions[:, None] - positions, axis=-1)
     np.fill_diagonal(distances, np.inf)
     return float(np.median(distances.min(axis=1)))
 
 
 def _orders(grid: tuple[int, int]) -> Iterator[_Order]:
-    """Yield orders other than row by row, for any number of rows; those with the given number first."""
+    """Yield orders other than row by row, for any number of rows; those with the given number of rows first."""
     count = grid[0] * grid[1]
     number = np.arange(count)
     shapes = [grid, grid[::-1], *((rows, count // rows) for rows in range(1, count + 1) if count % rows == 0)]
@@ -185,24 +187,26 @@ def _orders(grid: tuple[int, int]) -> Iterator[_Order]:
         if (rows, cols) != grid:
             line = "in one row" if rows == 1 else "in one column"
             name = f"row by row in {rows} rows of {cols}" if min(rows, cols) > 1 else line
-            yield _Order(name, (rows, cols), _places(number, cols))
+            yield _Order(name, (rows, cols), _line_indices(number, cols))
         if min(rows, cols) > 1:
-            columns = _places(number, rows)[:, ::-1]
+            columns = _line_indices(number, rows)[:, ::-1]
             yield _Order(f"column by column in {cols} columns of {rows}", (rows, cols), columns)
             snake = f"in a snake along {rows} rows of {cols}"
-            yield _Order(snake, (rows, cols), _places(number, cols, snake=True))
+            yield _Order(snake, (rows, cols), _line_indices(number, cols, snake=True))
             snake = f"in a snake along {cols} columns of {rows}"
-            yield _Order(snake, (rows, cols), _places(number, rows, snake=True)[:, ::-1])
+            yield _Order(snake, (rows, cols), _line_indices(number, rows, snake=True)[:, ::-1])
 
 
-def _places(number: NDArray[np.int_], length: int, *, snake: bool = False) -> FloatArray:
-    """Position in the line, and line (n, 2), of numbers in lines of a length; a snake reverses every second one."""
-    line, place = number // length, number % length
-    return np.stack([np.where(snake & (line % 2 == 1), length - 1 - place, place), line], axis=1).astype(np.float64)
+def _line_indices(number: NDArray[np.int_], length: int, *, snake: bool = False) -> FloatArray:
+    """Return index in the line and line (n, 2) of numbers in lines of a length; a snake reverses every second line."""
+    line, position = number // length, number % length
+    return np.stack([np.where(snake & (line % 2 == 1), length - 1 - position, position), line], axis=1).astype(
+        np.float64
+    )
 
 
-def _measured_places(motion: ViewMotion, grid: tuple[int, int]) -> FloatArray | None:
-    """Column and row (n, 2) of each view by its measured position; None if the views are not connected."""
+def _measured_indices(motion: ViewMotion, grid: tuple[int, int]) -> FloatArray | None:
+    """Return column and row (n, 2) of each view from its measured position; None if the views are not connected."""
     count = grid[0] * grid[1]
     graph = np.zeros((len(motion.pairs), count))
     index = np.arange(len(motion.pairs))
@@ -212,29 +216,29 @@ def _measured_places(motion: ViewMotion, grid: tuple[int, int]) -> FloatArray | 
     positions = np.linalg.lstsq(graph, motion.displacement_px, rcond=None)[0]
     t, s = np.indices(grid)
     if float(np.sum(positions * np.stack([s, t], axis=-1).reshape(-1, 2))) < 0:
-        positions = -positions  # nearer or farther than the plane of zero disparity
-    places = np.empty((count, 2))
+        positions = -positions  # the scene may be in front of or behind the plane of zero disparity
+    indices = np.empty((count, 2))
     for column, members in enumerate(np.argsort(positions[:, 0], kind="stable").reshape(grid[1], grid[0])):
-        places[members[np.argsort(positions[members, 1], kind="stable")]] = [[column, row] for row in range(grid[0])]
-    return places
+        indices[members[np.argsort(positions[members, 1], kind="stable")]] = [[column, row] for row in range(grid[0])]
+    return indices
 
 
-def _rearranged(light_field: LightField, order: _Order) -> LightField:
-    """Move the views, given row by row, to the places of an order, on an even grid with the same steps."""
+def _rearrange(light_field: LightField, order: _Order) -> LightField:
+    """Move the views, given row by row, to the grid positions of an order, on an even grid with the same steps."""
     rows, cols = order.grid
     count = rows * cols
     source = np.empty(count, np.intp)
-    source[(order.places[:, 1] * cols + order.places[:, 0]).astype(np.intp)] = np.arange(count)
+    source[(order.indices[:, 1] * cols + order.indices[:, 0]).astype(np.intp)] = np.arange(count)
     positions = light_field.positions_mm[..., :2].reshape(-1, 2)
     steps = np.ptp(positions, axis=0) / np.maximum([light_field.cols - 1, light_field.rows - 1], 1)
     steps = np.where(steps > 0, steps, steps[::-1])
     t, s = np.indices((rows, cols))
-    places = np.stack([(s - cols // 2) * steps[0], (t - rows // 2) * steps[1], 0.0 * s], axis=-1)
+    positions_mm = np.stack([(s - cols // 2) * steps[0], (t - rows // 2) * steps[1], 0.0 * s], axis=-1)
     samples: Any = light_field.samples.reshape(count, *light_field.samples.shape[2:])[source]
     weights = light_field.weights.reshape(count, *light_field.weights.shape[2:])[source]
     return replace(
         light_field,
-        positions_mm=places,
+        positions_mm=positions_mm,
         samples=samples.reshape(rows, cols, *samples.shape[1:]),
         weights=weights.reshape(rows, cols, *weights.shape[1:]),
     )
@@ -242,10 +246,10 @@ def _rearranged(light_field: LightField, order: _Order) -> LightField:
 
 @dataclass(frozen=True, eq=False)
 class NamedViews:
-    """Pictures row by row, their places (t, s, 2), x and y, if named, and the numbers of rows and columns."""
+    """Pictures row by row, their positions (t, s, 2), x and y, if named, and the numbers of rows and columns."""
 
     files: tuple[Path, ...]
-    places: FloatArray | None
+    positions: FloatArray | None
     grid: tuple[int, int]
 
 
@@ -256,12 +260,12 @@ class _Named:
     file: Path
     row: int
     col: int
-    place: tuple[float, float] | None = None
+    position: tuple[float, float] | None = None
 
 
 def has_named_views(files: Sequence[Path]) -> bool:
     """Return whether pictures are named as views: NAME_ROW_COLUMN, or with numbers that form a grid."""
-    if any(PLACED.fullmatch(file.stem) or UNPLACED.fullmatch(file.stem) for file in files):
+    if any(POSITIONED.fullmatch(file.stem) or UNPOSITIONED.fullmatch(file.stem) for file in files):
         return True
     return any(_is_plane(views) for views in _named_grids(files))
 
@@ -269,29 +273,29 @@ def has_named_views(files: Sequence[Path]) -> bool:
 def named_views(folder: Path, files: Sequence[Path]) -> NamedViews:
     """Return the views among the pictures of a folder.
 
-    A grid of rows and columns is preferred to a single row, and named positions to none. Raises InputError in one line
-    for names that form no grid.
+    A grid of rows and columns is preferred to a single row, and names with positions to names without. Raises
+    InputError in one line for names that do not form a grid.
     """
-    placed = [
+    positioned = [
         _Named(file, int(match[1]), int(match[2]), (float(match[4]), float(match[3])))
         for file in files
-        if (match := PLACED.fullmatch(file.stem))
+        if (match := POSITIONED.fullmatch(file.stem))
     ]
-    unplaced = [
-        _Named(file, int(match[1]), int(match[2])) for file in files if (match := UNPLACED.fullmatch(file.stem))
+    unpositioned = [
+        _Named(file, int(match[1]), int(match[2])) for file in files if (match := UNPOSITIONED.fullmatch(file.stem))
     ]
-    found, complaints = [], []
-    for names in (placed, unplaced):
+    grids, reasons = [], []
+    for names in (positioned, unpositioned):
         views = _named_grid(names) if names else "has no pictures NAME_ROW_COLUMN_Y_X"
         if isinstance(views, str):
-            complaints += [views] if names else []
+            reasons += [views] if names else []
         else:
-            found.append(views)
-    found += _named_grids(files)
-    if not found:
-        raise InputError(f"{folder}: {complaints[0] if complaints else 'has no pictures NAME_ROW_COLUMN_Y_X'}")
-    planes = [views for views in found if _is_plane(views)]
-    views = max(planes, key=lambda views: len(views.files)) if planes else found[0]
+            grids.append(views)
+    grids += _named_grids(files)
+    if not grids:
+        raise InputError(f"{folder}: {reasons[0] if reasons else 'has no pictures NAME_ROW_COLUMN_Y_X'}")
+    planes = [views for views in grids if _is_plane(views)]
+    views = max(planes, key=lambda views: len(views.files)) if planes else grids[0]
     if 2 * len(views.files) < len(files):
         raise InputError(
             f"{folder}: only {len(views.files)} of {len(files)} pictures form a grid by the numbers in their names, "
@@ -301,50 +305,50 @@ def named_views(folder: Path, files: Sequence[Path]) -> NamedViews:
 
 
 def _is_plane(views: NamedViews) -> bool:
-    """Whether views have several rows and several columns."""
+    """Return whether views have several rows and several columns."""
     return min(views.grid) > 1
 
 
 def _named_grids(files: Sequence[Path]) -> Iterator[NamedViews]:
     """Yield grids of several rows and columns formed by two numbers of the names, those nearest to the end first."""
     words = [[int(word) for word in reversed(_WORD.findall(file.stem))][:_MAX_WORDS] for file in files]
-    numbers = np.array([each + [_NO_WORD] * (_MAX_WORDS - len(each)) for each in words]).reshape(-1, _MAX_WORDS)
+    numbers = np.array([row + [_NO_WORD] * (_MAX_WORDS - len(row)) for row in words]).reshape(-1, _MAX_WORDS)
     for col in range(_MAX_WORDS):
         for row in range(col + 1, _MAX_WORDS):
             named = np.flatnonzero(numbers[:, row] > _NO_WORD)
             pairs = numbers[named][:, [row, col]]
-            # A quick test for folders of many pictures: a grid has as many as its numbers span.
+            # A quick test for folders of many pictures: a grid has as many pictures as its numbers span.
             if len(pairs) < 4 or np.prod(np.ptp(pairs, axis=0) + 1.0) != len(pairs):
                 continue
             views = _named_grid(
-                [_Named(files[at], *pair) for at, pair in zip(named.tolist(), pairs.tolist(), strict=True)]
+                [_Named(files[index], *pair) for index, pair in zip(named.tolist(), pairs.tolist(), strict=True)]
             )
             if not isinstance(views, str) and _is_plane(views):
                 yield views
 
 
 def _named_grid(names: Sequence[_Named]) -> NamedViews | str:
-    """Return views at all rows and columns from the first (0, 1 or negative), or the reason why they form no grid."""
+    """Return views at all rows and columns from the first (0, 1 or negative), or why they do not form a grid."""
     numbers = np.array([(name.row, name.col) for name in names])
     first, last = (tuple(ends.tolist()) for ends in (numbers.min(axis=0), numbers.max(axis=0)))
-    # Numbers about a middle view are partly negative; if all are, the minus sign is a hyphen.
+    # Numbers relative to a central view are partly negative; if all are, the minus sign is a hyphen.
     if max(first) > 1 or any(begin < 0 and end <= 0 for begin, end in zip(first, last, strict=True)):
         return f"its first view is {first}, expected rows and columns from 0 or from 1"
-    found: dict[tuple[int, int], _Named] = {}
+    pictures: dict[tuple[int, int], _Named] = {}
     for name in names:
         index = name.row - first[0], name.col - first[1]
-        if index in found:
-            return f"{found[index].file.name} and {name.file.name} show the same view, expected one picture per view"
-        found[index] = name
-    rows, cols = (1 + max(index[axis] for index in found) for axis in (0, 1))
-    if len(found) != rows * cols:
-        missing = next((row, col) for row in range(rows) for col in range(cols) if (row, col) not in found)
+        if index in pictures:
+            return f"{pictures[index].file.name} and {name.file.name} show the same view, expected one picture per view"
+        pictures[index] = name
+    rows, cols = (1 + max(index[axis] for index in pictures) for axis in (0, 1))
+    if len(pictures) != rows * cols:
+        missing = next((row, col) for row in range(rows) for col in range(cols) if (row, col) not in pictures)
         view = missing[0] + first[0], missing[1] + first[1]
         return f"lacks view {view}, expected NAME_ROW_COLUMN pictures of all {rows}x{cols}"
-    order = [found[index] for index in np.ndindex(rows, cols)]
-    places = [name.place for name in order if name.place is not None]
+    order = [pictures[index] for index in np.ndindex(rows, cols)]
+    positions = [name.position for name in order if name.position is not None]
     return NamedViews(
         tuple(name.file for name in order),
-        np.array(places).reshape(rows, cols, 2) if places else None,
+        np.array(positions).reshape(rows, cols, 2) if positions else None,
         (rows, cols),
     )

@@ -20,7 +20,7 @@ DIMENSIONS = ("frame", "t", "s", "v", "u", "c")
 GROWTH_FRAMES = 256
 """Number of frames by which the array grows during writing."""
 MAX_FRAMES = 10_000_000
-"""Largest number of frames of a recording that is read: days of video."""
+"""Maximum number of frames of a recording that is read: days of video."""
 
 
 class ZarrSink:
@@ -41,7 +41,7 @@ class ZarrSink:
 
     def write(self, index: int, number: int, light_field: LightField) -> None:
         if self._samples is None:
-            self._samples = self._created(light_field)
+            self._samples = self._create(light_field)
         if index >= self._samples.shape[0]:
             self._samples.resize((index + GROWTH_FRAMES, *self._samples.shape[1:]))
         self._samples[index] = light_field.samples
@@ -66,15 +66,19 @@ class ZarrSink:
             raise InputError(f"{path}: not a recording of light fields, expected the schema {SCHEMA!r}")
         number, time_s = (_frame_array(path, name, kind) for name, kind in (("number", "int64"), ("time_s", "float64")))
         lost = attributes.pop("lost", None)
-        if not isinstance(lost, list) or not all(isinstance(each, list) and len(each) == 2 for each in lost):
-            raise InputError(f"{path}: its attribute 'lost' is no list of frames and reasons")
+        if not isinstance(lost, list) or not all(isinstance(entry, list) and len(entry) == 2 for entry in lost):
+            raise InputError(f"{path}: its attribute 'lost' is not a list of frames and reasons")
         if number.shape != time_s.shape or (len(number) > 1 and not np.ptp(time_s)):
-            raise InputError(f"{path}: {len(number)} numbers, {len(time_s)} times of frames, expected a time of each")
-        lines = [{"number": each, "time_s": time} for each, time in zip(number.tolist(), time_s.tolist(), strict=True)]
-        lines += [{"number": each, "lost": reason} for each, reason in lost]
+            raise InputError(
+                f"{path}: {len(number)} frame numbers and {len(time_s)} times, expected one time per frame"
+            )
+        lines = [
+            {"number": frame, "time_s": time} for frame, time in zip(number.tolist(), time_s.tolist(), strict=True)
+        ]
+        lines += [{"number": frame, "lost": reason} for frame, reason in lost]
         return attributes, Entries.of(lines, path)
 
-    def _created(self, light_field: LightField) -> Any:
+    def _create(self, light_field: LightField) -> Any:
         """Create the arrays before the first frame."""
         import zarr
         from zarr.codecs import BloscCodec
@@ -82,14 +86,14 @@ class ZarrSink:
         group = zarr.open_group(self._folder, mode="a")
         group.create_array("weights", data=light_field.weights, dimension_names=DIMENSIONS[1:5], overwrite=True)
         # Pictures hardly compress: this fast codec mainly removes the parts of views without samples.
-        fast = BloscCodec(cname="lz4", clevel=1, shuffle="noshuffle")
+        codec = BloscCodec(cname="lz4", clevel=1, shuffle="noshuffle")
         shape = light_field.samples.shape
         return group.create_array(
             "samples",
             shape=(GROWTH_FRAMES, *shape),
             chunks=(1, *shape),
             dtype=light_field.samples.dtype,
-            compressors=fast,
+            compressors=codec,
             dimension_names=DIMENSIONS,
             overwrite=True,
             # Testing a frame for zeros takes three times as long as writing it.
@@ -108,7 +112,7 @@ def _frame_array(path: Path, name: str, kind: str) -> Any:
 class StoredLightFields(StoredFrames):
     """The light fields of a recording in Zarr, each read on access.
 
-    An interrupted recording (NAME.partial) holds its complete frames.
+    An interrupted recording (NAME.partial) contains its complete frames.
 
     Attributes
     ----------
@@ -126,24 +130,26 @@ class StoredLightFields(StoredFrames):
         self.about, entries = read_journal(journal) if journal.exists() else ZarrSink().read(path)
         self.numbers, self.times_s, self.lost = tuple(entries.numbers), tuple(entries.times_s), entries.lost
         self._samples, weights = ZarrArray(path, "samples"), ZarrArray(path, "weights")
-        self._check_shapes(weights, is_cut_off=journal.exists())
-        self._is_weighted_in_full = weights.is_complete
+        self._check_shapes(weights, is_interrupted=journal.exists())
+        self._has_all_weights = weights.is_complete
         views = self.about.get("views")
         empty = np.zeros(self._samples.shape[1:], dtype=self._samples.dtype)
         fields = {**(views if isinstance(views, dict) else {}), "samples": empty, "weights": weights.read()}
         self._empty = light_field_of_fields(fields, str(path))
 
-    def _check_shapes(self, weights: ZarrArray, *, is_cut_off: bool) -> None:
+    def _check_shapes(self, weights: ZarrArray, *, is_interrupted: bool) -> None:
         """Raise InputError if arrays are inconsistent, or a frame is not a single chunk that fits into memory."""
         shape, count = self._samples.shape, len(self.numbers)
         if len(shape) != 6 or self._samples.chunk_shape != (1, *shape[1:]):
-            raise InputError(f"{self.path}: samples of shape {shape[:8]}, expected {DIMENSIONS} with a chunk per frame")
+            raise InputError(
+                f"{self.path}: samples have shape {shape[:8]}, expected {DIMENSIONS} with a chunk per frame"
+            )
         if weights.shape != shape[1:5] or weights.dtype != np.float32:
             raise InputError(
                 f"{self.path}: weights are {weights.dtype} of shape {weights.shape[:8]}, expected float32 {shape[1:5]}"
             )
-        if shape[0] != count and not (is_cut_off and shape[0] > count):
-            raise InputError(f"{self.path}: samples of {shape[0]} frames, but numbers and times of {count}")
+        if shape[0] != count and not (is_interrupted and shape[0] > count):
+            raise InputError(f"{self.path}: samples for {shape[0]} frames, but numbers and times for {count}")
         check_bytes(self.path, self._samples.chunk_bytes + weights.dtype.itemsize * int(np.prod(shape[1:5])), 0)
 
     def __len__(self) -> int:
@@ -155,8 +161,8 @@ class StoredLightFields(StoredFrames):
             raise InputError(f"{self.path}: frame {number} is missing, expected {self._samples.key(chunk)}")
         try:
             samples = self._samples.chunk(chunk)[0]
-            if not self._is_weighted_in_full and samples[self._empty.weights == 0].any():
-                raise InputError("has samples without weight, expected files of all weights")
+            if not self._has_all_weights and samples[self._empty.weights == 0].any():
+                raise InputError("has samples without weight, expected the files of all weights")
             return LightField.of(self._empty, samples, self._empty.weights)
         except InputError as error:
             reason = str(error).removeprefix(f"{self.path}/").removeprefix(f"{self.path}: ")

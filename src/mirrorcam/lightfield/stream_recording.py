@@ -66,7 +66,7 @@ class StreamRecorder:
             ),
             sink,
         )
-        if recording.complete:
+        if recording.is_complete:
             self.reporter.note("decode", f"{path} exists already, from the same frames")
             return len(recording.entries.lost)
         if recording.entries.last >= 0:

@@ -1,1 +1,1 @@
-"""File formats of light fields: each module here but `registry` is one, under its own name, and has it as `FORMAT`."""
+"""File formats of light fields: each module here except `registry` defines one, of its own name, as `FORMAT`."""

@@ -1,7 +1,7 @@
 """COLMAP: the views as one rig of pinholes, in metres, with a sparse model of one frame without points.
 
-COLMAP drops cameras whose principal point lies outside their picture, as views of mirrors often have it, so pictures
-get margins, which the masks exclude.
+COLMAP drops cameras whose principal point lies outside their picture, which is common for views in mirrors, so
+pictures get margins, which the masks exclude.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from mirrorcam.core.images.pictures import read_image, write_image
 from mirrorcam.optics.geometry.sfm_rigs import HALF_PIXEL, SfmCamera, rig_config, sparse_model
 from mirrorcam.optics.geometry.transforms import rigid
 from mirrorcam.optics.light_field.depth.parallax import reference_index
-from mirrorcam.optics.light_field.io.light_field_format import Format, single, without_depth
+from mirrorcam.optics.light_field.io.light_field_format import Format, depthless_writer, single_reader
 from mirrorcam.optics.light_field.io.pinholes import centres_in_rig_mm, row_by_row, view_name, views_of_pinholes
 from mirrorcam.optics.light_field.io.view_images import check_size, common_size, light_field_of, rgb, weight_bytes
 from mirrorcam.optics.light_field.io.views_file import VIEWS, read_views, write_views
@@ -28,13 +28,13 @@ from mirrorcam.optics.light_field.light_field import LightField, Views
 
 PICTURE = "0000.png"
 EDGE_PX = 1.0
-"""Least distance of principal points from the border."""
+"""Minimum distance of principal points from the border."""
 _WORDS = 10
-"""Number of words in a picture's line."""
+"""Number of words in the line of a picture."""
 
 
 def margins(views: Views) -> tuple[int, int, int, int]:
-    """Left, top, right and bottom px to add to every view so that all principal points lie inside."""
+    """Return the px to add to every view (left, top, right, bottom) so that all principal points lie inside."""
     centres = views.matrices[..., :2, 2].reshape(-1, 2)
     size = np.array([views.width_px, views.height_px])
     before = np.ceil(np.maximum(0.0, EDGE_PX - centres.min(axis=0))).astype(int)
@@ -84,9 +84,8 @@ def read_colmap(folder: Path) -> LightField:
     """
     model = folder / "sparse"
     with refusing(model, "a model of a grid of views"):
-        found = _named_views(model)
-        (rows, cols), order = row_by_row(found)
-        poses, numbers = np.array([each[0] for each in order]), np.array([each[1] for each in order])
+        (rows, cols), order = row_by_row(_named_views(model))
+        poses, numbers = (np.array([view[part] for view in order]) for part in (0, 1))
         if poses.shape[1:] != (7,) or numbers.shape[1:] != (6,) or not np.isfinite([poses.sum(), numbers.sum()]).all():
             raise ValueError("numbers are missing or not finite")
         rotations = Rotation.from_quat(poses[:, :4], scalar_first=True).as_matrix()
@@ -95,13 +94,15 @@ def read_colmap(folder: Path) -> LightField:
     files = [inside(folder / "images", name) for _, _, name in order]
     size = common_size(files)
     if size != tuple(numbers[0, :2]):
-        raise InputError(f"{files[0]}: {size[0]}x{size[1]} px, expected {numbers[0, :2].tolist()} of its camera")
+        raise InputError(f"{files[0]}: {size[0]}x{size[1]} px, expected {numbers[0, :2].tolist()} as for its camera")
     stated = read_views(folder / VIEWS)
     left, top, right, bottom = stated[1].margins if stated else (0, 0, 0, 0)
     if stated:
         views = stated[0]
         if size != (views.width_px + left + right, views.height_px + top + bottom):
-            raise InputError(f"{folder / VIEWS}: views of {views.width_px}x{views.height_px} px in {size[0]}x{size[1]}")
+            raise InputError(
+                f"{folder / VIEWS}: views of {views.width_px}x{views.height_px} px, but pictures of {size[0]}x{size[1]}"
+            )
     else:
         matrices = np.zeros((rows * cols, 3, 3))
         matrices[:, 0, 0], matrices[:, 1, 1], matrices[:, 2, 2] = numbers[:, 2], numbers[:, 3], 1.0
@@ -128,7 +129,7 @@ _View = tuple[NDArray[np.float64], list[float], str]
 
 def _named_views(where: Path) -> dict[tuple[int, int], _View]:
     """Return pose, intrinsics and picture of each view by row and column, from the pictures' names."""
-    cameras, found = {}, dict[tuple[int, int], _View]()
+    cameras, views = {}, dict[tuple[int, int], _View]()
     for words in _lines(where / "cameras.txt"):
         if words[1] != "PINHOLE":
             raise InputError(f"{where / 'cameras.txt'}: camera {words[0]} is {words[1]}, expected PINHOLE"[:300])
@@ -137,8 +138,8 @@ def _named_views(where: Path) -> dict[tuple[int, int], _View]:
         # Lines of points do not have ten words ending in a picture's name.
         if len(words) == _WORDS and "/" in words[9]:
             row, col = (int(word) for word in words[9].split("/")[0].split("_")[-2:])
-            found[row, col] = np.array(words[1:8], np.float64), cameras[words[8]], words[9]
-    return found
+            views[row, col] = np.array(words[1:8], np.float64), cameras[words[8]], words[9]
+    return views
 
 
 def _lines(path: Path) -> Iterator[list[str]]:
@@ -153,6 +154,6 @@ FORMAT = Format(
     name="colmap",
     ending="_colmap",
     detect=is_colmap,
-    read=single(lambda path, assumed: read_colmap(path)),
-    write=without_depth(write_colmap),
+    read=single_reader(lambda path, assumed: read_colmap(path)),
+    write=depthless_writer(write_colmap),
 )

@@ -8,7 +8,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from mirrorcam.core.images.pictures import is_picture
-from mirrorcam.optics.light_field.io.light_field_format import Format, single, without_depth
+from mirrorcam.optics.light_field.io.light_field_format import Format, depthless_writer, single_reader
 from mirrorcam.optics.light_field.io.mosaic import read_mosaic, write_mosaic
 
 
@@ -21,7 +21,7 @@ FORMAT = Format(
     name="eslf",
     ending="_eslf.png",
     detect=is_eslf,
-    read=single(lambda path, assumed: read_mosaic(path, "eslf", assumed)),
-    write=without_depth(lambda path, light_field: write_mosaic(path, light_field, "eslf")),
+    read=single_reader(lambda path, assumed: read_mosaic(path, "eslf", assumed)),
+    write=depthless_writer(lambda path, light_field: write_mosaic(path, light_field, "eslf")),
     needs_grid=True,
 )

@@ -2,7 +2,7 @@
 
 `input_Cam000.png` and following, row by row from the top left view; `parameters.cfg`; `gt_disp_lowres.pfm`, px per view
 step, positive nearer than the focus distance; `gt_depth_lowres.pfm`, metres from the cameras. Views are pinholes with
-shifted sensors on an even grid, with the principal point in the middle: disparity is zero at the focus distance, as in
+shifted sensors on an even grid, with the principal point in the centre: disparity is zero at the focus distance, as in
 `Views`.
 
 Our light fields have a nearly even grid, and principal points anywhere. Other programs read the mean step and ignore
@@ -39,9 +39,9 @@ PARAMETERS = "parameters.cfg"
 DISPARITY, DEPTH = "gt_disp_lowres.pfm", "gt_depth_lowres.pfm"
 SECTION = "mirrorcam"
 MAX_VIEWS, MAX_PICTURES = 1000, 100_000
-"""Largest number of views of a scene down or across, and in total."""
+"""Maximum number of rows or columns of views in a scene, and of views in total."""
 MAX_BYTES = 300_000
-"""Largest size of the parameters: the benchmark's take 1 kB, a hundred of our exact views 10 kB."""
+"""Maximum size of the parameters: the benchmark's take 1 kB, a hundred of our exact views 10 kB."""
 SENSOR_SIZE_MM = 35.0
 """Written as the longer side of the sensor; only its ratio to the focal length matters."""
 _KEYS = {
@@ -61,7 +61,7 @@ class HciScene:
     disparity_px
         Disparity (v, u), float32, px per view step, positive nearer than the reference plane; or None.
     disparity_range_px
-        Least and largest disparity of the scene as stated by its parameters, or None.
+        Minimum and maximum disparity of the scene as stated by its parameters, or None.
     """
 
     light_field: LightField
@@ -78,7 +78,7 @@ class HciScene:
 
     @property
     def depth_range_mm(self) -> tuple[float, float] | None:
-        """Nearest and farthest depth by the parameters, or None; disparities beyond infinity count as infinity."""
+        """Nearest and farthest depth as stated by the parameters, or None; infinite for disparities beyond infinity."""
         if self.disparity_range_px is None:
             return None
         axis: Axis = "s" if self.light_field.cols > 1 else "t"
@@ -102,13 +102,15 @@ def write_hci(folder: Path, light_field: LightField, depth_mm: Float32 | None = 
             mask = np.where(light_field.valid[t, s], 255, 0).astype(np.uint8)
             write_image(folder / f"mask_Cam{number:03d}.png", mask)
     if depth_mm is not None:
-        pupil_mm = views.reference_view_depth_mm
+        reference_view_depth_mm = views.reference_view_depth_mm
         axis: Axis = "s" if views.cols > 1 else "t"
         write_pfm(
             folder / DISPARITY, views.disparity_px_from_depth(depth_mm.astype(np.float64), axis).astype(np.float32)
         )
-        write_pfm(folder / DEPTH, ((depth_mm - np.float32(pupil_mm)) / np.float32(1000.0)).astype(np.float32))
-    # Write this file last: a folder without it is no scene.
+        write_pfm(
+            folder / DEPTH, ((depth_mm - np.float32(reference_view_depth_mm)) / np.float32(1000.0)).astype(np.float32)
+        )
+    # Write this file last: a folder without it is not a scene.
     write_text(folder / PARAMETERS, _parameters(views, samples.shape[-1], depth_mm))
 
 
@@ -172,7 +174,7 @@ def read_hci(folder: Path, *, every: int = 1) -> HciScene:
     Depths are measured from the central view, as nothing else is known. `every` selects every n-th view in both
     directions, including the central one; disparities are then per step of the selected views.
 
-    Raises InputError in one line for missing files, pictures of another size, or a grid without a central view.
+    Raises InputError in one line for missing files, pictures of a different size, or a grid without a central view.
     """
     path = folder / PARAMETERS
     parser = ConfigParser(interpolation=None)
@@ -183,25 +185,25 @@ def read_hci(folder: Path, *, every: int = 1) -> HciScene:
             raise ValueError("a hundred blanks in a row")
         parser.read_string(text)
         numbers = {key: parser.getfloat(section, key) for section, keys in _KEYS.items() for key in keys}
-        extremes = [every * parser.getfloat("meta", name, fallback=np.nan) for name in ("disp_min", "disp_max")]
+        disparity_limits = [every * parser.getfloat("meta", name, fallback=np.nan) for name in ("disp_min", "disp_max")]
     except (Error, ValueError, AttributeError) as error:  # AttributeError: a continued line without a value
         reason = " ".join(str(error).split())
         raise InputError(shortened(f"{path}: not the parameters of a light field: {reason}")) from None
     # A scene focused at infinity has zero disparity there.
     limits = {key: MAX_VIEWS if key.startswith("num_cams") else 1e6 for key in numbers} | {"focus_distance_m": np.inf}
-    wrong = next((key for key, value in numbers.items() if not 0 < value <= limits[key]), None)
-    wrong = wrong or next((key for key in _COUNTS if not numbers[key].is_integer()), None)
-    if wrong is not None:
-        kind = "positive number, a whole one" if wrong in _COUNTS else "positive number"
-        raise InputError(f"{path}: {wrong} is {numbers[wrong]:g}, expected a {kind} to {limits[wrong]:g}")
+    invalid = next((key for key, value in numbers.items() if not 0 < value <= limits[key]), None)
+    invalid = invalid or next((key for key in _COUNTS if not numbers[key].is_integer()), None)
+    if invalid is not None:
+        kind = "positive whole number" if invalid in _COUNTS else "positive number"
+        raise InputError(f"{path}: {invalid} is {numbers[invalid]:g}, expected a {kind} up to {limits[invalid]:g}")
     width, height, cols, rows = (int(numbers[key]) for key in _COUNTS)
     if cols * rows > MAX_PICTURES:
         raise InputError(f"{path}: {cols}x{rows} views, expected at most {MAX_PICTURES}")
     if every < 1 or (cols // 2) % every or (rows // 2) % every:
-        raise InputError(f"{folder}: {cols}x{rows} views, expected the central one among every {every}th")
+        raise InputError(f"{folder}: {cols}x{rows} views, but every {every}th must include the central one")
     views = _our_views(parser, path, (width, height)) if parser.has_section(SECTION) else _even_views(numbers)
     if (views.rows, views.cols) != (rows, cols):
-        raise InputError(f"{path}: {views.cols}x{views.rows} positions of {cols}x{rows} views")
+        raise InputError(f"{path}: {views.cols}x{views.rows} positions for {cols}x{rows} views")
     selected = [(t, s) for t in range(0, rows, every) for s in range(0, cols, every)]
     files = [folder / f"input_Cam{t * cols + s:03d}.png" for t, s in selected]
     common_size(files)
@@ -218,7 +220,7 @@ def read_hci(folder: Path, *, every: int = 1) -> HciScene:
     samples = np.stack(pictures).reshape(*grid, height, width, 3)[..., :channels]
     selected_views = replace(views, positions_mm=views.positions_mm[::every, ::every])
     light_field = LightField.of(selected_views, np.ascontiguousarray(samples), weights.reshape(*grid, height, width))
-    disparity_range = (extremes[0], extremes[1]) if extremes[0] < extremes[1] else None
+    disparity_range = (disparity_limits[0], disparity_limits[1]) if disparity_limits[0] < disparity_limits[1] else None
     if not (folder / DISPARITY).exists():
         return HciScene(light_field, None, disparity_range)
     disparity = read_pfm(folder / DISPARITY)

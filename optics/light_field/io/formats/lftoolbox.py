@@ -20,7 +20,7 @@ from mirrorcam.core.disk.hdf5_arrays import read_hdf5
 from mirrorcam.core.disk.mat5_arrays import HEADER_BYTES, read_mat5
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
-from mirrorcam.optics.light_field.io.light_field_format import NOTHING, Assumed, Format, single, without_depth
+from mirrorcam.optics.light_field.io.light_field_format import NOTHING, Assumed, Format, depthless_writer, single_reader
 from mirrorcam.optics.light_field.io.view_images import weight_bytes
 from mirrorcam.optics.light_field.io.views_file import check_weights, even_views, parallel_views, views_of_fields
 from mirrorcam.optics.light_field.light_field import LightField, Views
@@ -28,21 +28,21 @@ from mirrorcam.optics.light_field.light_field import LightField, Views
 STRUCT = "MirrorCam"
 READABLE_MAT = "a .mat file that can be read"
 MAX_BYTES = 2**31 - 1
-"""Largest variable of a .mat file before version 7.3, which is HDF5."""
+"""Maximum size of a variable in a .mat file before version 7.3, which is HDF5."""
 
 
 def intrinsics(views: Views) -> FloatArray:
-    """H (5, 5) of the views, moved to the nearest even grid."""
-    even = views.on_regular_grid()
+    """Return H (5, 5) of the views, moved to the nearest even grid."""
+    even_grid = views.on_regular_grid()
     row, col = np.argwhere((views.positions_mm == 0).all(axis=2))[0]
-    distance_m = even.reference_distance_mm / 1000.0
+    distance_m = even_grid.reference_distance_mm / 1000.0
     h = np.eye(5)
-    for axis, (count, middle) in enumerate(((even.cols, col), (even.rows, row))):
-        step_m = even.step_mm("t" if axis else "s") / 1000.0 if count > 1 else 0.0
-        h[axis, axis], h[axis, 4] = step_m, -step_m * (middle + 1)
-        h[axis + 2, axis], h[axis + 2, axis + 2] = -step_m / distance_m, 1.0 / even.focal_px
+    for axis, (count, central) in enumerate(((even_grid.cols, col), (even_grid.rows, row))):
+        step_m = even_grid.step_mm("t" if axis else "s") / 1000.0 if count > 1 else 0.0
+        h[axis, axis], h[axis, 4] = step_m, -step_m * (central + 1)
+        h[axis + 2, axis], h[axis + 2, axis + 2] = -step_m / distance_m, 1.0 / even_grid.focal_px
         # Pixel k = cx + 1 of the reference view looks straight ahead.
-        h[axis + 2, 4] = -(even.centre_px[axis] + 1.0) / even.focal_px - h[axis, 4] / distance_m
+        h[axis + 2, 4] = -(even_grid.centre_px[axis] + 1.0) / even_grid.focal_px - h[axis, 4] / distance_m
     return h
 
 
@@ -56,10 +56,14 @@ def views_of(h: FloatArray, grid: tuple[int, int], size: tuple[int, int], source
     crossing_m = -np.array([h[0, 2] / h[2, 2], h[1, 3] / h[3, 3]])
     steps = np.array([h[axis, axis] + crossing_m[axis] * h[axis + 2, axis] for axis in (0, 1)])
     counts = np.array([grid[1], grid[0]])
-    inverse = np.array([-h[axis + 2, axis] / steps[axis] for axis in (0, 1) if counts[axis] > 1])
-    if not inverse.size or not (inverse >= 0).all() or np.ptp(inverse) > 0.02 * inverse.mean():
+    inverse_distances = np.array([-h[axis + 2, axis] / steps[axis] for axis in (0, 1) if counts[axis] > 1])
+    if (
+        not inverse_distances.size
+        or not (inverse_distances >= 0).all()
+        or np.ptp(inverse_distances) > 0.02 * inverse_distances.mean()
+    ):
         raise InputError(
-            f"{source}: H has no common plane of zero disparity in front: 1/distance {inverse.tolist()} 1/m"
+            f"{source}: H has no common plane of zero disparity in front: 1/distance {inverse_distances.tolist()} 1/m"
         )
     central = counts // 2
     centre = [
@@ -71,7 +75,7 @@ def views_of(h: FloatArray, grid: tuple[int, int], size: tuple[int, int], source
         positions_mm,
         size,
         1.0 / float(h[2, 2]),
-        float(1000.0 / inverse.mean()) if inverse.any() else np.inf,
+        float(1000.0 / inverse_distances.mean()) if inverse_distances.any() else np.inf,
         np.array(centre),
     )
 
@@ -87,7 +91,7 @@ def write_lftoolbox(path: Path, light_field: LightField) -> None:
     weights: Any = weight_bytes(light_field.weights) if samples.dtype == np.uint8 else light_field.weights
     lf = np.concatenate([samples, weights[..., None]], axis=-1)
     if lf.nbytes > MAX_BYTES:
-        raise InputError(f"{path}: {lf.nbytes / 2**30:.1f} GiB of samples, a .mat file holds less than 2")
+        raise InputError(f"{path}: {lf.nbytes / 2**30:.1f} GiB of samples, but a .mat file holds less than 2")
     fields = {name: getattr(light_field, name) for name in Views.__dataclass_fields__}
     variables = {
         "LF": lf,
@@ -111,7 +115,7 @@ def read_lftoolbox(path: Path, assumed: Assumed = NOTHING) -> LightField:
     stored_bytes(path)
     with path.open("rb") as file:
         is_hdf5 = b"MATLAB 7.3" in file.read(HEADER_BYTES)
-    variables = _hdf5(path) if is_hdf5 else _before_hdf5(path)
+    variables = _read_hdf5(path) if is_hdf5 else _read_mat5(path)
     lf, h = variables.get("LF"), variables.get("H")
     if not isinstance(lf, np.ndarray) or lf.ndim not in (4, 5):
         raise InputError(f"{path}: has no array LF [t, s, v, u, c]")
@@ -131,14 +135,14 @@ def read_lftoolbox(path: Path, assumed: Assumed = NOTHING) -> LightField:
         raise InputError(f"{path}: {error}") from None
 
 
-def _before_hdf5(path: Path) -> dict[str, Any]:
+def _read_mat5(path: Path) -> dict[str, Any]:
     """Read `LF`, `H` and `MirrorCam` from a file of MATLAB 5 to 7, as far as available."""
     variables = read_mat5(path, ("LF", "RectOptions", STRUCT), READABLE_MAT)
     options = variables.get("RectOptions")
     return {**variables, "H": options.get("RectCamIntrinsicsH") if isinstance(options, dict) else None}
 
 
-def _hdf5(path: Path) -> dict[str, Any]:
+def _read_hdf5(path: Path) -> dict[str, Any]:
     """Read `LF` and `H` from a file of MATLAB 7.3; HDF5 reverses the axes of its arrays."""
     arrays = read_hdf5(path, {"LF": "LF", "H": "RectOptions/RectCamIntrinsicsH"}, READABLE_MAT)
     return {name: array.T for name, array in arrays.items()}
@@ -169,7 +173,7 @@ FORMAT = Format(
     name="lftoolbox",
     ending=".mat",
     detect=lambda path: path.suffix.lower() == ".mat" and not path.is_dir(),
-    read=single(read_lftoolbox),
-    write=without_depth(write_lftoolbox),
+    read=single_reader(read_lftoolbox),
+    write=depthless_writer(write_lftoolbox),
     needs_grid=True,
 )

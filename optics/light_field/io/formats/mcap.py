@@ -22,7 +22,7 @@ from mirrorcam.core.disk.array_files import check_bytes, refusing
 from mirrorcam.core.disk.files import inside, json_of, model_from, read_bytes, refuse_pointer, stored_bytes
 from mirrorcam.core.errors import InputError
 from mirrorcam.optics.light_field.io.bag_writer import BagWriter, need_rosbags
-from mirrorcam.optics.light_field.io.light_field_format import Contents, Format, StoredFrames, without_depth
+from mirrorcam.optics.light_field.io.light_field_format import Contents, Format, StoredFrames, depthless_writer
 from mirrorcam.optics.light_field.io.ros_messages import (
     VIEWS_TOPIC,
     WEIGHTS_TOPIC,
@@ -37,14 +37,15 @@ from mirrorcam.optics.light_field.light_field import LightField
 METADATA = "metadata.yaml"
 TEXT, ARRAY, IMAGE = "std_msgs/msg/String", "std_msgs/msg/Float32MultiArray", "sensor_msgs/msg/Image"
 _NS_PER_S = 10**9
-_SHOWN = 3
+_MAX_NAMES = 3
 """Number of names that a message lists."""
 View = tuple[int, int]
 MAGIC = b"\x89MCAP0\r\n"
 _FOOTER, _CHANNEL, _CHUNK = 0x02, 0x04, 0x06
 MAX_TOPICS_BYTES = 400_000
-"""Largest size of the descriptions of all topics, whose quality of service is YAML that rosbags parses slowly; a light
-field's take less than 1 kB per view."""
+"""Maximum size of all topics' descriptions, whose quality of service is YAML that rosbags parses slowly; those of a
+light
+field take less than 1 kB per view."""
 _RECORD = struct.Struct("<BQ")
 _CHUNK_HEAD = struct.Struct("<QQQII")
 _COMPRESSIONS = ("", "zstd", "lz4")
@@ -72,7 +73,7 @@ class StoredBag(StoredFrames):
     Raises
     ------
     InputError
-        In one line, if the bag cannot be read, or holds no light field or several cameras'.
+        In one line, if the bag cannot be read, or contains no light field or those of several cameras.
     """
 
     def __init__(self, path: Path) -> None:
@@ -85,7 +86,7 @@ class StoredBag(StoredFrames):
         if path.is_dir() and os.path.lexists(path / METADATA):
             read_bytes(inside(path, METADATA), MAX_TOPICS_BYTES)
         chunks = {file.name: checked_chunks(file) for file in files}
-        self._stored = sum(file.stat().st_size for file in files)
+        self._file_bytes = sum(file.stat().st_size for file in files)
         for file in sorted(path.glob("*.db3")) if path.is_dir() else ():
             refuse_pointer(file)
         compressed_files = path.is_dir() and any(path.glob("*.zstd"))
@@ -96,21 +97,19 @@ class StoredBag(StoredFrames):
                 weakref.finalize(self, self._reader.close)
             self._check_index(chunks)
             if compressed_files or self._reader.compression_mode:
-                raise InputError(
-                    f"{path}: its files or messages are compressed, expected none or the chunks of MCAP files"
-                )
-            stated, space = self._geometry()
-            views = views_of_fields(stated.views, str(path))
+                raise InputError(f"{path}: its files or messages are compressed, but only chunks of MCAP files may be")
+            description, namespace = self._geometry()
+            views = views_of_fields(description.views, str(path))
             shape = (views.rows, views.cols, views.height_px, views.width_px)
-            self._dtype, self._channels = np.dtype(stated.dtype or "uint8"), stated.channels
+            self._dtype, self._channels = np.dtype(description.dtype or "uint8"), description.channels
             frame_bytes = self._dtype.itemsize * self._channels + np.dtype(np.float32).itemsize
-            check_bytes(path, frame_bytes * int(np.prod([float(length) for length in shape])), self._stored)
-            self._topics = {f"{space}{view_topic(view)}/image_rect": view for view in np.ndindex(shape[:2])}
-            weights = self._weights(f"{space}{WEIGHTS_TOPIC}", shape)
+            check_bytes(path, frame_bytes * int(np.prod([float(length) for length in shape])), self._file_bytes)
+            self._topics = {f"{namespace}{view_topic(view)}/image_rect": view for view in np.ndindex(shape[:2])}
+            weights = self._weights(f"{namespace}{WEIGHTS_TOPIC}", shape)
             empty = np.zeros((*shape, self._channels), self._dtype)
-            self._empty = light_field_of_fields({**stated.views, "samples": empty, "weights": weights}, str(path))
-            self._times = self._frames()
-        self.stamps_ns = tuple(self._times)
+            self._empty = light_field_of_fields({**description.views, "samples": empty, "weights": weights}, str(path))
+            self._frame_times = self._frames()
+        self.stamps_ns = tuple(self._frame_times)
 
     def __len__(self) -> int:
         return len(self.stamps_ns)
@@ -119,7 +118,7 @@ class StoredBag(StoredFrames):
         stamp = self.stamps_ns[number]
         samples = np.empty_like(self._empty.samples)
         with _reading(self.path):
-            first, last = self._times[stamp]
+            first, last = self._frame_times[stamp]
             for _, view, raw in self._images(first, last + 1):
                 if _stamp_of(raw) == stamp:
                     samples[view] = self._pixels(raw, samples.shape[2:])
@@ -128,37 +127,45 @@ class StoredBag(StoredFrames):
     def _check_index(self, chunks: Mapping[str, frozenset[Chunk]]) -> None:
         """Raise ValueError if the index of an MCAP file refers to chunks other than the checked ones."""
         for storage in getattr(self._reader.storage, "storages", [self._reader.storage]):
-            for each in getattr(storage, "chunks", ()):
-                named = Chunk(each.chunk_start_offset, each.compression, each.uncompressed_size, each.compressed_size)
-                if named not in chunks[Path(storage.path).name]:
-                    raise ValueError(f"its index refers to a chunk at byte {named.start} that does not exist")
+            for entry in getattr(storage, "chunks", ()):
+                chunk = Chunk(
+                    entry.chunk_start_offset, entry.compression, entry.uncompressed_size, entry.compressed_size
+                )
+                if chunk not in chunks[Path(storage.path).name]:
+                    raise ValueError(f"its index refers to a chunk at byte {chunk.start} that does not exist")
 
     def _geometry(self) -> tuple[ViewsFile, str]:
         """Return the bag's description of its light field, and the namespace of its topics."""
-        found: dict[str, ViewsFile] = {}
-        texts = [each for each in self._reader.connections if each.topic.endswith(f"/{VIEWS_TOPIC}")]
-        for connection, _, raw in self._messages([each for each in texts if each.msgtype == TEXT]):
+        descriptions: dict[str, ViewsFile] = {}
+        connections = [
+            connection
+            for connection in self._reader.connections
+            if connection.topic.endswith(f"/{VIEWS_TOPIC}") and connection.msgtype == TEXT
+        ]
+        for connection, _, raw in self._messages(connections):
             message: Any = self._store.deserialize_cdr(raw, TEXT)
             if SCHEMA in message.data:
                 where = f"{self.path}: {connection.topic}"
-                stated = model_from(ViewsFile, where, json_of(where, message.data.encode()))
-                found[connection.topic.removesuffix(VIEWS_TOPIC)] = stated
-        if not found:
-            topics = _some(sorted({each.topic for each in self._reader.connections}))
-            raise InputError(f"{self.path}: holds no light field: topics are {topics}, expected .../{VIEWS_TOPIC}")
-        if len(found) > 1:
-            cameras = _some(sorted(found))
-            raise InputError(f"{self.path}: holds the light fields of {len(found)} cameras ({cameras}), expected one")
-        ((space, stated),) = found.items()
-        return stated, space
+                description = model_from(ViewsFile, where, json_of(where, message.data.encode()))
+                descriptions[connection.topic.removesuffix(VIEWS_TOPIC)] = description
+        if not descriptions:
+            topics = _shortened_list(sorted({connection.topic for connection in self._reader.connections}))
+            raise InputError(f"{self.path}: contains no light field: topics are {topics}, expected .../{VIEWS_TOPIC}")
+        if len(descriptions) > 1:
+            cameras = _shortened_list(sorted(descriptions))
+            raise InputError(
+                f"{self.path}: contains the light fields of {len(descriptions)} cameras ({cameras}), expected one"
+            )
+        ((namespace, description),) = descriptions.items()
+        return description, namespace
 
     def _messages(self, connections: Sequence[Any], start: int | None = None, stop: int | None = None) -> Iterator[Any]:
-        """Messages of some connections; for none, rosbags would return all."""
+        """Return the messages of some connections; for none, rosbags would return all."""
         return self._reader.messages(connections, start, stop) if connections else iter(())
 
     def _weights(self, topic: str, shape: tuple[int, ...]) -> NDArray[np.float32]:
         """Read the weights (t, s, v, u), which are the same for all frames."""
-        wanted = [each for each in self._reader.connections if each.topic == topic and each.msgtype == ARRAY]
+        wanted = [conn for conn in self._reader.connections if conn.topic == topic and conn.msgtype == ARRAY]
         for _, _, raw in self._messages(wanted):
             message: Any = self._store.deserialize_cdr(raw, ARRAY)
             return np.asarray(message.data, np.float32).reshape(shape)
@@ -166,51 +173,53 @@ class StoredBag(StoredFrames):
 
     def _images(self, start: int | None = None, stop: int | None = None) -> Iterator[tuple[int, View, bytes]]:
         """Yield bag time in ns, view and data of the views' images, between two times."""
-        wanted = [each for each in self._reader.connections if each.topic in self._topics and each.msgtype == IMAGE]
+        wanted = [conn for conn in self._reader.connections if conn.topic in self._topics and conn.msgtype == IMAGE]
         for connection, time_ns, raw in self._messages(wanted, start, stop):
             yield time_ns, self._topics[connection.topic], raw
 
     def _frames(self) -> Mapping[int, tuple[int, int]]:
         """Return the stamps of all frames, ascending, with the first and last bag time of their images."""
-        found: dict[int, dict[View, int]] = {}
+        descriptions: dict[int, dict[View, int]] = {}
         for time_ns, view, raw in self._images():
-            found.setdefault(_stamp_of(raw), {})[view] = time_ns
-        complete = {stamp: views.values() for stamp, views in sorted(found.items()) if len(views) == len(self._topics)}
-        self.incomplete = len(found) - len(complete)
+            descriptions.setdefault(_stamp_of(raw), {})[view] = time_ns
+        complete = {
+            stamp: views.values() for stamp, views in sorted(descriptions.items()) if len(views) == len(self._topics)
+        }
+        self.incomplete = len(descriptions) - len(complete)
         if not complete:
-            seen = {view for views in found.values() for view in views}
-            lacking = next((topic for topic, view in self._topics.items() if view not in seen), None)
-            why = "no stamp that all views have" if lacking is None else f"no image on {lacking}"
-            raise InputError(f"{self.path}: has {why}, expected an image of each view at every stamp")
+            available = {view for views in descriptions.values() for view in views}
+            missing = next((topic for topic, view in self._topics.items() if view not in available), None)
+            reason = "no stamp that all views have" if missing is None else f"no image on {missing}"
+            raise InputError(f"{self.path}: has {reason}, expected an image of each view at every stamp")
         return {stamp: (min(times), max(times)) for stamp, times in complete.items()}
 
     def _pixels(self, raw: bytes, shape: tuple[int, ...]) -> NDArray[Any]:
-        """Decode the pixels (v, u, c) of an image message; raises ValueError for another size or encoding."""
+        """Decode the pixels (v, u, c) of an image message; raises ValueError for a different size or encoding."""
         message: Any = self._store.deserialize_cdr(raw, IMAGE)
         height, width, channels = shape
         encoding = encoding_of(self._dtype, channels)
-        given = (message.width, message.height, message.encoding, bool(message.is_bigendian))
-        if given != (width, height, encoding, False):
+        actual = (message.width, message.height, message.encoding, bool(message.is_bigendian))
+        if actual != (width, height, encoding, False):
             raise ValueError(
-                f"an image is {given[0]}x{given[1]} {given[2][:20]!r}, expected {width}x{height} {encoding!r}"
+                f"an image is {actual[0]}x{actual[1]} {actual[2][:20]!r}, expected {width}x{height} {encoding!r}"
             )
-        row = width * channels * self._dtype.itemsize
-        if message.step < row or len(message.data) != message.step * height:
+        row_bytes = width * channels * self._dtype.itemsize
+        if message.step < row_bytes or len(message.data) != message.step * height:
             raise ValueError(
                 f"an image has {len(message.data)} bytes in rows of {message.step}, expected {height} rows"
             )
-        rows = np.ascontiguousarray(message.data.reshape(height, message.step)[:, :row])
+        rows = np.ascontiguousarray(message.data.reshape(height, message.step)[:, :row_bytes])
         return rows.view(self._dtype.newbyteorder("<")).reshape(shape)
 
 
-def _some(names: Sequence[str]) -> str:
+def _shortened_list(names: Sequence[str]) -> str:
     """List the first names, and the number of others."""
-    shown = ", ".join(name[:60] for name in names[:_SHOWN]) or "none"
-    return shown if len(names) <= _SHOWN else f"{shown} and {len(names) - _SHOWN} more"
+    names_text = ", ".join(name[:60] for name in names[:_MAX_NAMES]) or "none"
+    return names_text if len(names) <= _MAX_NAMES else f"{names_text} and {len(names) - _MAX_NAMES} more"
 
 
 def _stamp_of(raw: bytes) -> int:
-    """Stamp in ns from the header at the start of a serialized message."""
+    """Return the stamp in ns from the header at the start of a serialized message."""
     seconds, rest = struct.unpack_from("<iI" if raw[1] & 1 else ">iI", raw, 4)
     return int(seconds) * _NS_PER_S + int(rest)
 
@@ -234,8 +243,8 @@ class Chunk(NamedTuple):
 
     start: int
     compression: str
-    held: int
-    stored: int
+    content_bytes: int
+    stored_size: int
 
 
 def zstd() -> Any:
@@ -252,30 +261,30 @@ def checked_chunks(path: Path) -> frozenset[Chunk]:
 
     Raises InputError if the file is truncated, or a chunk would take more memory than allowed.
     """
-    stored, chunks, topics = stored_bytes(path), [], 0
+    stored_size, chunks, topics = stored_bytes(path), [], 0
     with refusing(path, "an MCAP file that can be read"), path.open("rb") as file:
         if file.read(len(MAGIC)) != MAGIC:
-            raise ValueError("does not begin like one")
+            raise ValueError("does not begin like an MCAP file")
         opcode = 0
         while opcode != _FOOTER:
             start, head = file.tell(), file.read(_RECORD.size)
-            opcode, length = _RECORD.unpack(head) if len(head) == _RECORD.size else (0, stored)
-            after = file.tell() + length
-            if after > stored:
+            opcode, length = _RECORD.unpack(head) if len(head) == _RECORD.size else (0, stored_size)
+            end = file.tell() + length
+            if end > stored_size:
                 raise InputError(f"{path}: truncated, expected a complete MCAP file (`mcap recover` saves the rest)")
             topics += length if opcode == _CHANNEL else 0
             if topics > MAX_TOPICS_BYTES:
-                raise ValueError("topics are described by more text than necessary")
+                raise ValueError("descriptions of topics are too long")
             if opcode == _CHUNK:
-                chunks.append(_chunk(path, file, start, after, stored))
-            file.seek(after)
+                chunks.append(_chunk(path, file, start, end, stored_size))
+            file.seek(end)
         if file.read() != MAGIC:
-            raise ValueError("does not end like one")
+            raise ValueError("does not end like an MCAP file")
     return frozenset(chunks)
 
 
-def _chunk(path: Path, file: BinaryIO, start: int, end: int, stored: int) -> Chunk:
-    """Read the chunk whose record ends at `end`, in a file of `stored` bytes.
+def _chunk(path: Path, file: BinaryIO, start: int, end: int, stored_size: int) -> Chunk:
+    """Read the chunk whose record ends at `end`, in a file of `stored_size` bytes.
 
     Raises ValueError if its stated size is wrong, and InputError if it is too large.
     """
@@ -284,7 +293,7 @@ def _chunk(path: Path, file: BinaryIO, start: int, end: int, stored: int) -> Chu
     (length,) = struct.unpack("<Q", file.read(8))
     if compression not in _COMPRESSIONS or length > end - file.tell():
         raise ValueError(f"a chunk of {length} bytes compressed by {compression!r}, expected zstd, lz4 or none")
-    check_bytes(path, int(size if compression else length), stored)
+    check_bytes(path, int(size if compression else length), stored_size)
     if compression == "zstd":
         _check_zstd(file.read(length), int(size))
     elif compression == "lz4":
@@ -294,7 +303,7 @@ def _chunk(path: Path, file: BinaryIO, start: int, end: int, stored: int) -> Chu
     return Chunk(start, compression, int(size if compression else length), int(length))
 
 
-def _check_zstd(raw: bytes, stated: int) -> None:
+def _check_zstd(raw: bytes, stated_bytes: int) -> None:
     """Raise ValueError unless the data are one Zstandard frame with the stated number of bytes.
 
     A frame need not state its content size: ROS 2 omits it.
@@ -302,17 +311,17 @@ def _check_zstd(raw: bytes, stated: int) -> None:
     try:
         content_bytes, frame_bytes = zstd().get_frame_info(raw).decompressed_size, zstd().get_frame_size(raw)
         if content_bytes is None:
-            _check_pieces(zstd().ZstdDecompressor(), raw, stated)
+            _check_pieces(zstd().ZstdDecompressor(), raw, stated_bytes)
             return
     except zstd().ZstdError as error:
         raise ValueError(str(error)) from None
-    if content_bytes != stated or frame_bytes != len(raw):
+    if content_bytes != stated_bytes or frame_bytes != len(raw):
         raise ValueError(
-            f"a chunk states {stated} bytes, its compressed data {content_bytes} in {frame_bytes} of {len(raw)} bytes"
+            f"a chunk states {stated_bytes} bytes, but its data {content_bytes} in {frame_bytes} of {len(raw)} bytes"
         )
 
 
-def _check_pieces(decompressor: Any, raw: bytes, stated: int) -> None:
+def _check_pieces(decompressor: Any, raw: bytes, stated_bytes: int) -> None:
     """Raise ValueError unless the data are one frame with the stated number of bytes, decompressed piece by piece."""
     decompressed = consumed = 0
     while not decompressor.eof:
@@ -320,11 +329,11 @@ def _check_pieces(decompressor: Any, raw: bytes, stated: int) -> None:
         consumed += len(piece)
         produced = len(decompressor.decompress(piece, _PIECE_BYTES))
         decompressed += produced
-        if decompressed > stated or not (piece or produced):
+        if decompressed > stated_bytes or not (piece or produced):
             break
     unused = len(raw) - consumed + len(decompressor.unused_data or b"")
-    if not decompressor.eof or decompressed != stated or unused:
-        raise ValueError(f"a chunk states {stated} bytes, its compressed data are not one frame that holds as many")
+    if not decompressor.eof or decompressed != stated_bytes or unused:
+        raise ValueError(f"a chunk states {stated_bytes} bytes, but its data are not one frame of that size")
 
 
 def is_bag(path: Path) -> bool:
@@ -347,5 +356,5 @@ FORMAT = Format(
     ending=".mcap",
     detect=is_bag,
     read=lambda path, assumed: _contents(StoredBag(path)),
-    write=without_depth(write_bag),
+    write=depthless_writer(write_bag),
 )

@@ -18,7 +18,7 @@ from mirrorcam.core.images.pictures import read_image, write_image
 from mirrorcam.core.values import Matrix4, Value
 from mirrorcam.optics.geometry.sfm_rigs import HALF_PIXEL, OPENCV_FROM_OPENGL, WORLD_FROM_VIEW, frame
 from mirrorcam.optics.geometry.transforms import rigid
-from mirrorcam.optics.light_field.io.light_field_format import Format, single, without_depth
+from mirrorcam.optics.light_field.io.light_field_format import Format, depthless_writer, single_reader
 from mirrorcam.optics.light_field.io.pinholes import centres_in_rig_mm, row_by_row, view_name, views_of_pinholes
 from mirrorcam.optics.light_field.io.view_images import check_size, common_size, light_field_of, rgb, weight_bytes
 from mirrorcam.optics.light_field.io.views_file import VIEWS, read_views, write_views
@@ -76,47 +76,47 @@ def read_nerfstudio(folder: Path) -> LightField:
         frames, common = {}, {name: dataset[name] for name in _Frame.model_fields if name in dataset}
         if len(dataset["frames"]) > MAX_FRAMES:
             raise ValueError(f"more than {MAX_FRAMES} frames")
-        for each in dataset["frames"]:
-            frame = _Frame.model_validate({**common, **each}, strict=True)
+        for fields in dataset["frames"]:
+            frame = _Frame.model_validate({**common, **fields}, strict=True)
             frames[_index(frame.file_path)] = frame
         (rows, cols), order = row_by_row(frames)
-    transforms = np.array([each.transform_matrix for each in order])
-    numbers = np.array([[each.fl_x, each.fl_y, each.cx, each.cy] for each in order])
-    bent = max(abs(value) for each in order for value in (each.k1, each.k2, each.k3, each.p1, each.p2))
+    transforms = np.array([frame.transform_matrix for frame in order])
+    numbers = np.array([[frame.fl_x, frame.fl_y, frame.cx, frame.cy] for frame in order])
+    distortion = max(abs(k) for frame in order for k in (frame.k1, frame.k2, frame.k3, frame.p1, frame.p2))
     if np.abs(transforms[:, :3, :3] - transforms[0, :3, :3]).max() > 1e-6:
         raise InputError(f"{path}: cameras have different orientations, expected parallel views")
-    if bent > 0.0:
+    if distortion > 0.0:
         raise InputError(f"{path}: cameras have distortion, expected undistorted views")
     matrices = np.zeros((rows * cols, 3, 3))
     matrices[:, 0, 0], matrices[:, 1, 1], matrices[:, 2, 2] = numbers[:, 0], numbers[:, 1], 1.0
     matrices[:, :2, 2] = numbers[:, 2:] - HALF_PIXEL
-    files = [inside(folder, each.file_path) for each in order]
-    size, own = common_size(files), read_views(folder / VIEWS)
+    files = [inside(folder, frame.file_path) for frame in order]
+    size, stated = common_size(files), read_views(folder / VIEWS)
     if size != (order[0].w, order[0].h):
         raise InputError(f"{files[0]}: {size[0]}x{size[1]} px, expected {order[0].w:g}x{order[0].h:g}")
-    views: Any = own[0] if own else None
+    views: Any = stated[0] if stated else None
     if views is None:
         centres_mm = 1000.0 * transforms[:, :3, 3].reshape(rows, cols, 3)
         view_from_world = (transforms[0, :3, :3] @ OPENCV_FROM_OPENGL[:3, :3]).T
         views = views_of_pinholes(centres_mm, view_from_world, matrices.reshape(rows, cols, 3, 3), size, str(path))
     pictures, masks = [], []
-    for each, file in zip(order, files, strict=True):
+    for frame, file in zip(order, files, strict=True):
         picture = read_image(file)
         check_size(file, picture, size)
         mask = np.full((size[1], size[0]), 255, np.uint8)
-        if each.mask_path is not None:
-            place = inside(folder, each.mask_path)
-            mask = read_image(place, grey=True)
-            check_size(place, mask, size)
+        if frame.mask_path is not None:
+            mask_path = inside(folder, frame.mask_path)
+            mask = read_image(mask_path, grey=True)
+            check_size(mask_path, mask, size)
         pictures.append(picture)
         masks.append(mask)
     shape = (rows, cols, size[1], size[0])
-    channels = own[1].channels if own else 3
+    channels = stated[1].channels if stated else 3
     return light_field_of(views, np.stack(pictures).reshape(*shape, 3), np.stack(masks).reshape(shape), channels)
 
 
 def _index(file: str) -> tuple[int, int]:
-    """Row and column of a view from its picture's name."""
+    """Return row and column of a view from its picture's name."""
     row, col = Path(file).stem.split("_")[-2:]
     return int(row), int(col)
 
@@ -125,6 +125,6 @@ FORMAT = Format(
     name="nerfstudio",
     ending="_nerfstudio",
     detect=lambda path: (path / TRANSFORMS).exists(),
-    read=single(lambda path, assumed: read_nerfstudio(path)),
-    write=without_depth(write_nerfstudio),
+    read=single_reader(lambda path, assumed: read_nerfstudio(path)),
+    write=depthless_writer(write_nerfstudio),
 )

@@ -8,7 +8,7 @@ from pathlib import Path
 from mirrorcam.core.disk.array_files import read_npz
 from mirrorcam.core.disk.files import write_npz
 from mirrorcam.core.errors import InputError
-from mirrorcam.optics.light_field.io.light_field_format import Format, single, without_depth
+from mirrorcam.optics.light_field.io.light_field_format import Format, depthless_writer, single_reader
 from mirrorcam.optics.light_field.io.views_file import light_field_of_fields
 from mirrorcam.optics.light_field.light_field import LightField
 
@@ -32,6 +32,6 @@ FORMAT = Format(
     name="npz",
     ending=".npz",
     detect=lambda path: path.suffix.lower() == ".npz" and not path.is_dir(),
-    read=single(lambda path, assumed: load_npz(path)),
-    write=without_depth(save_npz),
+    read=single_reader(lambda path, assumed: load_npz(path)),
+    write=depthless_writer(save_npz),
 )

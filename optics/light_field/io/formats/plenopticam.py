@@ -12,7 +12,7 @@ import numpy as np
 
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import is_picture, read_image, write_image
-from mirrorcam.optics.light_field.io.light_field_format import NOTHING, Assumed, Format, single, without_depth
+from mirrorcam.optics.light_field.io.light_field_format import NOTHING, Assumed, Format, depthless_writer, single_reader
 from mirrorcam.optics.light_field.io.view_arrays import read_arrays, write_arrays
 from mirrorcam.optics.light_field.io.view_images import check_size, common_size, light_field_of, rgb
 from mirrorcam.optics.light_field.io.view_order import named_views
@@ -20,7 +20,7 @@ from mirrorcam.optics.light_field.io.views_file import even_views
 from mirrorcam.optics.light_field.light_field import LightField
 
 ARRAY = "vp_img_arr.npy"
-LARGEST = 65535.0
+FULL_SCALE = 65535.0
 VIEWPOINTS = "viewpoints_*px"
 
 
@@ -30,7 +30,7 @@ def is_plenopticam(path: Path) -> bool:
 
 
 def _folders(path: Path) -> list[Path]:
-    """Return the folders of viewpoints; PlenoptiCam makes one."""
+    """Return the folders of viewpoints; PlenoptiCam writes one."""
     return sorted(folder for folder in path.glob(VIEWPOINTS) if folder.is_dir())
 
 
@@ -42,13 +42,13 @@ def write_plenopticam(folder: Path, light_field: LightField) -> None:
     for t, s in np.ndindex(rows, cols):
         picture = folder / VIEWPOINTS.replace("*", str(rows)) / f"{t:02d}_{s:02d}.png"
         write_image(picture, rgb(light_field.samples[t, s]))
-    write_arrays(folder / ARRAY, light_field, LARGEST)
+    write_arrays(folder / ARRAY, light_field, FULL_SCALE)
 
 
 def read_plenopticam(folder: Path, assumed: Assumed = NOTHING) -> LightField:
     """Read the light field of a folder with the array, or with viewpoints alone."""
     if (folder / ARRAY).exists():
-        return read_arrays(folder / ARRAY, LARGEST, assumed)
+        return read_arrays(folder / ARRAY, FULL_SCALE, assumed)
     return _viewpoints(_folders(folder)[0], assumed)
 
 
@@ -68,7 +68,7 @@ FORMAT = Format(
     name="plenopticam",
     ending="_plenopticam",
     detect=is_plenopticam,
-    read=single(read_plenopticam),
-    write=without_depth(write_plenopticam),
+    read=single_reader(read_plenopticam),
+    write=depthless_writer(write_plenopticam),
     needs_grid=True,
 )

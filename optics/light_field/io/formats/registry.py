@@ -30,15 +30,15 @@ if TYPE_CHECKING:
 NAMES = tuple(sorted(module.name for module in iter_modules([str(Path(__file__).parent)]) if module.name != "registry"))
 """Names of all formats."""
 BAGS = {
-    ".bag": "a ROS 1 bag; rosbags-convert makes a ROS 2 bag of it",
-    ".db3": "a file of a ROS 2 bag, which is given as its folder, with metadata.yaml",
+    ".bag": "a ROS 1 bag; rosbags-convert turns it into a ROS 2 bag",
+    ".db3": "a file of a ROS 2 bag; give its folder, with metadata.yaml",
 }
 """Explanations, by suffix, of bags that cannot be read directly."""
 
 
 @cache
 def formats() -> Mapping[str, Format]:
-    """All formats by name."""
+    """Return all formats by name."""
     return {name: import_module(f"{__package__}.{name}").FORMAT for name in NAMES}
 
 
@@ -46,15 +46,15 @@ def format_of(path: Path) -> Format:
     """Detect the format of a file or folder by its name and contents; raises InputError if there is none."""
     with readable(path):
         refuse_pointer(path)
-        found = next((each for each in formats().values() if each.detect(path)), None)
-    if found is not None:
-        return found
+        detected = next((form for form in formats().values() if form.detect(path)), None)
+    if detected is not None:
+        return detected
     if path.is_dir():
-        raise InputError(f"{path}: a folder of no known format, expected one of {', '.join(NAMES)}")
+        raise InputError(f"{path}: the folder does not have a known format, expected one of {', '.join(NAMES)}")
     endings = sorted(
-        {each.ending[each.ending.index(".") :] for each in formats().values() if not each.is_folder and each.read}
+        {form.ending[form.ending.index(".") :] for form in formats().values() if not form.is_folder and form.read}
     )
-    problem = BAGS.get(path.suffix.lower(), "no light field by its name")
+    problem = BAGS.get(path.suffix.lower(), "its name is not that of a light field")
     raise InputError(f"{path}: {problem}, expected {', '.join(endings)} or a folder")
 
 
@@ -88,9 +88,9 @@ def open_light_fields(path: Path, *, assumed: Assumed = NOTHING, decoder: Decode
             return Contents((decoder.decode(read_image(path)),))
     form = format_of(path)
     if form.read is None:
-        raise InputError(f"{path}: {form.name} is only written, expected a light field")
+        raise InputError(f"{path}: {form.name} can only be written, expected a format that can be read")
     try:
-        return _in_order(form.read(path, assumed.completed(path)))
+        return _in_order(form.read(path, assumed.complete(path)))
     except InputError as error:
         reason = " ".join(str(error).split()) if "\n" in str(error) else str(error)
         raise InputError(shortened(reason if str(path.parent / path.stem) in reason else f"{path}: {reason}")) from None
@@ -102,7 +102,7 @@ def _in_order(contents: Contents) -> Contents:
         return contents
     from mirrorcam.optics.light_field.io.view_order import in_order
 
-    # A true depth belongs to the view that the file puts in the middle.
+    # A true depth belongs to the view that is central in the file.
     light_field, note = in_order(contents.frames[0], may_change=contents.depth_mm is None)
     return contents if note is None else replace(contents, frames=(light_field,), notes=(*contents.notes, note))
 
@@ -137,7 +137,7 @@ def frame_of(contents: Contents, frame: int, path: Path) -> LightField:
     """Return a frame of the contents of a path; raises InputError if it does not exist."""
     count = len(contents.frames)
     if not 0 <= frame < count:
-        raise InputError(f"{path}: has {count_text(count, 'frame')}, no frame {frame}")
+        raise InputError(f"{path}: has {count_text(count, 'frame')}, but not frame {frame}")
     return contents.frames[frame]
 
 
@@ -170,9 +170,9 @@ def write_light_field(path: AnyPath, light_field: LightField, to: str, depth_mm:
     if form.is_folder and path.exists() and (not path.is_dir() or any(path.iterdir())):
         raise InputError(f"{path}: exists, expected a new or empty folder")
     if form.needs_grid and not light_field.is_grid:
-        others = [each.name for each in formats().values() if not each.needs_grid]
+        others = [other.name for other in formats().values() if not other.needs_grid]
         raise InputError(
-            f"{path}: {form.name} holds rows and columns of views, but these are in another pattern, expected one of "
+            f"{path}: {form.name} holds rows and columns of views, but these form another pattern, expected one of "
             f"{', '.join(others)}"
         )
     form.write(path, light_field, depth_mm)
@@ -181,6 +181,6 @@ def write_light_field(path: AnyPath, light_field: LightField, to: str, depth_mm:
 def name_of(path: Path) -> str:
     """Return the name of a light field: its file or folder name without the format's suffix."""
     name = path.resolve().name if path.is_dir() else path.name
-    endings = (each.ending for each in formats().values())
-    ending = max((each for each in endings if name.endswith(each)), key=len, default=path.suffix)
+    endings = (form.ending for form in formats().values())
+    ending = max((ending for ending in endings if name.endswith(ending)), key=len, default=path.suffix)
     return name.removesuffix(ending) or name

@@ -6,7 +6,7 @@ zero disparity. `masks/` holds the weights of views with missing samples.
 
 Such folders are read with any name before ROW, counted from 0 or 1, with any picture type, and without Y and X:
 `Original Camera_00_00_-1.5_2.25_.png`, `2067_01_01.jpg`. All names together show which numbers are ROW and COLUMN, and
-the pictures show which of the two is which: `IMG_0001_002_01_02.png`.
+the pictures show which of the two is the row: `IMG_0001_002_01_02.png`.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from mirrorcam.core.errors import InputError
 from mirrorcam.core.figures.figure_texts import count_text
 from mirrorcam.core.images.pictures import is_picture, read_image, write_image
 from mirrorcam.core.values import FloatArray
-from mirrorcam.optics.light_field.io.light_field_format import NOTHING, Assumed, Contents, Format, without_depth
+from mirrorcam.optics.light_field.io.light_field_format import NOTHING, Assumed, Contents, Format, depthless_writer
 from mirrorcam.optics.light_field.io.view_images import check_size, common_size, light_field_of, rgb, weight_bytes
 from mirrorcam.optics.light_field.io.view_order import has_named_views, named_views
 from mirrorcam.optics.light_field.io.views_file import VIEWS, even_views, parallel_views, read_views, write_views
@@ -32,7 +32,7 @@ MASKS = "masks"
 def write_stanford(folder: Path, light_field: LightField) -> None:
     """Write a light field as a folder of 8-bit pictures."""
     if max(light_field.rows, light_field.cols) > 100:
-        raise InputError(f"{light_field.cols}x{light_field.rows} views, expected at most 100 down and across")
+        raise InputError(f"{light_field.cols}x{light_field.rows} views, expected at most 100 rows and columns")
     for t, s in np.ndindex(light_field.rows, light_field.cols):
         # Adding zero removes the sign of a negative zero.
         x, y = light_field.positions_mm[t, s, :2].round(6) + 0.0
@@ -51,16 +51,16 @@ def is_stanford(folder: Path) -> bool:
 def read_stanford(folder: Path, assumed: Assumed = NOTHING) -> Contents:
     """Read the light field of a folder, with a note on pictures that are not views of the grid.
 
-    Without `views.json`, positions are read from the names, in mm or, given a step, scaled so that columns (for one
-    column, rows) have it: the archive's own unit is unknown. Names without positions mean an even grid, whose step must
-    be assumed. Focal length and reference depth must be assumed.
+    Without `views.json`, positions are read from the names, in mm or, given a step, scaled so that it is the mean step
+    of columns (for one column, of rows): the archive's own unit is unknown. Names without positions mean an even grid,
+    whose step must be assumed. Focal length and reference depth must be assumed.
 
-    Raises InputError in one line if a view is missing or has another size, or the geometry is unknown.
+    Raises InputError in one line if a view is missing or has a different size, or the geometry is unknown.
     """
     with refusing(folder, "pictures of a grid of views"):
-        found = [file for file in sorted(folder.iterdir()) if is_picture(file)]
-        named = named_views(folder, found)
-    files, places, (rows, cols) = named.files, named.places, named.grid
+        pictures_in_folder = [file for file in sorted(folder.iterdir()) if is_picture(file)]
+        named = named_views(folder, pictures_in_folder)
+    files, positions_mm, (rows, cols) = named.files, named.positions, named.grid
     size, stated = common_size(files), read_views(folder / VIEWS)
     if stated is not None:
         size = (stated[0].width_px, stated[0].height_px)
@@ -71,16 +71,14 @@ def read_stanford(folder: Path, assumed: Assumed = NOTHING) -> Contents:
     if stated is not None:
         views, channels = stated[0], stated[1].channels
         if (views.rows, views.cols) != (rows, cols):
-            raise InputError(
-                f"{folder / VIEWS}: {views.cols}x{views.rows} views, but there are pictures of {cols}x{rows}"
-            )
-    elif places is None:
+            raise InputError(f"{folder / VIEWS}: {views.cols}x{views.rows} views, but {cols}x{rows} pictures")
+    elif positions_mm is None:
         views = even_views(folder, assumed, (rows, cols), size)
     else:
         if assumed.step_mm is not None:
-            places *= assumed.step_mm / _mean_step(folder, places)
+            positions_mm *= assumed.step_mm / _mean_step(folder, positions_mm)
         focal_px, distance_mm = assumed.need(folder, "focal_px", "reference_depth_mm")
-        views = parallel_views(places, size, focal_px, distance_mm)
+        views = parallel_views(positions_mm, size, focal_px, distance_mm)
     opacity = np.full((rows, cols, size[1], size[0]), 255, np.uint8)
     for index, file in zip(np.ndindex(rows, cols), files, strict=True):
         mask = folder / MASKS / file.name
@@ -89,23 +87,25 @@ def read_stanford(folder: Path, assumed: Assumed = NOTHING) -> Contents:
             check_size(mask, grey, size)
             opacity[index] = grey
     samples = np.stack(pictures).reshape(rows, cols, size[1], size[0], 3)
-    left_out = sorted(set(found) - set(files))
+    left_out = sorted(set(pictures_in_folder) - set(files))
     notes: tuple[str, ...] = ()
     if left_out:
         pictures_text = count_text(len(left_out), "picture")
-        notes = (f"{pictures_text} left out, not named as one of the {cols}x{rows} views, such as {left_out[0].name}",)
+        notes = (
+            f"{pictures_text} left out, not named like one of the {cols}x{rows} views, such as {left_out[0].name}",
+        )
     return Contents((light_field_of(views, samples, opacity, channels),), notes=notes)
 
 
-def _mean_step(folder: Path, places: FloatArray) -> float:
-    """Mean step of places (t, s, 2): of x along columns, or of y along rows for a single column."""
-    rows, cols = places.shape[:2]
+def _mean_step(folder: Path, positions_mm: FloatArray) -> float:
+    """Return the mean step of positions (t, s, 2): of x along columns, or of y along rows for a single column."""
+    rows, cols = positions_mm.shape[:2]
     if rows * cols == 1:
-        raise InputError(f"{folder}: one view, expected at least two for a step")
-    ends = places[:, [0, -1], 0] if cols > 1 else places[[0, -1], :, 1].T
+        raise InputError(f"{folder}: only one view, expected at least two for a step")
+    ends = positions_mm[:, [0, -1], 0] if cols > 1 else positions_mm[[0, -1], :, 1].T
     step = float(np.diff(ends).mean()) / (max(cols, 2) - 1 if cols > 1 else rows - 1)
     if step == 0.0:
-        raise InputError(f"{folder}: the names give all views one place, expected different ones")
+        raise InputError(f"{folder}: the names give all views the same position, expected different ones")
     return step
 
 
@@ -114,6 +114,6 @@ FORMAT = Format(
     ending="_stanford",
     detect=is_stanford,
     read=read_stanford,
-    write=without_depth(write_stanford),
+    write=depthless_writer(write_stanford),
     needs_grid=True,
 )

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from mirrorcam.core.errors import InputError
-from mirrorcam.optics.light_field.io.light_field_format import Contents, Format, without_depth
+from mirrorcam.optics.light_field.io.light_field_format import Contents, Format, depthless_writer
 from mirrorcam.optics.light_field.io.zarr_store import StoredLightFields, ZarrSink
 from mirrorcam.optics.light_field.light_field import LightField
 
@@ -23,7 +23,7 @@ def write_recording(path: Path, light_field: LightField) -> None:
     from mirrorcam.optics.light_field.io.recording import Recording, about
 
     recording = Recording(path, about(light_field, {"file": path.stem}), ZarrSink())
-    if recording.complete:
+    if recording.is_complete:
         raise InputError(f"{path}: exists, expected a new name")
     recording.add(Frame(0, 0.0, np.empty((0, 0, 3), np.uint8)), light_field)
     recording.finish()
@@ -38,5 +38,5 @@ FORMAT = Format(
     ending=".zarr",
     detect=is_recording,
     read=lambda path, assumed: _contents(StoredLightFields(path)),
-    write=without_depth(write_recording),
+    write=depthless_writer(write_recording),
 )

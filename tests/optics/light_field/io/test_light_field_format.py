@@ -14,9 +14,9 @@ from mirrorcam.optics.light_field.io.light_field_format import (
     Assumed,
     Format,
     StoredFrames,
-    single,
+    depthless_writer,
+    single_reader,
     views_toml,
-    without_depth,
 )
 from mirrorcam.optics.light_field.light_field import LightField
 from tests.optics.light_field.depth.surfaces import Surface, grid_views, photograph
@@ -39,9 +39,9 @@ def test_missing_geometry_is_named_by_key_and_file(tmp_path: Path) -> None:
 
 def test_missing_arguments_are_read_from_views_toml(tmp_path: Path) -> None:
     given = Assumed(rows=3, step_mm=0.5)
-    assert given.completed(tmp_path) == given
+    assert given.complete(tmp_path) == given
     views_toml(tmp_path).write_text("cols = 4\nstep_mm = 2.0\nreference_depth_mm = inf\n", encoding="utf-8")
-    assert given.completed(tmp_path) == Assumed(rows=3, cols=4, step_mm=0.5, reference_depth_mm=np.inf)
+    assert given.complete(tmp_path) == Assumed(rows=3, cols=4, step_mm=0.5, reference_depth_mm=np.inf)
 
 
 def test_formats_whose_ending_has_no_point_are_folders() -> None:
@@ -57,7 +57,7 @@ def test_readers_of_one_light_field_give_contents_without_depth() -> None:
         asked.append((path, assumed))
         return light_field
 
-    contents = single(read)(PATH, NOTHING)
+    contents = single_reader(read)(PATH, NOTHING)
     assert asked == [(PATH, NOTHING)]
     assert list(contents.frames) == [light_field]
     assert (contents.depth_mm, contents.depth_range_mm, contents.is_recording) == (None, None, False)
@@ -65,7 +65,7 @@ def test_readers_of_one_light_field_give_contents_without_depth() -> None:
 
 def test_writers_without_a_place_for_depth_leave_it_out() -> None:
     light_field, written = plane(1, 2, 0.0), []
-    write = without_depth(lambda path, what: written.append((path, what)))
+    write = depthless_writer(lambda path, what: written.append((path, what)))
     write(PATH, light_field, np.ones((2, 2), np.float32))
     write(PATH, light_field, None)
     assert written == [(PATH, light_field)] * 2

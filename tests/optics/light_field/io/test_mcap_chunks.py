@@ -16,8 +16,8 @@ from tests.optics.light_field.io.bags import needs_rosbags
 FOOTER = struct.pack("<BQQQI", 2, 20, 0, 0, 0)
 
 
-def chunk(held: int, compression: bytes, content: bytes) -> bytes:
-    body = struct.pack("<QQQI", 0, 0, held, 0) + struct.pack("<I", len(compression)) + compression
+def chunk(content_bytes: int, compression: bytes, content: bytes) -> bytes:
+    body = struct.pack("<QQQI", 0, 0, content_bytes, 0) + struct.pack("<I", len(compression)) + compression
     body += struct.pack("<Q", len(content)) + content
     return struct.pack("<BQ", 6, len(body)) + body
 
@@ -94,7 +94,7 @@ def sized_lz4(content: bytes) -> bytes:
 def test_frames_are_counted_without_holding_them(path: Path, name: bytes, compress: Callable[[bytes], bytes]) -> None:
     for size in (0, 1, 900):
         path.write_bytes(MAGIC + chunk(size, name, compress(bytes(size))) + FOOTER + MAGIC)
-        assert {each.held for each in checked_chunks(path)} == {size}
+        assert {each.content_bytes for each in checked_chunks(path)} == {size}
     whole = compress(bytes(900))
     for content in (
         compress(bytes(899)),

@@ -88,11 +88,11 @@ def test_the_bytes_do_not_depend_on_interruptions(
         record(decoder, video, begun, limit=stop)  # and then the process dies: nothing is closed
         assert len(begun.entries.numbers) + len(begun.entries.lost) == stop
     last = begin(tmp_path / "cut", decoder, new_sink())
-    assert not last.complete
+    assert not last.is_complete
     record(decoder, video, last)
     last.finish()
     assert content(tmp_path / "cut") == content(tmp_path / "whole")
-    assert begin(tmp_path / "cut", decoder, new_sink()).complete
+    assert begin(tmp_path / "cut", decoder, new_sink()).is_complete
 
 
 def test_incomplete_frames_of_a_dying_process_are_rewritten(

@@ -7,14 +7,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mirrorcam.optics.light_field.io.view_motion import measured_motion
+from mirrorcam.optics.light_field.io.view_motion import measure_motion
 from tests.optics.light_field.io.formats.planes import plane
 from tests.optics.light_field.io.orders import scene, with_samples
 
 
 @pytest.mark.parametrize("disparity_px", [-3.0, -0.4, 0.4, 3.0])
 def test_a_plane_moves_by_its_disparity_along_x_in_rows_and_along_y_in_columns(disparity_px: float) -> None:
-    motion = measured_motion(plane(2, 3, disparity_px))
+    motion = measure_motion(plane(2, 3, disparity_px))
     assert motion is not None
     rows = motion.pairs[:, 1] - motion.pairs[:, 0] == 1
     assert rows.sum() == 4
@@ -23,7 +23,7 @@ def test_a_plane_moves_by_its_disparity_along_x_in_rows_and_along_y_in_columns(d
 
 
 def test_planes_before_and_behind_zero_disparity_do_not_cancel() -> None:
-    motion = measured_motion(scene(3, 3))
+    motion = measure_motion(scene(3, 3))
     assert motion is not None
     along = motion.displacement_px[:6]
     assert np.abs(along[:, 0]).min() > 0.5
@@ -48,4 +48,4 @@ def noise(spread: float) -> Any:
     ids=["flat", "flat with noise", "noise", "one view with noise", "single", "tiny"],
 )
 def test_pictures_without_motion_are_ambiguous(samples: Any) -> None:
-    assert measured_motion(with_samples(samples)) is None
+    assert measure_motion(with_samples(samples)) is None

@@ -208,9 +208,9 @@ def test_row_and_column_are_the_numbers_with_all_combinations(text: str, has_pla
     found = named_views(Path("a"), shuffled)
     assert found.files == tuple(expected)
     assert found.grid == (ROWS, COLS)
-    assert (found.places is not None) == has_places
-    if found.places is not None:
-        assert found.places[2, 1].tolist() == [4.25, 0.5]
+    assert (found.positions is not None) == has_places
+    if found.positions is not None:
+        assert found.positions[2, 1].tolist() == [4.25, 0.5]
 
 
 @pytest.mark.parametrize("text", ["v_{t}_{s}.png", "{n:02d}_v_{t:+d}_{s:+d}.png", "row_{t}_col_{s}.png"])
@@ -273,5 +273,5 @@ def test_names_of_any_kind_give_a_grid_or_one_line() -> None:
             assert str(error).startswith("a: ")
             continue
         assert len(found.files) == found.grid[0] * found.grid[1]
-        assert found.places is None or np.isfinite(found.places).all()
+        assert found.positions is None or np.isfinite(found.positions).all()
     assert 100 < refused < 1000

@@ -12,14 +12,14 @@ from mirrorcam.core.images.pictures import read_image, write_image
 from mirrorcam.optics.light_field.io.formats.registry import format_of, open_light_fields
 from mirrorcam.optics.light_field.io.formats.stanford import read_stanford, write_stanford
 from mirrorcam.optics.light_field.io.light_field_format import Assumed
-from mirrorcam.optics.light_field.io.view_order import PLACED
+from mirrorcam.optics.light_field.io.view_order import POSITIONED
 from tests.optics.light_field.io.formats.planes import CANDIDATES, plane, shift_that_agrees
 from tests.optics.light_field.io.orders import GIVEN, scene
 
 
 def numbers(file: Path) -> tuple[str, ...]:
     """Return row, column, y and x from a name."""
-    match = PLACED.fullmatch(file.stem)
+    match = POSITIONED.fullmatch(file.stem)
     assert match is not None
     return match.groups()
 
