@@ -15,7 +15,7 @@ from mirrorcam.calibration.drift_check import DRIFT, drift_check
 from mirrorcam.core.console.reporter import TERMINAL
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import write_image
-from mirrorcam.lightfield.decoding import EQUALISATION, decode_files, readable, spread
+from mirrorcam.lightfield.decoding import EQUALISATION, decode_files, evenly_spaced, read_undamaged
 from mirrorcam.lightfield.requests import DecodeRequest
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
@@ -91,7 +91,7 @@ def test_nothing_but_damaged_pictures_is_refused(folder: Path) -> None:
     for name in ("a", "b"):
         (folder / f"{name}.png").write_bytes(b"")
     frames = (folder / "a.png", folder / "b.png")
-    with pytest.raises(InputError, match=r"a\.png: not an image .*; no picture is left to decode"):
+    with pytest.raises(InputError, match=r"a\.png: not an image .*; all pictures are damaged"):
         decoded(frames, folder / "out")
     assert not (folder / "out").exists()
 
@@ -169,9 +169,9 @@ def test_what_is_decoded_is_shown_with_its_depth(folder: Path, monkeypatch: pyte
 
 def test_pictures_are_spread_and_damaged_ones_left_out(tmp_path: Path) -> None:
     paths = [tmp_path / f"{number}.png" for number in range(20)]
-    assert spread(paths)[0] == paths[0]
-    assert spread(paths)[-1] == paths[-1]
-    assert len(spread(paths)) == 8
+    assert evenly_spaced(paths)[0] == paths[0]
+    assert evenly_spaced(paths)[-1] == paths[-1]
+    assert len(evenly_spaced(paths)) == 8
     write_image(paths[0], np.zeros((4, 4, 3), np.uint8))
     paths[1].write_bytes(paths[0].read_bytes()[:-20])
-    assert len(readable(paths[:2])) == 1
+    assert len(read_undamaged(paths[:2])) == 1

@@ -100,7 +100,7 @@ def test_depths_that_are_looked_for_can_be_chosen(inputs: Path, tmp_path: Path) 
         (["missing.npz"], "missing.npz: no such file"),
         (["frame.png"], "frame.png: a picture without frame.json, expected --layout of the camera"),
         (["card.npz", "elsewhere/card.npz"], "two light fields are called 'card', expected different names"),
-        (["card.npz", "--near-mm", "500", "--far-mm", "400"], "expected a nearest depth below the farthest"),
+        (["card.npz", "--near-mm", "500", "--far-mm", "400"], "the nearest depth must be less than the farthest"),
         (["."], "a folder of no known format"),
     ],
 )

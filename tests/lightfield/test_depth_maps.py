@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from mirrorcam.core.disk.output_folder import output_folder
 from mirrorcam.lightfield import depth_maps
-from mirrorcam.lightfield.depth_maps import draw_depth, keep_depth, kept_depth, write_depth, write_depths
+from mirrorcam.lightfield.depth_maps import draw_depth, record_depth, stored_depth, write_depth, write_depths
 from mirrorcam.lightfield.light_field_inputs import LightFieldInputs
 from mirrorcam.lightfield.requests import DepthRequest
 from mirrorcam.optics.light_field.depth import DepthEstimator, DepthMap, VideoDepth
@@ -79,7 +79,7 @@ def keep(folder: Path, wall: LightField) -> None:
     with output_folder(folder, "depth") as output:
         with output.staged(complete=False) as staged:
             write_depth(staged, "wall", estimator.estimate(wall), wall, (300.0, 800.0))
-        keep_depth(output, "wall", wall, (300.0, 800.0))
+        record_depth(output, "wall", wall, (300.0, 800.0))
 
 
 @pytest.fixture(scope="module")
@@ -92,7 +92,7 @@ def kept(wall: LightField, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_what_was_kept_comes_back(wall: LightField, kept: Path) -> None:
     expected = DepthEstimator(wall, near_mm=300.0, far_mm=800.0).estimate(wall).depth_mm
     for near, far in ((None, None), (300.0, None), (300.0, 800.0)):
-        found = kept_depth(kept, "wall", wall, near, far)
+        found = stored_depth(kept, "wall", wall, near, far)
         assert found is not None
         assert found.path == kept / "wall_depth.npz"
         assert found.searched_mm == (300.0, 800.0)
@@ -100,13 +100,13 @@ def test_what_was_kept_comes_back(wall: LightField, kept: Path) -> None:
 
 
 def test_depth_of_another_light_field_or_range_is_not_used(wall: LightField, kept: Path) -> None:
-    assert kept_depth(kept, "other", wall, None, None) is None
-    assert kept_depth(kept, "wall", wall, 310.0, None) is None
-    assert kept_depth(kept, "wall", wall, None, np.inf) is None
+    assert stored_depth(kept, "other", wall, None, None) is None
+    assert stored_depth(kept, "wall", wall, 310.0, None) is None
+    assert stored_depth(kept, "wall", wall, None, np.inf) is None
     samples = wall.samples.copy()
     samples[2, 0, 5, 7, 1] ^= 1
     for changed in (LightField.of(wall, samples, wall.weights), replace(wall, layout_identity="another")):
-        assert kept_depth(kept, "wall", changed, None, None) is None
+        assert stored_depth(kept, "wall", changed, None, None) is None
 
 
 def test_a_changed_file_and_depth_of_another_program_are_not_used(
@@ -115,10 +115,10 @@ def test_a_changed_file_and_depth_of_another_program_are_not_used(
     keep(tmp_path, wall)
     with monkeypatch.context() as patch:
         patch.setattr(depth_maps, "program_of", lambda module: {"code": "0" * 64})
-        assert kept_depth(tmp_path, "wall", wall, None, None) is None
-    assert kept_depth(tmp_path, "wall", wall, None, None) is not None
+        assert stored_depth(tmp_path, "wall", wall, None, None) is None
+    assert stored_depth(tmp_path, "wall", wall, None, None) is not None
     (tmp_path / "wall_depth.npz").write_text("mine", encoding="utf-8")
-    assert kept_depth(tmp_path, "wall", wall, None, None) is None
+    assert stored_depth(tmp_path, "wall", wall, None, None) is None
 
 
 def test_view_nearness_and_confidence_stand_beside_each_other(tmp_path: Path) -> None:

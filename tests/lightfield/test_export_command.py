@@ -118,7 +118,7 @@ def test_a_point_cloud_has_the_depth_measured_here(
 ) -> None:
     save_npz(tmp_path / "tabletop.npz", scene[0])
     assert main(["export", str(tmp_path / "tabletop.npz"), "--to", "ply", "--out", str(tmp_path)]) == 0
-    assert "depth measured: " in capsys.readouterr().out
+    assert "depth estimated: " in capsys.readouterr().out
     points, _ = point_cloud_in(tmp_path / "tabletop.ply")
     assert len(points) > 5000
     assert np.median(np.abs(off_surface_mm(points, scene[0]))) < 2.0

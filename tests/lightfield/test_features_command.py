@@ -87,8 +87,8 @@ def test_scenes_are_searched_at_the_depths_that_they_state(
 ) -> None:
     light_field = load_npz(stored)
     ranges = {"near": (250.0, 420.0), "far": (420.0, 900.0), "any": None}
-    opened = [NamedLightField(name, light_field, known) for name, known in ranges.items()]
-    monkeypatch.setattr(light_field_inputs, "opened", lambda *asked: opened)
+    open_inputs = [NamedLightField(name, light_field, known) for name, known in ranges.items()]
+    monkeypatch.setattr(light_field_inputs, "opened", lambda *asked: open_inputs)
     assert cli.main(["features", str(stored), "--detector", "ORB", "--out", str(tmp_path)]) == 0
     depths = {name: np.load(tmp_path / f"{name}_features.npz")["depth_mm"] for name in ranges}
     assert 0 < len(depths["near"]) < len(depths["any"])
@@ -115,7 +115,7 @@ def test_a_light_field_without_features_is_said_to_have_none(
         ("STORED STORED", "two light fields are called 'board'"),
         ("STORED --detector SURF", "--detector"),
         ("STORED --min-views 9", "minimum number of views is 9 besides the reference view, expected 1 to 8"),
-        ("STORED --near-mm 500 --far-mm 400", "expected a nearest depth below the farthest"),
+        ("STORED --near-mm 500 --far-mm 400", "the nearest depth must be less than the farthest"),
         ("STORED --keypoints 0", "--keypoints"),
     ],
 )

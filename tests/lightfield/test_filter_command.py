@@ -37,7 +37,7 @@ def test_filtered_light_fields_are_read_again(inputs: Path, tmp_path: Path, capf
     asked = ["--near-mm", "330", "--far-mm", "500", "--leave-out", "--out", str(tmp_path)]
     assert main(["filter", str(inputs / "noisy.npz"), *asked]) == 0
     assert results(tmp_path) == ["noisy_filtered.npz", "noisy_filtered_views.png"]
-    assert "grey levels outside of the hyperfan, 0." in capfd.readouterr().out
+    assert "grey levels outside the hyperfan, 0." in capfd.readouterr().out
     given, filtered = load_npz(inputs / "noisy.npz"), load_npz(tmp_path / "noisy_filtered.npz")
     assert filtered.samples.dtype == np.uint8
     assert np.abs(np.diff(filtered.samples.astype(float), axis=3)).mean() < 0.6 * (

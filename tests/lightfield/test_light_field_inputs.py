@@ -33,9 +33,9 @@ def test_each_file_is_opened_and_counted(tmp_path: Path) -> None:
         save_npz(tmp_path / f"{name}.npz", light_field)
     seen: list[tuple[int, int]] = []
     inputs = LightFieldInputs((tmp_path / "b.npz", tmp_path / "a.npz"))
-    found = list(inputs.each(lambda done, total: seen.append((done, total))))
-    assert inputs.counted == "2 light fields"
-    assert [each.name for each in found] == ["b", "a"]
+    found = list(inputs.open_all(lambda done, total: seen.append((done, total))))
+    assert inputs.count_text == "2 light fields"
+    assert [open_all.name for open_all in found] == ["b", "a"]
     assert np.array_equal(found[0].light_field.samples, light_field.samples)
     assert seen == [(1, 2), (2, 2)]
 
@@ -45,7 +45,7 @@ def test_names_that_would_meet_and_frames_without_a_layout_are_refused(tmp_path:
         LightFieldInputs((tmp_path / "a.npz", tmp_path / "other" / "a.npz"))
     write_image(tmp_path / "frame.png", np.zeros((4, 4, 3), np.uint8))
     with pytest.raises(InputError, match="--layout"):
-        list(LightFieldInputs((tmp_path / "frame.png",)).each())
+        list(LightFieldInputs((tmp_path / "frame.png",)).open_all())
 
 
 def test_views_that_differ_are_made_alike_and_it_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -55,7 +55,7 @@ def test_views_that_differ_are_made_alike_and_it_is_said(tmp_path: Path, capsys:
     save_npz(tmp_path / "tinted.npz", LightField.of(light_field, samples, light_field.weights))
     save_npz(tmp_path / "alike.npz", light_field)
     paths = tmp_path / "tinted.npz", tmp_path / "alike.npz"
-    tinted, alike = LightFieldInputs(paths, reporter=TERMINAL).each()
+    tinted, alike = LightFieldInputs(paths, reporter=TERMINAL).open_all()
     assert (alike.light_field.samples == light_field.samples).all()
     off = tinted.light_field.samples.astype(float) - light_field.samples
     assert np.abs(off.mean(axis=(2, 3))).max() < 0.02 * light_field.samples.mean()
@@ -72,7 +72,7 @@ def test_views_in_another_order_are_read_in_theirs_and_it_is_said(
         write_image(tmp_path / "a" / f"{s}_{t}.png", light_field.samples[t, s].astype(np.uint8))
     geometry = "".join(f"{name} = {value}\n" for name, value in GIVEN if value is not None)
     (tmp_path / "a" / "views.toml").write_text(geometry, encoding="utf-8")
-    (found,) = LightFieldInputs((tmp_path / "a",), reporter=TERMINAL).each()
+    (found,) = LightFieldInputs((tmp_path / "a",), reporter=TERMINAL).open_all()
     assert np.array_equal(found.light_field.samples, light_field.samples)
     assert "a: the pictures show that views are column by column in 3 columns of 2" in capsys.readouterr().out
 
@@ -83,9 +83,9 @@ def test_frames_of_recordings_are_numbered_and_each_recording_is_filtered_on_its
     save_npz(tmp_path / "wall.npz", frames[1])
     inputs = LightFieldInputs((tmp_path / "film.zarr", tmp_path / "wall.npz"))
     recording, video = RecordingFilter(), TemporalFilter()
-    filtered = [video.filtered(each).samples for each in frames]
+    filtered = [video.filtered(open_all).samples for open_all in frames]
     for _ in range(2):
-        first, second, wall = inputs.each()
+        first, second, wall = inputs.open_all()
         assert (first.frame, second.frame, wall.frame) == (0, 1, None)
         assert np.array_equal(recording.filtered(first).samples, filtered[0])
         assert np.array_equal(recording.filtered(second).samples, filtered[1])

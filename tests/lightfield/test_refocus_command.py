@@ -173,7 +173,7 @@ def test_frames_are_decoded_with_their_layout(default_layout: Layout, tmp_path: 
         (["refocus", "card.npz", "--orbit", "avi"], "--orbit 'avi': Input should be 'gif' or 'mp4'"),
         (
             ["refocus", "card.npz", "--all-in-focus", "--near-mm", "600", "--far-mm", "400"],
-            "expected a nearest depth below the farthest",
+            "the nearest depth must be less than the farthest",
         ),
         (
             ["refocus", "frame.png"],

@@ -30,9 +30,9 @@ def decode(
 
     Writes, for each picture, NAME.npz (NumPy: samples (t, s, v, u, c), weights (t, s, v, u), positions_mm (t, s, 3) and
     the other fields of LightField) and NAME_views.png (all views), with --epi also NAME_epi.png and NAME_epi.npz (of
-    the middle row of the central view). A video becomes NAME.zarr with NAME_views.png, a folder NAME or NAME.mcap, as
-    --to states; the NAME of a camera is deviceNUMBER or stream. Recordings are never replaced; the same command resumes
-    an interrupted one. Exit code 1: damaged frames are skipped.
+    the middle row of the central view). A video becomes NAME.zarr with NAME_views.png, a folder NAME, or NAME.mcap,
+    depending on --to; for a camera, NAME is deviceNUMBER or stream. Recordings are never replaced; the same command
+    resumes an interrupted one. Exit code 1: damaged frames were skipped.
 
     Examples:
         mirrorcam decode frame.png --layout calibrated/layout.json --epi

@@ -1,4 +1,4 @@
-"""Decode pictures, videos and the stream of a camera into light fields in a folder."""
+"""Decode pictures, videos and the stream of a camera into a folder of light fields."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from mirrorcam.core.video.stream_losses import Stream
 from mirrorcam.core.video.video import Video
 from mirrorcam.lightfield.epipolar_images import write_epi
 from mirrorcam.lightfield.requests import DecodeRequest
-from mirrorcam.lightfield.stream_recording import Show, StreamRecorder, refuse_streams
+from mirrorcam.lightfield.stream_recording import Show, StreamRecorder, check_outputs
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.depth import DepthEstimator, VideoDepth
@@ -43,7 +43,7 @@ EQUALISATION = "equalisation.json"
 MEASURED_FRAMES = 20
 """Number of frames of a video in which the brightness of its views is measured."""
 MakeCheck = Callable[[Layout, Path, float | None, OutputFolder, Reporter], RecordingCheck | None]
-"""Makes the check of recordings, if the layout permits one, from the layout, its file and the reference depth."""
+"""Function that makes the check of recordings, if the layout permits one."""
 
 
 def decode_files(
@@ -70,7 +70,7 @@ def decode_files(
     force
         Whether files that this command did not write may be replaced; recordings never are.
     make_check
-        Makes the check of each recording; all pictures count as one recording.
+        Function that makes the check of each recording; all pictures count as one recording.
 
     Returns
     -------
@@ -80,8 +80,8 @@ def decode_files(
     Raises
     ------
     InputError
-        If an input is missing or has another size than the camera's pictures, if no picture can be decoded, and,
-        without `force`, if a result would replace a file that this command did not write.
+        If an input is missing or differs in size from the camera's pictures, if no picture can be decoded, or, without
+        `force`, if a result would replace a file that this command did not write.
     """
     _check_sources(frames, request)
     with output_folder(folder, "decode", force=force) as output:
@@ -92,13 +92,15 @@ def _check_sources(frames: Sequence[Path], request: DecodeRequest) -> None:
     if bool(frames) == (request.live is not None):
         raise InputError("expected frames, videos, or --live NUMBER or ADDRESS")
     names = [frame.stem for frame in frames]
-    twice = next((name for name in names if names.count(name) > 1), None)
-    if twice is not None:
-        raise InputError(f"two frames are called {twice!r}, expected different names: each names its light field")
+    duplicate = next((name for name in names if names.count(name) > 1), None)
+    if duplicate is not None:
+        raise InputError(
+            f"two frames are called {duplicate!r}, expected different names, because they name the light fields"
+        )
     if request.epi and not any(map(is_picture, frames)):
         raise InputError("--epi: expected at least one picture among the frames")
     if request.to == "mcap" and (len(frames) > 1 or any(map(is_picture, frames))):
-        raise InputError("--to mcap: expected one video or --live; pictures have no times")
+        raise InputError("--to mcap: expected one video or --live, because pictures have no times")
 
 
 def _decode_files(
@@ -115,7 +117,7 @@ def _decode_files(
     check = None
     if make_check is not None:
         check = make_check(layout, layout_file, request.reference_depth_mm, output, reporter)
-    _refuse_blocked(frames, request, output, check)
+    _check_replaced_files(frames, request, output, check)
     decoder = _decoder(request, layout, layout_file)
     if layout.kind == "nominal":
         reporter.note(
@@ -142,25 +144,25 @@ def _decode_files(
 
     damaged = _decode_pictures(images, decoder, output, reporter, show, epi=request.epi) if images else 0
     if check is not None and images:
-        check.report(readable(spread(images)), check.file, "FRAMES")
+        check.report(read_undamaged(evenly_spaced(images)), check.file, "FRAMES")
     if decoder.equalisation is not None and _equalisation_file(request) is None:
         with output.staged(complete=False) as folder:
             decoder.equalisation.save(folder / EQUALISATION)
         reporter.note("decode", f"gains of the views written to {output.path / EQUALISATION}")
         if decoder.equalisation.exponent != LINEAR:
-            curve = f"grey levels grow as light to the power of {decoder.equalisation.exponent:.2f}"
+            curve = f"grey levels are proportional to light to the power of {decoder.equalisation.exponent:.2f}"
             reporter.note("decode", f"{curve}, and views are brightened accordingly towards their borders")
     recorder: StreamRecorder | BagRecorder
     if request.to == "mcap":
-        seen = None if viewer is None else viewer.show
-        recorder = BagRecorder(decoder, output, estimator, request.limit, reporter, check, seen)
+        on_frame = None if viewer is None else viewer.show
+        recorder = BagRecorder(decoder, output, estimator, request.limit, reporter, check, on_frame)
     else:
         at_mm = request.regular_grid_at_mm
         recorder = StreamRecorder(decoder, output, request.to, request.limit, at_mm, reporter, check, show_video)
     return damaged + _record(frames, request, layout, recorder)
 
 
-def _refuse_blocked(
+def _check_replaced_files(
     frames: Sequence[Path], request: DecodeRequest, output: OutputFolder, check: RecordingCheck | None
 ) -> None:
     """Raise InputError if results would replace recordings, or files that this command did not write."""
@@ -174,7 +176,7 @@ def _refuse_blocked(
     if request.to == "mcap":
         refuse_bag(_live_name(request.live) if request.live is not None else frames[0].stem, output, check)
     else:
-        refuse_streams([path.stem for path in frames if path not in images], request.to, output, check)
+        check_outputs([path.stem for path in frames if path not in images], request.to, output, check)
 
 
 def _record(
@@ -184,21 +186,21 @@ def _record(
 
     Raises NothingDecoded if neither a stream nor a picture has a usable frame.
     """
-    lost, nothing, decoded = 0, None, any(map(is_picture, frames))
+    lost, last_error, decoded = 0, None, any(map(is_picture, frames))
     for source, name, origin in _streams(frames, request.live, layout, recorder.reporter):
         try:
             lost += recorder.record(source, name, origin)
             decoded = True
         except NothingDecoded as error:
-            lost, nothing = lost + 1, error
+            lost, last_error = lost + 1, error
             recorder.reporter.note("decode", f"{error}; skipped")
-    if nothing is not None and not decoded:
-        raise nothing
+    if last_error is not None and not decoded:
+        raise last_error
     return lost
 
 
 def _estimator(decoder: Decoder) -> DepthEstimator:
-    """The depth estimator for all frames."""
+    """Return the depth estimator for all frames."""
     samples = np.zeros((*decoder.weights.shape, 3), np.uint8)
     light_field = LightField.of(decoder.views, samples, decoder.weights)
     return DepthEstimator(light_field, quality="fast")
@@ -207,7 +209,7 @@ def _estimator(decoder: Decoder) -> DepthEstimator:
 def _decode_pictures(
     images: Sequence[Path], decoder: Decoder, output: OutputFolder, reporter: Reporter, show: Show, *, epi: bool
 ) -> int:
-    """Decode pictures, shown one second apart, and return the number of damaged ones, which are skipped.
+    """Decode pictures, show them one second apart, and return the number of damaged ones, which are skipped.
 
     Raises InputError if all are damaged.
     """
@@ -224,20 +226,20 @@ def _decode_pictures(
     for reason in damaged:
         reporter.note("decode", f"{reason}; skipped")
     if len(damaged) == len(images):
-        raise InputError(f"{damaged[0]}; no picture is left to decode" if len(images) > 1 else damaged[0])
+        raise InputError(f"{damaged[0]}; all pictures are damaged" if len(images) > 1 else damaged[0])
     if damaged:
         reporter.note("decode", f"{len(damaged)} of {len(images)} pictures skipped as damaged")
     reporter.note("decode", f"light fields (.npz) and tiled views (_views.png) written to {output.path}")
     return len(damaged)
 
 
-def spread(paths: Sequence[Path]) -> list[Path]:
-    """Choose a few evenly spread pictures."""
+def evenly_spaced(paths: Sequence[Path]) -> list[Path]:
+    """Choose a few evenly spaced pictures."""
     indices = np.unique(np.linspace(0, len(paths) - 1, min(len(paths), MAX_KEPT)).round().astype(int))
     return [paths[index] for index in indices]
 
 
-def readable(paths: Sequence[Path]) -> list[Any]:
+def read_undamaged(paths: Sequence[Path]) -> list[Any]:
     """Read the pictures that are not damaged."""
     frames = []
     for path in paths:
@@ -260,14 +262,14 @@ def decode_picture(path: Path, decoder: Decoder, folder: Path, *, epi: bool = Fa
 
 
 def _equalisation_file(request: DecodeRequest) -> Path | None:
-    """The equalisation.json of a request, if it names one in place of pictures."""
+    """Return the equalisation.json of a request, if it names one instead of pictures."""
     return request.equalise[0] if [path.suffix for path in request.equalise] == [".json"] else None
 
 
 def _decoder(request: DecodeRequest, layout: Layout, layout_file: Path) -> Decoder:
-    """The decoder of a request, equalised if requested."""
-    known = _equalisation_file(request)
-    if known is None:
+    """Return the decoder of a request, equalised if requested."""
+    equalisation_file = _equalisation_file(request)
+    if equalisation_file is None:
         check_frames(request.equalise, layout, layout_file)
     decoder = Decoder(
         layout,
@@ -278,11 +280,15 @@ def _decoder(request: DecodeRequest, layout: Layout, layout_file: Path) -> Decod
     )
     if not request.equalise:
         return decoder
-    return decoder.equalised(Equalisation.load(known) if known else measure(_sampled(request.equalise, decoder)))
+    return decoder.equalised(
+        Equalisation.load(equalisation_file)
+        if equalisation_file
+        else measure(_sample_light_fields(request.equalise, decoder))
+    )
 
 
-def _sampled(paths: Sequence[Path], decoder: Decoder) -> Iterator[LightField]:
-    """The light fields of pictures and of the first frames of videos."""
+def _sample_light_fields(paths: Sequence[Path], decoder: Decoder) -> Iterator[LightField]:
+    """Yield the light fields of pictures and of the first frames of videos."""
     for path in paths:
         if is_picture(path):
             yield decoder.decode(read_image(path))
@@ -296,14 +302,14 @@ def _sampled(paths: Sequence[Path], decoder: Decoder) -> Iterator[LightField]:
 
 
 def _live_name(live: str) -> str:
-    """The name of the recording of a camera."""
+    """Return the name of a camera's recording."""
     return f"device{live}" if live.isascii() and live.isdigit() else "stream"
 
 
 def _streams(
     frames: Sequence[Path], live: str | None, layout: Layout, reporter: Reporter
 ) -> Iterator[tuple[Stream, str, dict[str, Any]]]:
-    """Each video and the camera, with its name and the provenance for its recording."""
+    """Yield each video and the camera, with its name and the provenance for its recording."""
     for path in frames:
         if not is_picture(path):
             video = Video(path, lambda line: reporter.note("decode", line))

@@ -9,7 +9,7 @@ from cyclopts import Parameter
 
 from mirrorcam.core.console.options import Force
 from mirrorcam.core.console.progress import long_work, say
-from mirrorcam.lightfield.light_fields import FrameLayout, LightFieldPaths, say_some
+from mirrorcam.lightfield.light_fields import FrameLayout, LightFieldPaths, say_first
 from mirrorcam.lightfield.requests import DepthRequest
 
 
@@ -37,13 +37,13 @@ def depth(
     from mirrorcam.lightfield.light_field_inputs import LightFieldInputs
 
     inputs = LightFieldInputs(light_fields, layout, reporter=TERMINAL)
-    with long_work("depth", inputs.counted, "files") as advance:
-        found = write_depths(inputs, out, request, force=force, progress=advance)
-    empty = [each.name for each in found if not each.known]
+    with long_work("depth", inputs.count_text, "files") as advance:
+        summaries = write_depths(inputs, out, request, force=force, progress=advance)
+    empty = [summary.name for summary in summaries if not summary.known]
     lines = [f"{name}: no pixel has a depth" for name in empty]
-    for each in (each for each in found if each.known):
-        median = f", median {each.median_mm:.0f} mm" if each.sure else ""
-        lines.append(f"{each.name}: {each.sure:.0%} of the pixels with confidence above 0.5{median}")
-    say_some("depth", lines)
+    for summary in (summary for summary in summaries if summary.known):
+        median = f", median {summary.median_mm:.0f} mm" if summary.sure else ""
+        lines.append(f"{summary.name}: {summary.sure:.0%} of the pixels with confidence above 0.5{median}")
+    say_first("depth", lines)
     say("depth", f"pictures, arrays (.npz) and maps (.pfm) written to {out}")
     return 1 if empty else 0

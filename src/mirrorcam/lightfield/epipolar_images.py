@@ -30,7 +30,7 @@ def write_epi(
     line: int | None = None,
     depth_mm: float | None = None,
 ) -> None:
-    """Cut an epipolar-plane image out of a light field and write NAME_epi.npz and NAME_epi.png into a folder.
+    """Extract an epipolar-plane image from a light field and write NAME_epi.npz and NAME_epi.png into a folder.
 
     Parameters
     ----------
@@ -44,72 +44,76 @@ def write_epi(
     Raises
     ------
     InputError
-        For a line outside the views, and a depth behind them.
+        For a line outside the views, or a depth that is not in front of them.
     """
     lines = light_field.height_px if axis == "s" else light_field.width_px
-    found = epi(light_field, axis, lines // 2 if line is None else line, depth_mm=depth_mm)
+    epi_image = epi(light_field, axis, lines // 2 if line is None else line, depth_mm=depth_mm)
     write_npz(
         folder / f"{name}_epi.npz",
         {
-            "samples": found.samples,
-            "weights": found.weights,
-            "positions_mm": found.positions_mm,
-            "axis": np.array(found.axis),
-            "line": np.array(found.line),
-            "plane_depth_mm": np.array(found.plane_depth_mm),
+            "samples": epi_image.samples,
+            "weights": epi_image.weights,
+            "positions_mm": epi_image.positions_mm,
+            "axis": np.array(epi_image.axis),
+            "line": np.array(epi_image.line),
+            "plane_depth_mm": np.array(epi_image.plane_depth_mm),
             "layout_identity": np.array(light_field.layout_identity),
         },
     )
     reference = light_field.reference_depth_mm
-    draw_epi(folder / f"{name}_epi.png", light_field, found, (NEAR * reference, FAR * reference))
+    draw_epi(folder / f"{name}_epi.png", light_field, epi_image, (NEAR * reference, FAR * reference))
 
 
-def draw_epi(path: Path, light_field: LightField, found: Epi, depths_mm: tuple[float, float]) -> None:
+def draw_epi(path: Path, light_field: LightField, epi_image: Epi, depths_mm: tuple[float, float]) -> None:
     """Write a PNG: the reference view with the line, the EPI below it, and the slopes of some depths.
 
     `depths_mm` are the nearest and the farthest depth with a slope.
     """
     view = light_field.samples[reference_index(light_field)]
-    shown = to_bytes(RenderedPicture(found.samples, found.weights))
-    if found.axis == "t":
+    epi_bytes = to_bytes(RenderedPicture(epi_image.samples, epi_image.weights))
+    if epi_image.axis == "t":
         view = view.swapaxes(0, 1)
     height_in = WIDTH_IN * view.shape[0] / view.shape[1]
     figure = Figure(figsize=(WIDTH_IN, height_in + EPI_IN + TITLE_IN), dpi=100, layout="constrained")
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=[height_in, EPI_IN])
     above.imshow(np.broadcast_to(view, (*view.shape[:2], 3)), aspect="auto", interpolation="nearest")
-    above.axhline(found.line, color="white", linewidth=1.0)
-    name = "row" if found.axis == "s" else "column"
-    above.set_title(f"{name} {found.line} of the reference view" + ("" if found.axis == "s" else " (turned)"))
+    above.axhline(epi_image.line, color="white", linewidth=1.0)
+    line_name = "row" if epi_image.axis == "s" else "column"
+    above.set_title(
+        f"{line_name} {epi_image.line} of the reference view" + ("" if epi_image.axis == "s" else " (rotated)")
+    )
     above.set_axis_off()
-    _bands(below, shown, found.positions_mm)
-    _fan(below, light_field, found, depths_mm)
-    below.set_xlabel("u, px" if found.axis == "s" else "v, px")
+    _bands(below, epi_bytes, epi_image.positions_mm)
+    _fan(below, light_field, epi_image, depths_mm)
+    below.set_xlabel("u, px" if epi_image.axis == "s" else "v, px")
     below.set_ylabel("view position, mm")
-    below.set_title(f"upright at {found.plane_depth_mm:.0f} mm; lines: slopes of points at depths in mm")
+    below.set_title(
+        f"vertical at {epi_image.plane_depth_mm:.0f} mm; lines: slopes of points at the stated depths in mm"
+    )
     with atomic(path) as temporary:
         figure.savefig(temporary, metadata={"Software": None})
 
 
-def _bands(axes: Axes, shown: np.ndarray, positions_mm: FloatArray) -> None:
-    """Draw the line of each view as a band around its position, up to halfway to the next."""
-    middles = (positions_mm[1:] + positions_mm[:-1]) / 2.0
-    first, last = 2.0 * positions_mm[0] - middles[0], 2.0 * positions_mm[-1] - middles[-1]
-    edges = np.concatenate([[first], middles, [last]])
-    for line, low, high in zip(shown, edges[:-1], edges[1:], strict=True):
+def _bands(axes: Axes, epi_bytes: np.ndarray, positions_mm: FloatArray) -> None:
+    """Draw the line of each view as a band around its position, up to halfway to the next view."""
+    boundaries = (positions_mm[1:] + positions_mm[:-1]) / 2.0
+    first, last = 2.0 * positions_mm[0] - boundaries[0], 2.0 * positions_mm[-1] - boundaries[-1]
+    edges = np.concatenate([[first], boundaries, [last]])
+    for line, low, high in zip(epi_bytes, edges[:-1], edges[1:], strict=True):
         axes.imshow(line[None], extent=(-0.5, len(line) - 0.5, high, low), aspect="auto", interpolation="nearest")
     axes.set_ylim(edges[-1], edges[0])
-    axes.set_xlim(-0.5, shown.shape[1] - 0.5)
+    axes.set_xlim(-0.5, epi_bytes.shape[1] - 0.5)
     axes.set_yticks(positions_mm, [f"{position:.1f}" for position in positions_mm])
 
 
-def _fan(axes: Axes, light_field: LightField, found: Epi, depths_mm: tuple[float, float]) -> None:
+def _fan(axes: Axes, light_field: LightField, epi_image: Epi, depths_mm: tuple[float, float]) -> None:
     near, far = depths_mm
-    ends_mm = found.positions_mm[[0, -1]]
-    for part, nearness in enumerate(np.linspace(1.0 / near, 1.0 / far, LINES)):
-        depth = float(np.inf if nearness == 0 else 1.0 / nearness)
-        middle = found.samples.shape[1] * (part + 0.5) / LINES
-        along = middle + found.slope_px_per_mm(light_field, depth) * ends_mm
-        axes.plot(along, ends_mm, color="white", linewidth=1.2)
+    ends_mm = epi_image.positions_mm[[0, -1]]
+    for part, inverse_depth in enumerate(np.linspace(1.0 / near, 1.0 / far, LINES)):
+        depth = float(np.inf if inverse_depth == 0 else 1.0 / inverse_depth)
+        middle = epi_image.samples.shape[1] * (part + 0.5) / LINES
+        u = middle + epi_image.slope_px_per_mm(light_field, depth) * ends_mm
+        axes.plot(u, ends_mm, color="white", linewidth=1.2)
         text = "∞" if np.isinf(depth) else f"{depth:.0f}"
         box = {"facecolor": "black", "alpha": 0.6, "pad": 1.0, "edgecolor": "none"}
         axes.text(middle + 4.0, 0.0, text, color="white", fontsize=9, va="center", bbox=box, clip_on=True)

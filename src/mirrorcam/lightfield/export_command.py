@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 else:
     FormatName = Literal[NAMES]
 
-SURE = 0.5
+MIN_CONFIDENCE = 0.5
 """Confidence above which an estimated depth is exported."""
 
 
@@ -37,13 +37,13 @@ class ExportRequest(Value):
     to: FormatName = Field(
         description="format to write. lftoolbox: .mat with H and weights; hci, stanford: folders of pictures; eslf, "
         "tiles: one .png; mcap: a ROS 2 bag; plenpy, plenopticam: .npy; colmap: rig and masks; nerfstudio: "
-        "transforms.json; ply: points in mm, in rig"
+        "transforms.json; ply: points in mm, in the rig frame"
     )
     frame: int = Bounds(0, 10**9).field(0, "frame of a recording, counted from 0")
     depth: Path | None = Field(
         default=None,
-        description="NAME_depth.npz of mirrorcam depth, as depth for ply and as ground truth for hci [default: that "
-        "of an HCI scene; else estimated for ply]",
+        description="NAME_depth.npz of mirrorcam depth, as depth for ply and as ground truth for hci [default: the "
+        "depth of an HCI scene; otherwise estimated for ply]",
     )
 
 
@@ -64,7 +64,7 @@ def export(
 ) -> int:
     """Convert a light field between formats.
 
-    Its format is detected from its name and contents; figures that it lacks are read from views.toml
+    Its format is detected from its name and contents; values that it lacks are read from views.toml
     (docs/formats.md). Writes NAME with the suffix of the format.
 
     Examples:
@@ -75,7 +75,7 @@ def export(
     for note in exported.notes:
         say("views", note)
     if exported.measured is not None:
-        say("export", f"depth measured: {exported.measured:.0%} of the pixels with confidence above 0.5")
+        say("export", f"depth estimated: {exported.measured:.0%} of the pixels with confidence above 0.5")
     field = exported.light_field
     count = f"{field.rows}x{field.cols}" if field.is_grid else str(field.rows * field.cols)
     views = f"{count} views of {field.width_px}x{field.height_px} px"
@@ -85,10 +85,10 @@ def export(
 
 @dataclass(frozen=True)
 class Exported:
-    """An exported light field: its path, the format it was read from, and its samples.
+    """An exported light field: its path, the format that it was read from, and its samples.
 
-    `measured` is the share of pixels with a confident depth if depth was estimated for the export, else None. `notes`
-    are remarks on views that were reordered.
+    `measured` is the fraction of pixels with a confident depth if depth was estimated for the export, else None.
+    `notes` are remarks on views that were reordered.
     """
 
     path: Path
@@ -99,10 +99,11 @@ class Exported:
 
 
 def export_light_field(source: Path, folder: Path, request: ExportRequest, *, force: bool = False) -> Exported:
-    """Read a light field from any format and write it in another into a folder, under its name.
+    """Read a light field in any format and write it in another format into a folder, under its name.
 
-    PLY needs a depth, which is estimated if neither the request nor the source has one; `force` also replaces files of
-    others. Raises InputError for a source that cannot be read, or cannot be written in the format.
+    PLY needs a depth, which is estimated if neither the request nor the source has one; `force` also replaces files
+    that this command did not write. Raises InputError for a source that cannot be read, or cannot be written in the
+    format.
     """
     from mirrorcam.core.disk.output_folder import output_folder
     from mirrorcam.optics.light_field.io.formats.registry import (
@@ -116,8 +117,10 @@ def export_light_field(source: Path, folder: Path, request: ExportRequest, *, fo
     name = f"{name_of(source)}{formats()[request.to].ending}"
     with output_folder(folder, "export", force=force) as output:
         # Other files in the folder would be read as part of the light field.
-        within = f"{glob.escape(name)}/**/*"
-        output.refuse_others(*([within] if output.path.joinpath(name).is_dir() else [within, glob.escape(name)]))
+        inner_pattern = f"{glob.escape(name)}/**/*"
+        output.refuse_others(
+            *([inner_pattern] if output.path.joinpath(name).is_dir() else [inner_pattern, glob.escape(name)])
+        )
         contents = open_light_fields(source)
         light_field, depth_mm, measured = _read(contents, source, request)
         with output.staged(complete=False) as staged:
@@ -126,7 +129,7 @@ def export_light_field(source: Path, folder: Path, request: ExportRequest, *, fo
 
 
 def _read(contents: Contents, source: Path, request: ExportRequest) -> tuple[LightField, Depth | None, float | None]:
-    """The light field, its depth if any, and the share of pixels with a depth estimated for the export."""
+    """Return the light field, its depth if any, and the fraction of pixels with a depth estimated for the export."""
     from mirrorcam.optics.light_field.depth import DepthEstimator
     from mirrorcam.optics.light_field.depth.depth_files import load_depth
     from mirrorcam.optics.light_field.io.formats.registry import frame_of
@@ -136,9 +139,9 @@ def _read(contents: Contents, source: Path, request: ExportRequest) -> tuple[Lig
         depth_mm = load_depth(request.depth, light_field)
     measured = None
     if depth_mm is None and request.to == "ply":
-        found = DepthEstimator(light_field).estimate(light_field)
-        depth_mm = np.where(found.valid & (found.confidence > SURE), found.depth_mm, np.float32(np.nan))
+        depth = DepthEstimator(light_field).estimate(light_field)
+        depth_mm = np.where(depth.valid & (depth.confidence > MIN_CONFIDENCE), depth.depth_mm, np.float32(np.nan))
         measured = float(np.isfinite(depth_mm).mean())
         if not measured:
-            raise InputError(f"{source}: no depth with confidence above {SURE:g}; is the layout calibrated?")
+            raise InputError(f"{source}: no depth with confidence above {MIN_CONFIDENCE:g}; is the layout calibrated?")
     return light_field, depth_mm, measured

@@ -12,7 +12,7 @@ from cyclopts import Parameter
 from mirrorcam.core.console.options import Force
 from mirrorcam.core.console.progress import long_work, say
 from mirrorcam.core.progress import Progress, no_progress
-from mirrorcam.lightfield.light_fields import FrameLayout, LightFieldPaths, say_some
+from mirrorcam.lightfield.light_fields import FrameLayout, LightFieldPaths, say_first
 from mirrorcam.lightfield.requests import FeaturesRequest
 
 if TYPE_CHECKING:
@@ -23,9 +23,9 @@ if TYPE_CHECKING:
 ENDINGS = ("features.npz", "features.csv", "features.png")
 WIDTH_IN, BAR_IN, TITLE_IN = 10.0, 1.1, 0.5
 TICKS = 7
-PALE = 0.35
-"""Contrast of the view in the figure, so that marks stand out."""
-DISC_PT2, LARGEST_PT2 = 16.0, 150.0
+VIEW_CONTRAST = 0.35
+"""Contrast of the view in the figure, low so that marks stand out."""
+DISC_PT2, MAX_PT2 = 16.0, 150.0
 
 
 def features(
@@ -37,11 +37,11 @@ def features(
     out: Annotated[Path, Parameter(help="output folder")] = Path("output/features"),
     force: Force = False,
 ) -> int:
-    """Find features that all views agree on.
+    """Find features on which all views agree.
 
     Writes, for each light field, NAME_features.png (coloured by depth), NAME_features.csv (pixel, depth, sigma, point
-    in rig and more per line) and NAME_features.npz (NumPy: the fields of Features, with descriptors and the pixels in
-    each view). Exit code 1: a light field has no features.
+    in the rig frame and more per line) and NAME_features.npz (NumPy: the fields of Features, with descriptors and the
+    pixels in each view). Exit code 1: a light field has no features.
 
     Examples:
         mirrorcam features decoded/frame_0000.npz
@@ -51,15 +51,15 @@ def features(
     from mirrorcam.lightfield.light_field_inputs import LightFieldInputs
 
     inputs = LightFieldInputs(light_fields, layout, TERMINAL)
-    with long_work("features", inputs.counted, "files") as advance:
-        found = write_features(inputs, out, request, force=force, progress=advance)
+    with long_work("features", inputs.count_text, "files") as advance:
+        summaries = write_features(inputs, out, request, force=force, progress=advance)
     lines = []
-    for each in found:
-        sigma = f", median sigma {each.median_sigma_mm:.2f} mm" if each.count else ""
-        lines.append(f"{each.name}: {each.count} features, {each.refracted} of them with two slopes{sigma}")
-    say_some("features", lines)
+    for summary in summaries:
+        sigma = f", median sigma {summary.median_sigma_mm:.2f} mm" if summary.count else ""
+        lines.append(f"{summary.name}: {summary.count} features, {summary.refracted} of them with two slopes{sigma}")
+    say_first("features", lines)
     say("features", f"pictures, tables (.csv) and arrays (.npz) written to {out}")
-    return 0 if all(each.count for each in found) else 1
+    return 0 if all(summary.count for summary in summaries) else 1
 
 
 @dataclass(frozen=True)
@@ -92,30 +92,30 @@ def write_features(
     depth_range_mm: tuple[float, float] | None = None
     summaries = []
     with output_folder(folder, "features", force=force) as output:
-        for each in inputs.into(output, ENDINGS, progress):
-            if finder is None or each.depth_range_mm != depth_range_mm or not finder.fits(each.light_field):
-                depth_range_mm = each.depth_range_mm
-                near, far = each.depths_to_search(request.near_mm, request.far_mm)
+        for named in inputs.open_for(output, ENDINGS, progress):
+            if finder is None or named.depth_range_mm != depth_range_mm or not finder.fits(named.light_field):
+                depth_range_mm = named.depth_range_mm
+                near, far = named.depths_to_search(request.near_mm, request.far_mm)
                 finder = FeatureFinder(
-                    each.light_field,
+                    named.light_field,
                     request.detector,
                     keypoints=request.keypoints,
                     min_views=request.min_views,
                     nearest_mm=near,
                     farthest_mm=np.inf if far is None else far,
                 )
-            found = finder.find(each.light_field)
-            with output.staged(complete=False, result=f"{each.name}_features.csv") as staged:
-                save_features(staged / f"{each.name}_features.npz", found)
-                save_csv(staged / f"{each.name}_features.csv", found)
-                draw_features(staged / f"{each.name}_features.png", each.light_field, found)
-            sigma = float(np.median(found.depth_sigma_mm)) if len(found) else np.nan
-            summaries.append(FeaturesSummary(each.name, len(found), int(found.refracted.sum()), sigma))
+            features = finder.find(named.light_field)
+            with output.staged(complete=False, result=f"{named.name}_features.csv") as staged:
+                save_features(staged / f"{named.name}_features.npz", features)
+                save_csv(staged / f"{named.name}_features.csv", features)
+                draw_features(staged / f"{named.name}_features.png", named.light_field, features)
+            sigma = float(np.median(features.depth_sigma_mm)) if len(features) else np.nan
+            summaries.append(FeaturesSummary(named.name, len(features), int(features.refracted.sum()), sigma))
     return summaries
 
 
 def draw_features(path: Path, light_field: LightField, features: Features) -> None:
-    """Write a PNG, atomically: colour is linear in disparity, and the size of a disc shows the scale of its keypoint.
+    """Write a PNG, atomically: colour is linear in disparity, disc size shows the keypoint's scale.
 
     Crosses are features with two slopes.
     """
@@ -130,24 +130,32 @@ def draw_features(path: Path, light_field: LightField, features: Features) -> No
     height_in = (WIDTH_IN - BAR_IN) * view.shape[0] / view.shape[1] + TITLE_IN
     figure = Figure(figsize=(WIDTH_IN, height_in), dpi=100, layout="constrained")
     axes = figure.subplots()
-    axes.imshow(1.0 - (1.0 - grey) * (1.0 - PALE))
-    nearness, plain = 1.0 / features.depth_mm, ~features.refracted
-    sizes = np.minimum(DISC_PT2 * features.scale_px, LARGEST_PT2)
-    known = nearness[plain] if plain.any() else np.array([0.0, 1.0])
-    low, high = (float(edge) for edge in np.quantile(known, (0.005, 0.995)))
+    axes.imshow(1.0 - (1.0 - grey) * (1.0 - VIEW_CONTRAST))
+    inverse_depth, single_slope = 1.0 / features.depth_mm, ~features.refracted
+    sizes = np.minimum(DISC_PT2 * features.scale_px, MAX_PT2)
+    visible_range = inverse_depth[single_slope] if single_slope.any() else np.array([0.0, 1.0])
+    low, high = (float(edge) for edge in np.quantile(visible_range, (0.005, 0.995)))
     high = max(high, low + 1e-9)
     u, v = features.pixels.T
-    shown = axes.scatter(u[plain], v[plain], sizes[plain], nearness[plain], cmap="turbo", vmin=low, vmax=high)
-    shown.set_edgecolor("black")
-    shown.set_linewidth(0.6)
-    if not plain.all():
-        axes.scatter(u[~plain], v[~plain], 2 * sizes[~plain], "black", marker="x", linewidths=2.2)
-        axes.scatter(u[~plain], v[~plain], 2 * sizes[~plain], "white", marker="x", linewidths=1.0)
-    if plain.any():
+    discs = axes.scatter(
+        u[single_slope],
+        v[single_slope],
+        sizes[single_slope],
+        inverse_depth[single_slope],
+        cmap="turbo",
+        vmin=low,
+        vmax=high,
+    )
+    discs.set_edgecolor("black")
+    discs.set_linewidth(0.6)
+    if not single_slope.all():
+        axes.scatter(u[~single_slope], v[~single_slope], 2 * sizes[~single_slope], "black", marker="x", linewidths=2.2)
+        axes.scatter(u[~single_slope], v[~single_slope], 2 * sizes[~single_slope], "white", marker="x", linewidths=1.0)
+    if single_slope.any():
         ticks = np.linspace(low, high, TICKS)
-        bar = figure.colorbar(shown, ax=axes, ticks=ticks, fraction=0.04, pad=0.01)
+        bar = figure.colorbar(discs, ax=axes, ticks=ticks, fraction=0.04, pad=0.01)
         bar.ax.set_yticklabels([f"{1.0 / tick:.0f}" if tick > 0 else "∞" for tick in ticks])
-    crossed = f"; {(~plain).sum()} with two slopes, crossed" if not plain.all() else ""
+    crossed = f"; {(~single_slope).sum()} with two slopes, crossed" if not single_slope.all() else ""
     axes.set_title(f"{len(features)} {features.detector} features, depth from the pupil in mm{crossed}")
     axes.set_axis_off()
     axes.set_xlim(-0.5, view.shape[1] - 0.5)

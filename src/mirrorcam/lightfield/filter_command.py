@@ -11,7 +11,7 @@ from cyclopts import Parameter
 from mirrorcam.core.console.options import Force
 from mirrorcam.core.console.progress import long_work, say
 from mirrorcam.core.progress import Progress, no_progress
-from mirrorcam.lightfield.light_fields import FrameLayout, LightFieldPaths, say_some
+from mirrorcam.lightfield.light_fields import FrameLayout, LightFieldPaths, say_first
 from mirrorcam.lightfield.requests import FilterRequest
 
 if TYPE_CHECKING:
@@ -31,8 +31,8 @@ def filter(  # the command's name
 ) -> int:
     """Filter light fields in the frequency domain.
 
-    Keeps surfaces between two depths; removes noise, rain and snow. Writes, for each light field, NAME_filtered.npz, a
-    light field that other commands read, and NAME_filtered_views.png.
+    Keeps surfaces between two depths; removes noise and, with --leave-out, rain and snow. Writes, for each light field,
+    NAME_filtered.npz, a light field that other commands read, and NAME_filtered_views.png.
 
     Examples:
         mirrorcam filter decoded/frame_0000.npz --near-mm 300 --far-mm 600
@@ -42,20 +42,20 @@ def filter(  # the command's name
     from mirrorcam.lightfield.light_field_inputs import LightFieldInputs
 
     inputs = LightFieldInputs(light_fields, layout, TERMINAL)
-    with long_work("filter", inputs.counted, "files") as advance:
-        found = write_filtered(inputs, out, request, force=force, progress=advance)
+    with long_work("filter", inputs.count_text, "files") as advance:
+        summaries = write_filtered(inputs, out, request, force=force, progress=advance)
     lines = []
-    for each in found:
-        left_out = f", {each.left_out:.1%} of the samples left out" if request.leave_out else ""
-        lines.append(f"{each.name}: {255 * each.outside:.1f} grey levels outside of the {request.kind}{left_out}")
-    say_some("filter", lines)
+    for summary in summaries:
+        left_out = f", {summary.left_out:.1%} of the samples left out" if request.leave_out else ""
+        lines.append(f"{summary.name}: {255 * summary.outside:.1f} grey levels outside the {request.kind}{left_out}")
+    say_first("filter", lines)
     say("filter", f"light fields (.npz) and pictures written to {out}")
     return 0
 
 
 @dataclass(frozen=True)
 class FilterSummary:
-    """A filtered light field: the signal `outside` its passband (0 to 1), and the share of samples left out."""
+    """A filtered light field: RMS signal `outside` its passband (0 to 1), and the fraction of samples left out."""
 
     name: str
     outside: float
@@ -83,12 +83,12 @@ def write_filtered(
 
     summaries = []
     with output_folder(folder, "filter", force=force) as output:
-        for each in inputs.into(output, ENDINGS, progress):
-            near, far = each.depths_to_search(request.near_mm, request.far_mm)
-            passband = Passband.of(each.light_field, request.kind, near, far)
-            filtered = filter_light_field(each.light_field, passband, leave_out=request.leave_out)
+        for named in inputs.open_for(output, ENDINGS, progress):
+            near, far = named.depths_to_search(request.near_mm, request.far_mm)
+            passband = Passband.of(named.light_field, request.kind, near, far)
+            filtered = filter_light_field(named.light_field, passband, leave_out=request.leave_out)
             with output.staged(complete=False) as staged:
-                save_npz(staged / f"{each.name}_filtered.npz", filtered.light_field)
-                write_image(staged / f"{each.name}_filtered_views.png", tiled_views(filtered.light_field))
-            summaries.append(FilterSummary(each.name, filtered.outside, filtered.left_out))
+                save_npz(staged / f"{named.name}_filtered.npz", filtered.light_field)
+                write_image(staged / f"{named.name}_filtered_views.png", tiled_views(filtered.light_field))
+            summaries.append(FilterSummary(named.name, filtered.outside, filtered.left_out))
     return summaries

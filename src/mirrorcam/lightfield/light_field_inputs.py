@@ -37,14 +37,14 @@ class NamedLightField:
     frame: int | None = None
 
     def depths_to_search(self, near_mm: float | None, far_mm: float | None) -> tuple[float | None, float | None]:
-        """The requested depths, else those of the file."""
+        """Return the requested depths, or else those of the file."""
         near, far = self.depth_range_mm or (None, None)
         return near if near_mm is None else near_mm, far if far_mm is None else far_mm
 
 
 @dataclass(frozen=True)
 class LightFieldInputs:
-    """Files and folders of light fields with different names, which name the results.
+    """Files and folders of light fields, whose different names name the results.
 
     `layout` is the `layout.json` for decoding frames of the camera. `reporter` gets remarks on views that are reordered
     or matched in brightness.
@@ -56,16 +56,18 @@ class LightFieldInputs:
 
     def __post_init__(self) -> None:
         names = [path.stem for path in self.paths]
-        twice = next((name for name in names if names.count(name) > 1), None)
-        if twice is not None:
-            raise InputError(f"two light fields are called {twice!r}, expected different names: each names its results")
+        duplicate = next((name for name in names if names.count(name) > 1), None)
+        if duplicate is not None:
+            raise InputError(
+                f"two light fields are called {duplicate!r}, expected different names, because they name the results"
+            )
 
     @property
-    def counted(self) -> str:
+    def count_text(self) -> str:
         """Number of light fields, in words."""
         return count_text(len(self.paths), "light field")
 
-    def each(self, progress: Progress = no_progress) -> Iterator[NamedLightField]:
+    def open_all(self, progress: Progress = no_progress) -> Iterator[NamedLightField]:
         """Open the light fields one by one; `progress` is called after each file or folder.
 
         Raises InputError for a file that is not a light field, and for a frame without a layout.
@@ -73,47 +75,48 @@ class LightFieldInputs:
         has_frames = any(is_picture(path) for path in self.paths)
         decoder = Decoder(Layout.load(self.layout)) if self.layout is not None and has_frames else None
         for done, path in enumerate(self.paths, start=1):
-            yield from opened(path, decoder, self.reporter)
+            yield from open_inputs(path, decoder, self.reporter)
             progress(done, len(self.paths))
 
-    def into(
+    def open_for(
         self, output: OutputFolder, endings: Sequence[str], progress: Progress = no_progress
     ) -> Iterator[NamedLightField]:
-        """Open the light fields as `each` does, unless a result NAME_ENDING would replace a file that it did not write.
+        """Open the light fields as `open_all` does, unless a result NAME_ENDING would replace a file of another
+        program.
 
-        Raises InputError for it before the first light field is opened; for a folder, whose light fields are listed
-        later, when one is opened.
+        Raises InputError in that case, before the first light field is opened, or for a folder, whose light fields are
+        listed later, when one is opened.
         """
         names = [path.stem for path in self.paths if not path.is_dir()]
         output.refuse_others(*(f"{glob.escape(name)}_{ending}" for name in names for ending in endings))
-        for each in self.each(progress):
-            output.refuse_others(*(f"{glob.escape(each.name)}_{ending}" for ending in endings))
-            yield each
+        for named in self.open_all(progress):
+            output.refuse_others(*(f"{glob.escape(named.name)}_{ending}" for ending in endings))
+            yield named
 
 
 class RecordingFilter:
     """Filters the frames of each recording in time, and returns other light fields unchanged.
 
-    All frames must be passed in order, as each result depends on those before.
+    All frames must be passed in order, as each result depends on earlier frames.
     """
 
     def __init__(self) -> None:
         self._filter = TemporalFilter()
 
-    def filtered(self, each: NamedLightField) -> LightField:
-        """The light field in which to estimate depth."""
-        if each.frame is None:
-            return each.light_field
-        if each.frame == 0:
+    def filtered(self, named: NamedLightField) -> LightField:
+        """Return the light field in which to estimate depth."""
+        if named.frame is None:
+            return named.light_field
+        if named.frame == 0:
             self._filter = TemporalFilter()
-        return self._filter.filtered(each.light_field)
+        return self._filter.filtered(named.light_field)
 
 
-def opened(path: Path, decoder: Decoder | None, reporter: Reporter = SILENT) -> Iterator[NamedLightField]:
+def open_inputs(path: Path, decoder: Decoder | None, reporter: Reporter = SILENT) -> Iterator[NamedLightField]:
     """Open the light fields of a file or folder; a recording has one per frame.
 
-    Views that differ visibly in brightness or colour are matched to the central view, by the first frame of a
-    recording, and reported; others are returned as stored, to the bit.
+    Views that differ visibly in brightness or colour are matched to the central view, in a recording according
+    to its first frame, and reported; others are returned exactly as stored.
     """
     contents = open_light_fields(path, decoder=decoder)
     name = path.name if path.is_dir() and not contents.is_recording else path.stem
@@ -124,14 +127,16 @@ def opened(path: Path, decoder: Decoder | None, reporter: Reporter = SILENT) -> 
         reporter.note("views", f"{name}: {note}")
     equalisation: Equalisation | None = None
     for number, light_field in enumerate(contents.frames):
-        own_name = f"{name}_{number:06d}" if contents.is_recording else name
+        result_name = f"{name}_{number:06d}" if contents.is_recording else name
         time_s = None if contents.times_s is None else contents.times_s[number]
         if number == 0:
             equalisation = needed_equalisation(light_field)
             if equalisation is not None:
-                apart = np.abs(equalisation.gain - 1.0).max()
-                reporter.note("views", f"{name}: views differ by up to {apart:.0%} in brightness or colour, matched")
-        alike = light_field if equalisation is None else equalised(light_field, equalisation)
+                max_difference = np.abs(equalisation.gain - 1.0).max()
+                reporter.note(
+                    "views", f"{name}: views differ by up to {max_difference:.0%} in brightness or colour, matched"
+                )
+        matched = light_field if equalisation is None else equalised(light_field, equalisation)
         yield NamedLightField(
-            own_name, alike, contents.depth_range_mm, time_s, number if contents.is_recording else None
+            result_name, matched, contents.depth_range_mm, time_s, number if contents.is_recording else None
         )

@@ -25,8 +25,8 @@ FrameLayout = Annotated[
 ]
 
 
-def say_some(title: str, lines: Sequence[str]) -> None:
-    """Print lines, at most the first `PRINTED_LINES`, and how many more there are."""
+def say_first(title: str, lines: Sequence[str]) -> None:
+    """Print at most the first `PRINTED_LINES` lines, and how many more there are."""
     for line in lines[:PRINTED_LINES]:
         say(title, line)
     if len(lines) > PRINTED_LINES:

@@ -9,7 +9,7 @@ from cyclopts import Parameter
 
 from mirrorcam.core.console.options import Force
 from mirrorcam.core.console.progress import long_work, say
-from mirrorcam.lightfield.light_fields import FrameLayout, LightFieldPaths, say_some
+from mirrorcam.lightfield.light_fields import FrameLayout, LightFieldPaths, say_first
 from mirrorcam.lightfield.requests import RefocusRequest
 
 
@@ -26,8 +26,8 @@ def refocus(
 
     Writes, for each light field, NAME_focus_MMmm.png and .npz (NumPy: image (h, w, c) 0 to 1, weights (h, w)), likewise
     NAME_all_in_focus and NAME_from, and the animations NAME_orbit and NAME_sweep. Depth, if needed, is estimated as
-    by mirrorcam depth and kept as NAME_depth.npz in --out, or read from there. Exit code 1: a picture shows nothing,
-    as no view covers it.
+    by mirrorcam depth and kept as NAME_depth.npz in --out, or read from there. Exit code 1: a picture is empty, because
+    no view covers it.
 
     Examples:
         mirrorcam refocus decoded/frame_0000.npz --depth-mm 363 490 600
@@ -39,14 +39,16 @@ def refocus(
     from mirrorcam.lightfield.refocusing import write_refocused
 
     inputs = LightFieldInputs(light_fields, layout, TERMINAL)
-    with long_work("refocus", inputs.counted, "files") as advance:
-        made = write_refocused(inputs, out, request, force=force, progress=advance)
-    for_depth = []
-    for used in made.depths:
+    with long_work("refocus", inputs.count_text, "files") as advance:
+        written = write_refocused(inputs, out, request, force=force, progress=advance)
+    depth_lines = []
+    for used in written.depths:
         near, far = used.searched_mm
-        how = f"depth measured, kept in {used.path}" if used.measured else f"depth of {used.path}"
-        for_depth.append(f"{used.name}: {how}, searched from {near:.0f} to {far:.0f} mm")
-    say_some("refocus", for_depth)
-    say_some("refocus", [f"{each.name}: no view shows {each.hidden:.0%} of it (grey)" for each in made.grey])
+        source = f"depth estimated and stored in {used.path}" if used.measured else f"depth of {used.path}"
+        depth_lines.append(f"{used.name}: {source}, searched from {near:.0f} to {far:.0f} mm")
+    say_first("refocus", depth_lines)
+    say_first(
+        "refocus", [f"{picture.name}: no view shows {picture.hidden:.0%} of it (grey)" for picture in written.grey]
+    )
     say("refocus", f"pictures and arrays (.npz) written to {out}")
-    return 1 if any(each.hidden == 1.0 for each in made.grey) else 0
+    return 1 if any(picture.hidden == 1.0 for picture in written.grey) else 0

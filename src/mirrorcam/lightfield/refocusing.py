@@ -15,7 +15,7 @@ from mirrorcam.core.disk.output_folder import OutputFolder, output_folder
 from mirrorcam.core.images.pictures import write_image
 from mirrorcam.core.progress import Progress, no_progress
 from mirrorcam.core.video.animation import write_loop
-from mirrorcam.lightfield.depth_maps import keep_depth, kept_depth, write_depth
+from mirrorcam.lightfield.depth_maps import record_depth, stored_depth, write_depth
 from mirrorcam.lightfield.light_field_inputs import LightFieldInputs, NamedLightField, RecordingFilter
 from mirrorcam.lightfield.requests import RefocusRequest
 from mirrorcam.optics.light_field.depth import DepthEstimator
@@ -28,13 +28,13 @@ ORBIT_PICTURES, ORBIT_HZ = 36, 20.0
 SWEEP_PICTURES, SWEEP_HZ = 24, 12.0
 # Default ends of a sweep, as multiples of the reference depth.
 NEAR, FAR = 0.75, 2.0
-SHOWN_GREY = 0.01
-"""Share of a picture without data from any view, above which it is reported."""
+MIN_REPORTED_GREY = 0.01
+"""Fraction of a picture without data from any view above which it is reported."""
 
 
 @dataclass(frozen=True)
 class GreyPicture:
-    """A picture that is partly grey: its name, and the share that no view covers."""
+    """A picture that is partly grey: its name, and the fraction that no view covers."""
 
     name: str
     hidden: float
@@ -62,7 +62,7 @@ class UsedDepth:
 
 @dataclass(frozen=True)
 class Refocused:
-    """The pictures that are partly grey, and the depth maps used."""
+    """The pictures that are partly grey, and the depth maps that were used."""
 
     grey: tuple[GreyPicture, ...]
     depths: tuple[UsedDepth, ...]
@@ -84,44 +84,44 @@ def write_refocused(
     grey, used = [], []
     recording = RecordingFilter()
     with output_folder(folder, "refocus", force=force) as output:
-        for each in inputs.each(progress):
-            names = endings(each.light_field, request)
-            output.refuse_others(*(f"{glob.escape(each.name)}_{ending}" for ending in names))
+        for named in inputs.open_all(progress):
+            names = endings(named.light_field, request)
+            output.refuse_others(*(f"{glob.escape(named.name)}_{ending}" for ending in names))
             with output.staged(complete=False) as staged:
                 depths = None
                 if request.needs_depth:
-                    depth, depths = _depths(each, recording.filtered(each), output, staged, request)
+                    depth, depths = _read_or_estimate_depths(named, recording.filtered(named), output, staged, request)
                     used.append(depth)
-                grey += _write(each, depths, staged, request)
+                grey += _write_pictures(named, depths, staged, request)
             if depths is not None and used[-1].measured:
-                keep_depth(output, each.name, each.light_field, used[-1].searched_mm)
+                record_depth(output, named.name, named.light_field, used[-1].searched_mm)
     return Refocused(tuple(grey), tuple(used))
 
 
-def _depths(
-    each: NamedLightField, filtered: LightField, output: OutputFolder, staged: Path, request: RefocusRequest
+def _read_or_estimate_depths(
+    named: NamedLightField, filtered: LightField, output: OutputFolder, staged: Path, request: RefocusRequest
 ) -> tuple[UsedDepth, ViewDepths]:
-    """Read the kept depth map, or estimate it in the filtered light field and keep it."""
-    light_field = each.light_field
-    near, far = each.depths_to_search(request.near_mm, request.far_mm)
-    kept, name = kept_depth(output.path, each.name, light_field, near, far), f"{each.name}_depth.npz"
-    if kept is None or output.has_written(name):
+    """Read the stored depth map, or estimate it in the filtered light field and store it."""
+    light_field = named.light_field
+    near, far = named.depths_to_search(request.near_mm, request.far_mm)
+    stored, name = stored_depth(output.path, named.name, light_field, near, far), f"{named.name}_depth.npz"
+    if stored is None or output.has_written(name):
         output.refuse_others(glob.escape(name))
-    if kept is not None:
-        used = UsedDepth(each.name, kept.path, kept.searched_mm, measured=False)
-        return used, ViewDepths.of_reference(light_field, kept.depth_mm)
+    if stored is not None:
+        used = UsedDepth(named.name, stored.path, stored.searched_mm, measured=False)
+        return used, ViewDepths.of_reference(light_field, stored.depth_mm)
     estimator = DepthEstimator(light_field, near_mm=near, far_mm=far)
     depth = estimator.estimate(filtered)
     searched = (estimator.near_mm, estimator.far_mm)
-    write_depth(staged, each.name, depth, light_field, searched)
-    used = UsedDepth(each.name, output.path / name, searched, measured=True)
+    write_depth(staged, named.name, depth, light_field, searched)
+    used = UsedDepth(named.name, output.path / name, searched, measured=True)
     return used, ViewDepths.of_reference(light_field, depth.depth_mm)
 
 
-def _write(
-    each: NamedLightField, depths: ViewDepths | None, folder: Path, request: RefocusRequest
+def _write_pictures(
+    named: NamedLightField, depths: ViewDepths | None, folder: Path, request: RefocusRequest
 ) -> list[GreyPicture]:
-    light_field, name = each.light_field, each.name
+    light_field, name = named.light_field, named.name
     if depths is not None and request.behind_mm is not None:
         light_field = remove_nearer(light_field, depths, request.behind_mm)
     grey = []
@@ -129,21 +129,21 @@ def _write(
         _save_picture(folder / f"{name}_{title}.npz", picture, light_field.layout_identity)
         write_image(folder / f"{name}_{title}.png", to_bytes(picture))
         hidden = float(1.0 - picture.valid.mean())
-        if hidden > SHOWN_GREY:
+        if hidden > MIN_REPORTED_GREY:
             grey.append(GreyPicture(f"{name}_{title}", hidden))
     if depths is not None and request.orbit is not None:
         viewpoints = list(orbit(light_field, ORBIT_PICTURES))
         pictures = [to_bytes(render_view(light_field, depths, position_mm)) for position_mm in viewpoints]
         write_loop(folder / f"{name}_orbit.{request.orbit}", pictures, ORBIT_HZ)
     if request.sweep is not None:
-        dense = _dense(light_field, depths, request)
-        pictures = _focal_sweep(dense, request, *each.depths_to_search(request.near_mm, request.far_mm))
+        dense = _with_inserted_views(light_field, depths, request)
+        pictures = _focal_sweep(dense, request, *named.depths_to_search(request.near_mm, request.far_mm))
         write_loop(folder / f"{name}_sweep.{request.sweep}", pictures + pictures[-2:0:-1], SWEEP_HZ)
     return grey
 
 
 def focused(light_field: LightField, request: RefocusRequest, depth_mm: float) -> RenderedPicture:
-    """The picture focused at a depth."""
+    """Return the picture focused at a depth."""
     return refocus(
         light_field,
         FocalPlane.at_depth(light_field, depth_mm, request.tilt_deg),
@@ -154,13 +154,13 @@ def focused(light_field: LightField, request: RefocusRequest, depth_mm: float) -
 
 
 def _depths_mm(light_field: LightField, request: RefocusRequest) -> tuple[float, ...]:
-    """Depths to focus on."""
+    """Return the depths to focus on."""
     others = request.all_in_focus or request.from_mm or request.orbit or request.sweep
     return request.depth_mm or (() if others else (light_field.reference_depth_mm,))
 
 
 def endings(light_field: LightField, request: RefocusRequest) -> list[str]:
-    """Endings of the file names of a light field."""
+    """Return the endings of the file names of a light field."""
     titles = [f"focus_{depth_mm:g}mm" for depth_mm in _depths_mm(light_field, request)]
     titles += ["all_in_focus"] if request.all_in_focus else []
     titles += ["from"] if request.from_mm is not None else []
@@ -174,9 +174,9 @@ def endings(light_field: LightField, request: RefocusRequest) -> list[str]:
 def stills(
     light_field: LightField, depths: ViewDepths | None, request: RefocusRequest
 ) -> Iterator[tuple[str, RenderedPicture]]:
-    """The requested pictures, each with the ending of its name."""
+    """Yield the requested pictures, each with the ending of its name."""
     if planes := _depths_mm(light_field, request):
-        dense = _dense(light_field, depths, request)
+        dense = _with_inserted_views(light_field, depths, request)
         for depth_mm in planes:
             yield f"focus_{depth_mm:g}mm", focused(dense, request, depth_mm)
     if depths is not None and request.all_in_focus:
@@ -185,8 +185,8 @@ def stills(
         yield "from", render_view(light_field, depths, np.array([*request.from_mm, 0.0]))
 
 
-def _dense(light_field: LightField, depths: ViewDepths | None, request: RefocusRequest) -> LightField:
-    """The views to average, with interpolated ones between them if requested."""
+def _with_inserted_views(light_field: LightField, depths: ViewDepths | None, request: RefocusRequest) -> LightField:
+    """Return the views to average, with interpolated views between them if requested."""
     if depths is None or not request.between:
         return light_field
     return insert_views(light_field, depths, request.between)
@@ -195,11 +195,11 @@ def _dense(light_field: LightField, depths: ViewDepths | None, request: RefocusR
 def _focal_sweep(
     light_field: LightField, request: RefocusRequest, near_mm: float | None, far_mm: float | None
 ) -> list[NDArray[np.uint8]]:
-    """Pictures focused from near to far, in equal steps of 1 / depth."""
+    """Return pictures focused from near to far, in equal steps of 1 / depth."""
     reference = light_field.reference_depth_mm
     ends = 1.0 / (near_mm or NEAR * reference), 1.0 / (far_mm or FAR * reference)
-    sharp = [float(1.0 / q) if q > 0 else np.inf for q in np.linspace(*ends, SWEEP_PICTURES)]
-    return [to_bytes(focused(light_field, request, depth_mm)) for depth_mm in sharp]
+    depths_mm = [float(1.0 / q) if q > 0 else np.inf for q in np.linspace(*ends, SWEEP_PICTURES)]
+    return [to_bytes(focused(light_field, request, depth_mm)) for depth_mm in depths_mm]
 
 
 def _save_picture(path: Path, picture: RenderedPicture, layout_identity: str) -> None:

@@ -37,7 +37,7 @@ class DecodeRequest(Value):
         description=f"camera to decode until Ctrl-C, in place of files: its number, {CAMERAS}, /dev/videoN, or an "
         "address, such as rtsp://HOST/PATH or udp://HOST:PORT",
     )
-    limit: int | None = FRAMES.field(None, "largest number of frames to decode of a video or a camera", unset="all")
+    limit: int | None = FRAMES.field(None, "maximum number of frames to decode from a video or a camera", unset="all")
     to: Literal["zarr", "hci", "stanford", "mcap"] = Field(
         default="zarr",
         description="output for a video or a camera: one Zarr group, a folder with an HCI or Stanford gantry "
@@ -68,7 +68,7 @@ class DecodeRequest(Value):
     )
     view: bool = Field(default=False, description="show the decoded views in a window of rerun, with depth and points")
     no_depth: bool = Field(
-        default=False, description="leave depth and points, which take most of the time, out of --to mcap and --view"
+        default=False, description="leave out depth and points, which take most of the time, for --to mcap and --view"
     )
 
     @model_validator(mode="after")
@@ -90,12 +90,14 @@ class DepthRange(Value):
     def _check_range(self) -> Self:
         near_mm, far_mm = self.near_mm, self.far_mm
         if near_mm is not None and far_mm is not None and not near_mm < far_mm:
-            raise ValueError(f"--near-mm {near_mm:g} --far-mm {far_mm:g}: expected a nearest depth below the farthest")
+            raise ValueError(
+                f"--near-mm {near_mm:g} --far-mm {far_mm:g}: the nearest depth must be less than the farthest"
+            )
         return self
 
 
 class FeatureSearch(DepthRange):
-    """Detector of features, and the depths between which they are searched."""
+    """Detector of features, and the depth range of the search."""
 
     detector: Detector = "SIFT"
     near_mm: float | None = DEPTH_MM.field(
@@ -127,7 +129,7 @@ class DepthRequest(DepthRange):
 
 @Parameter(name="*")
 class RefocusRequest(DepthRange):
-    """Pictures to make of each light field."""
+    """Pictures to render from each light field."""
 
     depth_mm: tuple[DepthOrInf, ...] = Field(
         default=(),
@@ -137,11 +139,11 @@ class RefocusRequest(DepthRange):
     )
     tilt_deg: tuple[Tilt, Tilt] = Field(
         default=(0.0, 0.0),
-        description=f"tilt of the focal plane about its middle: its right and its lower side move away, {TILT_DEG}",
+        description=f"tilt of the focal plane about its centre: its right and its lower side move away, {TILT_DEG}",
     )
     combine: Literal["mean", "median", "weighted"] = Field(
         default="mean",
-        description="average of the views: median suppresses content of few views, weighted favours the central ones",
+        description="average of the views: median suppresses what few views show, weighted favours the central ones",
     )
     scale: float = Bounds(1, 8).field(
         1.0, "super-resolution: pixels of the picture per pixel of a view, along each side, such as 1.5 or 2"
@@ -172,9 +174,9 @@ class RefocusRequest(DepthRange):
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        for at, depth in enumerate(self.depth_mm):
-            if depth in self.depth_mm[:at]:
-                raise ValueError(f"focus at {depth:g} mm twice, expected different depths")
+        for index, depth in enumerate(self.depth_mm):
+            if depth in self.depth_mm[:index]:
+                raise ValueError(f"focus at {depth:g} mm is requested twice, expected different depths")
         return self
 
     @property
@@ -188,9 +190,9 @@ class RefocusRequest(DepthRange):
 class FeaturesRequest(FeatureSearch):
     """Settings of the search for features."""
 
-    keypoints: int = Bounds(1, 100_000).field(600, "largest number of keypoints per view to start from")
+    keypoints: int = Bounds(1, 100_000).field(600, "maximum number of keypoints per view to start from")
     min_views: int | None = Bounds(1, 1_000_000).field(
-        None, "number of views, besides the central one, in which a feature must be found", unset="most of them"
+        None, "number of views, besides the central one, in which a feature must be found", unset="more than half"
     )
 
 
@@ -199,7 +201,7 @@ class TrackRequest(FeatureSearch):
     """Settings of the tracker, and the rate of light fields without times."""
 
     detector: Detector = "ORB"
-    keypoints: int = Bounds(20, 100_000).field(600, "largest number of keypoints per view to start from")
+    keypoints: int = Bounds(20, 100_000).field(600, "maximum number of keypoints per view to start from")
     rate_hz: float = RATE_HZ.field(30.0, "light fields per second, where a recording does not state their times")
 
 
@@ -210,7 +212,7 @@ class FilterRequest(DepthRange):
     kind: Literal["hyperfan", "dual-fan", "hypercone"] = Field(
         default="hyperfan",
         description="passband. hyperfan: everything between two depths; dual-fan: the same, without comparing slopes "
-        "along x and y; hypercone: everything at any one depth",
+        "along x and y; hypercone: surfaces at any depth",
     )
     near_mm: float | None = DEPTH_MM.field(
         None, "nearest depth of the passband, from the pupil", unset="as the file states"
@@ -227,5 +229,5 @@ class FilterRequest(DepthRange):
     @model_validator(mode="after")
     def _check(self) -> Self:
         if self.kind == "hypercone" and (self.near_mm is not None or self.far_mm is not None):
-            raise ValueError("--kind hypercone keeps all depths, expected no --near-mm and --far-mm")
+            raise ValueError("--kind hypercone keeps all depths, so --near-mm and --far-mm are not allowed")
         return self

@@ -26,12 +26,12 @@ from mirrorcam.optics.light_field.light_field import LightField
 
 StreamFormat = Literal["zarr", "hci", "stanford"]
 Show = Callable[[float, LightField], None]
-"""Shows a decoded frame: takes its time in s and its light field."""
+"""Function that shows a decoded frame, given its time in s and its light field."""
 
 
 @dataclass(frozen=True)
 class StreamRecorder:
-    """Decodes streams into recordings of a format in a folder, up to `limit` frames of each, and checks each recording.
+    """Decodes up to `limit` frames of each stream into a recording in a folder, and checks the recording.
 
     `show` returns a function for each stream, which is called with every decoded frame.
     """
@@ -46,15 +46,15 @@ class StreamRecorder:
     show: Callable[[], Show] | None = None
 
     def record(self, source: Stream, name: str, origin: dict[str, Any]) -> int:
-        """Decode a stream, resumed after an interrupted run; `origin` describes the source in the recording.
+        """Decode a stream, or resume an interrupted run; `origin` describes the source in the recording.
 
-        Returns the number of lost frames. Raises InputError if the stream has no usable frame, or nothing can be
-        written.
+        Returns the number of lost frames. Raises InputError if the stream has no usable frame, or the recording
+        cannot be written.
         """
         sink, suffix = _sink(self.to)
         path, picture = self.output.path / f"{name}{suffix}", f"{name}_views.png"
         equalisation = self.decoder.equalisation
-        refuse_streams([name], self.to, self.output, self.check)
+        check_outputs([name], self.to, self.output, self.check)
         recording = Recording(
             path,
             about(
@@ -80,8 +80,8 @@ class StreamRecorder:
                 self._finish(recording, source, watched, name, None)
             else:
                 recording.close()
-                kept = count_text(len(recording.entries.numbers), "frame")
-                self.reporter.note("decode", f"{kept} stored; the same command resumes")
+                frames_text = count_text(len(recording.entries.numbers), "frame")
+                self.reporter.note("decode", f"{frames_text} stored; the same command resumes")
             raise
         self._finish(recording, source, watched, name, expected)
         entries = recording.entries
@@ -103,16 +103,16 @@ class StreamRecorder:
     def _decode(
         self, source: WatchedSource, name: str, recording: Recording, picture: str, expected: int | None
     ) -> None:
-        shown = bool(recording.entries.numbers)
+        has_picture = bool(recording.entries.numbers)
         show = None if self.show is None else self.show()
         with self.reporter.work("decode", name, "frames") as advance:
 
             def on_frame(done: int, item: Decoded) -> None:
-                nonlocal shown
-                if not isinstance(item, Lost) and not shown:
+                nonlocal has_picture
+                if not isinstance(item, Lost) and not has_picture:
                     with self.output.staged(complete=False) as folder:
                         write_image(folder / picture, tiled_views(item[1]))
-                    shown = True
+                    has_picture = True
                 if not isinstance(item, Lost) and show is not None:
                     show(item[0].time_s, item[1])
                 advance(done, max(done, expected or 0))
@@ -120,20 +120,20 @@ class StreamRecorder:
             record(self.decoder, source, recording, on_frame=on_frame, limit=self.limit)
 
 
-def refuse_streams(names: Iterable[str], to: StreamFormat, output: OutputFolder, check: RecordingCheck | None) -> None:
+def check_outputs(names: Iterable[str], to: StreamFormat, output: OutputFolder, check: RecordingCheck | None) -> None:
     """Raise InputError if a recording, its picture or its check would replace a file that `decode` did not write."""
     for name in names:
         path = output.path / f"{name}{_sink(to)[1]}"
         for file in (path, path.with_name(path.name + ".partial")):
             if file.is_file():
-                raise InputError(f"{file}: is a file, expected a recording of this video, or no file")
+                raise InputError(f"{file}: is a file, but a recording of this video would have this name")
         if not path.exists():
             files = ["views.png", *([] if check is None else [check.file])]
             output.refuse_others(*(glob.escape(f"{name}_{file}") for file in files))
 
 
 def _sink(to: StreamFormat) -> tuple[Sink, str]:
-    """Sink that writes a stream in a format, and the suffix of its name."""
+    """Return the sink that writes a stream in a format, and the suffix of its name."""
     if to == "zarr":
         return ZarrSink(), ".zarr"
     return Folders(write_hci if to == "hci" else write_stanford), ""

@@ -14,7 +14,7 @@ from mirrorcam.core.console.options import Force
 from mirrorcam.core.console.progress import long_work, say
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.progress import Progress, no_progress
-from mirrorcam.lightfield.light_fields import FrameLayout, LightFieldPaths, say_some
+from mirrorcam.lightfield.light_fields import FrameLayout, LightFieldPaths, say_first
 from mirrorcam.lightfield.requests import TrackRequest
 
 if TYPE_CHECKING:
@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 FILES = ("trajectory.tum", "trajectory.json", "trajectory.png")
 SIZE_IN = (15.0, 4.6)
 LENGTH = 0.06
-"""Length of the lines along the optical axes, as a fraction of the largest extent of the path."""
-LEAST_MM = 1.0
+"""Length of the lines along the optical axes, as a fraction of the maximum extent of the path."""
+MIN_EXTENT_MM = 1.0
 COLOUR, KEY = "tab:blue", "tab:red"
 
 
@@ -53,14 +53,18 @@ def track(
     from mirrorcam.lightfield.light_field_inputs import LightFieldInputs
 
     inputs = LightFieldInputs(light_fields, layout, TERMINAL)
-    with long_work("track", inputs.counted, "files") as advance:
-        found = write_trajectory(inputs, out, request, force=force, progress=advance)
-    lost = [name for name, pose in zip(found.names, found.poses, strict=True) if pose.is_lost]
-    say_some("track", [f"{name}: lost, too little of the last key frame is visible" for name in lost])
-    keys = count_text(sum(pose.is_key for pose in found.poses), "key frame")
-    say("track", f"{len(found.poses) - len(lost)} of {len(found.poses)} poses, {keys}, path {found.path_mm:.1f} mm")
+    with long_work("track", inputs.count_text, "files") as advance:
+        trajectory = write_trajectory(inputs, out, request, force=force, progress=advance)
+    lost = [name for name, pose in zip(trajectory.names, trajectory.poses, strict=True) if pose.is_lost]
+    say_first("track", [f"{name}: lost, because too little of the last key frame is visible" for name in lost])
+    keys = count_text(sum(pose.is_key for pose in trajectory.poses), "key frame")
+    say(
+        "track",
+        f"{len(trajectory.poses) - len(lost)} of {len(trajectory.poses)} poses, {keys}, "
+        f"path {trajectory.path_mm:.1f} mm",
+    )
     say("track", f"trajectory.tum, .json and .png written to {out}")
-    return 1 if len(lost) == len(found.poses) - 1 else 0
+    return 1 if len(lost) == len(trajectory.poses) - 1 else 0
 
 
 @dataclass(frozen=True)
@@ -94,31 +98,31 @@ def write_trajectory(
     from mirrorcam.core.disk.output_folder import output_folder
     from mirrorcam.optics.light_field.motion import LightFieldTracker, save_json, save_tum
 
-    found = Trajectory([], [], [])
+    trajectory = Trajectory([], [], [])
     tracker: LightFieldTracker | None = None
     with output_folder(folder, "track", force=force) as output:
         output.refuse_others(*FILES)
-        for each in inputs.each(progress):
+        for named in inputs.open_all(progress):
             if tracker is None:
-                near, far = each.depths_to_search(request.near_mm, request.far_mm)
+                near, far = named.depths_to_search(request.near_mm, request.far_mm)
                 tracker = LightFieldTracker(
-                    each.light_field,
+                    named.light_field,
                     request.detector,
                     keypoints=request.keypoints,
                     nearest_mm=near,
                     farthest_mm=np.inf if far is None else far,
                 )
-            found.poses.append(tracker.track(each.light_field))
-            found.names.append(each.name)
-            number = len(found.times_s)
-            found.times_s.append(number / request.rate_hz if each.time_s is None else each.time_s)
-        if len(found.poses) < 2:
-            raise InputError(f"{len(found.poses)} light field, expected at least two, in temporal order")
+            trajectory.poses.append(tracker.track(named.light_field))
+            trajectory.names.append(named.name)
+            number = len(trajectory.times_s)
+            trajectory.times_s.append(number / request.rate_hz if named.time_s is None else named.time_s)
+        if len(trajectory.poses) < 2:
+            raise InputError(f"{len(trajectory.poses)} light field, expected at least two, in temporal order")
         with output.staged(complete=False, result=FILES[1]) as staged:
-            save_tum(staged / FILES[0], found.times_s, found.poses)
-            save_json(staged / FILES[1], found.names, found.times_s, found.poses)
-            draw_trajectory(staged / FILES[2], found.times_s, found.poses)
-    return found
+            save_tum(staged / FILES[0], trajectory.times_s, trajectory.poses)
+            save_json(staged / FILES[1], trajectory.names, trajectory.times_s, trajectory.poses)
+            draw_trajectory(staged / FILES[2], trajectory.times_s, trajectory.poses)
+    return trajectory
 
 
 def draw_trajectory(path: Path, times_s: Sequence[float], poses: Sequence[TrackedPose]) -> None:
@@ -132,27 +136,33 @@ def draw_trajectory(path: Path, times_s: Sequence[float], poses: Sequence[Tracke
     from mirrorcam.core.disk.files import atomic
 
     world_from_view = np.array([pose.world_from_view for pose in poses])
-    positions_mm, ahead = world_from_view[:, :3, 3], world_from_view[:, :3, 2]
+    positions_mm, optical_axes = world_from_view[:, :3, 3], world_from_view[:, :3, 2]
     keys = np.array([pose.is_key for pose in poses])
-    known = np.isfinite(positions_mm).all(axis=1)
-    extent_mm = max(float(np.ptp(positions_mm[known], axis=0).max()), LEAST_MM) if known.any() else LEAST_MM
+    valid = np.isfinite(positions_mm).all(axis=1)
+    extent_mm = max(float(np.ptp(positions_mm[valid], axis=0).max()), MIN_EXTENT_MM) if valid.any() else MIN_EXTENT_MM
     figure = Figure(figsize=SIZE_IN, dpi=100, layout="constrained")
     axes = figure.subplots(1, 3)
     names = ("right", "down", "ahead")
-    for each, (across, up), title in zip(
+    for panel, (horizontal, vertical), title in zip(
         axes, ((0, 2), (0, 1)), ("from above", "as the first view looks"), strict=False
     ):
-        each.plot(positions_mm[:, across], positions_mm[:, up], color=COLOUR, linewidth=1.2)
-        ends = positions_mm + LENGTH * extent_mm * ahead
-        for start, end in zip(positions_mm[known], ends[known], strict=True):
-            each.plot([start[across], end[across]], [start[up], end[up]], color="0.7", linewidth=0.8, zorder=1)
-        each.scatter(positions_mm[~keys, across], positions_mm[~keys, up], s=9, color=COLOUR, zorder=2)
-        each.scatter(positions_mm[keys, across], positions_mm[keys, up], s=22, color=KEY, zorder=3)
-        each.set_xlabel(f"{names[across]}, mm")
-        each.set_ylabel(f"{names[up]}, mm")
-        each.set_title(f"the camera's path {title}")
-        each.set_aspect("equal", adjustable="datalim")
-        each.grid(alpha=0.3)
+        panel.plot(positions_mm[:, horizontal], positions_mm[:, vertical], color=COLOUR, linewidth=1.2)
+        ends = positions_mm + LENGTH * extent_mm * optical_axes
+        for start, end in zip(positions_mm[valid], ends[valid], strict=True):
+            panel.plot(
+                [start[horizontal], end[horizontal]],
+                [start[vertical], end[vertical]],
+                color="0.7",
+                linewidth=0.8,
+                zorder=1,
+            )
+        panel.scatter(positions_mm[~keys, horizontal], positions_mm[~keys, vertical], s=9, color=COLOUR, zorder=2)
+        panel.scatter(positions_mm[keys, horizontal], positions_mm[keys, vertical], s=22, color=KEY, zorder=3)
+        panel.set_xlabel(f"{names[horizontal]}, mm")
+        panel.set_ylabel(f"{names[vertical]}, mm")
+        panel.set_title(f"the camera's path {title}")
+        panel.set_aspect("equal", adjustable="datalim")
+        panel.grid(alpha=0.3)
     axes[1].invert_yaxis()
     sigmas = np.sqrt([np.trace(pose.covariance[:3, :3]) for pose in poses])
     axes[2].plot(times_s, sigmas, color=COLOUR, marker=".")
