@@ -76,7 +76,7 @@ def layout_data(tmp_path: Path, small_layout: Layout) -> dict[str, Any]:
         ("decode --layout layout.json", "expected frames, videos, or --live NUMBER"),
         ("decode frame.png --layout nowhere.json", "nowhere.json: no such file"),
         ("depth", "expected LIGHTFIELD... (see mirrorcam depth --help)"),
-        ("depth a.npz --near-mm 500 --far-mm 400", "--near-mm 500 --far-mm 400: expected a nearest depth below"),
+        ("depth a.npz --near-mm 500 --far-mm 400", "--near-mm 500 --far-mm 400: the nearest depth must be less"),
         ("render nowhere.json", "nowhere.json: no such file"),
         ("camera sho", "(see mirrorcam camera --help)"),
         ("camera show", "(see mirrorcam camera show --help)"),

@@ -264,7 +264,7 @@ class LightField(Views):
                 f"weights are {self.weights.dtype} of shape {self.weights.shape}, expected float32 {expected}"
             )
         if self.samples.dtype == np.float32 and not np.isfinite(self.samples).all():
-            raise InputError("samples contain NaN or infinite values, expected finite numbers")
+            raise InputError("samples hold a value that is NaN or infinite, expected finite numbers")
         for name in ("samples", "weights"):
             read_only = getattr(self, name).view()
             read_only.flags.writeable = False

@@ -135,7 +135,7 @@ def test_an_epipolar_image_of_one_column_is_refused_before_anything_is_written(f
     layout = Layout.load(folder / "layout.json")
     column = layout.replaced(rows=3, cols=1, mirrors=layout.mirrors[1::3], spec=None)
     column.save(folder / "column.json")
-    with pytest.raises(InputError, match="one view along s, expected two or more for an epipolar-plane image"):
+    with pytest.raises(InputError, match="only one view along s, expected two or more for an epipolar-plane image"):
         decoded((folder / "a.png",), folder / "out", "column.json", epi=True)
     assert not (folder / "out").exists()
 

@@ -98,10 +98,10 @@ def test_depths_that_are_looked_for_can_be_chosen(inputs: Path, tmp_path: Path) 
     ("arguments", "message"),
     [
         (["missing.npz"], "missing.npz: no such file"),
-        (["frame.png"], "frame.png: a picture without frame.json, expected --layout of the camera"),
+        (["frame.png"], "frame.png: no frame.json next to the picture: give --layout of the camera"),
         (["card.npz", "elsewhere/card.npz"], "two light fields are called 'card', expected different names"),
         (["card.npz", "--near-mm", "500", "--far-mm", "400"], "the nearest depth must be less than the farthest"),
-        (["."], "a folder of no known format"),
+        (["."], "the folder does not have a known format"),
     ],
 )
 def test_bad_input_is_refused_in_one_line(

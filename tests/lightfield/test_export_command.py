@@ -79,7 +79,7 @@ def test_geometry_that_a_file_lacks_is_in_its_views_toml(
     (tmp_path / "views_tiles.json").unlink()
     arguments = ["refocus", str(tmp_path / "views_tiles.png"), "--out", str(tmp_path / "out")]
     sidecar = tmp_path / "views_tiles.views.toml"
-    expected = f"expected --layout of the camera that took the frame, or rows and cols of its views in {sidecar.name}"
+    expected = f"give --layout of the camera that took the frame, or rows and cols of the views in {sidecar.name}"
     assert_refused_here(arguments, capsys, expected)
     sidecar.write_text("rows = 3\ncols = 3\n", encoding="utf-8")
     assert_refused_here(arguments, capsys, f"its step_mm, focal_px, reference_depth_mm: expected in {sidecar.name}")
@@ -168,8 +168,8 @@ def test_bad_input_ends_in_one_line(
     for name, to, message in (
         ("dark.npz", "ply", "no depth with confidence above 0.5"),
         ("dark.npz", "colmap", "dark_colmap/mine: was not written by this command"),
-        ("a.txt", "npz", "no light field by its name"),
-        ("missing", "npz", "no light field by its name"),
+        ("a.txt", "npz", "its name is not that of a light field"),
+        ("missing", "npz", "its name is not that of a light field"),
         ("dark.npz", "jpeg", "Input should be 'colmap', "),
     ):
         arguments = ["export", str(tmp_path / name), "--to", to, "--out", str(tmp_path / "out")]

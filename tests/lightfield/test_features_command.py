@@ -87,8 +87,8 @@ def test_scenes_are_searched_at_the_depths_that_they_state(
 ) -> None:
     light_field = load_npz(stored)
     ranges = {"near": (250.0, 420.0), "far": (420.0, 900.0), "any": None}
-    open_inputs = [NamedLightField(name, light_field, known) for name, known in ranges.items()]
-    monkeypatch.setattr(light_field_inputs, "opened", lambda *asked: open_inputs)
+    opened = [NamedLightField(name, light_field, known) for name, known in ranges.items()]
+    monkeypatch.setattr(light_field_inputs, "open_inputs", lambda *asked: opened)
     assert cli.main(["features", str(stored), "--detector", "ORB", "--out", str(tmp_path)]) == 0
     depths = {name: np.load(tmp_path / f"{name}_features.npz")["depth_mm"] for name in ranges}
     assert 0 < len(depths["near"]) < len(depths["any"])

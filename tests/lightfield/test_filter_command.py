@@ -54,7 +54,7 @@ def test_depths_are_those_that_a_scene_states(inputs: Path, tmp_path: Path) -> N
     ("arguments", "message"),
     [
         ("noisy.npz", "a hyperfan passes a range of depths, expected its nearest and farthest depth"),
-        ("noisy.npz --near-mm 500 --far-mm 400", "--near-mm 500 --far-mm 400: expected a nearest depth below"),
+        ("noisy.npz --near-mm 500 --far-mm 400", "--near-mm 500 --far-mm 400: the nearest depth must be less"),
         ("noisy.npz --kind hypercone --near-mm 300", "--kind hypercone keeps all depths"),
         ("noisy.npz --kind fan", "--kind 'fan': Input should be 'hyperfan'"),
         ("single.npz --kind hypercone", "light field has one view, expected several"),

@@ -164,7 +164,7 @@ def test_frames_are_decoded_with_their_layout(default_layout: Layout, tmp_path: 
             ["refocus", "card.npz", "--depth-mm", "-90"],
             "--depth-mm '-90': Input should be greater than",
         ),
-        (["refocus", "card.npz", "--depth-mm", "400", "400"], "focus at 400 mm twice"),
+        (["refocus", "card.npz", "--depth-mm", "400", "400"], "focus at 400 mm is requested twice"),
         (["refocus", "card.npz", "--tilt-deg", "88", "0"], "--tilt-deg '88': Input should be less than or equal to 85"),
         (["refocus", "card.npz", "--from-mm", "80", "0"], "position (80, 0) mm lies outside the views"),
         (["refocus", "card.npz", "--from-mm", "nan", "0"], "--from-mm 'nan': Input should be a finite number"),
@@ -177,7 +177,7 @@ def test_frames_are_decoded_with_their_layout(default_layout: Layout, tmp_path: 
         ),
         (
             ["refocus", "frame.png"],
-            "frame.png: a picture without frame.json, expected --layout of the camera",
+            "frame.png: no frame.json next to the picture: give --layout of the camera",
         ),
     ],
 )

@@ -60,7 +60,7 @@ def test_lost_light_fields_are_named_and_left_out(
 ) -> None:
     files = [str(stored / f"{name}.npz") for name in ("a", "other", "c")]
     assert cli.main(["track", *files, "--out", str(tmp_path / "one")]) == 0
-    assert "other: lost, too little of the last key frame is visible" in capsys.readouterr().out
+    assert "other: lost, because too little of the last key frame is visible" in capsys.readouterr().out
     assert len(np.loadtxt(tmp_path / "one" / "trajectory.tum")) == 2
     assert cli.main(["track", *files[:2], "--out", str(tmp_path / "two")]) == 1
 
@@ -72,7 +72,7 @@ def test_bad_input_is_refused_in_one_line(stored: Path, tmp_path: Path, capsys: 
     save_npz(tmp_path / "wide.npz", light_field_of(Relief(), even_views(3, 12.0, **SIZE), subsamples=1)[0])
     both = ["track", first, str(tmp_path / "wide.npz"), *out]
     assert_refused_here(both, capsys, "differs in its views from layout")
-    assert_refused_here(["track", first, "--near-mm", "500", "--far-mm", "400", *out], capsys, "nearest depth below")
+    assert_refused_here(["track", first, "--near-mm", "500", "--far-mm", "400", *out], capsys, "the nearest depth must be less")
     assert_refused_here(["track", str(tmp_path / "no.npz"), first, *out], capsys, "no.npz")
     assert not (tmp_path / "out" / "trajectory.tum").exists()
 

@@ -127,7 +127,7 @@ def test_what_cannot_become_a_bag_is_refused_before_anything_is_written(here: Pa
     before = sorted(here.rglob("*"))
     for frames, message in (
         (("video.avi",), r"video\.mcap: exists, and recordings are never replaced; expected another --out"),
-        (("a.png",), r"expected one video or --live; pictures have no times"),
+        (("a.png",), r"expected one video or --live, because pictures have no times"),
         (("video.avi", "other.mp4"), r"expected one video or --live"),
     ):
         with pytest.raises(InputError, match=message):

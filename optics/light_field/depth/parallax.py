@@ -95,8 +95,8 @@ def plane_inverse_distances(views: Views, near_mm: float, far_mm: float, step_px
     They are evenly spaced, hence also in disparity, by at most `step_px` in the farthest view. Raises InputError if
     more than `MAX_PLANES` are needed.
     """
-    pupil_mm = views.reference_view_depth_mm
-    low, high = 1.0 / (far_mm - pupil_mm), 1.0 / (near_mm - pupil_mm)
+    view_depth_mm = views.reference_view_depth_mm
+    low, high = 1.0 / (far_mm - view_depth_mm), 1.0 / (near_mm - view_depth_mm)
     radius_mm = np.abs(views.positions_mm[..., :2]).max()
     count = int(np.ceil(min(views.focal_px * radius_mm * (high - low) / step_px, 1e9))) + 1
     if count > MAX_PLANES:

@@ -59,7 +59,7 @@ class Assumed(Value):
         missing = [name for name in names if getattr(self, name) is None]
         if missing:
             file = views_toml(path).relative_to(path.parent)
-            raise InputError(f"{path}: does not state its {', '.join(missing)}: give values in {file}")
+            raise InputError(f"{path}: does not state its {', '.join(missing)}: expected in {file}")
         return tuple(getattr(self, name) for name in names)
 
 
@@ -154,7 +154,7 @@ class StoredFrames(Sequence[LightField]):
         if isinstance(index, slice):
             return [self._frame(number) for number in range(*index.indices(len(self)))]
         if not -len(self) <= index < len(self):
-            raise IndexError(f"{self.path}: no frame {index}, expected one of {len(self)}")
+            raise IndexError(f"{self.path}: frame {index}, expected one of {len(self)}")
         return self._frame(index % len(self))
 
     @abstractmethod

@@ -88,7 +88,7 @@ def read_mosaic(path: Path, order: Order, assumed: Assumed = NOTHING) -> LightFi
     shape = (*grid, height, width)
     if (grid[0] * height, grid[1] * width) != opacity.shape or not height * width:
         raise InputError(
-            f"{path}: {opacity.shape[1]}x{opacity.shape[0]} px cannot be divided into {grid[1]}x{grid[0]} views"
+            f"{path}: {opacity.shape[1]}x{opacity.shape[0]} px do not divide into {grid[1]}x{grid[0]} views"
         )
     if stated is None:
         check_division(colours, grid, order)
@@ -196,7 +196,7 @@ def _check_tiles(picture: _Picture, grid: Grid) -> None:
     has_lenses = all(picture.lens_gradient(count, axis) > _LENS for axis, count in enumerate(grid) if count > 1)
     if similarity < _DISSIMILAR and has_lenses and _similarity(picture.views(grid, "eslf")) > _SIMILAR:
         raise InputError(
-            f"{reason}: the picture shows lenslets of {cols}x{rows} px, expected a name that ends in _eslf"
+            f"{reason}: the picture shows lenslets of {cols}x{rows} px, expected a name with _eslf"
         )
     if picture.is_noisy:
         return

@@ -59,7 +59,7 @@ def read_arrays(path: Path, full_scale: float, assumed: Assumed) -> LightField:
         weights = np.ones(samples.shape[:4], np.float32)
     if stated is not None and stated[1].dtype == "uint8":
         if not np.isfinite(samples).all():
-            raise InputError(f"{path}: contains NaN or infinite values, expected finite numbers")
+            raise InputError(f"{path}: holds a value that is NaN or infinite, expected finite numbers")
         np.clip(samples, 0.0, 1.0, out=samples)
         samples *= np.float32(255.0)
         samples = np.rint(samples, out=samples).astype(np.uint8)

@@ -55,7 +55,7 @@ def views_of_fields(values: Mapping[str, Any], where: str) -> Views:
         )
         _check_plausible(views)
     except KeyError as error:
-        raise InputError(f"{where}: does not describe views: {error} is missing") from None
+        raise InputError(f"{where}: does not describe views: has no {error}") from None
     except (ValueError, TypeError, OverflowError) as error:
         raise InputError(shortened(f"{where}: does not describe views: {' '.join(str(error).split())}")) from None
     return views

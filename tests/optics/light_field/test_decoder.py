@@ -449,7 +449,7 @@ def test_layouts_that_cannot_be_decoded_are_refused(parabola_layout: Layout) -> 
     with pytest.raises(InputError, match=r"^views are 1 px wide, expected at least 2 px$"):
         Decoder(parabola_layout, width_px=1)
     with pytest.raises(
-        InputError, match=r"^the common field would take 9000x\d+ px a view, more than the whole sensor$"
+        InputError, match=r"^the common field would need 9000x\d+ px per view, more than the whole sensor$"
     ):
         Decoder(parabola_layout, width_px=9000)
     with pytest.raises(
@@ -478,7 +478,7 @@ def test_diverging_views_have_no_useful_united_field(parabola_layout: Layout) ->
         outline = rays * (middle @ normal / (rays @ normal))[:, None]
         mirrors.append(Mirror.from_plane(middle, normal, outline_in_rig_mm=outline))
     layout = Layout(rows=1, cols=2, camera=parabola_layout.camera, mirrors=tuple(mirrors))
-    with pytest.raises(InputError, match=r"^the union field would take \d+x\d+ px a view, more than the whole sensor$"):
+    with pytest.raises(InputError, match=r"^the union field would need \d+x\d+ px per view, more than the whole sensor$"):
         Decoder(layout, field="union")
     with pytest.raises(InputError, match=r"^the views have no common field at depth 400 mm"):
         Decoder(layout)

@@ -95,7 +95,7 @@ def test_the_cost_follows_its_definition() -> None:
             )
 
 
-@pytest.mark.parametrize("along_mm", [0.0, 3.0, 40.0])
+@pytest.mark.parametrize("ahead_mm", [0.0, 3.0, 40.0])
 def test_the_true_plane_has_a_low_cost_although_views_lie_ahead(ahead_mm: float) -> None:
     views = grid_views(1, 2, positions_mm=np.array([[[0.0, 0.0, 0.0], [20.0, 5.0, ahead_mm]]]))
     planes = sweep(views, INVERSE_DISTANCES)

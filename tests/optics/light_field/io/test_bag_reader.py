@@ -92,7 +92,7 @@ def test_a_bag_recorded_over_a_network_is_sorted_by_its_stamps(
 @pytest.mark.parametrize(
     ("without", "message"),
     [
-        ("views", r"holds no light field: topics are /mirrorcam/view_0_0/camera_info, .* more, expected \.\.\./views"),
+        ("views", r"contains no light field: topics are /mirrorcam/view_0_0/camera_info, .* more, expected \.\.\./views"),
         ("weights", r"has no message on /mirrorcam/weights, expected the weights of the views"),
         ("view_0_1/image_rect", r"has no image on /mirrorcam/view_0_1/image_rect, expected an image of each view"),
     ],
@@ -262,7 +262,7 @@ def test_bags_whose_files_or_messages_are_compressed_are_refused(bag: Path, tmp_
             }
             for connection, time_ns, raw in reader.messages():
                 writer.write(made[connection.id], time_ns, raw)
-        with pytest.raises(InputError, match="its files or messages are compressed, expected none or the chunks"):
+        with pytest.raises(InputError, match="its files or messages are compressed, but only chunks"):
             StoredBag(tmp_path / mode.name)
 
 
@@ -280,5 +280,5 @@ def test_long_texts_about_topics_are_refused_before_they_are_parsed(tmp_path: Pa
     long = b"\x04" + struct.pack("<Q", 500_000) + bytes(500_000)
     end = b"\x02" + struct.pack("<Q", 20) + bytes(20) + b"\x89MCAP0\r\n"
     (tmp_path / "a.mcap").write_bytes(b"\x89MCAP0\r\n" + long + end)
-    with pytest.raises(InputError, match="topics are described by more text"):
+    with pytest.raises(InputError, match="descriptions of topics are too long"):
         checked_chunks(tmp_path / "a.mcap")

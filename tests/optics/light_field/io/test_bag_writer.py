@@ -133,5 +133,5 @@ def test_topics_with_a_slash_are_nowhere_else(tmp_path: Path) -> None:
 
 def test_without_rosbags_the_extra_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(bag_writer, "find_spec", lambda name: None)
-    with pytest.raises(InputError, match=r'^rosbags not installed, .*: pip install "mirrorcam\[robot\]"$'):
+    with pytest.raises(InputError, match=r'^rosbags is not installed .*: pip install "mirrorcam\[robot\]"$'):
         BagWriter(tmp_path / "a.mcap")

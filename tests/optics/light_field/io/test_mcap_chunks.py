@@ -37,11 +37,11 @@ def test_complete_files_pass(path: Path) -> None:
 def test_truncated_and_other_files_are_refused(path: Path) -> None:
     whole = MAGIC + chunk(10, b"", bytes(10)) + FOOTER + MAGIC
     for content, message in (
-        (b"", "does not begin like one"),
-        (b"\x89PNG", "does not begin like one"),
+        (b"", "does not begin like an MCAP file"),
+        (b"\x89PNG", "does not begin like an MCAP file"),
         (whole[:30], "truncated, expected a complete MCAP file"),
         (whole[: -len(MAGIC) - len(FOOTER)], "truncated, expected a complete MCAP file"),
-        (whole[:-2], "does not end like one"),
+        (whole[:-2], "does not end like an MCAP file"),
     ):
         path.write_bytes(content)
         with pytest.raises(InputError, match=message):
@@ -57,8 +57,8 @@ def test_chunks_with_too_large_or_wrong_sizes_are_refused(path: Path) -> None:
     for bad, message in (
         (chunk(2000, b"zstd", large), "states arrays of 0 MB, expected at most 0 MB"),
         (chunk(2000, b"", bytes(2000)), "states arrays of 0 MB"),
-        (chunk(900, b"zstd", large), "a chunk states 900 bytes, its compressed data 2000"),
-        (chunk(900, b"zstd", small + small), "a chunk states 900 bytes, its compressed data 900 in"),
+        (chunk(900, b"zstd", large), "a chunk states 900 bytes, but its data 2000"),
+        (chunk(900, b"zstd", small + small), "a chunk states 900 bytes, but its data 900 in"),
         (chunk(900, b"zstd", b"no frame of Zstandard"), "not an MCAP file that can be read"),
         (chunk(900, b"lz4", small), "not an MCAP file that can be read"),
         (chunk(900, b"bz2", small), "compressed by 'bz2', expected zstd, lz4 or none"),

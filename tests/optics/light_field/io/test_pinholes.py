@@ -53,7 +53,7 @@ def test_pinholes_without_a_common_plane_are_refused() -> None:
     for matrices, reason in (
         (moved, r"off by 0\.3\d+ px"),
         (stretched, r"off by 0\.5 px"),
-        (behind, "none in front of them"),
+        (behind, "there is none in front of them"),
     ):
         with pytest.raises(InputError, match=rf"a\.json: views do not share a plane of zero disparity, {reason}"):
             pinholes_of(views, matrices)

@@ -72,7 +72,7 @@ def test_every_light_field_is_read_from_a_recording(tmp_path: Path, decoder: Dec
     with pytest.raises(IndexError, match="frame 19, expected one of 19"):
         stored[COUNT - 1]
     assert np.array_equal(open_light_field(tmp_path / "a.zarr", frame=3).samples, stored[3].samples)
-    with pytest.raises(InputError, match=r"a.zarr: has 19 frames, no frame 19"):
+    with pytest.raises(InputError, match=r"a.zarr: has 19 frames, but not frame 19"):
         open_light_field(tmp_path / "a.zarr", frame=19)
 
 
@@ -126,14 +126,14 @@ def test_other_files_are_never_overwritten(
     record(decoder, video, begun, limit=3)
     begun.close()
     before = content(tmp_path)
-    with pytest.raises(InputError, match=r"a\.partial: is the beginning of another job, expected the same job"):
+    with pytest.raises(InputError, match=r"a\.partial: is the beginning of a different job, repeat the same job"):
         begin(tmp_path / "a", decoder, new_sink(), gain=[1.0])
     assert content(tmp_path) == before
     again = begin(tmp_path / "a", decoder, new_sink())
     record(decoder, video, again)
     again.finish()
     before = content(tmp_path)
-    with pytest.raises(InputError, match=r"a: exists and holds something else, expected a new name"):
+    with pytest.raises(InputError, match=r"a: exists and holds something else, give a new name"):
         begin(tmp_path / "a", decoder, new_sink(), gain=[1.0])
     (tmp_path / "b.partial").mkdir()
     (tmp_path / "b.partial" / "thesis.tex").write_text("years", encoding="utf-8")
@@ -160,7 +160,7 @@ def test_complete_frames_are_kept_on_a_full_disk(
     with (
         files_no_longer_than(3000),
         pytest.raises(
-            InputError, match=r"cannot be written: File too large; 5 frames written before are complete"
+            InputError, match=r"cannot be written: File too large; 5 frames written so far are complete"
         ) as caught,
     ):
         record(decoder, video, begun)

@@ -61,8 +61,8 @@ def test_foreign_integers_are_scaled_to_their_largest_value(tmp_path: Path, kind
 def test_files_that_are_not_arrays_of_views_are_refused_in_one_line(tmp_path: Path) -> None:
     path = tmp_path / "a.npy"
     for content, message in (
-        (np.zeros((2, 2, 4, 5)), "expected an array of 5 dimensions of numbers"),
-        (np.zeros((1, 1, 4, 5, 3), complex), "expected an array of 5 dimensions of numbers"),
+        (np.zeros((2, 2, 4, 5)), "expected an array of numbers with 5 dimensions"),
+        (np.zeros((1, 1, 4, 5, 3), complex), "expected an array of numbers with 5 dimensions"),
         (np.full((1, 2, 4, 5, 3), np.nan), "NaN or infinite"),
     ):
         np.save(path, content)

@@ -77,10 +77,10 @@ def test_parallel_views_share_the_centre_of_the_middle_view() -> None:
         ({"height_px": 10**400}, "expected numbers"),
         ({"focal_px": "700"}, "focal_px is '700', expected numbers"),
         ({"centre_px": ["1", "2"]}, "expected numbers"),
-        ({"centre_px": [1e300, 0.0]}, "a length of more than 1e"),
-        ({"view_from_rig": [[2.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]}, "view_from_rig is no rotation"),
-        ({"view_from_rig": [[-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]}, "view_from_rig is no rotation"),
-        ({"positions_mm": [[[1.0, 0.0, 0.0]]]}, "expected one reference view"),
+        ({"centre_px": [1e300, 0.0]}, "a length is more than 1e"),
+        ({"view_from_rig": [[2.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]}, "view_from_rig is not a rotation matrix"),
+        ({"view_from_rig": [[-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]}, "view_from_rig is not a rotation matrix"),
+        ({"positions_mm": [[[1.0, 0.0, 0.0]]]}, "must be zero for exactly one view"),
         ({"layout_identity": "<img>"}, "expected letters and digits"),
         ({"layout_identity": 3}, "does not describe views"),
     ],
@@ -95,9 +95,9 @@ def test_weights_outside_0_to_1_are_refused(value: float) -> None:
     weights = np.ones((1, 1, 2, 2), np.float32)
     check_weights(weights)
     weights[0, 0, 0, 0] = value
-    with pytest.raises(InputError, match="weights lie outside 0 to 1"):
+    with pytest.raises(InputError, match="weights must lie within 0 to 1"):
         check_weights(weights)
-    with pytest.raises(InputError, match="weights are all zero"):
+    with pytest.raises(InputError, match="all weights are zero"):
         check_weights(np.zeros((1, 1, 2, 2), np.float32))
 
 
@@ -106,5 +106,5 @@ def test_views_of_a_device_are_refused_by_their_kind(tmp_path: Path, schema: str
     """`evaluate` also writes a `views.json` for calibrators, which once had the same schema."""
     described = {"schema": schema, "width_px": 4, "height_px": 3, "flip_code": 0, "views": []}
     (tmp_path / "views.json").write_text(json.dumps(described), encoding="utf-8")
-    with pytest.raises(InputError, match=r"views\.json: has a device's views for calibrators, expected"):
+    with pytest.raises(InputError, match=r"views\.json: describes a device's views for calibrators, expected"):
         read_views(tmp_path / "views.json")

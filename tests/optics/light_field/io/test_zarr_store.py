@@ -72,8 +72,8 @@ def test_arrays_that_do_not_agree_are_refused(tmp_path: Path, decoder: Decoder, 
     record(decoder, video, recording, limit=4)
     recording.finish()
     for name, change, message in (
-        ("samples", {"shape": [3, *decoder.weights.shape, 3]}, "samples of 3 frames, but numbers and times of 4"),
-        ("number", {"shape": [3]}, "3 numbers, 4 times of frames"),
+        ("samples", {"shape": [3, *decoder.weights.shape, 3]}, "samples for 3 frames, but numbers and times for 4"),
+        ("number", {"shape": [3]}, "3 frame numbers and 4 times"),
         ("weights", {"data_type": "float64"}, "weights are float64 of shape"),
         ("number", {"data_type": "float64"}, "number is float64"),
         ("samples", {"shape": [4, 10**6, 10**6, 10**6, 10**6, 3]}, "with a chunk per frame"),
@@ -86,7 +86,7 @@ def test_arrays_that_do_not_agree_are_refused(tmp_path: Path, decoder: Decoder, 
         path.write_text(good, encoding="utf-8")
     number = tmp_path / "a.zarr" / "number" / "c" / "0"
     number.unlink()
-    with pytest.raises(InputError, match="numbers of frames do not increase"):
+    with pytest.raises(InputError, match="frame numbers do not increase"):
         StoredLightFields(tmp_path / "a.zarr")
 
 
@@ -96,7 +96,7 @@ def test_missing_weights_are_noticed(tmp_path: Path, decoder: Decoder, video: Vi
     recording.finish()
     chunks = sorted(file for file in (tmp_path / "a.zarr" / "weights" / "c").rglob("*") if file.is_file())
     chunks[-1].unlink()
-    with pytest.raises(InputError, match=r"samples without weight|weights are all zero"):
+    with pytest.raises(InputError, match=r"samples without weight|all weights are zero"):
         StoredLightFields(tmp_path / "a.zarr")[0]
 
 
@@ -112,7 +112,7 @@ def test_foreign_journals_are_refused(tmp_path: Path, decoder: Decoder, video: V
         ([first, '{"number": -1, "time_s": 0.0}'], "journal.jsonl: "),
         ([first, '{"number": 0, "time_s": "0"}'], "journal.jsonl: "),
         ([first, "[]"], "journal.jsonl: "),
-        ([first, *reversed(rest)], "numbers of frames do not increase"),
+        ([first, *reversed(rest)], "frame numbers do not increase"),
     ):
         journal.write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
         with pytest.raises(InputError, match=message):

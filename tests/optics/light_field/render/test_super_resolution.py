@@ -64,7 +64,7 @@ def rms(difference: Float32) -> float:
 
 
 @pytest.mark.parametrize(("scale", "frequency"), [(1.5, 0.62), (2.0, 0.62), (2.0, 0.8)])
-@pytest.mark.parametrize("least_absolute", [False, True])
+@pytest.mark.parametrize("absolute", [False, True])
 def test_waves_finer_than_a_view_samples_are_found(scale: float, frequency: float, absolute: bool) -> None:
     true = wave(frequency, scale, np.zeros(2))
     views = noisy(wave(frequency, 1.0, shift) for shift in SHIFTS)

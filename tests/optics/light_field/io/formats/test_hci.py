@@ -139,7 +139,7 @@ def test_every_fourth_view_has_four_times_the_disparity(nine: tuple[Path, LightF
     assert part.disparity_px is not None
     assert whole.disparity_px is not None
     assert np.allclose(part.disparity_px, 4 * whole.disparity_px)
-    with pytest.raises(InputError, match="9x9 views, expected the central one among every 3th"):
+    with pytest.raises(InputError, match="9x9 views, but every 3th must include the central one"):
         read_hci(folder, every=3)
 
 
@@ -192,9 +192,9 @@ def changed(folder: Path, tmp_path: Path, **changes: Any) -> Path:
     [
         ({}, r"input_Cam001.png: no such file"),
         ({"baseline_mm": "-1"}, "baseline_mm is -1, expected a positive number"),
-        ({"num_cams_x": "nan"}, "num_cams_x is nan, expected a positive number"),
+        ({"num_cams_x": "nan"}, "num_cams_x is nan, expected a positive whole number"),
         ({"focal_length_mm": "long"}, "not the parameters of a light field"),
-        ({"num_cams_x": "7"}, "9x9 positions of 7x9 views"),
+        ({"num_cams_x": "7"}, "9x9 positions for 7x9 views"),
         ({"image_resolution_x_px": "64"}, "input_Cam000.png: 128x128 px, expected 64x128"),
         ({"positions_mm": "[1, 2]"}, "section 'mirrorcam': does not describe views"),
         ({"reference_depth_mm": "nan"}, "section 'mirrorcam': does not describe views"),
@@ -221,8 +221,8 @@ def test_a_truth_of_another_size_and_a_folder_without_parameters_are_refused(tmp
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"num_cams_x": "1000000"}, "num_cams_x is 1e\\+06, expected a positive number, a whole one to 1000"),
-        ({"num_cams_y": "8.5"}, "num_cams_y is 8.5, expected a positive number, a whole one"),
+        ({"num_cams_x": "1000000"}, "num_cams_x is 1e\\+06, expected a positive whole number up to 1000"),
+        ({"num_cams_y": "8.5"}, "num_cams_y is 8.5, expected a positive whole number"),
         ({"channels": "2"}, "channels is neither 1 nor 3"),
         ({"focal_px": "'x'"}, "section 'mirrorcam': does not describe views"),
     ],

@@ -129,17 +129,17 @@ def test_files_that_are_not_light_fields_are_refused(tmp_path: Path) -> None:
     for path, message in (
         (tmp_path / "a.mat", "not a .mat file"),
         (tmp_path / "a.png", "not an image"),
-        (tmp_path / "empty", "a folder of no known format"),
+        (tmp_path / "empty", "the folder does not have a known format"),
         (tmp_path / "missing.mat", "no such file"),
-        (tmp_path / "a.txt", "no light field by its name"),
-        (tmp_path / "a.bag", "a ROS 1 bag; rosbags-convert makes a ROS 2 bag of it"),
-        (tmp_path / "a.db3", "a file of a ROS 2 bag, which is given as its folder"),
+        (tmp_path / "a.txt", "its name is not that of a light field"),
+        (tmp_path / "a.bag", "a ROS 1 bag; rosbags-convert turns it into a ROS 2 bag"),
+        (tmp_path / "a.db3", "a file of a ROS 2 bag; give its folder"),
     ):
         with pytest.raises(InputError, match=message) as refused:
             open_light_field(path)
         assert "\n" not in str(refused.value)
     write_light_field(tmp_path / "b.mat", noise(2, 2), "lftoolbox")
-    with pytest.raises(InputError, match="has 1 frame, no frame 2"):
+    with pytest.raises(InputError, match="has 1 frame, but not frame 2"):
         open_light_field(tmp_path / "b.mat", frame=2)
     (tmp_path / "a.ply").write_bytes(b"ply")
     with pytest.raises(InputError, match="ply is only written"):
@@ -155,7 +155,7 @@ def test_geometry_that_a_file_lacks_is_given_or_in_views_toml(tmp_path: Path, to
     sidecar = views_toml(path)
     assert sidecar == (tmp_path / f"{path.stem}.views.toml" if path.is_file() else path / "views.toml")
     with pytest.raises(
-        InputError, match=r"without a_\w+\.json.* rows and cols|does not state its .*focal_px"
+        InputError, match=r"no a_\w+\.json.* rows and cols|does not state its .*focal_px"
     ) as refused:
         open_light_field(path)
     assert f"in {sidecar.relative_to(tmp_path)}" in str(refused.value)
@@ -275,6 +275,6 @@ def test_formats_of_grids_refuse_a_pattern_and_the_others_store_it(tmp_path: Pat
         write_light_field(path, hexagon, to)
         assert np.allclose(open_light_field(path).positions_mm, hexagon.positions_mm)
         return
-    with pytest.raises(InputError, match=f"{to} holds rows and columns of views, but these are in another pattern"):
+    with pytest.raises(InputError, match=f"{to} holds rows and columns of views, but these form another pattern"):
         write_light_field(path, hexagon, to)
     assert not path.exists()

@@ -106,7 +106,7 @@ def test_views_in_one_place_have_no_step(tmp_path: Path) -> None:
     (tmp_path / "views.json").unlink()
     for number, file in enumerate(sorted(tmp_path.glob("*.png"))):
         file.rename(tmp_path / f"out_00_0{number}_1.0_2.0_.png")
-    with pytest.raises(InputError, match="give all views one place"):
+    with pytest.raises(InputError, match="give all views the same position"):
         read_stanford(tmp_path, Assumed(step_mm=1.0, focal_px=400.0, reference_depth_mm=455.0))
 
 
