@@ -29,10 +29,10 @@ def test_depth_is_that_of_the_wall_and_summed_up(tmp_path: Path) -> None:
     assert results(tmp_path / "out") == ["wall_depth.npz", "wall_depth.pfm", "wall_depth.png"]
     with np.load(tmp_path / "out" / "wall_depth.npz") as arrays:
         sure = arrays["confidence"] > 0.5
-        assert found.sure == pytest.approx(sure.mean(), abs=0.01)
+        assert found.confident_fraction == pytest.approx(sure.mean(), abs=0.01)
         assert found.median_mm == pytest.approx(np.nanmedian(arrays["depth_mm"][sure]), rel=1e-3)
     assert found.name == "wall"
-    assert found.sure > 0.8
+    assert found.confident_fraction > 0.8
 
 
 def depths_mm(folder: Path) -> list[NDArray[np.float32]]:

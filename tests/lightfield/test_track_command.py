@@ -72,7 +72,9 @@ def test_bad_input_is_refused_in_one_line(stored: Path, tmp_path: Path, capsys: 
     save_npz(tmp_path / "wide.npz", light_field_of(Relief(), even_views(3, 12.0, **SIZE), subsamples=1)[0])
     both = ["track", first, str(tmp_path / "wide.npz"), *out]
     assert_refused_here(both, capsys, "differs in its views from layout")
-    assert_refused_here(["track", first, "--near-mm", "500", "--far-mm", "400", *out], capsys, "the nearest depth must be less")
+    assert_refused_here(
+        ["track", first, "--near-mm", "500", "--far-mm", "400", *out], capsys, "the nearest depth must be less"
+    )
     assert_refused_here(["track", str(tmp_path / "no.npz"), first, *out], capsys, "no.npz")
     assert not (tmp_path / "out" / "trajectory.tum").exists()
 

@@ -45,7 +45,7 @@ WEAK_GRADIENT = 1.5
 """Brightness gradient, per px, below which costs are averaged over SMOOTHING_PX squared; none above twice that."""
 BAND_ROWS = 16
 MAX_RUN_PX = 512
-"""Largest number of pixels of a row processed at once, a multiple of the tile's side: the work arrays fit the cache."""
+"""Maximum number of pixels of a row processed at once, a multiple of the tile's side: the work arrays fit the cache."""
 
 
 def channels(colours: Float32) -> Float32:

@@ -50,7 +50,7 @@ class DepthMap:
 
     @property
     def valid(self) -> NDArray[np.bool_]:
-        """Mask (v, u) of known depths."""
+        """Mask (v, u) of the pixels with a depth."""
         return np.isfinite(self.depth_mm)
 
     def disparity_px(self, axis: Axis = "s") -> FloatArray:

@@ -178,7 +178,7 @@ def aggregate(
     Parameters
     ----------
     volume
-        Matching costs; eight times the sum of the largest and the second penalty must fit into 16 bits.
+        Matching costs; eight times the sum of their maximum and the second penalty must fit into 16 bits.
     picture
         Colours (v, u, 3) of the reference view, 0 to 255; depth edges are cheaper at colour edges.
     slants

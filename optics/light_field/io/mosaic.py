@@ -195,9 +195,7 @@ def _check_tiles(picture: _Picture, grid: Grid) -> None:
     reason = f"tiles of {rows} rows and {cols} columns are not views of one scene"
     has_lenses = all(picture.lens_gradient(count, axis) > _LENS for axis, count in enumerate(grid) if count > 1)
     if similarity < _DISSIMILAR and has_lenses and _similarity(picture.views(grid, "eslf")) > _SIMILAR:
-        raise InputError(
-            f"{reason}: the picture shows lenslets of {cols}x{rows} px, expected a name with _eslf"
-        )
+        raise InputError(f"{reason}: the picture shows lenslets of {cols}x{rows} px, expected a name with _eslf")
     if picture.is_noisy:
         return
     better = [candidate for candidate in picture.seamed_grids() if _fits_better(picture, candidate, grid, similarity)]

@@ -84,8 +84,8 @@ def orbit(views: Views, frames: int) -> Iterator[FloatArray]:
 def _render(
     light_field: LightField, depths: ViewDepths, position: FloatArray, view_weights: NDArray[np.floating]
 ) -> RenderedPicture:
-    known = np.where(depths.measured & (light_field.weights > 0), depths.inverse_distance, np.float32(np.nan))
-    inverse_distance = inverse_distance_from(light_field, known, position)
+    measured_maps = np.where(depths.measured & (light_field.weights > 0), depths.inverse_distance, np.float32(np.nan))
+    inverse_distance = inverse_distance_from(light_field, measured_maps, position)
     tolerance = np.float32(AGREEMENT_PX / px_per_inverse_mm(light_field))
     height, width, channels = *inverse_distance.shape, light_field.samples.shape[-1]
     total, weights = np.zeros((height, width, channels + 1), np.float32), np.zeros((height, width), np.float32)
@@ -94,7 +94,7 @@ def _render(
     for index in np.ndindex(light_field.rows, light_field.cols):
         u, v = pixels_in_view(light_field, position, index, inverse_distance)
         sampled: Any = cv2.remap(premultiplied(light_field, index), u, v, cv2.INTER_LINEAR)
-        estimate = sample_nearest(known[index], u, v)
+        estimate = sample_nearest(measured_maps[index], u, v)
         trust = np.where(
             np.abs(estimate - inverse_distance) <= tolerance, 1.0, np.where(np.isnan(estimate), UNKNOWN, CONTRADICTING)
         )

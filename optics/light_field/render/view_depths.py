@@ -75,15 +75,15 @@ class ViewDepths:
             raise InputError(f"depth has shape {depth_mm.shape}, expected {shape[2:]} of the views")
         depths_mm = np.full(shape, np.nan)
         depths_mm[reference] = depth_mm
-        known = cls.of_depths(views, depths_mm).inverse_distance
+        measured = cls.of_depths(views, depths_mm).inverse_distance
         inverse_distance = np.stack(
-            [inverse_distance_from(views, known, position) for position in views.positions_mm.reshape(-1, 3)]
+            [inverse_distance_from(views, measured, position) for position in views.positions_mm.reshape(-1, 3)]
         )
         inverse_distance = inverse_distance.reshape(shape)
         inverse_distance[reference] = np.where(
-            np.isnan(known[reference]), inverse_distance[reference], known[reference]
+            np.isnan(measured[reference]), inverse_distance[reference], measured[reference]
         )
-        return cls(inverse_distance, _visible_in_reference(views, reference, inverse_distance, known[reference]))
+        return cls(inverse_distance, _visible_in_reference(views, reference, inverse_distance, measured[reference]))
 
     @classmethod
     def estimate(
@@ -177,22 +177,22 @@ def _pixels_between(
     return result[0], result[1]
 
 
-def inverse_distance_from(views: Views, known: Float32, position_mm: NDArray[np.floating]) -> Float32:
+def inverse_distance_from(views: Views, maps: Float32, position_mm: NDArray[np.floating]) -> Float32:
     """Return 1 / Z (v, u) of the nearest surface that a pinhole at a position sees.
 
     Holes are filled from farther surfaces; beyond the borders of the views, the adjacent surface continues.
 
-    `known` (t, s, v, u) holds the views' values, NaN if unknown. Raises InputError if all are unknown.
+    `maps` (t, s, v, u) holds the views' values, NaN if unknown. Raises InputError if all are unknown.
     """
     height, width = views.height_px, views.width_px
     nearest = np.full(height * width, -1.0, np.float32)
     for index in np.ndindex(views.rows, views.cols):
-        if not np.isfinite(known[index]).any():
+        if not np.isfinite(maps[index]).any():
             continue
-        u, v = project_pixels(views, index, position_mm, known[index])
+        u, v = project_pixels(views, index, position_mm, maps[index])
         inside = np.isfinite(u) & (u > -0.5) & (u < width - 0.5) & (v > -0.5) & (v < height - 0.5)
         cells = np.rint(v[inside]).astype(np.intp) * width + np.rint(u[inside]).astype(np.intp)
-        np.maximum.at(nearest, cells, known[index][inside])
+        np.maximum.at(nearest, cells, maps[index][inside])
     surface = nearest.reshape(height, width)
     if not (surface >= 0).any():
         raise InputError("no depth is known in any view, expected at least one known pixel")
@@ -203,22 +203,22 @@ def inverse_distance_from(views: Views, known: Float32, position_mm: NDArray[np.
 
 
 def _visible_in_reference(
-    views: Views, reference: tuple[int, int], inverse_distance: Float32, known: Float32
+    views: Views, reference: tuple[int, int], inverse_distance: Float32, reference_map: Float32
 ) -> NDArray[np.bool_]:
     """Return the mask (t, s, v, u) of the pixels whose points the reference view shows at the same depth (v, u)."""
     tolerance = np.float32(AGREEMENT_PX / px_per_inverse_mm(views))
     visible = np.zeros(inverse_distance.shape, dtype=bool)
     for index in np.ndindex(views.rows, views.cols):
         u, v = project_pixels(views, index, views.positions_mm[reference], inverse_distance[index])
-        visible[index] = np.abs(sample_nearest(known, u, v) - inverse_distance[index]) <= tolerance
+        visible[index] = np.abs(sample_nearest(reference_map, u, v) - inverse_distance[index]) <= tolerance
     return visible
 
 
 def sample_nearest(values: Float32, u: Float32, v: Float32) -> Float32:
     """Return the values at the nearest pixels; NaN outside and where a value is NaN."""
-    known = np.isfinite(u) & np.isfinite(v)
+    valid = np.isfinite(u) & np.isfinite(v)
     # OpenCV's border value would blend NaN into adjacent pixels.
-    columns, rows = np.where(known, np.rint(u), -1.0), np.where(known, np.rint(v), -1.0)
+    columns, rows = np.where(valid, np.rint(u), -1.0), np.where(valid, np.rint(v), -1.0)
     inside = (columns >= 0) & (rows >= 0) & (columns < values.shape[1]) & (rows < values.shape[0])
     picked = values[np.where(inside, rows, 0).astype(np.intp), np.where(inside, columns, 0).astype(np.intp)]
     return np.where(inside, picked, np.float32(np.nan))
@@ -239,16 +239,16 @@ def fill_holes(inverse_distance: Float32, tolerance: float) -> Float32:
         ends = [_adjacent(inverse_distance, axis, forward=forward) for axis in (0, 1) for forward in (True, False)]
         values = np.stack([value[holes] for value, _ in ends])
         distances = np.stack([distance[holes] for _, distance in ends])
-        known = ~np.isnan(values)
-        lines = known.reshape(2, 2, -1)
+        valid = ~np.isnan(values)
+        lines = valid.reshape(2, 2, -1)
         # A missing end means the picture's border.
         bounded = (lines[:, 0] == lines[:, 1]).all(axis=0)
-        farthest = np.where(known, values, np.inf).min(axis=0)
-        nearest = np.where(known, distances, np.inf).min(axis=0)
-        chosen = known & np.where(bounded, values <= farthest + tolerance, distances <= nearest)
+        farthest = np.where(valid, values, np.inf).min(axis=0)
+        nearest = np.where(valid, distances, np.inf).min(axis=0)
+        chosen = valid & np.where(bounded, values <= farthest + tolerance, distances <= nearest)
         weights = np.where(chosen, 1.0 / distances, 0.0)
         total = weights.sum(axis=0)
-        mean = np.divide((np.where(known, values, 0.0) * weights).sum(axis=0), total, where=total > 0, out=total.copy())
+        mean = np.divide((np.where(valid, values, 0.0) * weights).sum(axis=0), total, where=total > 0, out=total.copy())
         inverse_distance = inverse_distance.copy()
         inverse_distance[holes] = np.where(total > 0, mean, np.nan)
     return inverse_distance

@@ -114,10 +114,10 @@ def chi_square(dof: int, deviations: float) -> float:
 @compiled
 def _energies(first: Float32, previous: Float32, gains: Float32, out: Float32) -> None:
     """Fill variances (2, k, m, n) of noise in blocks: summed over the channels, and of their mean."""
-    views, down, across, pixels, channels = first.shape
+    views, block_rows, block_cols, pixels, channels = first.shape
     for k in range(views):
-        for m in range(down):
-            for n in range(across):
+        for m in range(block_rows):
+            for n in range(block_cols):
                 first_sum, second_sum = np.float32(0.0), np.float32(0.0)
                 first_mean, second_mean = np.float32(0.0), np.float32(0.0)
                 for p in range(pixels):
@@ -172,18 +172,18 @@ def _low_quantile(values: Any, fraction: float) -> Any:
     return np.partition(values, number)[number]
 
 
-def _expected(known: NDArray[np.int64], noise: FloatArray, count: NDArray[np.int64]) -> FloatArray:
+def _expected(classes: NDArray[np.int64], noise: FloatArray, count: NDArray[np.int64]) -> FloatArray:
     """Return the expected noise of each class from the others: the median over the blocks, since something may move.
 
     Shot noise grows at most in proportion to brightness, and falls no faster with a gamma curve.
     """
-    bright = known + 0.5
+    bright = classes + 0.5
     ratio = bright[:, None] / bright
     expected = noise * np.maximum(ratio, 1.0 / ratio)
     order = np.argsort(expected, axis=1, kind="stable")
-    fraction = np.cumsum(count[order], axis=1) / count.sum()
-    median_rank = np.argmax(fraction >= 0.5, axis=1)
-    return np.asarray(np.take_along_axis(expected, order, axis=1)[np.arange(len(known)), median_rank])
+    cumulative = np.cumsum(count[order], axis=1) / count.sum()
+    median_rank = np.argmax(cumulative >= 0.5, axis=1)
+    return np.asarray(np.take_along_axis(expected, order, axis=1)[np.arange(len(classes)), median_rank])
 
 
 def _by_level(energies: Float32, level: NDArray[np.int64], smaller_of_two: bool) -> tuple[Float32, float]:
@@ -192,9 +192,11 @@ def _by_level(energies: Float32, level: NDArray[np.int64], smaller_of_two: bool)
     Classes with few blocks are interpolated. With `smaller_of_two`, energies are the smaller of two differences'.
     """
     count = np.bincount(level, minlength=BINS)
-    known = np.flatnonzero(count >= min(MIN_BLOCKS, count.max()))
-    noise = np.array([_low_quantile(energies[level == number], LOW_QUANTILES[1]) for number in known])
-    curve = np.interp(np.arange(BINS), known, np.minimum(noise, MAX_RATIO * _expected(known, noise, count[known])))
+    classes = np.flatnonzero(count >= min(MIN_BLOCKS, count.max()))
+    noise = np.array([_low_quantile(energies[level == number], LOW_QUANTILES[1]) for number in classes])
+    curve = np.interp(
+        np.arange(BINS), classes, np.minimum(noise, MAX_RATIO * _expected(classes, noise, count[classes]))
+    )
     with np.errstate(divide="ignore", invalid="ignore"):
         relative = np.nan_to_num(energies / curve[level], posinf=0.0)
     low, high = np.cbrt([_low_quantile(relative, fraction) for fraction in LOW_QUANTILES])
@@ -228,14 +230,14 @@ class Blocks:
         samples: Any = light_field.samples
         rows, cols, height, width, channels = samples.shape
         stride = SMALL_STRIDE_PX if height * width < SMALL_VIEW_PIXELS else STRIDE_PX
-        down, across = height // stride, width // stride
-        cropped = samples[:, :, : down * stride, : across * stride]
+        block_rows, block_cols = height // stride, width // stride
+        cropped = samples[:, :, : block_rows * stride, : block_cols * stride]
         first = (stride - BLOCK_PX) // 2
         inner = slice(first, first + BLOCK_PX)
-        parts = cropped.reshape(rows * cols, down, stride, across, stride, channels)[:, :, inner, :, inner]
+        parts = cropped.reshape(rows * cols, block_rows, stride, block_cols, stride, channels)[:, :, inner, :, inner]
         parts = parts.transpose(0, 1, 3, 2, 4, 5).astype(np.float32) / white_level(light_field)
-        pixels = parts.reshape(rows * cols, down, across, BLOCK_PX**2, channels)
-        means = np.empty((rows * cols, down, across, channels), np.float32)
+        pixels = parts.reshape(rows * cols, block_rows, block_cols, BLOCK_PX**2, channels)
+        means = np.empty((rows * cols, block_rows, block_cols, channels), np.float32)
         _means(pixels, means)
         return cls(pixels, means)
 
@@ -251,10 +253,10 @@ def white_level(light_field: LightField) -> np.float32:
 
 @compiled
 def _means(samples: Float32, means: Float32) -> None:
-    views, down, across, pixels, channels = samples.shape
+    views, block_rows, block_cols, pixels, channels = samples.shape
     for k in range(views):
-        for m in range(down):
-            for n in range(across):
+        for m in range(block_rows):
+            for n in range(block_cols):
                 means[k, m, n] = 0.0
                 for p in range(pixels):
                     for c in range(channels):
@@ -289,10 +291,12 @@ def _medians(values: Float32) -> Float32:
 
 def row_gains(gains: Float32, height: int) -> Float32:
     """Interpolate gains (k, m, c) of rows of blocks to gains (k, v, c) of all rows of pixels."""
-    down = gains.shape[1]
-    position = (np.arange(height, dtype=np.float32) + np.float32(0.5)) * np.float32(down / height) - np.float32(0.5)
-    position = np.clip(position, 0, down - 1)
-    above = np.minimum(position.astype(np.int64), max(down - 2, 0))
+    block_rows = gains.shape[1]
+    position = (np.arange(height, dtype=np.float32) + np.float32(0.5)) * np.float32(block_rows / height) - np.float32(
+        0.5
+    )
+    position = np.clip(position, 0, block_rows - 1)
+    above = np.minimum(position.astype(np.int64), max(block_rows - 2, 0))
     fraction = (position - above.astype(np.float32))[:, None]
-    below = np.minimum(above + 1, down - 1)
+    below = np.minimum(above + 1, block_rows - 1)
     return np.ascontiguousarray(gains[:, above] + fraction * (gains[:, below] - gains[:, above]))

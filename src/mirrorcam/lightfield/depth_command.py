@@ -39,11 +39,13 @@ def depth(
     inputs = LightFieldInputs(light_fields, layout, reporter=TERMINAL)
     with long_work("depth", inputs.count_text, "files") as advance:
         summaries = write_depths(inputs, out, request, force=force, progress=advance)
-    empty = [summary.name for summary in summaries if not summary.known]
+    empty = [summary.name for summary in summaries if not summary.depth_fraction]
     lines = [f"{name}: no pixel has a depth" for name in empty]
-    for summary in (summary for summary in summaries if summary.known):
-        median = f", median {summary.median_mm:.0f} mm" if summary.sure else ""
-        lines.append(f"{summary.name}: {summary.sure:.0%} of the pixels with confidence above 0.5{median}")
+    for summary in (summary for summary in summaries if summary.depth_fraction):
+        median = f", median {summary.median_mm:.0f} mm" if summary.confident_fraction else ""
+        lines.append(
+            f"{summary.name}: {summary.confident_fraction:.0%} of the pixels with confidence above 0.5{median}"
+        )
     say_first("depth", lines)
     say("depth", f"pictures, arrays (.npz) and maps (.pfm) written to {out}")
     return 1 if empty else 0

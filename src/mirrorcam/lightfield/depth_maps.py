@@ -34,14 +34,14 @@ TICKS = 7
 
 @dataclass(frozen=True)
 class DepthSummary:
-    """Depth of one light field: fractions of pixels with a depth and with a confident depth, and the confident median.
+    """Depth of one light field: fractions of pixels with a depth and with a confident depth, and the latter's median.
 
     The median is NaN if no depth is confident.
     """
 
     name: str
-    known: float
-    sure: float
+    depth_fraction: float
+    confident_fraction: float
     median_mm: float
 
 
@@ -73,9 +73,9 @@ def write_depths(
                 write_pfm(staged / f"{named.name}_depth.pfm", depth.depth_mm)
                 draw_depth(staged / f"{named.name}_depth.png", named.light_field, depth)
             record_depth(output, named.name, named.light_field, searched_mm)
-            sure = depth.valid & (depth.confidence > MIN_CONFIDENCE)
-            median = float(np.median(depth.depth_mm[sure])) if sure.any() else np.nan
-            summaries.append(DepthSummary(named.name, float(depth.valid.mean()), float(sure.mean()), median))
+            confident = depth.valid & (depth.confidence > MIN_CONFIDENCE)
+            median = float(np.median(depth.depth_mm[confident])) if confident.any() else np.nan
+            summaries.append(DepthSummary(named.name, float(depth.valid.mean()), float(confident.mean()), median))
     return summaries
 
 

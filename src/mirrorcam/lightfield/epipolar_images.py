@@ -111,9 +111,9 @@ def _fan(axes: Axes, light_field: LightField, epi_image: Epi, depths_mm: tuple[f
     ends_mm = epi_image.positions_mm[[0, -1]]
     for part, inverse_depth in enumerate(np.linspace(1.0 / near, 1.0 / far, LINES)):
         depth = float(np.inf if inverse_depth == 0 else 1.0 / inverse_depth)
-        middle = epi_image.samples.shape[1] * (part + 0.5) / LINES
-        u = middle + epi_image.slope_px_per_mm(light_field, depth) * ends_mm
+        start = epi_image.samples.shape[1] * (part + 0.5) / LINES
+        u = start + epi_image.slope_px_per_mm(light_field, depth) * ends_mm
         axes.plot(u, ends_mm, color="white", linewidth=1.2)
         text = "∞" if np.isinf(depth) else f"{depth:.0f}"
         box = {"facecolor": "black", "alpha": 0.6, "pad": 1.0, "edgecolor": "none"}
-        axes.text(middle + 4.0, 0.0, text, color="white", fontsize=9, va="center", bbox=box, clip_on=True)
+        axes.text(start + 4.0, 0.0, text, color="white", fontsize=9, va="center", bbox=box, clip_on=True)

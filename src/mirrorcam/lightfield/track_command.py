@@ -77,7 +77,7 @@ class Trajectory:
 
     @property
     def path_mm(self) -> float:
-        """Length of the path through the known poses."""
+        """Length of the path through the poses that are not lost."""
         positions_mm = [pose.world_from_view[:3, 3] for pose in self.poses if not pose.is_lost]
         return float(np.linalg.norm(np.diff(np.array(positions_mm), axis=0), axis=1).sum())
 

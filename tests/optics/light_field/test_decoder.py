@@ -478,7 +478,9 @@ def test_diverging_views_have_no_useful_united_field(parabola_layout: Layout) ->
         outline = rays * (middle @ normal / (rays @ normal))[:, None]
         mirrors.append(Mirror.from_plane(middle, normal, outline_in_rig_mm=outline))
     layout = Layout(rows=1, cols=2, camera=parabola_layout.camera, mirrors=tuple(mirrors))
-    with pytest.raises(InputError, match=r"^the union field would need \d+x\d+ px per view, more than the whole sensor$"):
+    with pytest.raises(
+        InputError, match=r"^the union field would need \d+x\d+ px per view, more than the whole sensor$"
+    ):
         Decoder(layout, field="union")
     with pytest.raises(InputError, match=r"^the views have no common field at depth 400 mm"):
         Decoder(layout)

@@ -117,8 +117,8 @@ def write_hci(folder: Path, light_field: LightField, depth_mm: Float32 | None = 
 def _parameters(views: Views, channels: int, depth_mm: Float32 | None) -> str:
     step_mm = views.step_mm("s" if views.cols > 1 else "t")
     distance_mm = views.reference_distance_mm
-    known = np.array([views.reference_depth_mm]) if depth_mm is None else depth_mm[np.isfinite(depth_mm)]
-    disparity = views.focal_px * step_mm * (1.0 / (known - views.reference_view_depth_mm) - 1.0 / distance_mm)
+    depths_mm = np.array([views.reference_depth_mm]) if depth_mm is None else depth_mm[np.isfinite(depth_mm)]
+    disparity = views.focal_px * step_mm * (1.0 / (depths_mm - views.reference_view_depth_mm) - 1.0 / distance_mm)
     parser = ConfigParser()
     parser.read_dict(
         {

@@ -91,9 +91,7 @@ def read_stanford(folder: Path, assumed: Assumed = NOTHING) -> Contents:
     notes: tuple[str, ...] = ()
     if left_out:
         pictures_text = count_text(len(left_out), "picture")
-        notes = (
-            f"{pictures_text} left out, not named as one of the {cols}x{rows} views, such as {left_out[0].name}",
-        )
+        notes = (f"{pictures_text} left out, not named as one of the {cols}x{rows} views, such as {left_out[0].name}",)
     return Contents((light_field_of(views, samples, opacity, channels),), notes=notes)
 
 

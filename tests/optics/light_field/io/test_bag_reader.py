@@ -92,7 +92,10 @@ def test_a_bag_recorded_over_a_network_is_sorted_by_its_stamps(
 @pytest.mark.parametrize(
     ("without", "message"),
     [
-        ("views", r"contains no light field: topics are /mirrorcam/view_0_0/camera_info, .* more, expected \.\.\./views"),
+        (
+            "views",
+            r"contains no light field: topics are /mirrorcam/view_0_0/camera_info, .* more, expected \.\.\./views",
+        ),
         ("weights", r"has no message on /mirrorcam/weights, expected the weights of the views"),
         ("view_0_1/image_rect", r"has no image on /mirrorcam/view_0_1/image_rect, expected an image of each view"),
     ],

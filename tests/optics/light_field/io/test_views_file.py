@@ -78,8 +78,14 @@ def test_parallel_views_share_the_centre_of_the_middle_view() -> None:
         ({"focal_px": "700"}, "focal_px is '700', expected numbers"),
         ({"centre_px": ["1", "2"]}, "expected numbers"),
         ({"centre_px": [1e300, 0.0]}, "a length is more than 1e"),
-        ({"view_from_rig": [[2.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]}, "view_from_rig is not a rotation matrix"),
-        ({"view_from_rig": [[-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]}, "view_from_rig is not a rotation matrix"),
+        (
+            {"view_from_rig": [[2.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]},
+            "view_from_rig is not a rotation matrix",
+        ),
+        (
+            {"view_from_rig": [[-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]},
+            "view_from_rig is not a rotation matrix",
+        ),
         ({"positions_mm": [[[1.0, 0.0, 0.0]]]}, "must be zero for exactly one view"),
         ({"layout_identity": "<img>"}, "expected letters and digits"),
         ({"layout_identity": 3}, "does not describe views"),

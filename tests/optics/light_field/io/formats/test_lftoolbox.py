@@ -140,7 +140,10 @@ def test_files_of_other_programs_are_refused(written: tuple[Path, Any], tmp_path
         ({"LF": lf, "RectOptions": {"RectCamIntrinsicsH": h}}, "no common plane"),
         ({"LF": lf, "RectOptions": {"RectCamIntrinsicsH": tall}}, "square pixels"),
         ({"LF": lf, "MirrorCam": {"focal_px": 1.0}}, "does not describe views"),
-        ({"LF": lf.astype(np.float32) * np.nan, "MirrorCam": loadmat(written[0])["MirrorCam"]}, "weights must lie within"),
+        (
+            {"LF": lf.astype(np.float32) * np.nan, "MirrorCam": loadmat(written[0])["MirrorCam"]},
+            "weights must lie within",
+        ),
     ):
         savemat(path, said)
         with pytest.raises(InputError, match=message):

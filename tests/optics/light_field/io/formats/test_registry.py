@@ -154,9 +154,7 @@ def test_geometry_that_a_file_lacks_is_given_or_in_views_toml(tmp_path: Path, to
     (path.with_suffix(".json") if path.is_file() else path / "views.json").unlink()
     sidecar = views_toml(path)
     assert sidecar == (tmp_path / f"{path.stem}.views.toml" if path.is_file() else path / "views.toml")
-    with pytest.raises(
-        InputError, match=r"no a_\w+\.json.* rows and cols|does not state its .*focal_px"
-    ) as refused:
+    with pytest.raises(InputError, match=r"no a_\w+\.json.* rows and cols|does not state its .*focal_px") as refused:
         open_light_field(path)
     assert f"in {sidecar.relative_to(tmp_path)}" in str(refused.value)
     given = Assumed(rows=3, cols=3, step_mm=10.0, focal_px=400.0, reference_depth_mm=455.0)
