@@ -96,7 +96,7 @@ def test_nothing_but_damaged_pictures_is_refused(folder: Path) -> None:
     assert not (folder / "out").exists()
 
 
-def test_a_picture_that_its_exif_data_turns_is_said_to_be_one(folder: Path) -> None:
+def test_a_picture_rotated_by_its_exif_data_is_reported(folder: Path) -> None:
     turned = Image.fromarray(pictures(1, 192, 320)[0])
     exif = Image.Exif()
     exif[0x0112] = 6
@@ -106,7 +106,7 @@ def test_a_picture_that_its_exif_data_turns_is_said_to_be_one(folder: Path) -> N
 
 
 @pytest.mark.slow
-def test_a_mirror_that_moved_is_told_with_the_command_that_solves_it(
+def test_a_moved_mirror_is_reported_with_the_command_that_recalibrates(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     random, truth = np.random.default_rng(1), device().truth
@@ -123,7 +123,7 @@ def test_a_mirror_that_moved_is_told_with_the_command_that_solves_it(
     assert f"mirrorcam drift FRAMES --layout {tmp_path / 'moved.json'} re-solves what moved" in " ".join(said.split())
 
 
-def test_that_two_mirrors_are_not_tested_is_said(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_two_mirrors_without_a_test_are_reported(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     layout = Layout.load(folder / "layout.json")
     layout.replaced(rows=1, cols=2, mirrors=layout.mirrors[3:5], spec=None).save(folder / "two.json")
     assert decoded((folder / "a.png",), folder / "out", "two.json") == 0
@@ -140,7 +140,7 @@ def test_an_epipolar_image_of_one_column_is_refused_before_anything_is_written(f
     assert not (folder / "out").exists()
 
 
-def test_what_is_decoded_is_shown_with_its_depth(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_decoded_light_fields_are_shown_with_their_depth(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     shown: list[tuple[float, LightField, DepthMap | None]] = []
 
     class Viewer:

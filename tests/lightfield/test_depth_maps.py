@@ -121,7 +121,7 @@ def test_a_changed_file_and_depth_of_another_program_are_not_used(
     assert stored_depth(tmp_path, "wall", wall, None, None) is None
 
 
-def test_view_nearness_and_confidence_stand_beside_each_other(tmp_path: Path) -> None:
+def test_view_depth_and_confidence_are_side_by_side(tmp_path: Path) -> None:
     light_field, true_mm, _ = photograph(grid_views(), [Surface(500.0)])
     depth_mm = true_mm.astype(np.float32)
     depth_mm[:, : depth_mm.shape[1] // 2] *= 0.8

@@ -36,7 +36,7 @@ def test_an_image_is_cut_in_the_middle_unless_a_line_is_given(axis: Axis, length
 
 
 @pytest.mark.parametrize("axis", ["s", "t"])
-def test_bands_lie_around_the_places_of_views_and_slopes_are_those_of_depths(axis: Axis, tmp_path: Path) -> None:
+def test_bands_lie_around_view_positions_and_slopes_match_depths(axis: Axis, tmp_path: Path) -> None:
     light_field, _, _ = photograph(grid_views(), [Surface(500.0)])
     found = epi(light_field, axis, 20)
     path = tmp_path / "epi.png"

@@ -95,7 +95,7 @@ def test_scenes_are_searched_at_the_depths_that_they_state(
     assert depths["near"].max() < 420 <= depths["far"].min()
 
 
-def test_a_light_field_without_features_is_said_to_have_none(
+def test_a_light_field_without_features_is_reported(
     stored: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     light_field = load_npz(stored)

@@ -48,7 +48,7 @@ def test_names_that_would_meet_and_frames_without_a_layout_are_refused(tmp_path:
         list(LightFieldInputs((tmp_path / "frame.png",)).open_all())
 
 
-def test_views_that_differ_are_made_alike_and_it_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_views_that_differ_are_matched_and_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     light_field = photograph(grid_views(), [Surface(500.0)])[0]
     samples = light_field.samples.copy()
     samples[0, 2] = np.rint(samples[0, 2] * np.array([0.8, 1.0, 0.9])).astype(np.uint8)
@@ -64,7 +64,7 @@ def test_views_that_differ_are_made_alike_and_it_is_said(tmp_path: Path, capsys:
     assert "alike" not in said
 
 
-def test_views_in_another_order_are_read_in_theirs_and_it_is_said(
+def test_views_in_a_different_order_are_reordered_and_reported(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     light_field = scene(2, 3)

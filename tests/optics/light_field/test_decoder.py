@@ -232,7 +232,9 @@ def test_frames_of_another_layout_are_refused(crooked_layout: Layout) -> None:
     check_belongs(crooked_layout, crooked_layout.identity, "video.mp4")
     calibrated = crooked_layout.replaced(kind="calibrated", provenance={"nominal": "feedfeedfeedfeed"})
     check_belongs(calibrated, "feedfeedfeedfeed", "video.mp4")
-    with pytest.raises(InputError, match=r"^video.mp4 was taken with layout 0123, expected [0-9a-f]{16} of the layout"):
+    with pytest.raises(
+        InputError, match=r"^video.mp4 was taken with layout 0123, expected [0-9a-f]{16} of the given layout"
+    ):
         check_belongs(crooked_layout, "0123", "video.mp4")
 
 
@@ -384,7 +386,7 @@ def test_a_table_that_is_too_long_for_the_lookup_is_split(
 ) -> None:
     frame = photographed(crooked_layout, 500.0, waves)
     whole = crooked.decode(frame)
-    monkeypatch.setattr("mirrorcam.optics.light_field.decoder.LONGEST_TABLE_SIDE", crooked.views.height_px * 2 + 5)
+    monkeypatch.setattr("mirrorcam.optics.light_field.decoder.MAX_TABLE_SIDE", crooked.views.height_px * 2 + 5)
     cut = Decoder(crooked_layout)
     assert len(cut.tables) == 3
     assert np.array_equal(cut.decode(frame).samples, whole.samples)

@@ -36,7 +36,7 @@ def test_the_manifest_of_a_set_names_the_layout_of_a_frame(small_layout: Layout,
     manifest.write_text("[" * 100_000, encoding="utf-8")
     assert layout_identity_of(path) is None
     manifest.write_text(json.dumps({"schema": "mirrorcam.dataset/1"}), encoding="utf-8")
-    with pytest.raises(InputError, match="layout_identity missing"):
+    with pytest.raises(InputError, match="layout_identity is missing"):
         layout_identity_of(path)
     manifest.write_text(json.dumps({"schema": "mirrorcam.dataset/1", "layout_identity": "feed"}), encoding="utf-8")
     assert layout_identity_of(path) == "feed"

@@ -68,7 +68,7 @@ def traced(layout: Layout, index: int, pixels: FloatArray) -> Traced:
 
 
 @pytest.mark.parametrize("index", a_few(1, [0, 4, 7]))
-def test_parts_and_places_match_rays_through_the_complete_pupil(lens_layout: Layout, index: int) -> None:
+def test_fractions_and_pixels_match_rays_through_the_complete_pupil(lens_layout: Layout, index: int) -> None:
     views = choose_views(lens_layout, DEPTH_MM, "union")
     at = divmod(index, lens_layout.cols)
     points = views.plane_points_in_rig(DEPTH_MM, views.pixel_grid(), at).reshape(-1, 3)
@@ -92,7 +92,7 @@ def test_parts_and_places_match_rays_through_the_complete_pupil(lens_layout: Lay
     assert ((left.own < 0.75) | (left.others > MAX_CROSSTALK - 0.004)).all()
 
 
-def test_a_place_out_of_focus_is_displaced_from_its_chief_ray(lens_layout: Layout) -> None:
+def test_a_point_out_of_focus_is_displaced_from_its_chief_ray(lens_layout: Layout) -> None:
     views = choose_views(lens_layout, 600.0, "common")
     points = views.plane_points_in_rig(600.0, views.pixel_grid(), (0, 0))
     pixels, shares = pupil_sources(lens_layout, 0, points, 2.0)

@@ -107,7 +107,7 @@ def test_the_true_plane_has_a_low_cost_although_views_lie_ahead(ahead_mm: float)
         assert costs[plane] < 0.25 * np.median(costs)
 
 
-def test_places_without_samples_in_a_view_are_judged_by_the_others() -> None:
+def test_pixels_without_samples_in_a_view_are_matched_in_the_others() -> None:
     views = grid_views(1, 3, uneven=False)
     planes = sweep(views, INVERSE_DISTANCES)
     reference, others = taken(views, texture(views), 7)

@@ -150,7 +150,7 @@ def test_light_fields_that_determine_no_depth_are_refused(scene: Any) -> None:
         DepthEstimator(part(slice(1, 2), slice(1, 2)))
     with pytest.raises(InputError, match="all views coincide"):
         DepthEstimator(part(everything, everything, positions_mm=np.zeros((3, 3, 3))))
-    with pytest.raises(InputError, match="views are 12x90 px, expected 16 or more"):
+    with pytest.raises(InputError, match="views are 12x90 px, expected 16 px or more"):
         DepthEstimator(part(everything, everything, width_px=12))
     for near, far in ((500.0, 300.0), (-79.0, 300.0), (np.nan, 400.0)):
         with pytest.raises(InputError, match=r"near_mm below far_mm, and both beyond the foremost view, at -?\d+ mm"):
@@ -186,7 +186,7 @@ def test_a_search_that_is_too_large_uses_a_smaller_picture(scene: Any, monkeypat
     light_field, depth, *_ = scene
     monkeypatch.setattr("mirrorcam.optics.light_field.depth.estimate.MIN_SEARCHED_PX", 24)
     usual = DepthEstimator(light_field, workers=1).estimate(light_field)
-    monkeypatch.setattr("mirrorcam.optics.light_field.depth.estimate.MAX_NEAR_CELLS", 1000)
+    monkeypatch.setattr("mirrorcam.optics.light_field.depth.estimate.MAX_NEAR_COSTS", 1000)
     found = DepthEstimator(light_field, workers=1).estimate(light_field)
     assert not np.array_equal(found.depth_mm, usual.depth_mm, equal_nan=True)
     assert np.nanmedian(np.abs(found.depth_mm - depth) / depth) < 0.01

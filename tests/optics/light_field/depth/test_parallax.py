@@ -42,7 +42,7 @@ def test_slopes_are_the_derivatives_of_pixels() -> None:
             assert np.abs(slope).max() > 100.0
 
 
-def test_halved_views_see_the_same_places() -> None:
+def test_halved_views_see_the_same_points() -> None:
     half = halved(VIEWS)
     assert (half.width_px, half.height_px) == (60, 45)
     point = np.array([12.0, -7.0, 420.0])

@@ -24,7 +24,7 @@ INVERSE_DISTANCES = np.linspace(1 / 800.0, 1 / 300.0, 11)
 FINE_INVERSE_DISTANCES = np.linspace(1 / 700.0, 1 / 300.0, 21)
 
 
-def test_places_match_points_on_the_planes() -> None:
+def test_pixels_match_points_on_the_planes() -> None:
     views = grid_views(2, 3)
     planes = sweep(views, INVERSE_DISTANCES)
     others = [index for index in np.ndindex(2, 3) if views.positions_mm[index].any()]
@@ -55,7 +55,7 @@ def test_views_at_similar_distance_compete_by_direction() -> None:
     assert row.mapping.rings.tolist() == [0, 2, 4]
 
 
-def test_a_step_moves_the_farthest_view_by_its_reach() -> None:
+def test_a_plane_step_shifts_the_farthest_view_by_step_px() -> None:
     views = grid_views(1, 3, uneven=False)
     planes = sweep(views, INVERSE_DISTANCES)
     assert planes.step_px == pytest.approx(
@@ -89,7 +89,7 @@ def test_the_nearest_surface_hides_the_others() -> None:
         assert agree[near].mean() > 0.9
 
 
-def test_places_without_a_landing_pixel_hide_nothing() -> None:
+def test_points_outside_a_view_hide_nothing() -> None:
     views = grid_views(1, 2, uneven=False)
     planes = sweep(views, FINE_INVERSE_DISTANCES)
     found = nearest_planes(np.full((90, 120), 20.0, np.float32), planes)

@@ -105,7 +105,7 @@ def test_unrelated_patches_do_not_match(facing: tuple[LightField, FloatArray]) -
     assert np.mean(aligned(light_field, expected).correlation[others] > 0.85) > 0.8
 
 
-def test_excluded_places_have_no_matches(facing: tuple[LightField, FloatArray]) -> None:
+def test_excluded_pixels_have_no_matches(facing: tuple[LightField, FloatArray]) -> None:
     light_field, expected = facing
     start = expected.copy()
     start[3, :7] = np.nan

@@ -141,7 +141,7 @@ def test_the_slice_of_a_plane_is_the_central_view_with_less_noise() -> None:
     assert rms[500.0] > 20.0
 
 
-def test_slopes_are_a_pixel_apart_in_the_farthest_view() -> None:
+def test_slices_differ_by_a_pixel_in_the_farthest_view() -> None:
     geometry = ViewGeometry.of(uneven_views())
     slopes = slice_inverse_distances(geometry, RANGE)
     assert slopes[0] == RANGE[0] and slopes[-1] == pytest.approx(RANGE[1])

@@ -269,7 +269,7 @@ def test_one_view_has_no_features() -> None:
         FeatureFinder(uneven_views(1, 1), "ORB")
 
 
-def test_keypoints_at_one_place_are_one_feature_or_none() -> None:
+def test_keypoints_at_one_pixel_are_one_feature_or_none() -> None:
     pixels = np.array([[5.0, 5.0], [7.0, 5.0], [5.0, 5.0], [7.0, 5.0], [9.0, 9.0]])
     chosen = _one_per_pixel(pixels, np.array([6, 9, 8, 6, 6]), np.array([10.0, 20.0, 10.4, 25.0, 3.0]), 1.0)
     assert chosen.tolist() == [False, False, True, False, True]

@@ -57,9 +57,9 @@ def test_coherence_is_a_correlation(kind: FilterKind) -> None:
     ("near_mm", "far_mm", "message"),
     [
         (None, 500.0, "a hyperfan passes a range of depths"),
-        (500.0, 400.0, "depths from 500 to 400 mm"),
+        (500.0, 400.0, "depths 500 to 400 mm"),
         (-200.0, 400.0, "the nearest must come first and be more than"),
-        (np.nan, 400.0, "depths from nan to 400 mm"),
+        (np.nan, 400.0, "depths nan to 400 mm"),
     ],
 )
 def test_depths_out_of_order_are_refused(near_mm: float | None, far_mm: float, message: str) -> None:

@@ -63,7 +63,7 @@ def test_readers_of_one_light_field_give_contents_without_depth() -> None:
     assert (contents.depth_mm, contents.depth_range_mm, contents.is_recording) == (None, None, False)
 
 
-def test_writers_without_a_place_for_depth_leave_it_out() -> None:
+def test_writers_of_formats_without_depth_omit_it() -> None:
     light_field, written = plane(1, 2, 0.0), []
     write = depthless_writer(lambda path, what: written.append((path, what)))
     write(PATH, light_field, np.ones((2, 2), np.float32))

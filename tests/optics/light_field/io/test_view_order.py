@@ -166,7 +166,7 @@ def test_reversed_rows_and_columns_look_like_a_scene_behind_zero_disparity() -> 
     assert in_order(light_field) == (light_field, None)
 
 
-def test_places_with_x_and_y_exchanged_are_refused() -> None:
+def test_positions_with_x_and_y_exchanged_are_refused() -> None:
     true = scene(2, 3)
     uneven = true.positions_mm + np.random.default_rng(3).uniform(-1, 1, true.positions_mm.shape) * [1.0, 1.0, 0.0]
     uneven -= uneven[1, 1]

@@ -107,7 +107,7 @@ def test_derivatives_match_finite_differences(number: int) -> None:
     step = 1e-5 * np.eye(6)[number]
     ahead, back = (_equations(some, seen, moved(POSE, sign * step))[0] for sign in (1.0, -1.0))
     assert np.allclose(-(ahead - back) / 2e-5, jacobian[:, :, number], rtol=1e-5, atol=1e-9)
-    nearer = Landmarks(**{**vars(some), "inverse_mm": some.inverse_distance + 1e-9})
+    nearer = Landmarks(**{**vars(some), "inverse_distance": some.inverse_distance + 1e-9})
     assert np.allclose(-(_equations(nearer, seen, POSE)[0]) / 1e-9, by_w, rtol=1e-3, atol=1e-3)
 
 
@@ -125,7 +125,7 @@ def test_the_covariance_matches_drawn_errors() -> None:
     squares = []
     for seed in range(60):
         random = np.random.default_rng(seed)
-        known = Landmarks(**{**vars(true), "inverse_mm": true.inverse_distance + random.normal(0.0, SIGMA, 400)})
+        known = Landmarks(**{**vars(true), "inverse_distance": true.inverse_distance + random.normal(0.0, SIGMA, 400)})
         seen = seen_from(true, POSE, random)
         seen.directions[:40] += random.uniform(-0.05, 0.05, (40, 2))
         found = fit_pose(known, seen, POSE, ALONE)

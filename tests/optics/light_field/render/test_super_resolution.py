@@ -87,7 +87,7 @@ def test_views_that_do_not_show_the_plane_do_not_change_the_start() -> None:
     assert np.abs(found - mean)[away].max() < 0.02
 
 
-def test_least_absolute_differences_ignore_objects_in_one_view() -> None:
+def test_absolute_differences_ignore_objects_in_one_view() -> None:
     views = noisy(wave(0.62, 1.0, shift) for shift in SHIFTS)
     true = wave(0.62, 2.0, np.zeros(2))
     views[3][20:28, 20:28] = 1.0
@@ -162,7 +162,7 @@ def test_the_adjoint_is_the_transpose() -> None:
     assert np.sum(shown * view, dtype=np.float64) == pytest.approx(np.sum(picture * added, dtype=np.float64), abs=1e-3)
 
 
-def test_places_outside_the_picture_or_behind_the_view_are_ignored() -> None:
+def test_points_outside_the_picture_or_behind_the_view_are_ignored() -> None:
     table, picture = pixel_taps(2.0), np.ones((1, 30, 30), np.float32)
     shown = np.full((1, 40, 40), np.nan, np.float32)
     project(picture, np.array([[1.0, 0.0, 0.5], [0.0, 1.0, 0.5], [0.0, 0.0, 1.0]]), table, shown)

@@ -101,7 +101,7 @@ def test_folders_of_pictures_that_form_no_grid_are_refused(tmp_path: Path) -> No
             read_stanford(tmp_path / folder)
 
 
-def test_views_in_one_place_have_no_step(tmp_path: Path) -> None:
+def test_views_at_one_position_have_no_step(tmp_path: Path) -> None:
     write_stanford(tmp_path, plane(1, 2, 1.0))
     (tmp_path / "views.json").unlink()
     for number, file in enumerate(sorted(tmp_path.glob("*.png"))):
@@ -124,7 +124,7 @@ def test_row_and_column_in_names_may_be_exchanged_and_numbered_in_a_snake(tmp_pa
     assert contents.frames[0].step_mm() == GIVEN.step_mm
 
 
-def test_places_that_contradict_the_pictures_are_refused(tmp_path: Path) -> None:
+def test_positions_that_contradict_the_pictures_are_refused(tmp_path: Path) -> None:
     light_field = scene(2, 3)
     for t, s in np.ndindex(2, 3):
         x, y = light_field.positions_mm[t, s, :2]
