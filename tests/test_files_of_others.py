@@ -87,7 +87,7 @@ CASES = {
     ),
     "refocus": Case(
         "refocus picture.npz --depth-mm 400 --all-in-focus --sweep gif --out out",
-        "mirrorcam.lightfield.refocusing:_write",
+        "mirrorcam.lightfield.refocusing:_write_pictures",
     ),
     "depth": Case("depth picture.npz --out out", "mirrorcam.lightfield.depth_maps:DepthEstimator"),
     "features": Case("features picture.npz --out out", "mirrorcam.optics.light_field.features:FeatureFinder"),

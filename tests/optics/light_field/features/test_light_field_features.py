@@ -252,7 +252,7 @@ def test_light_fields_of_other_views_are_refused(scene: tuple[LightField, FloatA
         ({"max_distance_px": 0.0}, "maximum distance is 0 px, expected a positive number"),
         ({"max_distance_px": np.nan}, "maximum distance is nan px"),
         ({"nearest_mm": 500.0, "farthest_mm": 400.0}, "depths 500 to 400 mm: the nearer one must come first"),
-        ({"nearest_mm": -81.0}, "depths -81 to inf mm, must come first and be in front of all views"),
+        ({"nearest_mm": -81.0}, "depths -81 to inf mm: the nearer one must come first and be in front of all views"),
         ({"nearest_mm": np.nan}, "depths nan to inf mm"),
         ({"keypoints": 0}, "maximum number of keypoints is 0"),
         ({"two_slope_sigma": -1.0}, "difference of two slopes is -1 standard deviations"),
