@@ -142,7 +142,7 @@ def test_files_that_are_not_light_fields_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="has 1 frame, but not frame 2"):
         open_light_field(tmp_path / "b.mat", frame=2)
     (tmp_path / "a.ply").write_bytes(b"ply")
-    with pytest.raises(InputError, match="ply is only written"):
+    with pytest.raises(InputError, match="ply can only be written"):
         open_light_field(tmp_path / "a.ply")
 
 
